@@ -1,0 +1,36 @@
+# Every target makes .venv by itself: a machine with Python 3.11+, make and git is enough.
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+ARGS ?=
+
+.PHONY: demo test serve bench lint format clean
+.DEFAULT_GOAL := demo
+
+$(READY): pyproject.toml constraints.txt scripts/setup.sh
+	sh scripts/setup.sh $(VENV)
+	@touch $@
+
+demo: $(READY)
+	$(BIN)/skyfolio demo $(ARGS)
+
+test: lint
+	$(BIN)/python -m pytest $(ARGS)
+
+serve: $(READY)
+	$(BIN)/skyfolio serve $(ARGS)
+
+bench: $(READY)
+	$(BIN)/skyfolio bench planner --json $(ARGS)
+
+lint: $(READY)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+format: $(READY)
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+clean:
+	rm -rf $(VENV) out .mypy_cache .pytest_cache .ruff_cache .hypothesis

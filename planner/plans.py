@@ -1,0 +1,85 @@
+"""The plan: where each UAV is in each slot, whom it serves, with how much bandwidth, and how good that is."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from planner.scenario import Frozen, Scenario
+
+
+class PlanStatus(StrEnum):
+    """Life of a plan as a resource; the planner itself only emits `succeeded` and `cancelled` (stopped early)."""
+
+    QUEUED = "queued"
+    RUNNING = "running"
+    SUCCEEDED = "succeeded"
+    INFEASIBLE = "infeasible"
+    CANCELLED = "cancelled"
+    FAILED = "failed"
+    INTERRUPTED = "interrupted"
+
+
+class Cause(Frozen):
+    """Why a plan was made: stored with the plan, shown to the operator."""
+
+    kind: Literal["requested", "heartbeat_lost", "battery", "users_changed", "uav_returned", "retuned"] = (
+        "requested"
+    )
+    uav_ids: tuple[str, ...] = ()
+    detail: str = ""
+    silent_for_s: float | None = None
+
+
+class Iteration(Frozen):
+    """One pass of the outer loop. `utility_bps` is never below that of the pass before."""
+
+    iteration: int
+    utility_bps: float
+    mean_sum_rate_bps: float
+
+
+class Summary(Frozen):
+    """What the plan is worth.
+
+    Rates are bit/s; `sum_rate_variance_kbps2` is the variance over slots of the sum rate in (kbit/s)^2;
+    `mean_variance_eq5_bps` is eq. (5) with beta = -mu/2; `jain` is Jain's index of the users' time-averaged rates;
+    `upper_bound_bps` bounds the utility of every feasible plan and `gap` = (bound - utility) / |utility|.
+    """
+
+    utility_bps: float
+    mean_sum_rate_bps: float
+    sum_rate_variance_kbps2: float
+    mean_variance_eq5_bps: float
+    jain: float
+    upper_bound_bps: float
+    gap: float
+
+
+class Plan(Frozen):
+    """A feasible plan for `scenario` (eqs. 6b-6g hold exactly), keyed by ids.
+
+    Slot `n` lasts from `n` to `n + 1` slot durations after the start; `trajectories_m[uav][n]` is where the UAV is
+    when slot `n` begins, and it flies straight to `[n + 1]` while the slot lasts. Slot 0 is the start position.
+    A replan covers the slots that remain: its slot 0 is slot `first_slot` of the operation, and
+    `achieved_rates_bps` holds what each user got before that.
+    """
+
+    id: str
+    revision: Annotated[int, Field(ge=1)] = 1
+    status: PlanStatus = PlanStatus.SUCCEEDED
+    cause: Cause = Cause()
+    parent: str | None = None
+    method: str
+    first_slot: Annotated[int, Field(ge=0)] = 0
+    scenario: Scenario
+    trajectories_m: dict[str, list[tuple[float, float]]]
+    association: dict[str, list[str]]
+    bandwidth_hz: dict[str, list[float]]
+    user_rates_bps: dict[str, list[float]]
+    achieved_rates_bps: dict[str, list[float]] = {}
+    summary: Summary
+    history: list[Iteration] = []
+    solve_ms: float | None = None
