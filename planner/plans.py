@@ -25,9 +25,7 @@ class PlanStatus(StrEnum):
 class Cause(Frozen):
     """Why a plan was made: stored with the plan, shown to the operator."""
 
-    kind: Literal["requested", "heartbeat_lost", "battery", "users_changed", "uav_returned", "retuned"] = (
-        "requested"
-    )
+    kind: Literal["requested", "heartbeat_lost", "battery", "users_changed", "uav_returned", "retuned"] = "requested"
     uav_ids: tuple[str, ...] = ()
     detail: str = ""
     silent_for_s: float | None = None
@@ -79,7 +77,7 @@ class Plan(Frozen):
     association: dict[str, list[str]]
     bandwidth_hz: dict[str, list[float]]
     user_rates_bps: dict[str, list[float]]
-    achieved_rates_bps: dict[str, list[float]] = {}
+    achieved_rates_bps: dict[str, list[float]] = Field(default_factory=dict)
     summary: Summary
-    history: list[Iteration] = []
+    history: list[Iteration] = Field(default_factory=list)
     solve_ms: float | None = None

@@ -101,9 +101,7 @@ class Scenario(Frozen):
         for index, uav in enumerate(self.uavs):
             e, n = uav.start_m
             if not (west <= e <= east and south <= n <= north):
-                raise ValueError(
-                    f"uavs.{index}.start_m: {uav.start_m} of '{uav.id}' lies outside area_m {self.area_m}"
-                )
+                raise ValueError(f"uavs.{index}.start_m: {uav.start_m} of '{uav.id}' lies outside area_m {self.area_m}")
         for a, b in combinations(self.uavs, 2):
             apart = hypot(a.start_m[0] - b.start_m[0], a.start_m[1] - b.start_m[1])
             if apart < self.min_separation_m:
