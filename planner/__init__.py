@@ -1,0 +1,44 @@
+"""The optimiser: numbers in, numbers out.
+
+It plans bandwidth, UAV-user association and trajectories of a fleet of flying base stations, and replans after a
+loss. Nothing here touches files, sockets, clocks or global random state: seeds, observers, clocks and stopping rules
+are passed in. `scenario.py` and `plans.py` are what goes in and comes out, `reference/` is the letter as printed,
+`feasibility.py` is the independent check that every emitted plan passes. Symbols of the letter are used only here.
+"""
+
+from planner.examples import EXAMPLES
+from planner.feasibility import InfeasiblePlanError, Violation, violations
+from planner.plans import Cause, Iteration, Plan, PlanStatus, Summary
+from planner.problem import Past
+from planner.replanning import ReplanError, replan
+from planner.scenario import Channel, Origin, Scenario, Uav, User, Utility
+from planner.solve import converged, plan
+from planner.stopping import AnyOf, Deadline, MaxIterations, RelativeGain, StopToken
+
+__all__ = [
+    "EXAMPLES",
+    "AnyOf",
+    "Cause",
+    "Channel",
+    "Deadline",
+    "InfeasiblePlanError",
+    "Iteration",
+    "MaxIterations",
+    "Origin",
+    "Past",
+    "Plan",
+    "PlanStatus",
+    "RelativeGain",
+    "ReplanError",
+    "Scenario",
+    "StopToken",
+    "Summary",
+    "Uav",
+    "User",
+    "Utility",
+    "Violation",
+    "converged",
+    "plan",
+    "replan",
+    "violations",
+]

@@ -57,7 +57,7 @@ class Summary(Frozen):
 
 
 class Plan(Frozen):
-    """A feasible plan for `scenario` (eqs. 6b-6g hold exactly), keyed by ids.
+    """A feasible plan for `scenario` (constraints 6a-6g hold exactly), keyed by ids.
 
     Slot `n` lasts from `n` to `n + 1` slot durations after the start; `trajectories_m[uav][n]` is where the UAV is
     when slot `n` begins, and it flies straight to `[n + 1]` while the slot lasts. Slot 0 is the start position.

@@ -1,0 +1,74 @@
+"""From arrays to a `Plan`: ids, measures, certificate, and the feasibility check that nothing passes by."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from hashlib import sha256
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.bound import reachability_bound_kbps
+from planner.channel import spectral_efficiency
+from planner.feasibility import require_feasible
+from planner.plans import Plan, Summary
+from planner.problem import Past, Problem
+from planner.scenario import Scenario
+from planner.solution import Solution
+from planner.utility import jain_index, mean_variance_kbps, utility_kbps
+
+Array = NDArray[np.float64]
+
+
+def emit(scenario: Scenario, past: Past, problem: Problem, solution: Solution, **identity: Any) -> Plan:
+    """The solution by ids, with its summary and certificate. Raises InfeasiblePlanError: a defect, never a plan."""
+    efficiency = spectral_efficiency(problem, solution.paths_m)
+    served = np.take_along_axis(efficiency, solution.serving[None], axis=0)[0]
+    rates_bps = solution.bandwidth_hz * served
+    identity.setdefault("id", _digest(scenario, past))
+    emitted = Plan(
+        first_slot=past.first_slot,
+        scenario=scenario,
+        trajectories_m={
+            uav: [(float(e), float(n)) for e, n in path]
+            for uav, path in zip(scenario.uav_ids, solution.paths_m, strict=True)
+        },
+        association={
+            user: [scenario.uav_ids[u] for u in row]
+            for user, row in zip(scenario.user_ids, solution.serving, strict=True)
+        },
+        bandwidth_hz=_by_id(scenario.user_ids, solution.bandwidth_hz),
+        user_rates_bps=_by_id(scenario.user_ids, rates_bps),
+        achieved_rates_bps=_by_id(scenario.user_ids, problem.past_kbps * 1e3),
+        summary=summarise(problem, rates_bps / 1e3),
+        history=solution.history,
+        **identity,
+    )
+    return require_feasible(emitted)
+
+
+def _by_id(ids: Sequence[str], table: Array) -> dict[str, list[float]]:
+    return {one: [float(x) for x in row] for one, row in zip(ids, table, strict=True)}
+
+
+def summarise(problem: Problem, rates_kbps: Array) -> Summary:
+    """The measures of a (K, N) rate table; utility and bound count the past too, the rest the planned slots."""
+    utility = utility_kbps(np.hstack([problem.past_kbps, rates_kbps]), problem.kind, problem.mu)
+    bound = max(reachability_bound_kbps(problem), utility)
+    per_slot = rates_kbps.sum(axis=0)
+    return Summary(
+        utility_bps=utility * 1e3,
+        mean_sum_rate_bps=float(per_slot.mean()) * 1e3,
+        sum_rate_variance_kbps2=float(per_slot.var()),
+        mean_variance_eq5_bps=mean_variance_kbps(rates_kbps, problem.mu) * 1e3,
+        jain=jain_index(rates_kbps),
+        upper_bound_bps=bound * 1e3,
+        gap=(bound - utility) / max(abs(utility), 1e-9),
+    )
+
+
+def _digest(scenario: Scenario, past: Past) -> str:
+    text = json.dumps([scenario.model_dump(mode="json"), past.first_slot, past.rates_bps.tolist()], sort_keys=True)
+    return "plan-" + sha256(text.encode()).hexdigest()[:12]

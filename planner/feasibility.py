@@ -1,0 +1,134 @@
+"""An independent check that a plan satisfies the constraints of problem (6).
+
+It reads the emitted plan (ids and numbers), shares no code with the optimisers, and tolerates nothing in (6a)-(6g)
+beyond the rounding of one floating-point subtraction.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import combinations, pairwise
+from math import hypot, inf, isfinite
+
+from planner.plans import Plan
+from planner.scenario import Frozen, Uav
+
+ROUNDING_M = 1e-9
+ROUNDING_HZ = 1e-6
+
+
+class Violation(Frozen):
+    """One broken constraint: its number in the letter, where, and by how much."""
+
+    constraint: str
+    where: str
+    message: str
+
+
+class InfeasiblePlanError(RuntimeError):
+    """A plan breaks a constraint. It is never emitted; the violations say which."""
+
+    def __init__(self, violations: list[Violation]) -> None:
+        self.violations = violations
+        super().__init__("; ".join(f"({v.constraint}) {v.where}: {v.message}" for v in violations[:5]))
+
+
+def violations(plan: Plan) -> list[Violation]:
+    """Every broken constraint of the plan, in the order of the letter; empty for a feasible plan."""
+    malformed = list(_shape(plan))
+    if malformed:
+        return malformed
+    return [*_association(plan), *_bandwidth(plan), *_motion(plan), *_separation(plan)]
+
+
+def require_feasible(plan: Plan) -> Plan:
+    """The plan itself. Raises InfeasiblePlanError when it breaks a constraint."""
+    found = violations(plan)
+    if found:
+        raise InfeasiblePlanError(found)
+    return plan
+
+
+def _shape(plan: Plan) -> Iterator[Violation]:
+    scenario = plan.scenario
+    for name, table, ids in (
+        ("trajectories_m", plan.trajectories_m, scenario.uav_ids),
+        ("association", plan.association, scenario.user_ids),
+        ("bandwidth_hz", plan.bandwidth_hz, scenario.user_ids),
+        ("user_rates_bps", plan.user_rates_bps, scenario.user_ids),
+    ):
+        if set(table) != set(ids):
+            yield Violation(constraint="shape", where=name, message="ids differ from the scenario's")
+            continue
+        for one, row in table.items():
+            if len(row) != scenario.slots:
+                yield Violation(constraint="shape", where=f"{name}.{one}", message=f"has {len(row)} slots")
+    numbers = [x for path in plan.trajectories_m.values() for point in path for x in point]
+    numbers += [x for table in (plan.bandwidth_hz, plan.user_rates_bps) for row in table.values() for x in row]
+    if not all(isfinite(x) for x in numbers):
+        yield Violation(constraint="shape", where="plan", message="holds a number that is not finite")
+
+
+def _association(plan: Plan) -> Iterator[Violation]:
+    known = set(plan.scenario.uav_ids)
+    for user, row in plan.association.items():
+        for n, uav in enumerate(row):
+            if uav not in known:
+                yield Violation(constraint="6a", where=f"{user} slot {n}", message=f"served by unknown '{uav}'")
+
+
+def _bandwidth(plan: Plan) -> Iterator[Violation]:
+    limit = {uav.id: uav.bandwidth_hz for uav in plan.scenario.uavs}
+    used = {(uav, n): 0.0 for uav in limit for n in range(plan.scenario.slots)}
+    for user, row in plan.bandwidth_hz.items():
+        for n, hertz in enumerate(row):
+            if hertz < 0:
+                yield Violation(constraint="6c", where=f"{user} slot {n}", message=f"bandwidth {hertz} Hz is negative")
+            key = (plan.association[user][n], n)
+            if key in used:
+                used[key] += hertz
+    for (uav, n), hertz in used.items():
+        if hertz > limit[uav] + ROUNDING_HZ:
+            yield Violation(constraint="6c", where=f"{uav} slot {n}", message=f"uses {hertz} of {limit[uav]} Hz")
+
+
+def _motion(plan: Plan) -> Iterator[Violation]:
+    (west, south), (east, north) = plan.scenario.area_m
+    for uav in plan.scenario.uavs:
+        path = plan.trajectories_m[uav.id]
+        yield from _steps(uav, path, uav.max_speed_mps * plan.scenario.slot_duration_s)
+        for n, (e, s) in enumerate(path):
+            if not (west <= e <= east and south <= s <= north):
+                yield Violation(
+                    constraint="6f", where=f"{uav.id} slot {n}", message=f"({e}, {s}) m is outside the area"
+                )
+        if tuple(path[0]) != uav.start_m:
+            yield Violation(constraint="6g", where=uav.id, message=f"starts at {path[0]}, not at {uav.start_m}")
+
+
+def _steps(uav: Uav, path: list[tuple[float, float]], limit_m: float) -> Iterator[Violation]:
+    for n, ((e0, n0), (e1, n1)) in enumerate(pairwise(path)):
+        step = hypot(e1 - e0, n1 - n0)
+        if step > limit_m + ROUNDING_M:
+            yield Violation(constraint="6d", where=f"{uav.id} slot {n}", message=f"moves {step} m of {limit_m} m")
+
+
+def _separation(plan: Plan) -> Iterator[Violation]:
+    limit = plan.scenario.min_separation_m
+    for a, b in combinations(plan.scenario.uav_ids, 2):
+        path_a, path_b = plan.trajectories_m[a], plan.trajectories_m[b]
+        apart = [(ea - eb, na - nb) for (ea, na), (eb, nb) in zip(path_a, path_b, strict=True)]
+        for n, here in enumerate(apart):
+            near = _segment_distance(here, apart[n + 1]) if n + 1 < len(apart) else hypot(*here)
+            if near < limit - ROUNDING_M:
+                where = f"{a} and {b} in slot {n}"
+                yield Violation(constraint="6e", where=where, message=f"{near} m apart, less than {limit} m")
+
+
+def _segment_distance(p: tuple[float, float], q: tuple[float, float]) -> float:
+    """Distance of the segment p-q to (0, 0): how near two UAVs come that fly straight through one slot."""
+    de, dn = q[0] - p[0], q[1] - p[1]
+    length2 = de * de + dn * dn
+    along = 0.0 if length2 == 0 else min(1.0, max(0.0, -(p[0] * de + p[1] * dn) / length2))
+    least = hypot(p[0] + along * de, p[1] + along * dn)
+    return min(least, hypot(*p), hypot(*q), inf)

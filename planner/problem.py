@@ -1,0 +1,99 @@
+"""The scenario as arrays: what every optimiser works on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.channel import fading_gains
+from planner.scenario import Scenario
+
+Array: TypeAlias = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Past:
+    """What has been flown before the plan begins: it counts in the utility and cannot be changed.
+
+    `first_slot` is the plan's slot 0 on the operation's slot grid; `rates_bps` is (n_users, n_past_slots), bit/s.
+    """
+
+    first_slot: int = 0
+    rates_bps: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Problem:
+    """Arrays of one planning problem; U UAVs, K users, N slots.
+
+    start_m: (U, 2) and user_m: (K, 2), metres east/north of the origin. step_m: (U,), `D_max`, metres per slot.
+    altitude_m: (U,), `H`. low_m, high_m: (2,), the flying area. separation_m: `D_min`. bandwidth_hz: (U,), `B_u`.
+    snr_gain: (U, K, N), `p_u rho |h_uk[n]|^2 / sigma^2` in m^2: divided by a squared distance it is an SNR (eq. 1).
+    past_kbps: (K, M) rates achieved before slot 0. mu: 1/(kbit/s), at most 0. kind: the utility.
+    """
+
+    start_m: Array
+    user_m: Array
+    step_m: Array
+    altitude_m: Array
+    low_m: Array
+    high_m: Array
+    separation_m: float
+    bandwidth_hz: Array
+    snr_gain: Array
+    past_kbps: Array
+    mu: float
+    kind: str
+
+    @cached_property
+    def n_uavs(self) -> int:
+        """U."""
+        return len(self.start_m)
+
+    @cached_property
+    def n_users(self) -> int:
+        """K."""
+        return len(self.user_m)
+
+    @cached_property
+    def n_slots(self) -> int:
+        """N."""
+        return int(self.snr_gain.shape[2])
+
+    def hover(self) -> Array:
+        """Everyone stays at the start, the one path that is always feasible: (U, N, 2) metres."""
+        return np.repeat(self.start_m[:, None, :], self.n_slots, axis=1)
+
+
+def problem_of(scenario: Scenario, past: Past | None = None) -> Problem:
+    """The arrays of `scenario`, with the rates of `past` in user order.
+
+    Raises ValueError when `past.rates_bps` does not have one row per user.
+    """
+    past = past or Past()
+    n_users = len(scenario.users)
+    past_kbps = np.asarray(past.rates_bps, dtype=float) / 1e3 if past.rates_bps.size else np.zeros((n_users, 0))
+    if past_kbps.shape[0] != n_users:
+        raise ValueError(f"past.rates_bps has {past_kbps.shape[0]} rows, but the scenario has {n_users} users")
+    channel = scenario.channel
+    power_w = np.array([uav.transmit_power_w for uav in scenario.uavs])
+    noise_w = 10 ** (channel.noise_dbm / 10 - 3)
+    gain = fading_gains(channel, scenario.uav_ids, scenario.user_ids, past.first_slot, scenario.slots)
+    return Problem(
+        start_m=np.array([uav.start_m for uav in scenario.uavs], dtype=float),
+        user_m=np.array([user.position_m for user in scenario.users], dtype=float),
+        step_m=np.array([uav.max_speed_mps * scenario.slot_duration_s for uav in scenario.uavs]),
+        altitude_m=np.full(len(scenario.uavs), float(scenario.altitude_m)),
+        low_m=np.array(scenario.area_m[0], dtype=float),
+        high_m=np.array(scenario.area_m[1], dtype=float),
+        separation_m=float(scenario.min_separation_m),
+        bandwidth_hz=np.array([uav.bandwidth_hz for uav in scenario.uavs], dtype=float),
+        snr_gain=power_w[:, None, None] * 10 ** (channel.reference_gain_db / 10) / noise_w * gain,
+        past_kbps=past_kbps,
+        mu=float(scenario.utility.mu_per_kbps),
+        kind=scenario.utility.kind,
+    )

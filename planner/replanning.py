@@ -1,0 +1,104 @@
+"""Planning the rest of an operation after something changed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.plans import Cause, Plan
+from planner.problem import Past, problem_of
+from planner.repair import toward
+from planner.scenario import Scenario
+from planner.solve import plan
+
+Array = NDArray[np.float64]
+
+
+class ReplanError(ValueError):
+    """A replan was asked for that makes no sense: unknown UAV, slot outside the plan, nobody left."""
+
+
+def replan(
+    previous: Plan,
+    *,
+    failed: Sequence[str],
+    at_slot: int,
+    positions_m: Mapping[str, tuple[float, float]] | None = None,
+    achieved_rates_bps: Mapping[str, Sequence[float]] | None = None,
+    cause: Cause | None = None,
+    **options: Any,
+) -> Plan:
+    """Plan the remaining slots for the survivors of `previous`.
+
+    failed: ids of the UAVs that are gone. at_slot: the first slot to plan, on the operation's slot grid.
+    positions_m: where the survivors are when that slot begins, metres east/north (default: where the plan has them).
+    achieved_rates_bps: what each user got in the slots before `at_slot` (default: what the plan promised).
+    Raises ReplanError for unknown ids, a slot outside the plan, no survivors, or survivors closer than `D_min`.
+    """
+    begin = at_slot - previous.first_slot
+    _check_request(previous, failed, begin, positions_m)
+    planned = {uav.id: previous.trajectories_m[uav.id][begin] for uav in previous.scenario.uavs}
+    now = {**planned, **(positions_m or {})}
+    survivors = tuple(
+        uav.model_copy(update={"start_m": _into_area(previous.scenario, now[uav.id])})
+        for uav in previous.scenario.uavs
+        if uav.id not in failed
+    )
+    try:
+        scenario = previous.scenario.with_changes(uavs=survivors, slots=previous.scenario.slots - begin)
+    except ValueError as error:
+        raise ReplanError(f"positions_m: {error}") from error
+    past = Past(first_slot=at_slot, rates_bps=_achieved(previous, begin, achieved_rates_bps))
+    shifted = np.array([previous.trajectories_m[uav.id][begin:] for uav in survivors])
+    problem = problem_of(scenario, past)
+    warm = toward(problem, problem.hover(), shifted)  # the old paths from where the UAVs are now, if feasible
+    return plan(
+        scenario,
+        past=past,
+        warm_start_m=warm,
+        cause=cause or Cause(uav_ids=tuple(failed)),
+        parent=previous.id,
+        revision=previous.revision + 1,
+        **options,
+    )
+
+
+def _check_request(
+    previous: Plan, failed: Sequence[str], begin: int, positions_m: Mapping[str, tuple[float, float]] | None
+) -> None:
+    known = previous.scenario.uav_ids
+    for field, ids in (("failed", failed), ("positions_m", list(positions_m or {}))):
+        unknown = [one for one in ids if one not in known]
+        if unknown:
+            raise ReplanError(f"{field}: {unknown[0]!r} is not a UAV of plan {previous.id}")
+    if set(known) <= set(failed):
+        raise ReplanError("failed: no UAV would be left to plan for")
+    if not 0 <= begin < previous.scenario.slots:
+        last = previous.first_slot + previous.scenario.slots - 1
+        raise ReplanError(f"at_slot: {begin + previous.first_slot} must lie in {previous.first_slot}..{last}")
+
+
+def _into_area(scenario: Scenario, point: Sequence[float]) -> tuple[float, float]:
+    """A live position a little outside the area is taken at its edge: the plan brings the UAV back in."""
+    (west, south), (east, north) = scenario.area_m
+    return min(max(float(point[0]), west), east), min(max(float(point[1]), south), north)
+
+
+def _achieved(previous: Plan, begin: int, given: Mapping[str, Sequence[float]] | None) -> Array:
+    """(K, M) bit/s: all slots before the new plan, from the report or else from the promise."""
+    rows = []
+    for user in previous.scenario.user_ids:
+        promised = [*previous.achieved_rates_bps.get(user, []), *previous.user_rates_bps[user][:begin]]
+        row = list(given[user]) if given and user in given else promised
+        if len(row) != len(promised):
+            raise ReplanError(f"achieved_rates_bps.{user}: has {len(row)} slots, but {len(promised)} have passed")
+        if not all(np.isfinite(row)) or min(row, default=0.0) < 0:
+            raise ReplanError(f"achieved_rates_bps.{user}: rates must be finite and not negative")
+        rows.append(row)
+    unknown = [user for user in given or {} if user not in previous.scenario.user_ids]
+    if unknown:
+        raise ReplanError(f"achieved_rates_bps: {unknown[0]!r} is not a user of plan {previous.id}")
+    return np.array(rows, dtype=float)

@@ -1,0 +1,33 @@
+"""How close aircraft come: at the slots and on the straight legs between them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def closest_approach(paths_m: Array) -> float:
+    """The least distance between any two UAVs that fly straight from slot to slot, in metres.
+
+    paths_m: (U, N, 2), metres east/north. Infinite for one UAV. Within a slot both fly at constant velocity, so their
+    relative position moves along a segment, whose distance to 0 has a closed form.
+    """
+    least = np.inf
+    for u in range(len(paths_m) - 1):
+        apart = paths_m[u + 1 :] - paths_m[u]  # (others, N, 2)
+        least = min(least, float(np.sqrt(_least_squared(apart))))
+    return least
+
+
+def _least_squared(apart: Array) -> float:
+    """Least squared distance to 0 of the polylines `apart`: (pairs, N, 2)."""
+    least = float((apart**2).sum(axis=-1).min())
+    if apart.shape[1] < 2:
+        return least
+    begin, move = apart[:, :-1], np.diff(apart, axis=1)
+    length2 = (move**2).sum(axis=-1)
+    along = -(begin * move).sum(axis=-1) / np.where(length2 > 0, length2, 1.0)
+    inside = begin + np.clip(along, 0.0, 1.0)[..., None] * move
+    return min(least, float((inside**2).sum(axis=-1).min()))

@@ -1,0 +1,29 @@
+"""What an optimiser returns, before ids and measures are attached."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.plans import Iteration
+
+Array: TypeAlias = NDArray[np.float64]
+Observer: TypeAlias = Callable[[Iteration], None]
+
+
+@dataclass(frozen=True)
+class Solution:
+    """paths_m: (U, N, 2) metres east/north. serving: (K, N) UAV index. bandwidth_hz: (K, N) Hz from that UAV."""
+
+    paths_m: Array
+    serving: NDArray[np.intp]
+    bandwidth_hz: Array
+    history: list[Iteration]
+
+
+def ignore(iteration: Iteration) -> None:
+    """The observer that does not look."""

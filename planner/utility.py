@@ -1,0 +1,48 @@
+"""Utilities of a rate table, and the measures reported beside them.
+
+Rates are kbit/s here, because mu is in 1/(kbit/s). The text of the letter optimises eq. (9), the exponential utility
+of the SUM rate; its goal, eq. (5), is a mean-variance sum per USER. Both are offered, and a third that also trades
+between users. mu -> 0 is the mean sum rate for all three.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+Array = NDArray[np.float64]
+
+
+def soft_mean(values: Array, mu: float) -> float:
+    """(1/mu) log mean exp(mu x) over all entries, the certainty equivalent of eq. (7); the plain mean at mu = 0."""
+    if mu == 0.0:
+        return float(values.mean())
+    return float((logsumexp(mu * values) - np.log(values.size)) / mu)
+
+
+def utility_kbps(rates_kbps: Array, kind: str, mu: float) -> float:
+    """The utility of a (K, N) rate table, in kbit/s.
+
+    `sum`: eq. (9), the soft mean over slots of the sum rate. `per_user`: the sum over users of the soft mean over
+    slots of each user's rate, whose expansion is eq. (5). `pooled`: K times the soft mean over users and slots.
+    """
+    if kind == "sum":
+        return soft_mean(rates_kbps.sum(axis=0), mu)
+    if kind == "per_user":
+        return sum(soft_mean(row, mu) for row in rates_kbps)
+    if kind == "pooled":
+        return len(rates_kbps) * soft_mean(rates_kbps, mu)
+    raise ValueError(f"utility.kind: {kind!r} must be 'sum', 'per_user' or 'pooled'")
+
+
+def mean_variance_kbps(rates_kbps: Array, mu: float) -> float:
+    """Eq. (5) with beta = -mu/2: sum over users of mean minus beta times variance over slots, in kbit/s."""
+    return float(rates_kbps.mean(axis=1).sum() + mu / 2 * rates_kbps.var(axis=1).sum())
+
+
+def jain_index(rates_kbps: Array) -> float:
+    """Jain's fairness index of the users' time-averaged rates: 1 is equal, 1/K is one user gets all."""
+    average = rates_kbps.mean(axis=1)
+    square_of_sum, sum_of_squares = average.sum() ** 2, (average**2).sum()
+    return float(square_of_sum / (len(average) * sum_of_squares)) if sum_of_squares > 0 else 1.0
