@@ -6,6 +6,7 @@ are passed in. `scenario.py` and `plans.py` are what goes in and comes out, `ref
 `feasibility.py` is the independent check that every emitted plan passes. Symbols of the letter are used only here.
 """
 
+from planner.delivered import delivered_rates_bps
 from planner.examples import EXAMPLES
 from planner.feasibility import InfeasiblePlanError, Violation, violations
 from planner.plans import Cause, Iteration, Plan, PlanStatus, Summary
@@ -38,6 +39,7 @@ __all__ = [
     "Utility",
     "Violation",
     "converged",
+    "delivered_rates_bps",
     "plan",
     "replan",
     "violations",

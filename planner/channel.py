@@ -33,11 +33,11 @@ def spectral_efficiency(problem: Problem, paths_m: Array) -> Array:
     Every other UAV of the fleet interferes on the whole band, as in the letter.
     """
     snr = problem.snr_gain / squared_distances(paths_m, problem.user_m, problem.altitude_m)
-    efficiency: Array = np.log1p(snr / (1.0 + _sum_of_others(snr))) / np.log(2)
+    efficiency: Array = np.log1p(snr / (1.0 + sum_of_others(snr))) / np.log(2)
     return efficiency
 
 
-def _sum_of_others(values: Array) -> Array:
+def sum_of_others(values: Array) -> Array:
     """Along axis 0, the sum of all entries but the own: added up, not subtracted, so nothing cancels."""
     others = np.zeros_like(values)
     others[1:] = np.cumsum(values[:-1], axis=0)

@@ -1,0 +1,46 @@
+"""What users get when the fleet is where it really is, and not where the plan wants it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.channel import fading_gains, sum_of_others
+from planner.plans import Plan
+
+Array = NDArray[np.float64]
+
+
+def delivered_rates_bps(
+    plan: Plan, slots: NDArray[np.intp], positions_m: Array, transmitting: NDArray[np.bool_]
+) -> Array:
+    """Rates of eqs. (3)-(4) under the plan's association and bandwidth, at the given positions: (S, K) bit/s.
+
+    S samples; slots: (S,) index on the plan's own grid (0 is its first slot). positions_m: (S, U, 2) metres east/north
+    of the origin, in the plan's UAV order. transmitting: (S, U): a UAV that is off serves nobody and interferes with
+    nobody. Raises ValueError when the shapes do not agree or a slot lies outside the plan.
+    """
+    scenario = plan.scenario
+    n_samples, n_uavs = len(slots), len(scenario.uavs)
+    if positions_m.shape != (n_samples, n_uavs, 2) or transmitting.shape != (n_samples, n_uavs):
+        raise ValueError(
+            f"positions_m {positions_m.shape} and transmitting {transmitting.shape} must be (S, U, 2), (S, U)"
+        )
+    if n_samples and not 0 <= slots.min() <= slots.max() < scenario.slots:
+        raise ValueError(f"slots: {slots.min()}..{slots.max()} must lie in 0..{scenario.slots - 1}")
+    user_m = np.array([user.position_m for user in scenario.users], dtype=float)
+    power_w = np.array([uav.transmit_power_w for uav in scenario.uavs])
+    channel = scenario.channel
+    noise_w = 10 ** (channel.noise_dbm / 10 - 3)
+    fading = fading_gains(channel, scenario.uav_ids, scenario.user_ids, plan.first_slot, scenario.slots)[:, :, slots]
+    apart = positions_m[:, :, None, :] - user_m  # (S, U, K, 2)
+    distance2 = np.einsum("sukd,sukd->suk", apart, apart) + scenario.altitude_m**2
+    on = power_w[:, None] * 10 ** (channel.reference_gain_db / 10) / noise_w * transmitting[:, :, None]
+    snr = np.moveaxis(on / distance2 * np.moveaxis(fading, 2, 0), 1, 0)  # (U, S, K)
+    efficiency = np.log1p(snr / (1.0 + sum_of_others(snr))) / np.log(2)
+    index = {uav: u for u, uav in enumerate(scenario.uav_ids)}
+    serving = np.array([[index[uav] for uav in plan.association[user]] for user in scenario.user_ids])[:, slots]
+    bandwidth = np.array([plan.bandwidth_hz[user] for user in scenario.user_ids])[:, slots]  # (K, S)
+    chosen = np.take_along_axis(efficiency, serving.T[None], axis=0)[0]
+    rates: Array = bandwidth.T * chosen
+    return rates
