@@ -1,0 +1,65 @@
+"""The bridge between plans and vehicles: missions out, telemetry and heartbeats in. Built on MAVSDK.
+
+    plan --schedule, px4, compiler--> Mission --transfer--> vehicle          (formats: the same mission as a file)
+    vehicle --link, telemetry--> Telemetry, heartbeats --heartbeat--> LinkEvent
+    flight: launch, go to, start, swap in flight, hold, land
+
+Pure and testable without a socket: geodesy, items, schedule, px4, compiler, returns, compare, formats, heartbeat,
+telemetry. A new autopilot is a new writer beside `px4`; a new way to judge a link reads `heartbeat`'s events.
+The package knows the planner's plan type and nothing of the service or the simulator.
+"""
+
+from mavlink_bridge.compare import mission_differences
+from mavlink_bridge.compiler import compile_mission
+from mavlink_bridge.errors import (
+    BridgeError,
+    CompileError,
+    ConnectionFailed,
+    FormatError,
+    LinkClosed,
+    LinkError,
+    ReturnPathsTooClose,
+    TooManyItems,
+    UnknownUav,
+    VehiclesMissing,
+)
+from mavlink_bridge.formats import from_qgc_plan, from_waypoints, to_qgc_plan, to_waypoints
+from mavlink_bridge.geodesy import east_north_to_geodetic, geodetic_to_east_north
+from mavlink_bridge.heartbeat import AUTOPILOT, HeartbeatMonitor, LinkEvent, LinkState
+from mavlink_bridge.items import MAX_ITEMS, Command, Frame, Mission, MissionItem
+from mavlink_bridge.px4 import OnEnd
+from mavlink_bridge.returns import check_return_paths
+from mavlink_bridge.schedule import VehicleModel
+
+__all__ = [
+    "AUTOPILOT",
+    "MAX_ITEMS",
+    "BridgeError",
+    "Command",
+    "CompileError",
+    "ConnectionFailed",
+    "FormatError",
+    "Frame",
+    "HeartbeatMonitor",
+    "LinkClosed",
+    "LinkError",
+    "LinkEvent",
+    "LinkState",
+    "Mission",
+    "MissionItem",
+    "OnEnd",
+    "ReturnPathsTooClose",
+    "TooManyItems",
+    "UnknownUav",
+    "VehicleModel",
+    "VehiclesMissing",
+    "check_return_paths",
+    "compile_mission",
+    "east_north_to_geodetic",
+    "from_qgc_plan",
+    "from_waypoints",
+    "geodetic_to_east_north",
+    "mission_differences",
+    "to_qgc_plan",
+    "to_waypoints",
+]

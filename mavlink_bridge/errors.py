@@ -1,0 +1,89 @@
+# ruff: noqa: N818 (the names say what happened)
+"""Everything that can go wrong in the bridge, in one tree.
+
+    BridgeError
+    ├── CompileError            a plan cannot become a mission
+    │   ├── UnknownUav
+    │   ├── TooManyItems
+    │   └── ReturnPathsTooClose
+    ├── FormatError             a .plan or .waypoints file cannot be read
+    └── LinkError               the link itself, not one vehicle on it
+        ├── ConnectionFailed
+        ├── LinkClosed
+        └── VehiclesMissing
+
+What fails on a single vehicle (an upload, a swap) is a result with an `error` text, never an exception.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+
+class BridgeError(Exception):
+    """Base of all errors of this package."""
+
+
+class CompileError(BridgeError):
+    """A plan cannot become a mission."""
+
+
+class UnknownUav(CompileError):
+    """The plan has no trajectory for this UAV."""
+
+    def __init__(self, uav_id: str, known: Iterable[str]) -> None:
+        super().__init__(f"uav_id: '{uav_id}' is not in the plan; it flies {', '.join(known) or 'nobody'}")
+        self.uav_id = uav_id
+
+
+class TooManyItems(CompileError):
+    """The mission exceeds what autopilots store."""
+
+    def __init__(self, uav_id: str, items: int, limit: int) -> None:
+        super().__init__(
+            f"mission of '{uav_id}' needs {items} items, more than the {limit} a vehicle is given to store"
+        )
+        self.uav_id, self.items, self.limit = uav_id, items, limit
+
+
+class ReturnPathsTooClose(CompileError):
+    """Two UAVs would pass each other too closely on their straight ways home."""
+
+    def __init__(self, first: str, second: str, apart_m: float, required_m: float) -> None:
+        super().__init__(
+            f"ways home of '{first}' and '{second}' come within {apart_m:.2f} m, closer than "
+            f"min_separation_m {required_m:g}; land in place instead"
+        )
+        self.first, self.second, self.apart_m = first, second, apart_m
+
+
+class FormatError(BridgeError):
+    """A mission file cannot be read; the message names the place and the rule."""
+
+
+class LinkError(BridgeError):
+    """The link to the fleet does not work."""
+
+
+class ConnectionFailed(LinkError):
+    """The connection URL cannot be opened."""
+
+    def __init__(self, url: str, reason: str) -> None:
+        super().__init__(f"cannot open '{url}': {reason}")
+        self.url = url
+
+
+class LinkClosed(LinkError):
+    """The fleet link was used before it was opened or after it was closed."""
+
+
+class VehiclesMissing(LinkError):
+    """Some expected vehicles never sent an autopilot heartbeat."""
+
+    def __init__(self, missing: Iterable[int], present: Iterable[int], waited_s: float) -> None:
+        self.missing = tuple(sorted(missing))
+        self.present = tuple(sorted(present))
+        super().__init__(
+            f"no autopilot heartbeat from system {', '.join(map(str, self.missing))} within {waited_s:g} s; "
+            f"heard: {', '.join(map(str, self.present)) or 'none'}"
+        )

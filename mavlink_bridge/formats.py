@@ -1,0 +1,145 @@
+"""Missions as files: QGroundControl's .plan (JSON) and the older .waypoints text, out and in.
+
+Both hold degrees, so 1e-7 degree integers survive exactly (JSON at full precision, text at 8 decimals). Files use
+frame 3 where the wire uses 6: same datum, metres above the vehicle's own home.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import isfinite
+from typing import Any
+
+from mavlink_bridge.errors import FormatError
+from mavlink_bridge.geodesy import from_e7, to_e7
+from mavlink_bridge.items import Command, Frame, Mission, MissionItem
+
+_FIRMWARE_PX4 = 12
+_VEHICLE_QUADROTOR = 2
+_ALTITUDE_RELATIVE = 1
+_HEADER = "QGC WPL 110"
+_COLUMNS = 12
+
+
+def to_qgc_plan(mission: Mission, *, home_alt_m: float = 0.0, hover_speed_mps: float = 5.0) -> dict[str, Any]:
+    """The mission as the JSON object of a QGroundControl .plan file.
+
+    The planned home is the first position of the mission; home_alt_m is its height above mean sea level, which a
+    plan does not know and QGroundControl only draws with.
+    """
+    first = next(item for item in mission.items if item.has_position)
+    return {
+        "fileType": "Plan",
+        "version": 1,
+        "groundStation": "QGroundControl",
+        "mission": {
+            "version": 2,
+            "firmwareType": _FIRMWARE_PX4,
+            "vehicleType": _VEHICLE_QUADROTOR,
+            "cruiseSpeed": hover_speed_mps,
+            "hoverSpeed": hover_speed_mps,
+            "globalPlanAltitudeMode": _ALTITUDE_RELATIVE,
+            "plannedHomePosition": [from_e7(first.x), from_e7(first.y), home_alt_m],
+            "items": [_to_simple_item(item) for item in mission.items],
+        },
+        "geoFence": {"version": 2, "circles": [], "polygons": []},
+        "rallyPoints": {"version": 2, "points": []},
+    }
+
+
+def from_qgc_plan(plan: Mapping[str, Any]) -> tuple[MissionItem, ...]:
+    """The items of a .plan file of simple items; raises FormatError for anything else."""
+    try:
+        if plan["fileType"] != "Plan":
+            raise FormatError(f"fileType: {plan['fileType']!r} must be 'Plan'")
+        return tuple(_from_simple_item(seq, item) for seq, item in enumerate(plan["mission"]["items"]))
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        raise FormatError(f"not a QGroundControl plan: {type(error).__name__} at {error}") from error
+
+
+def to_waypoints(mission: Mission) -> str:
+    """The mission as "QGC WPL 110" text: one tab-separated row an item, coordinates with 8 decimals."""
+    return "\n".join([_HEADER, *(_to_row(item) for item in mission.items)]) + "\n"
+
+
+def from_waypoints(text: str) -> tuple[MissionItem, ...]:
+    """The items of a "QGC WPL 110" file; raises FormatError naming the line."""
+    lines = text.splitlines()
+    if not lines or lines[0].strip() != _HEADER:
+        raise FormatError(f"line 1: must be '{_HEADER}'")
+    rows = [(number, line) for number, line in enumerate(lines[1:], start=2) if line.strip()]
+    return tuple(_from_row(seq, number, line.split()) for seq, (number, line) in enumerate(rows))
+
+
+def _to_simple_item(item: MissionItem) -> dict[str, Any]:
+    values = {
+        "type": "SimpleItem",
+        "autoContinue": bool(item.autocontinue),
+        "command": int(item.command),
+        "doJumpId": item.seq + 1,
+        "frame": _file_frame(item.frame),
+        "params": [item.param1, item.param2, item.param3, item.param4, from_e7(item.x), from_e7(item.y), item.z],
+    }
+    if item.has_position:
+        values |= {"Altitude": item.z, "AltitudeMode": _ALTITUDE_RELATIVE, "AMSLAltAboveTerrain": None}
+    return values
+
+
+def _from_simple_item(seq: int, item: Mapping[str, Any]) -> MissionItem:
+    if item["type"] != "SimpleItem":
+        raise FormatError(f"items.{seq}.type: {item['type']!r} must be 'SimpleItem'")
+    numbers = [0.0 if value is None else float(value) for value in item["params"]]
+    if len(numbers) != 7:
+        raise FormatError(f"items.{seq}.params: {len(numbers)} values, must be 7")
+    return _item(
+        f"items.{seq}", seq, int(item["frame"]), int(item["command"]), int(seq == 0), int(item["autoContinue"]), numbers
+    )
+
+
+def _to_row(item: MissionItem) -> str:
+    whole = (item.seq, item.current, _file_frame(item.frame), int(item.command))
+    params = (item.param1, item.param2, item.param3, item.param4)
+    place = (f"{from_e7(item.x):.8f}", f"{from_e7(item.y):.8f}", f"{item.z:.6f}")
+    return "\t".join([*map(str, whole), *(f"{param:.8f}" for param in params), *place, str(item.autocontinue)])
+
+
+def _from_row(seq: int, number: int, cells: Sequence[str]) -> MissionItem:
+    if len(cells) != _COLUMNS:
+        raise FormatError(f"line {number}: {len(cells)} columns, must be {_COLUMNS}")
+    try:
+        frame, command = int(cells[2]), int(cells[3])
+        numbers = [float(cell) for cell in cells[4:11]]
+        if int(cells[0]) != seq:
+            raise FormatError(f"line {number}: item {cells[0]}, must be {seq}")
+        return _item(f"line {number}", seq, frame, command, int(cells[1]), int(cells[11]), numbers)
+    except ValueError as error:
+        raise FormatError(f"line {number}: {error}") from error
+
+
+def _item(
+    where: str, seq: int, frame: int, command: int, current: int, autocontinue: int, numbers: Sequence[float]
+) -> MissionItem:
+    """One item from param1..4, latitude, longitude (degrees), altitude (metres)."""
+    if not all(isfinite(number) for number in numbers):
+        raise FormatError(f"{where}: {list(numbers)} must be finite")
+    *params, lat_deg, lon_deg, z = numbers
+    if not (abs(lat_deg) <= 90 and abs(lon_deg) <= 180):
+        raise FormatError(f"{where}: ({lat_deg}, {lon_deg}) is not a latitude and a longitude in degrees")
+    return MissionItem(
+        seq=seq,
+        frame=Frame.GLOBAL_RELATIVE_ALT_INT if frame == Frame.GLOBAL_RELATIVE_ALT else frame,
+        command=Command(command) if command in set(Command) else command,
+        current=current,
+        autocontinue=autocontinue,
+        param1=params[0],
+        param2=params[1],
+        param3=params[2],
+        param4=params[3],
+        x=to_e7(lat_deg),
+        y=to_e7(lon_deg),
+        z=z,
+    )
+
+
+def _file_frame(frame: int) -> int:
+    return int(Frame.GLOBAL_RELATIVE_ALT if frame == Frame.GLOBAL_RELATIVE_ALT_INT else frame)

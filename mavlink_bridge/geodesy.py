@@ -1,0 +1,40 @@
+"""East/north metres to WGS-84 degrees and back, by pymap3d.
+
+Only the horizontal part is converted. A constant ENU "up" is a tangent plane and rises above the ellipsoid (3.9 m at
+5 km), so points are kept on the ellipsoid here and altitude travels separately, above each vehicle's own home.
+"""
+
+from __future__ import annotations
+
+from pymap3d import enu2geodetic, geodetic2enu
+
+from planner.scenario import Origin
+
+_PASSES = 6
+"""Each pass shrinks the height error by about (distance / Earth radius)^2; six reach nanometres at 100 km."""
+
+
+def east_north_to_geodetic(origin: Origin, east_m: float, north_m: float) -> tuple[float, float]:
+    """(latitude, longitude) in degrees of the point on the ellipsoid that lies (east, north) metres from `origin`."""
+    up_m = 0.0
+    lat_deg = lon_deg = 0.0
+    for _ in range(_PASSES):
+        lat_deg, lon_deg, height_m = enu2geodetic(east_m, north_m, up_m, origin.lat_deg, origin.lon_deg, 0.0)
+        up_m -= float(height_m)
+    return float(lat_deg), float(lon_deg)
+
+
+def geodetic_to_east_north(origin: Origin, lat_deg: float, lon_deg: float) -> tuple[float, float]:
+    """(east, north) metres from `origin` of a point on the ellipsoid given in degrees; inverse of the above."""
+    east_m, north_m, _ = geodetic2enu(lat_deg, lon_deg, 0.0, origin.lat_deg, origin.lon_deg, 0.0)
+    return float(east_m), float(north_m)
+
+
+def to_e7(degrees: float) -> int:
+    """Degrees as MAVLink sends them: integer 1e-7 degrees (1.1 cm), rounded to nearest."""
+    return round(degrees * 1e7)
+
+
+def from_e7(e7: int) -> float:
+    """Integer 1e-7 degrees as degrees."""
+    return e7 / 1e7

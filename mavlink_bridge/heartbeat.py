@@ -1,0 +1,157 @@
+"""Who is still there: a pure state machine over heartbeats of autopilots (component 1), with its own time-outs.
+
+A companion computer that lives on says nothing about its autopilot, so only component 1 counts. The machine has no
+clock: every call brings the time, in fleet seconds. When it is asked does not change which states it goes through.
+
+    LIVE -- silent for stale_after_s --> STALE -- silent for lost_after_s --> LOST
+    LOST -- heard for recovered_after_s --> STALE -- heard for another recovered_after_s --> LIVE
+
+"Heard for" counts from the first heartbeat after a silence to the latest one; a pause of stale_after_s starts it anew.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+from math import isfinite
+
+AUTOPILOT = 1
+"""MAV_COMP_ID_AUTOPILOT1."""
+
+_BOOT_WRAP_MS = 2**31
+"""`time_boot_ms` is a uint32: a larger step back is the counter wrapping after 49 days, not a reboot."""
+
+
+class LinkState(StrEnum):
+    """What the heartbeats of one vehicle say."""
+
+    LIVE = "live"
+    STALE = "stale"
+    LOST = "lost"
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinkEvent:
+    """A change of state. `silent_for_s` is the time since the last heartbeat when the change was noticed, at `at_s`."""
+
+    system_id: int
+    before: LinkState
+    after: LinkState
+    silent_for_s: float
+    at_s: float
+
+
+@dataclass(slots=True)
+class _Watched:
+    now_s: float
+    last_s: float
+    first_s: float | None = None
+    """First heartbeat of the run that is going on; None before any and after a silence."""
+    state: LinkState = LinkState.LIVE
+    boot_ms: int | None = None
+    reboots: int = 0
+    pending: list[LinkEvent] = field(default_factory=list)
+
+
+class HeartbeatMonitor:
+    """States of the watched vehicles. Times are fleet seconds, never wall time."""
+
+    def __init__(
+        self, *, stale_after_s: float = 3.0, lost_after_s: float = 5.0, recovered_after_s: float = 2.0
+    ) -> None:
+        for name, value in (("stale_after_s", stale_after_s), ("recovered_after_s", recovered_after_s)):
+            if not (isfinite(value) and value > 0):
+                raise ValueError(f"{name}: {value} must be a finite number of seconds above 0")
+        if not (isfinite(lost_after_s) and lost_after_s > stale_after_s):
+            raise ValueError(f"lost_after_s: {lost_after_s} must be above stale_after_s {stale_after_s}")
+        self.stale_after_s = stale_after_s
+        self.lost_after_s = lost_after_s
+        self.recovered_after_s = recovered_after_s
+        self._vehicles: dict[int, _Watched] = {}
+
+    @property
+    def watched(self) -> frozenset[int]:
+        """System ids being watched."""
+        return frozenset(self._vehicles)
+
+    def watch(self, system_id: int, now_s: float) -> None:
+        """Expect heartbeats from now on; live until proven silent. Watching twice changes nothing."""
+        self._vehicles.setdefault(system_id, _Watched(now_s=now_s, last_s=now_s))
+
+    def unwatch(self, system_id: int) -> None:
+        """Expect nothing any more, and report nothing."""
+        self._vehicles.pop(system_id, None)
+
+    def state(self, system_id: int) -> LinkState:
+        """State as of the last call; KeyError if not watched."""
+        return self._vehicles[system_id].state
+
+    def silent_for_s(self, system_id: int, now_s: float) -> float:
+        """Seconds since the last heartbeat (or since the watch began); KeyError if not watched."""
+        return max(0.0, now_s - self._vehicles[system_id].last_s)
+
+    def reboots(self, system_id: int) -> int:
+        """How often the boot clock ran backwards: the autopilot restarted. KeyError if not watched."""
+        return self._vehicles[system_id].reboots
+
+    def heard(self, system_id: int, component_id: int, now_s: float, boot_ms: int | None = None) -> None:
+        """A HEARTBEAT arrived. Other components and vehicles nobody watches are ignored.
+
+        boot_ms: the latest `time_boot_ms` this autopilot sent, milliseconds since it started.
+        """
+        vehicle = self._vehicles.get(system_id)
+        if vehicle is None or component_id != AUTOPILOT:
+            return
+        self._silence(system_id, vehicle, now_s)
+        if vehicle.first_s is None:
+            vehicle.first_s = vehicle.now_s
+        vehicle.last_s = vehicle.now_s
+        self._recover(system_id, vehicle)
+        if boot_ms is not None:
+            self._check_boot(vehicle, boot_ms)
+
+    def poll(self, now_s: float) -> list[LinkEvent]:
+        """Everything that changed since the last poll, each vehicle's changes in order."""
+        events: list[LinkEvent] = []
+        for system_id, vehicle in self._vehicles.items():
+            self._silence(system_id, vehicle, now_s)
+            events += vehicle.pending
+            vehicle.pending.clear()
+        return events
+
+    def _silence(self, system_id: int, vehicle: _Watched, now_s: float) -> None:
+        """Let time pass without a heartbeat; time that runs backwards stands still."""
+        vehicle.now_s = max(vehicle.now_s, now_s)
+        silent_s = vehicle.now_s - vehicle.last_s
+        if silent_s >= self.stale_after_s:
+            vehicle.first_s = None
+            if vehicle.state is LinkState.LIVE:
+                self._change(system_id, vehicle, LinkState.STALE)
+        if silent_s >= self.lost_after_s and vehicle.state is LinkState.STALE:
+            self._change(system_id, vehicle, LinkState.LOST)
+
+    def _recover(self, system_id: int, vehicle: _Watched) -> None:
+        """Climb one state each time the run of heartbeats has held for `recovered_after_s`."""
+        if vehicle.state is LinkState.LIVE or vehicle.first_s is None:
+            return
+        if vehicle.last_s - vehicle.first_s >= self.recovered_after_s:
+            vehicle.first_s = vehicle.last_s
+            self._change(system_id, vehicle, LinkState.STALE if vehicle.state is LinkState.LOST else LinkState.LIVE)
+
+    def _change(self, system_id: int, vehicle: _Watched, after: LinkState) -> None:
+        vehicle.pending.append(
+            LinkEvent(
+                system_id=system_id,
+                before=vehicle.state,
+                after=after,
+                silent_for_s=vehicle.now_s - vehicle.last_s,
+                at_s=vehicle.now_s,
+            )
+        )
+        vehicle.state = after
+
+    def _check_boot(self, vehicle: _Watched, boot_ms: int) -> None:
+        last = vehicle.boot_ms
+        vehicle.boot_ms = boot_ms
+        if last is not None and 0 < last - boot_ms < _BOOT_WRAP_MS:
+            vehicle.reboots += 1

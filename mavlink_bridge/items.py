@@ -1,0 +1,87 @@
+"""Mission items as MAVLink carries them (MISSION_ITEM_INT), and the mission of one UAV."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+from types import MappingProxyType
+
+MAX_ITEMS = 200
+"""Items one mission may have: what every common autopilot stores."""
+
+
+class Command(IntEnum):
+    """The MAV_CMD values the compiler emits."""
+
+    NAV_WAYPOINT = 16
+    NAV_LOITER_UNLIM = 17
+    NAV_RETURN_TO_LAUNCH = 20
+    NAV_LAND = 21
+    NAV_TAKEOFF = 22
+    DO_CHANGE_SPEED = 178
+
+
+class Frame(IntEnum):
+    """The MAV_FRAME values the compiler emits."""
+
+    MISSION = 2
+    """No position: x, y, z mean nothing."""
+    GLOBAL_RELATIVE_ALT = 3
+    """As 6, in files: QGroundControl and Mission Planner write this one."""
+    GLOBAL_RELATIVE_ALT_INT = 6
+    """x, y in 1e-7 degrees, z in metres above the vehicle's own home."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class MissionItem:
+    """One MISSION_ITEM_INT (73) of mission type 0.
+
+    `x`, `y` are latitude and longitude in 1e-7 degrees, `z` is metres above the vehicle's own home; the parameters
+    mean what `command` (MAV_CMD) says. `current` is 1 for the item the vehicle continues from after an upload.
+    """
+
+    seq: int
+    frame: int
+    command: int
+    current: int = 0
+    autocontinue: int = 1
+    param1: float = 0.0
+    param2: float = 0.0
+    param3: float = 0.0
+    param4: float = 0.0
+    x: int = 0
+    y: int = 0
+    z: float = 0.0
+
+    @property
+    def has_position(self) -> bool:
+        """Whether x, y, z are a place."""
+        return self.frame != Frame.MISSION
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mission:
+    """What one vehicle is given to fly.
+
+    `slot_of_item` maps the seq of each NAV_WAYPOINT to the slot at whose beginning the vehicle should be there.
+    `duration_s` is the planned time from the start of slot 0 (airborne: from the swap) to the end of the last slot.
+    """
+
+    uav_id: str
+    items: tuple[MissionItem, ...]
+    slot_of_item: Mapping[int, int]
+    duration_s: float
+
+    def __post_init__(self) -> None:
+        seqs = [item.seq for item in self.items]
+        if seqs != list(range(len(seqs))) or not seqs:
+            raise ValueError(f"items: seq must run 0, 1, 2... without gaps, not {seqs}")
+        if sum(item.current for item in self.items) != 1:
+            raise ValueError("items: exactly one item must have current = 1")
+        object.__setattr__(self, "slot_of_item", MappingProxyType(dict(self.slot_of_item)))
+
+    def item_of_slot(self, slot: int) -> int:
+        """seq of the waypoint where the vehicle is when `slot` begins: its own, or the hold it is part of."""
+        reached = [seq for seq, first in self.slot_of_item.items() if first <= slot]
+        return max(reached, default=min(self.slot_of_item))

@@ -1,0 +1,110 @@
+"""A schedule as PX4 mission items.
+
+PX4 wants positions in frame 6, commands without a position in frame 2 (MAV_FRAME_MISSION), the speed of a leg before
+the waypoint the leg ends at, and hovering as param1 of the waypoint (a NAV_DELAY item makes copters pace about).
+Yaw is fixed to north (param4 = 0): the antenna of a base station keeps its orientation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from mavlink_bridge.geodesy import to_e7
+from mavlink_bridge.items import Command, Frame, MissionItem
+from mavlink_bridge.schedule import Point, Schedule, Stop, VehicleModel
+
+_GROUND_SPEED = 1.0
+_THROTTLE_UNCHANGED = -1.0
+
+
+class OnEnd(StrEnum):
+    """What a vehicle does after its last slot."""
+
+    LAND = "land"
+    """NAV_LAND where it is: vertical descents keep the separation the plan has."""
+    RETURN = "return"
+    """NAV_RETURN_TO_LAUNCH: check the ways home with `check_return_paths` first."""
+    HOLD = "hold"
+    """NAV_LOITER_UNLIM: hover until told otherwise."""
+
+
+@dataclass(kw_only=True)
+class Px4Writer:
+    """Collects the items of one mission; `to_geodetic` turns east/north metres into (lat, lon) degrees."""
+
+    altitude_m: float
+    model: VehicleModel
+    to_geodetic: Callable[[Point], tuple[float, float]]
+    items: list[MissionItem] = field(default_factory=list)
+    slot_of_item: dict[int, int] = field(default_factory=dict)
+    _speed_mps: float | None = None
+
+    def write(self, schedule: Schedule, *, takeoff: bool, on_end: OnEnd) -> None:
+        """Items of a whole mission: take off, then per stop its speed and waypoint, then the end."""
+        if takeoff:
+            self._position(Command.NAV_TAKEOFF, schedule.stops[0].point_m, self.altitude_m)
+        for number, stop in enumerate(schedule.stops):
+            leg = schedule.leg_to(number)
+            if leg is not None:
+                self._speed(leg.speed_mps)
+            self._waypoint(stop)
+        self._end(schedule.stops[-1].point_m, on_end)
+
+    def _waypoint(self, stop: Stop) -> None:
+        self.slot_of_item[len(self.items)] = stop.slot
+        self._position(
+            Command.NAV_WAYPOINT,
+            stop.point_m,
+            self.altitude_m,
+            param1=round(stop.hold_s, 3),
+            param2=self.model.acceptance_radius_m,
+        )
+
+    def _speed(self, speed_mps: float) -> None:
+        rounded = round(speed_mps, 3)
+        if rounded != self._speed_mps:
+            self._speed_mps = rounded
+            self._command(Command.DO_CHANGE_SPEED, _GROUND_SPEED, rounded, _THROTTLE_UNCHANGED)
+
+    def _end(self, point_m: Point, on_end: OnEnd) -> None:
+        if on_end is OnEnd.LAND:
+            self._position(Command.NAV_LAND, point_m, 0.0)
+        elif on_end is OnEnd.RETURN:
+            self._command(Command.NAV_RETURN_TO_LAUNCH)
+        else:
+            self._position(Command.NAV_LOITER_UNLIM, point_m, self.altitude_m)
+
+    def _position(
+        self, command: Command, point_m: Point, altitude_m: float, *, param1: float = 0.0, param2: float = 0.0
+    ) -> None:
+        lat_deg, lon_deg = self.to_geodetic(point_m)
+        seq = len(self.items)
+        self.items.append(
+            MissionItem(
+                seq=seq,
+                frame=Frame.GLOBAL_RELATIVE_ALT_INT,
+                command=command,
+                current=int(seq == 0),
+                param1=param1,
+                param2=param2,
+                x=to_e7(lat_deg),
+                y=to_e7(lon_deg),
+                z=altitude_m,
+            )
+        )
+
+    def _command(self, command: Command, param1: float = 0.0, param2: float = 0.0, param3: float = 0.0) -> None:
+        seq = len(self.items)
+        self.items.append(
+            MissionItem(
+                seq=seq,
+                frame=Frame.MISSION,
+                command=command,
+                current=int(seq == 0),
+                param1=param1,
+                param2=param2,
+                param3=param3,
+            )
+        )

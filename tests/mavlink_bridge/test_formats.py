@@ -1,0 +1,126 @@
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink import mavwp
+
+from mavlink_bridge import (
+    FormatError,
+    Mission,
+    MissionItem,
+    OnEnd,
+    compile_mission,
+    from_qgc_plan,
+    from_waypoints,
+    mission_differences,
+    to_qgc_plan,
+    to_waypoints,
+)
+from planner.plans import Plan
+
+places = st.builds(
+    MissionItem,
+    seq=st.just(0),
+    frame=st.just(6),
+    command=st.sampled_from([16, 17, 21, 22]),
+    current=st.just(1),
+    param1=st.integers(0, 3_600_000).map(lambda ms: ms / 1000),
+    x=st.integers(-900_000_000, 900_000_000),
+    y=st.integers(-1_800_000_000, 1_800_000_000),
+    z=st.integers(0, 2_000_000).map(lambda cm: cm / 100),
+)
+
+
+@given(item=places)
+def test_plan_files_keep_every_item_exactly(item: MissionItem) -> None:
+    mission = Mission(uav_id="u", items=(item,), slot_of_item={0: 0}, duration_s=1.0)
+    assert from_qgc_plan(json.loads(json.dumps(to_qgc_plan(mission)))) == mission.items
+
+
+@given(item=places)
+def test_waypoint_files_keep_every_item_exactly(item: MissionItem) -> None:
+    mission = Mission(uav_id="u", items=(item,), slot_of_item={0: 0}, duration_s=1.0)
+    assert from_waypoints(to_waypoints(mission)) == mission.items
+
+
+@pytest.mark.parametrize("on_end", list(OnEnd))
+def test_a_compiled_mission_survives_both_formats(line_and_hover: Plan, on_end: OnEnd) -> None:
+    mission = compile_mission(line_and_hover, "uav-1", on_end=on_end)
+    assert from_qgc_plan(json.loads(json.dumps(to_qgc_plan(mission), allow_nan=False))) == mission.items
+    assert mission_differences(mission.items, from_waypoints(to_waypoints(mission))) == ()
+
+
+def test_pymavlink_reads_the_waypoints_file_to_1e7_degrees(line_and_hover: Plan, tmp_path: Path) -> None:
+    mission = compile_mission(line_and_hover, "uav-1")
+    file = tmp_path / "uav-1.waypoints"
+    file.write_text(to_waypoints(mission), encoding="utf-8")
+    loader = mavwp.MAVWPLoader()
+    assert loader.load(str(file)) == len(mission.items)
+    for item, read in zip(mission.items, loader.wpoints, strict=True):
+        assert (read.seq, read.command, read.current, read.autocontinue) == (
+            item.seq,
+            item.command,
+            item.current,
+            item.autocontinue,
+        )
+        assert (round(read.x * 1e7), round(read.y * 1e7)) == (item.x, item.y)
+        assert (read.param1, read.param2, read.z) == pytest.approx((item.param1, item.param2, item.z))
+
+
+def test_a_plan_file_has_the_parts_qgroundcontrol_insists_on(line_and_hover: Plan) -> None:
+    plan = to_qgc_plan(compile_mission(line_and_hover, "uav-1"), home_alt_m=488.0)
+    assert {"fileType", "version", "groundStation", "mission", "geoFence", "rallyPoints"} == set(plan)
+    assert plan["mission"]["plannedHomePosition"] == pytest.approx([47.397742, 8.545594, 488.0], abs=1e-7)
+    assert {item["frame"] for item in plan["mission"]["items"]} == {2, 3}
+    assert [item["doJumpId"] for item in plan["mission"]["items"]] == list(range(1, 12))
+
+
+def mutated(change: Callable[[dict[str, object]], object]) -> dict[str, object]:
+    item = MissionItem(seq=0, frame=6, command=16, current=1, x=1, y=1, z=1.0)
+    plan = to_qgc_plan(Mission(uav_id="u", items=(item,), slot_of_item={0: 0}, duration_s=1.0))
+    change(plan["mission"]["items"][0])
+    return plan
+
+
+@pytest.mark.parametrize(
+    ("plan", "rule"),
+    [
+        ({}, "KeyError"),
+        ({"fileType": "Fence"}, "must be 'Plan'"),
+        (mutated(lambda item: item.update(type="ComplexItem")), "items.0.type"),
+        (mutated(lambda item: item.update(params=[1.0])), "must be 7"),
+        (mutated(lambda item: item.update(params=[0, 0, 0, 0, 91.0, 0, 0])), "latitude"),
+        (mutated(lambda item: item.update(params=[0, 0, 0, 0, float("nan"), 0, 0])), "finite"),
+        (mutated(lambda item: item.update(params=3)), "TypeError"),
+    ],
+)
+def test_what_is_not_a_plan_is_refused_with_the_rule(plan: dict[str, object], rule: str) -> None:
+    with pytest.raises(FormatError, match=rule):
+        from_qgc_plan(plan)
+
+
+@pytest.mark.parametrize(
+    ("text", "rule"),
+    [
+        ("", "line 1"),
+        ("QGC WPL 100\n", "line 1"),
+        ("QGC WPL 110\n0 1 3\n", "line 2: 3 columns, must be 12"),
+        ("QGC WPL 110\n0 1 3 16 0 0 0 0 x 8 60 1\n", "line 2: could not convert"),
+        ("QGC WPL 110\n\n4 1 3 16 0 0 0 0 47 8 60 1\n", "line 3: item 4, must be 0"),
+    ],
+)
+def test_what_is_not_a_waypoints_file_is_refused_with_the_line(text: str, rule: str) -> None:
+    with pytest.raises(FormatError, match=rule):
+        from_waypoints(text)
+
+
+def test_items_without_parameters_in_the_file_read_as_zero() -> None:
+    plan = mutated(lambda item: item.update(params=[None, None, None, None, 47.0, 8.0, 60.0]))
+    (item,) = from_qgc_plan(plan)
+    assert item == replace(item, param1=0.0, param4=0.0, x=470000000, y=80000000)

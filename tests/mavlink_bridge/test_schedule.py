@@ -1,0 +1,122 @@
+from __future__ import annotations
+
+from itertools import pairwise
+from math import hypot
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mavlink_bridge.schedule import (
+    SAME_PLACE_M,
+    Schedule,
+    VehicleModel,
+    airborne_schedule,
+    cruise_speed,
+    ground_schedule,
+)
+
+PX4 = VehicleModel()
+coordinate = st.one_of(st.sampled_from([0.0, 10.0, 25.0]), st.floats(-300, 300))
+paths = st.lists(st.tuples(coordinate, coordinate), min_size=1, max_size=30)
+slot_durations = st.floats(0.5, 60)
+
+
+@given(path=paths, slot_s=slot_durations)
+def test_legs_and_holds_last_exactly_as_long_as_the_slots(path: list[tuple[float, float]], slot_s: float) -> None:
+    assert ground_schedule(path, slot_s, PX4).duration_s == pytest.approx(len(path) * slot_s)
+
+
+@given(path=paths, slot_s=slot_durations, first_s=st.floats(0.1, 60))
+def test_in_flight_they_last_the_first_leg_and_the_slots_after_it(
+    path: list[tuple[float, float]], slot_s: float, first_s: float
+) -> None:
+    schedule = airborne_schedule(path, slot_s, first_s, PX4)
+    assert schedule.duration_s == pytest.approx(first_s + (len(path) - 1) * slot_s)
+    assert all(stop.slot >= min(1, len(path) - 1) for stop in schedule.stops)
+
+
+@given(path=paths, slot_s=slot_durations)
+def test_every_slot_is_spent_at_the_stop_it_belongs_to(path: list[tuple[float, float]], slot_s: float) -> None:
+    stops = ground_schedule(path, slot_s, PX4).stops
+    assert stops[0].slot == 0
+    for stop, following in pairwise(stops):
+        for slot in range(stop.slot, following.slot):
+            assert hypot(path[slot][0] - stop.point_m[0], path[slot][1] - stop.point_m[1]) < SAME_PLACE_M
+
+
+@given(
+    distance=st.floats(0.1, 100),
+    duration=st.floats(1, 60),
+    entry=st.floats(0, 1),
+    leave=st.floats(0, 1),
+)
+def test_cruise_speed_covers_the_leg_in_time_where_any_speed_can(
+    distance: float, duration: float, entry: float, leave: float
+) -> None:
+    v = cruise_speed(distance, duration, entry=entry, leave=leave, acceleration_mps2=3.0)
+    lost_s = ((1 - entry) ** 2 + (1 - leave) ** 2) * v / (2 * 3.0)
+    takes_s = distance / v + lost_s
+    assert v >= distance / duration * (1 - 1e-12)
+    feasible = duration**2 >= 2 * ((1 - entry) ** 2 + (1 - leave) ** 2) * distance / 3.0
+    assert not feasible or takes_s == pytest.approx(duration)
+
+
+def test_a_leg_flown_through_is_flown_at_distance_over_time() -> None:
+    legs = ground_schedule([(0, 0), (20, 0), (40, 0), (60, 0)], 5.0, PX4).legs
+    assert [leg.speed_mps for leg in legs[1:2]] == pytest.approx([4.0])
+    assert legs[0].speed_mps > 4.0  # starts from rest
+    assert legs[2].speed_mps > 4.0  # ends in the hold of the last slot
+
+
+def test_a_leg_from_rest_gets_the_speed_worked_by_hand() -> None:
+    # 20 m in 5 s from rest at 3 m/s2, then straight on: 5 = 20/v + v/6 -> v^2 - 30 v + 120 = 0 -> v = 15 - sqrt(105)
+    assert ground_schedule([(0, 0), (20, 0), (40, 0)], 5.0, PX4).legs[0].speed_mps == pytest.approx(15 - 105**0.5)
+
+
+def test_a_sharp_corner_costs_the_leg_before_and_the_leg_after_it() -> None:
+    straight = ground_schedule([(0, 0), (20, 0), (40, 0), (60, 0), (80, 0)], 5.0, PX4)
+    corner = ground_schedule([(0, 0), (20, 0), (40, 0), (40, 20), (40, 40)], 5.0, PX4)
+    assert corner.legs[1].speed_mps > straight.legs[1].speed_mps
+    assert corner.legs[2].speed_mps > straight.legs[2].speed_mps
+
+
+def test_hovering_slots_become_one_stop_with_a_hold() -> None:
+    schedule = ground_schedule([(0, 0), (20, 0), (20.05, 0), (20, 0), (40, 0)], 5.0, PX4)
+    assert [(stop.slot, stop.hold_s) for stop in schedule.stops] == [(0, 0.0), (1, 10.0), (4, 5.0)]
+
+
+def test_a_slow_drift_is_flown_and_not_merged_away() -> None:
+    path = [(0.09 * slot, 0.0) for slot in range(12)]
+    stops = ground_schedule(path, 5.0, PX4).stops
+    assert stops[-1].point_m[0] == pytest.approx(path[-1][0], abs=SAME_PLACE_M)
+    assert len(stops) > 1
+
+
+def test_a_leg_too_short_to_be_slow_is_flown_at_the_least_speed_and_waited_for() -> None:
+    schedule = ground_schedule([(0, 0), (0.5, 0), (20, 0)], 5.0, PX4)
+    assert schedule.legs[0].speed_mps == PX4.min_speed_mps
+    assert schedule.stops[1].hold_s == pytest.approx(5.0 - 0.5 / 0.2)
+
+
+def test_all_slots_hovering_is_one_stop() -> None:
+    schedule: Schedule = ground_schedule([(5, 5)] * 20, 5.0, PX4)
+    assert [(stop.slot, stop.hold_s) for stop in schedule.stops] == [(0, 100.0)]
+    assert schedule.legs == ()
+
+
+def test_hovering_in_flight_still_has_a_leg_to_the_first_stop() -> None:
+    schedule = airborne_schedule([(5, 5)] * 4, 5.0, 2.0, PX4)
+    assert [(stop.slot, stop.hold_s) for stop in schedule.stops] == [(1, 17.0)]
+    assert schedule.leg_to(0) is not None
+
+
+def test_no_speed_is_above_what_the_vehicle_flies() -> None:
+    assert ground_schedule([(0, 0), (500, 0)], 5.0, PX4).legs[0].speed_mps == PX4.max_speed_mps
+
+
+@pytest.mark.parametrize("field", ["acceleration_mps2", "max_speed_mps", "min_speed_mps", "acceptance_radius_m"])
+@pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf")])
+def test_the_vehicle_model_names_the_field_that_is_wrong(field: str, value: float) -> None:
+    with pytest.raises(ValueError, match=field):
+        VehicleModel(**{field: value})
