@@ -1,0 +1,143 @@
+"""A mission as it lies on board: items as MISSION_ITEM_INT carries them, and what makes an item acceptable."""
+
+import math
+import struct
+import zlib
+from dataclasses import dataclass, field
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+MAX_ITEMS = 500
+NOT_GIVEN = 0x7FFFFFFF
+"""INT32_MAX in x or y: the coordinate is left to the vehicle (MAVLink's NaN for integers)."""
+
+NAV_COMMANDS = frozenset(
+    {
+        dialect.MAV_CMD_NAV_WAYPOINT,
+        dialect.MAV_CMD_NAV_LOITER_UNLIM,
+        dialect.MAV_CMD_NAV_RETURN_TO_LAUNCH,
+        dialect.MAV_CMD_NAV_LAND,
+        dialect.MAV_CMD_NAV_TAKEOFF,
+    }
+)
+COMMANDS = NAV_COMMANDS | {dialect.MAV_CMD_DO_CHANGE_SPEED}
+_RELATIVE_FRAMES = (dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT, dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT)
+_ABSOLUTE_FRAMES = (dialect.MAV_FRAME_GLOBAL, dialect.MAV_FRAME_GLOBAL_INT)
+_PLACELESS = (dialect.MAV_CMD_DO_CHANGE_SPEED, dialect.MAV_CMD_NAV_RETURN_TO_LAUNCH)
+
+
+@dataclass(frozen=True, slots=True)
+class MissionItem:
+    """One MISSION_ITEM_INT: x and y in 1e-7 degrees, z in metres in `frame`'s sense."""
+
+    seq: int
+    frame: int
+    command: int
+    current: int
+    autocontinue: int
+    param1: float
+    param2: float
+    param3: float
+    param4: float
+    x: int
+    y: int
+    z: float
+
+    @classmethod
+    def from_message(cls, message: Any) -> "MissionItem":
+        """Return the item a MISSION_ITEM_INT carries."""
+        return cls(*(getattr(message, name) for name in cls.__slots__))
+
+    @property
+    def is_nav(self) -> bool:
+        """Whether the vehicle flies to complete this item (else it is done at once)."""
+        return self.command in NAV_COMMANDS
+
+    @property
+    def has_place(self) -> bool:
+        """Whether latitude and longitude are given; for takeoff, land and loiter (0, 0) means "here" too."""
+        if self.command in _PLACELESS or NOT_GIVEN in (self.x, self.y):
+            return False
+        return self.command == dialect.MAV_CMD_NAV_WAYPOINT or (self.x, self.y) != (0, 0)
+
+    def relative_alt_m(self, home_alt_m: float) -> float:
+        """Return z as metres above home."""
+        return self.z if self.frame in _RELATIVE_FRAMES else self.z - home_alt_m
+
+
+@dataclass(frozen=True, slots=True)
+class Mission:
+    """A whole accepted mission; `mission_id` is the CRC-32 of its items, 0 when there is none."""
+
+    items: tuple[MissionItem, ...] = ()
+    mission_id: int = field(init=False)
+
+    def __post_init__(self) -> None:
+        crc = 0
+        for item in self.items:
+            crc = zlib.crc32(_fingerprint(item), crc)
+        object.__setattr__(self, "mission_id", crc)
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    @property
+    def marked_current(self) -> int | None:
+        """The first item uploaded with current = 1, if there is one."""
+        return next((item.seq for item in self.items if item.current), None)
+
+
+def rejection(item: MissionItem) -> int | None:
+    """Return the MAV_MISSION_RESULT that refuses this item, or None if it can be flown."""
+    if item.command not in COMMANDS:
+        return int(dialect.MAV_MISSION_UNSUPPORTED)
+    allowed_frames = _RELATIVE_FRAMES + _ABSOLUTE_FRAMES
+    if item.command in _PLACELESS:
+        allowed_frames += (dialect.MAV_FRAME_MISSION,)
+    if item.frame not in allowed_frames:
+        return int(dialect.MAV_MISSION_UNSUPPORTED_FRAME)
+    return _bad_parameter(item)
+
+
+def _bad_parameter(item: MissionItem) -> int | None:
+    if item.command == dialect.MAV_CMD_DO_CHANGE_SPEED:
+        usable = item.param2 > 0.0 or item.param2 in (-1.0, -2.0)
+        return None if usable and math.isfinite(item.param2) else int(dialect.MAV_MISSION_INVALID_PARAM2)
+    if item.command == dialect.MAV_CMD_NAV_WAYPOINT:
+        if not 0.0 <= item.param1 < math.inf:
+            return int(dialect.MAV_MISSION_INVALID_PARAM1)
+        if not 0.0 <= item.param2 < math.inf:
+            return int(dialect.MAV_MISSION_INVALID_PARAM2)
+        if not item.has_place:
+            return int(dialect.MAV_MISSION_INVALID_PARAM5_X)
+    return _bad_place(item)
+
+
+def _bad_place(item: MissionItem) -> int | None:
+    if item.has_place:
+        if abs(item.x) > 90 * 10**7:
+            return int(dialect.MAV_MISSION_INVALID_PARAM5_X)
+        if abs(item.y) > 180 * 10**7:
+            return int(dialect.MAV_MISSION_INVALID_PARAM6_Y)
+    if item.command not in _PLACELESS and not math.isfinite(item.z):
+        return int(dialect.MAV_MISSION_INVALID_PARAM7)
+    return None
+
+
+def _fingerprint(item: MissionItem) -> bytes:
+    """Everything the vehicle flies by; `current` is a cursor and not part of the plan."""
+    return struct.pack(
+        "<HBHB4fiif",
+        item.seq,
+        item.frame,
+        item.command,
+        item.autocontinue,
+        item.param1,
+        item.param2,
+        item.param3,
+        item.param4,
+        item.x,
+        item.y,
+        item.z,
+    )

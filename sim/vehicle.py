@@ -1,0 +1,163 @@
+"""How a multirotor moves: pure kinematics with limits, no modes, no MAVLink, no clock.
+
+Frame: metres east, north and up of the vehicle's spawn point on level ground (up = 0). Yaw in radians, 0 = north,
+clockwise positive. One `step` takes a body and what it should do, and returns the body a moment later.
+"""
+
+import math
+from dataclasses import dataclass, fields, replace
+
+GRAVITY_MPS2 = 9.81
+TERMINAL_SPEED_MPS = 20.0
+BRAKING_SHARE = 0.8
+"""Share of the acceleration limit used to plan a stop; the rest absorbs the time step and the last turn."""
+APPROACH_GAIN_PER_S = 1.5
+"""Close to the target, speed is this much per metre that is left (a soft arrival instead of an abrupt one)."""
+YAW_RATE_RAD_S = math.radians(60.0)
+COURSE_SPEED_MPS = 0.5
+"""Below this ground speed the nose keeps its direction."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Limits:
+    """What the airframe and its tuning allow. Defaults are PX4's for a multirotor, parameter names beside them."""
+
+    max_speed_mps: float = 12.0  # MPC_XY_VEL_MAX
+    cruise_speed_mps: float = 5.0  # MPC_XY_CRUISE
+    acceleration_mps2: float = 3.0  # MPC_ACC_HOR
+    climb_mps: float = 3.0  # MPC_Z_V_AUTO_UP, MPC_Z_VEL_MAX_UP
+    descend_mps: float = 1.5  # MPC_Z_V_AUTO_DN
+    land_mps: float = 0.7  # MPC_LAND_SPEED
+    land_slow_below_m: float = 10.0  # MPC_LAND_ALT1
+    climb_acceleration_mps2: float = 4.0  # MPC_ACC_UP_MAX
+    descend_acceleration_mps2: float = 3.0  # MPC_ACC_DOWN_MAX
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not 0.0 < value < math.inf:
+                raise ValueError(f"{field.name} must be a positive number, got {value}")
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """Position (m), velocity (m/s) and heading (rad) of one vehicle."""
+
+    east_m: float = 0.0
+    north_m: float = 0.0
+    up_m: float = 0.0
+    east_mps: float = 0.0
+    north_mps: float = 0.0
+    up_mps: float = 0.0
+    yaw_rad: float = 0.0
+
+    @property
+    def ground_speed_mps(self) -> float:
+        """Horizontal speed."""
+        return math.hypot(self.east_mps, self.north_mps)
+
+    @property
+    def on_ground(self) -> bool:
+        """Whether the skids touch the ground."""
+        return self.up_m <= 0.0
+
+    def distance_to(self, east_m: float, north_m: float) -> float:
+        """Return the horizontal distance to a point, metres."""
+        return math.hypot(east_m - self.east_m, north_m - self.north_m)
+
+
+@dataclass(frozen=True, slots=True)
+class Guidance:
+    """What to fly: towards a point at `speed_mps`, to be passed at `passing_mps`; `landing` sinks to the ground."""
+
+    east_m: float
+    north_m: float
+    up_m: float
+    speed_mps: float
+    passing_mps: float = 0.0
+    landing: bool = False
+
+
+def approach_speed(distance_m: float, acceleration_mps2: float, passing_mps: float = 0.0) -> float:
+    """Return the highest speed from which `passing_mps` is still met `distance_m` ahead (square root, then linear)."""
+    linear_m = acceleration_mps2 / APPROACH_GAIN_PER_S**2
+    if distance_m < linear_m:
+        stop = APPROACH_GAIN_PER_S * distance_m
+    else:
+        stop = math.sqrt(2.0 * acceleration_mps2 * (distance_m - linear_m / 2.0))
+    return math.hypot(stop, passing_mps)
+
+
+def stopping_point(body: Body, limits: Limits) -> tuple[float, float]:
+    """Return (east_m, north_m) where the vehicle comes to rest when it brakes now."""
+    reach_s = body.ground_speed_mps / (2.0 * BRAKING_SHARE * limits.acceleration_mps2)
+    return body.east_m + body.east_mps * reach_s, body.north_m + body.north_mps * reach_s
+
+
+def step(body: Body, guidance: Guidance, limits: Limits, dt_s: float) -> Body:
+    """Return the body `dt_s` later under power; speeds and accelerations stay within `limits`."""
+    east_mps, north_mps = _horizontal_velocity(body, guidance, limits, dt_s)
+    up_mps = _vertical_velocity(body, guidance, limits, dt_s)
+    up_m = body.up_m + (body.up_mps + up_mps) / 2.0 * dt_s
+    if up_m <= 0.0:
+        up_m = up_mps = 0.0
+        if guidance.landing:
+            east_mps = north_mps = 0.0
+    return Body(
+        east_m=body.east_m + (body.east_mps + east_mps) / 2.0 * dt_s,
+        north_m=body.north_m + (body.north_mps + north_mps) / 2.0 * dt_s,
+        up_m=up_m,
+        east_mps=east_mps,
+        north_mps=north_mps,
+        up_mps=up_mps,
+        yaw_rad=_yaw(body, east_mps, north_mps, dt_s),
+    )
+
+
+def fall(body: Body, dt_s: float) -> Body:
+    """Return the body `dt_s` later with the motors stopped; at rest once it is on the ground."""
+    if body.on_ground:
+        return replace(body, up_m=0.0, east_mps=0.0, north_mps=0.0, up_mps=0.0)
+    up_mps = max(body.up_mps - GRAVITY_MPS2 * dt_s, -TERMINAL_SPEED_MPS)
+    return replace(
+        body,
+        east_m=body.east_m + body.east_mps * dt_s,
+        north_m=body.north_m + body.north_mps * dt_s,
+        up_m=max(0.0, body.up_m + (body.up_mps + up_mps) / 2.0 * dt_s),
+        up_mps=up_mps,
+    )
+
+
+def _horizontal_velocity(body: Body, guidance: Guidance, limits: Limits, dt_s: float) -> tuple[float, float]:
+    east_m, north_m = guidance.east_m - body.east_m, guidance.north_m - body.north_m
+    distance_m = math.hypot(east_m, north_m)
+    cruise = min(guidance.speed_mps, limits.max_speed_mps)
+    braking = BRAKING_SHARE * limits.acceleration_mps2
+    wanted = min(cruise, approach_speed(distance_m, braking, min(guidance.passing_mps, cruise)))
+    scale = wanted / distance_m if distance_m > 1e-9 else 0.0
+    change_east, change_north = east_m * scale - body.east_mps, north_m * scale - body.north_mps
+    change = math.hypot(change_east, change_north)
+    share = min(1.0, limits.acceleration_mps2 * dt_s / change) if change > 0.0 else 0.0
+    return body.east_mps + change_east * share, body.north_mps + change_north * share
+
+
+def _vertical_velocity(body: Body, guidance: Guidance, limits: Limits, dt_s: float) -> float:
+    if guidance.landing:
+        wanted = -limits.land_mps if body.up_m <= limits.land_slow_below_m else -limits.descend_mps
+    else:
+        error_m = guidance.up_m - body.up_m
+        acceleration = BRAKING_SHARE * min(limits.climb_acceleration_mps2, limits.descend_acceleration_mps2)
+        speed = approach_speed(abs(error_m), acceleration)
+        wanted = min(speed, limits.climb_mps) if error_m >= 0.0 else -min(speed, limits.descend_mps)
+    change = wanted - body.up_mps
+    return body.up_mps + max(
+        -limits.descend_acceleration_mps2 * dt_s, min(limits.climb_acceleration_mps2 * dt_s, change)
+    )
+
+
+def _yaw(body: Body, east_mps: float, north_mps: float, dt_s: float) -> float:
+    if math.hypot(east_mps, north_mps) < COURSE_SPEED_MPS:
+        return body.yaw_rad
+    turn = math.remainder(math.atan2(east_mps, north_mps) - body.yaw_rad, math.tau)
+    limit = YAW_RATE_RAD_S * dt_s
+    return math.remainder(body.yaw_rad + max(-limit, min(limit, turn)), math.tau)

@@ -1,0 +1,94 @@
+"""The MAVLink 2 messages on the wire: pymavlink's dialect, plus the extension fields it does not know yet.
+
+pymavlink 2.4.50 leaves out `mission_id` (MISSION_CURRENT) and `opaque_id` (MISSION_ACK, MISSION_COUNT). Extension
+fields are not part of a message's checksum seed, so they can be appended to the payload of the known message.
+"""
+
+import struct
+from typing import Any, Protocol
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+AUTOPILOT_COMPONENT = 1
+MAVLINK_2_MARKER = 0xFD
+
+
+class Message(Protocol):
+    """An outgoing message: knows its name and packs itself with a sender's identity."""
+
+    def pack(self, mav: Any) -> bytes:
+        """Return the frame, with `mav`'s system id, component id and sequence number."""
+        ...
+
+    def get_type(self) -> str:
+        """Return the message name, e.g. "HEARTBEAT"."""
+        ...
+
+
+class Extended:
+    """A message without array fields, with `<name>: uint32` extension fields appended to its payload."""
+
+    def __init__(self, base: Any, **extension: int) -> None:
+        self.base = base
+        self.extension = extension
+
+    def __getattr__(self, name: str) -> Any:
+        """Return an extension field, or a field of the known message."""
+        if name in self.extension:
+            return self.extension[name]
+        return getattr(self.base, name)
+
+    def get_type(self) -> str:
+        """Return the message name."""
+        return str(self.base.get_type())
+
+    def pack(self, mav: Any) -> bytes:
+        """Return the frame."""
+        base = self.base
+        payload = base.unpacker.pack(*(getattr(base, name) for name in base.ordered_fieldnames))
+        payload += struct.pack(f"<{len(self.extension)}I", *self.extension.values())
+        return bytes(base._pack(mav, base.crc_extra, payload))
+
+
+class Encoder:
+    """Packs messages as one system's component 1 and counts their sequence numbers."""
+
+    def __init__(self, system_id: int) -> None:
+        self._mav = dialect.MAVLink(None, srcSystem=system_id, srcComponent=AUTOPILOT_COMPONENT)
+
+    def encode(self, message: Message) -> bytes:
+        """Return the MAVLink 2 frame of `message`."""
+        frame = message.pack(self._mav)
+        self._mav.seq = (self._mav.seq + 1) % 256
+        return frame
+
+
+class Decoder:
+    """Parses the byte stream of one peer; damaged frames and MAVLink 1 frames are dropped."""
+
+    def __init__(self) -> None:
+        self._mav = dialect.MAVLink(None)
+        self._mav.robust_parsing = True
+
+    def decode(self, data: bytes) -> list[Any]:
+        """Return the whole MAVLink 2 messages that `data` completes."""
+        messages = self._mav.parse_buffer(data) or []
+        return [message for message in messages if self._is_ours(message)]
+
+    @staticmethod
+    def _is_ours(message: Any) -> bool:
+        name = message.get_type()
+        return name != "BAD_DATA" and not name.startswith("UNKNOWN") and message.get_msgbuf()[0] == MAVLINK_2_MARKER
+
+
+def text(words: str, severity: int = dialect.MAV_SEVERITY_INFO) -> Message:
+    """Return a STATUSTEXT; words beyond 50 bytes are cut."""
+    message: Message = dialect.MAVLink_statustext_message(severity, words.encode("ascii", "replace")[:50])
+    return message
+
+
+def is_for(message: Any, system_id: int) -> bool:
+    """Whether an incoming message addresses this system's autopilot, or everybody."""
+    system = getattr(message, "target_system", 0)
+    component = getattr(message, "target_component", 0)
+    return system in (0, system_id) and component in (0, AUTOPILOT_COMPONENT)
