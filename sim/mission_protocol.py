@@ -56,7 +56,7 @@ class MissionProtocol:
         *,
         clock: Callable[[], float],
         on_accept: Callable[[Mission], None],
-        on_jump: Callable[[int], None],
+        on_jump: Callable[[int], object],
         current: Callable[[], int],
     ) -> None:
         self.mission = Mission()

@@ -17,6 +17,9 @@ from sim.missions import Mission, MissionItem
 from sim.parameters import ParameterStore
 from sim.vehicle import BRAKING_SHARE, Body, Guidance
 
+Place = tuple[float, float]
+"""Metres east and north of the spawn point."""
+
 LOOK_AHEAD = 4
 """How many corners ahead are considered for the speed at the next one."""
 
@@ -56,7 +59,7 @@ class MissionRunner:
         self._target: _Target | None = None
         self._holding_since_s: float | None = None
         self._climb_first = False
-        self._was: tuple[float, float] = (0.0, 0.0)
+        self._was: Place = (0.0, 0.0)
 
     @property
     def item(self) -> MissionItem:
@@ -177,9 +180,7 @@ class MissionRunner:
                 passing = 0.0
         return Guidance(target.east_m, target.north_m, target.up_m, self.cruise_mps, passing)
 
-    def _passing_speed(
-        self, index: int, start: tuple[float, float], corner: tuple[float, float], speed: float | None, depth: int
-    ) -> float:
+    def _passing_speed(self, index: int, start: Place, corner: Place, speed: float | None, depth: int) -> float:
         """Return the speed at the corner of item `index`, reached from `start`, that the legs after it allow."""
         item = self.mission.items[index]
         flown_through = item.command == dialect.MAV_CMD_NAV_WAYPOINT and item.param1 <= 0.0
@@ -200,7 +201,7 @@ class MissionRunner:
             return min(leg, turn, self._cruise(speed))
         return 0.0
 
-    def _place(self, item: MissionItem) -> tuple[float, float] | None:
+    def _place(self, item: MissionItem) -> Place | None:
         return self._frame.to_local(item.x / 1e7, item.y / 1e7) if item.has_place else None
 
     def _radius(self, item: MissionItem) -> float:
@@ -224,9 +225,9 @@ def _changed(speed_mps: float | None, item: MissionItem) -> float | None:
 
 
 def _corner_speed(
-    start: tuple[float, float],
-    corner: tuple[float, float],
-    goal: tuple[float, float],
+    start: Place,
+    corner: Place,
+    goal: Place,
     acceleration: float,
     radius: float,
 ) -> float:
@@ -239,7 +240,7 @@ def _corner_speed(
     return math.sqrt(acceleration * radius * math.tan(angle / 2.0)) if angle < math.pi - 1e-6 else math.inf
 
 
-def _distance_from_segment(a: tuple[float, float], b: tuple[float, float], point: tuple[float, float]) -> float:
+def _distance_from_segment(a: Place, b: Place, point: Place) -> float:
     """Return the distance of `point` from the path a-b flown since the last look."""
     along = (b[0] - a[0], b[1] - a[1])
     length2 = along[0] ** 2 + along[1] ** 2

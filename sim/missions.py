@@ -92,9 +92,9 @@ def rejection(item: MissionItem) -> int | None:
     """Return the MAV_MISSION_RESULT that refuses this item, or None if it can be flown."""
     if item.command not in COMMANDS:
         return int(dialect.MAV_MISSION_UNSUPPORTED)
-    allowed_frames = _RELATIVE_FRAMES + _ABSOLUTE_FRAMES
+    allowed_frames = {*_RELATIVE_FRAMES, *_ABSOLUTE_FRAMES}
     if item.command in _PLACELESS:
-        allowed_frames += (dialect.MAV_FRAME_MISSION,)
+        allowed_frames.add(dialect.MAV_FRAME_MISSION)
     if item.frame not in allowed_frames:
         return int(dialect.MAV_MISSION_UNSUPPORTED_FRAME)
     return _bad_parameter(item)
