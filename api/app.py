@@ -1,0 +1,38 @@
+"""The FastAPI application."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+from fastapi import FastAPI
+
+from api import __version__, problems
+from api.routes import events, fleet, operations, plans, scenarios
+from api.service import Service
+from api.settings import Settings
+
+
+def create_app(settings: Settings | None = None) -> FastAPI:
+    """The service as an ASGI app; its parts live from startup to shutdown."""
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        service = Service(settings or Settings())
+        app.state.service = service
+        try:
+            await service.start()
+            yield
+        finally:
+            await service.stop()
+
+    app = FastAPI(
+        title="skyfolio",
+        version=__version__,
+        summary="Plan, fly and heal multi-UAV communication networks.",
+        lifespan=lifespan,
+    )
+    for routes in (plans, scenarios, fleet, operations, events):
+        app.include_router(routes.router)
+    problems.install(app)
+    return app

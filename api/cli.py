@@ -1,0 +1,206 @@
+"""The `skyfolio` command. Every command takes `--json` and then prints nothing but JSON on standard output."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+from pydantic import ValidationError
+from rich.console import Console
+
+from api import show
+from api.problems import ServiceError, broken_rules
+from mavlink_bridge import BridgeError
+from planner import EXAMPLES, AnyOf, Deadline, Plan, ReplanError, Scenario, converged, plan, replan
+
+cli = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, help=__doc__)
+bench = typer.Typer(no_args_is_help=True, help="Measure; figures as JSON.")
+cli.add_typer(bench, name="bench")
+errors = Console(stderr=True)
+
+Json = Annotated[bool, typer.Option("--json", help="Print JSON only.")]
+Out = Annotated[Path | None, typer.Option(help="Write the result here instead of printing it.")]
+DeadlineS = Annotated[float | None, typer.Option(min=0.001, help="Return the best plan after this many seconds.")]
+
+
+class UsageError(Exception):
+    """The command line or a file given on it is wrong; exit status 2."""
+
+
+@cli.command("plan")
+def plan_command(
+    file: Annotated[Path | None, typer.Argument(help="Scenario as JSON.")] = None,
+    example: Annotated[str | None, typer.Option(help=f"Plan a ready scenario: {', '.join(EXAMPLES)}.")] = None,
+    deadline_s: DeadlineS = None,
+    out: Out = None,
+    as_json: Json = False,
+) -> None:
+    """Plan a scenario."""
+    scenario = _scenario(file, example)
+    _deliver(plan(scenario, stop=_stop(deadline_s), clock=time.perf_counter), out, as_json)
+
+
+@cli.command("replan")
+def replan_command(
+    file: Annotated[Path, typer.Argument(help="Plan as JSON, as `skyfolio plan --json` prints it.")],
+    failed: Annotated[list[str], typer.Option(help="A UAV that is gone; may be given several times.")],
+    at_slot: Annotated[int, typer.Option(min=0, help="First slot to plan, counted from 0.")],
+    deadline_s: DeadlineS = None,
+    out: Out = None,
+    as_json: Json = False,
+) -> None:
+    """Plan the remaining slots for the survivors of a plan."""
+    previous = Plan.model_validate_json(_read(file))
+    made = replan(previous, failed=failed, at_slot=at_slot, stop=_stop(deadline_s), clock=time.perf_counter)
+    _deliver(made, out, as_json)
+
+
+@cli.command()
+def export(
+    file: Annotated[Path, typer.Argument(help="Plan as JSON.")],
+    uav_id: Annotated[str | None, typer.Option(help="Which UAV; not needed for --format json.")] = None,
+    format: Annotated[Literal["plan", "waypoints", "json"], typer.Option(help="File format.")] = "plan",  # noqa: A002
+    out: Out = None,
+    as_json: Json = False,
+) -> None:
+    """Write the MAVLink missions of a plan as QGroundControl `.plan`, `.waypoints` text or JSON."""
+    from api import missions  # noqa: PLC0415 - MAVSDK is only loaded where it is used
+
+    made = Plan.model_validate_json(_read(file))
+    if format == "json" or as_json:
+        text = json.dumps(missions.as_json(made, uav_id), indent=2)
+    elif format == "plan":
+        text = json.dumps(missions.qgc_plan(made, uav_id), indent=4)
+    else:
+        text = missions.waypoints(made, uav_id)
+    _write(text, out)
+
+
+@cli.command()
+def serve(
+    host: Annotated[str | None, typer.Option(help="Address to bind; loopback unless told otherwise.")] = None,
+    port: Annotated[int | None, typer.Option(min=0, max=65535, help="TCP port.")] = None,
+    fleet_url: Annotated[str | None, typer.Option(help="Where vehicles are, e.g. udpin://127.0.0.1:14540.")] = None,
+    time_scale: Annotated[float | None, typer.Option(help="Speed-up of a simulated fleet; 1 for real ones.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Run the service. Settings also come from SKYFOLIO_* environment variables."""
+    import uvicorn  # noqa: PLC0415
+
+    from api.app import create_app  # noqa: PLC0415
+    from api.logs import configure_logging  # noqa: PLC0415
+    from api.settings import Settings  # noqa: PLC0415
+
+    given = {"host": host, "port": port, "fleet_url": fleet_url, "time_scale": time_scale}
+    settings = Settings(**{name: value for name, value in given.items() if value is not None})  # type: ignore[arg-type]
+    configure_logging(as_json=as_json)
+    uvicorn.run(create_app(settings), host=settings.host, port=settings.port, log_config=None, access_log=False)
+
+
+@cli.command()
+def simulate(
+    vehicles: Annotated[int, typer.Option(min=1, max=254, help="How many; system ids 1..N.")] = 3,
+    speedup: Annotated[float, typer.Option(min=0.1, max=100, help="Times real time.")] = 1.0,
+    endpoint: Annotated[str, typer.Option(help="Where all vehicles send to.")] = "udpout://127.0.0.1:14540",
+    example: Annotated[str | None, typer.Option(help="Stand at the starts of this example.")] = None,
+    duration_s: Annotated[float | None, typer.Option(min=0.1, help="End after this many fleet seconds.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Fly a software-only fleet that speaks MAVLink, until interrupted."""
+    from api.simulate import run_fleet  # noqa: PLC0415
+
+    scenario = _scenario(None, example) if example else None
+    asyncio.run(run_fleet(vehicles, speedup, endpoint, scenario, duration_s, as_json=as_json))
+
+
+@cli.command()
+def demo(
+    speedup: Annotated[float, typer.Option(min=1, max=20, help="Times real time.")] = 5.0,
+    kill: Annotated[str, typer.Option(help="The UAV that falls.")] = "uav-3",
+    kill_slot: Annotated[int, typer.Option(min=2, help="It falls when this slot begins; 1 is the first.")] = 11,
+    replan: Annotated[bool, typer.Option("--replan/--no-replan", help="Whether the service answers the loss.")] = True,
+    out: Annotated[Path, typer.Option(help="Folder of report.html and report.json.")] = Path("out/demo"),
+    as_json: Json = False,
+) -> None:
+    """Plan, fly, lose a UAV, replan, fly on, and check it all against the simulator's ground truth."""
+    from api.demo import DemoConfig, DemoError, run_demo  # noqa: PLC0415
+
+    config = DemoConfig(speedup=speedup, kill=kill, kill_slot=kill_slot, replan=replan, out=out)
+    try:
+        report = asyncio.run(run_demo(config, quiet=as_json))
+    except DemoError as error:
+        errors.print(f"[red]the drill was not flown:[/] {error}", highlight=False)
+        raise typer.Exit(1) from error
+    if as_json:
+        _write(report.model_dump_json(indent=2), None)
+    raise typer.Exit(0 if report.passed else 1)
+
+
+@bench.command("planner")
+def bench_planner(
+    runs: Annotated[int, typer.Option(min=1, help="Warm runs of each.")] = 5, as_json: Json = False
+) -> None:
+    """Time the planner on the paper scenario: a cold plan, and a replan after a loss."""
+    from api.bench import planner_figures, table  # noqa: PLC0415
+
+    figures = planner_figures(runs)
+    if as_json:
+        _write(json.dumps(figures, indent=2), None)
+    else:
+        Console().print(table(figures))
+
+
+def main() -> None:
+    """Run the command; errors a user can act on are one message on standard error and exit status 2."""
+    try:
+        cli()
+    except ValidationError as error:
+        for row in broken_rules(error.errors(), ()):
+            errors.print(f"[red]error:[/] {row['field']}: {row['message']}", highlight=False)
+        sys.exit(2)
+    except (UsageError, ReplanError, BridgeError, ServiceError) as error:
+        errors.print(f"[red]error:[/] {error}", highlight=False)
+        sys.exit(2)
+
+
+def _scenario(file: Path | None, example: str | None) -> Scenario:
+    if (file is None) == (example is None):
+        raise UsageError("give a scenario FILE or --example NAME, one of them")
+    if file is not None:
+        return Scenario.model_validate_json(_read(file))
+    if example not in EXAMPLES:
+        raise UsageError(f"--example: {example!r} must be one of {', '.join(EXAMPLES)}")
+    return EXAMPLES[example]()
+
+
+def _stop(deadline_s: float | None) -> AnyOf:
+    if deadline_s is None:
+        return converged()
+    return AnyOf(converged(), Deadline(deadline_s, clock=time.monotonic))
+
+
+def _read(file: Path) -> str:
+    try:
+        return file.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise UsageError(f"{file}: {error}") from error
+
+
+def _deliver(made: Plan, out: Path | None, as_json: bool) -> None:
+    if as_json or out is not None:
+        _write(made.model_dump_json(indent=2), out)
+    if not as_json:
+        Console().print(show.plan_table(made))
+
+
+def _write(text: Any, out: Path | None) -> None:
+    if out is None:
+        sys.stdout.write(text.rstrip("\n") + "\n")
+        return
+    out.parent.mkdir(parents=True, exist_ok=True)
+    out.write_text(text, encoding="utf-8")

@@ -1,0 +1,11 @@
+"""The demonstration drill: service and simulated fleet as a user would run them, one UAV lost, everything checked.
+
+`runner.py` flies it, `client.py` talks REST to the service process, `truth.py` judges by the simulator's ground truth,
+`report.py` is what comes out, `page.py` draws it.
+"""
+
+from api.demo.client import DemoError
+from api.demo.report import DemoReport
+from api.demo.runner import DemoConfig, run_demo
+
+__all__ = ["DemoConfig", "DemoError", "DemoReport", "run_demo"]

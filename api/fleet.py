@@ -1,0 +1,140 @@
+"""The vehicles of this service: which UAV of a plan is which MAVLink system, and the one link to all of them."""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import suppress
+
+from pydantic import BaseModel
+
+from api.clock import FleetClock
+from api.events import EventLog
+from api.problems import ConflictError, InvalidError
+from api.settings import Settings
+from mavlink_bridge import FleetLink, HeartbeatMonitor, LinkEvent
+
+
+class VehicleView(BaseModel):
+    """A registered vehicle and what it last said. Angles in degrees, altitude in metres above its own home."""
+
+    uav_id: str
+    system_id: int
+    link: str
+    silent_for_s: float | None
+    lat_deg: float | None = None
+    lon_deg: float | None = None
+    relative_alt_m: float | None = None
+    armed: bool | None = None
+    mode: str | None = None
+    mission_item: int | None = None
+
+
+class Fleet:
+    """Registered vehicles, the link that reaches them, and news of lost and found ones."""
+
+    def __init__(self, settings: Settings, clock: FleetClock, events: EventLog) -> None:
+        self._settings, self._clock, self._events = settings, clock, events
+        self._systems: dict[str, int] = {}
+        self._link: FleetLink | None = None
+        self._monitor = HeartbeatMonitor(
+            stale_after_s=settings.heartbeat_stale_s, lost_after_s=settings.heartbeat_lost_s
+        )
+        self._followers: set[asyncio.Queue[LinkEvent]] = set()
+        self._watcher: asyncio.Task[None] | None = None
+        self._opening = asyncio.Lock()
+
+    @property
+    def link(self) -> FleetLink:
+        """The open link. Raises ConflictError before any vehicle is registered."""
+        if self._link is None:
+            raise ConflictError("fleet: no vehicle is registered, so no link is open")
+        return self._link
+
+    async def register(self, uav_id: str, system_id: int) -> VehicleView:
+        """Tie a UAV id to a MAVLink system id and open the link. Raises ConflictError when either is taken."""
+        if self._systems.get(uav_id, system_id) != system_id:
+            raise ConflictError(f"uav_id: {uav_id!r} is already system {self._systems[uav_id]}")
+        taken = {system: uav for uav, system in self._systems.items()}
+        if taken.get(system_id, uav_id) != uav_id:
+            raise ConflictError(f"system_id: {system_id} is already {taken[system_id]!r}")
+        await self._open()
+        self._systems[uav_id] = system_id
+        self._monitor.watch(system_id, self._clock.now())
+        return self.view(uav_id)
+
+    def system_of(self, uav_id: str) -> int:
+        """MAVLink system id. Raises InvalidError for a UAV that is not registered."""
+        try:
+            return self._systems[uav_id]
+        except KeyError:
+            raise InvalidError(f"vehicles: {uav_id!r} is not registered with the fleet") from None
+
+    def views(self) -> list[VehicleView]:
+        """All vehicles, by UAV id."""
+        return [self.view(uav_id) for uav_id in sorted(self._systems)]
+
+    def view(self, uav_id: str) -> VehicleView:
+        """One vehicle as it was last heard."""
+        system_id = self.system_of(uav_id)
+        now, said = self._clock.now(), self.link.telemetry(system_id)
+        view = VehicleView(
+            uav_id=uav_id,
+            system_id=system_id,
+            link=self._monitor.state(system_id).value,
+            silent_for_s=self._monitor.silent_for_s(system_id, now),
+        )
+        if said is None:
+            return view
+        return view.model_copy(
+            update={
+                "lat_deg": said.lat_deg,
+                "lon_deg": said.lon_deg,
+                "relative_alt_m": said.relative_alt_m,
+                "armed": said.armed,
+                "mode": said.mode,
+                "mission_item": said.mission_current,
+            }
+        )
+
+    def follow(self) -> asyncio.Queue[LinkEvent]:
+        """A queue that gets every link event from now on; give it back to `unfollow`."""
+        queue: asyncio.Queue[LinkEvent] = asyncio.Queue()
+        self._followers.add(queue)
+        return queue
+
+    def unfollow(self, queue: asyncio.Queue[LinkEvent]) -> None:
+        """Stop filling the queue."""
+        self._followers.discard(queue)
+
+    async def close(self) -> None:
+        """Close the link; the vehicles keep what they have on board."""
+        if self._watcher is not None:
+            self._watcher.cancel()
+            with suppress(asyncio.CancelledError):
+                await self._watcher
+        if self._link is not None:
+            await self._link.close()
+            self._link = None
+
+    async def _open(self) -> None:
+        async with self._opening:
+            if self._link is None:
+                link = FleetLink(clock=self._clock, monitor=self._monitor)
+                await link.connect(self._settings.fleet_url)
+                self._link = link
+                self._watcher = asyncio.create_task(self._watch(link))
+
+    async def _watch(self, link: FleetLink) -> None:
+        async for event in link.events():
+            names = {system: uav for uav, system in self._systems.items()}
+            if event.system_id not in names:
+                continue
+            self._events.add(
+                "link",
+                uav_id=names[event.system_id],
+                before=event.before.value,
+                after=event.after.value,
+                silent_for_s=round(event.silent_for_s, 3),
+            )
+            for queue in self._followers:
+                queue.put_nowait(event)

@@ -1,0 +1,201 @@
+"""One flight: the vehicles' side of an operation, its slot clock, and the record of who was where."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Mapping
+from typing import Literal
+
+import numpy as np
+
+from api.clock import FleetClock
+from api.fleet import Fleet
+from api.rates import InForce, Point, Sample, rates_by_slot
+from mavlink_bridge import BridgeError, LinkEvent, LinkState, Mission, geodetic_to_east_north
+from planner import Plan
+
+SAMPLE_EVERY_S = 0.5
+
+
+class FlightError(BridgeError):
+    """Vehicles did not do what an operation needs; the message names them."""
+
+
+class Flight:
+    """Vehicles that fly a plan, and the plans that replaced it. Times are fleet seconds since slot 0 began."""
+
+    def __init__(self, plan: Plan, systems: dict[str, int], fleet: Fleet, clock: FleetClock) -> None:
+        self.systems = systems
+        self.timeline = [InForce(0.0, plan)]
+        self.lost: dict[str, float] = {}
+        self._fleet, self._clock = fleet, clock
+        self._uavs = {system: uav for uav, system in systems.items()}
+        self._began: float | None = None
+        self._record: list[tuple[float, dict[str, Point]]] = []
+
+    # --- the plan and its clock ---
+
+    @property
+    def first_plan(self) -> Plan:
+        """The plan of the whole fleet that the operation began with."""
+        return self.timeline[0].plan
+
+    @property
+    def plan(self) -> Plan:
+        """The plan in force."""
+        return self.timeline[-1].plan
+
+    @property
+    def n_slots(self) -> int:
+        """Slots of the whole operation."""
+        return self.first_plan.scenario.slots
+
+    @property
+    def slot_s(self) -> float:
+        """Slot duration in fleet seconds."""
+        return self.first_plan.scenario.slot_duration_s
+
+    def elapsed_s(self) -> float | None:
+        """Fleet seconds since slot 0 began, None before."""
+        return None if self._began is None else self._clock.now() - self._began
+
+    def now_s(self) -> float:
+        """As `elapsed_s`, for a flight that has begun."""
+        return self.elapsed_s() or 0.0
+
+    def slot(self) -> int | None:
+        """The slot that lasts now, None before the first and after the last."""
+        elapsed = self.elapsed_s()
+        if elapsed is None or elapsed >= self.n_slots * self.slot_s:
+            return None
+        return int(elapsed // self.slot_s)
+
+    def past_last_slot(self) -> bool:
+        """Whether every slot is over."""
+        return self.now_s() >= self.n_slots * self.slot_s
+
+    # --- commands ---
+
+    async def upload(self, missions: Mapping[str, Mission]) -> float:
+        """Put missions on board and prove it; wall seconds of the slowest. Raises FlightError with each failure."""
+        await self._fleet.link.wait_for(set(self.systems.values()), timeout_s=10.0)
+        results = await self._fleet.link.upload({self.systems[uav]: mission for uav, mission in missions.items()})
+        bad = {self._uavs[system]: result.error for system, result in results.items() if not result.verified}
+        if bad:
+            good = sorted(self._uavs[system] for system, result in results.items() if result.verified)
+            raise FlightError(f"upload failed for {_each(bad)}; verified on board of {', '.join(good) or 'nobody'}")
+        return max(result.seconds for result in results.values())
+
+    async def launch(self, timeout_s: float) -> None:
+        """Arm, climb to the plan's altitude and wait there for each other. Raises FlightError."""
+        altitude = self.first_plan.scenario.altitude_m
+        results = await self._fleet.link.launch(dict.fromkeys(self._uavs, altitude), timeout_s=timeout_s)
+        bad = {self._uavs[system]: result.error for system, result in results.items() if not result.ok}
+        if bad:
+            raise FlightError(f"launch failed for {_each(bad)}")
+
+    async def start(self) -> None:
+        """Begin slot 0 on all vehicles at once. Raises FlightError."""
+        began = self._clock.now()
+        results = await self._fleet.link.start(set(self._uavs), item=1)
+        bad = {self._uavs[system]: result.error for system, result in results.items() if not result.ok}
+        if bad:
+            raise FlightError(f"start failed for {_each(bad)}")
+        self._began = began
+
+    async def swap(self, missions: Mapping[str, Mission]) -> dict[str, str | None]:
+        """Replace missions in flight; for each UAV None when it verifiably flies the new one, else what went wrong."""
+        results = await self._fleet.link.swap({self.systems[uav]: mission for uav, mission in missions.items()})
+        return {
+            self._uavs[system]: None if result.ok else result.error or "failed" for system, result in results.items()
+        }
+
+    async def stop_where_it_is(self, action: Literal["hold", "land"]) -> None:
+        """Hold or land every vehicle that still answers."""
+        systems = {self.systems[uav] for uav in self.surviving()}
+        await (self._fleet.link.hold(systems) if action == "hold" else self._fleet.link.land(systems))
+
+    def take_over(self, plan: Plan) -> None:
+        """From now on users and vehicles follow this plan."""
+        self.timeline.append(InForce(self.now_s(), plan))
+
+    # --- who is there ---
+
+    def surviving(self) -> list[str]:
+        """UAVs not declared lost, in the order of the first plan."""
+        return [uav for uav in self.systems if uav not in self.lost]
+
+    def follow_losses(self) -> asyncio.Queue[LinkEvent]:
+        """Begin to receive link events."""
+        return self._fleet.follow()
+
+    def unfollow_losses(self, queue: asyncio.Queue[LinkEvent]) -> None:
+        """Stop receiving them."""
+        self._fleet.unfollow(queue)
+
+    def newly_lost(self, queue: asyncio.Queue[LinkEvent]) -> dict[str, float]:
+        """UAVs that were declared lost since the last call and still fly: {uav: seconds silent}."""
+        found = {}
+        while not queue.empty():
+            event = queue.get_nowait()
+            uav = self._uavs.get(event.system_id)
+            if uav is None or event.after != LinkState.LOST or uav in self.lost or self._down(uav):
+                continue
+            self.lost[uav] = self.now_s() - event.silent_for_s
+            found[uav] = event.silent_for_s
+        return found
+
+    def positions_m(self) -> dict[str, Point]:
+        """Where each UAV was last heard, metres east/north of the scenario's origin."""
+        found = {}
+        for uav, system in self.systems.items():
+            said = self._fleet.link.telemetry(system)
+            if said is not None:
+                origin = self.first_plan.scenario.origin
+                found[uav] = geodetic_to_east_north(origin, said.lat_deg, said.lon_deg)
+        return found
+
+    def still_up(self) -> list[str]:
+        """Surviving UAVs that have not landed."""
+        return [uav for uav in self.surviving() if not self._down(uav)]
+
+    def all_down(self) -> bool:
+        """Whether at least one UAV survived and all that did have landed."""
+        return bool(self.surviving()) and not self.still_up()
+
+    def over(self, landing_limit_s: float) -> bool:
+        """Whether there is nothing left to wait for."""
+        return not self.still_up() or self.now_s() > self.n_slots * self.slot_s + landing_limit_s
+
+    def _down(self, uav: str) -> bool:
+        said = self._fleet.link.telemetry(self.systems[uav])
+        return said is not None and not said.armed
+
+    # --- the record ---
+
+    def sample(self) -> None:
+        """Record where everyone is, at most twice a fleet second."""
+        now = self.now_s()
+        if self._record and now - self._record[-1][0] < SAMPLE_EVERY_S:
+            return
+        self._record.append((now, self.positions_m()))
+
+    def reported_rates_bps(self) -> dict[str, list[float | None]]:
+        """Rates of each user in each slot from reported positions; None for slots not (yet) recorded."""
+        users = self.first_plan.scenario.user_ids
+        samples = [
+            Sample(at, where, frozenset(uav for uav in where if at <= self.lost.get(uav, np.inf)))
+            for at, where in self._record
+            if at < self.n_slots * self.slot_s
+        ]
+        if not samples:
+            return {user: [None] * self.n_slots for user in users}
+        table = rates_by_slot(self.timeline, samples, self.n_slots)
+        return {
+            user: [None if np.isnan(rate) else float(rate) for rate in row]
+            for user, row in zip(users, table, strict=True)
+        }
+
+
+def _each(errors: Mapping[str, str | None]) -> str:
+    return "; ".join(f"'{uav}': {error or 'no answer'}" for uav, error in sorted(errors.items()))

@@ -1,0 +1,38 @@
+"""The MAVLink missions of a plan, as the formats the service and the command line give out."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+from api.problems import InvalidError
+from mavlink_bridge import compile_mission, to_qgc_plan, to_waypoints
+from planner import Plan
+
+
+def as_json(plan: Plan, uav_id: str | None = None) -> dict[str, list[dict[str, Any]]]:
+    """MISSION_ITEM_INT rows of each UAV (or of one): degrees times 1e7, metres above home."""
+    ids = plan.scenario.uav_ids if uav_id is None else (_one(plan, uav_id),)
+    return {one: [asdict(item) for item in compile_mission(plan, one).items] for one in ids}
+
+
+def qgc_plan(plan: Plan, uav_id: str | None) -> dict[str, Any]:
+    """One UAV's mission as a QGroundControl `.plan`."""
+    return to_qgc_plan(compile_mission(plan, _one(plan, uav_id)))
+
+
+def waypoints(plan: Plan, uav_id: str | None) -> str:
+    """One UAV's mission as a `QGC WPL 110` text."""
+    return to_waypoints(compile_mission(plan, _one(plan, uav_id)))
+
+
+def _one(plan: Plan, uav_id: str | None) -> str:
+    """These files hold one vehicle. Raises InvalidError for an unknown UAV, or none where there are several."""
+    ids = plan.scenario.uav_ids
+    if uav_id is None and len(ids) == 1:
+        return ids[0]
+    if uav_id is None:
+        raise InvalidError(f"uav_id: this format holds one vehicle; choose one of {', '.join(ids)}")
+    if uav_id not in ids:
+        raise InvalidError(f"uav_id: {uav_id!r} is not in the plan; it has {', '.join(ids)}")
+    return uav_id

@@ -1,0 +1,108 @@
+"""The one table of errors: what goes wrong inside, and what the client is told (RFC 9457 problem+json)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from pydantic import ValidationError
+from starlette.exceptions import HTTPException
+
+from mavlink_bridge import BridgeError
+from planner import InfeasiblePlanError, ReplanError
+
+
+class ServiceError(Exception):
+    """An error the client can do something about."""
+
+
+class NotFoundError(ServiceError):
+    """There is no such resource."""
+
+
+class ConflictError(ServiceError):
+    """The resource is in a state that does not allow this."""
+
+
+class InvalidError(ServiceError):
+    """The request is well-formed but breaks a rule; the message begins with the field."""
+
+
+class BusyError(ServiceError):
+    """The queue is full; try again later."""
+
+
+TABLE: Mapping[type[Exception], tuple[int, str, str]] = {
+    NotFoundError: (404, "not-found", "Not found"),
+    ConflictError: (409, "conflict", "Not possible in this state"),
+    InvalidError: (422, "invalid-request", "The request breaks a rule"),
+    ReplanError: (422, "invalid-request", "The request breaks a rule"),
+    BusyError: (503, "busy", "Too many solves are waiting"),
+    InfeasiblePlanError: (500, "internal", "The planner refused its own result"),
+    BridgeError: (502, "fleet", "The fleet did not do what it was told"),
+}
+
+
+def problem(
+    status: int, kind: str, title: str, detail: str, errors: list[dict[str, str]] | None = None
+) -> JSONResponse:
+    """One problem+json answer."""
+    body: dict[str, Any] = {
+        "type": f"urn:skyfolio:problem:{kind}",
+        "title": title,
+        "status": status,
+        "detail": detail,
+    }
+    if errors is not None:
+        body["errors"] = errors
+    headers = {"Retry-After": "1"} if status == 503 else None
+    return JSONResponse(body, status_code=status, media_type="application/problem+json", headers=headers)
+
+
+def broken_rules(errors: Iterable[Mapping[str, Any]], prefix: tuple[str, ...] = ("body",)) -> list[dict[str, str]]:
+    """Pydantic's errors as {field, rule, message, value}; the field is a dotted path into the request."""
+    rows = []
+    for error in errors:
+        loc = [str(part) for part in error["loc"]]
+        loc = loc[1:] if loc and loc[0] in prefix else loc
+        message = str(error["msg"]).removeprefix("Value error, ")
+        if not loc and ": " in message:  # a rule across fields names its field itself
+            field, message = message.split(": ", 1)
+            loc = [field]
+        given = error.get("input")
+        row = {"field": ".".join(loc) or "body", "rule": str(error["type"]), "message": message}
+        if isinstance(given, str | int | float | bool) or given is None:
+            row["value"] = repr(given)[:100]
+        rows.append(row)
+    return rows
+
+
+def _invalid(errors: list[dict[str, str]]) -> JSONResponse:
+    detail = "; ".join(f"{row['field']}: {row['message']}" for row in errors[:5])
+    return problem(422, "invalid-request", "The request breaks a rule", detail, errors)
+
+
+def install(app: FastAPI) -> None:
+    """Attach the table to the app."""
+
+    async def known(_: Request, error: Exception) -> JSONResponse:
+        status, kind, title = next(row for cls, row in TABLE.items() if isinstance(error, cls))
+        field, colon, message = str(error).partition(": ")
+        errors = [{"field": field, "rule": kind, "message": message}] if status == 422 and colon else None
+        return problem(status, kind, title, str(error), errors)
+
+    async def malformed(_: Request, error: Exception) -> JSONResponse:
+        assert isinstance(error, RequestValidationError | ValidationError)  # noqa: S101 - for the type checker
+        return _invalid(broken_rules(error.errors(), ("body", "query", "path", "header")))
+
+    async def http(_: Request, error: Exception) -> JSONResponse:
+        assert isinstance(error, HTTPException)  # noqa: S101 - for the type checker
+        return problem(error.status_code, "http", "Request refused", str(error.detail))
+
+    for cls in TABLE:
+        app.add_exception_handler(cls, known)
+    app.add_exception_handler(RequestValidationError, malformed)
+    app.add_exception_handler(HTTPException, http)

@@ -1,0 +1,1 @@
+"""HTTP routes. Each parses, calls one part of the service, and renders; nothing is decided here."""

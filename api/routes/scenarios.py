@@ -1,0 +1,46 @@
+"""Example scenarios, and a check of one's own."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter
+from pydantic import BaseModel
+
+from api.problems import NotFoundError
+from planner import EXAMPLES, Scenario
+
+router = APIRouter(prefix="/v1", tags=["scenarios"])
+
+
+class ExampleList(BaseModel):
+    """Names of the ready scenarios."""
+
+    examples: list[str]
+
+
+class Verdict(BaseModel):
+    """A scenario that breaks no rule; one that does is answered with 422 and the rules."""
+
+    valid: bool = True
+    uavs: int
+    users: int
+    slots: int
+
+
+@router.get("/scenarios/examples")
+async def list_examples() -> ExampleList:
+    """Names of the ready scenarios."""
+    return ExampleList(examples=sorted(EXAMPLES))
+
+
+@router.get("/scenarios/examples/{name}")
+async def read_example(name: str) -> Scenario:
+    """One ready scenario, to plan or to edit."""
+    if name not in EXAMPLES:
+        raise NotFoundError(f"example {name!r} does not exist; there are {', '.join(sorted(EXAMPLES))}")
+    return EXAMPLES[name]()
+
+
+@router.post("/scenarios:validate")
+async def validate_scenario(scenario: Scenario) -> Verdict:
+    """Check a scenario without planning it."""
+    return Verdict(uavs=len(scenario.uavs), users=len(scenario.users), slots=scenario.slots)

@@ -1,0 +1,133 @@
+"""Plans and replans over HTTP."""
+
+from typing import Any
+
+import pytest
+from fastapi.testclient import TestClient
+
+from planner import EXAMPLES, Plan, violations
+
+
+def planned(client: TestClient, scenario: dict[str, Any]) -> dict[str, Any]:
+    answer = client.post("/v1/plans", params={"wait_s": 60}, json=scenario)
+    assert answer.status_code == 200, answer.text
+    made: dict[str, Any] = answer.json()
+    return made
+
+
+def test_a_plan_waited_for_is_a_feasible_plan_of_the_contract_s_shape(
+    client: TestClient, minimal: dict[str, Any]
+) -> None:
+    made = planned(client, minimal)
+    plan = Plan.model_validate(made)
+    assert violations(plan) == []
+    assert plan.status == "succeeded"
+    assert plan.solve_ms is not None
+    assert plan.solve_ms > 0
+    assert set(plan.trajectories_m) == {"uav-1", "uav-2"}
+    assert plan.scenario == EXAMPLES["minimal"]()
+    assert plan.summary.utility_bps <= plan.summary.upper_bound_bps
+
+
+def test_a_plan_not_waited_for_is_accepted_and_found_at_its_location(
+    client: TestClient, minimal: dict[str, Any]
+) -> None:
+    answer = client.post("/v1/plans", json=minimal)
+    assert answer.status_code == 202
+    assert answer.json()["status"] in {"queued", "running"}
+    assert answer.headers["Retry-After"]
+    found = client.get(answer.headers["Location"], params={"wait_s": 60})
+    assert found.status_code == 200
+    assert found.json()["status"] == "succeeded"
+    assert found.json()["id"] == answer.json()["id"]
+
+
+def test_a_replan_has_parent_cause_and_survivors_only(client: TestClient, paper: dict[str, Any]) -> None:
+    made = planned(client, paper)
+    body = {"failed": ["uav-3"], "at_slot": 12, "positions_m": {"uav-1": [120.0, 370.0]}}
+    answer = client.post(f"/v1/plans/{made['id']}/replans", params={"wait_s": 60}, json=body)
+    assert answer.status_code == 200, answer.text
+    again = Plan.model_validate(answer.json())
+    assert violations(again) == []
+    assert again.parent == made["id"]
+    assert again.revision == 2
+    assert again.cause.uav_ids == ("uav-3",)
+    assert again.first_slot == 12
+    assert set(again.trajectories_m) == {"uav-1", "uav-2"}
+    assert again.trajectories_m["uav-1"][0] == (120.0, 370.0)
+    assert again.trajectories_m["uav-2"][0] == tuple(made["trajectories_m"]["uav-2"][12])
+    assert again.scenario.slots == 8
+    assert again.achieved_rates_bps["user-1"] == pytest.approx(made["user_rates_bps"]["user-1"][:12])
+
+
+@pytest.mark.parametrize(
+    ("body", "field"),
+    [
+        ({"failed": ["uav-9"], "at_slot": 2}, "failed"),
+        ({"failed": ["uav-1", "uav-2"], "at_slot": 2}, "failed"),
+        ({"failed": ["uav-1"], "at_slot": 4}, "at_slot"),
+        ({"failed": ["uav-1"], "at_slot": -1}, "at_slot"),
+        ({"failed": ["uav-1"], "at_slot": 1, "positions_m": {"uav-7": [0, 0]}}, "positions_m"),
+        ({"failed": [], "at_slot": 1, "positions_m": {"uav-1": [50, 50], "uav-2": [51, 50]}}, "positions_m"),
+        (
+            {"failed": ["uav-1"], "at_slot": 1, "achieved_rates_bps": {"user-1": [1.0, 2.0]}},
+            "achieved_rates_bps.user-1",
+        ),
+        ({"failed": ["uav-1"], "at_slot": 1, "achieved_rates_bps": {"user-1": [-1.0]}}, "achieved_rates_bps.user-1"),
+        ({"failed": ["uav-1"], "at_slot": 1, "achieved_rates_bps": {"nobody": [1.0]}}, "achieved_rates_bps"),
+        ({"failed": ["uav-1"], "at_slot": 1, "surprise": True}, "surprise"),
+    ],
+)
+def test_a_replan_that_makes_no_sense_is_refused_by_field(
+    client: TestClient, minimal: dict[str, Any], body: dict[str, Any], field: str
+) -> None:
+    made = planned(client, minimal)
+    answer = client.post(f"/v1/plans/{made['id']}/replans", json=body)
+    assert answer.status_code == 422, answer.text
+    assert answer.headers["content-type"] == "application/problem+json"
+    assert [row["field"] for row in answer.json()["errors"]] == [field]
+
+
+def test_a_cancelled_plan_ends_with_the_best_it_had(client: TestClient) -> None:
+    scenario = EXAMPLES["paper"]().with_changes(slots=400).model_dump(mode="json")
+    answer = client.post("/v1/plans", json=scenario)
+    location = answer.headers["Location"]
+    assert client.post(f"{location}:cancel").status_code == 202
+    ended = client.get(location, params={"wait_s": 60}).json()
+    assert ended["status"] == "cancelled"
+    assert violations(Plan.model_validate(ended)) == []
+    assert client.post(f"{location}:cancel").json()["status"] == "cancelled"
+
+
+def test_more_solves_than_the_queue_holds_are_told_to_come_back(client: TestClient) -> None:
+    scenario = EXAMPLES["paper"]().with_changes(slots=400).model_dump(mode="json")
+    answers = [client.post("/v1/plans", json=scenario) for _ in range(5)]
+    assert [answer.status_code for answer in answers] == [202, 202, 202, 202, 503]
+    assert answers[-1].headers["Retry-After"]
+    for answer in answers[:-1]:
+        client.post(f"{answer.headers['Location']}:cancel")
+    for answer in answers[:-1]:
+        assert client.get(answer.headers["Location"], params={"wait_s": 60}).json()["status"] == "cancelled"
+
+
+def test_a_plan_nobody_made_is_not_found(client: TestClient) -> None:
+    for answer in (client.get("/v1/plans/plan-0"), client.post("/v1/plans/plan-0:cancel")):
+        assert answer.status_code == 404
+        assert answer.json()["type"] == "urn:skyfolio:problem:not-found"
+
+
+def test_missions_come_as_json_for_all_and_as_files_for_one(client: TestClient, minimal: dict[str, Any]) -> None:
+    made = planned(client, minimal)
+    path = f"/v1/plans/{made['id']}/missions"
+    every = client.get(path).json()
+    assert set(every) == {"uav-1", "uav-2"}
+    assert every["uav-1"][0]["command"] == 22
+    file = client.get(path, params={"format": "plan", "uav_id": "uav-2"}).json()
+    assert file["fileType"] == "Plan"
+    text = client.get(path, params={"format": "waypoints", "uav_id": "uav-1"})
+    assert text.headers["content-type"].startswith("text/plain")
+    assert text.text.startswith("QGC WPL 110\n")
+    for params in ({"format": "plan"}, {"format": "waypoints", "uav_id": "uav-9"}):
+        answer = client.get(path, params=params)
+        assert answer.status_code == 422
+        assert answer.json()["errors"][0]["field"] == "uav_id"
