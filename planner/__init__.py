@@ -11,8 +11,9 @@ from planner.examples import EXAMPLES
 from planner.feasibility import InfeasiblePlanError, Violation, violations
 from planner.plans import Cause, Iteration, Plan, PlanStatus, Summary
 from planner.problem import Past
-from planner.replanning import ReplanError, replan
+from planner.replanning import ReplanError, remaining, replan
 from planner.scenario import Channel, Origin, Scenario, Uav, User, Utility
+from planner.separation import closest_approach
 from planner.solve import converged, plan
 from planner.stopping import AnyOf, Deadline, MaxIterations, RelativeGain, StopToken
 
@@ -38,9 +39,11 @@ __all__ = [
     "User",
     "Utility",
     "Violation",
+    "closest_approach",
     "converged",
     "delivered_rates_bps",
     "plan",
+    "remaining",
     "replan",
     "violations",
 ]

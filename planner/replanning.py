@@ -36,7 +36,33 @@ def replan(
     failed: ids of the UAVs that are gone. at_slot: the first slot to plan, on the operation's slot grid.
     positions_m: where the survivors are when that slot begins, metres east/north (default: where the plan has them).
     achieved_rates_bps: what each user got in the slots before `at_slot` (default: what the plan promised).
-    Raises ReplanError for unknown ids, a slot outside the plan, no survivors, or survivors closer than `D_min`.
+    options: as for `plan`. Raises ReplanError as `remaining` does.
+    """
+    scenario, past = remaining(previous, failed, at_slot, positions_m, achieved_rates_bps)
+    problem = problem_of(scenario, past)
+    shifted = np.array([previous.trajectories_m[uav][at_slot - previous.first_slot :] for uav in scenario.uav_ids])
+    return plan(
+        scenario,
+        past=past,
+        warm_start_m=toward(problem, problem.hover(), shifted),  # the old paths, as far as they are feasible from here
+        cause=cause or Cause(uav_ids=tuple(failed)),
+        parent=previous.id,
+        revision=previous.revision + 1,
+        **options,
+    )
+
+
+def remaining(
+    previous: Plan,
+    failed: Sequence[str],
+    at_slot: int,
+    positions_m: Mapping[str, tuple[float, float]] | None = None,
+    achieved_rates_bps: Mapping[str, Sequence[float]] | None = None,
+) -> tuple[Scenario, Past]:
+    """The scenario that is left, survivors at their live positions, and the past that counts; as in `replan`.
+
+    Raises ReplanError for unknown ids, a slot outside the plan, no survivors, survivors closer than `D_min`, or rates
+    that are not finite, negative or of the wrong length.
     """
     begin = at_slot - previous.first_slot
     _check_request(previous, failed, begin, positions_m)
@@ -51,19 +77,7 @@ def replan(
         scenario = previous.scenario.with_changes(uavs=survivors, slots=previous.scenario.slots - begin)
     except ValueError as error:
         raise ReplanError(f"positions_m: {error}") from error
-    past = Past(first_slot=at_slot, rates_bps=_achieved(previous, begin, achieved_rates_bps))
-    shifted = np.array([previous.trajectories_m[uav.id][begin:] for uav in survivors])
-    problem = problem_of(scenario, past)
-    warm = toward(problem, problem.hover(), shifted)  # the old paths from where the UAVs are now, if feasible
-    return plan(
-        scenario,
-        past=past,
-        warm_start_m=warm,
-        cause=cause or Cause(uav_ids=tuple(failed)),
-        parent=previous.id,
-        revision=previous.revision + 1,
-        **options,
-    )
+    return scenario, Past(first_slot=at_slot, rates_bps=_achieved(previous, begin, achieved_rates_bps))
 
 
 def _check_request(
