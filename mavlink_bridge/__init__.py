@@ -27,20 +27,27 @@ from mavlink_bridge.formats import from_qgc_plan, from_waypoints, to_qgc_plan, t
 from mavlink_bridge.geodesy import east_north_to_geodetic, geodetic_to_east_north
 from mavlink_bridge.heartbeat import AUTOPILOT, HeartbeatMonitor, LinkEvent, LinkState
 from mavlink_bridge.items import MAX_ITEMS, Command, Frame, Mission, MissionItem
+from mavlink_bridge.link import FleetLink
 from mavlink_bridge.px4 import OnEnd
+from mavlink_bridge.results import CommandResult, SwapResult, UploadResult
 from mavlink_bridge.returns import check_return_paths
 from mavlink_bridge.schedule import VehicleModel
+from mavlink_bridge.telemetry import FlightMode, LandedState, Telemetry
 
 __all__ = [
     "AUTOPILOT",
     "MAX_ITEMS",
     "BridgeError",
     "Command",
+    "CommandResult",
     "CompileError",
     "ConnectionFailed",
+    "FleetLink",
+    "FlightMode",
     "FormatError",
     "Frame",
     "HeartbeatMonitor",
+    "LandedState",
     "LinkClosed",
     "LinkError",
     "LinkEvent",
@@ -49,8 +56,11 @@ __all__ = [
     "MissionItem",
     "OnEnd",
     "ReturnPathsTooClose",
+    "SwapResult",
+    "Telemetry",
     "TooManyItems",
     "UnknownUav",
+    "UploadResult",
     "VehicleModel",
     "VehiclesMissing",
     "check_return_paths",

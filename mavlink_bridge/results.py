@@ -1,0 +1,41 @@
+"""What came of asking one vehicle for something: failure is a value that says why."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """`seconds` is wall time; `error` is None when all went well."""
+
+    system_id: int
+    seconds: float
+    error: str | None = None
+
+    @property
+    def ok(self) -> bool:
+        """Whether it was done, and seen to be done."""
+        return self.error is None
+
+
+@dataclass(frozen=True, kw_only=True)
+class UploadResult(Outcome):
+    """`verified`: the mission was read back and compared equal. `mission_id`: its checksum, 0 if not told."""
+
+    verified: bool = False
+    attempts: int = 0
+    mission_id: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class CommandResult(Outcome):
+    """Launch, go to, start, hold, land."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SwapResult(Outcome):
+    """Either `ok`: verified and flying the new mission. Or not: then `held` says whether the vehicle holds now."""
+
+    upload: UploadResult
+    held: bool = False

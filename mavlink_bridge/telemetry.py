@@ -1,0 +1,184 @@
+"""What one autopilot says about itself: MAVLink messages folded into a snapshot. Pure: time comes with each message."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+from mavlink_bridge.geodesy import from_e7
+
+MESSAGES = ("HEARTBEAT", "GLOBAL_POSITION_INT", "MISSION_CURRENT", "MISSION_ACK", "EXTENDED_SYS_STATE")
+"""Messages the snapshot is made of."""
+
+_ARMED = 128
+"""MAV_MODE_FLAG_SAFETY_ARMED."""
+_ACCEPTED = 0
+"""MAV_MISSION_ACCEPTED, and MAV_MISSION_TYPE_MISSION."""
+_UNKNOWN_TOTAL = 65535
+
+
+class FlightMode(StrEnum):
+    """Who flies: PX4's modes as custom_mode encodes them; OTHER is one this list does not know."""
+
+    MANUAL = "manual"
+    ALTITUDE = "altitude"
+    POSITION = "position"
+    ACRO = "acro"
+    OFFBOARD = "offboard"
+    STABILIZED = "stabilized"
+    READY = "ready"
+    TAKEOFF = "takeoff"
+    HOLD = "hold"
+    MISSION = "mission"
+    RETURN = "return"
+    LAND = "land"
+    OTHER = "other"
+
+
+class LandedState(StrEnum):
+    """MAV_LANDED_STATE of EXTENDED_SYS_STATE (245)."""
+
+    UNDEFINED = "undefined"
+    ON_GROUND = "on_ground"
+    IN_AIR = "in_air"
+    TAKEOFF = "takeoff"
+    LANDING = "landing"
+
+
+_MAIN = {
+    1: FlightMode.MANUAL,
+    2: FlightMode.ALTITUDE,
+    3: FlightMode.POSITION,
+    5: FlightMode.ACRO,
+    6: FlightMode.OFFBOARD,
+    7: FlightMode.STABILIZED,
+}
+_AUTO = {
+    1: FlightMode.READY,
+    2: FlightMode.TAKEOFF,
+    3: FlightMode.HOLD,
+    4: FlightMode.MISSION,
+    5: FlightMode.RETURN,
+    6: FlightMode.LAND,
+}
+_AUTO_MAIN = 4
+_LANDED = tuple(LandedState)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Telemetry:
+    """One autopilot as last heard.
+
+    Position: WGS-84 degrees and metres above the vehicle's own home, altitude_amsl_m above mean sea level; velocity
+    m/s over ground. `mission_current` is the seq being flown, `mission_id` the checksum of the mission on board (0:
+    not told). `boot_ms`: milliseconds since the autopilot started. `heard_at_s`: fleet seconds of the position.
+    """
+
+    system_id: int
+    lat_deg: float
+    lon_deg: float
+    relative_alt_m: float
+    altitude_amsl_m: float
+    velocity_north_mps: float
+    velocity_east_mps: float
+    armed: bool
+    mode: FlightMode
+    landed_state: LandedState
+    mission_current: int | None
+    mission_total: int | None
+    mission_id: int
+    boot_ms: int
+    heard_at_s: float
+
+
+def px4_mode(custom_mode: int) -> FlightMode:
+    """HEARTBEAT.custom_mode of PX4 as a mode: main mode in byte 2, sub mode in byte 3."""
+    main, sub = custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF
+    if main == _AUTO_MAIN:
+        return _AUTO.get(sub, FlightMode.OTHER)
+    return _MAIN.get(main, FlightMode.OTHER)
+
+
+class TelemetryState:
+    """Latest values of one autopilot. Feed only messages of its own system id and component 1."""
+
+    def __init__(self, system_id: int) -> None:
+        self.system_id = system_id
+        self.mode = FlightMode.OTHER
+        self.armed = False
+        self.landed_state = LandedState.UNDEFINED
+        self.boot_ms: int | None = None
+        self.mission_current: int | None = None
+        self.mission_total: int | None = None
+        self.mission_id = 0
+        self.mission_reports = 0
+        """MISSION_CURRENT messages so far: tells a fresh one from an old one."""
+        self.accepted_id: int | None = None
+        """opaque_id of the latest accepting MISSION_ACK, None if it carried none."""
+        self._position: Mapping[str, Any] | None = None
+        self._position_at_s = 0.0
+        self._heard = False
+        self._folds: dict[str, Callable[[Mapping[str, Any], float], None]] = {
+            "HEARTBEAT": self._heartbeat,
+            "GLOBAL_POSITION_INT": self._global_position,
+            "MISSION_CURRENT": self._mission_current,
+            "MISSION_ACK": self._mission_ack,
+            "EXTENDED_SYS_STATE": self._extended,
+        }
+
+    def fold(self, name: str, fields: Mapping[str, Any], heard_s: float) -> None:
+        """Take in one message; fields as named in the MAVLink definition, `heard_s` in fleet seconds."""
+        self._folds[name](fields, heard_s)
+
+    def snapshot(self) -> Telemetry | None:
+        """Everything at once; None until a heartbeat and a position were heard."""
+        if self._position is None or not self._heard:
+            return None
+        position = self._position
+        return Telemetry(
+            system_id=self.system_id,
+            lat_deg=from_e7(position["lat"]),
+            lon_deg=from_e7(position["lon"]),
+            relative_alt_m=position["relative_alt"] / 1000,
+            altitude_amsl_m=position["alt"] / 1000,
+            velocity_north_mps=position["vx"] / 100,
+            velocity_east_mps=position["vy"] / 100,
+            armed=self.armed,
+            mode=self.mode,
+            landed_state=self.landed_state,
+            mission_current=self.mission_current,
+            mission_total=self.mission_total,
+            mission_id=self.mission_id,
+            boot_ms=position["time_boot_ms"],
+            heard_at_s=self._position_at_s,
+        )
+
+    def _heartbeat(self, fields: Mapping[str, Any], heard_s: float) -> None:
+        del heard_s
+        self._heard = True
+        self.mode = px4_mode(int(fields["custom_mode"]))
+        self.armed = bool(int(fields["base_mode"]) & _ARMED)
+
+    def _global_position(self, fields: Mapping[str, Any], heard_s: float) -> None:
+        self._position, self._position_at_s = fields, heard_s
+        self.boot_ms = int(fields["time_boot_ms"])
+
+    def _mission_current(self, fields: Mapping[str, Any], heard_s: float) -> None:
+        del heard_s
+        self.mission_current = int(fields["seq"])
+        total = int(fields.get("total", _UNKNOWN_TOTAL))
+        self.mission_total = None if total == _UNKNOWN_TOTAL else total
+        self.mission_id = int(fields.get("mission_id", 0))
+        self.mission_reports += 1
+
+    def _mission_ack(self, fields: Mapping[str, Any], heard_s: float) -> None:
+        del heard_s
+        if int(fields["type"]) == _ACCEPTED and int(fields.get("mission_type", 0)) == _ACCEPTED:
+            self.accepted_id = int(fields.get("opaque_id", 0)) or None
+
+    def _extended(self, fields: Mapping[str, Any], heard_s: float) -> None:
+        del heard_s
+        state = int(fields["landed_state"])
+        self.landed_state = _LANDED[state] if state < len(_LANDED) else LandedState.UNDEFINED
