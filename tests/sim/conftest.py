@@ -1,0 +1,214 @@
+"""Vehicles on a bench: an autopilot without sockets, in virtual time, and a ground station that talks to it."""
+
+import asyncio
+import socket
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from sim.autopilot import Autopilot
+from sim.lineup import VehicleSpec
+from sim.vehicle import Limits
+from sim.wire import Decoder
+
+HOME = (47.397742, 8.545594)
+STEP_S = 0.05
+
+
+class GroundStation:
+    """Makes messages as they arrive from a ground station: packed, sent and parsed again."""
+
+    def __init__(self, system_id: int = 245, component_id: int = 190) -> None:
+        self._mav = dialect.MAVLink(None, srcSystem=system_id, srcComponent=component_id)
+        self._decoder = Decoder()
+
+    def frame(self, name: str, *values: Any) -> bytes:
+        """Return the bytes of a message, e.g. `frame("mission_count", 1, 1, 3, 0)`."""
+        return bytes(getattr(dialect, f"MAVLink_{name}_message")(*values).pack(self._mav))
+
+    def message(self, name: str, *values: Any) -> Any:
+        """Return a message as a receiver parses it."""
+        (message,) = self._decoder.decode(self.frame(name, *values))
+        return message
+
+    def command(self, command: int, *params: float, system_id: int = 1) -> Any:
+        """Return a COMMAND_LONG; parameters left out are 0."""
+        return self.message("command_long", system_id, 1, command, 0, *params, *[0.0] * (7 - len(params)))
+
+
+class Items:
+    """Mission items around a home, in metres north and east of it."""
+
+    def __init__(self) -> None:
+        self.seq = 0
+
+    def add(
+        self, command: int, *, north_m: float = 0.0, east_m: float = 0.0, up_m: float = 20.0, **fields: float
+    ) -> Any:
+        """Return the values of the next MISSION_ITEM_INT (everything behind the target)."""
+        x, y = round((HOME[0] + north_m / 111_180.0) * 1e7), round((HOME[1] + east_m / 75_450.0) * 1e7)
+        values = {"frame": 6, "current": 0, "p1": 0.0, "p2": 0.0, "x": x, "y": y, **fields}
+        item = (
+            self.seq,
+            int(values["frame"]),
+            command,
+            int(values["current"]),
+            1,
+            values["p1"],
+            values["p2"],
+            0.0,
+            0.0,
+        )
+        self.seq += 1
+        return (*item, int(values["x"]), int(values["y"]), up_m, 0)
+
+    def waypoint(self, north_m: float, east_m: float, up_m: float = 20.0, **fields: float) -> Any:
+        """Return a NAV_WAYPOINT."""
+        return self.add(16, north_m=north_m, east_m=east_m, up_m=up_m, **fields)
+
+    def speed(self, mps: float, **fields: float) -> Any:
+        """Return a DO_CHANGE_SPEED."""
+        return self.add(178, up_m=0.0, p1=1.0, p2=mps, **{"frame": 2.0, "x": 0.0, "y": 0.0, **fields})
+
+
+@dataclass
+class Bench:
+    """One autopilot in virtual time; `wall_s` is the clock of its protocol timers."""
+
+    wall_s: float = 0.0
+    events: list[tuple[float, str, dict[str, Any]]] = field(default_factory=list)
+    sent: list[Any] = field(default_factory=list)
+    gcs: GroundStation = field(default_factory=GroundStation)
+
+    def __post_init__(self) -> None:
+        self.autopilot = Autopilot(
+            VehicleSpec(1, *HOME),
+            limits=Limits(),
+            protocol_clock=lambda: self.wall_s,
+            on_event=lambda kind, detail: self.events.append((self.autopilot.now_s, kind, detail)),
+        )
+
+    def fly(self, seconds: float) -> None:
+        """Let fleet time pass."""
+        for _ in range(round(seconds / STEP_S)):
+            self.autopilot.step(self.autopilot.now_s + STEP_S, STEP_S)
+            self.sent += self.autopilot.due()
+
+    def fly_until(self, condition: Callable[[], bool], within_s: float = 300.0) -> float:
+        """Fly until a condition holds and return the seconds it took; fails if it never does."""
+        start = self.autopilot.now_s
+        while not condition():
+            assert self.autopilot.now_s - start < within_s, f"did not happen within {within_s} s: {self.events[-5:]}"
+            self.fly(STEP_S)
+        return self.autopilot.now_s - start
+
+    def ask(self, name: str, *values: Any) -> list[Any]:
+        """Send a message and return the answers."""
+        return self.autopilot.handle(self.gcs.message(name, *values))
+
+    def command(self, command: int, *params: float) -> int:
+        """Send a COMMAND_LONG and return the MAV_RESULT."""
+        ack = self.autopilot.handle(self.gcs.command(command, *params))[0]
+        assert (ack.get_type(), ack.command) == ("COMMAND_ACK", command)
+        return int(ack.result)
+
+    def upload(self, *items: Any) -> Any:
+        """Upload a mission and return the last answer."""
+        (answer,) = self.ask("mission_count", 1, 1, len(items), 0)
+        for item in items:
+            assert answer.get_type() == "MISSION_REQUEST_INT"
+            (answer,) = self.ask("mission_item_int", 1, 1, *item)
+        return answer
+
+    def take_off(self, up_m: float = 20.0) -> None:
+        """Arm, climb and hold."""
+        self.autopilot.parameters["MIS_TAKEOFF_ALT"] = up_m
+        assert self.command(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1.0) == dialect.MAV_RESULT_ACCEPTED
+        assert self.command(dialect.MAV_CMD_NAV_TAKEOFF, *[float("nan")] * 7) == dialect.MAV_RESULT_ACCEPTED
+        self.fly_until(lambda: abs(self.autopilot.body.up_m - up_m) < 0.1)
+
+    def set_mode(self, sub_mode: int) -> int:
+        """Command one of PX4's AUTO modes and return the MAV_RESULT."""
+        return self.command(dialect.MAV_CMD_DO_SET_MODE, 1.0, 4.0, float(sub_mode))
+
+    def kinds(self) -> list[str]:
+        """Return the kinds of all events, in order."""
+        return [kind for _, kind, _ in self.events]
+
+    def reached(self) -> list[int]:
+        """Return the mission items reached, in order."""
+        return [detail["seq"] for _, kind, detail in self.events if kind == "item_reached"]
+
+
+class Listener(asyncio.DatagramProtocol):
+    """A ground station's socket: hears datagrams with their senders."""
+
+    def __init__(self) -> None:
+        self.heard: list[tuple[Any, tuple[str, int]]] = []
+        self._decoders: dict[tuple[str, int], Decoder] = {}
+        self.transport: asyncio.DatagramTransport | None = None
+
+    def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
+        """Keep the messages."""
+        decoder = self._decoders.setdefault(addr, Decoder())
+        self.heard += [(message, addr) for message in decoder.decode(data)]
+
+
+def a_free_port() -> int:
+    """Return a UDP port nobody uses just now."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@pytest.fixture
+def bench() -> Bench:
+    """An autopilot on the ground."""
+    return Bench()
+
+
+@pytest.fixture
+def airborne() -> Bench:
+    """An autopilot that holds 20 m above home."""
+    bench = Bench()
+    bench.take_off()
+    return bench
+
+
+@pytest.fixture
+def items() -> Items:
+    """A counter of mission items."""
+    return Items()
+
+
+@pytest.fixture
+def gcs() -> GroundStation:
+    """A ground station."""
+    return GroundStation()
+
+
+@pytest.fixture
+def new_bench() -> Callable[[], Bench]:
+    """A maker of benches, for tests that need a fresh one for each example."""
+    return Bench
+
+
+@pytest.fixture
+def new_station() -> Callable[..., GroundStation]:
+    """A maker of ground stations with other ids."""
+    return GroundStation
+
+
+@pytest.fixture
+def free_port() -> int:
+    """A UDP port nobody uses just now."""
+    return a_free_port()
+
+
+@pytest.fixture
+def listener() -> Callable[[], Listener]:
+    """A maker of datagram protocols that keep what they hear."""
+    return Listener

@@ -1,0 +1,171 @@
+"""sim.autopilot and sim.commands"""
+
+from typing import TYPE_CHECKING
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from sim.modes import Mode, base_mode
+
+if TYPE_CHECKING:
+    from tests.sim.conftest import Bench, Items
+
+NAN = float("nan")
+ACCEPTED, REJECTED, DENIED, UNSUPPORTED = 0, 1, 2, 3
+TAKEOFF, HOLD, MISSION, RTL, LAND = 2, 3, 4, 5, 6
+
+
+def test_it_takes_off_to_the_takeoff_altitude_and_holds(bench: "Bench") -> None:
+    bench.take_off(20.0)
+    assert bench.autopilot.mode is Mode.HOLD
+    assert bench.kinds()[:4] == ["armed", "mode", "takeoff", "mode"]
+    bench.fly(30.0)
+    assert bench.autopilot.body.up_m == pytest.approx(20.0, abs=0.05)
+
+
+def test_an_altitude_in_the_takeoff_command_is_above_sea_level(bench: "Bench") -> None:
+    bench.command(400, 1.0)
+    bench.command(22, NAN, NAN, NAN, NAN, NAN, NAN, 488.0 + 12.0)
+    bench.fly(20.0)
+    assert bench.autopilot.body.up_m == pytest.approx(12.0, abs=0.05)
+
+
+def test_it_stays_on_the_ground_until_it_is_armed(bench: "Bench") -> None:
+    bench.command(22, NAN, NAN, NAN, NAN, NAN, NAN, NAN)
+    bench.fly(5.0)
+    assert bench.autopilot.body.on_ground
+    bench.command(400, 1.0)
+    bench.fly(5.0)
+    assert not bench.autopilot.body.on_ground
+
+
+def test_disarming_in_the_air_is_denied_unless_forced_and_then_it_crashes(airborne: "Bench") -> None:
+    assert airborne.command(400, 0.0) == DENIED
+    assert airborne.command(400, 0.0, 21196.0) == ACCEPTED
+    airborne.fly_until(lambda: airborne.autopilot.crashed, within_s=4.0)
+    assert airborne.command(400, 1.0) == DENIED
+
+
+def test_it_lands_in_place_and_disarms_by_itself(airborne: "Bench") -> None:
+    assert airborne.command(21, 0.0, 0.0, 0.0, NAN) == ACCEPTED
+    airborne.fly_until(lambda: airborne.autopilot.body.on_ground)
+    assert airborne.autopilot.armed
+    airborne.fly(2.2)
+    assert not airborne.autopilot.armed
+    assert airborne.kinds()[-2:] == ["landed", "disarmed"]
+
+
+def test_a_return_climbs_flies_home_and_lands(airborne: "Bench") -> None:
+    lat, lon = airborne.autopilot.frame.to_geodetic(60.0, 60.0)
+    airborne.autopilot.reposition(*airborne.autopilot.frame.to_local(lat, lon), None, 8.0)
+    airborne.fly(30.0)
+    assert airborne.set_mode(RTL) == ACCEPTED
+    highest = 0.0
+    while airborne.autopilot.armed:
+        airborne.fly(0.05)
+        highest = max(highest, airborne.autopilot.body.up_m)
+    assert highest == pytest.approx(30.0, abs=0.9)
+    assert airborne.autopilot.body.distance_to(0.0, 0.0) < 0.1
+
+
+def test_it_flies_again_after_it_has_landed(airborne: "Bench") -> None:
+    airborne.set_mode(LAND)
+    airborne.fly_until(lambda: not airborne.autopilot.armed)
+    airborne.take_off(10.0)
+    assert airborne.autopilot.mode is Mode.HOLD
+
+
+def test_home_is_where_it_was_armed_last(airborne: "Bench") -> None:
+    airborne.autopilot.reposition(40.0, 0.0, None, 8.0)
+    airborne.fly(20.0)
+    airborne.set_mode(LAND)
+    airborne.fly_until(lambda: not airborne.autopilot.armed)
+    airborne.command(400, 1.0)
+    assert airborne.autopilot.home_m == pytest.approx((40.0, 0.0), abs=0.1)
+
+
+def test_holding_brakes_to_a_stop_without_turning_back(airborne: "Bench") -> None:
+    airborne.autopilot.reposition(300.0, 0.0, None, 10.0)
+    airborne.fly(8.0)
+    airborne.set_mode(HOLD)
+    furthest = 0.0
+    for _ in range(300):
+        airborne.fly(0.05)
+        furthest = max(furthest, airborne.autopilot.body.east_m)
+    assert airborne.autopilot.body.east_m == pytest.approx(furthest, abs=0.05)
+
+
+def test_a_reposition_goes_there_at_the_given_height(airborne: "Bench") -> None:
+    lat, lon = airborne.autopilot.frame.to_geodetic(30.0, 40.0)
+    values = (1, 1, dialect.MAV_FRAME_GLOBAL_INT, 192, 0, 0, -1.0, 1.0, 0.0, NAN, round(lat * 1e7), round(lon * 1e7))
+    (ack,) = airborne.ask("command_int", *values, 488.0 + 25.0)
+    assert ack.result == ACCEPTED
+    airborne.fly(30.0)
+    assert airborne.autopilot.body.distance_to(30.0, 40.0) < 0.1
+    assert airborne.autopilot.body.up_m == pytest.approx(25.0, abs=0.1)
+
+
+def test_the_mission_mode_is_refused_without_a_mission(bench: "Bench") -> None:
+    assert bench.set_mode(MISSION) == REJECTED
+    assert bench.command(300) == REJECTED
+    assert bench.autopilot.mode is Mode.HOLD
+
+
+def test_mission_start_arms_and_starts_at_the_given_item(bench: "Bench", items: "Items") -> None:
+    bench.upload(items.add(22, current=1.0), items.waypoint(20.0, 0.0), items.waypoint(40.0, 0.0))
+    assert bench.command(300, 1.0, 2.0) == ACCEPTED
+    assert (bench.autopilot.armed, bench.autopilot.mode, bench.autopilot.runner.index) == (True, Mode.MISSION, 1)
+
+
+def test_the_current_item_can_be_set_by_command(bench: "Bench", items: "Items") -> None:
+    bench.upload(items.waypoint(20.0, 0.0, current=1.0), items.waypoint(40.0, 0.0))
+    assert bench.command(224, 1.0) == ACCEPTED
+    assert bench.autopilot.runner.index == 1
+    assert bench.command(224, 2.0) == DENIED
+    assert bench.command(224, NAN) == DENIED
+
+
+def test_a_speed_command_changes_the_speed_in_the_mission(airborne: "Bench", items: "Items") -> None:
+    airborne.upload(items.waypoint(300.0, 0.0, current=1.0))
+    airborne.set_mode(MISSION)
+    assert airborne.command(178, 1.0, 9.0, -1.0) == ACCEPTED
+    airborne.fly(8.0)
+    assert airborne.autopilot.body.ground_speed_mps == pytest.approx(9.0, abs=0.05)
+    assert airborne.command(178, 1.0, -2.0) == ACCEPTED
+    airborne.fly(5.0)
+    assert airborne.autopilot.body.ground_speed_mps == pytest.approx(5.0, abs=0.05)
+    assert airborne.command(178, 1.0, NAN) == DENIED
+
+
+@pytest.mark.parametrize("command", [42, 2000, 31000])
+def test_a_command_it_does_not_know_is_unsupported(bench: "Bench", command: int) -> None:
+    assert bench.command(command) == UNSUPPORTED
+
+
+@pytest.mark.parametrize("mode", [(1.0, 4.0, 1.0), (1.0, 1.0, 0.0), (1.0, 4.0, NAN), (0.0, 4.0, 3.0)])
+def test_a_mode_it_does_not_have_is_unsupported(bench: "Bench", mode: tuple[float, ...]) -> None:
+    assert bench.command(176, *mode) == UNSUPPORTED
+
+
+def test_messages_for_other_systems_are_ignored(bench: "Bench") -> None:
+    assert bench.autopilot.handle(bench.gcs.command(400, 1.0, system_id=2)) == []
+    assert not bench.autopilot.armed
+    assert bench.ask("mission_count", 2, 1, 3, 0) == []
+    assert bench.ask("mission_count", 1, 191, 3, 0) == []
+
+
+def test_a_request_brings_the_message_after_its_acknowledgement(bench: "Bench") -> None:
+    ack, version = bench.autopilot.handle(bench.gcs.command(512, 148.0))
+    assert (ack.result, version.get_type()) == (ACCEPTED, "AUTOPILOT_VERSION")  # type: ignore[attr-defined]
+    assert bench.command(512, 9999.0) == DENIED
+
+
+def test_a_ping_is_answered_to_its_sender(bench: "Bench") -> None:
+    (pong,) = bench.ask("ping", 123, 7, 0, 0)
+    assert (pong.time_usec, pong.seq, pong.target_system) == (123, 7, 245)
+
+
+def test_modes_are_written_as_px4_writes_them() -> None:
+    assert Mode.MISSION.custom_mode == 0x04040000
+    assert Mode.from_command(4.0, 3.0) is Mode.HOLD
+    assert base_mode(armed=True) - base_mode(armed=False) == 128
