@@ -27,6 +27,9 @@ ARRIVAL_SPEED_MPS = 0.5
 CONFIRM_S = 3.0
 """Wall seconds to report that it does what it acknowledged; HEARTBEAT and MISSION_CURRENT come at 1 Hz."""
 
+SWAP_ATTEMPTS = 2
+"""Fewer than on the ground: a vehicle in flight should not wait long for proof before it is told to hold."""
+
 _OURS = frozenset({FlightMode.MISSION, FlightMode.HOLD, FlightMode.TAKEOFF, FlightMode.READY})
 """Modes a vehicle may be in to be given a new mission in flight."""
 
@@ -97,7 +100,7 @@ async def swap(vehicle: Vehicle, mission: Mission, given_up: Callable[[], bool])
         refused = f"not ours to command: it is in mode '{mode}'"
         upload = UploadResult(system_id=vehicle.system_id, seconds=0.0, error=refused)
         return SwapResult(system_id=vehicle.system_id, seconds=0.0, error=refused, upload=upload)
-    upload = await upload_verified(vehicle, mission, given_up=given_up)
+    upload = await upload_verified(vehicle, mission, attempts=SWAP_ATTEMPTS, given_up=given_up)
     error = upload.error or await _error_of(_fly_new(vehicle, mission, upload.mission_id))
     held = error is not None and await _error_of(hold(vehicle)) is None
     return SwapResult(system_id=vehicle.system_id, seconds=loop.time() - started, error=error, upload=upload, held=held)

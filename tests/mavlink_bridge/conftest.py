@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import asyncio
+import socket
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from dataclasses import dataclass
+from functools import partial
+from typing import Self
 
 import pytest
 
+from mavlink_bridge import FleetLink, HeartbeatMonitor, east_north_to_geodetic
 from planner.plans import Plan, Summary
 from planner.scenario import Origin, Scenario, Uav, User
+from sim import Fleet, ScaledClock, VehicleSpec
 
 Path = Sequence[tuple[float, float]]
 PlanOf = Callable[..., Plan]
@@ -61,3 +69,116 @@ def line_and_hover() -> Plan:
     """uav-1: two legs straight east, two hovering slots, then north, then east again; 7 slots."""
     east_then_north = [(0.0, 0.0), (20.0, 0.0), (42.0, 0.0), (42.0, 0.0), (42.0, 0.0), (42.0, 15.0), (60.0, 15.0)]
     return plan_of({"uav-1": east_then_north})
+
+
+Tamper = Callable[[bytes], list[bytes]]
+"""What becomes of one datagram: passed on, dropped, or turned into others."""
+
+
+class Relay:
+    """A UDP wire between one vehicle and the ground that a test may cut, thin out or tamper with."""
+
+    def __init__(self, ground_port: int) -> None:
+        self.to_ground: Tamper = lambda datagram: [datagram]
+        self.to_vehicle: Tamper = lambda datagram: [datagram]
+        self.port = 0
+        self._ground = ("127.0.0.1", ground_port)
+        self._vehicle: tuple[str, int] | None = None
+        self._transports: list[asyncio.DatagramTransport] = []
+
+    async def __aenter__(self) -> Self:
+        loop = asyncio.get_running_loop()
+        for receive in (self._from_vehicle, self._from_ground):
+            transport, _ = await loop.create_datagram_endpoint(partial(_End, receive), local_addr=("127.0.0.1", 0))
+            self._transports.append(transport)
+        self.port = self._transports[0].get_extra_info("sockname")[1]
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        for transport in self._transports:
+            transport.close()
+        await asyncio.sleep(0)
+
+    def _from_vehicle(self, datagram: bytes, sender: tuple[str, int]) -> None:
+        self._vehicle = sender
+        for one in self.to_ground(datagram):
+            self._transports[1].sendto(one, self._ground)
+
+    def _from_ground(self, datagram: bytes, _sender: tuple[str, int]) -> None:
+        if self._vehicle is not None:
+            for one in self.to_vehicle(datagram):
+                self._transports[0].sendto(one, self._vehicle)
+
+
+class _End(asyncio.DatagramProtocol):
+    def __init__(self, receive: Callable[[bytes, tuple[str, int]], None]) -> None:
+        self._receive = receive
+
+    def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
+        self._receive(data, addr)
+
+
+@dataclass
+class Airfield:
+    """Simulated vehicles and a link that has found them, on one clock."""
+
+    fleet: Fleet
+    link: FleetLink
+    clock: ScaledClock
+    port: int
+
+    async def fly_for(self, fleet_seconds: float) -> None:
+        """Let fleet time pass."""
+        await asyncio.sleep(fleet_seconds / self.clock.speedup)
+
+
+def free_port() -> int:
+    """A UDP port nobody listens on."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def specs_at(plan: Plan) -> list[VehicleSpec]:
+    """Vehicles 1, 2, ... standing at the slot-0 points of the plan's UAVs, in order."""
+    origin = plan.scenario.origin
+    starts = [path[0] for path in plan.trajectories_m.values()]
+    return [VehicleSpec(n, *east_north_to_geodetic(origin, *start)) for n, start in enumerate(starts, start=1)]
+
+
+OpenAirfield = Callable[..., AbstractAsyncContextManager[Airfield]]
+
+
+@pytest.fixture
+def airfield() -> OpenAirfield:
+    """Opens `airfield(plan, speedup=..., endpoint=None, port=None)`: a vehicle for each UAV, found by the link."""
+
+    @asynccontextmanager
+    async def opened(
+        plan: Plan, *, speedup: float = 20.0, endpoint: str | None = None, port: int | None = None
+    ) -> AsyncIterator[Airfield]:
+        clock = ScaledClock(speedup)
+        port = port or free_port()
+        fleet = Fleet(specs_at(plan), clock=clock, endpoint=endpoint or f"udpout://127.0.0.1:{port}")
+        async with fleet, FleetLink(clock=clock, monitor=HeartbeatMonitor()) as link:
+            await link.connect(f"udpin://127.0.0.1:{port}")
+            await link.wait_for(set(fleet.vehicles), timeout_s=10)
+            yield Airfield(fleet, link, clock, port)
+
+    return opened
+
+
+@pytest.fixture
+def relay_to() -> Callable[[int], Relay]:
+    return Relay
+
+
+@pytest.fixture(name="free_port")
+def _free_port() -> int:
+    return free_port()
+
+
+@pytest.fixture
+def trio() -> Plan:
+    """Three UAVs side by side, 40 m apart, flying north with legs of 10 and 12 m in turn; 20 slots."""
+    return plan_of({f"uav-{n}": [(40.0 * n, 11.0 * slot + slot % 2) for slot in range(20)] for n in (1, 2, 3)})

@@ -1,0 +1,79 @@
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from mavlink_bridge import FlightMode, LandedState
+from mavlink_bridge.telemetry import TelemetryState, px4_mode
+
+POSITION: dict[str, Any] = {
+    "time_boot_ms": 12_000,
+    "lat": 473977420,
+    "lon": 85455940,
+    "alt": 548_000,
+    "relative_alt": 60_000,
+    "vx": 150,
+    "vy": -20,
+    "vz": 0,
+    "hdg": 0,
+}
+HEARTBEAT: dict[str, Any] = {"custom_mode": 4 << 16 | 4 << 24, "base_mode": 157, "type": 2, "autopilot": 12}
+
+
+@pytest.mark.parametrize(
+    ("main", "sub", "mode"),
+    [
+        (4, 2, FlightMode.TAKEOFF),
+        (4, 3, FlightMode.HOLD),
+        (4, 4, FlightMode.MISSION),
+        (4, 5, FlightMode.RETURN),
+        (4, 6, FlightMode.LAND),
+        (3, 0, FlightMode.POSITION),
+        (6, 0, FlightMode.OFFBOARD),
+        (4, 99, FlightMode.OTHER),
+        (99, 0, FlightMode.OTHER),
+    ],
+)
+def test_custom_mode_is_read_as_px4_writes_it(main: int, sub: int, mode: FlightMode) -> None:
+    assert px4_mode(main << 16 | sub << 24) is mode
+
+
+def test_there_is_no_snapshot_before_both_a_heartbeat_and_a_position() -> None:
+    state = TelemetryState(1)
+    assert state.snapshot() is None
+    state.fold("GLOBAL_POSITION_INT", POSITION, 1.0)
+    assert state.snapshot() is None
+    state.fold("HEARTBEAT", HEARTBEAT, 1.5)
+    assert state.snapshot() is not None
+
+
+def test_a_snapshot_has_the_units_its_names_say() -> None:
+    state = TelemetryState(7)
+    state.fold("HEARTBEAT", HEARTBEAT, 1.0)
+    state.fold("GLOBAL_POSITION_INT", POSITION, 2.0)
+    state.fold("EXTENDED_SYS_STATE", {"landed_state": 2, "vtol_state": 0}, 2.5)
+    state.fold("MISSION_CURRENT", {"seq": 3, "total": 41, "mission_id": 99}, 3.0)
+    now = state.snapshot()
+    assert now is not None
+    assert (now.system_id, now.lat_deg, now.lon_deg) == (7, 47.397742, 8.545594)
+    assert (now.relative_alt_m, now.altitude_amsl_m) == (60.0, 548.0)
+    assert (now.velocity_north_mps, now.velocity_east_mps) == (1.5, -0.2)
+    assert (now.armed, now.mode, now.landed_state) == (True, FlightMode.MISSION, LandedState.IN_AIR)
+    assert (now.mission_current, now.mission_total, now.mission_id) == (3, 41, 99)
+    assert (now.boot_ms, now.heard_at_s) == (12_000, 2.0)
+
+
+def test_only_an_accepting_acknowledgement_of_a_mission_carries_its_checksum() -> None:
+    state = TelemetryState(1)
+    state.fold("MISSION_ACK", {"type": 1, "mission_type": 0, "opaque_id": 5}, 1.0)
+    state.fold("MISSION_ACK", {"type": 0, "mission_type": 1, "opaque_id": 6}, 1.0)
+    assert state.accepted_id is None
+    state.fold("MISSION_ACK", {"type": 0, "mission_type": 0, "opaque_id": 7}, 1.0)
+    assert state.accepted_id == 7
+
+
+def test_an_autopilot_that_tells_no_total_and_no_checksum_is_understood() -> None:
+    state = TelemetryState(1)
+    state.fold("MISSION_CURRENT", {"seq": 3}, 1.0)
+    assert (state.mission_current, state.mission_total, state.mission_id) == (3, None, 0)
