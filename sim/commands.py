@@ -100,7 +100,8 @@ class Commands:
 
     def _set_mode(self, command: Command) -> Outcome:
         mode = Mode.from_command(command.param2, command.param3)
-        if not int(command.param1) & dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED or mode is None:
+        custom = command.param1 >= 0.0 and _index(command.param1) & dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+        if not custom or mode is None:
             return Outcome(UNSUPPORTED)
         return self._mode(mode)
 
@@ -120,6 +121,8 @@ class Commands:
         autopilot = self._autopilot
         east_m = north_m = up_m = None
         if command.lat_deg is not None and command.lon_deg is not None:
+            if abs(command.lat_deg) > 90.0 or abs(command.lon_deg) > 180.0:
+                return Outcome(DENIED)
             east_m, north_m = autopilot.frame.to_local(command.lat_deg, command.lon_deg)
         if command.alt_m is not None:
             relative = (dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT, dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT)
@@ -152,4 +155,5 @@ def _given(value: float) -> float | None:
 
 
 def _index(value: float) -> int:
-    return int(value) if math.isfinite(value) else -1
+    """Return a number sent as a float; -1, which is never an index, for one that is none."""
+    return int(value) if 0.0 <= value < math.inf else -1

@@ -147,9 +147,9 @@ async def serve(fleet: Fleet, *, until: asyncio.Event | None = None, for_s: floa
     With neither it flies on until cancelled. Whatever breaks the fleet is raised here.
     """
     async with fleet:
-        ends = [asyncio.create_task(fleet.wait())]
+        ends: list[asyncio.Task[Any]] = [asyncio.create_task(fleet.wait())]
         if until is not None:
-            ends.append(asyncio.create_task(until.wait()))  # type: ignore[arg-type]
+            ends.append(asyncio.create_task(until.wait()))
         if for_s is not None:
             ends.append(asyncio.create_task(_reach(fleet, fleet.now_s + for_s)))
         try:

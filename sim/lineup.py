@@ -22,8 +22,8 @@ class VehicleSpec:
             raise ValueError(f"home_lat_deg must be between -90 and 90, got {self.home_lat_deg}")
         if not -180.0 <= self.home_lon_deg <= 180.0:
             raise ValueError(f"home_lon_deg must be between -180 and 180, got {self.home_lon_deg}")
-        if not math.isfinite(self.home_alt_m):
-            raise ValueError(f"home_alt_m must be finite, got {self.home_alt_m}")
+        if not -500.0 <= self.home_alt_m <= 9000.0:
+            raise ValueError(f"home_alt_m must be between -500 and 9000, got {self.home_alt_m}")
 
 
 def grid_of(count: int, lat_deg: float, lon_deg: float, spacing_m: float = 10.0) -> list[VehicleSpec]:

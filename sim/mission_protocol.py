@@ -144,7 +144,7 @@ class MissionProtocol:
     def _late_item(self, message: Any, partner: Partner) -> Message:
         """Repeat the acknowledgement only for the very item that completed the mission on board."""
         items = self.mission.items
-        known = bool(items) and MissionItem.from_message(message) == items[-1]
+        known = bool(items) and MissionItem.from_message(message).fingerprint == items[-1].fingerprint
         return self._answer(partner, dialect.MAV_MISSION_ACCEPTED if known else dialect.MAV_MISSION_ERROR)
 
     def _float_item(self, message: Any, partner: Partner) -> list[Message]:

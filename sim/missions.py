@@ -50,6 +50,12 @@ class MissionItem:
         return cls(*(getattr(message, name) for name in cls.__slots__))
 
     @property
+    def fingerprint(self) -> bytes:
+        """Everything the vehicle flies by, comparable even with NaN; `current` is a cursor and not part of the plan."""
+        head = (self.seq, self.frame, self.command, self.autocontinue, self.param1, self.param2, self.param3)
+        return struct.pack("<HBHB4fiif", *head, self.param4, self.x, self.y, self.z)
+
+    @property
     def is_nav(self) -> bool:
         """Whether the vehicle flies to complete this item (else it is done at once)."""
         return self.command in NAV_COMMANDS
@@ -76,7 +82,7 @@ class Mission:
     def __post_init__(self) -> None:
         crc = 0
         for item in self.items:
-            crc = zlib.crc32(_fingerprint(item), crc)
+            crc = zlib.crc32(item.fingerprint, crc)
         object.__setattr__(self, "mission_id", crc)
 
     def __len__(self) -> int:
@@ -123,21 +129,3 @@ def _bad_place(item: MissionItem) -> int | None:
     if item.command not in _PLACELESS and not math.isfinite(item.z):
         return int(dialect.MAV_MISSION_INVALID_PARAM7)
     return None
-
-
-def _fingerprint(item: MissionItem) -> bytes:
-    """Everything the vehicle flies by; `current` is a cursor and not part of the plan."""
-    return struct.pack(
-        "<HBHB4fiif",
-        item.seq,
-        item.frame,
-        item.command,
-        item.autocontinue,
-        item.param1,
-        item.param2,
-        item.param3,
-        item.param4,
-        item.x,
-        item.y,
-        item.z,
-    )

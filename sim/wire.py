@@ -24,6 +24,10 @@ class Message(Protocol):
         """Return the message name, e.g. "HEARTBEAT"."""
         ...
 
+    def __getattr__(self, name: str) -> Any:
+        """Return a field."""
+        ...
+
 
 class Extended:
     """A message without array fields, with `<name>: uint32` extension fields appended to its payload."""

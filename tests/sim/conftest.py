@@ -190,7 +190,7 @@ def gcs() -> GroundStation:
     return GroundStation()
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def new_bench() -> Callable[[], Bench]:
     """A maker of benches, for tests that need a fresh one for each example."""
     return Bench

@@ -2,6 +2,8 @@
 
 from typing import TYPE_CHECKING
 
+from hypothesis import given
+from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from sim.wire import Decoder, Encoder, Extended, text
@@ -41,3 +43,10 @@ def test_damaged_and_mavlink_1_frames_are_dropped_and_the_next_is_still_heard(gc
 def test_words_are_cut_at_fifty_bytes() -> None:
     (message,) = Decoder().decode(Encoder(1).encode(text("x" * 80)))
     assert message.text == "x" * 50
+
+
+@given(pieces=st.lists(st.one_of(st.binary(max_size=60), st.binary(max_size=20).map(b"\xfd".__add__)), max_size=8))
+def test_no_noise_breaks_the_decoder(pieces: list[bytes]) -> None:
+    decoder = Decoder()
+    for piece in pieces:
+        decoder.decode(piece)
