@@ -16,6 +16,7 @@ demo: $(READY)
 
 test: lint
 	$(BIN)/python -m pytest $(ARGS)
+	$(BIN)/python -m pytest -m "e2e or browser" $(ARGS)
 
 serve: $(READY)
 	$(BIN)/skyfolio serve $(ARGS)

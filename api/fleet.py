@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from contextlib import suppress
+from contextlib import AsyncExitStack, suppress
 
 from pydantic import BaseModel
 
@@ -119,8 +119,10 @@ class Fleet:
     async def _open(self) -> None:
         async with self._opening:
             if self._link is None:
-                link = FleetLink(clock=self._clock, monitor=self._monitor)
-                await link.connect(self._settings.fleet_url)
+                async with AsyncExitStack() as opening:
+                    link = await opening.enter_async_context(FleetLink(clock=self._clock, monitor=self._monitor))
+                    await link.connect(self._settings.fleet_url)
+                    opening.pop_all()  # it stays open: `close` ends it
                 self._link = link
                 self._watcher = asyncio.create_task(self._watch(link))
 

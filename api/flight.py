@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Literal
 
 import numpy as np
@@ -11,10 +12,12 @@ import numpy as np
 from api.clock import FleetClock
 from api.fleet import Fleet
 from api.rates import InForce, Point, Sample, rates_by_slot
-from mavlink_bridge import BridgeError, LinkEvent, LinkState, Mission, geodetic_to_east_north
+from mavlink_bridge import BridgeError, LinkEvent, LinkState, Mission, VehiclesMissing, geodetic_to_east_north
 from planner import Plan
 
 SAMPLE_EVERY_S = 0.5
+HEARD_WITHIN_S = 5.0
+"""Wall seconds a registered vehicle may take to be heard before an upload goes on without it."""
 
 
 class FlightError(BridgeError):
@@ -78,13 +81,14 @@ class Flight:
 
     async def upload(self, missions: Mapping[str, Mission]) -> float:
         """Put missions on board and prove it; wall seconds of the slowest. Raises FlightError with each failure."""
-        await self._fleet.link.wait_for(set(self.systems.values()), timeout_s=10.0)
+        with suppress(VehiclesMissing):  # the upload itself tells of each vehicle that is not there
+            await self._fleet.link.wait_for(set(self.systems.values()), timeout_s=HEARD_WITHIN_S)
         results = await self._fleet.link.upload({self.systems[uav]: mission for uav, mission in missions.items()})
         bad = {self._uavs[system]: result.error for system, result in results.items() if not result.verified}
         if bad:
             good = sorted(self._uavs[system] for system, result in results.items() if result.verified)
             raise FlightError(f"upload failed for {_each(bad)}; verified on board of {', '.join(good) or 'nobody'}")
-        return max(result.seconds for result in results.values())
+        return max((result.seconds for result in results.values()), default=0.0)
 
     async def launch(self, timeout_s: float) -> None:
         """Arm, climb to the plan's altitude and wait there for each other. Raises FlightError."""

@@ -33,7 +33,7 @@ def figures(report: DemoReport) -> list[tuple[str, str, str]]:
     return [
         ("loss declared after", unit(report.detection_s, "{:.2f} s"), "-"),
         ("replan solved in", unit(report.replan_ms, "{:.0f} ms"), "-"),
-        ("missions uploaded, verified, flying in", unit(report.upload_s, "{:.2f} s"), "-"),
+        ("missions uploaded, verified, flying in", unit(report.upload_s, "{:.3f} s"), "-"),
         ("slots without service of the lost UAV's users", f"{report.slots_without_service:.1f}", f"{left:.1f}"),
         ("sum rate before", kbps(flown.mean_sum_rate_before_bps), kbps(without.mean_sum_rate_before_bps)),
         ("sum rate during the outage", kbps(flown.mean_sum_rate_during_bps), kbps(without.mean_sum_rate_during_bps)),

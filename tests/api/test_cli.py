@@ -1,0 +1,81 @@
+"""The `skyfolio` command."""
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from api import cli
+from planner import EXAMPLES, Plan, violations
+
+
+def run(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
+    monkeypatch.setattr(sys, "argv", ["skyfolio", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    code = ended.value.code
+    return code if isinstance(code, int) else 0
+
+
+def test_plan_prints_a_feasible_plan_as_json(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(monkeypatch, "plan", "--example", "minimal", "--json") == 0
+    made = Plan.model_validate_json(capsys.readouterr().out)
+    assert violations(made) == []
+    assert made.scenario == EXAMPLES["minimal"]()
+
+
+def test_plan_shows_a_table_without_json(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(monkeypatch, "plan", "--example", "minimal") == 0
+    assert "mean sum rate" in capsys.readouterr().out
+
+
+def test_replan_and_export_take_the_file_that_plan_wrote(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    scenario, file, again = tmp_path / "scenario.json", tmp_path / "plan.json", tmp_path / "sub" / "again.json"
+    scenario.write_text(EXAMPLES["minimal"]().model_dump_json())
+    assert run(monkeypatch, "plan", str(scenario), "--json", "--out", str(file)) == 0
+    arguments = ["replan", str(file), "--failed", "uav-1", "--at-slot", "2", "--json", "--out", str(again)]
+    assert run(monkeypatch, *arguments) == 0
+    made = Plan.model_validate_json(again.read_text())
+    assert made.first_slot == 2
+    assert set(made.trajectories_m) == {"uav-2"}
+    capsys.readouterr()
+    assert run(monkeypatch, "export", str(again)) == 0
+    assert json.loads(capsys.readouterr().out)["fileType"] == "Plan"
+    assert run(monkeypatch, "export", str(file), "--format", "waypoints", "--uav-id", "uav-2") == 0
+    assert capsys.readouterr().out.startswith("QGC WPL 110")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["plan"], "one of them"),
+        (["plan", "--example", "none"], "must be one of"),
+        (["plan", "/no/such/file"], "No such file"),
+        (["replan", "{plan}", "--failed", "uav-9", "--at-slot", "1"], "failed: 'uav-9' is not a UAV"),
+        (["export", "{plan}", "--format", "waypoints"], "choose one of uav-1, uav-2"),
+        (["plan", "{bad}"], "uavs.0.bandwidth_hz: Input should be greater than 0"),
+    ],
+)
+def test_a_mistake_is_one_message_and_status_2(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    arguments: list[str],
+    said: str,
+) -> None:
+    files = {"{plan}": tmp_path / "plan.json", "{bad}": tmp_path / "bad.json"}
+    run(monkeypatch, "plan", "--example", "minimal", "--json", "--out", str(files["{plan}"]))
+    bad: dict[str, Any] = EXAMPLES["minimal"]().model_dump(mode="json")
+    bad["uavs"][0]["bandwidth_hz"] = -5
+    files["{bad}"].write_text(json.dumps(bad))
+    capsys.readouterr()
+    assert run(monkeypatch, *(str(files.get(one, one)) for one in arguments)) == 2
+    printed = capsys.readouterr()
+    assert said in " ".join(printed.err.split())
+    assert printed.out == ""

@@ -1,0 +1,145 @@
+"""Operations over HTTP against simulated vehicles on real sockets."""
+
+import asyncio
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from fastapi.testclient import TestClient
+
+import sim
+from api.app import create_app
+from api.demo.client import free_port
+from api.settings import Settings
+from api.simulate import specs_at_starts
+from planner import EXAMPLES
+
+SPEEDUP = 20.0
+
+
+class FleetThread:
+    """A simulated fleet with an event loop of its own, as another process would be."""
+
+    def __init__(self, endpoint: str, absent: tuple[int, ...] = ()) -> None:
+        specs = [spec for spec in specs_at_starts(EXAMPLES["minimal"]()) if spec.system_id not in absent]
+        self.fleet = sim.Fleet(specs, clock=sim.ScaledClock(SPEEDUP), endpoint=endpoint)
+        self._loop = asyncio.new_event_loop()
+        self._until = asyncio.Event()
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def _run(self) -> None:
+        self._loop.run_until_complete(sim.serve(self.fleet, until=self._until))
+        self._loop.close()
+
+    def inject(self, fault: sim.Fault) -> None:
+        self._loop.call_soon_threadsafe(self.fleet.inject, fault)
+
+    def stop(self) -> None:
+        self._loop.call_soon_threadsafe(self._until.set)
+        self._thread.join()
+
+
+@pytest.fixture(scope="module")
+def service() -> Iterator[tuple[TestClient, str]]:
+    port = free_port(socket.SOCK_DGRAM)
+    settings = Settings(fleet_url=f"udpin://127.0.0.1:{port}", time_scale=SPEEDUP)
+    with TestClient(create_app(settings)) as client:
+        yield client, f"udpout://127.0.0.1:{port}"
+
+
+def ready(client: TestClient) -> str:
+    for system_id, uav in enumerate(EXAMPLES["minimal"]().uavs, start=1):
+        body = {"uav_id": uav.id, "system_id": system_id}
+        assert client.post("/v1/fleet/vehicles", json=body).status_code == 201
+    scenario = EXAMPLES["minimal"]().with_changes(slots=8).model_dump(mode="json")
+    made: str = client.post("/v1/plans", params={"wait_s": 60}, json=scenario).json()["id"]
+    return made
+
+
+def follow(client: TestClient, path: str, *states: str, limit_s: float = 60.0) -> dict[str, Any]:
+    deadline = time.monotonic() + limit_s
+    while time.monotonic() < deadline:
+        operation: dict[str, Any] = client.get(path).json()
+        if operation["state"] in states:
+            return operation
+        time.sleep(0.05)
+    raise AssertionError(f"still {operation['state']}, not {states}: {operation}")
+
+
+def test_a_vehicle_that_never_answers_fails_the_upload_by_name(service: tuple[TestClient, str]) -> None:
+    client, endpoint = service
+    fleet = FleetThread(endpoint, absent=(2,))
+    try:
+        plan_id = ready(client)
+        answer = client.post("/v1/operations", json={"plan_id": plan_id})
+        assert answer.status_code == 202
+        ended = follow(client, answer.headers["Location"], "failed", "completed")
+        assert ended["state"] == "failed"
+        assert "upload failed for 'uav-2'" in ended["error"]
+        assert "verified on board of uav-1" in ended["error"]
+    finally:
+        fleet.stop()
+
+
+def test_a_loss_in_flight_is_answered_and_the_survivor_lands(service: tuple[TestClient, str]) -> None:
+    client, endpoint = service
+    fleet = FleetThread(endpoint)
+    try:
+        answer = client.post("/v1/operations", json={"plan_id": ready(client)})
+        path = answer.headers["Location"]
+        assert client.post("/v1/operations", json={"plan_id": answer.json()["plan_id"]}).status_code == 409
+        follow(client, path, "flying", "failed")
+        fleet.inject(sim.Kill(2))
+        ended = follow(client, path, "completed", "failed", limit_s=90)
+        assert ended["error"] is None
+        assert ended["lost"] == ["uav-2"]
+        assert [each["outcome"] for each in ended["recoveries"]] == ["flying"]
+        assert ended["recoveries"][0]["vehicles"] == {"uav-1": None}
+        assert len(ended["plan_ids"]) == 2
+        again = client.get(f"/v1/plans/{ended['plan_id']}").json()
+        assert again["cause"]["kind"] == "heartbeat_lost"
+        assert again["cause"]["uav_ids"] == ["uav-2"]
+        assert again["cause"]["silent_for_s"] >= 5.0
+        landed = fleet.fleet.truth.happened("landed", 1)
+        accepted = fleet.fleet.truth.happened("mission_accepted", 1)
+        assert landed
+        assert len(accepted) == 2
+        kinds = [event.kind for event in client.app.state.service.events.after(0)]  # type: ignore[attr-defined]
+        assert kinds.index("uav_lost") < kinds.index("recovery")
+    finally:
+        fleet.stop()
+
+
+def test_an_aborted_operation_leaves_vehicles_holding(service: tuple[TestClient, str]) -> None:
+    client, endpoint = service
+    fleet = FleetThread(endpoint)
+    try:
+        path = client.post("/v1/operations", json={"plan_id": ready(client)}).headers["Location"]
+        follow(client, path, "flying", "failed")
+        answer = client.post(f"{path}:abort", json={"action": "hold"})
+        assert answer.json()["state"] == "aborted"
+        assert {vehicle.mode for vehicle in fleet.fleet.vehicles.values()} == {sim.Mode.HOLD}
+        assert client.post(f"{path}:abort").status_code == 409
+    finally:
+        fleet.stop()
+
+
+def test_operations_that_cannot_be_are_refused(service: tuple[TestClient, str]) -> None:
+    client, _ = service
+    plan_id = ready(client)
+    assert client.post("/v1/operations", json={"plan_id": "plan-0"}).status_code == 404
+    assert client.get("/v1/operations/op-0").status_code == 404
+    paper = client.post("/v1/plans", params={"wait_s": 60}, json=EXAMPLES["paper"]().model_dump(mode="json")).json()
+    answer = client.post("/v1/operations", json={"plan_id": paper["id"]})
+    assert answer.status_code == 422
+    assert "'uav-3' is not registered" in answer.json()["detail"]
+    again = client.post(
+        f"/v1/plans/{plan_id}/replans", params={"wait_s": 60}, json={"failed": ["uav-1"], "at_slot": 1}
+    ).json()
+    assert client.post("/v1/operations", json={"plan_id": again["id"]}).status_code == 422
+    taken = client.post("/v1/fleet/vehicles", json={"uav_id": "uav-9", "system_id": 1})
+    assert taken.status_code == 409

@@ -1,0 +1,45 @@
+"""The demonstration drill as a user runs it: processes, sockets, REST, ground truth."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytestmark = pytest.mark.e2e
+
+
+def fly(out: Path, *options: str) -> tuple[int, dict[str, Any]]:
+    command = [sys.executable, "-m", "api", "demo", "--json", "--speedup", "10", "--out", str(out), *options]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=200)
+    assert done.stdout.startswith("{"), done.stderr
+    report: dict[str, Any] = json.loads(done.stdout)
+    return done.returncode, report
+
+
+def test_with_the_loop_the_survivors_truly_fly_a_new_plan_and_users_get_more(tmp_path: Path) -> None:
+    status, with_loop = fly(tmp_path / "with")
+    assert status == 0, [check for check in with_loop["checks"] if not check["passed"]]
+    assert with_loop["passed"]
+    assert len(with_loop["plans"]) == 2
+    assert 4.0 <= with_loop["detection_s"] <= 7.0
+    assert json.loads((tmp_path / "with" / "report.json").read_text()) == with_loop
+    page = (tmp_path / "with" / "report.html").read_text()
+    assert page.count("<svg") == 2
+    assert not re.search(r"<script|<link|src=|url\(http|href=.http", page), "the page needs nothing but itself"
+
+    status, without = fly(tmp_path / "without", "--no-replan")
+    assert status == 0, [check for check in without["checks"] if not check["passed"]]
+    assert len(without["plans"]) == 1
+    assert with_loop["flown"]["mean_sum_rate_after_bps"] > without["flown"]["mean_sum_rate_after_bps"]
+    assert with_loop["slots_without_service"] < without["slots_without_service"]
+
+
+def test_a_drill_that_makes_no_sense_is_refused(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "api", "demo", "--kill", "uav-9", "--out", str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 1
+    assert "kill: 'uav-9' must be one of" in done.stderr
