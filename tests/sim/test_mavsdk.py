@@ -179,12 +179,12 @@ async def fly_pause_and_swap(client: Client) -> None:
     await client.missions.set_current_mission_item(0)
     await client.missions.start_mission()
     await until(lambda: client.last("MISSION_CURRENT").get("seq") == 2)
-    assert [message["seq"] for message in client.seen["MISSION_ITEM_REACHED"]] == [0, 1]
-    progress = await first(client.missions.subscribe_mission_progress())
-    assert progress.total == 3
+    await until(lambda: [message["seq"] for message in client.seen.get("MISSION_ITEM_REACHED", [])] == [0, 1])
+    progress = await client.missions.mission_progress()
+    assert (progress.current, progress.total) == (2, 3)
     await client.missions.pause_mission()
     await until(lambda: client.truth.autopilot.body.ground_speed_mps < 0.1)
-    assert client.last("HEARTBEAT")["custom_mode"] in (Mode.HOLD.custom_mode, Mode.MISSION.custom_mode)
+    await until(lambda: client.last("HEARTBEAT")["custom_mode"] == Mode.HOLD.custom_mode)
     await client.missions.start_mission()
     await until(lambda: client.truth.autopilot.body.ground_speed_mps > 3.9)
     before = client.truth.mission.mission_id
@@ -194,7 +194,9 @@ async def fly_pause_and_swap(client: Client) -> None:
     assert client.truth.mode is Mode.MISSION
     await until(lambda: client.truth.mode is Mode.HOLD)
     assert client.truth.autopilot.body.distance_to(60.0, 30.0) < 3.0
-    assert await client.missions.is_mission_finished()
+    async with asyncio.timeout(5.0):
+        while not await client.missions.is_mission_finished():  # noqa: ASYNC110
+            await asyncio.sleep(0.01)
 
 
 async def come_home(client: Client) -> None:
