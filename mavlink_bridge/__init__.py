@@ -1,10 +1,10 @@
 """The bridge between plans and vehicles: missions out, telemetry and heartbeats in. Built on MAVSDK.
 
-    plan --schedule, px4, compiler--> Mission --transfer--> vehicle          (formats: the same mission as a file)
+    plan --schedule, pace, px4, compiler--> Mission --transfer--> vehicle          (formats: the same mission as a file)
     vehicle --link, telemetry--> Telemetry, heartbeats --heartbeat--> LinkEvent
     flight: launch, go to, start, swap in flight, hold, land
 
-Pure and testable without a socket: geodesy, items, schedule, px4, compiler, returns, compare, formats, heartbeat,
+Pure and testable without a socket: geodesy, items, schedule, pace, px4, compiler, returns, compare, formats, heartbeat,
 telemetry. A new autopilot is a new writer beside `px4`; a new way to judge a link reads `heartbeat`'s events.
 The package knows the planner's plan type and nothing of the service or the simulator.
 """
@@ -28,10 +28,10 @@ from mavlink_bridge.geodesy import east_north_to_geodetic, geodetic_to_east_nort
 from mavlink_bridge.heartbeat import AUTOPILOT, HeartbeatMonitor, LinkEvent, LinkState
 from mavlink_bridge.items import MAX_ITEMS, Command, Frame, Mission, MissionItem
 from mavlink_bridge.link import FleetLink
+from mavlink_bridge.pace import VehicleModel
 from mavlink_bridge.px4 import OnEnd
 from mavlink_bridge.results import CommandResult, SwapResult, UploadResult
 from mavlink_bridge.returns import check_return_paths
-from mavlink_bridge.schedule import VehicleModel
 from mavlink_bridge.telemetry import FlightMode, LandedState, Telemetry
 
 __all__ = [

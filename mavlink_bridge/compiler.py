@@ -7,8 +7,9 @@ from math import isfinite
 from mavlink_bridge.errors import TooManyItems, UnknownUav
 from mavlink_bridge.geodesy import east_north_to_geodetic
 from mavlink_bridge.items import MAX_ITEMS, Mission
+from mavlink_bridge.pace import VehicleModel
 from mavlink_bridge.px4 import OnEnd, Px4Writer
-from mavlink_bridge.schedule import Schedule, VehicleModel, airborne_schedule, ground_schedule
+from mavlink_bridge.schedule import Schedule, airborne_schedule, ground_schedule
 from planner.plans import Plan
 
 _PX4 = VehicleModel()
@@ -40,7 +41,6 @@ def compile_mission(
     schedule = _schedule(path_m, scenario.slot_duration_s, airborne, first_leg_s, model)
     writer = Px4Writer(
         altitude_m=scenario.altitude_m,
-        model=model,
         to_geodetic=lambda point: east_north_to_geodetic(scenario.origin, *point),
     )
     writer.write(schedule, takeoff=not airborne, on_end=on_end)

@@ -10,13 +10,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import StrEnum
+from math import isclose
 
 from mavlink_bridge.geodesy import to_e7
 from mavlink_bridge.items import Command, Frame, MissionItem
-from mavlink_bridge.schedule import Point, Schedule, Stop, VehicleModel
+from mavlink_bridge.pace import Point
+from mavlink_bridge.schedule import Schedule, Stop
 
 _GROUND_SPEED = 1.0
 _THROTTLE_UNCHANGED = -1.0
+_SAME_SPEED = 0.002
+"""Relative: 2 cm on a leg of 10 m, not worth an item."""
 
 
 class OnEnd(StrEnum):
@@ -35,7 +39,6 @@ class Px4Writer:
     """Collects the items of one mission; `to_geodetic` turns east/north metres into (lat, lon) degrees."""
 
     altitude_m: float
-    model: VehicleModel
     to_geodetic: Callable[[Point], tuple[float, float]]
     items: list[MissionItem] = field(default_factory=list)
     slot_of_item: dict[int, int] = field(default_factory=dict)
@@ -59,14 +62,13 @@ class Px4Writer:
             stop.point_m,
             self.altitude_m,
             param1=round(stop.hold_s, 3),
-            param2=self.model.acceptance_radius_m,
+            param2=round(stop.radius_m, 3),
         )
 
     def _speed(self, speed_mps: float) -> None:
-        rounded = round(speed_mps, 3)
-        if rounded != self._speed_mps:
-            self._speed_mps = rounded
-            self._command(Command.DO_CHANGE_SPEED, _GROUND_SPEED, rounded, _THROTTLE_UNCHANGED)
+        if self._speed_mps is None or not isclose(speed_mps, self._speed_mps, rel_tol=_SAME_SPEED):
+            self._speed_mps = round(speed_mps, 3)
+            self._command(Command.DO_CHANGE_SPEED, _GROUND_SPEED, self._speed_mps, _THROTTLE_UNCHANGED)
 
     def _end(self, point_m: Point, on_end: OnEnd) -> None:
         if on_end is OnEnd.LAND:

@@ -104,7 +104,7 @@ def test_in_flight_it_neither_takes_off_nor_flies_back_to_slot_0(line_and_hover:
 def test_equal_speeds_are_said_once(plan_of: PlanOf) -> None:
     path = [(10.0 * slot, 0.0) for slot in range(8)]
     mission = compile_mission(plan_of({"uav-1": path}), "uav-1")
-    assert commands(mission).count(Command.DO_CHANGE_SPEED) == 3  # from rest, through, to rest
+    assert commands(mission).count(Command.DO_CHANGE_SPEED) == 4  # from rest, settling, through, to rest
 
 
 @pytest.mark.parametrize("airborne", [False, True])

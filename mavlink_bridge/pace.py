@@ -1,0 +1,146 @@
+"""How fast each leg must be flown to be on time, although speed changes, corners and stops cost some.
+
+A waypoint that is flown through counts as reached, and the next leg begins, one acceptance radius before it; there
+the vehicle has the lowest of both legs' speeds and what the turn allows. A waypoint with a hold is budgeted to count
+as reached when its slot begins (that is when the hold starts), still moving; after the hold it is left from rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from math import acos, hypot, inf, isfinite, pi, sqrt, tan
+
+Point = tuple[float, float]
+"""East, north in metres from the scenario's origin."""
+
+_PASSES = 8
+"""Speeds and the speeds at the corners between them depend on each other; this many passes settle them."""
+_ENTRY_IN_FLIGHT = 0.5
+"""Where a vehicle in flight was heading is not known: half of its speed helps, on average."""
+_LEAST_RADIUS_M = 0.2
+_RADIUS_PER_LEG = 1 / 3
+_STRAIGHT = 1 - 1e-9
+
+
+@dataclass(frozen=True, kw_only=True)
+class VehicleModel:
+    """How a multirotor flies its legs; the defaults are PX4's.
+
+    acceleration_mps2: horizontal (MPC_ACC_HOR). braking_mps2: what stops and corners are planned with, a little less.
+    max_speed_mps: what a speed command may ask for (MPC_XY_VEL_MAX). min_speed_mps: slower legs are flown at this
+    speed and end in a hold. acceptance_radius_m: a waypoint counts as reached this far away (param2 of NAV_WAYPOINT);
+    less where the legs beside it are short.
+    """
+
+    acceleration_mps2: float = 3.0
+    braking_mps2: float = 2.4
+    max_speed_mps: float = 12.0
+    min_speed_mps: float = 0.2
+    acceptance_radius_m: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name, value in asdict(self).items():
+            if not (isfinite(value) and value > 0):
+                raise ValueError(f"{name}: {value} must be a finite number above 0")
+
+
+def cruise_speed(
+    distance_m: float, duration_s: float, *, entry_mps: float, leave_mps: float, model: VehicleModel
+) -> float:
+    """Speed v that covers a leg in time although it is entered at `entry_mps` and left at `leave_mps`, both <= v.
+
+    With acceleration a and braking b that costs (v - entry)^2 / 2av + (v - leave)^2 / 2bv seconds beside distance / v:
+    a quadratic in v. Where no speed is fast enough it is the one that is least late.
+    """
+    a, b = model.acceleration_mps2, model.braking_mps2
+    square = 1 / (2 * a) + 1 / (2 * b)
+    linear = duration_s + entry_mps / a + leave_mps / b
+    constant = distance_m + entry_mps**2 / (2 * a) + leave_mps**2 / (2 * b)
+    discriminant = linear**2 - 4 * square * constant
+    if discriminant < 0:
+        return sqrt(constant / square)
+    return 2 * constant / (linear + sqrt(discriminant))
+
+
+def acceptance_radii(points: Sequence[Point], model: VehicleModel) -> list[float]:
+    """Metres for each point: the model's, but at most a third of the shorter leg beside it."""
+    legs = [hypot(q[0] - p[0], q[1] - p[1]) for p, q in pairwise(points)]
+    shortest = [min(before, after) for before, after in zip([inf, *legs], [*legs, inf], strict=True)]
+    return [max(_LEAST_RADIUS_M, min(model.acceptance_radius_m, leg * _RADIUS_PER_LEG)) for leg in shortest]
+
+
+class Pacer:
+    """Speeds for the legs between consecutive points.
+
+    points: (n + 1, 2) metres east/north, the last one a halt. halts: (n + 1,) whether the vehicle comes to rest there.
+    times_s: (n,) seconds from slot boundary to slot boundary. in_flight: the first point is passed, not left from rest.
+    """
+
+    def __init__(
+        self,
+        points: Sequence[Point],
+        halts: Sequence[bool],
+        times_s: Sequence[float],
+        *,
+        in_flight: bool,
+        model: VehicleModel,
+    ) -> None:
+        self._halts, self._times_s = halts, times_s
+        self._in_flight, self._model = in_flight, model
+        self._lengths = [hypot(q[0] - p[0], q[1] - p[1]) for p, q in pairwise(points)]
+        self._radii = acceptance_radii(points, model)
+        self._cosines = [
+            0.0 if halt or at == 0 else _cosine_of_turn(*points[at - 1 : at + 2]) for at, halt in enumerate(halts)
+        ]
+
+    def speeds(self) -> list[float]:
+        """(n,) m/s, not yet limited to what the vehicle flies."""
+        speeds = [length / time_s for length, time_s in zip(self._lengths, self._times_s, strict=True)]
+        for _ in range(_PASSES):
+            speeds = [self._speed(leg, speeds) for leg in range(len(speeds))]
+        return speeds
+
+    def _speed(self, leg: int, speeds: list[float]) -> float:
+        """The speed of one leg, given the others'. A leg flown through ends one radius early in way and in time."""
+        distance_m, time_s = self._lengths[leg], self._times_s[leg]
+        if leg > 0 and not self._halts[leg]:
+            radius = self._radii[leg]
+            distance_m += radius * self._cosines[leg]
+            time_s += radius / max(speeds[leg - 1], self._model.min_speed_mps)
+        if self._halts[leg + 1]:
+            distance_m -= self._radii[leg + 1]
+            leave_mps = sqrt(self._model.braking_mps2 * self._radii[leg + 1])
+        else:
+            leave_mps = self._through(leg + 1, speeds)
+        cruise = speeds[leg]
+        return cruise_speed(
+            max(0.0, distance_m),
+            time_s,
+            entry_mps=min(cruise, self._entry(leg, speeds)),
+            leave_mps=min(cruise, leave_mps),
+            model=self._model,
+        )
+
+    def _entry(self, leg: int, speeds: list[float]) -> float:
+        """Speed along the leg at its beginning: after a sharp turn it is negative, the vehicle still flies away."""
+        if leg == 0:
+            return _ENTRY_IN_FLIGHT * speeds[0] if self._in_flight else 0.0
+        return 0.0 if self._halts[leg] else self._through(leg, speeds) * self._cosines[leg]
+
+    def _through(self, at: int, speeds: list[float]) -> float:
+        """Speed at a point flown through: the turn must fit in the acceptance radius, as PX4 has it."""
+        cosine = self._cosines[at]
+        turn_mps = inf
+        if cosine < _STRAIGHT:
+            inside = (pi - acos(max(-1.0, cosine))) / 2
+            turn_mps = sqrt(self._model.braking_mps2 * self._radii[at] * tan(inside))
+        return min(speeds[at - 1], speeds[at], turn_mps)
+
+
+def _cosine_of_turn(before: Point, at: Point, after: Point) -> float:
+    """1 for straight on, -1 for straight back; 0 where a leg has no length."""
+    (ax, ay), (bx, by), (cx, cy) = before, at, after
+    lengths = hypot(bx - ax, by - ay) * hypot(cx - bx, cy - by)
+    return ((bx - ax) * (cx - bx) + (by - ay) * (cy - by)) / lengths if lengths else 0.0
