@@ -84,12 +84,15 @@ class FleetLink:
     async def connect(self, url: str) -> None:
         """Open a MAVSDK connection URL, such as `udpin://127.0.0.1:14540`; raises ConnectionFailed.
 
-        Without `async with`, this begins the link and `close` ends it.
+        Without `async with`, the first success begins the link and `close` ends it.
         """
+        entered = self._mavsdk is not None
         mavsdk = self._begin()
         try:
             await self._call(mavsdk.add_any_connection_with_handle_and_forwarding, url, ForwardingOption.OFF)
         except MavsdkError as failed:
+            if not entered:
+                await self.close()
             raise ConnectionFailed(url, str(failed)) from failed
 
     async def wait_for(self, system_ids: Collection[int], timeout_s: float) -> None:

@@ -188,6 +188,9 @@ async def test_a_url_that_cannot_be_opened_is_named() -> None:
     async with FleetLink(clock=ScaledClock(), monitor=HeartbeatMonitor()) as link:
         with pytest.raises(ConnectionFailed, match="nonsense://x"):
             await link.connect("nonsense://x")
+        assert link.heard_systems == set()
+    with pytest.raises(ConnectionFailed, match="nonsense://x"):
+        await FleetLink(clock=ScaledClock(), monitor=HeartbeatMonitor()).connect("nonsense://x")
 
 
 async def test_a_link_that_is_not_open_says_so(free_port: int) -> None:
