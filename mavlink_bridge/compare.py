@@ -12,16 +12,20 @@ _REL = 2.0**-22
 _ABS = 1e-6
 
 
-def mission_differences(sent: Sequence[MissionItem], read_back: Sequence[MissionItem]) -> tuple[str, ...]:
+def mission_differences(
+    sent: Sequence[MissionItem], read_back: Sequence[MissionItem], *, home_first: bool = False
+) -> tuple[str, ...]:
     """What differs, one sentence each; empty means equal.
 
     Integers (seq, frame, command, autocontinue, x, y) must be equal; parameters and altitude travel as float32 and
     may differ by its rounding. `current` is the vehicle's own state and is not compared; neither are the frame and
-    the coordinates of items that have no position.
+    the coordinates of items that have no position. `home_first`: item 0 is home, where ArduPilot keeps its own place,
+    and is not compared either.
     """
     if len(sent) != len(read_back):
         return (f"{len(sent)} items sent, {len(read_back)} read back",)
-    return tuple(text for one, other in zip(sent, read_back, strict=True) for text in _item_differences(one, other))
+    pairs = list(zip(sent, read_back, strict=True))[int(home_first) :]
+    return tuple(text for one, other in pairs for text in _item_differences(one, other))
 
 
 def _item_differences(sent: MissionItem, read: MissionItem) -> list[str]:

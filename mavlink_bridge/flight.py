@@ -13,10 +13,10 @@ from math import hypot, nan
 from mavsdk.plugins.action import ActionError
 from mavsdk.plugins.mission_raw import MissionRawError
 
+from mavlink_bridge.autopilots import FlightMode
 from mavlink_bridge.geodesy import geodetic_to_east_north
 from mavlink_bridge.items import Mission
 from mavlink_bridge.results import CommandResult, SwapResult, UploadResult
-from mavlink_bridge.telemetry import FlightMode
 from mavlink_bridge.transfer import upload_verified
 from mavlink_bridge.vehicle import Vehicle
 from planner.scenario import Origin

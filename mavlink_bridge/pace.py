@@ -31,7 +31,9 @@ class VehicleModel:
     acceleration_mps2: horizontal (MPC_ACC_HOR). braking_mps2: what stops and corners are planned with, a little less.
     max_speed_mps: what a speed command may ask for (MPC_XY_VEL_MAX). min_speed_mps: slower legs are flown at this
     speed and end in a hold. acceptance_radius_m: a waypoint counts as reached this far away (param2 of NAV_WAYPOINT);
-    less where the legs beside it are short.
+    less where the legs beside it are short. settle_s: what a hold costs beside its own seconds, because it only begins
+    once the vehicle has come to rest. hold_step_s: holds are stored in multiples of this (0: any length).
+    `models.model_from_parameters` makes one from what a vehicle says about itself.
     """
 
     acceleration_mps2: float = 3.0
@@ -39,11 +41,16 @@ class VehicleModel:
     max_speed_mps: float = 12.0
     min_speed_mps: float = 0.2
     acceptance_radius_m: float = 1.0
+    settle_s: float = 0.0
+    hold_step_s: float = 0.0
 
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
-            if not (isfinite(value) and value > 0):
-                raise ValueError(f"{name}: {value} must be a finite number above 0")
+            may_be_zero = name in ("settle_s", "hold_step_s")
+            if not (isfinite(value) and (value > 0 or (may_be_zero and value == 0))):
+                raise ValueError(
+                    f"{name}: {value} must be a finite number {'of at least' if may_be_zero else 'above'} 0"
+                )
 
 
 def cruise_speed(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
+from mavlink_bridge.autopilots import Autopilot, FlightMode, autopilot_of, mode_of
 from mavlink_bridge.geodesy import from_e7
 
 MESSAGES = ("HEARTBEAT", "GLOBAL_POSITION_INT", "MISSION_CURRENT", "MISSION_ACK", "EXTENDED_SYS_STATE")
@@ -19,24 +20,6 @@ _ACCEPTED = 0
 _UNKNOWN_TOTAL = 65535
 
 
-class FlightMode(StrEnum):
-    """Who flies: PX4's modes as custom_mode encodes them; OTHER is one this list does not know."""
-
-    MANUAL = "manual"
-    ALTITUDE = "altitude"
-    POSITION = "position"
-    ACRO = "acro"
-    OFFBOARD = "offboard"
-    STABILIZED = "stabilized"
-    READY = "ready"
-    TAKEOFF = "takeoff"
-    HOLD = "hold"
-    MISSION = "mission"
-    RETURN = "return"
-    LAND = "land"
-    OTHER = "other"
-
-
 class LandedState(StrEnum):
     """MAV_LANDED_STATE of EXTENDED_SYS_STATE (245)."""
 
@@ -47,23 +30,6 @@ class LandedState(StrEnum):
     LANDING = "landing"
 
 
-_MAIN = {
-    1: FlightMode.MANUAL,
-    2: FlightMode.ALTITUDE,
-    3: FlightMode.POSITION,
-    5: FlightMode.ACRO,
-    6: FlightMode.OFFBOARD,
-    7: FlightMode.STABILIZED,
-}
-_AUTO = {
-    1: FlightMode.READY,
-    2: FlightMode.TAKEOFF,
-    3: FlightMode.HOLD,
-    4: FlightMode.MISSION,
-    5: FlightMode.RETURN,
-    6: FlightMode.LAND,
-}
-_AUTO_MAIN = 4
 _LANDED = tuple(LandedState)
 
 
@@ -93,19 +59,12 @@ class Telemetry:
     heard_at_s: float
 
 
-def px4_mode(custom_mode: int) -> FlightMode:
-    """HEARTBEAT.custom_mode of PX4 as a mode: main mode in byte 2, sub mode in byte 3."""
-    main, sub = custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF
-    if main == _AUTO_MAIN:
-        return _AUTO.get(sub, FlightMode.OTHER)
-    return _MAIN.get(main, FlightMode.OTHER)
-
-
 class TelemetryState:
     """Latest values of one autopilot. Feed only messages of its own system id and component 1."""
 
     def __init__(self, system_id: int) -> None:
         self.system_id = system_id
+        self.autopilot: Autopilot | None = None
         self.mode = FlightMode.OTHER
         self.armed = False
         self.landed_state = LandedState.UNDEFINED
@@ -158,7 +117,8 @@ class TelemetryState:
     def _heartbeat(self, fields: Mapping[str, Any], heard_s: float) -> None:
         del heard_s
         self._heard = True
-        self.mode = px4_mode(int(fields["custom_mode"]))
+        self.autopilot = autopilot_of(int(fields["autopilot"]))
+        self.mode = mode_of(self.autopilot, int(fields["custom_mode"]))
         self.armed = bool(int(fields["base_mode"]) & _ARMED)
 
     def _global_position(self, fields: Mapping[str, Any], heard_s: float) -> None:
