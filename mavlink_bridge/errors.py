@@ -10,6 +10,7 @@
     └── LinkError               the link itself, not one vehicle on it
         ├── ConnectionFailed
         ├── LinkClosed
+        ├── SigningKeyInvalid
         └── VehiclesMissing
 
 What fails on a single vehicle (an upload, a swap) is a result with an `error` text, never an exception.
@@ -75,6 +76,13 @@ class ConnectionFailed(LinkError):
 
 class LinkClosed(LinkError):
     """The fleet link was used before it was opened or after it was closed."""
+
+
+class SigningKeyInvalid(LinkError):
+    """The key messages are signed with cannot be used; the text never shows it."""
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(f"signing key: {reason}")
 
 
 class VehiclesMissing(LinkError):

@@ -8,11 +8,13 @@ from concurrent.futures import ThreadPoolExecutor
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
-from mavsdk import ComponentType, Configuration, ForwardingOption, Mavsdk, MavsdkError
+from mavsdk import ComponentType, Configuration, ForwardingOption, Mavsdk
 
 from mavlink_bridge import flight
 from mavlink_bridge.errors import ConnectionFailed, LinkClosed, VehiclesMissing
+from mavlink_bridge.framing import Frame
 from mavlink_bridge.heartbeat import AUTOPILOT, HeartbeatMonitor, LinkEvent, LinkState
+from mavlink_bridge.hub import Hub, LinkOptions
 from mavlink_bridge.items import Mission
 from mavlink_bridge.mavsdk_log import to_python_logging
 from mavlink_bridge.results import CommandResult, SwapResult, UploadResult
@@ -45,8 +47,10 @@ class FleetLink:
     A system id nobody has heard on the link gets a result that says so.
     """
 
-    def __init__(self, *, clock: Clock, monitor: HeartbeatMonitor) -> None:
+    def __init__(self, *, clock: Clock, monitor: HeartbeatMonitor, options: LinkOptions | None = None) -> None:
         self.monitor = monitor
+        self._options = options or LinkOptions()
+        self._hub: Hub | None = None
         self._clock = clock
         self._mavsdk: Mavsdk | None = None
         self._closed = False
@@ -71,6 +75,8 @@ class FleetLink:
         """End all waiting, let running MAVSDK calls time out, and free the ports. Ends every `events` iterator."""
         self._closed = True
         mavsdk, self._mavsdk = self._mavsdk, None
+        if self._hub is not None:
+            self._hub.close()
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
@@ -82,18 +88,18 @@ class FleetLink:
         self._vehicles.clear()
 
     async def connect(self, url: str) -> None:
-        """Open a MAVSDK connection URL, such as `udpin://127.0.0.1:14540`; raises ConnectionFailed.
+        """Open a further link (see `endpoints`), such as `udpin://127.0.0.1:14540`; raises ConnectionFailed.
 
-        Without `async with`, the first success begins the link and `close` ends it.
+        A vehicle heard on several is spoken to on the first that works. Without `async with`, the first success begins
+        the link and `close` ends it.
         """
         entered = self._mavsdk is not None
-        mavsdk = self._begin()
         try:
-            await self._call(mavsdk.add_any_connection_with_handle_and_forwarding, url, ForwardingOption.OFF)
-        except MavsdkError as failed:
+            await self._begin().connect(url)
+        except ConnectionFailed:
             if not entered:
                 await self.close()
-            raise ConnectionFailed(url, str(failed)) from failed
+            raise
 
     async def wait_for(self, system_ids: Collection[int], timeout_s: float) -> None:
         """Wait until the autopilot of each was heard, and watch its heartbeats from then on.
@@ -185,15 +191,21 @@ class FleetLink:
 
     # -- inside -------------------------------------------------------------------------------------------------
 
-    def _begin(self) -> Mavsdk:
-        """The MAVSDK object, made on first use; a closed link stays closed."""
+    def _begin(self) -> Hub:
+        """MAVSDK behind the hub, made on first use; a closed link stays closed."""
         if self._mavsdk is None and not self._closed:
             to_python_logging()
             loop = asyncio.get_running_loop()
-            self._mavsdk = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
-            self._mavsdk.subscribe_on_new_system(lambda _user_data: loop.call_soon_threadsafe(self._look_around))
+            mavsdk = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
+            mavsdk.add_any_connection_with_handle_and_forwarding("raw://", ForwardingOption.OFF)
+            self._hub = Hub(self._options, to_mavsdk=mavsdk.pass_received_raw_bytes, on_heard=self._frame_heard)
+            mavsdk.subscribe_raw_bytes_to_be_sent(self._hub.to_vehicles)
+            mavsdk.subscribe_on_new_system(lambda _user_data: loop.call_soon_threadsafe(self._look_around))
+            self._mavsdk = mavsdk
             self._spawn(self._watch())
-        return self._open()
+        self._open()
+        assert self._hub is not None  # noqa: S101
+        return self._hub
 
     def _open(self) -> Mavsdk:
         if self._mavsdk is None:
@@ -224,13 +236,19 @@ class FleetLink:
                     clock=self._clock,
                     pool=self._pool,
                     loop=asyncio.get_running_loop(),
-                    on_heartbeat=self._heartbeat,
+                    on_message=self._message,
                 )
 
-    def _heartbeat(self, vehicle: Vehicle, heard_s: float) -> None:
-        if vehicle.system_id in self._awaited:
+    def _frame_heard(self, frame: Frame) -> None:
+        """Whatever component 1 sends shows that autopilot and link are alive."""
+        if frame.component_id == AUTOPILOT and frame.system_id in self.monitor.watched:
+            vehicle = self._vehicles.get(frame.system_id)
+            boot_ms = None if vehicle is None else vehicle.state.boot_ms
+            self.monitor.heard(frame.system_id, AUTOPILOT, self._clock.now(), boot_ms)
+
+    def _message(self, vehicle: Vehicle, name: str, fields: dict[str, Any], heard_s: float) -> None:
+        if name == "HEARTBEAT" and vehicle.system_id in self._awaited:
             self.monitor.watch(vehicle.system_id, heard_s)
-        self.monitor.heard(vehicle.system_id, AUTOPILOT, heard_s, vehicle.state.boot_ms)
 
     async def _watch(self) -> None:
         """Ask the monitor, forever; after a stall of our own, first take in what arrived meanwhile."""

@@ -111,8 +111,11 @@ class RoundTrip:
 class _Transfer:
     """What uploads and downloads share: the question that is open, its timer, and the end."""
 
-    def __init__(self, system_id: int, mission_type: MissionType, round_trip: RoundTrip | None) -> None:
+    def __init__(
+        self, system_id: int, mission_type: MissionType, round_trip: RoundTrip | None, silence_s: float
+    ) -> None:
         self.ended: Ended | None = None
+        self._silence_s = silence_s
         self._type = mission_type
         self._address = {"target_system": system_id, "target_component": AUTOPILOT_COMPONENT}
         self._round_trip = round_trip or RoundTrip()
@@ -124,7 +127,7 @@ class _Transfer:
     @property
     def due_s(self) -> float:
         """When `tick` has something to do."""
-        return inf if self.ended else min(self._asked_s + self._round_trip.timeout_s, self._heard_s + SILENCE_S)
+        return inf if self.ended else min(self._asked_s + self._round_trip.timeout_s, self._heard_s + self._silence_s)
 
     def start(self, now_s: float) -> list[Message]:
         """Begin; times are seconds of one steady clock."""
@@ -143,9 +146,9 @@ class _Transfer:
         """Repeat the open question when its time has come; end after a long silence."""
         if self.ended or self._question is None:
             return []
-        if now_s - self._heard_s >= SILENCE_S:
+        if now_s - self._heard_s >= self._silence_s:
             self.ended = Ended(
-                error=f"{self._question.name}: no answer for {SILENCE_S:g} s", perhaps_done=self._all_sent()
+                error=f"{self._question.name}: no answer for {self._silence_s:g} s", perhaps_done=self._all_sent()
             )
             return []
         if now_s - self._asked_s < self._round_trip.timeout_s:
@@ -193,8 +196,9 @@ class Upload(_Transfer):
         *,
         mission_type: MissionType = MissionType.MISSION,
         round_trip: RoundTrip | None = None,
+        silence_s: float = SILENCE_S,
     ) -> None:
-        super().__init__(system_id, mission_type, round_trip)
+        super().__init__(system_id, mission_type, round_trip, silence_s)
         self._items = items
         self._asked_for = -1
         self._ahead = 0
@@ -269,8 +273,9 @@ class Download(_Transfer):
         *,
         mission_type: MissionType = MissionType.MISSION,
         round_trip: RoundTrip | None = None,
+        silence_s: float = SILENCE_S,
     ) -> None:
-        super().__init__(system_id, mission_type, round_trip)
+        super().__init__(system_id, mission_type, round_trip, silence_s)
         self.items: list[MissionItem] = []
         self._count: int | None = None
         self._opaque_id = 0

@@ -14,7 +14,7 @@ from typing import Any
 
 from mavlink_bridge.compare import mission_differences
 from mavlink_bridge.items import MissionItem
-from mavlink_bridge.mission_protocol import Download, Ended, Message, MissionType, RoundTrip, Upload
+from mavlink_bridge.mission_protocol import SILENCE_S, Download, Ended, Message, MissionType, RoundTrip, Upload
 
 ATTEMPTS = 3
 _PAUSE_S = 0.2
@@ -48,6 +48,7 @@ class VerifiedUpload:
         mission_type: MissionType = MissionType.MISSION,
         home_first: bool = False,
         attempts: int = ATTEMPTS,
+        silence_s: float = SILENCE_S,
     ) -> None:
         self.on_board: OnBoard | None = None
         self.error: str | None = "not tried"
@@ -56,6 +57,7 @@ class VerifiedUpload:
         self._new, self._old = items, old
         self._system_id, self._type, self._home_first = system_id, mission_type, home_first
         self._limit = attempts
+        self._silence_s = silence_s
         self._tries = 0
         self._restoring = False
         self._failure: str | None = None
@@ -97,14 +99,19 @@ class VerifiedUpload:
         """Stop here: the link is gone. What is on board is unknown unless it was proven."""
         if self.on_board is None:
             self.on_board = OnBoard.UNKNOWN
+            self.error = self._failure or "given up: the link was declared lost"
 
     def _upload(self, now_s: float) -> list[Message]:
         self._tries += 1
         self._failure = None
         if not self._restoring:
             self.attempts = self._tries
-        self._transfer = Upload(self._wanted, self._system_id, mission_type=self._type, round_trip=self._round_trip)
+        self._transfer = Upload(self._wanted, self._system_id, **self._how)
         return self._transfer.start(now_s)
+
+    @property
+    def _how(self) -> dict[str, Any]:
+        return {"mission_type": self._type, "round_trip": self._round_trip, "silence_s": self._silence_s}
 
     @property
     def _wanted(self) -> Sequence[MissionItem]:
@@ -129,7 +136,7 @@ class VerifiedUpload:
         return [upload.cancel(), *self._failed(now_s, again=ended.passing)]
 
     def _read_back(self, now_s: float) -> list[Message]:
-        self._transfer = Download(self._system_id, mission_type=self._type, round_trip=self._round_trip)
+        self._transfer = Download(self._system_id, **self._how)
         return self._transfer.start(now_s)
 
     def _proved(self, download: Download, ended: Ended, now_s: float) -> list[Message]:
