@@ -10,6 +10,8 @@ from mavlink_bridge.items import MissionItem
 _REL = 2.0**-22
 """Two units in the last place of a float32."""
 _ABS = 1e-6
+_DATUM = {5: 0, 6: 3, 11: 10}
+"""MAV_FRAME of integer coordinates: the same datum as its older number, which is what ArduPilot reads back."""
 
 
 def mission_differences(
@@ -32,9 +34,11 @@ def _item_differences(sent: MissionItem, read: MissionItem) -> list[str]:
     integers = ["seq", "command", "autocontinue"]
     floats = ["param1", "param2", "param3", "param4"]
     if sent.has_position:
-        integers += ["frame", "x", "y"]
+        integers += ["x", "y"]
         floats += ["z"]
     different = [name for name in integers if getattr(sent, name) != getattr(read, name)]
+    if sent.has_position and _DATUM.get(sent.frame, sent.frame) != _DATUM.get(read.frame, read.frame):
+        different.append("frame")
     different += [name for name in floats if not _same(getattr(sent, name), getattr(read, name))]
     return [
         f"item {sent.seq}: {name} {getattr(sent, name)} sent, {getattr(read, name)} read back" for name in different

@@ -15,6 +15,7 @@ ARDUCOPTER = VehicleModel(
     braking_mps2=2.0,
     max_speed_mps=15.0,
     acceptance_radius_m=2.0,
+    jerk_mps3=1.0,
     settle_s=2.2,
     hold_step_s=1.0,
 )
@@ -50,6 +51,7 @@ def _arducopter(parameters: Parameters) -> VehicleModel:
         braking_mps2=_BRAKING_SHARE * acceleration,
         max_speed_mps=max(cruise * _COPTER_SPEED_FACTOR, VehicleModel().min_speed_mps),
         acceptance_radius_m=_metres(parameters, "WP_RADIUS_M", "WPNAV_RADIUS", ARDUCOPTER.acceptance_radius_m),
+        jerk_mps3=parameters.get("WP_JERK", parameters.get("WPNAV_JERK", ARDUCOPTER.jerk_mps3)),
         settle_s=ARDUCOPTER.settle_s,
         hold_step_s=ARDUCOPTER.hold_step_s,
     )
@@ -65,7 +67,10 @@ _MAKERS = {Autopilot.PX4: _px4, Autopilot.ARDUPILOT: _arducopter}
 
 MODEL_PARAMETERS = {
     Autopilot.PX4: ("MPC_ACC_HOR", "MPC_XY_VEL_MAX"),
-    Autopilot.ARDUPILOT: ("WP_ACC", "WP_SPD", "WP_RADIUS_M", "WPNAV_ACCEL", "WPNAV_SPEED", "WPNAV_RADIUS"),
+    Autopilot.ARDUPILOT: (
+        *("WP_ACC", "WP_JERK", "WP_RADIUS_M", "WP_SPD"),
+        *("WPNAV_ACCEL", "WPNAV_JERK", "WPNAV_RADIUS", "WPNAV_SPEED"),
+    ),
 }
 """Parameters a model is made of; a vehicle knows the old or the new names, and may know none."""
 

@@ -31,7 +31,8 @@ class VehicleModel:
     acceleration_mps2: horizontal (MPC_ACC_HOR). braking_mps2: what stops and corners are planned with, a little less.
     max_speed_mps: what a speed command may ask for (MPC_XY_VEL_MAX). min_speed_mps: slower legs are flown at this
     speed and end in a hold. acceptance_radius_m: a waypoint counts as reached this far away (param2 of NAV_WAYPOINT);
-    less where the legs beside it are short. settle_s: what a hold costs beside its own seconds, because it only begins
+    less where the legs beside it are short. jerk_mps3: how fast the acceleration itself builds up (WPNAV_JERK).
+    settle_s: what a hold costs beside its own seconds, because it only begins
     once the vehicle has come to rest. hold_step_s: holds are stored in multiples of this (0: any length).
     `models.model_from_parameters` makes one from what a vehicle says about itself.
     """
@@ -41,16 +42,17 @@ class VehicleModel:
     max_speed_mps: float = 12.0
     min_speed_mps: float = 0.2
     acceptance_radius_m: float = 1.0
+    jerk_mps3: float = inf
     settle_s: float = 0.0
     hold_step_s: float = 0.0
 
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
-            may_be_zero = name in ("settle_s", "hold_step_s")
-            if not (isfinite(value) and (value > 0 or (may_be_zero and value == 0))):
-                raise ValueError(
-                    f"{name}: {value} must be a finite number {'of at least' if may_be_zero else 'above'} 0"
-                )
+            if name in ("settle_s", "hold_step_s"):
+                if not (isfinite(value) and value >= 0):
+                    raise ValueError(f"{name}: {value} must be a finite number of seconds, at least 0")
+            elif not (value > 0 and (isfinite(value) or name == "jerk_mps3")):
+                raise ValueError(f"{name}: {value} must be a finite number above 0")
 
 
 def cruise_speed(
@@ -61,7 +63,9 @@ def cruise_speed(
     With acceleration a and braking b that costs (v - entry)^2 / 2av + (v - leave)^2 / 2bv seconds beside distance / v:
     a quadratic in v. Where no speed is fast enough it is the one that is least late.
     """
-    a, b = model.acceleration_mps2, model.braking_mps2
+    change_mps = max(distance_m / duration_s - min(entry_mps, leave_mps), 0.5)
+    a = mean_acceleration(change_mps, model.acceleration_mps2, model.jerk_mps3)
+    b = mean_acceleration(change_mps, model.braking_mps2, model.jerk_mps3)
     square = 1 / (2 * a) + 1 / (2 * b)
     linear = duration_s + entry_mps / a + leave_mps / b
     constant = distance_m + entry_mps**2 / (2 * a) + leave_mps**2 / (2 * b)
@@ -69,6 +73,18 @@ def cruise_speed(
     if discriminant < 0:
         return sqrt(constant / square)
     return 2 * constant / (linear + sqrt(discriminant))
+
+
+def mean_acceleration(change_mps: float, limit_mps2: float, jerk_mps3: float) -> float:
+    """Mean acceleration (m/s^2) of a change of speed that begins and ends without one, limited in itself and in jerk.
+
+    It takes `change / limit + limit / jerk` seconds where the limit is reached, else `2 sqrt(change / jerk)`.
+    """
+    if jerk_mps3 == inf:
+        return limit_mps2
+    if change_mps >= limit_mps2**2 / jerk_mps3:
+        return change_mps / (change_mps / limit_mps2 + limit_mps2 / jerk_mps3)
+    return sqrt(change_mps * jerk_mps3) / 2
 
 
 def acceptance_radii(points: Sequence[Point], model: VehicleModel) -> list[float]:
