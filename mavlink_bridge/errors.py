@@ -5,7 +5,8 @@
     ├── CompileError            a plan cannot become a mission
     │   ├── UnknownUav
     │   ├── TooManyItems
-    │   └── ReturnPathsTooClose
+    │   ├── ReturnPathsTooClose
+    │   └── TransitionTooClose
     ├── FormatError             a .plan or .waypoints file cannot be read
     └── LinkError               the link itself, not one vehicle on it
         ├── ConnectionFailed
@@ -56,6 +57,14 @@ class ReturnPathsTooClose(CompileError):
             f"min_separation_m {required_m:g}; land in place instead"
         )
         self.first, self.second, self.apart_m = first, second, apart_m
+
+
+class TransitionTooClose(CompileError):
+    """UAVs, or a UAV and the reserved air of a lost one, would come too close while changing over to a new plan."""
+
+    def __init__(self, what: str, required_m: float) -> None:
+        super().__init__(f"transition: {what}, closer than min_separation_m {required_m:g}")
+        self.required_m = required_m
 
 
 class FormatError(BridgeError):

@@ -22,6 +22,8 @@ class Command(IntEnum):
     NAV_LAND = 21
     NAV_TAKEOFF = 22
     DO_CHANGE_SPEED = 178
+    NAV_FENCE_POLYGON_VERTEX_INCLUSION = 5001
+    NAV_RALLY_POINT = 5100
 
 
 class Frame(IntEnum):

@@ -118,7 +118,7 @@ class Keeper:
     def _fly(self, number: int, now_s: float, point_m: Point, velocity_mps: Point) -> Order | None:
         """The speed that meets the next point of the plan in time."""
         seq, slot = self._stops[number]
-        if seq < self._mission.start_item or self._waits(number, now_s, point_m):
+        if seq < self._mission.start_item or self._waits(number, point_m):
             return None
         target = self._target(number, now_s)
         corner = self._route.path_m[min(slot, target)]
@@ -143,7 +143,7 @@ class Keeper:
         self._speed_mps = speed
         return Order(late_s=left_m / max(self._pace(slot), 0.5) - left_s, speed_mps=round(speed, 2))
 
-    def _waits(self, number: int, now_s: float, point_m: Point) -> bool:
+    def _waits(self, number: int, point_m: Point) -> bool:
         """Whether it is at a stop that it should not leave yet, or close to the end of the leg anyway."""
         _, slot = self._stops[number]
         at = self._route.path_m[slot]
