@@ -55,8 +55,9 @@ class VirtualFlight:
         self.path_m: list[Point] = list(plan.trajectories_m[uav_id])
         self.origin = plan.scenario.origin
         self.clock = sim.VirtualClock()
-        spec = sim.VehicleSpec(1, *east_north_to_geodetic(self.origin, *self.path_m[0]))
-        self.fleet = fleet_of([spec], self.clock, autopilot)
+        place = east_north_to_geodetic(self.origin, *self.path_m[0])
+        spec = sim.VehicleSpec(1, *place, autopilot=autopilot.value)
+        self.fleet = sim.Fleet([spec], clock=self.clock, protocol_clock=self.clock.now)
         self.vehicle = self.fleet.vehicles[1]
         self._pending: list[tuple[float, Message]] = []
         self._seen: tuple[float, Point, Point, int] | None = None
@@ -204,9 +205,3 @@ def order_message(order: Order) -> Message:
         return command(224, order.item)
     assert order.speed_mps is not None  # noqa: S101
     return command(178, 1, order.speed_mps, -1)
-
-
-def fleet_of(specs: list[sim.VehicleSpec], clock: sim.VirtualClock, autopilot: Autopilot) -> sim.Fleet:
-    """Simulated vehicles with this autopilot, in virtual time."""
-    del autopilot
-    return sim.Fleet(specs, clock=clock, protocol_clock=clock.now)

@@ -100,11 +100,9 @@ class Wire:
 def autopilot_on(wire: Wire, flavour: Autopilot) -> Any:
     """A simulated autopilot, on the ground, at the other end of the wire."""
     autopilot = sim.autopilot.Autopilot(
-        sim.VehicleSpec(1, 47.397742, 8.545594),
-        limits=sim.Limits(),
+        sim.VehicleSpec(1, 47.397742, 8.545594, autopilot=flavour.value),
         protocol_clock=lambda: wire.now_s,
         on_event=lambda _kind, _detail: None,
     )
-    del flavour
     wire.autopilot = autopilot
     return autopilot

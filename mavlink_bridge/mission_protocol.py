@@ -89,7 +89,13 @@ class RoundTrip:
         self._least_s, self._most_s = least_s, most_s
         self._smooth_s: float | None = None
         self._deviation_s = 0.0
-        self.timeout_s = initial_s
+        self._wait_s = initial_s
+        self._patience = 1.0
+
+    @property
+    def timeout_s(self) -> float:
+        """Seconds after which an answer is overdue."""
+        return min(max(self._wait_s * self._patience, self._least_s), self._most_s)
 
     def measured(self, seconds: float) -> None:
         """Take in one round trip of a message that was sent once (Karn's rule)."""
@@ -98,14 +104,15 @@ class RoundTrip:
         else:
             self._deviation_s += 0.25 * (abs(self._smooth_s - seconds) - self._deviation_s)
             self._smooth_s += 0.125 * (seconds - self._smooth_s)
-        self._limit(self._smooth_s + 4 * self._deviation_s)
+        self._wait_s = self._smooth_s + 4 * self._deviation_s
 
     def missed(self) -> None:
         """Wait half as long again next time: the link may have become slower."""
-        self._limit(1.5 * self.timeout_s)
+        self._patience = min(1.5 * self._patience, self._most_s / self._least_s)
 
-    def _limit(self, seconds: float) -> None:
-        self.timeout_s = min(max(seconds, self._least_s), self._most_s)
+    def heard(self) -> None:
+        """The link works: what was missed was lost, and not late."""
+        self._patience = 1.0
 
 
 class _Transfer:
@@ -140,6 +147,7 @@ class _Transfer:
         if handler is None or self.ended or not self._is_ours(fields):
             return []
         self._heard_s = now_s
+        self._round_trip.heard()
         return handler(fields, now_s)
 
     def tick(self, now_s: float) -> list[Message]:
@@ -151,10 +159,11 @@ class _Transfer:
                 error=f"{self._question.name}: no answer for {self._silence_s:g} s", perhaps_done=self._all_sent()
             )
             return []
-        if now_s - self._asked_s < self._round_trip.timeout_s:
+        timeout_s = self._round_trip.timeout_s
+        if now_s - self._asked_s < timeout_s:
             return []
         self._round_trip.missed()
-        return self._repeat(now_s)
+        return self._repeat(now_s, timeout_s)
 
     def _opening(self) -> Message:
         raise NotImplementedError
@@ -162,7 +171,9 @@ class _Transfer:
     def _all_sent(self) -> bool:
         return False
 
-    def _repeat(self, now_s: float) -> list[Message]:
+    def _repeat(self, now_s: float, timeout_s: float) -> list[Message]:
+        """Ask again what has not been answered for `timeout_s`."""
+        del timeout_s
         assert self._question is not None  # noqa: S101
         self._asked_s = now_s
         self._times += 1
@@ -232,9 +243,9 @@ class Upload(_Transfer):
         self._times += times
         return sent
 
-    def _repeat(self, now_s: float) -> list[Message]:
+    def _repeat(self, now_s: float, timeout_s: float) -> list[Message]:
         """The item again, and with it the one or two after it: see above."""
-        repeated = super()._repeat(now_s)
+        repeated = super()._repeat(now_s, timeout_s)
         if self._asked_for < 0:
             return repeated
         self._ahead = min(self._ahead + 1, MOST_AHEAD, len(self._items) - 1 - self._asked_for)
@@ -248,9 +259,10 @@ class Upload(_Transfer):
         if result is Ack.ACCEPTED:
             if self._all_sent():  # else it acknowledges another transfer
                 self.ended = Ended(opaque_id=int(fields.get("opaque_id", 0)))
+        elif self._all_sent() and self._times > 1 and result is Ack.ERROR:  # ArduPilot, which waits for nothing more
+            self.ended = Ended(error="the final acknowledgement was lost", perhaps_done=True)
         elif started and result is Ack.INVALID_SEQUENCE:
-            if self._times > 1 and self._asked_for == len(self._items) - 1:
-                self.ended = Ended(error="the final acknowledgement was lost", perhaps_done=True)
+            pass  # it has what was repeated: the timer goes on
         elif started and result is Ack.DENIED:
             pass  # another station was refused, or we were while the transfer goes on: the timer decides
         else:
@@ -265,7 +277,10 @@ class Upload(_Transfer):
 
 
 class Download(_Transfer):
-    """Reads all items of one type; `items` is complete once it has `ended` without an error."""
+    """Reads all items of one type; `items` is complete once it has `ended` without an error.
+
+    `window`: items asked for at once. PX4 answers only the next one; ArduPilot has no state and answers any.
+    """
 
     def __init__(
         self,
@@ -274,9 +289,12 @@ class Download(_Transfer):
         mission_type: MissionType = MissionType.MISSION,
         round_trip: RoundTrip | None = None,
         silence_s: float = SILENCE_S,
+        window: int = 1,
     ) -> None:
         super().__init__(system_id, mission_type, round_trip, silence_s)
-        self.items: list[MissionItem] = []
+        self._window = window
+        self._read: dict[int, MissionItem] = {}
+        self._open: dict[int, tuple[float, int]] = {}
         self._count: int | None = None
         self._opaque_id = 0
         self._handlers = {
@@ -284,6 +302,11 @@ class Download(_Transfer):
             "MISSION_ITEM_INT": self._item,
             "MISSION_ACK": self._ack,
         }
+
+    @property
+    def items(self) -> list[MissionItem]:
+        """What was read, in order."""
+        return [self._read[seq] for seq in sorted(self._read)]
 
     def _opening(self) -> Message:
         return self._message("MISSION_REQUEST_LIST")
@@ -294,26 +317,49 @@ class Download(_Transfer):
         self._answered(now_s)
         self._count = int(fields["count"])
         self._opaque_id = int(fields.get("opaque_id", 0))
-        return self._next(now_s)
+        return self._go_on(now_s)
 
     def _item(self, fields: dict[str, Any], now_s: float) -> list[Message]:
-        if self._count is None or int(fields["seq"]) != len(self.items):
+        seq = int(fields["seq"])
+        if seq not in self._open:
             return []
-        self._answered(now_s)
-        self.items.append(item_from(fields))
-        return self._next(now_s)
+        asked_s, times = self._open.pop(seq)
+        if times == 1:
+            self._round_trip.measured(now_s - asked_s)
+        self._read[seq] = item_from(fields)
+        return self._go_on(now_s)
 
-    def _next(self, now_s: float) -> list[Message]:
-        if len(self.items) == self._count:
+    def _go_on(self, now_s: float) -> list[Message]:
+        """Keep `window` questions open; the timer is for the oldest of them."""
+        assert self._count is not None  # noqa: S101
+        if len(self._read) == self._count:
             self.ended = Ended(opaque_id=self._opaque_id)
             return [self._message("MISSION_ACK", type=int(Ack.ACCEPTED))]
-        return self._ask(self._message("MISSION_REQUEST_INT", seq=len(self.items)), now_s)
+        asked = []
+        while len(self._open) < self._window and len(self._read) + len(self._open) < self._count:
+            seq = len(self._read) + len(self._open)
+            self._open[seq] = (now_s, 1)
+            asked.append(self._request(seq))
+        self._asked_s = min(at_s for at_s, _ in self._open.values())
+        return asked
+
+    def _repeat(self, now_s: float, timeout_s: float) -> list[Message]:
+        if self._count is None:
+            return super()._repeat(now_s, timeout_s)
+        overdue = [seq for seq, (asked_s, _) in self._open.items() if now_s - asked_s >= timeout_s]
+        for seq in overdue:
+            self._open[seq] = (now_s, self._open[seq][1] + 1)
+        self._asked_s = min(at_s for at_s, _ in self._open.values())
+        return [self._request(seq) for seq in overdue]
+
+    def _request(self, seq: int) -> Message:
+        return self._message("MISSION_REQUEST_INT", seq=seq)
 
     def _ack(self, fields: dict[str, Any], now_s: float) -> list[Message]:
-        """A refusal ends it; a late ACCEPTED belongs to the upload before."""
+        """A refusal ends it; other acknowledgements are late ones of the upload before."""
         del now_s
         result = Ack(int(fields["type"]))
-        if result not in (Ack.ACCEPTED, Ack.INVALID_SEQUENCE):
+        if result not in (Ack.ACCEPTED, Ack.INVALID_SEQUENCE, Ack.ERROR):
             self.ended = Ended(error=f"read-back refused with {result.name}", passing=result in PASSING)
         return []
 

@@ -17,6 +17,8 @@ from mavlink_bridge.items import MissionItem
 from mavlink_bridge.mission_protocol import SILENCE_S, Download, Ended, Message, MissionType, RoundTrip, Upload
 
 ATTEMPTS = 3
+_STATELESS_WINDOW = 4
+"""Items of ArduPilot that are read at once."""
 _PAUSE_S = 0.2
 """Before the second attempt; doubles with each further one."""
 
@@ -136,7 +138,8 @@ class VerifiedUpload:
         return [upload.cancel(), *self._failed(now_s, again=ended.passing)]
 
     def _read_back(self, now_s: float) -> list[Message]:
-        self._transfer = Download(self._system_id, **self._how)
+        window = _STATELESS_WINDOW if self._home_first else 1
+        self._transfer = Download(self._system_id, window=window, **self._how)
         return self._transfer.start(now_s)
 
     def _proved(self, download: Download, ended: Ended, now_s: float) -> list[Message]:

@@ -55,7 +55,7 @@ class Case:
         return self.wire.run(VerifiedUpload(mission.items, 1, home_first=self.home_first, **how))
 
     def has(self, mission: Mission) -> bool:
-        on_board = self.vehicle.missions.mission.items
+        on_board = self.vehicle.missions.plan(0).items
         return not mission_differences(mission.items, on_board, home_first=self.home_first)
 
     def ends_whole(self) -> VerifiedUpload:
@@ -244,7 +244,8 @@ def forge_answer(case: Case, name: str, number: int, fields: Fields, *, keep: bo
 
     def down(heard: str, heard_fields: Fields) -> int:
         copies = original(heard, heard_fields)
-        if heard == name and original.seen[name] == number and not done:
+        asked = original.seen.get(name, 0) + original.seen.get(name.removesuffix("_INT"), 0)
+        if heard.removesuffix("_INT") == name.removesuffix("_INT") and asked == number and not done:
             done.append(True)
             ack = {"target_system": 245, "target_component": 190, "mission_type": 0, "opaque_id": 0, **fields}
             case.wire._heard("MISSION_ACK", ack)
