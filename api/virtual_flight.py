@@ -48,9 +48,11 @@ class Flown:
 
 
 class VirtualFlight:
-    """One UAV of a plan at its altitude over its slot-0 point, ready to be guided."""
+    """One UAV of a plan at its altitude over its slot-0 point, ready to be guided; `parameters` are set first."""
 
-    def __init__(self, plan: Plan, uav_id: str, autopilot: Autopilot) -> None:
+    def __init__(
+        self, plan: Plan, uav_id: str, autopilot: Autopilot, parameters: dict[str, float] | None = None
+    ) -> None:
         self.plan, self.uav_id, self.autopilot = plan, uav_id, autopilot
         self.path_m: list[Point] = list(plan.trajectories_m[uav_id])
         self.origin = plan.scenario.origin
@@ -61,6 +63,8 @@ class VirtualFlight:
         self.vehicle = self.fleet.vehicles[1]
         self._pending: list[tuple[float, Message]] = []
         self._seen: tuple[float, Point, Point, int] | None = None
+        for name, value in (parameters or {}).items():
+            self.vehicle.autopilot.parameters[name] = value
         self._launch()
 
     def model(self) -> VehicleModel:
@@ -115,7 +119,8 @@ class VirtualFlight:
             self._tell(streamer.setpoint(-1.0))
             self._step()
         self._mode(STREAM_MODE[self.autopilot])
-        began_s, distances = self.clock.now(), []
+        began_s = self.clock.now()
+        distances: list[float] = []
         steps = 0
         while len(distances) < len(self.path_m) - 1:
             if steps % every == 0:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import heapq
 import random
 from collections.abc import Callable
+from functools import partial
 from itertools import count
 from typing import Any
 
@@ -72,7 +73,7 @@ class Wire:
         for message in messages:
             for _ in range(self.up(message.name, message.fields)):
                 heard = incoming(message, sender)
-                self._later(lambda heard=heard: self._answer(self.autopilot.handle(heard)))
+                self._later(partial(self._deliver, heard))
 
     def _step(self, transfer: VerifiedUpload) -> None:
         soonest = min(self.now_s + STEP_S, transfer.due_s, self._flying[0][0] if self._flying else float("inf"))
@@ -87,7 +88,10 @@ class Wire:
         for message in messages:
             name, fields = message.get_type(), fields_of(message)
             for _ in range(self.down(name, fields)):
-                self._later(lambda name=name, fields=fields: self._heard(name, fields))
+                self._later(partial(self._heard, name, fields))
+
+    def _deliver(self, message: Any) -> None:
+        self._answer(self.autopilot.handle(message))
 
     def _heard(self, name: str, fields: dict[str, Any]) -> None:
         if self._transfer is not None:

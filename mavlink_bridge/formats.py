@@ -1,8 +1,9 @@
 """Missions as files: QGroundControl's .plan (JSON) and the older .waypoints text, out and in.
 
 Both hold degrees, so 1e-7 degree integers survive exactly (JSON at full precision, text at 8 decimals). Files use
-frame 3 where the wire uses 6: same datum, metres above the vehicle's own home. The home item an ArduPilot mission begins
-with is row 0 of a .waypoints file and `plannedHomePosition` of a .plan; a .plan may carry geofence and rally points too.
+frame 3 where the wire uses 6: same datum, metres above the vehicle's own home. The home item an ArduPilot mission
+begins with is row 0 of a .waypoints file and `plannedHomePosition` of a .plan; a .plan may carry geofence and rally
+points too.
 """
 
 from __future__ import annotations

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from math import hypot
 
 from mavlink_bridge.items import Command, Mission
-from mavlink_bridge.pace import Point, VehicleModel, cruise_speed
+from mavlink_bridge.pace import Point, VehicleModel, cruise_speed, lateness
 from mavlink_bridge.route import Route
+from mavlink_bridge.schedule import SAME_PLACE_M
 
 EVERY_S = 0.5
 """Between two orders to one vehicle, fleet seconds: a command takes a while to show."""
@@ -20,6 +21,8 @@ WORTH_MPS = 0.15
 """A smaller change of speed is not worth a command."""
 LEAST_TIME_S = 0.6
 """With less time left to a point the one after it is what counts."""
+
+
 LEAD_S = 0.2
 """Orders are given this early: until they are flown, about so long passes."""
 
@@ -93,7 +96,7 @@ class Keeper:
         if number + 1 >= len(self._stops) or self._mission.items[seq].param1 <= 0 or seq == self._ordered_item:
             return None
         at = self._route.path_m[slot]
-        leaves_s = self._leaves_s(number)
+        leaves_s = self._route.due_s(self._departs(number))
         near = hypot(point_m[0] - at[0], point_m[1] - at[1]) <= max(2.0, self._model.acceptance_radius_m)
         if not near or now_s + LEAD_S < leaves_s:
             return None
@@ -101,15 +104,18 @@ class Keeper:
         self._speed_mps = None
         return Order(late_s=now_s - leaves_s, item=self._next_item(seq))
 
-    def _leaves_s(self, number: int) -> float:
-        """When a stop is left: the last slot spent there ends with the leg that follows beginning."""
-        (_, slot), (_, following) = self._stops[number], self._stops[number + 1]
-        path = self._route.path_m
-        while (
-            slot + 1 < following and hypot(path[slot + 1][0] - path[slot][0], path[slot + 1][1] - path[slot][1]) < 0.1
-        ):
+    def _departs(self, number: int) -> int:
+        """The last slot spent at a stop: the leg that follows begins with it."""
+        slot = self._stops[number][1]
+        following = self._stops[number + 1][1] if number + 1 < len(self._stops) else self._route.last + 1
+        while slot + 1 < following and self._route.way_m(slot, slot + 1) < SAME_PLACE_M:
             slot += 1
-        return self._route.due_s(slot)
+        return slot
+
+    def _compiled_speed(self, seq: int) -> float:
+        """What the mission itself says for the leg to an item: it looks further ahead."""
+        speeds = [item.param2 for item in self._mission.items[:seq] if item.command == Command.DO_CHANGE_SPEED]
+        return speeds[-1] if speeds else 0.0
 
     def _next_item(self, seq: int) -> int:
         """The item after a waypoint: the speed of the next leg, or the next waypoint."""
@@ -130,13 +136,13 @@ class Keeper:
             east, north = corner[0] - point_m[0], corner[1] - point_m[1]
             along = (velocity_mps[0] * east + velocity_mps[1] * north) / left_m
         cruise = distance_m / left_s
-        speed = cruise_speed(
-            distance_m,
-            left_s,
-            entry_mps=min(along, cruise),
-            leave_mps=0.0 if self._rests_at(target) else min(cruise, self._pace(target)),
-            model=self._model,
-        )
+        leg = {
+            "entry_mps": min(along, cruise),
+            "leave_mps": 0.0 if self._rests_at(target) else min(cruise, self._pace(target)),
+        }
+        speed = cruise_speed(distance_m, left_s, model=self._model, **leg)
+        if lateness(distance_m, left_s, model=self._model, **leg) > 0:
+            speed = max(speed, self._compiled_speed(seq))
         speed = min(max(speed, self._model.min_speed_mps), self._model.max_speed_mps)
         if self._speed_mps is not None and abs(speed - self._speed_mps) < max(WORTH_MPS, 0.05 * speed):
             return None
@@ -152,7 +158,7 @@ class Keeper:
 
     def _target(self, number: int, now_s: float) -> int:
         """The slot whose point is aimed at: the next one that is far enough in time, and on this leg or after it."""
-        before = self._stops[number - 1][1] if number else 0
+        before = self._departs(number - 1) if number else 0
         slot = int((now_s + LEAST_TIME_S) // self._route.slot_s) + 1
         return min(max(slot, before + 1), self._route.last)
 
@@ -160,8 +166,7 @@ class Keeper:
         """Whether the plan stays at this slot's point for a while."""
         if slot >= self._route.last:
             return True
-        here, there = self._route.path_m[slot], self._route.path_m[slot + 1]
-        return hypot(there[0] - here[0], there[1] - here[1]) < 0.1
+        return self._route.way_m(slot, slot + 1) < SAME_PLACE_M
 
     def _pace(self, slot: int) -> float:
         """Mean speed of the leg that begins at a slot."""

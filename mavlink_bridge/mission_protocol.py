@@ -370,11 +370,12 @@ _ITEM_FIELDS = (
 )
 
 
+_FLOATS = ("param1", "param2", "param3", "param4", "z")
+
+
 def item_from(fields: dict[str, Any]) -> MissionItem:
     """A received MISSION_ITEM_INT as an item; a parameter that is NaN comes as None from JSON."""
-    numbers = {name: fields[name] for name in _ITEM_FIELDS}
-    floats = {
-        name: float("nan") if numbers[name] is None else float(numbers[name])
-        for name in ("param1", "param2", "param3", "param4", "z")
-    }
-    return MissionItem(**{name: int(value) for name, value in numbers.items() if name not in floats}, **floats)
+    whole = {name: int(fields[name]) for name in _ITEM_FIELDS if name not in _FLOATS}
+    floats = {name: float("nan") if fields[name] is None else float(fields[name]) for name in _FLOATS}
+    values: dict[str, Any] = {**whole, **floats}
+    return MissionItem(**values)

@@ -20,6 +20,9 @@ _PASSES = 8
 _ENTRY_IN_FLIGHT = 0.5
 """Where a vehicle in flight was heading is not known: half of its speed helps, on average."""
 _LEAST_RADIUS_M = 0.2
+_JERK_PASSES = 4
+"""With a jerk limit the mean acceleration depends on the speed that is looked for."""
+_LEAST_CHANGE_MPS = 0.5
 _RADIUS_PER_LEG = 1 / 3
 _STRAIGHT = 1 - 1e-9
 
@@ -63,16 +66,28 @@ def cruise_speed(
     With acceleration a and braking b that costs (v - entry)^2 / 2av + (v - leave)^2 / 2bv seconds beside distance / v:
     a quadratic in v. Where no speed is fast enough it is the one that is least late.
     """
-    change_mps = max(distance_m / duration_s - min(entry_mps, leave_mps), 0.5)
+    speed = distance_m / duration_s
+    for _ in range(1 if model.jerk_mps3 == inf else _JERK_PASSES):
+        change_mps = max(speed - min(entry_mps, leave_mps), _LEAST_CHANGE_MPS)
+        a = mean_acceleration(change_mps, model.acceleration_mps2, model.jerk_mps3)
+        b = mean_acceleration(change_mps, model.braking_mps2, model.jerk_mps3)
+        square = 1 / (2 * a) + 1 / (2 * b)
+        linear = duration_s + entry_mps / a + leave_mps / b
+        constant = distance_m + entry_mps**2 / (2 * a) + leave_mps**2 / (2 * b)
+        discriminant = linear**2 - 4 * square * constant
+        speed = sqrt(constant / square) if discriminant < 0 else 2 * constant / (linear + sqrt(discriminant))
+    return speed
+
+
+def lateness(distance_m: float, duration_s: float, *, entry_mps: float, leave_mps: float, model: VehicleModel) -> float:
+    """Seconds the fastest flight of such a leg is late; 0 where `cruise_speed` is in time."""
+    change_mps = max(distance_m / duration_s - min(entry_mps, leave_mps), _LEAST_CHANGE_MPS)
     a = mean_acceleration(change_mps, model.acceleration_mps2, model.jerk_mps3)
     b = mean_acceleration(change_mps, model.braking_mps2, model.jerk_mps3)
     square = 1 / (2 * a) + 1 / (2 * b)
-    linear = duration_s + entry_mps / a + leave_mps / b
     constant = distance_m + entry_mps**2 / (2 * a) + leave_mps**2 / (2 * b)
-    discriminant = linear**2 - 4 * square * constant
-    if discriminant < 0:
-        return sqrt(constant / square)
-    return 2 * constant / (linear + sqrt(discriminant))
+    fastest_s = 2 * sqrt(constant * square) - entry_mps / a - leave_mps / b
+    return max(0.0, fastest_s - duration_s)
 
 
 def mean_acceleration(change_mps: float, limit_mps2: float, jerk_mps3: float) -> float:
@@ -122,12 +137,20 @@ class Pacer:
         """(n,) m/s, not yet limited to what the vehicle flies."""
         speeds = [length / time_s for length, time_s in zip(self._lengths, self._times_s, strict=True)]
         for _ in range(_PASSES):
-            speeds = [self._speed(leg, speeds) for leg in range(len(speeds))]
+            late_s, paced = 0.0, []
+            for leg in range(len(speeds)):
+                speed, late_s = self._speed(leg, speeds, late_s)
+                paced.append(speed)
+            speeds = paced
         return speeds
 
-    def _speed(self, leg: int, speeds: list[float]) -> float:
-        """The speed of one leg, given the others'. A leg flown through ends one radius early in way and in time."""
-        distance_m, time_s = self._lengths[leg], self._times_s[leg]
+    def _speed(self, leg: int, speeds: list[float], late_s: float) -> tuple[float, float]:
+        """The speed of one leg, given the others', and how late it ends. A leg that is entered late has less time.
+
+        A leg flown through ends one radius early in way and in time.
+        """
+        distance_m = self._lengths[leg]
+        time_s = max(self._times_s[leg] - late_s, self._times_s[leg] / 2)
         if leg > 0 and not self._halts[leg]:
             radius = self._radii[leg]
             distance_m += radius * self._cosines[leg]
@@ -138,13 +161,11 @@ class Pacer:
         else:
             leave_mps = self._through(leg + 1, speeds)
         cruise = speeds[leg]
-        return cruise_speed(
-            max(0.0, distance_m),
-            time_s,
-            entry_mps=min(cruise, self._entry(leg, speeds)),
-            leave_mps=min(cruise, leave_mps),
-            model=self._model,
-        )
+        leg_of = {"entry_mps": min(cruise, self._entry(leg, speeds)), "leave_mps": min(cruise, leave_mps)}
+        distance_m = max(0.0, distance_m)
+        speed = cruise_speed(distance_m, time_s, model=self._model, **leg_of)
+        still_late_s = lateness(distance_m, time_s, model=self._model, **leg_of)
+        return speed, 0.0 if self._halts[leg + 1] else still_late_s
 
     def _entry(self, leg: int, speeds: list[float]) -> float:
         """Speed along the leg at its beginning: after a sharp turn it is negative, the vehicle still flies away."""

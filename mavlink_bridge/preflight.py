@@ -1,8 +1,8 @@
 """The preflight audit: is this vehicle fit to fly this plan under our timers? Pure: facts in, findings out.
 
-Each finding names a parameter (or a measurement), what was found, what it should be, and why. A `blocker` means that the
-flight would go wrong; a `warning`, that something it relies on is missing or unusual. Rules for parameters a vehicle did
-not tell are left out: names differ between versions.
+Each finding names a parameter (or a measurement), what was found, what it should be, and why. A `blocker` means that
+the flight would go wrong; a `warning`, that something it relies on is missing or unusual. Rules for parameters a
+vehicle did not tell are left out: names differ between versions.
 """
 
 from __future__ import annotations
@@ -145,9 +145,16 @@ def _speed(facts: Facts, needs: Needs) -> Iterable[Finding]:
         yield _warning(
             "max_speed_mps",
             f"{wanted:g} m/s takes {seconds:.1f} s to reach",
-            f"less than half of a slot of {needs.slot_s:g} s",
-            "legs from rest will be late; a lower max_speed_mps or a higher acceleration keeps the schedule",
+            f"less than half of a slot of {needs.slot_s:g} s: {_agility(facts, needs)}",
+            "legs from rest will be late; a lower max_speed_mps keeps the schedule too",
         )
+
+
+def _agility(facts: Facts, needs: Needs) -> str:
+    """Which parameter would let it reach its speed in half a slot."""
+    if facts.autopilot is Autopilot.ARDUPILOT:
+        return f"WPNAV_JERK (WP_JERK) of at least {4 * needs.max_speed_mps / (needs.slot_s / 2) ** 2:.1f}"
+    return f"MPC_ACC_HOR of at least {needs.max_speed_mps / (needs.slot_s / 2):.1f}"
 
 
 _SPEED_NAMES = {Autopilot.PX4: ("MPC_XY_VEL_MAX",), Autopilot.ARDUPILOT: ("WP_SPD", "WPNAV_SPEED")}

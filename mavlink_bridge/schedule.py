@@ -140,7 +140,8 @@ def _settle(
     for number, stop in enumerate(stops):
         if stop.hold_s <= 0 or not (model.settle_s or model.hold_step_s):
             continue
-        settle_s = min(model.settle_s, stop.hold_s)
+        at_rest = number == 0 and first == 1  # it waits there already
+        settle_s = 0.0 if at_rest else min(model.settle_s, stop.hold_s)
         rest_s = stop.hold_s - settle_s
         hold_s = rest_s if model.hold_step_s == 0 else model.hold_step_s * floor(rest_s / model.hold_step_s + 1e-9)
         leg = number + 1 - first

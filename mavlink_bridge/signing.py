@@ -66,14 +66,14 @@ class Signing:
         self._mav.signing.timestamp = self._now()
 
     @classmethod
-    def from_file(cls, path: Path, **how: int) -> Signing:
+    def from_file(cls, path: Path, *, link_id: int = 0) -> Signing:
         """The key from a file: 32 raw bytes, or 64 hexadecimal digits. Raises SigningKeyInvalid."""
         try:
             content = path.read_bytes()
             key = content if len(content) == KEY_BYTES else bytes.fromhex(content.decode().strip())
         except (OSError, ValueError) as error:
             raise SigningKeyInvalid(f"{path} cannot be read as a key ({type(error).__name__})") from None
-        return cls(key, **how)
+        return cls(key, link_id=link_id)
 
     def sign(self, frame: bytes) -> bytes:
         """A MAVLink 2 frame with our signature. Raises ValueError for anything that cannot be signed."""

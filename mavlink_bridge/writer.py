@@ -54,6 +54,8 @@ class MissionWriter:
                 self._speed(leg.speed_mps)
             self.slot_of_item[len(self.items)] = stop.slot
             self._waypoint(stop)
+            if leg is None and stop.hold_s == 0 and len(schedule.stops) > 1:
+                self.start_item = len(self.items)  # it hovers there already
         self._end(schedule.stops[-1].point_m, on_end)
 
     def _begin(self, first_m: Point, *, takeoff: bool) -> None:

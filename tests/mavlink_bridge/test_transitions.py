@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -11,7 +13,7 @@ from mavlink_bridge.ghosts import Airspace, Ghost
 from mavlink_bridge.route import Route
 from mavlink_bridge.transitions import check_transition
 
-HOW = {"now_s": 2.0, "first_due_s": 5.0, "slot_s": 5.0, "required_m": 4.0}
+HOW: Any = {"now_s": 2.0, "first_due_s": 5.0, "slot_s": 5.0, "required_m": 4.0}
 Point = tuple[float, float]
 
 
