@@ -108,7 +108,7 @@ class Failsafes:
         rule = self._autopilot.parameters.tuning.fence
         if rule.action is Action.NONE:
             return
-        outside = self._autopilot.fence.is_broken(self._autopilot.seen, rule, self._autopilot.home_m)
+        outside = self._autopilot.plans.fence.is_broken(self._autopilot.seen, rule, self._autopilot.home_m)
         if outside and not self._outside:
             self._do(rule.action, "Fence breached", "fence")
         self._outside = outside

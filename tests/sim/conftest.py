@@ -7,11 +7,15 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import pytest
+from hypothesis import settings
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from sim.autopilot import Autopilot
 from sim.lineup import VehicleSpec
 from sim.wire import Decoder
+
+settings.register_profile("sim", deadline=None)
+settings.load_profile("sim")
 
 HOME = (47.397742, 8.545594)
 STEP_S = 0.05
