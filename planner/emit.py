@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from planner.bound import reachability_bound_kbps
 from planner.channel import spectral_efficiency
-from planner.feasibility import require_feasible
-from planner.plans import Plan, Summary
+from planner.feasibility import MIN_RATE_ROUNDING, require_feasible
+from planner.plans import Plan, PlanStatus, Summary
 from planner.problem import Past, Problem
 from planner.scenario import Scenario
 from planner.solution import Solution
@@ -27,6 +27,9 @@ def emit(scenario: Scenario, past: Past, problem: Problem, solution: Solution, *
     efficiency = spectral_efficiency(problem, solution.paths_m)
     served = np.take_along_axis(efficiency, solution.serving[None], axis=0)[0]
     rates_bps = solution.bandwidth_hz * served
+    unmet = unmet_min_rates(scenario, rates_bps)
+    if unmet:
+        identity["status"] = PlanStatus.INFEASIBLE
     identity.setdefault("id", _digest(scenario, past))
     emitted = Plan(
         first_slot=past.first_slot,
@@ -44,6 +47,7 @@ def emit(scenario: Scenario, past: Past, problem: Problem, solution: Solution, *
         achieved_rates_bps=_by_id(scenario.user_ids, problem.past_kbps * 1e3),
         summary=summarise(problem, rates_bps / 1e3),
         history=solution.history,
+        unmet_min_rate_slots=unmet,
         **identity,
     )
     return require_feasible(emitted)
@@ -53,9 +57,18 @@ def _by_id(ids: Sequence[str], table: Array) -> dict[str, list[float]]:
     return {one: [float(x) for x in row] for one, row in zip(ids, table, strict=True)}
 
 
+def unmet_min_rates(scenario: Scenario, rates_bps: Array) -> dict[str, list[int]]:
+    """The slots in which a user gets less than its `min_rate_bps`, by user; rates_bps: (K, N)."""
+    short = {
+        user.id: np.flatnonzero(row < user.min_rate_bps * (1 - MIN_RATE_ROUNDING)).tolist()
+        for user, row in zip(scenario.users, rates_bps, strict=True)
+    }
+    return {user: slots for user, slots in short.items() if slots}
+
+
 def summarise(problem: Problem, rates_kbps: Array) -> Summary:
     """The measures of a (K, N) rate table; utility and bound count the past too, the rest the planned slots."""
-    utility = utility_kbps(np.hstack([problem.past_kbps, rates_kbps]), problem.kind, problem.mu)
+    utility = utility_kbps(problem.counted_kbps(rates_kbps), problem.kind, problem.mu)
     bound = max(reachability_bound_kbps(problem), utility)
     per_slot = rates_kbps.sum(axis=0)
     return Summary(

@@ -69,9 +69,14 @@ def remaining(
     planned = {uav.id: previous.trajectories_m[uav.id][begin] for uav in previous.scenario.uavs}
     now = {**planned, **(positions_m or {})}
     survivors = tuple(
-        uav.model_copy(update={"start_m": _into_area(previous.scenario, now[uav.id])})
+        uav.model_copy(
+            update={
+                "start_m": _into_area(previous.scenario, now[uav.id]),
+                "leaves_at_slot": None if uav.leaves_at_slot is None else uav.leaves_at_slot - begin,
+            }
+        )
         for uav in previous.scenario.uavs
-        if uav.id not in failed
+        if uav.id not in failed and previous.scenario.last_slot(uav) >= begin
     )
     try:
         scenario = previous.scenario.with_changes(uavs=survivors, slots=previous.scenario.slots - begin)

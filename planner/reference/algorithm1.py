@@ -72,8 +72,7 @@ def _or_keep(last: Array, subproblem: Callable[..., Array], *given: Problem | Ar
 
 
 def _utility(problem: Problem, pair_rates_bps: Array) -> float:
-    rates_kbps = np.hstack([problem.past_kbps, pair_rates_bps.sum(axis=0) / 1e3])
-    return utility_kbps(rates_kbps, problem.kind, problem.mu)
+    return utility_kbps(problem.counted_kbps(pair_rates_bps.sum(axis=0) / 1e3), problem.kind, problem.mu)
 
 
 def _iteration(problem: Problem, number: int, pair_rates_bps: Array) -> Iteration:
