@@ -7,9 +7,14 @@ between users. mu -> 0 is the mean sum rate for all three.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
+from scipy.special import logsumexp, softmax
+
+if TYPE_CHECKING:
+    from planner.problem import Problem
 
 Array = NDArray[np.float64]
 
@@ -34,6 +39,25 @@ def utility_kbps(rates_kbps: Array, kind: str, mu: float) -> float:
     if kind == "pooled":
         return len(rates_kbps) * soft_mean(rates_kbps, mu)
     raise ValueError(f"utility.kind: {kind!r} must be 'sum', 'per_user' or 'pooled'")
+
+
+def rate_weights(problem: Problem, rates_kbps: Array) -> Array:
+    """The gradient of the utility in the planned rates: (K, N), all at least 0.
+
+    rates_kbps: (K, N) of the planned slots; what is past counts in the normalisation. Slots that do not count get 0.
+    """
+    counted = problem.counted_kbps(rates_kbps)
+    if problem.mu == 0.0:
+        weights = np.full(counted.shape, 1.0 / counted.shape[1])
+    elif problem.kind == "sum":
+        weights = np.broadcast_to(softmax(problem.mu * counted.sum(axis=0)), counted.shape)
+    elif problem.kind == "per_user":
+        weights = softmax(problem.mu * counted, axis=1)
+    else:
+        weights = len(counted) * softmax(problem.mu * counted)
+    planned = np.zeros(rates_kbps.shape)
+    planned[:, problem.counted_from :] = weights[:, problem.past_kbps.shape[1] :]
+    return planned
 
 
 def mean_variance_kbps(rates_kbps: Array, mu: float) -> float:
