@@ -106,6 +106,7 @@ def serve(
 def simulate(
     vehicles: Annotated[int, typer.Option(min=1, max=254, help="How many; system ids 1..N.")] = 3,
     speedup: Annotated[float, typer.Option(min=0.1, max=100, help="Times real time.")] = 1.0,
+    autopilot: Annotated[Literal["px4", "ardupilot"], typer.Option(help="Which autopilot they have.")] = "px4",
     endpoint: Annotated[str, typer.Option(help="Where all vehicles send to.")] = "udpout://127.0.0.1:14540",
     example: Annotated[str | None, typer.Option(help="Stand at the starts of this example.")] = None,
     duration_s: Annotated[float | None, typer.Option(min=0.1, help="End after this many fleet seconds.")] = None,
@@ -115,7 +116,7 @@ def simulate(
     from api.simulate import run_fleet  # noqa: PLC0415
 
     scenario = _scenario(None, example) if example else None
-    asyncio.run(run_fleet(vehicles, speedup, endpoint, scenario, duration_s, as_json=as_json))
+    asyncio.run(run_fleet(vehicles, speedup, endpoint, scenario, duration_s, autopilot=autopilot, as_json=as_json))
 
 
 @cli.command()
