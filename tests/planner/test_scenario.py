@@ -130,7 +130,7 @@ def test_a_scenario_survives_json() -> None:
 def test_a_scenario_cannot_be_changed_and_a_changed_copy_is_checked() -> None:
     scenario = EXAMPLES["minimal"]()
     with pytest.raises(ValidationError, match="frozen"):
-        scenario.slots = 3
+        scenario.slots = 3  # type: ignore[misc]
     assert scenario.with_changes(slots=3).slots == 3
     with pytest.raises(ValidationError, match="slots"):
         scenario.with_changes(slots=-3)

@@ -29,7 +29,7 @@ def test_one_uav_is_never_too_close() -> None:
 
 def test_uavs_in_formation_keep_their_distance() -> None:
     path = np.cumsum(np.random.default_rng(0).normal(size=(1, 9, 2)), axis=1)
-    assert closest_approach(np.concatenate([path, path + [3.0, 4.0]])) == pytest.approx(5.0)
+    assert closest_approach(np.concatenate([path, path + np.array([3.0, 4.0])])) == pytest.approx(5.0)
 
 
 @given(two_paths)
