@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 TANGENTS = 12
 """How many tangent planes are tried: each costs one assignment per slot."""
 SMALL = 200_000
-"""U K N up to which more than one tangent plane is tried on every plan."""
+"""U K N up to which every plan gets a bound from tangent planes."""
 
 
 def reachability_bound_kbps(problem: Problem) -> float:
@@ -39,7 +39,7 @@ def reachability_bound_kbps(problem: Problem) -> float:
     mean_bound = lifted_kbps(problem, per_slot)
     if problem.kind == "sum" or problem.mu == 0.0:
         return mean_bound
-    return min(mean_bound, tangent_bound_kbps(problem, tables, TANGENTS if pair_kbps.size <= SMALL else 1))
+    return min(mean_bound, tangent_bound_kbps(problem, tables, TANGENTS)) if pair_kbps.size <= SMALL else mean_bound
 
 
 def slot_bounds_kbps(problem: Problem) -> Array:

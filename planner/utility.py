@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp, softmax
+from scipy.special import softmax
 
 if TYPE_CHECKING:
     from planner.problem import Problem
@@ -21,9 +21,16 @@ Array = NDArray[np.float64]
 
 def soft_mean(values: Array, mu: float) -> float:
     """(1/mu) log mean exp(mu x) over all entries, the certainty equivalent of eq. (7); the plain mean at mu = 0."""
+    return float(soft_means(values.reshape(1, -1), mu)[0])
+
+
+def soft_means(values: Array, mu: float) -> Array:
+    """`soft_mean` of each row of (R, N), evaluated so that neither a large nor a tiny |mu| loses digits."""
     if mu == 0.0:
-        return float(values.mean())
-    return float((logsumexp(mu * values) - np.log(values.size)) / mu)
+        return np.asarray(values.mean(axis=1))
+    least = values.min(axis=1, keepdims=True)
+    means: Array = least[:, 0] + np.log1p(np.expm1(mu * (values - least)).mean(axis=1)) / mu
+    return means
 
 
 def utility_kbps(rates_kbps: Array, kind: str, mu: float) -> float:
@@ -35,7 +42,7 @@ def utility_kbps(rates_kbps: Array, kind: str, mu: float) -> float:
     if kind == "sum":
         return soft_mean(rates_kbps.sum(axis=0), mu)
     if kind == "per_user":
-        return sum(soft_mean(row, mu) for row in rates_kbps)
+        return float(soft_means(rates_kbps, mu).sum())
     if kind == "pooled":
         return len(rates_kbps) * soft_mean(rates_kbps, mu)
     raise ValueError(f"utility.kind: {kind!r} must be 'sum', 'per_user' or 'pooled'")
