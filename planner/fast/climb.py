@@ -1,10 +1,11 @@
-"""Links at given paths: the best ones, what they are worth, and their tables."""
+"""Climbing: steer for the links there are, link anew at the new paths, and so on."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from planner.fast.arena import SUM, Arena, Array, Ints, Links, entry
+from planner.fast.arena import SUM, Arena, Array, Ints, Links, entry, kernel
+from planner.fast.ascent import Ascent, ascend, ascent_of
 from planner.fast.matching import match_all
 from planner.fast.rates import link_rates, slot_signals, value
 from planner.fast.shares import share_all
@@ -24,11 +25,31 @@ def relink(arena: Arena, path: Array, links: Links, rate: Array) -> None:
 
 
 @entry
-def worth(arena: Arena, path: Array, links: Links) -> tuple[int, float, float]:
+def climb(
+    arena: Arena, path: Array, links: Links, rounds: int, steps: int, tolerance: float
+) -> tuple[int, float, float]:
+    """Up to `rounds` times up to `steps` ascent steps and new links, in place; what came out as in `worth`.
+
+    It ends early when a round gains less than `tolerance` of the utility.
+    """
+    scratch = ascent_of(path, links)
+    unmet, before, total = worth(arena, path, links, scratch)
+    for _ in range(rounds):
+        ascend(arena, links, path, steps, tolerance, scratch)
+        relink(arena, path, links, scratch.rate)
+        unmet, utility, total = worth(arena, path, links, scratch)
+        gain, before = utility - before, utility
+        if gain <= tolerance * abs(utility):
+            break
+    return unmet, before, total
+
+
+@kernel
+def worth(arena: Arena, path: Array, links: Links, scratch: Ascent) -> tuple[int, float, float]:
     """(least rates unmet, utility in kbit/s, mean sum rate in kbit/s) of `links` at `path`."""
-    rate, weight = np.empty(links.khz.shape), np.empty(links.khz.shape)
+    rate = scratch.rate
     link_rates(arena, path, links, rate)
-    utility = value(arena, links, rate, np.bool_(False), weight)
+    utility = value(arena, links, rate, np.bool_(False), scratch.weight)
     total, unmet = 0.0, 0
     for n in range(path.shape[0]):
         for j in range(links.used[n]):

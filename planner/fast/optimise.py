@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from planner.fast.arena import Arena, Array, Links, arena_of, copy_of, links_of
-from planner.fast.ascent import ascend
-from planner.fast.climb import relink, tables, worth
-from planner.fast.seeds import flights, flown, hovering
+from planner.fast.climb import climb as climb_on
+from planner.fast.climb import relink, tables
+from planner.fast.seeds import flown, hovering, next_start
 from planner.plans import Iteration
 from planner.problem import Problem
 from planner.solution import Observer, Solution, ignore
 from planner.stopping import StoppingRule
 
-STEPS = 40
+STEPS = 20
 TOLERANCE = 1e-5
+HOPELESS = 3.0
+"""A further climb is given up when so many passes as good as its last one would not reach the best."""
 WORK_OF_ALL_STARTS = 1.0e6
 """By default as many starts as keep `starts x U K N` below this, at least 2 and at most 32."""
 
@@ -66,11 +67,15 @@ def optimise(
     Raises UnreachableEndError when no start reaches every end position.
     """
     arena = arena_of(problem)
+    rng = np.random.default_rng(seed)
     best: Climb | None = None
     history: list[Iteration] = []
-    for path in _starts(arena, start_m, default_starts(problem) if n_starts is None else n_starts, seed):
+    for number in range(default_starts(problem) if n_starts is None else n_starts):
+        path = _start(arena, start_m, rng, number, best)
+        if path is None:
+            continue
         climb = _begin(arena, path)
-        while not stop(climb.history):
+        while not (stop(climb.history) or _is_hopeless(climb, best)):
             _advance(arena, climb)
             if best is None or climb.rank > best.rank:
                 history.append(_iteration(len(history) + 1, climb))
@@ -84,36 +89,39 @@ def optimise(
     return _solution(problem, arena, best, history)
 
 
-def _starts(arena: Arena, start_m: Array | None, n_starts: int, seed: int) -> Iterator[Array]:
-    found = 0
-    if start_m is not None:
+def _start(
+    arena: Arena, start_m: Array | None, rng: np.random.Generator, number: int, best: Climb | None
+) -> Array | None:
+    """The paths (N, 2, U) of a start: the given ones, hovering, then what `seeds` thinks of."""
+    if start_m is not None and number == 0:
         warm = flown(arena, np.ascontiguousarray(start_m.transpose(1, 2, 0)), chase=True)
-        if warm is not None:
-            found += 1
-            yield warm
-    if found < n_starts:
-        hover = hovering(arena)
-        if hover is not None:
-            found += 1
-            yield hover
-    if found < n_starts and arena.step_m.max() > 0.0:
-        yield from flights(arena, n_starts - found, seed)
+        return hovering(arena) if warm is None else warm
+    after_hovering = number - (start_m is not None)
+    if after_hovering == 0:
+        return hovering(arena)
+    return next_start(arena, rng, after_hovering, None if best is None else best.path)
+
+
+def _is_hopeless(climb: Climb, best: Climb | None) -> bool:
+    """Whether the climb is so far below the best, and so slow, that it will not get there."""
+    if best is None or len(climb.history) < 2 or climb.unmet < best.unmet:
+        return False
+    gain = climb.utility_kbps - climb.history[-2].utility_bps / 1e3
+    return climb.utility_kbps + HOPELESS * gain < best.utility_kbps
 
 
 def _begin(arena: Arena, path: Array) -> Climb:
     links = links_of(arena)
     relink(arena, path, links, np.empty(links.khz.shape))
     climb = Climb(path, links)
-    climb.unmet, climb.utility_kbps, climb.sum_rate_kbps = worth(arena, path, links)
+    climb.unmet, climb.utility_kbps, climb.sum_rate_kbps = climb_on(arena, path, links, 0, 0, 0.0)
     return climb
 
 
 def _advance(arena: Arena, climb: Climb) -> None:
     """One pass; undone when it made things worse, which only least rates and rounding can bring about."""
     path, links = climb.path.copy(), copy_of(climb.links)
-    ascend(arena, links, path, STEPS, TOLERANCE)
-    relink(arena, path, links, np.empty(links.khz.shape))
-    unmet, utility, sum_rate = worth(arena, path, links)
+    unmet, utility, sum_rate = climb_on(arena, path, links, 1, STEPS, TOLERANCE)
     if (-unmet, utility) >= climb.rank:
         climb.path, climb.links = path, links
         climb.unmet, climb.utility_kbps, climb.sum_rate_kbps = unmet, utility, sum_rate
