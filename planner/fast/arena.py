@@ -53,8 +53,9 @@ class Arena(NamedTuple):
 
     gain: (N, U), m^2, of a mean channel; fading: (N, U, K), m^2, of a sampled one, else empty. low, high: (2,).
     step_m: (U,), `D_max`, less rounding. last: (U,), the last slot in which each UAV flies. end_m: (2, U), NaN where
-    free. user_m: (2, K). counted: the first slot whose rates count. past_low, past_sum: (K,), the least past rate of
-    each user and sum exp(mu (rate - least)) of the past; for `sum` the first entry holds the sum rate's.
+    free. user_m: (2, K). counted: the first slot whose rates count. n_past: how many past slots count.
+    past_low, past_sum, past_count: (K,), the least past rate of each user, sum exp(mu (rate - least)) of its past, and
+    in how many past slots it was there; for `sum` the first entries are the sum rate's.
     discs: (D, 3), east, north, radius. corners: (V, 2) of all no-fly polygons, polygon p at [first[p], first[p + 1]).
     """
 
@@ -79,6 +80,7 @@ class Arena(NamedTuple):
     n_past: int
     past_low: Array
     past_sum: Array
+    past_count: Array
     min_kbps: Array
     has_ends: bool
     has_minimum: bool
@@ -102,7 +104,7 @@ def arena_of(problem: Problem) -> Arena:
     gain = np.ascontiguousarray(problem.snr_gain[:, 0, :].T)
     fading = np.zeros((0, 0, 0)) if mean else np.ascontiguousarray(problem.snr_gain.transpose(2, 0, 1))
     kind = KINDS[problem.kind] if problem.mu < 0 else SUM
-    low, total = _past(problem, kind)
+    past_low, past_sum, past_count = _past(problem, kind)
     return Arena(
         gain=gain,
         fading=fading,
@@ -123,21 +125,26 @@ def arena_of(problem: Problem) -> Arena:
         mu=problem.mu,
         counted=problem.counted_from,
         n_past=problem.past_kbps.shape[1],
-        past_low=low,
-        past_sum=total,
+        past_low=past_low,
+        past_sum=past_sum,
+        past_count=past_count,
         min_kbps=problem.min_kbps,
         has_ends=bool(np.isfinite(problem.end_m).any()),
         has_minimum=bool((problem.min_kbps > 0).any()),
     )
 
 
-def _past(problem: Problem, kind: int) -> tuple[Array, Array]:
-    """The past as (least, sum exp(mu (x - least))) of each row; at mu = 0 as (0, sum)."""
-    rates = problem.past_kbps.sum(axis=0, keepdims=True) if kind == SUM else problem.past_kbps
+def _past(problem: Problem, kind: int) -> tuple[Array, Array, Array]:
+    """The past as (least, sum exp(mu (x - least)), count) of each row; at mu = 0 as (0, sum, count)."""
+    past = problem.past_kbps
+    rates = np.nansum(past, axis=0, keepdims=True) if kind == SUM else past
+    there = np.isfinite(rates)
+    count = there.sum(axis=1).astype(float)
     if problem.mu == 0.0:
-        return np.zeros(len(rates)), rates.sum(axis=1)
-    low = rates.min(axis=1, initial=np.inf)
-    return low, np.exp(problem.mu * (rates - low[:, None])).sum(axis=1)
+        return np.zeros(len(rates)), rates.sum(axis=1), count
+    low = np.where(there, rates, np.inf).min(axis=1, initial=np.inf)
+    above = np.where(there, rates - np.where(np.isfinite(low), low, 0.0)[:, None], 0.0)
+    return low, (np.exp(problem.mu * above) * there).sum(axis=1), count
 
 
 def links_of(arena: Arena) -> Links:

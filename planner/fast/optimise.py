@@ -19,6 +19,7 @@ STEPS = 20
 TOLERANCE = 1e-5
 HOPELESS = 3.0
 """A further climb is given up when so many passes as good as its last one would not reach the best."""
+UNREACHABLE = "uavs: no paths found that bring every UAV to its end_m in time"
 WORK_OF_ALL_STARTS = 1.0e6
 """By default as many starts as keep `starts x U K N` below this, at least 2 and at most 32."""
 
@@ -85,8 +86,20 @@ def optimise(
         if stop.interrupts:
             break
     if best is None:
-        raise UnreachableEndError("uavs: no path found that brings every UAV to its end_m in time")
+        raise UnreachableEndError(UNREACHABLE)
     return _solution(problem, arena, best, history)
+
+
+def flyable(problem: Problem, wanted_m: Array | None = None) -> Array:
+    """The flyable paths that follow `wanted_m`, (U, N, 2) metres, from the starts; without it, or if those miss an
+    end, hovering as long as the ends allow. Raises UnreachableEndError when no such paths are found.
+    """
+    arena = arena_of(problem)
+    path = None if wanted_m is None else flown(arena, np.ascontiguousarray(wanted_m.transpose(1, 2, 0)), chase=True)
+    path = hovering(arena) if path is None else path
+    if path is None:
+        raise UnreachableEndError(UNREACHABLE)
+    return np.ascontiguousarray(path.transpose(2, 0, 1))
 
 
 def _start(

@@ -47,10 +47,10 @@ def share_all(arena: Arena, path: Array, links: Links, rate: Array) -> None:
 @kernel
 def _log_weights(arena: Arena, links: Links, rate: Array, log_weight: Array) -> None:
     """log w of the minorant at `rate` into `log_weight` (K,), the greatest shifted to 0."""
-    z, top = np.empty(log_weight.shape[0]), -np.inf
-    user_sums(arena, links, rate, np.bool_(False), log_weight, z)
+    z, count, top = np.empty(log_weight.shape[0]), np.empty(log_weight.shape[0]), -np.inf
+    user_sums(arena, links, rate, np.bool_(False), log_weight, z, count)
     for k in range(z.shape[0]):
-        log_weight[k] = -np.log(z[k]) - arena.mu * log_weight[k]
+        log_weight[k] = np.log(count[k] / z[k]) - arena.mu * log_weight[k]
         top = max(top, log_weight[k])
     for k in range(z.shape[0]):
         log_weight[k] -= top
