@@ -22,6 +22,8 @@ Flag: TypeAlias = bool | np.bool
 """A kernel compiles anew for each literal; `np.bool_(True)` is not one."""
 
 SUM, PER_USER, POOLED = 0, 1, 2
+MARGIN = 1e-8
+"""Least rates are kept this much (relatively) above what is asked, for rounding."""
 KINDS = {"sum": SUM, "per_user": PER_USER, "pooled": POOLED}
 
 _OPTIONS = {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
@@ -57,6 +59,7 @@ class Arena(NamedTuple):
     past_low, past_sum, past_count: (K,), the least past rate of each user, sum exp(mu (rate - least)) of its past, and
     in how many past slots it was there; for `sum` the first entries are the sum rate's.
     discs: (D, 3), east, north, radius. corners: (V, 2) of all no-fly polygons, polygon p at [first[p], first[p + 1]).
+    turns: (2, C), where ways around zones may turn; left: (U, C), slots from each to the end of each UAV (`routes.py`).
     """
 
     gain: Array
@@ -82,6 +85,8 @@ class Arena(NamedTuple):
     past_sum: Array
     past_count: Array
     min_kbps: Array
+    turns: Array
+    left: Ints
     has_ends: bool
     has_minimum: bool
 
@@ -89,6 +94,7 @@ class Arena(NamedTuple):
 class Links(NamedTuple):
     """Who serves whom: in slot n the entries [0, used[n]) of (N, W) user, uav, khz; each user at most once.
 
+    floor: (N, W), kbit/s that the link must keep: the least rate of its user.
     W is U for `sum` without minimum rates, else K.
     """
 
@@ -96,6 +102,7 @@ class Links(NamedTuple):
     user: Ints
     uav: Ints
     khz: Array
+    floor: Array
 
 
 def arena_of(problem: Problem) -> Arena:
@@ -128,7 +135,9 @@ def arena_of(problem: Problem) -> Arena:
         past_low=past_low,
         past_sum=past_sum,
         past_count=past_count,
-        min_kbps=problem.min_kbps,
+        min_kbps=problem.min_kbps * (1.0 + MARGIN),
+        turns=np.zeros((2, 0)),
+        left=np.zeros((problem.n_uavs, 0), dtype=np.int64),
         has_ends=bool(np.isfinite(problem.end_m).any()),
         has_minimum=bool((problem.min_kbps > 0).any()),
     )
@@ -158,9 +167,10 @@ def links_of(arena: Arena) -> Links:
         user=np.zeros(shape, dtype=np.int64),
         uav=np.zeros(shape, dtype=np.int64),
         khz=np.zeros(shape),
+        floor=np.zeros(shape),
     )
 
 
 def copy_of(links: Links) -> Links:
     """The same links in tables of their own."""
-    return Links(links.used.copy(), links.user.copy(), links.uav.copy(), links.khz.copy())
+    return Links(links.used.copy(), links.user.copy(), links.uav.copy(), links.khz.copy(), links.floor.copy())

@@ -14,6 +14,7 @@ import numpy as np
 
 from planner.fast.arena import Arena, Array, Links, kernel
 from planner.fast.flight import fly
+from planner.fast.floors import free_bands, refit, reweigh
 from planner.fast.rates import gradient, link_rates, value
 
 TRIES = 12
@@ -22,7 +23,7 @@ FIRST_MOVE_M = 50.0
 
 
 class Ascent(NamedTuple):
-    """Scratch of an ascent: rates and weights of the links, (N, W); the rest (N, 2, U). length: (1,), the last step."""
+    """Scratch of an ascent. rate, weight, free and khz: (N, W), of the links; length: (1,); the rest (N, 2, U)."""
 
     rate: Array
     weight: Array
@@ -32,6 +33,8 @@ class Ascent(NamedTuple):
     direction: Array
     last_direction: Array
     move: Array
+    free: Array
+    khz: Array
     length: Array
 
 
@@ -47,6 +50,8 @@ def ascent_of(path: Array, links: Links) -> Ascent:
         np.zeros(path.shape),
         np.zeros(path.shape),
         np.zeros(path.shape),
+        np.empty(links.khz.shape),
+        np.empty(links.khz.shape),
         np.zeros(1),
     )
 
@@ -61,6 +66,9 @@ def ascend(arena: Arena, links: Links, path: Array, steps: int, tolerance: float
     link_rates(arena, path, links, scratch.rate)
     best = value(arena, links, scratch.rate, moving, scratch.weight)
     for made in range(steps):
+        if arena.has_minimum:
+            free_bands(links, scratch.rate, scratch.free)
+            reweigh(arena, links, scratch.free, scratch.rate, scratch.weight)
         gradient(arena, path, links, scratch.weight, scratch.slope)
         furthest = _direction(arena, scratch.slope, scratch.direction)
         if furthest == 0.0:
@@ -72,6 +80,8 @@ def ascend(arena: Arena, links: Links, path: Array, steps: int, tolerance: float
         reached = _search(arena, links, path, best, scratch)
         if reached <= best:
             return made
+        if arena.has_minimum:
+            links.khz[:] = scratch.khz
         _moved(path, scratch.trial, scratch.move)
         _copy(scratch.trial, path)
         _copy(scratch.direction, scratch.last_direction)
@@ -89,9 +99,10 @@ def _search(arena: Arena, links: Links, path: Array, best: float, scratch: Ascen
         _wish(path, scratch.direction, scratch.length[0], scratch.wish)
         if fly(arena, scratch.wish, chase, scratch.trial):
             link_rates(arena, scratch.trial, links, scratch.rate)
-            reached = value(arena, links, scratch.rate, moving, scratch.weight)
-            if reached > best:
-                return reached
+            if not arena.has_minimum or refit(arena, links, scratch.free, scratch.rate, scratch.khz):
+                reached = value(arena, links, scratch.rate, moving, scratch.weight)
+                if reached > best:
+                    return reached
         scratch.length[0] *= 0.3
     return best
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from planner.fast.arena import SUM, Arena, Array, Ints, Links, entry, kernel
+from planner.fast.arena import MARGIN, SUM, Arena, Array, Ints, Links, entry, kernel
 from planner.fast.ascent import Ascent, ascend, ascent_of
 from planner.fast.matching import match_all
 from planner.fast.rates import link_rates, slot_signals, value
@@ -55,7 +55,7 @@ def worth(arena: Arena, path: Array, links: Links, scratch: Ascent) -> tuple[int
         for j in range(links.used[n]):
             total += rate[n, j]
             if arena.has_minimum:
-                unmet += rate[n, j] < arena.min_kbps[links.user[n, j]] * (1.0 - 1e-9)
+                unmet += rate[n, j] < arena.min_kbps[links.user[n, j]] * (1.0 - 0.5 * MARGIN)
     return unmet, utility, total / path.shape[0]
 
 

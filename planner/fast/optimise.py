@@ -9,6 +9,7 @@ import numpy as np
 from planner.fast.arena import Arena, Array, Links, arena_of, copy_of, links_of
 from planner.fast.climb import climb as climb_on
 from planner.fast.climb import relink, tables
+from planner.fast.routes import with_routes
 from planner.fast.seeds import flown, hovering, next_start
 from planner.plans import Iteration
 from planner.problem import Problem
@@ -67,7 +68,7 @@ def optimise(
     The history holds the passes that raised the utility.
     Raises UnreachableEndError when no start reaches every end position.
     """
-    arena = arena_of(problem)
+    arena = with_routes(problem, arena_of(problem))
     rng = np.random.default_rng(seed)
     best: Climb | None = None
     history: list[Iteration] = []
@@ -79,6 +80,8 @@ def optimise(
         while not (stop(climb.history) or _is_hopeless(climb, best)):
             _advance(arena, climb)
             if best is None or climb.rank > best.rank:
+                if history and climb.utility_kbps * 1e3 < history[-1].utility_bps:
+                    history.clear()  # more least rates are met now: another count begins
                 history.append(_iteration(len(history) + 1, climb))
                 observer(history[-1])
         if best is None or climb.rank > best.rank:
@@ -94,7 +97,7 @@ def flyable(problem: Problem, wanted_m: Array | None = None) -> Array:
     """The flyable paths that follow `wanted_m`, (U, N, 2) metres, from the starts; without it, or if those miss an
     end, hovering as long as the ends allow. Raises UnreachableEndError when no such paths are found.
     """
-    arena = arena_of(problem)
+    arena = with_routes(problem, arena_of(problem))
     path = None if wanted_m is None else flown(arena, np.ascontiguousarray(wanted_m.transpose(1, 2, 0)), chase=True)
     path = hovering(arena) if path is None else path
     if path is None:

@@ -11,6 +11,7 @@ from scipy.optimize import linear_sum_assignment
 
 from planner.fast.arena import Arena, Array
 from planner.fast.flight import fly
+from planner.fast.routes import lead
 
 SCATTERED = 6
 """So many starts are scattered before the best is varied."""
@@ -25,14 +26,34 @@ def flown(arena: Arena, wish: Array, *, chase: bool) -> Array | None:
 
 
 def hovering(arena: Arena) -> Array | None:
-    """Everyone stays at the start as long as its end position allows: (N, 2, U) metres."""
-    return flown(arena, np.zeros((arena.gain.shape[0], 2, arena.gain.shape[1])), chase=False)
+    """Everyone stays at the start as long as its end allows: (N, 2, U) metres.
+
+    Where that lets UAVs meet on their ways, ends are sought at once, or half of the UAVs go first.
+    """
+    n_slots, n_uavs = arena.gain.shape
+    stay = np.repeat(arena.start_m[None], n_slots, axis=0)
+    path = flown(arena, stay, chase=True)
+    if path is not None or not arena.has_ends:
+        return path
+    early = stay.copy()
+    for u in range(n_uavs):
+        if not np.isnan(arena.end_m[0, u]):
+            lead(arena, u, arena.end_m[:, u].copy(), 0, early)
+    for first in (slice(0, n_uavs), slice(0, n_uavs, 2), slice(1, n_uavs, 2)):
+        wish = stay.copy()
+        wish[:, :, first] = early[:, :, first]
+        path = flown(arena, wish, chase=True)
+        if path is not None:
+            return path
+    return None
 
 
 def next_start(arena: Arena, rng: np.random.Generator, number: int, best: Array | None) -> Array | None:
     """The path (N, 2, U) of start `number`, counted from 1 after hovering; None when it cannot be flown."""
     if best is None or number <= SCATTERED:
-        wish = np.repeat(_scattered(arena, rng)[None], arena.gain.shape[0], axis=0)
+        wish = np.repeat(arena.start_m[None], arena.gain.shape[0], axis=0)
+        for u, target in enumerate(_scattered(arena, rng).T):
+            lead(arena, u, np.ascontiguousarray(target), 0, wish)
     else:
         wish = _varied(arena, rng, best)
     return flown(arena, wish, chase=True)
@@ -57,7 +78,7 @@ def _varied(arena: Arena, rng: np.random.Generator, best: Array) -> Array:
         likely = np.exp(-(away - away.min()) / _spread(arena))
         target = arena.user_m[:, rng.choice(len(likely), p=likely / likely.sum())]
         begin = int(rng.integers(0, n_slots)) if rng.random() < 0.5 else 0
-        wish[begin:, :, u] = np.clip(target, arena.low, arena.high)
+        lead(arena, u, np.clip(target, arena.low, arena.high), begin, wish)
     return wish
 
 
