@@ -47,7 +47,7 @@ def _paper(
     """Algorithm 1 as printed; cvxpy is imported by who asks for it, because that takes a second."""
     from planner.reference import algorithm_1  # noqa: PLC0415
 
-    return algorithm_1(problem, stop, start_m, observer)
+    return algorithm_1(problem, stop, fast.flyable(problem, start_m), observer)
 
 
 METHODS: dict[str, Method] = {"fast": fast.optimise, "paper": _paper}
