@@ -16,7 +16,7 @@ from rich.console import Console
 from api import show
 from api.problems import ServiceError, broken_rules
 from mavlink_bridge import BridgeError
-from planner import EXAMPLES, AnyOf, Deadline, Plan, ReplanError, Scenario, converged, plan, replan
+from planner import EXAMPLES, AnyOf, Deadline, Plan, ReplanError, Scenario, Utility, converged, plan, replan
 
 cli = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, help=__doc__)
 bench = typer.Typer(no_args_is_help=True, help="Measure; figures as JSON.")
@@ -125,13 +125,22 @@ def demo(
     kill: Annotated[str, typer.Option(help="The UAV that falls.")] = "uav-3",
     kill_slot: Annotated[int, typer.Option(min=2, help="It falls when this slot begins; 1 is the first.")] = 11,
     replan: Annotated[bool, typer.Option("--replan/--no-replan", help="Whether the service answers the loss.")] = True,
+    utility: Annotated[Literal["sum", "per_user", "pooled"], typer.Option(help="What the plans maximise.")] = "pooled",
+    mu: Annotated[float, typer.Option(max=0, help="1/(kbit/s): 0 is pure sum rate, more negative is steadier.")] = -0.3,
     out: Annotated[Path, typer.Option(help="Folder of report.html and report.json.")] = Path("out/demo"),
     as_json: Json = False,
 ) -> None:
     """Plan, fly, lose a UAV, replan, fly on, and check it all against the simulator's ground truth."""
     from api.demo import DemoConfig, DemoError, run_demo  # noqa: PLC0415
 
-    config = DemoConfig(speedup=speedup, kill=kill, kill_slot=kill_slot, replan=replan, out=out)
+    config = DemoConfig(
+        speedup=speedup,
+        kill=kill,
+        kill_slot=kill_slot,
+        replan=replan,
+        out=out,
+        utility=Utility(kind=utility, mu_per_kbps=mu),
+    )
     try:
         report = asyncio.run(run_demo(config, quiet=as_json))
     except DemoError as error:

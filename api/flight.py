@@ -92,8 +92,9 @@ class Flight:
 
     async def launch(self, timeout_s: float) -> None:
         """Arm, climb to the plan's altitude and wait there for each other. Raises FlightError."""
-        altitude = self.first_plan.scenario.altitude_m
-        results = await self._fleet.link.launch(dict.fromkeys(self._uavs, altitude), timeout_s=timeout_s)
+        scenario = self.first_plan.scenario
+        altitudes = {system: scenario.altitude_of(scenario.uav(uav)) for system, uav in self._uavs.items()}
+        results = await self._fleet.link.launch(altitudes, timeout_s=timeout_s)
         bad = {self._uavs[system]: result.error for system, result in results.items() if not result.ok}
         if bad:
             raise FlightError(f"launch failed for {_each(bad)}")
@@ -101,7 +102,7 @@ class Flight:
     async def start(self) -> None:
         """Begin slot 0 on all vehicles at once. Raises FlightError."""
         began = self._clock.now()
-        results = await self._fleet.link.start(set(self._uavs), item=1)
+        results = await self._fleet.link.start(set(self._uavs))
         bad = {self._uavs[system]: result.error for system, result in results.items() if not result.ok}
         if bad:
             raise FlightError(f"start failed for {_each(bad)}")

@@ -27,6 +27,7 @@ from mavlink_bridge.errors import (
 from mavlink_bridge.formats import from_qgc_plan, from_waypoints, to_qgc_plan, to_waypoints
 from mavlink_bridge.geodesy import east_north_to_geodetic, geodetic_to_east_north
 from mavlink_bridge.heartbeat import AUTOPILOT, HeartbeatMonitor, LinkEvent, LinkState
+from mavlink_bridge.hub import LinkOptions
 from mavlink_bridge.items import MAX_ITEMS, Command, Frame, Mission, MissionItem
 from mavlink_bridge.link import FleetLink
 from mavlink_bridge.models import model_from_parameters
@@ -54,6 +55,7 @@ __all__ = [
     "LinkClosed",
     "LinkError",
     "LinkEvent",
+    "LinkOptions",
     "LinkState",
     "Mission",
     "MissionItem",

@@ -17,7 +17,7 @@ from math import isfinite
 from typing import Any
 
 from mavlink_bridge.autopilots import OURS, Autopilot, FlightMode, autopilot_of, mode_of
-from mavlink_bridge.heartbeat import AUTOPILOT, HeartbeatMonitor, LinkState
+from mavlink_bridge.heartbeat import AUTOPILOT, HeartbeatMonitor, LinkEvent, LinkState
 
 
 class Condition(StrEnum):
@@ -164,16 +164,18 @@ class Classifier:
     """Conditions of the watched UAVs. Times are fleet seconds; it has no clock and does no I/O.
 
     `expect(system_id, modes, now_s)` announces modes we are about to command, so that they are not taken for a human's
-    or a failsafe's doing.
+    or a failsafe's doing. `links`: the heartbeat monitor to use (default: one with the timing's own limits).
     """
 
-    def __init__(self, timing: Timing | None = None) -> None:
+    def __init__(self, timing: Timing | None = None, links: HeartbeatMonitor | None = None) -> None:
         self.timing = timing or Timing()
-        self._links = HeartbeatMonitor(
+        self.links = links or HeartbeatMonitor(
             stale_after_s=self.timing.stale_after_s,
             lost_after_s=self.timing.lost_after_s,
             recovered_after_s=self.timing.recovered_after_s,
         )
+        self.link_events: list[LinkEvent] = []
+        """What the last poll found on the links alone."""
         self._known: dict[int, _Evidence] = {}
         self._readers: dict[str, Callable[[_Evidence, dict[str, Any]], None]] = {
             "HEARTBEAT": self._heartbeat,
@@ -184,7 +186,7 @@ class Classifier:
 
     def watch(self, system_id: int, now_s: float) -> None:
         """Expect this UAV from now on."""
-        self._links.watch(system_id, now_s)
+        self.links.watch(system_id, now_s)
         self._known.setdefault(system_id, _Evidence(self.timing))
 
     def condition(self, system_id: int) -> Condition:
@@ -193,7 +195,7 @@ class Classifier:
 
     def silent_for_s(self, system_id: int, now_s: float) -> float:
         """Seconds since its autopilot was heard; KeyError if not watched."""
-        return self._links.silent_for_s(system_id, now_s)
+        return self.links.silent_for_s(system_id, now_s)
 
     def expect(self, system_id: int, modes: frozenset[FlightMode], now_s: float) -> None:
         """We command one of these modes now, or its mission ends in one of them."""
@@ -208,7 +210,7 @@ class Classifier:
         if known is None:
             return
         if component_id == AUTOPILOT:
-            self._links.heard(system_id, AUTOPILOT, now_s, known.boot_ms)
+            self.links.heard(system_id, AUTOPILOT, now_s, known.boot_ms)
         else:
             known.other_heard_s, known.other_component = now_s, component_id
 
@@ -223,7 +225,7 @@ class Classifier:
 
     def poll(self, now_s: float) -> list[Change]:
         """Everything that changed since the last poll."""
-        self._links.poll(now_s)
+        self.link_events = self.links.poll(now_s)
         changes = []
         for system_id, known in self._known.items():
             after, cause = self._judge(system_id, known, now_s)
@@ -238,8 +240,8 @@ class Classifier:
 
     def _judge(self, system_id: int, known: _Evidence, now_s: float) -> tuple[Condition, str]:
         """The gravest thing that is true, and what was seen of it."""
-        silent_s = self._links.silent_for_s(system_id, now_s)
-        link = self._links.state(system_id)
+        silent_s = self.links.silent_for_s(system_id, now_s)
+        link = self.links.state(system_id)
         self._update(system_id, known, link, now_s)
         for found in (self._end, self._loss, self._doing):
             verdict = found(known, link, silent_s, now_s)
@@ -262,7 +264,7 @@ class Classifier:
         known.landed.update((known.flew and not known.armed and not self._is_high(known)) if heard else None, now_s)
         known.falling.update(self._is_falling(known) if heard else None, now_s)
         known.battery.update(self._is_low(known) if heard else None, now_s)
-        reboots = self._links.reboots(system_id)
+        reboots = self.links.reboots(system_id)
         if reboots != known.reboots:
             known.reboots, known.rebooted_s = reboots, now_s
         if link is LinkState.LOST:
@@ -290,7 +292,7 @@ class Classifier:
             if other_s <= self.timing.other_component_s:
                 heard = f"component {known.other_component} heard {other_s:.1f} s ago"
                 return Condition.AUTOPILOT_SILENT, f"autopilot silent for {silent_s:.1f} s, {heard}"
-            return Condition.LINK_LOST, f"silent for {silent_s:.1f} s, lost after {self.timing.lost_after_s:g} s"
+            return Condition.LINK_LOST, f"silent for {silent_s:.1f} s, lost after {self.links.lost_after_s:g} s"
         return None
 
     def _doing(self, known: _Evidence, link: LinkState, silent_s: float, now_s: float) -> tuple[Condition, str] | None:
@@ -303,7 +305,7 @@ class Classifier:
             if known.was_lost:
                 steady_s = 2 * self.timing.recovered_after_s
                 return Condition.BACK, f"heard again {silent_s:.1f} s ago, counts after {steady_s:g} s"
-            return Condition.STALE, f"silent for {silent_s:.1f} s, stale after {self.timing.stale_after_s:g} s"
+            return Condition.STALE, f"silent for {silent_s:.1f} s, stale after {self.links.stale_after_s:g} s"
         return None
 
     def _is_high(self, known: _Evidence) -> bool:

@@ -45,9 +45,11 @@ def compile_mission(
     if not path_m:
         raise UnknownUav(uav_id, plan.trajectories_m)
     scenario = plan.scenario
-    schedule = _schedule(path_m, scenario.slot_duration_s, airborne, first_leg_s, model or DEFAULTS[autopilot])
+    uav = scenario.uav(uav_id)
+    flown_m = path_m[: scenario.last_slot(uav) + 1]
+    schedule = _schedule(flown_m, scenario.slot_duration_s, airborne, first_leg_s, model or DEFAULTS[autopilot])
     writer = _WRITERS[autopilot](
-        altitude_m=scenario.altitude_m,
+        altitude_m=scenario.altitude_of(uav),
         to_geodetic=lambda point: east_north_to_geodetic(scenario.origin, *point),
     )
     writer.write(schedule, takeoff=not airborne, on_end=on_end)

@@ -47,19 +47,20 @@ async def command(vehicle: Vehicle, done: Awaitable[None]) -> CommandResult:
     """Await one command and make its end a result."""
     loop = asyncio.get_running_loop()
     started = loop.time()
-    error = await _error_of(done)
+    error = await error_of(done)
     return CommandResult(system_id=vehicle.system_id, seconds=loop.time() - started, error=error)
 
 
 async def ask_for_streams(vehicle: Vehicle) -> None:
     """Have it send what telemetry is made of (SET_MESSAGE_INTERVAL); a stream it does not know is left out."""
     for message_id, rate_hz in STREAMS_HZ.items():
-        await _error_of(vehicle.command(_INTERVAL, float(message_id), 1e6 / rate_hz))
+        await error_of(vehicle.command(_INTERVAL, float(message_id), 1e6 / rate_hz))
 
 
 async def set_mode(vehicle: Vehicle, mode: FlightMode) -> None:
     """Change the mode and see it in HEARTBEAT."""
     main, sub = mode_numbers(vehicle.autopilot, mode)
+    vehicle.announce(mode)
     await vehicle.command(_SET_MODE, _CUSTOM_MODE, main, sub)
     await _in_mode(vehicle, mode)
 
@@ -153,11 +154,11 @@ async def swap(vehicle: Vehicle, mission: Mission, given_up: Callable[[], bool])
     upload = UploadResult(system_id=vehicle.system_id, seconds=0.0, error="not tried")
     error: str | None = None
     if autopilot is Autopilot.ARDUPILOT:
-        error = await _error_of(set_mode(vehicle, FlightMode.GUIDED))
+        error = await error_of(set_mode(vehicle, FlightMode.GUIDED))
     if error is None:
         upload = await _upload_or_hold(vehicle, mission, given_up)
-        error = upload.error or await _error_of(_fly_new(vehicle, mission, upload.mission_id))
-    held = error is not None and await _error_of(hold(vehicle)) is None
+        error = upload.error or await error_of(_fly_new(vehicle, mission, upload.mission_id))
+    held = error is not None and await error_of(hold(vehicle)) is None
     return SwapResult(system_id=vehicle.system_id, seconds=loop.time() - started, error=error, upload=upload, held=held)
 
 
@@ -169,7 +170,7 @@ async def _upload_or_hold(vehicle: Vehicle, mission: Mission, given_up: Callable
     try:
         await asyncio.wait({upload}, timeout=PROOF_S)
         if not upload.done() and vehicle.state.mode is FlightMode.MISSION:
-            await _error_of(hold(vehicle))
+            await error_of(hold(vehicle))
         return await upload
     finally:
         upload.cancel()
@@ -223,7 +224,7 @@ async def _ask_until(vehicle: Vehicle, condition: Callable[[], bool], timeout_s:
         left_s = deadline - asyncio.get_running_loop().time()
         if left_s <= 0:
             return False
-        await _error_of(vehicle.command(_REQUEST, _MISSION_CURRENT))
+        await error_of(vehicle.command(_REQUEST, _MISSION_CURRENT))
         await vehicle.wait_until(condition, min(ASK_AGAIN_S, left_s))
     return True
 
@@ -234,11 +235,12 @@ async def _in_mode(vehicle: Vehicle, mode: FlightMode) -> None:
     while vehicle.state.mode is not mode:
         if asyncio.get_running_loop().time() >= deadline:
             raise NotDone(f"acknowledged but not in mode '{mode}' after {CONFIRM_S:g} s: {_seen(vehicle)}")
-        await _error_of(vehicle.command(_REQUEST, 0.0))
+        await error_of(vehicle.command(_REQUEST, 0.0))
         await vehicle.wait_until(lambda: vehicle.state.mode is mode, ASK_AGAIN_S)
 
 
-async def _error_of(done: Awaitable[None]) -> str | None:
+async def error_of(done: Awaitable[None]) -> str | None:
+    """Await one command; why it was not done, or None."""
     try:
         await done
     except NotDone as failed:

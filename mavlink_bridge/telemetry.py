@@ -10,7 +10,10 @@ from typing import Any
 from mavlink_bridge.autopilots import Autopilot, FlightMode, autopilot_of, mode_of
 from mavlink_bridge.geodesy import from_e7
 
-MESSAGES = ("HEARTBEAT", "GLOBAL_POSITION_INT", "MISSION_CURRENT", "MISSION_ACK", "EXTENDED_SYS_STATE")
+MESSAGES = (
+    *("HEARTBEAT", "GLOBAL_POSITION_INT", "MISSION_CURRENT", "MISSION_ACK"),
+    *("EXTENDED_SYS_STATE", "SYS_STATUS", "GPS_RAW_INT", "HOME_POSITION"),
+)
 """Messages the snapshot is made of."""
 
 _ARMED = 128
@@ -18,6 +21,7 @@ _ARMED = 128
 _ACCEPTED = 0
 """MAV_MISSION_ACCEPTED, and MAV_MISSION_TYPE_MISSION."""
 _UNKNOWN_TOTAL = 65535
+_UNKNOWN_SATELLITES = 255
 
 
 class LandedState(StrEnum):
@@ -76,6 +80,13 @@ class TelemetryState:
         """MISSION_CURRENT messages so far: tells a fresh one from an old one."""
         self.accepted_id: int | None = None
         """opaque_id of the latest accepting MISSION_ACK, None if it carried none."""
+        self.battery: float | None = None
+        """Share of charge, 0..1; None if it is not measured."""
+        self.gps_fix: int | None = None
+        """GPS_FIX_TYPE; 3 is a 3D fix."""
+        self.satellites: int | None = None
+        self.home_deg: tuple[float, float] | None = None
+        """Latitude and longitude of the home it told of."""
         self._position: Mapping[str, Any] | None = None
         self._position_at_s = 0.0
         self._heard = False
@@ -85,6 +96,9 @@ class TelemetryState:
             "MISSION_CURRENT": self._mission_current,
             "MISSION_ACK": self._mission_ack,
             "EXTENDED_SYS_STATE": self._extended,
+            "SYS_STATUS": self._sys_status,
+            "GPS_RAW_INT": self._gps,
+            "HOME_POSITION": self._home,
         }
 
     def fold(self, name: str, fields: Mapping[str, Any], heard_s: float) -> None:
@@ -142,3 +156,20 @@ class TelemetryState:
         del heard_s
         state = int(fields["landed_state"])
         self.landed_state = _LANDED[state] if state < len(_LANDED) else LandedState.UNDEFINED
+
+    def _sys_status(self, fields: Mapping[str, Any], heard_s: float) -> None:
+        del heard_s
+        remaining = int(fields["battery_remaining"])
+        self.battery = None if remaining < 0 else remaining / 100
+
+    def _gps(self, fields: Mapping[str, Any], heard_s: float) -> None:
+        del heard_s
+        satellites = int(fields["satellites_visible"])
+        self.gps_fix, self.satellites = (
+            int(fields["fix_type"]),
+            None if satellites == _UNKNOWN_SATELLITES else satellites,
+        )
+
+    def _home(self, fields: Mapping[str, Any], heard_s: float) -> None:
+        del heard_s
+        self.home_deg = from_e7(int(fields["latitude"])), from_e7(int(fields["longitude"]))

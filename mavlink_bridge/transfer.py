@@ -34,9 +34,12 @@ async def upload_verified(
     if vehicle.state.autopilot is not mission.autopilot:
         error = f"the mission is for {mission.autopilot}, the vehicle is {vehicle.state.autopilot or 'something else'}"
         return UploadResult(system_id=vehicle.system_id, seconds=0.0, error=error)
-    return await upload_items(
+    result = await upload_items(
         vehicle, mission.items, MissionType.MISSION, attempts=attempts, silence_s=silence_s, given_up=given_up
     )
+    if result.verified:
+        vehicle.start_item = mission.start_item
+    return result
 
 
 async def upload_items(

@@ -13,7 +13,7 @@ from typing import Any, Protocol, TypeVar
 from mavsdk import System
 from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectError, MavlinkMessage
 
-from mavlink_bridge.autopilots import Autopilot
+from mavlink_bridge.autopilots import Autopilot, FlightMode
 from mavlink_bridge.heartbeat import AUTOPILOT
 from mavlink_bridge.items import MissionItem
 from mavlink_bridge.mission_protocol import GROUND, Message
@@ -101,6 +101,10 @@ class Vehicle:
         self.state = TelemetryState(self.system_id)
         self.heard = False
         """Whether its autopilot (component 1) has sent a heartbeat."""
+        self.announce: Callable[[FlightMode], None] = lambda _mode: None
+        """Told of each mode before it is commanded."""
+        self.start_item = 1
+        """The item of the mission on board that a vehicle in the air begins with."""
         self.on_board: tuple[MissionItem, ...] | None = None
         """The mission it is proven to have; None: not known."""
         self._clock = clock

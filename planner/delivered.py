@@ -34,7 +34,8 @@ def delivered_rates_bps(
     noise_w = 10 ** (channel.noise_dbm / 10 - 3)
     fading = fading_gains(channel, scenario.uav_ids, scenario.user_ids, plan.first_slot, scenario.slots)[:, :, slots]
     apart = positions_m[:, :, None, :] - user_m  # (S, U, K, 2)
-    distance2 = np.einsum("sukd,sukd->suk", apart, apart) + scenario.altitude_m**2
+    altitude_m = np.array([scenario.altitude_of(uav) for uav in scenario.uavs])
+    distance2 = np.einsum("sukd,sukd->suk", apart, apart) + altitude_m[:, None] ** 2
     on = power_w[:, None] * 10 ** (channel.reference_gain_db / 10) / noise_w * transmitting[:, :, None]
     snr = np.moveaxis(on / distance2 * np.moveaxis(fading, 2, 0), 1, 0)  # (U, S, K)
     efficiency = np.log1p(snr / (1.0 + sum_of_others(snr))) / np.log(2)

@@ -10,11 +10,16 @@ from collections.abc import Iterator
 from itertools import combinations, pairwise
 from math import hypot, inf, isfinite
 
+from shapely import LineString, Polygon
+from shapely import Point as GeoPoint
+
 from planner.plans import Plan
-from planner.scenario import Frozen, Uav
+from planner.scenario import Frozen, NoFlyDisc, NoFlyPolygon, Uav
 
 ROUNDING_M = 1e-9
 ROUNDING_HZ = 1e-6
+MIN_RATE_ROUNDING = 1e-9
+"""Relative: a rate this little below `min_rate_bps` is that rate."""
 
 
 class Violation(Frozen):
@@ -38,7 +43,14 @@ def violations(plan: Plan) -> list[Violation]:
     malformed = list(_shape(plan))
     if malformed:
         return malformed
-    return [*_association(plan), *_bandwidth(plan), *_motion(plan), *_separation(plan)]
+    return [
+        *_association(plan),
+        *_bandwidth(plan),
+        *_min_rates(plan),
+        *_motion(plan),
+        *_separation(plan),
+        *_no_fly(plan),
+    ]
 
 
 def require_feasible(plan: Plan) -> Plan:
@@ -70,11 +82,13 @@ def _shape(plan: Plan) -> Iterator[Violation]:
 
 
 def _association(plan: Plan) -> Iterator[Violation]:
-    known = set(plan.scenario.uav_ids)
+    last = {uav.id: plan.scenario.last_slot(uav) for uav in plan.scenario.uavs}
     for user, row in plan.association.items():
         for n, uav in enumerate(row):
-            if uav not in known:
+            if uav not in last:
                 yield Violation(constraint="6a", where=f"{user} slot {n}", message=f"served by unknown '{uav}'")
+            elif n > last[uav]:
+                yield Violation(constraint="6a", where=f"{user} slot {n}", message=f"served by '{uav}', which has left")
 
 
 def _bandwidth(plan: Plan) -> Iterator[Violation]:
@@ -92,6 +106,15 @@ def _bandwidth(plan: Plan) -> Iterator[Violation]:
             yield Violation(constraint="6c", where=f"{uav} slot {n}", message=f"uses {hertz} of {limit[uav]} Hz")
 
 
+def _min_rates(plan: Plan) -> Iterator[Violation]:
+    for user in plan.scenario.users:
+        admitted = plan.unmet_min_rate_slots.get(user.id, [])
+        for n, rate in enumerate(plan.user_rates_bps[user.id]):
+            if rate < user.min_rate_bps * (1 - MIN_RATE_ROUNDING) and n not in admitted:
+                message = f"gets {rate} of {user.min_rate_bps} bit/s"
+                yield Violation(constraint="min_rate", where=f"{user.id} slot {n}", message=message)
+
+
 def _motion(plan: Plan) -> Iterator[Violation]:
     (west, south), (east, north) = plan.scenario.area_m
     for uav in plan.scenario.uavs:
@@ -104,6 +127,9 @@ def _motion(plan: Plan) -> Iterator[Violation]:
                 )
         if tuple(path[0]) != uav.start_m:
             yield Violation(constraint="6g", where=uav.id, message=f"starts at {path[0]}, not at {uav.start_m}")
+        last = path[plan.scenario.last_slot(uav)]
+        if uav.end_m is not None and hypot(last[0] - uav.end_m[0], last[1] - uav.end_m[1]) > ROUNDING_M:
+            yield Violation(constraint="end", where=uav.id, message=f"ends at {last}, not at {uav.end_m}")
 
 
 def _steps(uav: Uav, path: list[tuple[float, float]], limit_m: float) -> Iterator[Violation]:
@@ -115,14 +141,41 @@ def _steps(uav: Uav, path: list[tuple[float, float]], limit_m: float) -> Iterato
 
 def _separation(plan: Plan) -> Iterator[Violation]:
     limit = plan.scenario.min_separation_m
-    for a, b in combinations(plan.scenario.uav_ids, 2):
-        path_a, path_b = plan.trajectories_m[a], plan.trajectories_m[b]
+    for a, b in combinations(plan.scenario.uavs, 2):
+        together = min(plan.scenario.last_slot(a), plan.scenario.last_slot(b)) + 1
+        path_a, path_b = plan.trajectories_m[a.id][:together], plan.trajectories_m[b.id][:together]
         apart = [(ea - eb, na - nb) for (ea, na), (eb, nb) in zip(path_a, path_b, strict=True)]
         for n, here in enumerate(apart):
             near = _segment_distance(here, apart[n + 1]) if n + 1 < len(apart) else hypot(*here)
             if near < limit - ROUNDING_M:
-                where = f"{a} and {b} in slot {n}"
+                where = f"{a.id} and {b.id} in slot {n}"
                 yield Violation(constraint="6e", where=where, message=f"{near} m apart, less than {limit} m")
+
+
+def _no_fly(plan: Plan) -> Iterator[Violation]:
+    """Straight legs against the inside of each zone; a discs's by distance, a polygon's by shapely."""
+    for number, zone in enumerate(plan.scenario.no_fly):
+        for uav in plan.scenario.uavs:
+            path = plan.trajectories_m[uav.id][: plan.scenario.last_slot(uav) + 1]
+            for n, (here, there) in enumerate(pairwise([*path, path[-1]])):
+                depth = _depth_m(zone, here, there)
+                if depth > ROUNDING_M:
+                    message = f"flies {depth:.3g} m inside"
+                    yield Violation(constraint="no_fly", where=f"{uav.id} slot {n} no_fly.{number}", message=message)
+
+
+def _depth_m(zone: NoFlyDisc | NoFlyPolygon, here: tuple[float, float], there: tuple[float, float]) -> float:
+    """How far the leg reaches into the zone: below the disc's radius, or metres of it inside the polygon."""
+    if isinstance(zone, NoFlyDisc):
+        east, north = zone.center_m
+        return zone.radius_m - _segment_distance((here[0] - east, here[1] - north), (there[0] - east, there[1] - north))
+    outline = Polygon(zone.vertices_m)
+    if here == there:
+        inside = GeoPoint(here)
+        return outline.boundary.distance(inside) if outline.contains(inside) else 0.0
+    leg = LineString([here, there]).intersection(outline)
+    middle_m = outline.boundary.distance(leg.centroid) if not leg.is_empty else 0.0
+    return float(min(leg.length, middle_m))
 
 
 def _segment_distance(p: tuple[float, float], q: tuple[float, float]) -> float:

@@ -61,6 +61,9 @@ class Plan(Frozen):
 
     Slot `n` lasts from `n` to `n + 1` slot durations after the start; `trajectories_m[uav][n]` is where the UAV is
     when slot `n` begins, and it flies straight to `[n + 1]` while the slot lasts. Slot 0 is the start position.
+    A UAV that leaves (`leaves_at_slot`) keeps its last position in the table, but is no longer there.
+    A plan with status `infeasible` could not give every user its `min_rate_bps`: `unmet_min_rate_slots` says whom and
+    when, counted on the plan's own grid; all other constraints hold.
     A replan covers the slots that remain: its slot 0 is slot `first_slot` of the operation, and
     `achieved_rates_bps` holds what each user got before that.
     """
@@ -78,6 +81,7 @@ class Plan(Frozen):
     bandwidth_hz: dict[str, list[float]]
     user_rates_bps: dict[str, list[float]]
     achieved_rates_bps: dict[str, list[float]] = Field(default_factory=dict)
+    unmet_min_rate_slots: dict[str, list[int]] = Field(default_factory=dict)
     summary: Summary
     history: list[Iteration] = Field(default_factory=list)
     solve_ms: float | None = None

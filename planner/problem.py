@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.channel import fading_gains
-from planner.scenario import Scenario
+from planner.scenario import NoFlyDisc, NoFlyPolygon, Scenario
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -19,7 +19,9 @@ Array: TypeAlias = NDArray[np.float64]
 class Past:
     """What has been flown before the plan begins: it counts in the utility and cannot be changed.
 
-    `first_slot` is the plan's slot 0 on the operation's slot grid; `rates_bps` is (n_users, n_past_slots), bit/s.
+    `first_slot` is the plan's slot 0 on the operation's slot grid; `rates_bps` is (n_users, n_past_slots), bit/s, NaN
+    before a user was there. Such a slot is not in that user's expectation, which counts by the share of the slots in
+    which the user was there.
     """
 
     first_slot: int = 0
@@ -33,7 +35,12 @@ class Problem:
     start_m: (U, 2) and user_m: (K, 2), metres east/north of the origin. step_m: (U,), `D_max`, metres per slot.
     altitude_m: (U,), `H`. low_m, high_m: (2,), the flying area. separation_m: `D_min`. bandwidth_hz: (U,), `B_u`.
     snr_gain: (U, K, N), `p_u rho |h_uk[n]|^2 / sigma^2` in m^2: divided by a squared distance it is an SNR (eq. 1).
-    past_kbps: (K, M) rates achieved before slot 0. mu: 1/(kbit/s), at most 0. kind: the utility.
+    past_kbps: (K, M) rates achieved before slot 0, NaN before a user was there. mu: 1/(kbit/s), at most 0. kind: the
+    utility.
+    n_flying: (U,), in how many slots it flies before it leaves; `snr_gain` is 0 from then on. end_m: (U, 2), where it
+    must be in its last slot, NaN where free. min_kbps: (K,), in every slot. discs: (D, 3), east, north, radius of
+    no-fly discs; polygons: outlines (V, 2) of no-fly polygons, metres. counted_from: the first planned slot that
+    counts in the utility.
     """
 
     start_m: Array
@@ -48,6 +55,12 @@ class Problem:
     past_kbps: Array
     mu: float
     kind: str
+    n_flying: NDArray[np.intp]
+    end_m: Array
+    min_kbps: Array
+    discs: Array
+    polygons: tuple[Array, ...] = ()
+    counted_from: int = 0
 
     @cached_property
     def n_uavs(self) -> int:
@@ -64,6 +77,16 @@ class Problem:
         """N."""
         return int(self.snr_gain.shape[2])
 
+    @cached_property
+    def flying(self) -> NDArray[np.bool_]:
+        """Who flies when: (U, N)."""
+        there: NDArray[np.bool_] = np.arange(self.n_slots) < self.n_flying[:, None]
+        return there
+
+    def counted_kbps(self, rates_kbps: Array) -> Array:
+        """The rate table whose utility is asked for: the past, then the planned slots that count; (K, M + ...)."""
+        return np.hstack([self.past_kbps, rates_kbps[:, self.counted_from :]])
+
     def hover(self) -> Array:
         """Everyone stays at the start, the one path that is always feasible: (U, N, 2) metres."""
         return np.repeat(self.start_m[:, None, :], self.n_slots, axis=1)
@@ -79,21 +102,39 @@ def problem_of(scenario: Scenario, past: Past | None = None) -> Problem:
     past_kbps = np.asarray(past.rates_bps, dtype=float) / 1e3 if past.rates_bps.size else np.zeros((n_users, 0))
     if past_kbps.shape[0] != n_users:
         raise ValueError(f"past.rates_bps has {past_kbps.shape[0]} rows, but the scenario has {n_users} users")
-    channel = scenario.channel
-    power_w = np.array([uav.transmit_power_w for uav in scenario.uavs])
-    noise_w = 10 ** (channel.noise_dbm / 10 - 3)
-    gain = fading_gains(channel, scenario.uav_ids, scenario.user_ids, past.first_slot, scenario.slots)
+    excluded = scenario.utility.exclude_fixed_slots
+    n_flying = np.array([scenario.last_slot(uav) + 1 for uav in scenario.uavs])
+    no_end = (np.nan, np.nan)
     return Problem(
         start_m=np.array([uav.start_m for uav in scenario.uavs], dtype=float),
         user_m=np.array([user.position_m for user in scenario.users], dtype=float),
         step_m=np.array([uav.max_speed_mps * scenario.slot_duration_s for uav in scenario.uavs]),
-        altitude_m=np.full(len(scenario.uavs), float(scenario.altitude_m)),
+        altitude_m=np.array([scenario.altitude_of(uav) for uav in scenario.uavs], dtype=float),
         low_m=np.array(scenario.area_m[0], dtype=float),
         high_m=np.array(scenario.area_m[1], dtype=float),
         separation_m=float(scenario.min_separation_m),
         bandwidth_hz=np.array([uav.bandwidth_hz for uav in scenario.uavs], dtype=float),
-        snr_gain=power_w[:, None, None] * 10 ** (channel.reference_gain_db / 10) / noise_w * gain,
-        past_kbps=past_kbps,
+        snr_gain=_snr_gain(scenario, past.first_slot, n_flying),
+        past_kbps=past_kbps[:, 1:] if excluded else past_kbps,
         mu=float(scenario.utility.mu_per_kbps),
         kind=scenario.utility.kind,
+        n_flying=n_flying,
+        end_m=np.array([uav.end_m or no_end for uav in scenario.uavs], dtype=float),
+        min_kbps=np.array([user.min_rate_bps / 1e3 for user in scenario.users]),
+        discs=np.array(
+            [(*zone.center_m, zone.radius_m) for zone in scenario.no_fly if isinstance(zone, NoFlyDisc)], dtype=float
+        ).reshape(-1, 3),
+        polygons=tuple(np.array(zone.vertices_m) for zone in scenario.no_fly if isinstance(zone, NoFlyPolygon)),
+        counted_from=1 if excluded and scenario.slots > 1 else 0,
     )
+
+
+def _snr_gain(scenario: Scenario, first_slot: int, n_flying: NDArray[np.intp]) -> Array:
+    """`p_u rho |h_uk[n]|^2 / sigma^2`: (U, K, N) m^2, 0 where the UAV has left."""
+    channel = scenario.channel
+    power_w = np.array([uav.transmit_power_w for uav in scenario.uavs])
+    noise_w = 10 ** (channel.noise_dbm / 10 - 3)
+    fading = fading_gains(channel, scenario.uav_ids, scenario.user_ids, first_slot, scenario.slots)
+    flying = np.arange(scenario.slots) < n_flying[:, None]
+    gain: Array = power_w[:, None, None] * 10 ** (channel.reference_gain_db / 10) / noise_w * fading
+    return gain * flying[:, None, :]

@@ -7,15 +7,18 @@ Every rule is checked where the object is made, and the message names the field,
 from __future__ import annotations
 
 from itertools import combinations
-from math import hypot
+from math import dist
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
+from shapely import Point as GeoPoint
+from shapely import Polygon
 
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
 NonNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0)]
 Coordinate = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-100_000, le=100_000)]
+Altitude = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=20_000)]
 Point = tuple[Coordinate, Coordinate]
 """East, north in metres from the origin; beyond 100 km a flat local frame is no longer honest."""
 
@@ -36,20 +39,31 @@ class Origin(Frozen):
 
 
 class Uav(Frozen):
-    """One flying base station: `q_0u`, `D_max`, `B_u` and `p_u` of the letter."""
+    """One flying base station: `q_0u`, `D_max`, `B_u` and `p_u` of the letter.
+
+    Beyond the letter, each optional: `altitude_m` of its own, metres above its home; `end_m`, where it must be in its
+    last slot; `leaves_at_slot`, the slot (counted from 0) from which on it is gone, a battery's end known beforehand.
+    """
 
     id: Identifier
     start_m: Point
     max_speed_mps: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=100)] = 5.0
     bandwidth_hz: Positive = 10_000.0
     transmit_power_w: Positive = 0.1
+    altitude_m: Altitude | None = None
+    end_m: Point | None = None
+    leaves_at_slot: Annotated[int, Field(strict=True, ge=1)] | None = None
 
 
 class User(Frozen):
-    """One quasi-static user on the ground: `c_k` of the letter. It may stand outside the flying area."""
+    """One quasi-static user on the ground: `c_k` of the letter. It may stand outside the flying area.
+
+    `min_rate_bps` is what it must get in every slot, bit/s.
+    """
 
     id: Identifier
     position_m: Point
+    min_rate_bps: NonNegative = 0.0
 
 
 class Channel(Frozen):
@@ -65,11 +79,41 @@ class Channel(Frozen):
     seed: Annotated[int, Field(strict=True, ge=0, lt=2**63)] = 0
 
 
+class NoFlyDisc(Frozen):
+    """A round area over which no UAV may fly; its edge may be touched. Metres."""
+
+    kind: Literal["disc"] = "disc"
+    center_m: Point
+    radius_m: Positive
+
+
+class NoFlyPolygon(Frozen):
+    """A simple polygon over which no UAV may fly; its edge may be touched. Metres, in either order of rotation."""
+
+    kind: Literal["polygon"] = "polygon"
+    vertices_m: Annotated[tuple[Point, ...], Field(min_length=3, max_length=200)]
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        outline = Polygon(self.vertices_m)
+        if not outline.is_valid or outline.area == 0:
+            raise ValueError("vertices_m: the outline must enclose an area and not cross itself")
+        return self
+
+
 class Utility(Frozen):
-    """What is maximised. `mu_per_kbps` = -2 beta in 1/(kbit/s): 0 is pure sum rate, more negative is steadier."""
+    """What is maximised. `mu_per_kbps` = -2 beta in 1/(kbit/s): 0 is pure sum rate, more negative is steadier.
+
+    `exclude_fixed_slots` leaves slot 0, whose positions cannot be chosen, out of the expectation: at large |mu| it
+    would make every slot that is better than it worthless.
+    """
 
     kind: Literal["sum", "per_user", "pooled"] = "sum"
     mu_per_kbps: Annotated[float, Field(strict=True, allow_inf_nan=False, le=0, ge=-1e6)] = 0.0
+    exclude_fixed_slots: bool = False
+
+
+NoFlyZone = Annotated[NoFlyDisc | NoFlyPolygon, Field(discriminator="kind")]
 
 
 class Scenario(Frozen):
@@ -82,12 +126,13 @@ class Scenario(Frozen):
     area_m: tuple[Point, Point]
     slots: Annotated[int, Field(strict=True, ge=1, le=100_000)]
     slot_duration_s: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=3600)]
-    altitude_m: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=20_000)]
+    altitude_m: Altitude
     min_separation_m: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=10_000)]
     uavs: Annotated[tuple[Uav, ...], Field(min_length=1)]
     users: Annotated[tuple[User, ...], Field(min_length=1)]
     channel: Channel = Channel()
     utility: Utility = Utility()
+    no_fly: Annotated[tuple[NoFlyZone, ...], Field(max_length=100)] = ()
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -99,17 +144,55 @@ class Scenario(Frozen):
         _require_unique("uavs", [uav.id for uav in self.uavs])
         _require_unique("users", [user.id for user in self.users])
         for index, uav in enumerate(self.uavs):
-            e, n = uav.start_m
-            if not (west <= e <= east and south <= n <= north):
-                raise ValueError(f"uavs.{index}.start_m: {uav.start_m} of '{uav.id}' lies outside area_m {self.area_m}")
+            self._check_point(f"uavs.{index}.start_m", uav.start_m, uav.id)
+            if uav.end_m is not None:
+                self._check_point(f"uavs.{index}.end_m", uav.end_m, uav.id)
+                self._check_reachable(index, uav)
+        if all(self.last_slot(uav) < self.slots - 1 for uav in self.uavs):
+            raise ValueError("uavs: leaves_at_slot takes every UAV away before the last slot; one must stay to the end")
         for a, b in combinations(self.uavs, 2):
-            apart = hypot(a.start_m[0] - b.start_m[0], a.start_m[1] - b.start_m[1])
-            if apart < self.min_separation_m:
-                raise ValueError(
-                    f"uavs: start_m of '{a.id}' and '{b.id}' are {apart:.3g} m apart, closer than "
-                    f"min_separation_m {self.min_separation_m:g} (eq. 6e)"
-                )
+            self._check_apart("start_m", a, b, a.start_m, b.start_m)
+            if a.end_m is not None and b.end_m is not None and self.last_slot(a) == self.last_slot(b):
+                self._check_apart("end_m", a, b, a.end_m, b.end_m)
         return self
+
+    def _check_point(self, field: str, point: Point, uav: str) -> None:
+        (west, south), (east, north) = self.area_m
+        if not (west <= point[0] <= east and south <= point[1] <= north):
+            raise ValueError(f"{field}: {point} of '{uav}' lies outside area_m {self.area_m}")
+        for number, zone in enumerate(self.no_fly):
+            if zone_holds(zone, point):
+                raise ValueError(f"{field}: {point} of '{uav}' lies inside no_fly.{number}")
+
+    def _check_reachable(self, index: int, uav: Uav) -> None:
+        assert uav.end_m is not None  # noqa: S101 - the caller has looked
+        reach = uav.max_speed_mps * self.slot_duration_s * self.last_slot(uav)
+        away = dist(uav.start_m, uav.end_m)
+        if away > reach * (1 - 1e-9):
+            raise ValueError(
+                f"uavs.{index}.end_m: {uav.end_m} of '{uav.id}' is {away:.6g} m from its start, but it can fly only "
+                f"{reach:.6g} m until its last slot (eq. 6d)"
+            )
+
+    def _check_apart(self, field: str, a: Uav, b: Uav, at_a: Point, at_b: Point) -> None:
+        apart = dist(at_a, at_b)
+        if apart < self.min_separation_m:
+            raise ValueError(
+                f"uavs: {field} of '{a.id}' and '{b.id}' are {apart:.3g} m apart, closer than "
+                f"min_separation_m {self.min_separation_m:g} (eq. 6e)"
+            )
+
+    def uav(self, uav_id: str) -> Uav:
+        """The UAV of this id. Raises KeyError."""
+        return {uav.id: uav for uav in self.uavs}[uav_id]
+
+    def altitude_of(self, uav: Uav) -> float:
+        """Metres above this vehicle's own home: its own `altitude_m`, or the fleet's."""
+        return self.altitude_m if uav.altitude_m is None else uav.altitude_m
+
+    def last_slot(self, uav: Uav) -> int:
+        """The last slot, counted from 0, in which this UAV flies."""
+        return min(uav.leaves_at_slot or self.slots, self.slots) - 1
 
     @property
     def uav_ids(self) -> tuple[str, ...]:
@@ -125,6 +208,13 @@ class Scenario(Frozen):
         """A validated copy with some fields replaced."""
         fields = {name: getattr(self, name) for name in type(self).model_fields}
         return type(self)(**{**fields, **changes})
+
+
+def zone_holds(zone: NoFlyDisc | NoFlyPolygon, point: Point) -> bool:
+    """Whether the point, metres east/north, lies strictly inside the zone."""
+    if isinstance(zone, NoFlyDisc):
+        return dist(zone.center_m, point) < zone.radius_m
+    return bool(Polygon(zone.vertices_m).contains(GeoPoint(point)))
 
 
 def _require_unique(field: str, ids: list[str]) -> None:
