@@ -15,7 +15,10 @@ from api.problems import ConflictError, InvalidError, NotFoundError
 from api.settings import Settings
 from api.store import Database
 from api.store.tables import vehicles as table
-from mavlink_bridge import FleetLink, HeartbeatMonitor, LinkEvent
+from mavlink_bridge import FleetLink, HeartbeatMonitor, LinkEvent, VehiclesMissing
+
+HEARD_WITHIN_S = 5.0
+"""Wall seconds a vehicle may take to be heard before an upload, or the watch of its heartbeats, goes on without it."""
 
 
 class VehicleView(BaseModel):
@@ -49,6 +52,7 @@ class Fleet:
         self._followers: set[asyncio.Queue[LinkEvent]] = set()
         self._watcher: asyncio.Task[None] | None = None
         self._opening = asyncio.Lock()
+        self._finding: asyncio.Task[None] | None = None
 
     @property
     def link(self) -> FleetLink:
@@ -63,7 +67,20 @@ class Fleet:
         for row in await self._database.rows(select(table)):
             await self._open()
             self._systems[row.uav_id] = row.system_id
-            self._monitor.watch(row.system_id, self._clock.now())
+        if self._systems:
+            self._finding = asyncio.create_task(self._find(), name="fleet-find")
+
+    async def found(self) -> None:
+        """After a restart: wait until every vehicle was heard, or has had its time."""
+        if self._finding is not None:
+            await asyncio.shield(self._finding)
+
+    async def _find(self) -> None:
+        """Hear everybody before anybody is suspected: discovery takes wall time, silence counts fleet time."""
+        with suppress(VehiclesMissing):
+            await self.link.wait_for(set(self._systems.values()), timeout_s=HEARD_WITHIN_S)
+        for system_id in self._systems.values():
+            self._monitor.watch(system_id, self._clock.now())
 
     async def register(self, uav_id: str, system_id: int, *, simulated: bool = False) -> VehicleView:
         """Tie a UAV id to a MAVLink system id and open the link. Raises ConflictError when either is taken."""
@@ -122,12 +139,13 @@ class Fleet:
         """One vehicle as it was last heard."""
         system_id = self.system_of(uav_id)
         now, said = self._clock.now(), self.link.telemetry(system_id)
+        watched = system_id in self._monitor.watched
         view = VehicleView(
             uav_id=uav_id,
             system_id=system_id,
             simulated=uav_id in self._simulated,
-            link=self._monitor.state(system_id).value,
-            silent_for_s=self._monitor.silent_for_s(system_id, now),
+            link=self._monitor.state(system_id).value if watched else "unheard",
+            silent_for_s=self._monitor.silent_for_s(system_id, now) if watched else None,
         )
         if said is None:
             return view
@@ -154,10 +172,11 @@ class Fleet:
 
     async def close(self) -> None:
         """Close the link; the vehicles keep what they have on board."""
-        if self._watcher is not None:
-            self._watcher.cancel()
-            with suppress(asyncio.CancelledError):
-                await self._watcher
+        for task in (self._finding, self._watcher):
+            if task is not None:
+                task.cancel()
+                with suppress(asyncio.CancelledError):
+                    await task
         if self._link is not None:
             await self._link.close()
             self._link = None

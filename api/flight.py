@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Collection, Mapping
 from contextlib import suppress
 from typing import Literal
@@ -10,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from api.clock import FleetClock
-from api.fleet import Fleet
+from api.fleet import HEARD_WITHIN_S, Fleet
 from api.rates import InForce, Point, Sample, rates_by_slot
 from mavlink_bridge import (
     BridgeError,
@@ -24,8 +25,9 @@ from mavlink_bridge import (
 from planner import Plan
 
 SAMPLE_EVERY_S = 0.5
-HEARD_WITHIN_S = 5.0
-"""Wall seconds a registered vehicle may take to be heard before an upload goes on without it."""
+LOOK_EVERY_S = 0.05
+TOLD_WITHIN_S = 3.0
+"""Wall seconds that a vehicle has to send a MISSION_CURRENT, which comes at 1 Hz."""
 
 
 class FlightError(BridgeError):
@@ -182,9 +184,19 @@ class Flight:
             raise FlightError(f"start failed for {_each(bad)}")
 
     async def reattach(self) -> None:
-        """After a restart: wait until those who should be there are heard; who is not is declared lost in time."""
-        with suppress(VehiclesMissing):
-            await self._fleet.link.wait_for({self.systems[uav] for uav in self.surviving()}, timeout_s=HEARD_WITHIN_S)
+        """After a restart: wait until those who should be there have told what they fly.
+
+        Who is silent is declared lost in time.
+        """
+        await self._fleet.found()
+        until = time.monotonic() + TOLD_WITHIN_S
+        while time.monotonic() < until and not all(map(self._has_told, self.surviving())):  # noqa: ASYNC110
+            await asyncio.sleep(LOOK_EVERY_S)
+
+    def _has_told(self, uav: str) -> bool:
+        """Whether a MISSION_CURRENT of it was heard, or nothing at all."""
+        said = self.on_board(uav)
+        return said is None or said.mission_current is not None
 
     def on_board(self, uav: str) -> Telemetry | None:
         """What the vehicle last said, its mission included."""

@@ -149,11 +149,11 @@ class Incidents:
             self.pending.clear()
             return
         self.number += 1
-        await self.save()
         steps = IncidentLog(self._journal, self._operation_id, self.number, self._flight.now_s)
         ask = self._policy == "approve" and cause == "heartbeat_lost"
         self._incident = Incident(steps, cause, dict(self.pending), ask=ask, readmitted=self._readmitted)
         self._readmitted = ()
+        await self.save()
         self._answer = Answer(self._parts, self._flight, self._incident)
         self._task = asyncio.create_task(self._answered(self._answer, self._incident))
 
@@ -227,7 +227,7 @@ class Incidents:
         """Take over what a stopped service has stored."""
         self.number = document["incident"]
         self.pending = document["pending"]
-        self._wanted = document["wanted"]
+        self._wanted = document["wanted"] or ("heartbeat_lost" if self.pending else None)
         self._readmitted = tuple(document["readmitted"])
         self._offered = set(document["returned"])
         self.reports = [Recovery.model_validate(report) for report in document["recoveries"]]
