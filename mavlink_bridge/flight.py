@@ -140,6 +140,11 @@ async def land(vehicle: Vehicle) -> None:
     await set_mode(vehicle, FlightMode.LAND)
 
 
+async def return_home(vehicle: Vehicle) -> None:
+    """Begin to return to where it took off, seen in HEARTBEAT."""
+    await set_mode(vehicle, FlightMode.RETURN)
+
+
 async def swap(vehicle: Vehicle, mission: Mission, given_up: Callable[[], bool]) -> SwapResult:
     """Replace the mission of a vehicle in flight: verified and flying the new one, or holding, and saying so.
 

@@ -225,18 +225,20 @@ class FleetLink:
         """
         return await self._command(places, lambda vehicle, place: flight.go_to(vehicle, *place, timeout_s))
 
-    async def start(self, system_ids: Iterable[int]) -> dict[int, CommandResult]:
+    async def start(self, system_ids: Iterable[int], *, item: int | None = None) -> dict[int, CommandResult]:
         """Fly the missions on board, all together: every vehicle has its item set before the first one starts.
 
-        They begin with what a vehicle flies that hovers at its slot-0 point (`Mission.start_item`).
+        They begin with `item`, or with what a vehicle flies that hovers at its slot-0 point (`Mission.start_item`).
         """
+
+        def first(vehicle: Vehicle) -> int:
+            return vehicle.start_item if item is None else item
+
         ids = list(system_ids)
-        ready = await self._command(
-            dict.fromkeys(ids), lambda vehicle, _: flight.set_current(vehicle, vehicle.start_item)
-        )
+        ready = await self._command(dict.fromkeys(ids), lambda vehicle, _: flight.set_current(vehicle, first(vehicle)))
         able = [system_id for system_id in ids if ready[system_id].ok]
         return ready | await self._command(
-            dict.fromkeys(able), lambda vehicle, _: flight.start(vehicle, vehicle.start_item)
+            dict.fromkeys(able), lambda vehicle, _: flight.start(vehicle, first(vehicle))
         )
 
     async def swap(self, missions: Mapping[int, Mission]) -> dict[int, SwapResult]:
@@ -250,6 +252,10 @@ class FleetLink:
     async def hold(self, system_ids: Iterable[int]) -> dict[int, CommandResult]:
         """Stop and hover."""
         return await self._command(dict.fromkeys(system_ids), lambda vehicle, _: flight.hold(vehicle))
+
+    async def return_home(self, system_ids: Iterable[int]) -> dict[int, CommandResult]:
+        """Return to where they took off, each by its own autopilot's way; returns when they are on it."""
+        return await self._command(dict.fromkeys(system_ids), lambda vehicle, _: flight.return_home(vehicle))
 
     async def land(self, system_ids: Iterable[int]) -> dict[int, CommandResult]:
         """Land where they are; returns when they descend."""
