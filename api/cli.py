@@ -15,12 +15,15 @@ from rich.console import Console
 
 from api import show
 from api.problems import ServiceError, broken_rules
+from api.reproduce.commands import reproduce, tune_mu
 from mavlink_bridge import BridgeError
 from planner import EXAMPLES, AnyOf, Deadline, Plan, ReplanError, Scenario, converged, plan, replan
 
 cli = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, help=__doc__)
 bench = typer.Typer(no_args_is_help=True, help="Measure; figures as JSON.")
 cli.add_typer(bench, name="bench")
+cli.command("reproduce")(reproduce)
+cli.command("tune-mu")(tune_mu)
 errors = Console(stderr=True)
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON only.")]

@@ -7,7 +7,7 @@ are passed in. `scenario.py` and `plans.py` are what goes in and comes out, `ref
 """
 
 from planner.delivered import delivered_rates_bps
-from planner.examples import EXAMPLES
+from planner.examples import EXAMPLES, letter
 from planner.feasibility import InfeasiblePlanError, Violation, violations
 from planner.plans import Cause, Iteration, Plan, PlanStatus, Summary
 from planner.problem import Past
@@ -42,6 +42,7 @@ __all__ = [
     "closest_approach",
     "converged",
     "delivered_rates_bps",
+    "letter",
     "plan",
     "remaining",
     "replan",
