@@ -28,9 +28,7 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON only.")]
 
 def reproduce(
     figure: Annotated[Literal["2", "3", "5a", "5b", "all"], typer.Option(help="Which figure of the letter.")] = "all",
-    out: Annotated[Path, typer.Option(help="Folder of the pictures, study.json and reproduction.md.")] = Path(
-        "out/reproduction"
-    ),
+    out: Annotated[Path, typer.Option(help="Folder of reproduction.md and its pictures.")] = Path("out"),
     layouts: Annotated[int, typer.Option(min=1, help="User layouts; each UAV fails in turn in each.")] = 5,
     search: Annotated[bool, typer.Option("--calibrate", help="Search what the letter omits instead.")] = False,
     as_json: Json = False,

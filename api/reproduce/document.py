@@ -67,10 +67,10 @@ def _figures() -> str:
     return "\n\n".join(
         [
             "## The figures",
-            "![Fig. 2: utility and sum rate after each iteration](fig2-convergence.svg)",
-            *(f"![Fig. 3, utility {kind}](fig3-periods-{kind.replace('_', '-')}.svg)" for kind in KINDS),
-            "![Fig. 5(a): variance of the sum rate against mu](fig5a-variance.svg)",
-            "![Fig. 5(b): Jain index against mu](fig5b-jain.svg)",
+            "![Fig. 2: utility and sum rate after each iteration](reproduction/fig2-convergence.svg)",
+            *(f"![Fig. 3, utility {kind}](reproduction/fig3-periods-{kind.replace('_', '-')}.svg)" for kind in KINDS),
+            "![Fig. 5(a): variance of the sum rate against mu](reproduction/fig5a-variance.svg)",
+            "![Fig. 5(b): Jain index against mu](reproduction/fig5b-jain.svg)",
         ]
     )
 
@@ -177,7 +177,7 @@ def _ablation(study: Study) -> str:
 def _again(study: Study) -> str:
     machine = study["machine"]
     return "## Do it again\n\n" + _text(
-        f"""`skyfolio reproduce --out docs/reproduction` wrote this page, its pictures and `study.json` in
+        f"""`skyfolio reproduce --out docs` wrote this page, its pictures and `study.json` in
         {study["seconds"]:.0f} s on {machine["cores"]} cores ({machine["cpu"]}). `skyfolio reproduce --calibrate`
         repeats the search for what the letter omits. Baseline 2 follows the letter's one sentence on it (placement and
         bandwidth, nearest association): its source was not at hand."""

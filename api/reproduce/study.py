@@ -247,15 +247,16 @@ def pictures(study: Study) -> dict[str, Any]:
     return drawn
 
 
-def write(study: Study, out: Path, document: Callable[[Study], str] | None) -> list[Path]:
-    """`study.json`, one SVG for each picture and, for the whole study, `reproduction.md`; the paths written."""
-    out.mkdir(parents=True, exist_ok=True)
-    written = [out / "study.json"]
+def write(study: Study, out: Path, document: Callable[[Study], str]) -> list[Path]:
+    """`reproduction/study.json`, an SVG for each picture, for the whole study `reproduction.md`: the paths written."""
+    folder = out / "reproduction"
+    folder.mkdir(parents=True, exist_ok=True)
+    written = [folder / "study.json"]
     written[0].write_text(json.dumps(study, indent=1) + "\n", encoding="utf-8")
     for stem, figure in pictures(study).items():
-        written.append(out / f"{stem}.svg")
+        written.append(folder / f"{stem}.svg")
         figure.savefig(written[-1], metadata={"Date": None})
-    if document is not None and study["figure"] == "all":
+    if study["figure"] == "all":
         written.append(out / "reproduction.md")
         written[-1].write_text(document(study), encoding="utf-8")
     return written
