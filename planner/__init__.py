@@ -9,6 +9,7 @@ are passed in. `scenario.py` and `plans.py` are what goes in and comes out, `ref
 from planner.delivered import delivered_rates_bps
 from planner.examples import EXAMPLES, letter
 from planner.feasibility import InfeasiblePlanError, Violation, violations
+from planner.methods import METHODS
 from planner.plans import Cause, Iteration, Plan, PlanStatus, Summary
 from planner.problem import Past
 from planner.replanning import ReplanError, remaining, replan
@@ -19,6 +20,7 @@ from planner.stopping import AnyOf, Deadline, MaxIterations, RelativeGain, StopT
 
 __all__ = [
     "EXAMPLES",
+    "METHODS",
     "AnyOf",
     "Cause",
     "Channel",

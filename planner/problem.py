@@ -74,6 +74,12 @@ class Problem:
         """N."""
         return int(self.snr_gain.shape[2])
 
+    @cached_property
+    def flying(self) -> NDArray[np.bool_]:
+        """Who flies when: (U, N)."""
+        there: NDArray[np.bool_] = np.arange(self.n_slots) < self.n_flying[:, None]
+        return there
+
     def counted_kbps(self, rates_kbps: Array) -> Array:
         """The rate table whose utility is asked for: the past, then the planned slots that count; (K, M + ...)."""
         return np.hstack([self.past_kbps, rates_kbps[:, self.counted_from :]])

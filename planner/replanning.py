@@ -36,7 +36,7 @@ def replan(
     failed: ids of the UAVs that are gone. at_slot: the first slot to plan, on the operation's slot grid.
     positions_m: where the survivors are when that slot begins, metres east/north (default: where the plan has them).
     achieved_rates_bps: what each user got in the slots before `at_slot` (default: what the plan promised).
-    options: as for `plan`. Raises ReplanError as `remaining` does.
+    options: as for `plan`; the method is the previous plan's unless another is named. Raises as `remaining` does.
     """
     scenario, past = remaining(previous, failed, at_slot, positions_m, achieved_rates_bps)
     problem = problem_of(scenario, past)
@@ -48,7 +48,7 @@ def replan(
         cause=cause or Cause(uav_ids=tuple(failed)),
         parent=previous.id,
         revision=previous.revision + 1,
-        **options,
+        **{"method": previous.method, **options},
     )
 
 
