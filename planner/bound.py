@@ -54,7 +54,7 @@ def lifted_kbps(problem: Problem, per_slot_kbps: Array) -> float:
 
     `sum` increases in each of them; the other utilities are at most the mean sum rate by Jensen's inequality.
     """
-    past = problem.past_kbps.sum(axis=0)
+    past = np.nansum(problem.past_kbps, axis=0)
     counted = np.concatenate([past, per_slot_kbps[problem.counted_from :]])
     return soft_mean(counted, problem.mu if problem.kind == "sum" else 0.0)
 

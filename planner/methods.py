@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from planner import fast
+from planner import baselines, fast
 from planner.problem import Problem
 from planner.solution import Observer, Solution
 from planner.stopping import StoppingRule
@@ -47,10 +47,17 @@ def _paper(
     """Algorithm 1 as printed; cvxpy is imported by who asks for it, because that takes a second."""
     from planner.reference import algorithm_1  # noqa: PLC0415
 
-    return algorithm_1(problem, stop, start_m, observer)
+    return algorithm_1(problem, stop, fast.flyable(problem, start_m), observer)
 
 
-METHODS: dict[str, Method] = {"fast": fast.optimise, "paper": _paper}
+METHODS: dict[str, Method] = {
+    "fast": fast.optimise,
+    "paper": _paper,
+    "sr_max": baselines.sr_max,
+    "static": baselines.static,
+    "baseline1": baselines.baseline1,
+    "baseline2": baselines.baseline2,
+}
 DEFAULT_METHOD = "fast"
 
 

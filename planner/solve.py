@@ -52,7 +52,8 @@ def plan(
     _check(problem.hover().shape, n_starts, warm_start_m)
     solution = method_of(method)(problem, stop, warm_start_m, observer, n_starts=n_starts, seed=seed)
     status = PlanStatus.CANCELLED if stop.interrupts else PlanStatus.SUCCEEDED
-    made = emit(scenario, past, problem, solution, method=method, status=status, **identity)
+    inputs = (method, n_starts, seed, None if warm_start_m is None else warm_start_m.tobytes())
+    made = emit(scenario, past, problem, solution, inputs, method=method, status=status, **identity)
     return made.model_copy(update={"solve_ms": (clock() - began) * 1e3}) if clock else made
 
 

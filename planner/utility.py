@@ -25,22 +25,30 @@ def soft_mean(values: Array, mu: float) -> float:
 
 
 def soft_means(values: Array, mu: float) -> Array:
-    """`soft_mean` of each row of (R, N), evaluated so that neither a large nor a tiny |mu| loses digits."""
+    """`soft_mean` of each row of (R, N), evaluated so that neither a large nor a tiny |mu| loses digits.
+
+    NaN marks slots before a user was there: the row is averaged over the others, and counts by their share, so that
+    mu -> 0 is the mean sum rate here too.
+    """
+    there = np.isfinite(values)
+    count = there.sum(axis=1)
     if mu == 0.0:
-        return np.asarray(values.mean(axis=1))
-    least = values.min(axis=1, keepdims=True)
-    means: Array = least[:, 0] + np.log1p(np.expm1(mu * (values - least)).mean(axis=1)) / mu
+        return np.asarray(np.where(there, values, 0.0).mean(axis=1))
+    least = np.where(there, values, np.inf).min(axis=1, keepdims=True)
+    above = np.where(there, values, least) - least
+    means: Array = least[:, 0] + np.log1p(np.expm1(mu * above).sum(axis=1) / count) / mu
+    means *= count / values.shape[1]
     return means
 
 
 def utility_kbps(rates_kbps: Array, kind: str, mu: float) -> float:
-    """The utility of a (K, N) rate table, in kbit/s.
+    """The utility of a (K, N) rate table, in kbit/s; NaN where a user was not there yet.
 
     `sum`: eq. (9), the soft mean over slots of the sum rate. `per_user`: the sum over users of the soft mean over
     slots of each user's rate, whose expansion is eq. (5). `pooled`: K times the soft mean over users and slots.
     """
     if kind == "sum":
-        return soft_mean(rates_kbps.sum(axis=0), mu)
+        return soft_mean(np.nansum(rates_kbps, axis=0), mu)
     if kind == "per_user":
         return float(soft_means(rates_kbps, mu).sum())
     if kind == "pooled":
@@ -57,11 +65,14 @@ def rate_weights(problem: Problem, rates_kbps: Array) -> Array:
     if problem.mu == 0.0:
         weights = np.full(counted.shape, 1.0 / counted.shape[1])
     elif problem.kind == "sum":
-        weights = np.broadcast_to(softmax(problem.mu * counted.sum(axis=0)), counted.shape)
-    elif problem.kind == "per_user":
-        weights = softmax(problem.mu * counted, axis=1)
+        weights = np.broadcast_to(softmax(problem.mu * np.nansum(counted, axis=0)), counted.shape)
     else:
-        weights = len(counted) * softmax(problem.mu * counted)
+        there = np.isfinite(counted)
+        exponents = np.where(there, problem.mu * counted, -np.inf)
+        if problem.kind == "per_user":
+            weights = softmax(exponents, axis=1) * there.mean(axis=1, keepdims=True)
+        else:
+            weights = len(counted) * softmax(exponents) * there.mean()
     planned = np.zeros(rates_kbps.shape)
     planned[:, problem.counted_from :] = weights[:, problem.past_kbps.shape[1] :]
     return planned

@@ -22,6 +22,8 @@ Flag: TypeAlias = bool | np.bool
 """A kernel compiles anew for each literal; `np.bool_(True)` is not one."""
 
 SUM, PER_USER, POOLED = 0, 1, 2
+MARGIN = 1e-8
+"""Least rates are kept this much (relatively) above what is asked, for rounding."""
 KINDS = {"sum": SUM, "per_user": PER_USER, "pooled": POOLED}
 
 _OPTIONS = {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
@@ -53,9 +55,11 @@ class Arena(NamedTuple):
 
     gain: (N, U), m^2, of a mean channel; fading: (N, U, K), m^2, of a sampled one, else empty. low, high: (2,).
     step_m: (U,), `D_max`, less rounding. last: (U,), the last slot in which each UAV flies. end_m: (2, U), NaN where
-    free. user_m: (2, K). counted: the first slot whose rates count. past_low, past_sum: (K,), the least past rate of
-    each user and sum exp(mu (rate - least)) of the past; for `sum` the first entry holds the sum rate's.
+    free. user_m: (2, K). counted: the first slot whose rates count. n_past: how many past slots count.
+    past_low, past_sum, past_count: (K,), the least past rate of each user, sum exp(mu (rate - least)) of its past, and
+    in how many past slots it was there; for `sum` the first entries are the sum rate's.
     discs: (D, 3), east, north, radius. corners: (V, 2) of all no-fly polygons, polygon p at [first[p], first[p + 1]).
+    turns: (2, C), where ways around zones may turn; left: (U, C), slots from each to the end of each UAV (`routes.py`).
     """
 
     gain: Array
@@ -79,7 +83,10 @@ class Arena(NamedTuple):
     n_past: int
     past_low: Array
     past_sum: Array
+    past_count: Array
     min_kbps: Array
+    turns: Array
+    left: Ints
     has_ends: bool
     has_minimum: bool
 
@@ -87,6 +94,7 @@ class Arena(NamedTuple):
 class Links(NamedTuple):
     """Who serves whom: in slot n the entries [0, used[n]) of (N, W) user, uav, khz; each user at most once.
 
+    floor: (N, W), kbit/s that the link must keep: the least rate of its user.
     W is U for `sum` without minimum rates, else K.
     """
 
@@ -94,6 +102,7 @@ class Links(NamedTuple):
     user: Ints
     uav: Ints
     khz: Array
+    floor: Array
 
 
 def arena_of(problem: Problem) -> Arena:
@@ -102,7 +111,7 @@ def arena_of(problem: Problem) -> Arena:
     gain = np.ascontiguousarray(problem.snr_gain[:, 0, :].T)
     fading = np.zeros((0, 0, 0)) if mean else np.ascontiguousarray(problem.snr_gain.transpose(2, 0, 1))
     kind = KINDS[problem.kind] if problem.mu < 0 else SUM
-    low, total = _past(problem, kind)
+    past_low, past_sum, past_count = _past(problem, kind)
     return Arena(
         gain=gain,
         fading=fading,
@@ -123,21 +132,28 @@ def arena_of(problem: Problem) -> Arena:
         mu=problem.mu,
         counted=problem.counted_from,
         n_past=problem.past_kbps.shape[1],
-        past_low=low,
-        past_sum=total,
-        min_kbps=problem.min_kbps,
+        past_low=past_low,
+        past_sum=past_sum,
+        past_count=past_count,
+        min_kbps=problem.min_kbps * (1.0 + MARGIN),
+        turns=np.zeros((2, 0)),
+        left=np.zeros((problem.n_uavs, 0), dtype=np.int64),
         has_ends=bool(np.isfinite(problem.end_m).any()),
         has_minimum=bool((problem.min_kbps > 0).any()),
     )
 
 
-def _past(problem: Problem, kind: int) -> tuple[Array, Array]:
-    """The past as (least, sum exp(mu (x - least))) of each row; at mu = 0 as (0, sum)."""
-    rates = problem.past_kbps.sum(axis=0, keepdims=True) if kind == SUM else problem.past_kbps
+def _past(problem: Problem, kind: int) -> tuple[Array, Array, Array]:
+    """The past as (least, sum exp(mu (x - least)), count) of each row; at mu = 0 as (0, sum, count)."""
+    past = problem.past_kbps
+    rates = np.nansum(past, axis=0, keepdims=True) if kind == SUM else past
+    there = np.isfinite(rates)
+    count = there.sum(axis=1).astype(float)
     if problem.mu == 0.0:
-        return np.zeros(len(rates)), rates.sum(axis=1)
-    low = rates.min(axis=1, initial=np.inf)
-    return low, np.exp(problem.mu * (rates - low[:, None])).sum(axis=1)
+        return np.zeros(len(rates)), rates.sum(axis=1), count
+    low = np.where(there, rates, np.inf).min(axis=1, initial=np.inf)
+    above = np.where(there, rates - np.where(np.isfinite(low), low, 0.0)[:, None], 0.0)
+    return low, (np.exp(problem.mu * above) * there).sum(axis=1), count
 
 
 def links_of(arena: Arena) -> Links:
@@ -151,9 +167,10 @@ def links_of(arena: Arena) -> Links:
         user=np.zeros(shape, dtype=np.int64),
         uav=np.zeros(shape, dtype=np.int64),
         khz=np.zeros(shape),
+        floor=np.zeros(shape),
     )
 
 
 def copy_of(links: Links) -> Links:
     """The same links in tables of their own."""
-    return Links(links.used.copy(), links.user.copy(), links.uav.copy(), links.khz.copy())
+    return Links(links.used.copy(), links.user.copy(), links.uav.copy(), links.khz.copy(), links.floor.copy())

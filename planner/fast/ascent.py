@@ -8,10 +8,13 @@ Barzilai and Borwein's (doi:10.1093/imanum/8.1.141), taken back until the true u
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from planner.fast.arena import Arena, Array, Links, entry, kernel
+from planner.fast.arena import Arena, Array, Links, kernel
 from planner.fast.flight import fly
+from planner.fast.floors import free_bands, refit, reweigh
 from planner.fast.rates import gradient, link_rates, value
 
 TRIES = 12
@@ -19,46 +22,89 @@ FIRST_MOVE_M = 50.0
 """How far the first step moves the position that it moves furthest: about the scale of the channel, `H`."""
 
 
-@entry
-def ascend(arena: Arena, links: Links, path: Array, steps: int, tolerance: float) -> int:
+class Ascent(NamedTuple):
+    """Scratch of an ascent. rate, weight, free and khz: (N, W), of the links; length: (1,); the rest (N, 2, U)."""
+
+    rate: Array
+    weight: Array
+    slope: Array
+    wish: Array
+    trial: Array
+    direction: Array
+    last_direction: Array
+    move: Array
+    free: Array
+    khz: Array
+    length: Array
+
+
+@kernel
+def ascent_of(path: Array, links: Links) -> Ascent:
+    """Scratch of the right size."""
+    return Ascent(
+        np.empty(links.khz.shape),
+        np.empty(links.khz.shape),
+        np.empty(path.shape),
+        np.zeros(path.shape),
+        np.empty(path.shape),
+        np.zeros(path.shape),
+        np.zeros(path.shape),
+        np.zeros(path.shape),
+        np.empty(links.khz.shape),
+        np.empty(links.khz.shape),
+        np.zeros(1),
+    )
+
+
+@kernel
+def ascend(arena: Arena, links: Links, path: Array, steps: int, tolerance: float, scratch: Ascent) -> int:
     """Improve `path` (N, 2, U) in place by up to `steps` steps; how many were made.
 
     It ends early after a step that gains less than `tolerance` of the utility, or when no step gains.
     """
-    rate, weight = np.empty(links.khz.shape), np.empty(links.khz.shape)
-    slope, wish, trial = np.empty(path.shape), np.zeros(path.shape), np.empty(path.shape)
-    direction, last_direction, move = np.zeros(path.shape), np.zeros(path.shape), np.zeros(path.shape)
-    link_rates(arena, path, links, rate)
-    length, moving, chase = 0.0, np.bool_(True), np.bool_(False)  # literals would be compiled one by one
-    best = value(arena, links, rate, moving, weight)
+    moving = np.bool_(True)
+    link_rates(arena, path, links, scratch.rate)
+    best = value(arena, links, scratch.rate, moving, scratch.weight)
     for made in range(steps):
-        gradient(arena, path, links, weight, slope)
-        steepest = _direction(arena, slope, direction)
-        if steepest == 0.0:
+        if arena.has_minimum:
+            free_bands(links, scratch.rate, scratch.free)
+            reweigh(arena, links, scratch.free, scratch.rate, scratch.weight)
+        gradient(arena, path, links, scratch.weight, scratch.slope)
+        furthest = _direction(arena, scratch.slope, scratch.direction)
+        if furthest == 0.0:
             return made
-        if made == 0:
-            length = FIRST_MOVE_M / steepest
-        else:
-            length = _barzilai_borwein(move, direction, last_direction, length, made)
-        gained = False
-        for _ in range(TRIES):
-            _wish(path, direction, length, wish)
-            if fly(arena, wish, chase, trial):
-                link_rates(arena, trial, links, rate)
-                reached = value(arena, links, rate, moving, weight)
-                if reached > best:
-                    gained = True
-                    break
-            length *= 0.3
-        if not gained:
+        if made > 0:
+            scratch.length[0] = _barzilai_borwein(scratch, made)
+        elif scratch.length[0] == 0.0 or scratch.length[0] * furthest > FIRST_MOVE_M:
+            scratch.length[0] = FIRST_MOVE_M / furthest
+        reached = _search(arena, links, path, best, scratch)
+        if reached <= best:
             return made
-        _moved(path, trial, move)
-        _copy(trial, path)
-        _copy(direction, last_direction)
+        if arena.has_minimum:
+            links.khz[:] = scratch.khz
+        _moved(path, scratch.trial, scratch.move)
+        _copy(scratch.trial, path)
+        _copy(scratch.direction, scratch.last_direction)
         gain, best = reached - best, reached
         if gain <= tolerance * abs(best):
             return made + 1
     return steps
+
+
+@kernel
+def _search(arena: Arena, links: Links, path: Array, best: float, scratch: Ascent) -> float:
+    """Shorten the step until the utility exceeds `best`: the value reached, at `scratch.trial`; `best` if it never."""
+    moving, chase = np.bool_(True), np.bool_(False)
+    for _ in range(TRIES):
+        _wish(path, scratch.direction, scratch.length[0], scratch.wish)
+        if fly(arena, scratch.wish, chase, scratch.trial):
+            link_rates(arena, scratch.trial, links, scratch.rate)
+            if not arena.has_minimum or refit(arena, links, scratch.free, scratch.rate, scratch.khz):
+                reached = value(arena, links, scratch.rate, moving, scratch.weight)
+                if reached > best:
+                    return reached
+        scratch.length[0] *= 0.3
+    return best
 
 
 @kernel
@@ -98,8 +144,9 @@ def _moved(path: Array, trial: Array, move: Array) -> None:
 
 
 @kernel
-def _barzilai_borwein(move: Array, direction: Array, last_direction: Array, length: float, made: int) -> float:
+def _barzilai_borwein(scratch: Ascent, made: int) -> float:
     """The next step length: the long and the short one in turn, both in the metric of the preconditioner."""
+    move, direction, last_direction = scratch.move, scratch.direction, scratch.last_direction
     n_slots = move.shape[0]
     moved2 = turned = turned2 = 0.0
     for n in range(1, n_slots):
@@ -111,7 +158,7 @@ def _barzilai_borwein(move: Array, direction: Array, last_direction: Array, leng
                 turned += metric * s * y
                 turned2 += metric * y * y
     if turned <= 0.0:
-        return 4.0 * length
+        return float(4.0 * scratch.length[0])
     return moved2 / turned if made % 2 else turned / turned2
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from planner.fast.arena import Arena, Array, Flag, Ints, entry, kernel, smooth
+from planner.fast.routes import one_step, way_on
 from planner.fast.zones import SLACK_M, push_from_zones, push_out
 
 PUSHES = 8
@@ -95,6 +96,7 @@ def _resolve(arena: Arena, path: Array, n: int, zones: bool, near: Ints) -> bool
         if zones:
             for u in range(n_uavs):
                 clear = _keep_out(arena, path, n, u, hold) and clear
+                clear = _on_the_way(arena, path, n, u) and clear
         for i in range(pairs):
             clear = _keep_apart(arena, path, n, near[i, 0], near[i, 1], hold) and clear
         if clear:
@@ -154,6 +156,21 @@ def _keep_out(arena: Arena, path: Array, n: int, u: int, hold: bool) -> bool:
         _hold(path, n, u)
     else:
         step(arena, path, n, u, path[n, 0, u] + dx - path[n - 1, 0, u], path[n, 1, u] + dy - path[n - 1, 1, u])
+    return False
+
+
+@kernel
+def _on_the_way(arena: Arena, path: Array, n: int, u: int) -> bool:
+    """Whether u can still reach its end around the zones; if not, it takes the next step of the shortest way."""
+    if n > arena.last[u] or not arena.has_ends or np.isnan(arena.end_m[0, u]):
+        return True
+    end_x, end_y, left = arena.end_m[0, u], arena.end_m[1, u], arena.left[u]
+    slots, _, _ = way_on(arena, left, u, path[n, 0, u], path[n, 1, u], end_x, end_y)
+    if slots <= arena.last[u] - n:
+        return True
+    x, y = path[n - 1, 0, u], path[n - 1, 1, u]
+    _, to_x, to_y = way_on(arena, left, u, x, y, end_x, end_y)
+    path[n, 0, u], path[n, 1, u] = one_step(arena, u, x, y, to_x, to_y)
     return False
 
 

@@ -185,29 +185,32 @@ def _sum_value(arena: Arena, links: Links, rate: Array, moving: Flag, weight: Ar
 
 @kernel
 def _user_value(arena: Arena, links: Links, rate: Array, moving: Flag, weight: Array) -> float:
-    """`per_user` has one expectation for each user, `pooled` one for all; both count users without a link as 0."""
+    """`per_user` has one expectation for each user, `pooled` one for all; both count users without a link as 0.
+
+    Each counts by the share of the slots in which there was somebody: `count / n_all`.
+    """
     n_users, mu = arena.user_m.shape[1], arena.mu
-    low, z = np.empty(n_users), np.empty(n_users)
-    n_all = user_sums(arena, links, rate, moving and arena.kind == POOLED, low, z)
+    low, z, count = np.empty(n_users), np.empty(n_users), np.empty(n_users)
+    n_all = user_sums(arena, links, rate, moving and arena.kind == POOLED, low, z, count)
+    if n_all == 0:
+        return 0.0
     for n in range(rate.shape[0]):
         counts = n >= arena.counted and not (moving and n == 0)
         for j in range(links.used[n]):
             k = links.user[n, j]
-            weight[n, j] = np.exp(mu * (rate[n, j] - low[k])) / z[k] if counts else 0.0
+            weight[n, j] = count[k] / n_all * np.exp(mu * (rate[n, j] - low[k])) / z[k] if counts else 0.0
     result = 0.0
-    if arena.kind == PER_USER:
-        for k in range(n_users):
-            result += low[k] + np.log(z[k] / n_all) / mu
-    elif n_all > 0:
-        result = n_users * (low[0] + np.log(z[0] / (n_all * n_users)) / mu)
+    for k in range(n_users if arena.kind == PER_USER else 1):
+        result += count[k] / n_all * (low[k] + np.log(z[k] / count[k]) / mu)
     return result
 
 
 @kernel
-def user_sums(arena: Arena, links: Links, rate: Array, moving: Flag, low: Array, z: Array) -> int:
-    """The least rate of each user and sum exp(mu (rate - least)) into `low` and `z`, both (K,); how many slots count.
+def user_sums(arena: Arena, links: Links, rate: Array, moving: Flag, low: Array, z: Array, count: Array) -> int:
+    """The least rate of each user, sum exp(mu (rate - least)) and of how many slots, into `low`, `z`, `count`: (K,).
 
-    `pooled` has the same for all users. With `moving`, the past and slot 0 are left out.
+    How many slots count in all. `pooled` has the same for all users: all rates of all users together. With `moving`,
+    the past and slot 0 are left out.
     """
     n_slots, n_users, mu = rate.shape[0], arena.user_m.shape[1], arena.mu
     first = max(1, arena.counted) if moving else arena.counted
@@ -215,18 +218,22 @@ def user_sums(arena: Arena, links: Links, rate: Array, moving: Flag, low: Array,
     unserved = _least_rates(arena, links, rate, first, n_past, low)
     for k in range(n_users):
         z[k] = unserved[k] * np.exp(-mu * low[k]) if unserved[k] > 0 else 0.0
+        count[k] = n_slots - first
         if n_past > 0:
+            count[k] += arena.past_count[k]
+        if n_past > 0 and arena.past_count[k] > 0:
             z[k] += arena.past_sum[k] * np.exp(mu * (arena.past_low[k] - low[k]))
     for n in range(first, n_slots):
         for j in range(links.used[n]):
             k = links.user[n, j]
             z[k] += np.exp(mu * (rate[n, j] - low[k]))
     if arena.kind == POOLED:
-        total = 0.0
+        total, number = 0.0, 0.0
         for k in range(n_users):
             total += z[k]
+            number += count[k]
         for k in range(n_users):
-            z[k] = total
+            z[k], count[k] = total, number
     return int(n_slots - first + n_past)
 
 

@@ -38,6 +38,9 @@ def share_all(arena: Arena, path: Array, links: Links, rate: Array) -> None:
         fresh = links.used[n] == 0
         candidates(signal, total, links.uav[n], fresh, eff)
         share_slot(arena, eff, log_weight, links.uav[n], links.khz[n])
+        for k in range(n_users if arena.has_minimum else 0):
+            met = links.khz[n, k] * eff[links.uav[n, k], k] >= arena.min_kbps[k] * (1.0 - 1e-12)
+            links.floor[n, k] = arena.min_kbps[k] if met else 0.0
         if fresh:
             links.used[n] = n_users
             for k in range(n_users):
@@ -47,10 +50,10 @@ def share_all(arena: Arena, path: Array, links: Links, rate: Array) -> None:
 @kernel
 def _log_weights(arena: Arena, links: Links, rate: Array, log_weight: Array) -> None:
     """log w of the minorant at `rate` into `log_weight` (K,), the greatest shifted to 0."""
-    z, top = np.empty(log_weight.shape[0]), -np.inf
-    user_sums(arena, links, rate, np.bool_(False), log_weight, z)
+    z, count, top = np.empty(log_weight.shape[0]), np.empty(log_weight.shape[0]), -np.inf
+    user_sums(arena, links, rate, np.bool_(False), log_weight, z, count)
     for k in range(z.shape[0]):
-        log_weight[k] = -np.log(z[k]) - arena.mu * log_weight[k]
+        log_weight[k] = np.log(count[k] / z[k]) - arena.mu * log_weight[k]
         top = max(top, log_weight[k])
     for k in range(z.shape[0]):
         log_weight[k] -= top
@@ -99,7 +102,7 @@ def share_slot(arena: Arena, eff: Array, log_weight: Array, serving: Ints, khz: 
     for _ in range(SWEEPS):
         moved = False
         for k in range(n_users):
-            u = _promising(arena, k, eff, log_weight, price, serving)
+            u = _promising(arena, k, eff, log_weight, price, serving[k], khz[k])
             if u >= 0 and _try_move(arena, k, u, eff, log_weight, serving, khz, cost, price, members, was):
                 moved = True
         if not moved:
@@ -107,10 +110,11 @@ def share_slot(arena: Arena, eff: Array, log_weight: Array, serving: Ints, khz: 
 
 
 @kernel
-def _promising(arena: Arena, k: int, eff: Array, log_weight: Array, price: Array, serving: Ints) -> int:
-    """The UAV that promises user k more than the one it has, at the present prices, or -1."""
-    u, best = serving[k], (-1)
-    least = _lagrangian(arena, k, eff[u, k], log_weight[k], price[u], arena.khz[u]) - 1e-12
+def _promising(arena: Arena, k: int, eff: Array, log_weight: Array, price: Array, u: int, khz: float) -> int:
+    """The UAV that promises user k more than u, which gives it `khz`, at the present prices, or -1."""
+    best, least = (-1), np.inf
+    if khz * eff[u, k] >= arena.min_kbps[k] * (1.0 - 1e-12):
+        least = _lagrangian(arena, k, eff[u, k], log_weight[k], price[u], arena.khz[u]) - 1e-12
     for i in range(eff.shape[0]):
         if i != u and eff[i, k] > 0.0:
             promised = _lagrangian(arena, k, eff[i, k], log_weight[k], price[i], arena.khz[i])

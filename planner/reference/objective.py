@@ -31,7 +31,7 @@ def concave_utility(problem: Problem, rates_kbps: cp.Expression) -> cp.Expressio
     counted = rates_kbps[:, problem.counted_from :]
     if problem.kind == "sum" or problem.mu == 0.0:
         per_slot = cp.reshape(cp.sum(counted, axis=0), (1, counted.shape[1]), order="C")
-        return cp.sum(_soft_means(per_slot, past.sum(axis=0, keepdims=True), problem.mu))
+        return cp.sum(_soft_means(per_slot, np.nansum(past, axis=0, keepdims=True), problem.mu))
     if problem.kind == "per_user":
         return cp.sum(_soft_means(counted, past, problem.mu))
     flat = cp.reshape(counted, (1, counted.size), order="C")
@@ -39,12 +39,17 @@ def concave_utility(problem: Problem, rates_kbps: cp.Expression) -> cp.Expressio
 
 
 def _soft_means(values: cp.Expression, past: Array, mu: float) -> cp.Expression:
-    """(1/mu) log mean exp(mu x) of each row over the planned `values` (R, N) and the `past` ones (R, M)."""
-    count = values.shape[1] + past.shape[1]
+    """(1/mu) log mean exp(mu x) of each row over the planned `values` (R, N) and the `past` ones (R, M).
+
+    NaN in the past: not there, as in `planner.utility.soft_means`.
+    """
+    count = values.shape[1] + np.isfinite(past).sum(axis=1)
+    everything = values.shape[1] + past.shape[1]
     if mu == 0.0:
-        return (cp.sum(values, axis=1) + past.sum(axis=1)) / count
-    together = cp.hstack([values, past]) if past.size else values
-    return (cp.log_sum_exp(mu * together, axis=1) - np.log(count)) / mu
+        return (cp.sum(values, axis=1) + np.nansum(past, axis=1)) / everything
+    gone = np.where(np.isfinite(past), past, -1e3 / mu)  # exp(mu x) is 0
+    together = cp.hstack([values, gone]) if past.size else values
+    return cp.multiply(count / everything, cp.log_sum_exp(mu * together, axis=1) - np.log(count)) / mu
 
 
 def maximise_with_least_rates(
