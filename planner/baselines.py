@@ -87,8 +87,24 @@ def baseline2(
     Each UAV flies straight to its place at full speed and hovers there. The letter says no more of it, and its source
     was not at hand.
     """
-    places = _placed(problem)
-    paths = fast.flyable(problem, _straight(problem, places))
+    return _at_nearest(problem, fast.flyable(problem, _straight(problem, _placed(problem))), observer)
+
+
+def baseline2_fixed(
+    problem: Problem,
+    stop: StoppingRule,  # noqa: ARG001 - one pass
+    start_m: Array | None,  # noqa: ARG001 - nobody moves
+    observer: Observer,
+    *,
+    n_starts: int | None,  # noqa: ARG001
+    seed: int,  # noqa: ARG001
+) -> Solution:
+    """Baseline 2 read more narrowly: the placement is the start positions, and only bandwidth is left to optimise."""
+    return _at_nearest(problem, fast.flyable(problem), observer)
+
+
+def _at_nearest(problem: Problem, paths: Array, observer: Observer) -> Solution:
+    """Nearest association on `paths`; each UAV's whole band to the best of its users, slot by slot."""
     serving = _nearest(problem, paths)
     rates = _served(spectral_efficiency(problem, paths), serving) * problem.bandwidth_hz[serving]
     best = np.zeros_like(rates)

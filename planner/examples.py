@@ -16,11 +16,11 @@ USERS_PER_UAV = 3
 
 def letter(
     *,
-    noise_dbm: float = -55.0,
-    user_radius_m: float | None = 90.0,
-    layout_seed: int = 11,
+    noise_dbm: float = -80.0,
+    user_radius_m: float | None = 75.0,
+    layout_seed: int = 13,
     fading: Literal["mean", "sampled"] = "mean",
-    fading_seed: int = 11,
+    fading_seed: int = 13,
     utility: Utility | None = None,
 ) -> Scenario:
     """Section IV of the letter: three UAVs, nine users, twenty slots.
@@ -61,9 +61,10 @@ def _position(rng: np.random.Generator, start: tuple[float, float], radius_m: fl
 
 
 def paper() -> Scenario:
-    """The letter's scenario with what it leaves out set by the calibration: users close to the starts, and noise at
-    which losing a UAV costs sum rate, as in its Fig. 3 (much below it the fleet is limited by its own interference
-    and a loss costs nearly nothing).
+    """The letter's scenario with what it leaves out as the calibration found it (`skyfolio reproduce --calibrate`).
+
+    Users within 75 m of the starts, -80 dBm, mean fading: five of its six numbers that do not depend on mu are met
+    within 10 %, each on the mean over the failing UAV.
     """
     return letter()
 

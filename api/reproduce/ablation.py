@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from api.reproduce.courses import FAILURE_SLOT, Choices, fly, table, utility_of
+from api.reproduce.courses import FAILURE_SLOT, Choices, Course, fly, table, utility_of
 from planner import Utility, plan
 from planner.channel import spectral_efficiency, squared_distances
 from planner.problem import Problem, problem_of
@@ -77,7 +77,7 @@ def foresight(job: Foresight) -> dict[str, float]:
     clairvoyant = plan(known, method="fast")
     replanned = fly(scenario, "fast", job.failed)
     return {
-        "loss ignored": utility_of(type(replanned)(deaf, 0.0), job.utility),
+        "loss ignored": utility_of(Course(deaf, 0.0), job.utility),
         "replanned at the loss": utility_of(replanned, job.utility),
         "loss known from the start": clairvoyant.summary.utility_bps / 1e3,
         "bound with the loss known": clairvoyant.summary.upper_bound_bps / 1e3,

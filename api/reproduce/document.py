@@ -7,7 +7,7 @@ from textwrap import fill
 from typing import Any
 
 from api.reproduce.claims import KINDS, MUS, Judged, Verdict
-from api.reproduce.courses import COMPARED, pro_alg
+from api.reproduce.courses import COMPARED, READINGS, pro_alg
 from api.reproduce.study import FAILED, Study
 
 
@@ -134,10 +134,10 @@ def _shows(study: Study, kind: str) -> dict[str, bool]:
 def _sensitivity(study: Study) -> str:
     columns = (
         ("SR-Max, period 1", "SR-Max", "period_1"),
-        ("Baseline 2, period 1", "Baseline 2", "period_1"),
+        *((f"{scheme.name}, period 1", scheme.name, "period_1") for scheme in READINGS),
         ("Baseline 1, period 1", "Baseline 1", "period_1"),
         ("SR-Max, period 2", "SR-Max", "period_2"),
-        ("Baseline 2, variance", "Baseline 2", "variance"),
+        *((f"{scheme.name}, variance", scheme.name, "variance") for scheme in READINGS),
         *((f"{kind}, variance at {MUS[-1]:g}", pro_alg(kind, MUS[-1]).name, "variance") for kind in KINDS),
         ("SR-Max, Jain", "SR-Max", "jain"),
         ("Baseline 1, Jain", "Baseline 1", "jain"),
@@ -180,7 +180,7 @@ def _again(study: Study) -> str:
         f"""`skyfolio reproduce --out docs` wrote this page, its pictures and `study.json` in
         {study["seconds"]:.0f} s on {machine["cores"]} cores ({machine["cpu"]}). `skyfolio reproduce --calibrate`
         repeats the search for what the letter omits. Baseline 2 follows the letter's one sentence on it (placement and
-        bandwidth, nearest association): its source was not at hand."""
+        bandwidth, nearest association), in two readings: its source was not at hand."""
     )
 
 
@@ -194,7 +194,7 @@ def _rows(rows: Iterable[dict[str, Any]], unit: str) -> str:
 
 def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     lines = [head, ["---"] * len(head), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
 
 
 def _number(value: float) -> str:

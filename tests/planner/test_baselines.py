@@ -10,7 +10,7 @@ from planner.channel import spectral_efficiency
 from planner.problem import problem_of
 from planner.scenario import Scenario
 
-BASELINES = ("static", "baseline1", "baseline2", "sr_max")
+BASELINES = ("static", "baseline1", "baseline2", "baseline2_fixed", "sr_max")
 
 
 @pytest.fixture(scope="module")

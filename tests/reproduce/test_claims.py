@@ -10,9 +10,10 @@ from api.reproduce.claims import Verdict, _number, _trend, rank_agreement
     ("values", "verdict"),
     [
         ([99.0, 101.0], Verdict.REPRODUCED),  # 0 off
-        ([104.0, 104.0], Verdict.REPRODUCED),  # within 5 %
-        ([80.0, 160.0], Verdict.REPRODUCED),  # within one spread
+        ([109.0, 109.0], Verdict.REPRODUCED),  # within 10 %
+        ([80.0, 160.0], Verdict.REPRODUCED),  # within 25 % and one spread
         ([120.0, 120.0], Verdict.TREND_ONLY),  # within 25 %
+        ([80.0, 240.0], Verdict.TREND_ONLY),  # within one spread, but far
         ([130.0, 130.0], Verdict.NOT),
     ],
 )
