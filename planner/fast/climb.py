@@ -15,6 +15,22 @@ RELINKS = 3
 
 
 @entry
+def climb(arena: Arena, path: Array, links: Links, steps: int, tolerance: float) -> tuple[int, float, float, bool]:
+    """One pass, in place: up to `steps` ascent steps, then new links. What came out as in `worth`; whether it settled.
+
+    It settled when the ascent ended by itself and the new links gained less than `tolerance` of the utility.
+    """
+    scratch = ascent_of(path, links)
+    settled, steered = False, -np.inf
+    if steps > 0:
+        settled = ascend(arena, links, path, steps, tolerance, scratch) < steps
+        _, steered, _ = worth(arena, path, links, scratch)
+    relink(arena, path, links, scratch.rate)
+    unmet, utility, total = worth(arena, path, links, scratch)
+    return unmet, utility, total, settled and utility - steered <= tolerance * abs(utility)
+
+
+@kernel
 def relink(arena: Arena, path: Array, links: Links, rate: Array) -> None:
     """The best association and bandwidth at `path` (N, 2, U): exact for `sum`, else better than those in `links`."""
     if arena.kind == SUM and not arena.has_minimum:
@@ -22,26 +38,6 @@ def relink(arena: Arena, path: Array, links: Links, rate: Array) -> None:
         return
     for _ in range(RELINKS):
         share_all(arena, path, links, rate)
-
-
-@entry
-def climb(
-    arena: Arena, path: Array, links: Links, rounds: int, steps: int, tolerance: float
-) -> tuple[int, float, float]:
-    """Up to `rounds` times up to `steps` ascent steps and new links, in place; what came out as in `worth`.
-
-    It ends early when a round gains less than `tolerance` of the utility.
-    """
-    scratch = ascent_of(path, links)
-    unmet, before, total = worth(arena, path, links, scratch)
-    for _ in range(rounds):
-        ascend(arena, links, path, steps, tolerance, scratch)
-        relink(arena, path, links, scratch.rate)
-        unmet, utility, total = worth(arena, path, links, scratch)
-        gain, before = utility - before, utility
-        if gain <= tolerance * abs(utility):
-            break
-    return unmet, before, total
 
 
 @kernel

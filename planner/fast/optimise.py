@@ -8,7 +8,7 @@ import numpy as np
 
 from planner.fast.arena import Arena, Array, Links, arena_of, copy_of, links_of
 from planner.fast.climb import climb as climb_on
-from planner.fast.climb import relink, tables
+from planner.fast.climb import tables
 from planner.fast.routes import with_routes
 from planner.fast.seeds import flown, hovering, next_start
 from planner.plans import Iteration
@@ -35,9 +35,10 @@ class Climb:
 
     path: Array
     links: Links
-    unmet: int = 0
-    utility_kbps: float = -np.inf
-    sum_rate_kbps: float = 0.0
+    unmet: int
+    utility_kbps: float
+    sum_rate_kbps: float
+    settled: bool
     history: list[Iteration] = field(default_factory=list)
 
     @property
@@ -77,7 +78,7 @@ def optimise(
         if path is None:
             continue
         climb = _begin(arena, path)
-        while not (stop(climb.history) or _is_hopeless(climb, best)):
+        while not (climb.settled or stop(climb.history) or _is_hopeless(climb, best)):
             _advance(arena, climb)
             if best is None or climb.rank > best.rank:
                 if history and climb.utility_kbps * 1e3 < history[-1].utility_bps:
@@ -140,16 +141,13 @@ def _is_hopeless(climb: Climb, best: Climb | None) -> bool:
 
 def _begin(arena: Arena, path: Array) -> Climb:
     links = links_of(arena)
-    relink(arena, path, links, np.empty(links.khz.shape))
-    climb = Climb(path, links)
-    climb.unmet, climb.utility_kbps, climb.sum_rate_kbps = climb_on(arena, path, links, 0, 0, 0.0)
-    return climb
+    return Climb(path, links, *climb_on(arena, path, links, 0, 0.0))
 
 
 def _advance(arena: Arena, climb: Climb) -> None:
     """One pass; undone when it made things worse, which only least rates and rounding can bring about."""
     path, links = climb.path.copy(), copy_of(climb.links)
-    unmet, utility, sum_rate = climb_on(arena, path, links, 1, STEPS, TOLERANCE)
+    unmet, utility, sum_rate, climb.settled = climb_on(arena, path, links, STEPS, TOLERANCE)
     if (-unmet, utility) >= climb.rank:
         climb.path, climb.links = path, links
         climb.unmet, climb.utility_kbps, climb.sum_rate_kbps = unmet, utility, sum_rate
