@@ -113,8 +113,7 @@ def linked(problem: Problem, paths_m: Array) -> Solution:
     before = -np.inf
     while still.utility_kbps - before > TOLERANCE * abs(still.utility_kbps):
         before = still.utility_kbps
-        relink(arena, still.path, still.links, np.empty(still.links.khz.shape))
-        _, still.utility_kbps, _ = climb_on(arena, still.path, still.links, 0, 0, 0.0)
+        _, still.utility_kbps, _, _ = climb_on(arena, still.path, still.links, 0, 0.0)
     return _solution(problem, arena, still, [])
 
 
