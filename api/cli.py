@@ -150,7 +150,7 @@ def bench_planner(
     """Time the planner at four sizes, beside its reference path and IPOPT; ten minutes."""
     from api.bench import planner_figures, table  # noqa: PLC0415
 
-    figures = planner_figures(quick=quick, say=lambda what: errors.print(what, style="dim", highlight=False))
+    figures = planner_figures(quick=quick)
     if as_json or out is not None:
         _write(json.dumps(figures, indent=2), out)
     if not as_json:
@@ -177,9 +177,12 @@ def bound_command(
     as_json: Json = False,
 ) -> None:
     """Plan a scenario of up to three UAVs and prove by branch and bound how good the plan is."""
-    from api.certify import certify, shown  # noqa: PLC0415
+    from api.certify import TooManyUavsError, certify, shown  # noqa: PLC0415
 
-    figures = certify(_scenario(file, example), tolerance=tolerance, seconds=seconds)
+    try:
+        figures = certify(_scenario(file, example), tolerance=tolerance, seconds=seconds)
+    except TooManyUavsError as error:
+        raise UsageError(str(error)) from error
     if as_json:
         _write(json.dumps(figures, indent=2), None)
     else:

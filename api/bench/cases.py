@@ -12,6 +12,7 @@ from api.bench.ablation import variants
 from api.bench.measure import peak_mb, timed
 from planner import AnyOf, MaxIterations, Plan, RelativeGain, Scenario, Utility, plan, replan
 from planner.bound import reachability_bound_kbps
+from planner.branch_and_bound import MAX_UAVS, certificate
 from planner.fast import linked, optimise, served_rates_bps
 from planner.layouts import scattered
 from planner.problem import Problem, problem_of
@@ -60,7 +61,7 @@ def fast(size: tuple[int, int, int], kind: str, *, quick: bool) -> dict[str, Any
     before = peak_mb()
     cold, solution = timed(lambda: optimise(problem, stop(), n_starts=1), runs=runs, budget_s=budget_s)
     figures: dict[str, Any] = {"plan": {**cold, "utility_kbps": value_kbps(problem, solution)}}
-    if size == SIZES[0]:
+    if size[0] <= MAX_UAVS:
         many, best = timed(lambda: optimise(problem, stop(), n_starts=STARTS), runs=runs, budget_s=budget_s)
         figures["plan_starts"] = {**many, "starts": STARTS, "utility_kbps": value_kbps(problem, best)}
     call, made = timed(lambda: plan(scenario, n_starts=1), runs=runs, budget_s=budget_s / 3)
@@ -114,14 +115,16 @@ def ipopt(size: tuple[int, int, int], kind: str, *, quick: bool) -> dict[str, An
         found = linked(problem, paths)
         return found.serving, found.bandwidth_hz
 
-    solved = [alternate(problem, shares, problem.hover(), links) for _ in range(1 if quick or size != SIZES[0] else 3)]
+    solved = [
+        alternate(problem, shares, problem.hover(), links) for _ in range(1 if quick or size[0] > MAX_UAVS else 3)
+    ]
     figures: dict[str, Any] = {
         "plan": {"p50_ms": float(np.median([one["solve_s"] for one in solved])) * 1e3, "runs": len(solved)},
         "build_ms": float(np.median([one["build_s"] for one in solved])) * 1e3,
         "peak_mb": peak_mb(),
     }
     figures["plan"] |= {"utility_kbps": solved[0]["utility_kbps"], "passes": solved[0]["passes"]}
-    if size == SIZES[0] and not quick:
+    if size[0] <= MAX_UAVS and not quick:
         figures["best_of"] = _best_of(problem, shares, links)
     return figures
 
@@ -160,8 +163,6 @@ def ablation(size: tuple[int, int, int], kind: str, *, quick: bool) -> dict[str,
 
 def proof(size: tuple[int, int, int], kind: str, *, quick: bool) -> dict[str, Any]:
     """The certificate at the letter's size: root and branch-and-bound gap of the best plan, mean over layouts."""
-    from planner.branch_and_bound import certificate  # noqa: PLC0415
-
     rows = []
     for seed in range(2 if quick else 8):
         problem = problem_of(instance(size, kind, seed))
