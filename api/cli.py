@@ -110,16 +110,56 @@ def simulate(
     vehicles: Annotated[int, typer.Option(min=1, max=254, help="How many; system ids 1..N.")] = 3,
     speedup: Annotated[float, typer.Option(min=0.1, max=100, help="Times real time.")] = 1.0,
     autopilot: Annotated[Literal["px4", "ardupilot"], typer.Option(help="Which autopilot they have.")] = "px4",
-    endpoint: Annotated[str, typer.Option(help="Where all vehicles send to.")] = "udpout://127.0.0.1:14540",
+    endpoint: Annotated[str, typer.Option(help="Where they send to; HOST:FIRST-LAST: each to a port of its own.")] = (
+        "udpout://127.0.0.1:14540"
+    ),
     example: Annotated[str | None, typer.Option(help="Stand at the starts of this example.")] = None,
+    plan_file: Annotated[
+        Path | None, typer.Option("--plan", help="Stand at this plan's starts; tell its slots, errors and true rates.")
+    ] = None,
     duration_s: Annotated[float | None, typer.Option(min=0.1, help="End after this many fleet seconds.")] = None,
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(help="KIND:VEHICLE[@SECONDS|@slot=N][,KNOB=VALUE...]; may be given several times."),
+    ] = None,
+    up: Annotated[str, typer.Option(help="What links to the vehicles do, e.g. loss=0.1,latency_s=0.05.")] = "",
+    down: Annotated[str, typer.Option(help="What links from the vehicles do.")] = "",
+    weather: Annotated[str, typer.Option(help="E.g. wind_east_mps=4,gust_mps=1.5,gps_m=0.8.")] = "",
+    seed: Annotated[int, typer.Option(help="Of links, weather and stream phases.")] = 0,
+    radio_seed: Annotated[int, typer.Option(min=0, help="Of the fading that users truly meet.")] = 1,
+    log: Annotated[Path | None, typer.Option(help="Write the truth here, as JSON lines.")] = None,
+    tlog: Annotated[Path | None, typer.Option(help="Write all MAVLink here, as a .tlog.")] = None,
+    signing_key: Annotated[
+        str, typer.Option(envvar="SKYFOLIO_SIM_SIGNING_KEY", help="64 hex digits: sign, and obey only who signs.")
+    ] = "",
     as_json: Json = False,
 ) -> None:
     """Fly a software-only fleet that speaks MAVLink, until interrupted."""
-    from api.simulate import run_fleet  # noqa: PLC0415
+    from api.simulate import SimulateConfig, SimulateError, run_fleet  # noqa: PLC0415
 
-    scenario = _scenario(None, example) if example else None
-    asyncio.run(run_fleet(vehicles, speedup, endpoint, scenario, duration_s, autopilot=autopilot, as_json=as_json))
+    config = SimulateConfig(
+        vehicles=vehicles,
+        speedup=speedup,
+        autopilot=autopilot,
+        endpoint=endpoint,
+        scenario=_scenario(None, example) if example else None,
+        plan=Plan.model_validate_json(_read(plan_file)) if plan_file else None,
+        duration_s=duration_s,
+        faults=tuple(fault or ()),
+        up=up,
+        down=down,
+        weather=weather,
+        seed=seed,
+        radio_seed=radio_seed,
+        log=log,
+        tlog=tlog,
+        signing_key=signing_key,
+        as_json=as_json,
+    )
+    try:
+        asyncio.run(run_fleet(config))
+    except SimulateError as error:
+        raise UsageError(str(error)) from error
 
 
 @cli.command()
