@@ -9,6 +9,8 @@ from typing import Any, Protocol
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from sim.signing import Signature, SignedMavlink
+
 AUTOPILOT_COMPONENT = 1
 MAVLINK_2_MARKER = 0xFD
 
@@ -55,24 +57,31 @@ class Extended:
 
 
 class Encoder:
-    """Packs messages as one system's component 1 and counts their sequence numbers."""
+    """Packs messages as one system's component 1, counts their sequence numbers, and signs them if there is a key."""
 
-    def __init__(self, system_id: int) -> None:
+    def __init__(self, system_id: int, signature: Signature | None = None) -> None:
         self._mav = dialect.MAVLink(None, srcSystem=system_id, srcComponent=AUTOPILOT_COMPONENT)
+        self._signature = signature
+        if signature is not None:
+            signature.apply(self._mav, outgoing=True)
 
     def encode(self, message: Message) -> bytes:
         """Return the MAVLink 2 frame of `message`."""
+        if self._signature is not None:
+            self._mav.signing.timestamp = max(self._mav.signing.timestamp, self._signature.timestamp)
         frame = message.pack(self._mav)
         self._mav.seq = (self._mav.seq + 1) % 256
         return frame
 
 
 class Decoder:
-    """Parses the byte stream of one peer; damaged frames and MAVLink 1 frames are dropped."""
+    """Parses the byte stream of one peer; damaged and MAVLink 1 frames are dropped, and with a key unsigned ones."""
 
-    def __init__(self) -> None:
-        self._mav = dialect.MAVLink(None)
+    def __init__(self, signature: Signature | None = None) -> None:
+        self._mav = SignedMavlink(None)
         self._mav.robust_parsing = True
+        if signature is not None:
+            signature.apply(self._mav, outgoing=False)
 
     def decode(self, data: bytes) -> list[Any]:
         """Return the whole MAVLink 2 messages that `data` completes."""
@@ -89,10 +98,3 @@ def text(words: str, severity: int = dialect.MAV_SEVERITY_INFO) -> Message:
     """Return a STATUSTEXT; words beyond 50 bytes are cut."""
     message: Message = dialect.MAVLink_statustext_message(severity, words.encode("ascii", "replace")[:50])
     return message
-
-
-def is_for(message: Any, system_id: int) -> bool:
-    """Whether an incoming message addresses this system's autopilot, or everybody."""
-    system = getattr(message, "target_system", 0)
-    component = getattr(message, "target_component", 0)
-    return system in (0, system_id) and component in (0, AUTOPILOT_COMPONENT)

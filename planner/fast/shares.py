@@ -1,0 +1,113 @@
+"""Association and bandwidth where several users share a UAV: `per_user`, `pooled`, and least rates under `sum`.
+
+(1/mu) log(.) is convex for mu < 0, so its tangent is a minorant, exact at the last iterate: maximising the minorant
+means minimising sum_k w_k exp(mu R_k[n]) with w_k = 1 / sum_n exp(mu R_k[n]), slot by slot, and never lowers the
+utility. Within a UAV that is water-filling, b_k = max(0, log(w_k a_k / lambda)) / a_k with a_k = |mu| s_k, in closed
+form. Between UAVs, users move one at a time to where the prices lambda promise more, and only stay when the slot
+really is better: the association is binary at every step, so nothing is lost by rounding.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from planner.fast.arena import Arena, Array, Ints, Links, kernel
+from planner.fast.exchange import market_of, share_slot
+from planner.fast.rates import PER_LN, slot_signals, user_sums
+
+AUDIBLE = 0.05
+"""A user may move to the UAVs that it hears at least so well, relative to the best: 13 dB."""
+
+
+@kernel
+def share_all(arena: Arena, path: Array, links: Links) -> None:
+    """Minimise the minorant of `links.log_weight` at `path` (N, 2, U): new UAVs and kHz in `links`; entry k is user k.
+
+    Slots without links are filled from scratch.
+    """
+    n_uavs, n_users = path.shape[2], arena.user_m.shape[1]
+    signal, total, best = np.empty((n_uavs, n_users)), np.empty(n_users), np.empty(n_users)
+    market = market_of(n_uavs, links.log_weight)
+    eff = market.eff
+    for n in range(path.shape[0]):
+        slot_signals(arena, path[n], n, signal, total)
+        fresh = links.used[n] == 0
+        candidates(signal, total, links.uav[n], fresh, best, eff)
+        share_slot(arena, market, links.uav[n], links.khz[n])
+        for k in range(n_users if arena.has_minimum else 0):
+            met = links.khz[n, k] * eff[k, links.uav[n, k]] >= arena.min_kbps[k] * (1.0 - 1e-12)
+            links.floor[n, k] = arena.min_kbps[k] if met else 0.0
+        if fresh:
+            links.used[n] = n_users
+            for k in range(n_users):
+                links.user[n, k] = k
+
+
+@kernel
+def tangent_weights(arena: Arena, links: Links, rate: Array, log_weight: Array) -> None:
+    """log w of the minorant that is exact at `rate` (N, W), into `log_weight` (K,), the greatest shifted to 0."""
+    z, count, top = np.empty(log_weight.shape[0]), np.empty(log_weight.shape[0]), -np.inf
+    user_sums(arena, links, rate, np.bool_(False), log_weight, z, count)
+    for k in range(z.shape[0]):
+        log_weight[k] = np.log(count[k] / z[k]) - arena.mu * log_weight[k]
+        top = max(top, log_weight[k])
+    for k in range(z.shape[0]):
+        log_weight[k] -= top
+
+
+@kernel
+def candidates(signal: Array, total: Array, serving: Ints, fresh: bool, best: Array, eff: Array) -> None:
+    """log2(1 + SINR) of the pairs that may be linked into `eff` (K, U), 0 elsewhere; `fresh` users get their best UAV.
+
+    signal: (U, K) SNR; total: (K,), 1 + their sum; serving: (K,); best: (K,), scratch.
+    """
+    n_uavs, n_users = signal.shape
+    for k in range(n_users):
+        best[k] = 0.0
+        for u in range(n_uavs):
+            eff[k, u] = 0.0
+    for u in range(n_uavs):
+        row = signal[u]
+        for k in range(n_users):
+            best[k] = max(best[k], row[k])
+    for u in range(n_uavs):
+        row = signal[u]
+        for k in range(n_users):
+            if row[k] > AUDIBLE * best[k]:
+                eff[k, u] = _efficiency(row[k], total[k])
+                if row[k] == best[k] and (fresh or signal[serving[k], k] <= 0.0):
+                    serving[k] = u
+    for k in range(n_users):
+        eff[k, serving[k]] = _efficiency(signal[serving[k], k], total[k])
+
+
+@kernel
+def _efficiency(signal: float, total: float) -> float:
+    others = max(total - signal, 1.0)
+    return float(PER_LN * np.log((others + signal) / others))
+
+
+@kernel
+def new_links(links: Links) -> Links:
+    """Tables of the same size, not filled."""
+    shape = links.khz.shape
+    return Links(
+        np.empty(shape[0], dtype=np.int64),
+        np.empty(shape, dtype=np.int64),
+        np.empty(shape, dtype=np.int64),
+        np.empty(shape),
+        np.empty(shape),
+        np.empty(links.log_weight.shape[0]),
+    )
+
+
+@kernel
+def copy_links(source: Links, target: Links) -> None:
+    """Copy all tables."""
+    for n in range(source.khz.shape[0]):
+        target.used[n] = source.used[n]
+        for j in range(source.khz.shape[1]):
+            target.user[n, j], target.uav[n, j] = source.user[n, j], source.uav[n, j]
+            target.khz[n, j], target.floor[n, j] = source.khz[n, j], source.floor[n, j]
+    for k in range(source.log_weight.shape[0]):
+        target.log_weight[k] = source.log_weight[k]
