@@ -24,9 +24,9 @@ from planner import EXAMPLES, AnyOf, Deadline, Plan, ReplanError, Scenario, Util
 cli = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, help=__doc__)
 bench = typer.Typer(no_args_is_help=True, help="Measure; figures as JSON.")
 cli.add_typer(bench, name="bench")
+cli.add_typer(keys, name="keys")
 cli.command("reproduce")(reproduce)
 cli.command("tune-mu")(tune_mu)
-cli.add_typer(keys, name="keys")
 errors = Console(stderr=True)
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON only.")]
