@@ -1,9 +1,7 @@
 """What happens in flight and how it is answered: several losses, approval, pauses, returns, drills."""
 
-import asyncio
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import pytest
 from fastapi.testclient import TestClient
@@ -15,27 +13,11 @@ from api.journal import Entry, Step
 from api.operation_views import OperationView, State
 from api.settings import Settings
 from planner import EXAMPLES
-from sim.link import open_link
 from tests.api.flying import Flight, flight, service
 
 pytestmark = pytest.mark.e2e
 SCENARIO = EXAMPLES["paper"]().with_changes(slots=24, altitude_m=8.0)
 SPEEDUP = 8.0
-
-
-@dataclass(frozen=True)
-class Unmute:
-    """The radio works again."""
-
-    system_id: int
-    fleet: sim.Fleet
-
-    def strike(self, vehicle: sim.Vehicle) -> None:
-        asyncio.get_running_loop().create_task(self._open(vehicle))
-
-    async def _open(self, vehicle: sim.Vehicle) -> None:
-        vehicle._muted = False
-        vehicle.link = await open_link(*self.fleet._endpoints[self.system_id], vehicle.receive)
 
 
 @pytest.fixture(scope="module")
@@ -165,11 +147,10 @@ def tag(view: OperationView) -> str:
 
 def test_a_uav_that_comes_back_is_offered_and_flies_again_only_when_asked_to(flown: Flight) -> None:
     operation_id = flown.take_off()
-    flown.fleet.inject(sim.Mute(3))
+    flown.fleet.inject(sim.Mute(3, for_s=20.0))
     flown.until(operation_id, lambda view: view.recoveries)
     with pytest.raises(ApiError, match="409"):
         flown.client.command(operation_id, "readmit", uav_id="uav-3")
-    flown.fleet.inject(Unmute(3, flown.fleet.fleet))
     offered = flown.until(operation_id, lambda view: view.returned)
     assert offered.uavs["uav-3"].state == "returned"
     assert offered.lost == ["uav-3"]
