@@ -27,7 +27,8 @@ class Settings(BaseSettings):
     preflight: whether a blocker of the audit only is an event, or keeps the fleet on the ground.
     simulate: fly this example's fleet in software inside the service, ready for drills.
     heartbeat_stale_s, heartbeat_lost_s: fleet seconds of silence. solve_deadline_s, replan_deadline_s: wall seconds a
-    solve may take. guidance_lead_s: wall seconds reserved for replan and upload; the new plan begins with the first
+    solve may take. warm_up: begin to serve when the workers have started; else they start with the first solve.
+    guidance_lead_s: wall seconds reserved for replan and upload; the new plan begins with the first
     slot after that. keep_ended_s: how long ended plans that no operation flew are kept. max_cells: UAVs times users
     times slots.
     rate_per_s, rate_burst: requests of one client. swap_attempts: tries of a mission swap before the last good plan.
@@ -47,6 +48,7 @@ class Settings(BaseSettings):
     simulate: str | None = None
     time_scale: Annotated[float, Field(gt=0, le=100)] = 1.0
     workers: Annotated[int, Field(ge=1, le=64)] = 1
+    warm_up: bool = True
     queue_limit: Annotated[int, Field(ge=1, le=1024)] = 32
     solve_deadline_s: Annotated[float, Field(gt=0, le=3600)] = 60.0
     heartbeat_stale_s: Seconds = 3.0
