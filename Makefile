@@ -22,7 +22,8 @@ serve: $(READY)
 	$(BIN)/skyfolio serve $(ARGS)
 
 bench: $(READY)
-	$(BIN)/skyfolio bench planner --json $(ARGS)
+	$(BIN)/skyfolio bench planner --json --out docs/benchmarks/planner.json $(ARGS)
+	$(BIN)/skyfolio bench report docs/benchmarks/planner.json --out docs/benchmarks/planner.md
 
 lint: $(READY)
 	$(BIN)/ruff check .

@@ -143,16 +143,50 @@ def demo(
 
 @bench.command("planner")
 def bench_planner(
-    runs: Annotated[int, typer.Option(min=1, help="Warm runs of each.")] = 5, as_json: Json = False
+    quick: Annotated[bool, typer.Option("--quick", help="Only the two smaller sizes, few runs: a minute.")] = False,
+    out: Out = None,
+    as_json: Json = False,
 ) -> None:
-    """Time the planner on the paper scenario: a cold plan, and a replan after a loss."""
+    """Time the planner at four sizes, beside its reference path and IPOPT; ten minutes."""
     from api.bench import planner_figures, table  # noqa: PLC0415
 
-    figures = planner_figures(runs)
+    figures = planner_figures(quick=quick)
+    if as_json or out is not None:
+        _write(json.dumps(figures, indent=2), out)
+    if not as_json:
+        Console().print(table(figures))
+
+
+@bench.command("report")
+def bench_report(
+    file: Annotated[Path, typer.Argument(help="Figures, as `skyfolio bench planner --json` prints them.")],
+    out: Out = None,
+) -> None:
+    """Write the figures of a benchmark as Markdown."""
+    from api.bench import markdown  # noqa: PLC0415
+
+    _write(markdown(json.loads(_read(file))), out)
+
+
+@cli.command("bound")
+def bound_command(
+    file: Annotated[Path | None, typer.Argument(help="Scenario as JSON.")] = None,
+    example: Annotated[str | None, typer.Option(help=f"A ready scenario: {', '.join(EXAMPLES)}.")] = None,
+    tolerance: Annotated[float, typer.Option(min=1e-6, max=1, help="Relative gap at which a slot is settled.")] = 0.005,
+    seconds: Annotated[float, typer.Option(min=0.001, help="Stop branching after this long; the bound holds.")] = 60.0,
+    as_json: Json = False,
+) -> None:
+    """Plan a scenario of up to three UAVs and prove by branch and bound how good the plan is."""
+    from api.certify import TooManyUavsError, certify, shown  # noqa: PLC0415
+
+    try:
+        figures = certify(_scenario(file, example), tolerance=tolerance, seconds=seconds)
+    except TooManyUavsError as error:
+        raise UsageError(str(error)) from error
     if as_json:
         _write(json.dumps(figures, indent=2), None)
     else:
-        Console().print(table(figures))
+        Console().print(shown(figures), highlight=False)
 
 
 def main() -> None:

@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from planner import fast
+from planner import baselines, fast
 from planner.problem import Problem
 from planner.solution import Observer, Solution
 from planner.stopping import StoppingRule
@@ -50,7 +50,14 @@ def _paper(
     return algorithm_1(problem, stop, fast.flyable(problem, start_m), observer)
 
 
-METHODS: dict[str, Method] = {"fast": fast.optimise, "paper": _paper}
+METHODS: dict[str, Method] = {
+    "fast": fast.optimise,
+    "paper": _paper,
+    "sr_max": baselines.sr_max,
+    "static": baselines.static,
+    "baseline1": baselines.baseline1,
+    "baseline2": baselines.baseline2,
+}
 DEFAULT_METHOD = "fast"
 
 

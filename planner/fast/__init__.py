@@ -7,7 +7,7 @@ Every path goes through `flight.py`, which keeps speed, area, ends, separation a
 The kernels see an `Arena`, the problem as plain arrays; nothing here keeps state between calls.
 """
 
-from planner.fast.optimise import UnreachableEndError, default_starts, flyable, optimise
+from planner.fast.optimise import UnreachableEndError, default_starts, flyable, linked, optimise
 from planner.fast.served import served_rates_bps
 
-__all__ = ["UnreachableEndError", "default_starts", "flyable", "optimise", "served_rates_bps"]
+__all__ = ["UnreachableEndError", "default_starts", "flyable", "linked", "optimise", "served_rates_bps"]

@@ -106,6 +106,17 @@ def flyable(problem: Problem, wanted_m: Array | None = None) -> Array:
     return np.ascontiguousarray(path.transpose(2, 0, 1))
 
 
+def linked(problem: Problem, paths_m: Array) -> Solution:
+    """The best association and bandwidth at flyable paths (U, N, 2), metres: exact for `sum` without least rates."""
+    arena = arena_of(problem)
+    still = _begin(arena, np.ascontiguousarray(paths_m.transpose(1, 2, 0)))
+    before = -np.inf
+    while still.utility_kbps - before > TOLERANCE * abs(still.utility_kbps):
+        before = still.utility_kbps
+        _, still.utility_kbps, _, _ = climb_on(arena, still.path, still.links, 0, 0.0)
+    return _solution(problem, arena, still, [])
+
+
 def _start(
     arena: Arena, start_m: Array | None, rng: np.random.Generator, number: int, best: Climb | None
 ) -> Array | None:
