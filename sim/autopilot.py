@@ -17,6 +17,7 @@ from sim.flavours import FLAVOURS
 from sim.geo import LocalFrame, Place
 from sim.inbox import Inbox
 from sim.lineup import VehicleSpec
+from sim.metadata import metadata_files
 from sim.mishaps import Mishaps
 from sim.modes import Mode
 from sim.navigator import Navigator
@@ -56,6 +57,7 @@ class Autopilot:
         self.flavour = flavour = FLAVOURS[spec.autopilot]
         self.frame = LocalFrame(spec.home_lat_deg, spec.home_lon_deg)
         known = flavour.parameters(limits or flavour.limits)
+        self.files = metadata_files(known) if flavour.has_metadata else {}
         self.parameters = ParameterStore(known, flavour.tuning, bytewise=flavour.bytewise)
         self.air = air or Air(Weather(), "calm")
         self.battery = Battery()
