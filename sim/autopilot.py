@@ -139,8 +139,11 @@ class Autopilot:
     # -- being commanded ----------------------------------------------------------------------------------------
 
     def arm(self) -> bool:
-        """Arm where the vehicle stands, which becomes home; False if it cannot fly any more."""
+        """Arm where the vehicle stands, which becomes home; False if it cannot fly any more or knows no position."""
         if self.crashed or not self.dynamics.powered:
+            return False
+        if not self.armed and not self.satellites:
+            self.say("Arming denied: no position", dialect.MAV_SEVERITY_CRITICAL)
             return False
         if not self.armed:
             self.armed = True
@@ -190,6 +193,8 @@ class Autopilot:
     def _cannot_enter(self, mode: Mode) -> str | None:
         if mode not in self.flavour.custom_modes:
             return f"{mode.name} mode denied: no such mode"
+        if mode.needs_position and not self.satellites:
+            return f"{mode.name} mode denied: no position"
         if mode is Mode.MISSION:
             return self.runner.can_start(on_ground=self.armed and self.body.on_ground)
         if mode is Mode.GUIDED and self.flavour.guided_needs_stream and self.navigator.setpoint is None:
