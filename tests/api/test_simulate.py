@@ -85,12 +85,13 @@ def test_slots_begin_when_the_last_living_vehicle_flies_its_mission_and_tell_how
         vehicle.autopilot.set_mode(Mode.MISSION)
     fleet.step_to(1.0)
     begin_slots(fleet, made)
-    assert fleet.slots is None
+    before = fleet.slots
     last.autopilot.set_mode(Mode.MISSION)
     begin_slots(fleet, made)
+    assert before is None
     assert fleet.slots is not None
-    assert fleet.slots.start_s == pytest.approx(1.0)
-    fleet.step_to(1.0 + 2 * made.scenario.slot_duration_s)
+    assert fleet.slots.start_s == fleet.now_s
+    fleet.step_to(fleet.now_s + 2 * made.scenario.slot_duration_s)
     slots = fleet.truth.happened("slot", last.system_id)
     start, one, two = (made.trajectories_m[made.scenario.uav_ids[-1]][slot] for slot in range(3))
     assert [event.detail["slot"] for event in slots] == [1, 2]
