@@ -4,7 +4,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 ARGS ?=
 
-.PHONY: demo test serve bench lint format clean
+.PHONY: test-sitl demo test serve bench lint format clean
 .DEFAULT_GOAL := demo
 
 $(READY): pyproject.toml constraints.txt scripts/setup.sh
@@ -18,6 +18,9 @@ test: lint
 	sh scripts/postgres.sh
 	$(BIN)/python -m pytest $(ARGS)
 	$(BIN)/python -m pytest -m "e2e or browser" $(ARGS)
+
+test-sitl: $(READY)
+	$(BIN)/python -m pytest tests/sitl $(ARGS)
 
 serve: $(READY)
 	$(BIN)/skyfolio serve $(ARGS)

@@ -24,9 +24,9 @@ from planner import EXAMPLES, AnyOf, Deadline, Plan, ReplanError, Scenario, Util
 cli = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, help=__doc__)
 bench = typer.Typer(no_args_is_help=True, help="Measure; figures as JSON.")
 cli.add_typer(bench, name="bench")
+cli.add_typer(keys, name="keys")
 cli.command("reproduce")(reproduce)
 cli.command("tune-mu")(tune_mu)
-cli.add_typer(keys, name="keys")
 errors = Console(stderr=True)
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON only.")]
@@ -246,6 +246,24 @@ def bound_command(
         _write(json.dumps(figures, indent=2), None)
     else:
         Console().print(shown(figures), highlight=False)
+
+
+@bench.command("bridge")
+def bench_bridge(
+    seeds: Annotated[int, typer.Option(min=1, help="Lossy uploads to the fleet.")] = 100,
+    swaps: Annotated[int, typer.Option(min=3, help="Missions swapped in flight, for each autopilot.")] = 20,
+    load_s: Annotated[float, typer.Option(min=1, help="How long to measure the load of 50 vehicles.")] = 10.0,
+    as_json: Json = False,
+) -> None:
+    """Measure the bridge on simulated PX4 and ArduCopter: schedule, uploads, swaps, loss detection, load."""
+    from api.bench_bridge import bridge_figures, tables  # noqa: PLC0415
+
+    figures = bridge_figures(seeds=seeds, swaps=swaps, load_s=load_s)
+    if as_json:
+        _write(json.dumps(figures, indent=2), None)
+    else:
+        for one in tables(figures):
+            Console().print(one)
 
 
 @bench.command("service")
