@@ -87,6 +87,7 @@ def serve(
     port: Annotated[int | None, typer.Option(min=0, max=65535, help="TCP port.")] = None,
     fleet_url: Annotated[str | None, typer.Option(help="Where vehicles are, e.g. udpin://127.0.0.1:14540.")] = None,
     time_scale: Annotated[float | None, typer.Option(help="Speed-up of a simulated fleet; 1 for real ones.")] = None,
+    ui: Annotated[bool, typer.Option("--ui/--no-ui", help="Serve the dashboard at /ui.")] = True,
     as_json: Json = False,
 ) -> None:
     """Run the service. Settings also come from SKYFOLIO_* environment variables."""
@@ -99,7 +100,7 @@ def serve(
     given = {"host": host, "port": port, "fleet_url": fleet_url, "time_scale": time_scale}
     settings = Settings(**{name: value for name, value in given.items() if value is not None})  # type: ignore[arg-type]
     configure_logging(as_json=as_json)
-    uvicorn.run(create_app(settings), host=settings.host, port=settings.port, log_config=None, access_log=False)
+    uvicorn.run(create_app(settings, ui=ui), host=settings.host, port=settings.port, log_config=None, access_log=False)
 
 
 @cli.command()

@@ -14,6 +14,7 @@ class Settings(BaseSettings):
     time_scale: how much faster than real time the (simulated) fleet lives; leave it at 1 for real aircraft.
     heartbeat_stale_s, heartbeat_lost_s: fleet seconds of silence. replan_deadline_s: wall seconds a replan may take.
     guidance_lead_s: wall seconds reserved for replan and upload; the new plan begins with the first slot after that.
+    tile_url: of a map server for the dashboard, with {z}, {x} and {y}; without one it draws a grid and asks nobody.
     """
 
     model_config = SettingsConfigDict(env_prefix="SKYFOLIO_", frozen=True, extra="forbid")
@@ -28,3 +29,6 @@ class Settings(BaseSettings):
     heartbeat_lost_s: Annotated[float, Field(gt=0)] = 5.0
     replan_deadline_s: Annotated[float, Field(gt=0)] = 2.0
     guidance_lead_s: Annotated[float, Field(ge=0)] = 1.0
+    tile_url: Annotated[
+        str | None, Field(pattern=r"^https?://.*\{z\}.*\{x\}.*\{y\}|^https?://.*\{z\}.*\{y\}.*\{x\}")
+    ] = None
