@@ -123,14 +123,19 @@ def _axis(kind: str, data: Sequence[str] | None, grid: int) -> Json:
 def trade_off(points: Sequence[tuple[float, float, float]], chosen: float | None) -> Json:
     """Mean sum rate (kbit/s) over its standard deviation (kbit/s) for each mu tried: (mu, sd, mean) sorted by mu."""
 
+    together: dict[tuple[float, float], list[float]] = {}
+    for mu, deviation, mean in points:
+        together.setdefault((round(deviation, 1), round(mean, 1)), []).append(mu)
+
     def dot(mu: float, deviation: float, mean: float) -> Json:
-        mine = mu == chosen
+        mine, same = mu == chosen, together[round(deviation, 1), round(mean, 1)]
+        label = f"{same[0]:g}" if len(same) == 1 else f"{same[0]:g} … {same[-1]:g}"
         return {
             "value": [round(deviation, 3), round(mean, 3)],
             "name": f"mu {mu:g}",
             "symbolSize": 15 if mine else 9,
             "itemStyle": {"color": AFTER if mine else ACHIEVED},
-            "label": {"show": True, "position": "right", "formatter": f"{mu:g}", "color": MUTED},
+            "label": {"show": mu == same[0], "position": "top", "formatter": label, "color": MUTED},
         }
 
     return {

@@ -11,6 +11,7 @@ from nicegui import Client, ui
 
 from api.dashboard.feed import Feed
 from api.dashboard.pages.fly import FlyPage
+from api.dashboard.pages.plan import PlanPage
 from api.dashboard.rest import Rest
 from api.dashboard.watch import Watch
 
@@ -30,6 +31,11 @@ def mount(service_app: FastAPI, *, time_scale: float = 1.0, tile_url: str | None
     def fly(client: Client) -> None:
         _count(client, watch)
         FlyPage(watch, tile_url)
+
+    @ui.page("/plan")
+    def plan(client: Client) -> None:
+        _count(client, watch)
+        PlanPage(watch)
 
     ui.run_with(service_app, mount_path=PATH, title="skyfolio", dark=None, tailwind=False, show_welcome_message=False)
     _live_with(service_app, watch)

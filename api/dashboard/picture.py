@@ -46,7 +46,7 @@ def scene(scenario: Scenario, plans: Sequence[tuple[str, Plan]] = (), **more: An
         "users": [(user.id, *user.position_m) for user in scenario.users],
         "uavs": list(scenario.uav_ids),
         "d_min": scenario.min_separation_m,
-        "rate_max": max([1e3, *rates]),
+        "rate_max": max([1e3, *rates]) if rates else None,
         "plans": [{"style": style, "paths": plan.trajectories_m} for style, plan in plans],
         "reserved": {},
         "tiles": None,
@@ -111,10 +111,16 @@ def cut_off(plan: Plan, slot: int, rates: Sequence[float | None]) -> list[int]:
     ]
 
 
-def planned_frame(plan: Plan, slot: int, rates: Mapping[str, float | None] | None = None) -> Json:
-    """The situation as the plan has it when that slot begins."""
+def planned_frame(
+    plan: Plan,
+    slot: int,
+    rates: Mapping[str, float | None] | None = None,
+    ghosts: Mapping[str, Point] | None = None,
+) -> Json:
+    """The situation as the plan has it when that slot begins; `ghosts`: lost UAVs, and where they were."""
     n = min(max(slot - plan.first_slot, 0), plan.scenario.slots - 1)
     spots = [Spot(uav_id=uav, at_m=path[n], course_deg=_course(path, n)) for uav, path in plan.trajectories_m.items()]
+    spots += [Spot(uav_id=uav, at_m=at, lost=True) for uav, at in (ghosts or {}).items()]
     planned = {user: row[n] for user, row in plan.user_rates_bps.items()}
     return frame(spots, plan, slot, planned if rates is None else rates, live=False)
 

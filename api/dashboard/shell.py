@@ -25,6 +25,7 @@ class Shell:
     def __init__(self, watch: Watch, active: str) -> None:
         self._watch = watch
         ui.page_title(f"{active} · skyfolio")
+        ui.colors(primary="#0072b2", positive="#00795a", negative="#b3400a", warning="#c98500")
         ui.run_javascript(THEME)
         with ui.element("header").classes("sf-head"):
             text("span", "skyfolio", "sf-brand")

@@ -414,6 +414,7 @@ export default {
       if (parts.length) this.text(parts.join("  "), x + side * 16, y + 5, { size: 10, align, colour: uav.link === "live" ? this.colours.muted : colour });
     },
     paintLegend(c) {
+      if (!this.scene.rate_max) return;
       const { w, h } = this.size;
       const wide = 120;
       const x = w - wide - 14;
