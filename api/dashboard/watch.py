@@ -56,6 +56,7 @@ class Watch:
         self.happenings: deque[Happening] = deque(maxlen=KEEP_EVENTS)
         self._viewers = 0
         self._wanted = asyncio.Event()
+        self._news = asyncio.Event()
         self._ticks = 0
         self._current: str | None = None
         self._last_event = 0
@@ -81,6 +82,15 @@ class Watch:
         self._viewers = max(self._viewers - 1, 0)
         if not self._viewers:
             self._wanted.clear()
+
+    async def changed(self) -> None:
+        """Wait until something changes."""
+        await self._news.wait()
+
+    def _tell(self) -> None:
+        self.version += 1
+        news, self._news = self._news, asyncio.Event()
+        news.set()
 
     def show(self, operation_id: str) -> None:
         """From now on this operation is the one that is shown."""
@@ -112,7 +122,7 @@ class Watch:
                 log.exception("dashboard could not read the service")
                 self.error = f"{type(error).__name__}: {error}"
             self.loaded = True
-            self.version += 1
+            self._tell()
             await asyncio.sleep(max(PERIOD_S - (time.monotonic() - began), 0.02))
 
     async def _look(self) -> None:
@@ -183,4 +193,4 @@ class Watch:
             self.show(str(operation_id))
             self._ticks = 0  # something happened to it: read it on the next look
         self.happenings.append(happening)
-        self.version += 1
+        self._tell()

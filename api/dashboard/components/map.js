@@ -4,6 +4,7 @@ const EARTH_M = 40075016.686;
 const RAMP = [[0, 32, 77], [64, 77, 107], [124, 123, 120], [188, 175, 111], [255, 234, 70]]; // cividis
 
 const LEAST_HZ = 10; // a link with less carries nothing worth a line
+const LEAST_BPS = 100; // a user with less is not served
 
 function ramp(share) {
   const at = Math.min(Math.max(share, 0), 1) * (RAMP.length - 1);
@@ -329,11 +330,12 @@ export default {
         const [x, y] = this.at(e, n);
         const rate = rates[index] ?? null;
         const off = cut.has(index);
+        const idle = rate !== null && rate < LEAST_BPS && !off;
         c.beginPath();
         c.arc(x, y, r, 0, 2 * Math.PI);
-        c.fillStyle = rate === null ? this.colours.panel : off ? this.colours.map : ramp(rate / this.scene.rate_max);
+        c.fillStyle = rate === null ? this.colours.panel : off || idle ? this.colours.map : ramp(rate / this.scene.rate_max);
         c.fill();
-        Object.assign(c, { lineWidth: off ? 2.5 : 1.5, strokeStyle: off ? this.colours.alarm : this.colours.text });
+        Object.assign(c, { lineWidth: off ? 2.5 : 1.5, strokeStyle: off ? this.colours.alarm : idle ? this.colours.muted : this.colours.text });
         c.stroke();
         if (!off) return;
         c.beginPath();
@@ -352,7 +354,7 @@ export default {
         const [x, y] = this.at(e, n);
         const rate = rates[index] ?? null;
         const name = id.replace(/^user-/, "u");
-        const words = rate === null ? name : cut.has(index) ? `${name} NO SERVICE` : `${name} ${(rate / 1e3).toFixed(1)}`;
+        const words = rate === null ? name : cut.has(index) ? `${name} NO SERVICE` : rate < LEAST_BPS ? name : `${name} ${(rate / 1e3).toFixed(1)}`;
         const strong = cut.has(index) ? { colour: this.colours.alarm, weight: 700 } : {};
         this.text(words, x, y + 19, { size: 10, align: "center", ...strong });
       });
@@ -418,10 +420,10 @@ export default {
       const { w, h } = this.size;
       const wide = 120;
       const x = w - wide - 14;
-      const y = h - 30;
+      const y = h - 46;
       c.globalAlpha = 0.88;
       c.fillStyle = this.colours.panel;
-      c.fillRect(x - 8, y - 16, wide + 16, 42);
+      c.fillRect(x - 8, y - 16, wide + 16, 58);
       c.globalAlpha = 1;
       const fill = c.createLinearGradient(x, 0, x + wide, 0);
       for (let i = 0; i <= 8; i++) fill.addColorStop(i / 8, ramp(i / 8));
@@ -431,6 +433,11 @@ export default {
       this.text("user rate, kbit/s", x, y - 4, plain);
       this.text("0", x, y + 19, plain);
       this.text((this.scene.rate_max / 1e3).toFixed(0), x + wide, y + 19, { ...plain, align: "right" });
+      c.beginPath();
+      c.arc(x + 5, y + 32, 4, 0, 2 * Math.PI);
+      Object.assign(c, { strokeStyle: this.colours.muted, lineWidth: 1.5 });
+      c.stroke();
+      this.text("not served", x + 14, y + 36, plain);
     },
 
     // --- pointing ---
