@@ -54,6 +54,24 @@ def scene(scenario: Scenario, plans: Sequence[tuple[str, Plan]] = (), **more: An
     }
 
 
+def sketch(data: Json) -> tuple[Json, Json]:
+    """Scene and frame of a scenario as JSON, planned or not, even one that breaks rules: what is wrong must be seen."""
+    drawn = {
+        "area": data["area_m"],
+        "origin": data["origin"],
+        "no_fly": data["no_fly"],
+        "users": [(user["id"], *user["position_m"]) for user in data["users"]],
+        "uavs": [uav["id"] for uav in data["uavs"]],
+        "d_min": data["min_separation_m"] or 0.0,
+        "rate_max": None,
+        "plans": [],
+        "reserved": {},
+        "tiles": None,
+    }
+    spots = [Spot(uav_id=uav["id"], at_m=tuple(uav["start_m"])) for uav in data["uavs"]]
+    return drawn, frame(spots, None, None, {}, live=False)
+
+
 def reserved(former: Plan, lost: Iterable[str], from_slot: int) -> dict[str, list[Point]]:
     """Air that stays taken by a lost UAV: what was left of its route, and the way home from there."""
     air = {}

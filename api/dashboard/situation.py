@@ -64,10 +64,10 @@ class Situation:
         self._slider.props(f"max={max(n_slots - 1, 1)}")
         self._scrub.style(f"--sf-slots: {n_slots}")
 
-    def show_slot(self, slot: int | None, label: str) -> None:
+    def show_slot(self, slot: int, label: str) -> None:
         """Move the scrubber without asking for that slot."""
         self._setting = True
-        self._slider.set_value(slot or 0)
+        self._slider.set_value(slot)
         self._setting = False
         self._slot_label.set_text(label)
 

@@ -73,6 +73,14 @@ def test_scene_and_frames_are_plain_json(small_plan: Plan) -> None:
     assert picture.scene(small_plan.scenario)["rate_max"] is None
 
 
+def test_a_scenario_that_breaks_rules_is_sketched_all_the_same(small_plan: Plan) -> None:
+    data = small_plan.scenario.model_dump(mode="json")
+    data["uavs"][0]["start_m"] = [-900.0, 0.0]
+    scene, frame = picture.sketch(data)
+    assert frame["uavs"][0]["e"] == -900.0
+    assert scene["users"][0] == ("user-1", 20.0, 50.0)
+
+
 def test_slip_is_only_told_while_the_plan_is_flown(small_plan: Plan) -> None:
     at = small_plan.trajectories_m["uav-1"][1]
     assert picture.slip_of(small_plan, "uav-1", 5.0, at) == pytest.approx(0.0, abs=0.5)

@@ -100,7 +100,9 @@ class FlyPage:
         shown = slot if flying else None
         self._situation.map.set_frame(picture.frame(self._spots(), plan, shown, rates, promise=first))
         if self._changed("slot label", (slot, operation.state)):
-            self._situation.show_slot(slot, f"slot {slot}" if slot is not None else operation.state)
+            over = operation.ended or operation.state == "landing"
+            at = slot if slot is not None else first.scenario.slots - 1 if over else 0
+            self._situation.show_slot(at, f"slot {slot}" if slot is not None else operation.state)
 
     def _draw_scene(self, operation: Operation, plan: Plan, first: Plan) -> None:
         if not self._changed("scene", (operation.id, plan.id, operation.lost)):

@@ -10,7 +10,7 @@ from api.dashboard.elements import MapView, attempt, panel, text
 from api.dashboard.pages.results import Results
 from api.dashboard.shell import Shell
 from api.dashboard.watch import Watch
-from planner import Plan, Scenario
+from planner import Plan
 
 TOOLS = {None: "Look", "user": "+ User", "uav": "+ UAV", "remove": "Remove"}
 FIELDS = (
@@ -28,7 +28,7 @@ class PlanPage:
     def __init__(self, watch: Watch) -> None:
         self._feed = watch.feed
         self._draft: Draft | None = None
-        self._scene_of: object = None
+        self._shown: Plan | None = None
         self._other: Plan | None = None
         self._setting = False
         Shell(watch, "Plan")
@@ -153,15 +153,19 @@ class PlanPage:
             self._list_positions(self._draft)
         counts = f"{len(self._draft.ids('uav'))} UAVs, {len(self._draft.ids('user'))} users"
         self._counts.set_text(counts)
+        self._shown = None
+        self._slot_label.set_text("not planned")
+        drawn, frame = picture.sketch(self._draft.data)
+        self._map.set_scene(drawn, {})
+        self._map.set_frame(frame)
         try:
-            scenario = self._draft.scenario()
+            self._draft.scenario()
         except DraftError as error:
             self._complaint.set_text(str(error))
             self._run.disable()
             return
         self._complaint.set_text("")
         self._run.enable()
-        self._draw(scenario)
 
     def _list_positions(self, draft: Draft) -> None:
         self._positions.clear()
@@ -208,7 +212,7 @@ class PlanPage:
         """The results chose what to show: draw it."""
         if plan is not None:
             self._other = other
-            self._draw(plan.scenario, plan, other)
+            self._draw(plan, other)
 
     def _ghosts(self, plan: Plan) -> dict[str, tuple[float, float]]:
         """UAVs that the plan no longer has and the compared one does, where they were lost."""
@@ -218,30 +222,20 @@ class PlanPage:
         gone = set(other.scenario.uav_ids) - set(plan.scenario.uav_ids)
         return {uav: other.trajectories_m[uav][plan.first_slot - other.first_slot] for uav in gone}
 
-    def _draw(self, scenario: Scenario, plan: Plan | None = None, other: Plan | None = None) -> None:
-        plans = [("current", plan)] if plan else []
-        plans += [("other", other)] if other else []
-        shown = (
-            other.scenario
-            if other and other.first_slot == 0 and len(other.scenario.uavs) > len(scenario.uavs)
-            else scenario
-        )
-        self._map.set_scene(picture.scene(shown, plans), {})
-        self._scene_of = (scenario, plan)
-        first = plan.first_slot if plan else 0
-        self._slider.props(f"min={first} max={max(first + scenario.slots - 1, first + 1)}")
-        if plan and not first <= (self._slider.value or 0) < first + scenario.slots:
-            self._slider.set_value(first)
+    def _draw(self, plan: Plan, other: Plan | None) -> None:
+        plans = [("current", plan)] + ([("other", other)] if other else [])
+        everybody = max((each for _, each in plans), key=lambda each: len(each.scenario.uavs)).scenario
+        self._map.set_scene(picture.scene(everybody, plans), {})
+        self._shown = plan
+        last = plan.first_slot + plan.scenario.slots - 1
+        self._slider.props(f"min={plan.first_slot} max={max(last, plan.first_slot + 1)}")
+        if not plan.first_slot <= (self._slider.value or 0) <= last:
+            self._slider.set_value(plan.first_slot)
         self._draw_frame()
 
     def _draw_frame(self) -> None:
-        if not isinstance(self._scene_of, tuple):
-            return
-        scenario, plan = self._scene_of
-        slot = int(self._slider.value or 0)
-        self._slot_label.set_text(f"slot {slot}" if plan else "not planned")
+        plan = self._shown
         if plan is not None:
+            slot = int(self._slider.value or 0)
+            self._slot_label.set_text(f"slot {slot}")
             self._map.set_frame(picture.planned_frame(plan, slot, ghosts=self._ghosts(plan)))
-        else:
-            spots = [picture.Spot(uav_id=uav.id, at_m=uav.start_m) for uav in scenario.uavs]
-            self._map.set_frame(picture.frame(spots, None, None, {}, live=False))
