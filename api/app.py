@@ -8,9 +8,22 @@ from contextlib import asynccontextmanager
 from fastapi import FastAPI
 
 from api import __version__, problems
-from api.routes import events, fleet, operations, plans, scenarios
+from api.gate import Gate
+from api.routes import contingencies, drills, events, fleet, login, operations, plans, scenarios, service
 from api.service import Service
 from api.settings import Settings
+
+DESCRIPTION = """
+Plans where a fleet of flying base stations goes and whom each one serves, flies that plan over MAVLink, and replans for
+the survivors when an aircraft is lost.
+
+**Units** are in names: `_m` metres, `_s` seconds, `_hz`, `_bps` bit/s, `_w` watts, `_deg` degrees WGS-84. Positions are
+metres east and north of the scenario's `origin`; altitude is metres above each vehicle's own home. Slots count from 0.
+
+**Manners.** What takes time answers `202` with `Location` and `Retry-After`; `wait_s` waits for it. `Idempotency-Key`
+makes every creating POST safe to repeat. Operations have an `ETag`; commands take `If-Match`. Lists are paged by
+`cursor`. Errors are RFC 9457 `application/problem+json` and name the field and the rule.
+"""
 
 
 def create_app(settings: Settings | None = None, *, ui: bool = False) -> FastAPI:
@@ -22,23 +35,24 @@ def create_app(settings: Settings | None = None, *, ui: bool = False) -> FastAPI
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        service = Service(settings)
-        app.state.service = service
+        app.state.service = await Service.open(settings)
         try:
-            await service.start()
             yield
         finally:
-            await service.stop()
+            await app.state.service.close()
 
     app = FastAPI(
         title="skyfolio",
         version=__version__,
         summary="Plan, fly and heal multi-UAV communication networks.",
+        description=DESCRIPTION,
         lifespan=lifespan,
+        responses=problems.DESCRIBED,
     )
-    for routes in (plans, scenarios, fleet, operations, events):
+    for routes in (plans, contingencies, scenarios, fleet, operations, drills, events, service, login):
         app.include_router(routes.router)
     problems.install(app)
+    app.add_middleware(Gate, owner=app)
     if ui:
         from api.dashboard.mount import mount  # noqa: PLC0415 - importing it makes the process-wide app
 

@@ -14,13 +14,16 @@ from pydantic import ValidationError
 from rich.console import Console
 
 from api import show
+from api.keys_cli import keys
 from api.problems import ServiceError, broken_rules
+from api.store import StoreError
 from mavlink_bridge import BridgeError
 from planner import EXAMPLES, AnyOf, Deadline, Plan, ReplanError, Scenario, converged, plan, replan
 
 cli = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, help=__doc__)
 bench = typer.Typer(no_args_is_help=True, help="Measure; figures as JSON.")
 cli.add_typer(bench, name="bench")
+cli.add_typer(keys, name="keys")
 errors = Console(stderr=True)
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON only.")]
@@ -85,22 +88,25 @@ def export(
 def serve(
     host: Annotated[str | None, typer.Option(help="Address to bind; loopback unless told otherwise.")] = None,
     port: Annotated[int | None, typer.Option(min=0, max=65535, help="TCP port.")] = None,
+    database_url: Annotated[str | None, typer.Option(help="SQLite or PostgreSQL URL, or 'temporary'.")] = None,
     fleet_url: Annotated[str | None, typer.Option(help="Where vehicles are, e.g. udpin://127.0.0.1:14540.")] = None,
+    simulate: Annotated[str | None, typer.Option(help="Fly this example's fleet in software, for drills.")] = None,
     time_scale: Annotated[float | None, typer.Option(help="Speed-up of a simulated fleet; 1 for real ones.")] = None,
     ui: Annotated[bool, typer.Option("--ui/--no-ui", help="Serve the dashboard at /ui.")] = True,
     as_json: Json = False,
 ) -> None:
     """Run the service. Settings also come from SKYFOLIO_* environment variables."""
-    import uvicorn  # noqa: PLC0415
+    from api.serving import serve as run  # noqa: PLC0415
 
-    from api.app import create_app  # noqa: PLC0415
-    from api.logs import configure_logging  # noqa: PLC0415
-    from api.settings import Settings  # noqa: PLC0415
-
-    given = {"host": host, "port": port, "fleet_url": fleet_url, "time_scale": time_scale}
-    settings = Settings(**{name: value for name, value in given.items() if value is not None})  # type: ignore[arg-type]
-    configure_logging(as_json=as_json)
-    uvicorn.run(create_app(settings, ui=ui), host=settings.host, port=settings.port, log_config=None, access_log=False)
+    given = {
+        "host": host,
+        "port": port,
+        "database_url": database_url,
+        "fleet_url": fleet_url,
+        "simulate": simulate,
+        "time_scale": time_scale,
+    }
+    run({name: value for name, value in given.items() if value is not None}, as_json=as_json, ui=ui)
 
 
 @cli.command()
@@ -164,7 +170,7 @@ def main() -> None:
         for row in broken_rules(error.errors(), ()):
             errors.print(f"[red]error:[/] {row['field']}: {row['message']}", highlight=False)
         sys.exit(2)
-    except (UsageError, ReplanError, BridgeError, ServiceError) as error:
+    except (UsageError, ReplanError, BridgeError, ServiceError, StoreError) as error:
         errors.print(f"[red]error:[/] {error}", highlight=False)
         sys.exit(2)
 

@@ -1,14 +1,34 @@
-"""The event log: everything that happened, in order, with a number each; a client can resume after any number."""
+"""The event log: everything that happened, in order, with a number each; a client can resume after any number.
+
+Events are stored before anyone hears of them, so that a number never means two things, whatever is killed when.
+Telemetry is different: it is made ten times a second while somebody listens, has no number, and is not kept.
+No subscriber has a queue of its own: all read the same two bounded rings, each at its own pace. Who falls behind
+reads events from the database, and misses old telemetry, never an event.
+"""
 
 from __future__ import annotations
 
 import asyncio
+import json
+import time
 from collections import deque
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from datetime import UTC, datetime
 from typing import Any
 
+from fastapi.sse import format_sse_event
 from pydantic import BaseModel
+from sqlalchemy import func, select
+
+from api.store import Database
+from api.store.tables import events as table
+
+KEEP_EVENTS = 4096
+KEEP_TELEMETRY = 32
+PAGE = 500
+KEEP_ALIVE = b": keep-alive\n\n"
+KEEP_ALIVE_S = 15.0
+_INSERT = table.insert()
 
 
 class Event(BaseModel):
@@ -20,32 +40,126 @@ class Event(BaseModel):
     data: dict[str, Any]
 
 
-class EventLog:
-    """The last `keep` events in memory, and a wake-up for those who follow."""
+class Frame(BaseModel):
+    """An event or a telemetry picture, encoded once for all subscribers. `number` of telemetry counts pictures."""
 
-    def __init__(self, keep: int = 10_000) -> None:
-        self._events: deque[Event] = deque(maxlen=keep)
-        self._next = 1
+    number: int
+    wire: bytes
+
+
+class EventLog:
+    """Appends events, wakes those who follow. Made by `open`, on the event loop that it is used on."""
+
+    def __init__(self, database: Database, last_id: int) -> None:
+        self._database = database
+        self._last_id = last_id
+        self._stored_id = last_id
+        self._recent: deque[Frame] = deque(maxlen=KEEP_EVENTS)
+        self._pictures: deque[Frame] = deque(maxlen=KEEP_TELEMETRY)
+        self._picture = 0
         self._news = asyncio.Event()
+        self._followers = 0
+        self.listeners: list[Callable[[Event], None]] = []
+
+    @classmethod
+    async def open(cls, database: Database) -> EventLog:
+        """The log of this database, ready to go on after its last event."""
+        last_id = (await database.rows(select(func.max(table.c.id))))[0][0]
+        return cls(database, last_id or 0)
+
+    @property
+    def followers(self) -> int:
+        """How many subscribers there are now."""
+        return self._followers
+
+    @property
+    def last_id(self) -> int:
+        """Number of the newest stored event."""
+        return self._stored_id
 
     def add(self, kind: str, **data: Any) -> Event:
-        """Append an event and wake the followers."""
-        event = Event(id=self._next, at=datetime.now(UTC), kind=kind, data=data)
-        self._next += 1
-        self._events.append(event)
-        news, self._news = self._news, asyncio.Event()
-        news.set()
+        """Append an event; followers get it once it is stored, which is right after."""
+        self._last_id += 1
+        event = Event(id=self._last_id, at=datetime.fromtimestamp(time.time(), UTC), kind=kind, data=data)
+        row = {"id": event.id, "at": event.at.timestamp(), "kind": kind, "data": json.dumps(data)}
+        stored = self._database.write_soon((_INSERT, row))
+        frame = Frame(number=event.id, wire=_encoded(event))
+        stored.add_done_callback(lambda done: self._publish(event, frame, done))
         return event
 
-    def after(self, last_id: int) -> list[Event]:
-        """The kept events with a greater id, oldest first."""
-        return [event for event in self._events if event.id > last_id]
+    def picture(self, data: Any) -> None:
+        """Show telemetry to those who listen now."""
+        self._picture += 1
+        wire = format_sse_event(data_str=json.dumps(data, separators=(",", ":")), event="telemetry")
+        self._pictures.append(Frame(number=self._picture, wire=wire))
+        self._wake()
 
-    async def follow(self, last_id: int = 0) -> AsyncIterator[Event]:
-        """The events after `last_id`, and then each new one as it comes."""
-        while True:
-            news = self._news
-            for event in self.after(last_id):
-                last_id = event.id
-                yield event
+    async def after(self, last_id: int, limit: int = PAGE) -> list[Event]:
+        """Stored events with a greater id, oldest first, at most `limit`. Raises StoreError."""
+        rows = await self._database.rows(
+            select(table).where(table.c.id > last_id, table.c.id <= self._stored_id).order_by(table.c.id).limit(limit)
+        )
+        return [
+            Event(id=row.id, at=datetime.fromtimestamp(row.at, UTC), kind=row.kind, data=json.loads(row.data))
+            for row in rows
+        ]
+
+    async def follow(self, last_id: int = 0, *, telemetry: bool = False, forever: bool = True) -> AsyncIterator[bytes]:
+        """Server-sent events after `last_id`, then each new one as it comes; each item is one or more whole events.
+
+        telemetry: also pictures made from now on. forever: False ends after what is stored now.
+        """
+        self._followers += 1
+        seen = self._picture
+        try:
+            while True:
+                news = self._news
+                last_id, wire = await self._since(last_id)
+                if telemetry:
+                    wire += b"".join(frame.wire for frame in self._pictures if frame.number > seen)
+                    seen = self._picture
+                if wire:
+                    yield wire
+                elif not forever:
+                    return
+                else:
+                    yield await _pause(news)
+        finally:
+            self._followers -= 1
+
+    async def _since(self, last_id: int) -> tuple[int, bytes]:
+        """The next events after `last_id` on the wire, and the id of the last of them."""
+        if last_id >= self._stored_id:
+            return last_id, b""
+        if self._recent and self._recent[0].number <= last_id + 1:
+            frames = [frame for frame in self._recent if frame.number > last_id]
+            return frames[-1].number, b"".join(frame.wire for frame in frames)
+        events = await self.after(last_id)
+        return (events[-1].id if events else self._stored_id), b"".join(_encoded(event) for event in events)
+
+    def _publish(self, event: Event, frame: Frame, stored: asyncio.Future[None]) -> None:
+        """Show a stored event. One that could not be stored is shown all the same: the fleet flies on."""
+        del stored
+        self._stored_id = event.id
+        self._recent.append(frame)
+        for listener in self.listeners:
+            listener(event)
+        self._wake()
+
+    def _wake(self) -> None:
+        news, self._news = self._news, asyncio.Event()
+        news.set()
+
+
+async def _pause(news: asyncio.Event) -> bytes:
+    """Wait for news; nothing, or a sign of life after a while without."""
+    try:
+        async with asyncio.timeout(KEEP_ALIVE_S):
             await news.wait()
+    except TimeoutError:
+        return KEEP_ALIVE
+    return b""
+
+
+def _encoded(event: Event) -> bytes:
+    return format_sse_event(data_str=event.model_dump_json(), event=event.kind, id=str(event.id))

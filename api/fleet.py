@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from contextlib import AsyncExitStack, suppress
 
 from pydantic import BaseModel
+from sqlalchemy import delete, insert, select
 
 from api.clock import FleetClock
 from api.events import EventLog
-from api.problems import ConflictError, InvalidError
+from api.problems import ConflictError, InvalidError, NotFoundError
 from api.settings import Settings
-from mavlink_bridge import FleetLink, HeartbeatMonitor, LinkEvent
+from api.store import Database
+from api.store.tables import vehicles as table
+from mavlink_bridge import FleetLink, HeartbeatMonitor, LinkEvent, VehiclesMissing
+
+HEARD_WITHIN_S = 5.0
+"""Wall seconds a vehicle may take to be heard before an upload, or the watch of its heartbeats, goes on without it."""
 
 
 class VehicleView(BaseModel):
@@ -19,6 +26,7 @@ class VehicleView(BaseModel):
 
     uav_id: str
     system_id: int
+    simulated: bool = False
     link: str
     silent_for_s: float | None
     lat_deg: float | None = None
@@ -32,8 +40,10 @@ class VehicleView(BaseModel):
 class Fleet:
     """Registered vehicles, the link that reaches them, and news of lost and found ones."""
 
-    def __init__(self, settings: Settings, clock: FleetClock, events: EventLog) -> None:
+    def __init__(self, settings: Settings, clock: FleetClock, events: EventLog, database: Database) -> None:
         self._settings, self._clock, self._events = settings, clock, events
+        self._database = database
+        self._simulated: set[str] = set()
         self._systems: dict[str, int] = {}
         self._link: FleetLink | None = None
         self._monitor = HeartbeatMonitor(
@@ -42,6 +52,7 @@ class Fleet:
         self._followers: set[asyncio.Queue[LinkEvent]] = set()
         self._watcher: asyncio.Task[None] | None = None
         self._opening = asyncio.Lock()
+        self._finding: asyncio.Task[None] | None = None
 
     @property
     def link(self) -> FleetLink:
@@ -50,7 +61,28 @@ class Fleet:
             raise ConflictError("fleet: no vehicle is registered, so no link is open")
         return self._link
 
-    async def register(self, uav_id: str, system_id: int) -> VehicleView:
+    async def start(self) -> None:
+        """Take over the registry of the last process. Simulated vehicles have ended with it."""
+        await self._database.write(delete(table).where(table.c.simulated.is_(True)))
+        for row in await self._database.rows(select(table)):
+            await self._open()
+            self._systems[row.uav_id] = row.system_id
+        if self._systems:
+            self._finding = asyncio.create_task(self._find(), name="fleet-find")
+
+    async def found(self) -> None:
+        """After a restart: wait until every vehicle was heard, or has had its time."""
+        if self._finding is not None:
+            await asyncio.shield(self._finding)
+
+    async def _find(self) -> None:
+        """Hear everybody before anybody is suspected: discovery takes wall time, silence counts fleet time."""
+        with suppress(VehiclesMissing):
+            await self.link.wait_for(set(self._systems.values()), timeout_s=HEARD_WITHIN_S)
+        for system_id in self._systems.values():
+            self._monitor.watch(system_id, self._clock.now())
+
+    async def register(self, uav_id: str, system_id: int, *, simulated: bool = False) -> VehicleView:
         """Tie a UAV id to a MAVLink system id and open the link. Raises ConflictError when either is taken."""
         if self._systems.get(uav_id, system_id) != system_id:
             raise ConflictError(f"uav_id: {uav_id!r} is already system {self._systems[uav_id]}")
@@ -58,9 +90,33 @@ class Fleet:
         if taken.get(system_id, uav_id) != uav_id:
             raise ConflictError(f"system_id: {system_id} is already {taken[system_id]!r}")
         await self._open()
-        self._systems[uav_id] = system_id
-        self._monitor.watch(system_id, self._clock.now())
+        if uav_id not in self._systems:
+            self._systems[uav_id] = system_id
+            self._monitor.watch(system_id, self._clock.now())
+            row = {"uav_id": uav_id, "system_id": system_id, "simulated": simulated, "registered_at": time.time()}
+            await self._database.write((insert(table), row))
+            self._events.add("vehicle_registered", uav_id=uav_id, system_id=system_id, simulated=simulated)
+        if simulated:
+            self._simulated.add(uav_id)
         return self.view(uav_id)
+
+    async def remove(self, uav_id: str) -> None:
+        """Forget a vehicle. Raises NotFoundError. The caller has seen to it that it flies nothing."""
+        if uav_id not in self._systems:
+            raise NotFoundError(f"vehicle {uav_id!r} does not exist")
+        self._monitor.unwatch(self._systems.pop(uav_id))
+        self._simulated.discard(uav_id)
+        await self._database.write(delete(table).where(table.c.uav_id == uav_id))
+        self._events.add("vehicle_removed", uav_id=uav_id)
+
+    def is_simulated(self, uav_id: str) -> bool:
+        """Whether this service flies the vehicle in software itself."""
+        return uav_id in self._simulated
+
+    @property
+    def empty(self) -> bool:
+        """Whether there is no vehicle."""
+        return not self._systems
 
     def system_of(self, uav_id: str) -> int:
         """MAVLink system id. Raises InvalidError for a UAV that is not registered."""
@@ -68,6 +124,12 @@ class Fleet:
             return self._systems[uav_id]
         except KeyError:
             raise InvalidError(f"vehicles: {uav_id!r} is not registered with the fleet") from None
+
+    def find(self, uav_id: str) -> VehicleView:
+        """One vehicle. Raises NotFoundError."""
+        if uav_id not in self._systems:
+            raise NotFoundError(f"vehicle {uav_id!r} does not exist")
+        return self.view(uav_id)
 
     def views(self) -> list[VehicleView]:
         """All vehicles, by UAV id."""
@@ -77,11 +139,13 @@ class Fleet:
         """One vehicle as it was last heard."""
         system_id = self.system_of(uav_id)
         now, said = self._clock.now(), self.link.telemetry(system_id)
+        watched = system_id in self._monitor.watched
         view = VehicleView(
             uav_id=uav_id,
             system_id=system_id,
-            link=self._monitor.state(system_id).value,
-            silent_for_s=self._monitor.silent_for_s(system_id, now),
+            simulated=uav_id in self._simulated,
+            link=self._monitor.state(system_id).value if watched else "unheard",
+            silent_for_s=self._monitor.silent_for_s(system_id, now) if watched else None,
         )
         if said is None:
             return view
@@ -108,10 +172,11 @@ class Fleet:
 
     async def close(self) -> None:
         """Close the link; the vehicles keep what they have on board."""
-        if self._watcher is not None:
-            self._watcher.cancel()
-            with suppress(asyncio.CancelledError):
-                await self._watcher
+        for task in (self._finding, self._watcher):
+            if task is not None:
+                task.cancel()
+                with suppress(asyncio.CancelledError):
+                    await task
         if self._link is not None:
             await self._link.close()
             self._link = None

@@ -3,21 +3,31 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping
+import time
+from collections.abc import Collection, Mapping
 from contextlib import suppress
 from typing import Literal
 
 import numpy as np
 
 from api.clock import FleetClock
-from api.fleet import Fleet
+from api.fleet import HEARD_WITHIN_S, Fleet
 from api.rates import InForce, Point, Sample, rates_by_slot
-from mavlink_bridge import BridgeError, LinkEvent, LinkState, Mission, VehiclesMissing, geodetic_to_east_north
+from mavlink_bridge import (
+    BridgeError,
+    LinkEvent,
+    LinkState,
+    Mission,
+    Telemetry,
+    VehiclesMissing,
+    geodetic_to_east_north,
+)
 from planner import Plan
 
 SAMPLE_EVERY_S = 0.5
-HEARD_WITHIN_S = 5.0
-"""Wall seconds a registered vehicle may take to be heard before an upload goes on without it."""
+LOOK_EVERY_S = 0.05
+TOLD_WITHIN_S = 3.0
+"""Wall seconds that a vehicle has to send a MISSION_CURRENT, which comes at 1 Hz."""
 
 
 class FlightError(BridgeError):
@@ -33,7 +43,10 @@ class Flight:
         self.lost: dict[str, float] = {}
         self._fleet, self._clock = fleet, clock
         self._uavs = {system: uav for uav, system in systems.items()}
+        self.returned: set[str] = set()
+        """UAVs that were lost and are heard again: offered to the operator, not commanded."""
         self._began: float | None = None
+        self._frozen_s: float | None = None
         self._record: list[tuple[float, dict[str, Point]]] = []
 
     # --- the plan and its clock ---
@@ -59,8 +72,29 @@ class Flight:
         return self.first_plan.scenario.slot_duration_s
 
     def elapsed_s(self) -> float | None:
-        """Fleet seconds since slot 0 began, None before."""
+        """Fleet seconds since slot 0 began, None before. They stand still while the flight is paused."""
+        if self._frozen_s is not None:
+            return self._frozen_s
         return None if self._began is None else self._clock.now() - self._began
+
+    @property
+    def paused(self) -> bool:
+        """Whether the slot clock stands still."""
+        return self._frozen_s is not None
+
+    def go_on_from(self, elapsed_s: float, *, paused: bool = False) -> None:
+        """Set the slot clock: after a pause, or after a restart of the service."""
+        self._began = self._clock.now() - elapsed_s
+        self._frozen_s = elapsed_s if paused else None
+
+    def recall(self, record: list[tuple[float, dict[str, Point]]]) -> None:
+        """Take over the record of who was where from before a restart."""
+        self._record = record
+
+    @property
+    def record(self) -> list[tuple[float, dict[str, Point]]]:
+        """(fleet seconds, metres east/north of each UAV heard), the oldest first."""
+        return self._record
 
     def now_s(self) -> float:
         """As `elapsed_s`, for a flight that has begun."""
@@ -115,10 +149,58 @@ class Flight:
             self._uavs[system]: None if result.ok else result.error or "failed" for system, result in results.items()
         }
 
-    async def stop_where_it_is(self, action: Literal["hold", "land"]) -> None:
-        """Hold or land every vehicle that still answers."""
-        systems = {self.systems[uav] for uav in self.surviving()}
-        await (self._fleet.link.hold(systems) if action == "hold" else self._fleet.link.land(systems))
+    async def stop_where_it_is(self, action: Literal["hold", "land", "return"]) -> dict[str, str | None]:
+        """Hold, land or return every vehicle that still answers; what went wrong with each, None when it does."""
+        systems = {self.systems[uav] for uav in self.still_up()}
+        link = self._fleet.link
+        if action == "return" and not hasattr(link, "return_home"):
+            raise FlightError("action: this link cannot send vehicles home; hold or land them")
+        act = {"hold": link.hold, "land": link.land, "return": getattr(link, "return_home", link.land)}[action]
+        results = await act(systems)
+        return {self._uavs[system]: result.error for system, result in results.items()}
+
+    async def pause(self) -> None:
+        """Hover. Raises FlightError with each vehicle that does not."""
+        bad = {uav: error for uav, error in (await self.stop_where_it_is("hold")).items() if error}
+        if bad:
+            raise FlightError(f"hold failed for {_each(bad)}")
+
+    async def resume(self) -> None:
+        """Fly on from the item each vehicle was at. Raises FlightError with each vehicle that does not."""
+        await self.fly_on(self.still_up())
+
+    async def fly_on(self, uavs: Collection[str]) -> None:
+        """Enter mission mode at the item that is current on board. Raises FlightError."""
+
+        async def one(uav: str) -> str | None:
+            system = self.systems[uav]
+            said = self._fleet.link.telemetry(system)
+            item = (said.mission_current if said else None) or 0
+            return (await self._fleet.link.start([system], item=item))[system].error
+
+        errors = dict(zip(uavs, await asyncio.gather(*map(one, uavs)), strict=True))
+        bad = {uav: error for uav, error in errors.items() if error}
+        if bad:
+            raise FlightError(f"start failed for {_each(bad)}")
+
+    async def reattach(self) -> None:
+        """After a restart: wait until those who should be there have told what they fly.
+
+        Who is silent is declared lost in time.
+        """
+        await self._fleet.found()
+        until = time.monotonic() + TOLD_WITHIN_S
+        while time.monotonic() < until and not all(map(self._has_told, self.surviving())):  # noqa: ASYNC110
+            await asyncio.sleep(LOOK_EVERY_S)
+
+    def _has_told(self, uav: str) -> bool:
+        """Whether a MISSION_CURRENT of it was heard, or nothing at all."""
+        said = self.on_board(uav)
+        return said is None or said.mission_current is not None
+
+    def on_board(self, uav: str) -> Telemetry | None:
+        """What the vehicle last said, its mission included."""
+        return self._fleet.link.telemetry(self.systems[uav])
 
     def take_over(self, plan: Plan) -> None:
         """From now on users and vehicles follow this plan."""
@@ -144,7 +226,12 @@ class Flight:
         while not queue.empty():
             event = queue.get_nowait()
             uav = self._uavs.get(event.system_id)
-            if uav is None or event.after != LinkState.LOST or uav in self.lost or self._down(uav):
+            if uav in self.lost and event.after == LinkState.LIVE:
+                self.returned.add(uav)
+            if uav is None or event.after != LinkState.LOST or self._down(uav):
+                continue
+            self.returned.discard(uav)
+            if uav in self.lost:
                 continue
             self.lost[uav] = self.now_s() - event.silent_for_s
             found[uav] = event.silent_for_s

@@ -8,9 +8,10 @@ from typing import Any
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 from starlette.exceptions import HTTPException
 
+from api.store.errors import StoreError
 from mavlink_bridge import BridgeError
 from planner import InfeasiblePlanError, ReplanError
 
@@ -35,15 +36,74 @@ class BusyError(ServiceError):
     """The queue is full; try again later."""
 
 
+class PreconditionError(ServiceError):
+    """The resource is not in the version that `If-Match` names."""
+
+
+class UnauthorizedError(ServiceError):
+    """No API key, or one that is not known."""
+
+
+class ForbiddenError(ServiceError):
+    """The API key's role does not allow this."""
+
+
+class TooManyRequestsError(ServiceError):
+    """More requests than the rate limit allows."""
+
+
+class TooLargeError(ServiceError):
+    """The body is larger than the service takes."""
+
+
 TABLE: Mapping[type[Exception], tuple[int, str, str]] = {
     NotFoundError: (404, "not-found", "Not found"),
     ConflictError: (409, "conflict", "Not possible in this state"),
     InvalidError: (422, "invalid-request", "The request breaks a rule"),
     ReplanError: (422, "invalid-request", "The request breaks a rule"),
-    BusyError: (503, "busy", "Too many solves are waiting"),
+    BusyError: (503, "busy", "Too much is waiting already"),
+    PreconditionError: (412, "precondition", "The resource has changed"),
+    UnauthorizedError: (401, "unauthorized", "An API key is needed"),
+    ForbiddenError: (403, "forbidden", "The role does not allow this"),
+    TooManyRequestsError: (429, "rate-limit", "Too many requests"),
+    TooLargeError: (413, "too-large", "The body is too large"),
+    StoreError: (503, "store", "The database does not answer"),
     InfeasiblePlanError: (500, "internal", "The planner refused its own result"),
     BridgeError: (502, "fleet", "The fleet did not do what it was told"),
 }
+
+
+class Problem(BaseModel):
+    """What went wrong (RFC 9457). `errors` names the broken rules, each with the field it is about."""
+
+    type: str
+    title: str
+    status: int
+    detail: str
+    errors: list[dict[str, str]] | None = None
+
+
+def _described(said: str) -> dict[str, Any]:
+    return {"description": said, "content": {"application/problem+json": {"schema": Problem.model_json_schema()}}}
+
+
+DESCRIBED: dict[int | str, dict[str, Any]] = {
+    status: _described(said)
+    for status, said in {
+        400: "The body cannot be read.",
+        401: "An API key is needed.",
+        403: "The key's role does not allow this.",
+        404: "There is no such resource.",
+        409: "The resource is in a state that does not allow this.",
+        412: "The resource is not in the version that `If-Match` names.",
+        413: "The body is too large.",
+        422: "The request breaks a rule; `errors` says which.",
+        429: "More requests than the rate limit allows; see `Retry-After`.",
+        502: "The fleet did not do what it was told.",
+        503: "Too much is waiting already, or the database does not answer; see `Retry-After`.",
+    }.items()
+}
+"""Of every operation in the OpenAPI description."""
 
 
 def problem(
@@ -58,7 +118,9 @@ def problem(
     }
     if errors is not None:
         body["errors"] = errors
-    headers = {"Retry-After": "1"} if status == 503 else None
+    headers = {"Retry-After": "1"} if status in {429, 503} else {}
+    if status == 401:
+        headers["WWW-Authenticate"] = 'Bearer realm="skyfolio"'
     return JSONResponse(body, status_code=status, media_type="application/problem+json", headers=headers)
 
 
@@ -85,14 +147,19 @@ def _invalid(errors: list[dict[str, str]]) -> JSONResponse:
     return problem(422, "invalid-request", "The request breaks a rule", detail, errors)
 
 
+def answer_to(error: Exception) -> JSONResponse:
+    """The answer to an error of the table."""
+    status, kind, title = next(row for cls, row in TABLE.items() if isinstance(error, cls))
+    field, colon, message = str(error).partition(": ")
+    errors = [{"field": field, "rule": kind, "message": message}] if status == 422 and colon else None
+    return problem(status, kind, title, str(error), errors)
+
+
 def install(app: FastAPI) -> None:
     """Attach the table to the app."""
 
     async def known(_: Request, error: Exception) -> JSONResponse:
-        status, kind, title = next(row for cls, row in TABLE.items() if isinstance(error, cls))
-        field, colon, message = str(error).partition(": ")
-        errors = [{"field": field, "rule": kind, "message": message}] if status == 422 and colon else None
-        return problem(status, kind, title, str(error), errors)
+        return answer_to(error)
 
     async def malformed(_: Request, error: Exception) -> JSONResponse:
         assert isinstance(error, RequestValidationError | ValidationError)  # noqa: S101 - for the type checker

@@ -1,160 +1,276 @@
-"""The resilience loop: a UAV is lost -> replan for the survivors -> swap their missions in flight -> fly on."""
+"""The resilience loop: a UAV is lost -> replan for the survivors -> swap their missions in flight -> fly on.
+
+One `Answer` answers one incident, and writes each step into the journal before it does it. When a step fails the
+ladder is: plan again for a later slot; try a swap again from where the UAV then is; give it the last good plan; leave
+it holding. The survivors' missions on board fly the last good plan all the while.
+"""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Sequence
-from itertools import combinations
-from math import ceil, hypot
+import asyncio
+from dataclasses import dataclass, field
+from math import ceil
 from typing import Any, Literal
 
-import numpy as np
 import structlog
 from pydantic import BaseModel
 
 from api.clock import FleetClock
+from api.contingencies import Contingencies
+from api.creation import fresh
 from api.flight import Flight
+from api.journal import IncidentLog, Step
+from api.metrics import Metrics
 from api.plan_book import PlanBook
 from api.problems import ServiceError
-from api.rates import Point
 from api.settings import Settings
-from mavlink_bridge import BridgeError, compile_mission
-from planner import Cause, Plan, ReplanError, closest_approach, remaining
+from api.solver import LaneName
+from api.swapping import Swap
+from api.transition import achieved, expected_position, require_in_reach, require_separated
+from mavlink_bridge import BridgeError
+from planner import Cause, Plan, ReplanError, remaining
 
 log = structlog.get_logger()
+PLANNING_ATTEMPTS = 3
 
 
 class Recovery(BaseModel):
-    """One answer to a loss. `_s` of the flight are fleet seconds since slot 0; solve and upload are wall time."""
+    """One answer to a change. `_s` of the flight are fleet seconds since slot 0; solve, upload, timings are wall time.
 
-    outcome: Literal["flying", "partly_flying", "too_late", "failed"]
+    `source`: whether the plan was ready ahead of the loss or solved for. `vehicles`: None for each UAV that flies the
+    new plan, else what went wrong. `timings_s`: wall seconds spent in each step of the journal.
+    """
+
+    outcome: Literal["flying", "partly_flying", "too_late", "declined", "superseded", "interrupted", "failed"]
+    incident: int = 0
+    cause: str = "heartbeat_lost"
     lost: dict[str, float]
     declared_at_s: float
     at_slot: int
     plan_id: str | None = None
+    source: Literal["solved", "planned_ahead"] | None = None
     replan_ms: float | None = None
     upload_s: float | None = None
     in_force_at_s: float | None = None
     vehicles: dict[str, str | None] = {}
+    timings_s: dict[str, float] = {}
     error: str | None = None
 
 
-class Responder:
-    """Answers losses. A failed answer leaves the last good plan in force, and the missions that fly it."""
+@dataclass
+class Incident:
+    """What has to be answered, and how far the answer is. `approval`: set when the operator has decided."""
 
-    def __init__(self, settings: Settings, plans: PlanBook, clock: FleetClock) -> None:
-        self._settings, self._plans, self._clock = settings, plans, clock
+    log: IncidentLog
+    cause: Literal["heartbeat_lost", "uav_returned", "retuned"]
+    lost: dict[str, float]
+    ask: bool = False
+    readmitted: tuple[str, ...] = ()
+    proposed: Plan | None = None
+    approval: asyncio.Future[bool] | None = None
+    attempts: list[str] = field(default_factory=list)
 
-    async def recover(self, flight: Flight, lost: dict[str, float]) -> Recovery:
-        """Replan for the survivors and swap their missions; what was done, step by step, with timings."""
-        declared = flight.now_s()
-        lead_s = self._settings.guidance_lead_s * self._clock.scale
-        report = Recovery(
-            outcome="failed", lost=lost, declared_at_s=declared, at_slot=ceil((declared + lead_s) / flight.slot_s)
+
+@dataclass(frozen=True)
+class Parts:
+    """What answers are made with."""
+
+    settings: Settings
+    clock: FleetClock
+    plans: PlanBook
+    ahead: Contingencies
+    metrics: Metrics
+
+
+class TooLateError(Exception):
+    """No slot is left to fly differently."""
+
+
+class Answer:
+    """Answers one incident. A failed answer leaves the last good plan in force, and the missions that fly it."""
+
+    def __init__(self, parts: Parts, flight: Flight, incident: Incident) -> None:
+        self._parts, self._flight, self._incident = parts, flight, incident
+        self.report = Recovery(
+            outcome="failed",
+            incident=incident.log.number,
+            cause=incident.cause,
+            lost=incident.lost,
+            declared_at_s=flight.now_s(),
+            at_slot=self._next_slot(),
         )
-        if report.at_slot >= flight.n_slots - 1:
-            return report.model_copy(update={"outcome": "too_late", "error": "no slot is left to fly differently"})
+
+    async def run(self) -> Recovery:
+        """From classified to closed; what was done, step by step, with timings."""
         try:
-            plan = await self._replan(flight, report)
-            report = report.model_copy(update={"plan_id": plan.id, "replan_ms": plan.solve_ms})
-            return await self._swap(flight, plan, report)
+            plan = await self._agreed_plan()
+            if plan is None:
+                self._update(outcome="declined", error="the operator declined the new plan")
+            else:
+                await self._swap(plan)
+        except TooLateError as error:
+            self._update(outcome="too_late", error=str(error))
         except (ReplanError, ServiceError, BridgeError) as error:
             log.warning("recovery failed", reason=str(error))
-            return report.model_copy(update={"error": str(error)})
+            self._update(error=str(error))
+        await self.close()
+        return self.report
 
-    async def _replan(self, flight: Flight, report: Recovery) -> Plan:
-        failed = [uav for uav in flight.plan.scenario.uav_ids if uav in flight.lost]
-        live = flight.positions_m()
-        request: dict[str, Any] = {
-            "failed": failed,
-            "at_slot": report.at_slot,
+    async def close(self, **changes: Any) -> None:
+        """Write the last step and the figures."""
+        steps = self._incident.log
+        self._update(**changes)
+        await steps.step(Step.CLOSED, outcome=self.report.outcome, error=self.report.error)
+        self._update(timings_s=dict(steps.timings_s))
+        for phase, seconds in steps.timings_s.items():
+            self._parts.metrics.replan_phase.labels(phase).observe(seconds)
+        self._parts.metrics.replans.labels(self._incident.cause, self.report.outcome).inc()
+
+    # -- a plan that may be flown ---------------------------------------------------------------------------------
+
+    async def _agreed_plan(self) -> Plan | None:
+        """A checked plan, agreed to where the policy says so; None when it was declined."""
+        agreed = not self._incident.ask
+        for attempt in range(1, PLANNING_ATTEMPTS + 1):
+            plan = await self._checked_plan(attempt)
+            if plan is None:
+                continue
+            if not agreed:
+                if not await self._ask(plan):
+                    return None
+                agreed = True
+                if not self._in_time(plan):  # the operator took longer than a slot: the same decision, newer numbers
+                    continue
+            return plan
+        raise ReplanError(f"transition: no plan could be flown to: {'; '.join(self._incident.attempts)}")
+
+    async def _checked_plan(self, attempt: int) -> Plan | None:
+        steps, flight = self._incident.log, self._flight
+        at_slot = self._next_slot() + attempt - 1
+        if at_slot >= flight.n_slots - 1:
+            raise TooLateError("no slot is left to fly differently")
+        self._update(at_slot=at_slot)
+        await steps.step(Step.REPLANNED, at_slot=at_slot, attempt=attempt)
+        try:
+            plan = await self._plan(at_slot, use_ready=attempt == 1)
+            await steps.step(Step.CHECKED, plan_id=plan.id, source=self.report.source, replan_ms=plan.solve_ms)
+            self._check(plan)
+        except (ReplanError, ServiceError) as error:
+            self._incident.attempts.append(str(error))
+            await steps.step(Step.REFUSED, attempt=attempt, error=str(error))
+            return None
+        self._update(plan_id=plan.id, replan_ms=plan.solve_ms)
+        return plan
+
+    def _next_slot(self) -> int:
+        """The first slot that can still be flown differently."""
+        lead_s = self._parts.settings.guidance_lead_s * self._parts.clock.scale
+        return ceil((self._flight.now_s() + lead_s) / self._flight.slot_s)
+
+    async def _plan(self, at_slot: int, *, use_ready: bool) -> Plan:
+        flight, incident = self._flight, self._incident
+        detail = ", ".join(f"{uav} silent for {silent:.1f} s" for uav, silent in incident.lost.items())
+        cause = Cause(
+            kind=incident.cause,
+            uav_ids=tuple(incident.lost) or incident.readmitted,
+            detail=detail,
+            silent_for_s=max(incident.lost.values(), default=None),
+        )
+        if use_ready and (ready := self._ready(at_slot)) is not None:
+            self._update(source="planned_ahead")
+            return await self._parts.plans.adopt(ready.model_copy(update={"cause": cause}), fresh("plan"))
+        self._update(source="solved")
+        previous = flight.first_plan if incident.readmitted else flight.plan
+        request = self._request(previous, at_slot)
+        remaining(previous, **request)
+        record = await self._parts.plans.submit_replan(
+            previous,
+            request,
+            cause,
+            fresh("plan"),
+            deadline_s=self._parts.settings.replan_deadline_s,
+            lane=LaneName.FLIGHT,
+        )
+        try:
+            await record.done.wait()
+        except asyncio.CancelledError:
+            await self._parts.plans.cancel(record.id)
+            raise
+        return await self._parts.plans.finished(record.id)
+
+    def _ready(self, at_slot: int) -> Plan | None:
+        """The plan made ahead for exactly this loss, if the survivors can still get into it from where they are."""
+        flight = self._flight
+        gone = [uav for uav in flight.plan.scenario.uav_ids if uav in flight.lost]
+        plan = self._parts.ahead.ready(flight.plan, at_slot, gone[0]) if len(gone) == 1 else None
+        if plan is None:
+            return None
+        try:
+            self._check(plan)
+        except ReplanError as error:
+            log.info("the plan made ahead does not fit", reason=str(error))
+            return None
+        return plan
+
+    def _request(self, previous: Plan, at_slot: int) -> dict[str, Any]:
+        flight = self._flight
+        live, now = flight.positions_m(), flight.now_s()
+        return {
+            "failed": [uav for uav in previous.scenario.uav_ids if uav in flight.lost],
+            "at_slot": at_slot,
             "positions_m": {
-                uav: expected_position(flight.plan, uav, live[uav], report.declared_at_s, report.at_slot)
-                for uav in flight.plan.scenario.uav_ids
+                uav: live[uav]
+                if uav in self._incident.readmitted
+                else expected_position(flight.plan, uav, live[uav], now, at_slot)
+                for uav in previous.scenario.uav_ids
                 if uav in live and uav not in flight.lost
             },
-            "achieved_rates_bps": _achieved(flight, report.at_slot),
+            "achieved_rates_bps": achieved(flight, at_slot),
         }
-        remaining(flight.plan, **request)
-        detail = ", ".join(f"{uav} silent for {silent:.1f} s" for uav, silent in report.lost.items())
-        cause = Cause(
-            kind="heartbeat_lost", uav_ids=tuple(report.lost), detail=detail, silent_for_s=max(report.lost.values())
-        )
-        record = self._plans.submit_replan(flight.plan.id, request, cause, self._settings.replan_deadline_s)
-        await record.done.wait()
-        return self._plans.finished(record.id)
 
-    async def _swap(self, flight: Flight, plan: Plan, report: Recovery) -> Recovery:
-        live, now = flight.positions_m(), flight.now_s()
-        boundary_s = (plan.first_slot + 1) * flight.slot_s
-        _require_separated(plan, live)
-        missions = {
-            uav: compile_mission(
-                begun_at(plan, uav, live[uav]), uav, airborne=True, first_leg_s=max(boundary_s - now, flight.slot_s / 2)
-            )
-            for uav in plan.scenario.uav_ids
-        }
-        began = time.monotonic()
-        results = await flight.swap(missions)
-        upload_s = time.monotonic() - began
+    def _check(self, plan: Plan) -> None:
+        """Raises ReplanError when the survivors cannot fly from where they are into the plan."""
+        live = self._flight.positions_m()
+        missing = [uav for uav in plan.scenario.uav_ids if uav not in live]
+        if missing:
+            raise ReplanError(f"positions_m: nothing was heard of {', '.join(missing)}")
+        if not self._in_time(plan):
+            raise ReplanError(f"at_slot: slot {plan.first_slot} is over before its plan could be flown")
+        require_separated(plan, live)
+        require_in_reach(plan, live, (plan.first_slot + 1) * self._flight.slot_s - self._flight.now_s())
+
+    def _in_time(self, plan: Plan) -> bool:
+        return self._flight.now_s() < (plan.first_slot + 0.5) * self._flight.slot_s
+
+    async def _ask(self, plan: Plan) -> bool:
+        """Propose the plan and wait for the operator; True when the answer is yes."""
+        incident = self._incident
+        incident.proposed, incident.approval = plan, asyncio.get_running_loop().create_future()
+        await incident.log.step(Step.PROPOSED, plan_id=plan.id)
+        try:
+            agreed = await incident.approval
+        finally:
+            incident.proposed = incident.approval = None
+        if agreed:
+            await incident.log.step(Step.APPROVED, plan_id=plan.id)
+        return agreed
+
+    # -- into the air ---------------------------------------------------------------------------------------------
+
+    async def _swap(self, plan: Plan) -> None:
+        swap = Swap(self._flight, self._incident.log, self._parts.metrics, self._parts.settings.swap_attempts)
+        results = await swap.into(plan)
         flying = [uav for uav, error in results.items() if error is None]
-        if flying:
-            flight.take_over(plan)
         outcome = "flying" if len(flying) == len(results) else "partly_flying" if flying else "failed"
-        return report.model_copy(
-            update={
-                "outcome": outcome,
-                "upload_s": upload_s,
-                "in_force_at_s": flight.now_s() if flying else None,
-                "vehicles": results,
-                "error": None if outcome == "flying" else "not every survivor confirmed its new mission",
-            }
+        self._update(
+            outcome=outcome,
+            upload_s=swap.seconds,
+            in_force_at_s=swap.in_force_at_s,
+            vehicles=results,
+            error=None if outcome == "flying" else "not every survivor confirmed its new mission",
         )
+        if flying:
+            await self._incident.log.step(Step.FLYING, plan_id=plan.id, vehicles=results)
 
-
-def expected_position(plan: Plan, uav_id: str, live_m: Point, now_s: float, at_slot: int) -> Point:
-    """Where a UAV that follows `plan` will be when slot `at_slot` begins, in metres east/north.
-
-    It flies from where it is now toward the points of the slots between, at most at its maximum speed.
-    """
-    scenario = plan.scenario
-    speed = next(uav.max_speed_mps for uav in scenario.uavs if uav.id == uav_id)
-    budget = max(at_slot * scenario.slot_duration_s - now_s, 0.0) * speed
-    first = int(now_s // scenario.slot_duration_s) + 1 - plan.first_slot
-    path: Sequence[Point] = plan.trajectories_m[uav_id][max(first, 0) : at_slot - plan.first_slot + 1]
-    here = live_m
-    for point in path:
-        step = hypot(point[0] - here[0], point[1] - here[1])
-        if step > budget:
-            share = budget / step
-            return here[0] + share * (point[0] - here[0]), here[1] + share * (point[1] - here[1])
-        here, budget = point, budget - step
-    return here
-
-
-def begun_at(plan: Plan, uav_id: str, live_m: Point) -> Plan:
-    """The plan with this UAV's first point where it really is, so that its first leg is timed from there."""
-    path = [live_m, *plan.trajectories_m[uav_id][1:]]
-    return plan.model_copy(update={"trajectories_m": {**plan.trajectories_m, uav_id: path}})
-
-
-def _require_separated(plan: Plan, live: dict[str, Point]) -> None:
-    """Refuse a transition in which two survivors come closer than `D_min` on their first legs."""
-    legs = {
-        uav: [live[uav], plan.trajectories_m[uav][min(1, plan.scenario.slots - 1)]] for uav in plan.scenario.uav_ids
-    }
-    for a, b in combinations(legs, 2):
-        apart = closest_approach(np.array([legs[a], legs[b]]))
-        if apart < plan.scenario.min_separation_m:
-            raise ReplanError(f"transition: {a!r} and {b!r} would come within {apart:.1f} m on the way to the new plan")
-
-
-def _achieved(flight: Flight, at_slot: int) -> dict[str, list[float]]:
-    """Rates of every slot before `at_slot`: as reported, and as last seen for slots that are still to come."""
-    table = {}
-    for user, row in flight.reported_rates_bps().items():
-        filled: list[float] = []
-        for rate in row[:at_slot]:
-            filled.append(rate if rate is not None else (filled[-1] if filled else 0.0))
-        table[user] = filled
-    return table
+    def _update(self, **changes: Any) -> None:
+        self.report = self.report.model_copy(update=changes)

@@ -2,33 +2,77 @@
 
 from __future__ import annotations
 
+import ipaddress
+import os
+from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from api.store import TEMPORARY
+
+Seconds = Annotated[float, Field(gt=0)]
+Count = Annotated[int, Field(ge=1)]
+
 
 class Settings(BaseSettings):
     """How the service runs. It binds to loopback unless told otherwise.
 
+    database_url: `sqlite+aiosqlite:///FILE`, `postgresql+asyncpg://...`, or `temporary`, which is forgotten at the end.
     time_scale: how much faster than real time the (simulated) fleet lives; leave it at 1 for real aircraft.
-    heartbeat_stale_s, heartbeat_lost_s: fleet seconds of silence. replan_deadline_s: wall seconds a replan may take.
-    guidance_lead_s: wall seconds reserved for replan and upload; the new plan begins with the first slot after that.
+    simulate: fly this example's fleet in software inside the service, ready for drills.
+    heartbeat_stale_s, heartbeat_lost_s: fleet seconds of silence. solve_deadline_s, replan_deadline_s: wall seconds a
+    solve may take. guidance_lead_s: wall seconds reserved for replan and upload; the new plan begins with the first
+    slot after that. keep_ended_s: how long ended plans that no operation flew are kept. max_cells: UAVs times users
+    times slots.
     tile_url: of a map server for the dashboard, with {z}, {x} and {y}; without one it draws a grid and asks nobody.
+    rate_per_s, rate_burst: requests of one client. swap_attempts: tries of a mission swap before the last good plan.
     """
 
     model_config = SettingsConfigDict(env_prefix="SKYFOLIO_", frozen=True, extra="forbid")
 
     host: str = "127.0.0.1"
     port: Annotated[int, Field(ge=0, le=65535)] = 8080
+    database_url: str = TEMPORARY
     fleet_url: str = "udpin://127.0.0.1:14540"
+    simulate: str | None = None
     time_scale: Annotated[float, Field(gt=0, le=100)] = 1.0
     workers: Annotated[int, Field(ge=1, le=64)] = 1
     queue_limit: Annotated[int, Field(ge=1, le=1024)] = 32
-    heartbeat_stale_s: Annotated[float, Field(gt=0)] = 3.0
-    heartbeat_lost_s: Annotated[float, Field(gt=0)] = 5.0
-    replan_deadline_s: Annotated[float, Field(gt=0)] = 2.0
+    solve_deadline_s: Annotated[float, Field(gt=0, le=3600)] = 60.0
+    heartbeat_stale_s: Seconds = 3.0
+    heartbeat_lost_s: Seconds = 5.0
+    replan_deadline_s: Seconds = 2.0
     guidance_lead_s: Annotated[float, Field(ge=0)] = 1.0
     tile_url: Annotated[
         str | None, Field(pattern=r"^https?://.*\{z\}.*\{x\}.*\{y\}|^https?://.*\{z\}.*\{y\}.*\{x\}")
     ] = None
+    plan_ahead: bool = True
+    swap_attempts: Annotated[int, Field(ge=1, le=5)] = 2
+    telemetry_hz: Annotated[float, Field(gt=0, le=50)] = 10.0
+    keep_ended_s: Seconds = 7 * 86_400.0
+    max_body_bytes: Count = 2_000_000
+    max_uavs: Count = 64
+    max_users: Count = 1_000
+    max_slots: Count = 2_000
+    max_cells: Count = 2_000_000
+    max_subscribers: Count = 256
+    rate_per_s: Seconds = 500.0
+    rate_burst: Count = 1_000
+
+    @property
+    def on_loopback(self) -> bool:
+        """Whether only this machine can reach the service."""
+        if self.host == "localhost":
+            return True
+        try:
+            return ipaddress.ip_address(self.host).is_loopback
+        except ValueError:
+            return False
+
+
+def default_database_url() -> str:
+    """Where `skyfolio serve` and `skyfolio keys` keep things unless told otherwise."""
+    state = os.environ.get("XDG_STATE_HOME") or str(Path.home() / ".local" / "state")
+    return f"sqlite+aiosqlite:///{state}/skyfolio/skyfolio.db"

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Mapping, Sequence
 from typing import Any
 
 from api.dashboard.rest import Rest, RestError
-from api.dashboard.views import Happening, Operation, Step, Transaction, Vehicle
+from api.dashboard.transactions import transactions
+from api.dashboard.views import Drill, Happening, Operation, OperationLine, TrackPoint, Vehicle, WhatIf
+from api.simulated import FAULTS
 from planner import Plan, Scenario
 
 ENDED = {"succeeded", "infeasible", "cancelled", "failed", "interrupted"}
@@ -46,6 +48,13 @@ class Feed:
         """One UAV's mission as a QGroundControl `.plan` document."""
         return await self._rest.call("GET", f"/v1/plans/{plan_id}/missions", format="plan", uav_id=uav_id)
 
+    async def contingencies(self, plan_id: str, at_slot: int) -> list[WhatIf]:
+        """For each UAV, what users get if it is lost at that slot."""
+        path = f"/v1/plans/{plan_id}/contingencies"
+        table = await self._rest.call("GET", path, at_slot=at_slot, wait_s=30)
+        planned = table["mean_sum_rate_bps"]
+        return [WhatIf.model_validate({**row, "planned_bps": planned}) for row in table["rows"]]
+
     # --- fleet and operations ---
 
     async def vehicles(self) -> list[Vehicle]:
@@ -59,9 +68,22 @@ class Feed:
         body = {"plan_id": plan_id, "replanning": policy}
         return _operation(await self._rest.call("POST", "/v1/operations", json=body))
 
+    async def operations(self, limit: int = 50) -> list[OperationLine]:
+        """Stored operations, the newest first."""
+        page = await self._rest.call("GET", "/v1/operations", limit=limit)
+        return [OperationLine.model_validate(row) for row in page["items"]]
+
     async def operation(self, operation_id: str) -> Operation:
-        """An operation as it is now."""
-        return _operation(await self._rest.call("GET", f"/v1/operations/{operation_id}"))
+        """An operation as it is now, with every step of its answers to losses."""
+        path = f"/v1/operations/{operation_id}"
+        body = await self._rest.call("GET", path)
+        happened = body["lost"] or body["recoveries"] or body["returned"]
+        return _operation(body, await self._rest.call("GET", f"{path}/journal") if happened else ())
+
+    async def track(self, operation_id: str) -> list[TrackPoint]:
+        """Where every UAV of an operation was, twice a fleet second."""
+        rows = await self._rest.call("GET", f"/v1/operations/{operation_id}/track")
+        return [TrackPoint.model_validate(row) for row in rows]
 
     async def pause(self, operation_id: str) -> None:
         """Hold, to go on later from the same place."""
@@ -72,10 +94,55 @@ class Feed:
         await self._rest.call("POST", f"/v1/operations/{operation_id}:resume")
 
     async def abort(self, operation_id: str, action: str) -> None:
-        """End it: every vehicle that answers holds (`hold`) or returns home (`rtl`)."""
+        """End it: every vehicle that answers holds (`hold`) or returns home (`return`)."""
         await self._rest.call("POST", f"/v1/operations/{operation_id}:abort", json={"action": action})
 
+    async def decide(self, operation_id: str, incident: int, *, agreed: bool) -> None:
+        """Fly the proposed plan, or keep the one in force."""
+        word = "approve" if agreed else "decline"
+        await self._rest.call("POST", f"/v1/operations/{operation_id}/incidents/{incident}:{word}")
+
+    async def readmit(self, operation_id: str, uav_id: str) -> None:
+        """Plan again with a UAV that was lost and is back."""
+        await self._rest.call("POST", f"/v1/operations/{operation_id}:readmit", json={"uav_id": uav_id})
+
+    # --- drills ---
+
+    async def faults(self) -> list[str]:
+        """Names of the faults a drill can let strike."""
+        return sorted(FAULTS)
+
+    async def drill(self, operation_id: str, uav_id: str, fault: str, at_slot: int | None) -> Drill:
+        """Let a fault strike a simulated UAV when that slot begins, or at once."""
+        body = {"operation_id": operation_id, "uav_id": uav_id, "fault": fault, "at_slot": at_slot}
+        return Drill.model_validate(await self._rest.call("POST", "/v1/drills", json=body))
+
+    async def newest_drill(self) -> Drill | None:
+        """The drill that was started last."""
+        page = await self._rest.call("GET", "/v1/drills", limit=1)
+        return Drill.model_validate(page["items"][0]) if page["items"] else None
+
+    async def drill_now(self, drill_id: str) -> Drill:
+        """A drill as it is now."""
+        return Drill.model_validate(await self._rest.call("GET", f"/v1/drills/{drill_id}"))
+
     # --- events ---
+
+    async def log(self, after: int, limit: int = 500) -> list[Happening]:
+        """Stored events after that id, at most `limit`."""
+        page = await self._rest.call("GET", "/v1/events/log", after=after, limit=limit)
+        return [Happening.model_validate(event) for event in page["items"]]
+
+    async def last_event_id(self) -> int:
+        """Number of the newest stored event, by bisection: the log may be long."""
+        high = 1
+        while await self.log(high - 1, 1):
+            high *= 2
+        low = high // 2
+        while high - low > 1:
+            middle = (low + high) // 2
+            low, high = (middle, high) if await self.log(middle - 1, 1) else (low, middle)
+        return low
 
     async def happenings(self, after: int) -> AsyncIterator[Happening]:
         """Every event after that id, and then each as it comes."""
@@ -92,29 +159,6 @@ def _finished(body: Mapping[str, Any]) -> Plan:
     raise RestError(202, "Not finished", f"plan {body['id']} is still {status}")
 
 
-def _operation(body: Mapping[str, Any]) -> Operation:
-    recoveries = [_transaction(number, each) for number, each in enumerate(body.get("recoveries", []), start=1)]
-    return Operation.model_validate({**body, "policy": body["replanning"], "transactions": recoveries})
-
-
-def _transaction(number: int, body: Mapping[str, Any]) -> Transaction:
-    """A recovery as the steps it went through."""
-    steps = [
-        Step(name="Loss declared", took=f"{max(body['lost'].values()):.1f} s silent", detail=", ".join(body["lost"]))
-    ]
-    if body["replan_ms"] is not None:
-        steps.append(Step(name="Replanned", took=f"{body['replan_ms']:.0f} ms", detail=f"from slot {body['at_slot']}"))
-    if body["upload_s"] is not None:
-        steps.append(
-            Step(name="Uploaded and verified", took=f"{body['upload_s'] * 1e3:.0f} ms", detail=_each(body["vehicles"]))
-        )
-    if body["in_force_at_s"] is not None:
-        after = body["in_force_at_s"] - body["declared_at_s"]
-        steps.append(Step(name="Flying the new plan", took=f"{after:.1f} s after declaration"))
-    if body["error"]:
-        steps.append(Step(name=body["outcome"].replace("_", " ").capitalize(), detail=body["error"], state="failed"))
-    return Transaction.model_validate({**body, "number": number, "phase": body["outcome"], "steps": steps})
-
-
-def _each(results: Mapping[str, str | None]) -> str:
-    return ", ".join(uav if error is None else f"{uav}: {error}" for uav, error in results.items())
+def _operation(body: Mapping[str, Any], journal: Sequence[Mapping[str, Any]] = ()) -> Operation:
+    answers = transactions(body["recoveries"], journal, body["proposal"])
+    return Operation.model_validate({**body, "policy": body["replanning"], "transactions": answers})

@@ -149,6 +149,23 @@ def rows(spots: Sequence[Spot], operation: Operation | None) -> list[Json]:
     return sorted(made, key=lambda row: ("alarm", "warn", "ok", "idle").index(row["level"]))
 
 
+def recorded_row(number: int, uav_id: str, *, lost: bool, slip_s: float | None) -> Json:
+    """A row of the fleet table from a record, which has positions only."""
+    state, level = ("LOST", "alarm") if lost else ("RECORDED", "ok")
+    nothing = dict.fromkeys(("age", "battery", "alt", "item", "items", "quality", "cause"))
+    colour = PALETTE[number % len(PALETTE)]
+    said = {
+        "id": uav_id,
+        "state": state,
+        "level": level,
+        "lost": lost,
+        "slip": slip_s,
+        "colour": colour,
+        "link": "live",
+    }
+    return {**nothing, **said}
+
+
 def slip_of(plan: Plan | None, uav: str, elapsed_s: float | None, at_m: Point | None) -> float | None:
     """Seconds behind schedule, None where there is none: not begun, over, or not a UAV of the plan."""
     if plan is None or elapsed_s is None or at_m is None or uav not in plan.trajectories_m:

@@ -110,7 +110,7 @@ class Shell:
     async def _rtl_all(self) -> None:
         self._confirm.close()
         await self._on_operation(
-            lambda one: self._watch.feed.abort(one, "rtl"), "Every vehicle was told to return home"
+            lambda one: self._watch.feed.abort(one, "return"), "Every vehicle was told to return home"
         )
 
     async def _on_key(self, event: object) -> None:

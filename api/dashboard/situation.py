@@ -109,7 +109,7 @@ class Situation:
         self._answers.clear()
         with self._answers:
             for one in reversed(operation.transactions):
-                _answer(one)
+                answer(one)
 
     def go_live(self) -> None:
         """Show the newest again."""
@@ -135,9 +135,10 @@ class Situation:
         self._on_slot(int(cell[0] if isinstance(cell, list) else event.data_index))
 
 
-def _answer(one: Transaction) -> None:
+def answer(one: Transaction) -> None:
+    """One answer to a loss: its steps, and how long each took."""
     with ui.element("div").classes("sf-tx").props(f'data-phase="{one.phase}"'):
-        text("h3", f"{', '.join(one.lost)}: {one.phase.replace('_', ' ')}")
+        text("h3", f"{', '.join(one.lost) or 'change'}: {one.phase.replace('_', ' ')}")
         with ui.element("ol").classes("sf-steps"):
             for step in one.steps:
                 with ui.element("li").classes(step.state):

@@ -21,6 +21,7 @@ class Vehicle(View):
 
     uav_id: str
     system_id: int
+    simulated: bool = False
     link: str = "live"
     silent_for_s: float | None = None
     lat_deg: float | None = None
@@ -50,7 +51,6 @@ class Transaction(View):
     """One answer to a loss, from detection to flying on. `proposed` while it waits for the operator's word."""
 
     number: int
-    id: str | None = None
     lost: dict[str, float]
     phase: str
     at_slot: int | None = None
@@ -73,6 +73,7 @@ class Operation(View):
     plan_ids: tuple[str, ...]
     vehicles: dict[str, int]
     lost: tuple[str, ...] = ()
+    returned: tuple[str, ...] = ()
     elapsed_s: float | None = None
     slot: int | None = None
     user_rates_bps: dict[str, list[float | None]] = {}
@@ -88,6 +89,44 @@ class Operation(View):
     def proposal(self) -> Transaction | None:
         """The replan that waits for approval, if one does."""
         return next((one for one in self.transactions if one.proposed), None)
+
+
+class OperationLine(View):
+    """A line of the list of operations. `created_at` is UTC seconds since 1970."""
+
+    id: str
+    state: str
+    replanning: str
+    created_at: float
+    ended_at: float | None = None
+
+
+class TrackPoint(View):
+    """Where each UAV was heard, metres east/north, fleet seconds after slot 0 began."""
+
+    elapsed_s: float
+    positions_m: dict[str, tuple[float, float]]
+
+
+class WhatIf(View):
+    """What users would get on average if this UAV were lost, bit/s; `without_replan`: if the survivors flew on."""
+
+    uav_id: str
+    planned_bps: float
+    mean_sum_rate_bps: float | None = None
+    mean_sum_rate_without_replan_bps: float
+    error: str | None = None
+
+
+class Drill(View):
+    """A fault that strikes a simulated UAV: scheduled, struck, or missed because the operation ended before."""
+
+    id: str
+    state: str
+    operation_id: str
+    uav_id: str
+    fault: str
+    at_slot: int | None = None
 
 
 class Happening(View):

@@ -56,6 +56,25 @@ def _uploaded(data: Data) -> tuple[str, str]:
     return f"{data.get('uavs')} missions uploaded and verified in {data.get('upload_s', 0):.2f} s", "ok"
 
 
+def _incident(data: Data) -> tuple[str, str]:
+    step, uav = str(data.get("step")), data.get("uav_id")
+    text = f"answer {data.get('incident')}: {step}" + (f" {uav}" if uav else "")
+    return text, "warn" if step in {"refused", "proposed"} else ""
+
+
+def _drill(data: Data) -> tuple[str, str]:
+    return f"drill: {data.get('fault')} of {data.get('uav_id')} {data.get('state')}", "warn"
+
+
+def _returned(data: Data) -> tuple[str, str]:
+    return f"{data.get('uav_id')} is heard again, and offered", "ok"
+
+
+def _registered(data: Data) -> tuple[str, str]:
+    simulated = ", simulated" if data.get("simulated") else ""
+    return f"{data.get('uav_id')} is system {data.get('system_id')}{simulated}", ""
+
+
 WORDS: Mapping[str, Callable[[Data], tuple[str, str]]] = {
     "operation": _operation,
     "link": _link,
@@ -63,4 +82,8 @@ WORDS: Mapping[str, Callable[[Data], tuple[str, str]]] = {
     "recovery": _recovery,
     "plan_ended": _plan_ended,
     "missions_uploaded": _uploaded,
+    "incident": _incident,
+    "drill": _drill,
+    "uav_returned": _returned,
+    "vehicle_registered": _registered,
 }

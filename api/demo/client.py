@@ -32,6 +32,7 @@ async def service_process(time_scale: float, fleet_url: str, log: Path) -> Async
     """`skyfolio serve` on loopback, ready to be used; it logs to a file. Raises DemoError if it does not start."""
     port = free_port(socket.SOCK_STREAM)
     command = ["serve", "--port", str(port), "--fleet-url", fleet_url, "--time-scale", str(time_scale)]
+    command += ["--database-url", "temporary"]
     with log.open("wb") as sink:
         process = await asyncio.create_subprocess_exec(sys.executable, "-m", "api", *command, stdout=sink, stderr=sink)
         try:

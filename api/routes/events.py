@@ -1,37 +1,70 @@
-"""The event stream, and whether the service is well."""
+"""The event stream."""
 
 from __future__ import annotations
 
 from collections.abc import AsyncIterator
-from typing import Annotated
+from typing import Annotated, Any
 
-from fastapi import APIRouter, Header
-from fastapi.sse import EventSourceResponse, ServerSentEvent
+from fastapi import APIRouter, Header, Query
+from fastapi.responses import StreamingResponse
 from pydantic import BaseModel
 
-from api import __version__
-from api.routes.deps import ServiceDep
+from api.events import Event
+from api.problems import BusyError
+from api.routes.deps import KNOWN, ServiceDep, requires
+from api.security import Role
+from api.service import Service
 
-router = APIRouter()
+router = APIRouter(prefix="/v1", tags=["events"], dependencies=[*KNOWN, requires(Role.VIEWER)])
+STREAM: dict[int | str, dict[str, Any]] = {
+    200: {
+        "description": "A stream of server-sent events: `id` is the event's number, `event` its kind, `data` its JSON.",
+        "content": {"text/event-stream": {"schema": {"type": "string"}}},
+    }
+}
+LastEventId = Annotated[
+    int, Header(ge=0, le=2**53, alias="Last-Event-ID", description="Go on after this event; browsers send it.")
+]
 
 
-class Health(BaseModel):
-    """The service answers, and its solver has solved."""
+class EventPage(BaseModel):
+    """Events, the oldest first. `next` is the `after` of the next page, null at the end."""
 
-    status: str = "ok"
-    version: str
+    items: list[Event]
+    next: int | None
 
 
-@router.get("/v1/events", response_class=EventSourceResponse, tags=["events"])
+@router.get("/events", responses=STREAM, response_class=StreamingResponse)
 async def stream_events(
-    service: ServiceDep, last_event_id: Annotated[int, Header(ge=0)] = 0
-) -> AsyncIterator[ServerSentEvent]:
-    """Server-sent events from the first kept one, or from the one after `Last-Event-ID`."""
-    async for event in service.events.follow(last_event_id):
-        yield ServerSentEvent(data=event.model_dump(mode="json"), event=event.kind, id=str(event.id))
+    service: ServiceDep,
+    last_event_id: LastEventId = 0,
+    telemetry: Annotated[
+        bool, Query(description="Also pictures of all vehicles, ten a second, as `event: telemetry` without an id.")
+    ] = False,
+    follow: Annotated[bool, Query(description="False: end after what is stored now.")] = True,
+) -> StreamingResponse:
+    """Server-sent events from the first one, or from the one after `Last-Event-ID`; none is ever left out."""
+    if service.events.followers >= service.settings.max_subscribers:
+        raise BusyError(f"events: {service.settings.max_subscribers} streams are open already")
+    stream = _counted(service, service.events.follow(last_event_id, telemetry=telemetry, forever=follow))
+    return StreamingResponse(stream, media_type="text/event-stream", headers={"X-Accel-Buffering": "no"})
 
 
-@router.get("/health", tags=["service"])
-async def health() -> Health:
-    """Alive; the solver was warmed up before the service began to listen."""
-    return Health(version=__version__)
+@router.get("/events/log")
+async def read_events(
+    service: ServiceDep,
+    after: Annotated[int, Query(ge=0, le=2**53, description="Events with a greater number.")] = 0,
+    limit: Annotated[int, Query(ge=1, le=500)] = 100,
+) -> EventPage:
+    """A page of the event log, for replay."""
+    items = await service.events.after(after, limit)
+    return EventPage(items=items, next=items[-1].id if len(items) == limit else None)
+
+
+async def _counted(service: Service, stream: AsyncIterator[bytes]) -> AsyncIterator[bytes]:
+    service.metrics.subscribers.inc()
+    try:
+        async for wire in stream:
+            yield wire
+    finally:
+        service.metrics.subscribers.dec()

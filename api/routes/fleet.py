@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import APIRouter
+from fastapi import APIRouter, Depends
 from pydantic import BaseModel, ConfigDict, Field
 
+from api.creation import Creation
 from api.fleet import VehicleView
-from api.routes.deps import ServiceDep
+from api.problems import ConflictError
+from api.routes.deps import KNOWN, ServiceDep, creates, requires
+from api.routes.examples import VEHICLE_EXAMPLES
+from api.security import Role
 
-router = APIRouter(prefix="/v1", tags=["fleet"])
+router = APIRouter(prefix="/v1", tags=["fleet"], dependencies=[*KNOWN, requires(Role.VIEWER)])
 
 
 class VehicleRequest(BaseModel):
@@ -22,9 +26,12 @@ class VehicleRequest(BaseModel):
     system_id: Annotated[int, Field(ge=1, le=254, strict=True)]
 
 
-@router.post("/fleet/vehicles", status_code=201)
-async def register_vehicle(body: VehicleRequest, service: ServiceDep) -> VehicleView:
+@router.post("/fleet/vehicles", status_code=201, dependencies=[requires(Role.PILOT)], openapi_extra=VEHICLE_EXAMPLES)
+async def register_vehicle(
+    body: VehicleRequest, service: ServiceDep, creation: Annotated[Creation, Depends(creates("vehicle"))]
+) -> VehicleView:
     """Register a vehicle; the first one opens the fleet link. Registering the same pair again changes nothing."""
+    del creation  # a pair is its own key: the header is taken, and has nothing to add
     return await service.fleet.register(body.uav_id, body.system_id)
 
 
@@ -32,3 +39,18 @@ async def register_vehicle(body: VehicleRequest, service: ServiceDep) -> Vehicle
 async def list_vehicles(service: ServiceDep) -> list[VehicleView]:
     """All registered vehicles, as they were last heard."""
     return service.fleet.views()
+
+
+@router.get("/fleet/vehicles/{uav_id}")
+async def read_vehicle(uav_id: str, service: ServiceDep) -> VehicleView:
+    """One vehicle, as it was last heard."""
+    return service.fleet.find(uav_id)
+
+
+@router.delete("/fleet/vehicles/{uav_id}", status_code=204, dependencies=[requires(Role.PILOT)])
+async def remove_vehicle(uav_id: str, service: ServiceDep) -> None:
+    """Forget a vehicle that flies no operation."""
+    for operation in service.operations.in_the_air:
+        if uav_id in operation.flight.systems:
+            raise ConflictError(f"uav_id: {uav_id!r} flies operation {operation.id}")
+    await service.fleet.remove(uav_id)

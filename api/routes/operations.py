@@ -2,50 +2,225 @@
 
 from __future__ import annotations
 
-from typing import Literal
+import re
+from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Response
-from pydantic import BaseModel, ConfigDict
+from fastapi import APIRouter, Depends, Header, Request, Response
+from pydantic import BaseModel, ConfigDict, Field
 
-from api.operations import OperationView
-from api.routes.deps import ServiceDep
+from api.creation import Creation
+from api.journal import Entry
+from api.operation import Operation
+from api.operation_views import OperationRow, OperationView, Policy, State
+from api.problems import InvalidError, NotFoundError
+from api.routes.deps import KNOWN, Before, Limit, ServiceDep, creates, requires
+from api.routes.examples import OPERATION_EXAMPLES
+from api.security import Role
 
-router = APIRouter(prefix="/v1", tags=["operations"])
+router = APIRouter(prefix="/v1", tags=["operations"], dependencies=[*KNOWN, requires(Role.VIEWER)])
+pilot_only = [requires(Role.PILOT)]
+IN_THE_AIR = (State.FLYING, State.PAUSED)
+IfMatch = Annotated[
+    str | None,
+    Header(alias="If-Match", max_length=200, description="Only if the operation still has this ETag; else 412."),
+]
 
 
 class OperationRequest(BaseModel):
-    """Which plan to fly, and whether a loss is answered with a replan."""
+    """Which plan to fly, what happens after a loss, and whether it takes off by itself."""
 
     model_config = ConfigDict(extra="forbid")
 
-    plan_id: str
-    replanning: Literal["auto", "off"] = "auto"
+    plan_id: Annotated[str, Field(max_length=64)]
+    replanning: Policy = "auto"
+    launch: Annotated[
+        Literal["auto", "manual"], Field(description="manual: upload, then wait for `operations/{id}:start`.")
+    ] = "auto"
 
 
 class AbortRequest(BaseModel):
-    """What every vehicle that still answers does now."""
+    """What every vehicle that still answers does now: hover, land where it is, or return home."""
 
     model_config = ConfigDict(extra="forbid")
 
-    action: Literal["hold", "land"] = "hold"
+    action: Literal["hold", "land", "return"] = "hold"
 
 
-@router.post("/operations", status_code=202)
-async def start_operation(body: OperationRequest, service: ServiceDep, response: Response) -> OperationView:
+class ReadmitRequest(BaseModel):
+    """A UAV that was lost, is heard again, and shall fly with the others."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    uav_id: Annotated[str, Field(max_length=64)]
+
+
+class OperationPage(BaseModel):
+    """Operations, the newest first. `next` is the `cursor` of the page after this one."""
+
+    items: list[OperationRow]
+    next: int | None
+
+
+class TrackPoint(BaseModel):
+    """Where each UAV was heard, metres east/north of the origin, fleet seconds after slot 0 began."""
+
+    elapsed_s: float
+    positions_m: dict[str, tuple[float, float]]
+
+
+@router.post("/operations", status_code=202, dependencies=pilot_only, openapi_extra=OPERATION_EXAMPLES)
+async def start_operation(
+    body: OperationRequest,
+    service: ServiceDep,
+    response: Response,
+    creation: Annotated[Creation, Depends(creates("op"))],
+) -> OperationView:
     """Upload the plan's missions, take off, and fly; poll `Location` or follow `/v1/events`."""
-    operation = service.operations.start(body.plan_id, body.replanning)
-    response.headers["Location"] = f"/v1/operations/{operation.id}"
-    return operation.view()
+    made = await service.operations.start(body.plan_id, body.replanning, creation, launch_itself=body.launch == "auto")
+    view = made.view() if isinstance(made, Operation) else made
+    response.headers["Location"] = f"/v1/operations/{view.id}"
+    return _tagged(response, view)
 
 
-@router.get("/operations/{operation_id}")
-async def read_operation(operation_id: str, service: ServiceDep) -> OperationView:
+@router.get("/operations")
+async def list_operations(service: ServiceDep, limit: Limit = 50, cursor: Before = None) -> OperationPage:
+    """Operations, the newest first."""
+    rows = await service.operations.rows(limit + 1, cursor)
+    items = [
+        OperationRow(
+            id=row.id,
+            state=row.state,
+            version=row.version,
+            plan_id=row.plan_id,
+            replanning=row.policy,
+            created_at=row.created_at,
+            ended_at=row.ended_at,
+        )
+        for row in rows[:limit]
+    ]
+    return OperationPage(items=items, next=rows[limit - 1].number if len(rows) > limit else None)
+
+
+@router.get(
+    "/operations/{operation_id}",
+    response_model=OperationView,
+    responses={304: {"description": "`If-None-Match` names the present ETag: nothing that can be commanded changed."}},
+)
+async def read_operation(operation_id: str, service: ServiceDep, request: Request, response: Response) -> Any:
     """Where an operation is: slot, losses, recoveries, and the rates users got."""
-    return service.operations.get(operation_id).view()
+    view = await service.operations.view(operation_id)
+    if request.headers.get("if-none-match") == _tag(view):
+        return Response(status_code=304, headers={"ETag": _tag(view)})
+    return _tagged(response, view)
 
 
-@router.post("/operations/{operation_id}:abort")
-async def abort_operation(operation_id: str, service: ServiceDep, body: AbortRequest | None = None) -> OperationView:
-    """End the operation: every vehicle that still answers holds or lands where it is."""
+@router.get("/operations/{operation_id}/journal")
+async def read_journal(operation_id: str, service: ServiceDep) -> list[Entry]:
+    """Every step of every incident, as it was stored before it was done."""
+    await _require(service, operation_id)
+    return await service.journal.of(operation_id)
+
+
+@router.get("/operations/{operation_id}/track")
+async def read_track(operation_id: str, service: ServiceDep) -> list[TrackPoint]:
+    """Where every UAV was heard, twice a fleet second, for replay."""
+    await _require(service, operation_id)
+    return [TrackPoint(elapsed_s=at, positions_m=where) for at, where in await service.operations.track(operation_id)]
+
+
+@router.post("/operations/{operation_id}:start", dependencies=pilot_only)
+async def launch_operation(
+    operation_id: str, service: ServiceDep, response: Response, if_match: IfMatch = None
+) -> OperationView:
+    """Take off, in an operation with `launch: manual` whose missions are on board."""
+    operation = await service.operations.commanded(operation_id, State.READY, version=_version(if_match))
+    operation.go.set()
+    return _tagged(response, operation.view())
+
+
+@router.post("/operations/{operation_id}:pause", dependencies=pilot_only)
+async def pause_operation(
+    operation_id: str, service: ServiceDep, response: Response, if_match: IfMatch = None
+) -> OperationView:
+    """Every vehicle hovers where it is, and the slot clock stands still."""
+    operation = await service.operations.commanded(operation_id, State.FLYING, version=_version(if_match))
+    await operation.pause()
+    return _tagged(response, operation.view())
+
+
+@router.post("/operations/{operation_id}:resume", dependencies=pilot_only)
+async def resume_operation(
+    operation_id: str, service: ServiceDep, response: Response, if_match: IfMatch = None
+) -> OperationView:
+    """Fly on with the missions on board; a loss during the pause is answered now."""
+    operation = await service.operations.commanded(operation_id, State.PAUSED, version=_version(if_match))
+    await operation.resume()
+    return _tagged(response, operation.view())
+
+
+@router.post("/operations/{operation_id}:abort", dependencies=pilot_only)
+async def abort_operation(
+    operation_id: str,
+    service: ServiceDep,
+    response: Response,
+    body: AbortRequest | None = None,
+    if_match: IfMatch = None,
+) -> OperationView:
+    """End the operation: every vehicle that still answers holds, lands where it is, or returns home."""
     action = body.action if body else "hold"
-    return (await service.operations.abort(operation_id, action)).view()
+    operation = await service.operations.abort(operation_id, action, _version(if_match))
+    return _tagged(response, operation.view())
+
+
+@router.post("/operations/{operation_id}:readmit", dependencies=pilot_only)
+async def readmit_uav(
+    operation_id: str, body: ReadmitRequest, service: ServiceDep, response: Response, if_match: IfMatch = None
+) -> OperationView:
+    """Plan again with a UAV that was lost and is back: it is offered as `returned`, and never commanded unasked."""
+    operation = await service.operations.commanded(operation_id, State.FLYING, version=_version(if_match))
+    await operation.readmit(body.uav_id)
+    return _tagged(response, operation.view())
+
+
+@router.post("/operations/{operation_id}/incidents/{incident}:approve", dependencies=pilot_only)
+async def approve_proposal(operation_id: str, incident: int, service: ServiceDep, response: Response) -> OperationView:
+    """Fly the proposed plan. When it has grown stale meanwhile, one for a later slot is made and flown at once."""
+    return await _decided(service, operation_id, incident, response, agreed=True)
+
+
+@router.post("/operations/{operation_id}/incidents/{incident}:decline", dependencies=pilot_only)
+async def decline_proposal(operation_id: str, incident: int, service: ServiceDep, response: Response) -> OperationView:
+    """Keep the plan in force; the survivors fly on as they do."""
+    return await _decided(service, operation_id, incident, response, agreed=False)
+
+
+async def _decided(
+    service: ServiceDep, operation_id: str, incident: int, response: Response, *, agreed: bool
+) -> OperationView:
+    operation = await service.operations.commanded(operation_id, *IN_THE_AIR)
+    operation.incidents.decide(incident, agreed=agreed)
+    return _tagged(response, operation.view())
+
+
+async def _require(service: ServiceDep, operation_id: str) -> None:
+    if not await service.operations.exists(operation_id):
+        raise NotFoundError(f"operation {operation_id!r} does not exist")
+
+
+def _tag(view: OperationView) -> str:
+    return f'"{view.id}.{view.version}"'
+
+
+def _tagged(response: Response, view: OperationView) -> OperationView:
+    response.headers["ETag"] = _tag(view)
+    return view
+
+
+def _version(if_match: str | None) -> int | None:
+    """The version that an ETag of ours names; `*` and none name any."""
+    if if_match is None or if_match.strip() == "*":
+        return None
+    found = re.fullmatch(r'\s*"?[A-Za-z0-9-]+\.([0-9]{1,9})"?\s*', if_match)
+    if found is None:
+        raise InvalidError(f"If-Match: {if_match!r} is not an ETag of this service")
+    return int(found.group(1))

@@ -2,26 +2,40 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+import json
+from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Query, Response
+from fastapi import APIRouter, Depends, Query, Response
 from fastapi.responses import JSONResponse, PlainTextResponse
 from pydantic import BaseModel, ConfigDict, Field
 
 from api import missions
-from api.plan_book import ENDED, PlanRecord, UnfinishedPlan
-from api.routes.deps import ServiceDep
+from api.creation import Creation
+from api.plan_book import ENDED, PlanRecord, PlanRow, UnfinishedPlan
+from api.routes.deps import KNOWN, Before, Limit, ServiceDep, WaitS, creates, require_within_limits, requires
+from api.routes.examples import PLAN_EXAMPLES, REPLAN_EXAMPLES
+from api.security import Role
 from api.service import Service
-from planner import Cause, Plan, Scenario, remaining
+from planner import Cause, Plan, PlanStatus, Scenario, remaining
 
-router = APIRouter(prefix="/v1", tags=["plans"])
-WaitS = Annotated[float, Query(ge=0, le=60, description="Wait up to this many seconds for the result.")]
+router = APIRouter(prefix="/v1", tags=["plans"], dependencies=[*KNOWN, requires(Role.VIEWER)])
+planner_only = [requires(Role.PLANNER)]
 DeadlineS = Annotated[
     float | None, Query(gt=0, le=3600, description="Return the best plan found after this many seconds of solving.")
 ]
-ANSWERS: dict[int | str, dict[str, object]] = {
-    200: {"description": "The plan has ended within `wait_s`.", "model": Plan},
-    202: {"description": "The plan is queued or running; poll `Location`.", "model": UnfinishedPlan},
+NewPlan = Annotated[Creation, Depends(creates("plan"))]
+ANSWERS: dict[int | str, dict[str, Any]] = {
+    200: {"description": "The plan has ended.", "model": Plan | UnfinishedPlan},
+    202: {
+        "description": "The plan is queued or running; poll `Location` after `Retry-After`.",
+        "model": UnfinishedPlan,
+    },
+}
+MISSION_ANSWERS: dict[int | str, dict[str, Any]] = {
+    200: {
+        "description": "The mission, in the format asked for.",
+        "content": {"application/json": {"schema": {"type": "object"}}, "text/plain": {"schema": {"type": "string"}}},
+    }
 }
 
 
@@ -30,8 +44,8 @@ class ReplanRequest(BaseModel):
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
-    failed: Annotated[list[str], Field(description="UAVs that are gone.")]
-    at_slot: Annotated[int, Field(ge=0, description="First slot to plan.")]
+    failed: Annotated[list[str], Field(max_length=1000, description="UAVs that are gone.")]
+    at_slot: Annotated[int, Field(ge=0, le=1_000_000, strict=True, description="First slot to plan.")]
     positions_m: Annotated[
         dict[str, tuple[float, float]] | None,
         Field(description="Where survivors are when `at_slot` begins; default: where the plan has them."),
@@ -43,42 +57,90 @@ class ReplanRequest(BaseModel):
     cause: Cause = Cause()
 
 
-@router.post("/plans", responses=ANSWERS, response_model=None)
+class PlanPage(BaseModel):
+    """Plans, the newest first. `next` is the `cursor` of the page after this one, null at the end."""
+
+    items: list[PlanRow]
+    next: int | None
+
+
+@router.post("/plans", responses=ANSWERS, response_model=None, dependencies=planner_only, openapi_extra=PLAN_EXAMPLES)
 async def create_plan(
-    scenario: Scenario, service: ServiceDep, wait_s: WaitS = 0, deadline_s: DeadlineS = None
-) -> JSONResponse:
+    scenario: Scenario, service: ServiceDep, creation: NewPlan, wait_s: WaitS = 0, deadline_s: DeadlineS = None
+) -> Response:
     """Plan a scenario. Answers 200 with the plan when it is done within `wait_s`, else 202 and a `Location`."""
-    record = service.plans.submit(scenario, deadline_s)
-    return await _created(service, record, wait_s)
+    require_within_limits(scenario, service.settings)
+    return await _created(service, await service.plans.submit(scenario, creation, deadline_s), wait_s)
 
 
-@router.post("/plans/{plan_id}/replans", responses=ANSWERS, response_model=None)
+@router.get("/plans")
+async def list_plans(
+    service: ServiceDep, limit: Limit = 50, cursor: Before = None, status: PlanStatus | None = None
+) -> PlanPage:
+    """Plans without their results, the newest first."""
+    rows = await service.plans.rows(limit + 1, cursor, status)
+    return PlanPage(
+        items=[
+            PlanRow(
+                id=row.id,
+                status=row.status,
+                revision=row.revision,
+                parent=row.parent,
+                cause=json.loads(row.cause),
+                created_at=row.created_at,
+                ended_at=row.ended_at,
+                summary=json.loads(row.summary) if row.summary else None,
+                error=row.error,
+            )
+            for row in rows[:limit]
+        ],
+        next=rows[limit - 1].number if len(rows) > limit else None,
+    )
+
+
+@router.post(
+    "/plans/{plan_id}/replans",
+    responses=ANSWERS,
+    response_model=None,
+    dependencies=planner_only,
+    openapi_extra=REPLAN_EXAMPLES,
+)
 async def create_replan(
-    plan_id: str, body: ReplanRequest, service: ServiceDep, wait_s: WaitS = 0, deadline_s: DeadlineS = None
-) -> JSONResponse:
+    plan_id: str,
+    body: ReplanRequest,
+    service: ServiceDep,
+    creation: NewPlan,
+    wait_s: WaitS = 0,
+    deadline_s: DeadlineS = None,
+) -> Response:
     """Plan the remaining slots for the survivors of a plan; the result is a new plan whose `parent` is this one."""
     request = body.model_dump(exclude={"cause"})
-    remaining(service.plans.finished(plan_id), **request)  # refuse at the door what cannot be replanned
+    previous = await service.plans.finished(plan_id)
+    remaining(previous, **request)  # refuse at the door what cannot be replanned
     cause = body.cause if body.cause.uav_ids else body.cause.model_copy(update={"uav_ids": tuple(body.failed)})
-    record = service.plans.submit_replan(plan_id, request, cause, deadline_s)
+    record = await service.plans.submit_replan(previous, request, cause, creation, deadline_s=deadline_s)
     return await _created(service, record, wait_s)
 
 
-@router.post("/plans/{plan_id}:cancel", status_code=202, response_model=None, responses=ANSWERS)
-async def cancel_plan(plan_id: str, service: ServiceDep) -> JSONResponse:
+@router.post(
+    "/plans/{plan_id}:cancel", status_code=202, response_model=None, responses=ANSWERS, dependencies=planner_only
+)
+async def cancel_plan(plan_id: str, service: ServiceDep, wait_s: WaitS = 0) -> Response:
     """Stop a plan; it ends as `cancelled` with the best feasible plan found so far. An ended plan stays as it is."""
-    return _rendered(service.plans.cancel(plan_id))
+    record = await service.plans.cancel(plan_id)
+    await service.plans.wait(record, wait_s)
+    return _rendered(service, record)
 
 
 @router.get("/plans/{plan_id}", responses=ANSWERS, response_model=None)
-async def read_plan(plan_id: str, service: ServiceDep, wait_s: WaitS = 0) -> JSONResponse:
-    """A plan, or how far it is."""
-    record = service.plans.record(plan_id)
+async def read_plan(plan_id: str, service: ServiceDep, wait_s: WaitS = 0) -> Response:
+    """A plan, or how far it is: while it runs, `progress` tells what its best feasible plan so far is worth."""
+    record = await service.plans.record(plan_id)
     await service.plans.wait(record, wait_s)
-    return _rendered(record)
+    return _rendered(service, record)
 
 
-@router.get("/plans/{plan_id}/missions", response_model=None)
+@router.get("/plans/{plan_id}/missions", response_model=None, responses=MISSION_ANSWERS)
 async def read_missions(
     plan_id: str,
     service: ServiceDep,
@@ -86,7 +148,7 @@ async def read_missions(
     uav_id: str | None = None,
 ) -> Response:
     """The MAVLink missions of a plan: one per UAV as JSON, or one UAV's as a QGroundControl `.plan` or `.waypoints`."""
-    plan = service.plans.finished(plan_id)
+    plan = await service.plans.finished(plan_id)
     if format == "plan":
         return JSONResponse(missions.qgc_plan(plan, uav_id))
     if format == "waypoints":
@@ -94,14 +156,16 @@ async def read_missions(
     return JSONResponse(missions.as_json(plan, uav_id))
 
 
-async def _created(service: Service, record: PlanRecord, wait_s: float) -> JSONResponse:
+async def _created(service: Service, record: PlanRecord, wait_s: float) -> Response:
+    await record.stored
     await service.plans.wait(record, wait_s)
-    answer = _rendered(record)
+    answer = _rendered(service, record)
     answer.headers["Location"] = f"/v1/plans/{record.id}"
     return answer
 
 
-def _rendered(record: PlanRecord) -> JSONResponse:
+def _rendered(service: Service, record: PlanRecord) -> Response:
     ended = record.status in ENDED
     headers = {} if ended else {"Retry-After": "1"}
-    return JSONResponse(record.view().model_dump(mode="json"), status_code=200 if ended else 202, headers=headers)
+    text = record.result or service.plans.view(record).model_dump_json()
+    return Response(text, status_code=200 if ended else 202, headers=headers, media_type="application/json")

@@ -6,9 +6,12 @@ from fastapi import APIRouter
 from pydantic import BaseModel
 
 from api.problems import NotFoundError
+from api.routes.deps import KNOWN, ServiceDep, require_within_limits, requires
+from api.routes.examples import PLAN_EXAMPLES
+from api.security import Role
 from planner import EXAMPLES, Scenario
 
-router = APIRouter(prefix="/v1", tags=["scenarios"])
+router = APIRouter(prefix="/v1", tags=["scenarios"], dependencies=[*KNOWN, requires(Role.VIEWER)])
 
 
 class ExampleList(BaseModel):
@@ -40,7 +43,8 @@ async def read_example(name: str) -> Scenario:
     return EXAMPLES[name]()
 
 
-@router.post("/scenarios:validate")
-async def validate_scenario(scenario: Scenario) -> Verdict:
+@router.post("/scenarios:validate", openapi_extra=PLAN_EXAMPLES)
+async def validate_scenario(scenario: Scenario, service: ServiceDep) -> Verdict:
     """Check a scenario without planning it."""
+    require_within_limits(scenario, service.settings)
     return Verdict(uavs=len(scenario.uavs), users=len(scenario.users), slots=scenario.slots)

@@ -73,14 +73,16 @@ class Vehicles:
 class Service:
     """`skyfolio serve` as a process on loopback."""
 
-    def __init__(self, folder: Path, speedup: float, *options: str) -> None:
+    def __init__(self, folder: Path, speedup: float, *options: str, **settings: str) -> None:
         self.fleet_port, port = free_port(socket.SOCK_DGRAM), free_port(socket.SOCK_STREAM)
         self.url = f"http://127.0.0.1:{port}"
         self.log = folder / "service.log"
         command = [sys.executable, "-m", "api", "serve", "--port", str(port), "--time-scale", str(speedup)]
-        command += ["--fleet-url", f"udpin://127.0.0.1:{self.fleet_port}", *options]
+        command += ["--fleet-url", f"udpin://127.0.0.1:{self.fleet_port}", "--database-url", "temporary", *options]
         with self.log.open("wb") as sink:
-            self._process = subprocess.Popen(command, stdout=sink, stderr=sink, cwd=folder, env=_environment())
+            self._process = subprocess.Popen(
+                command, stdout=sink, stderr=sink, cwd=folder, env=_environment() | settings
+            )
         self.client = httpx2.Client(base_url=self.url, timeout=120)
         self._until_ready()
 

@@ -6,8 +6,10 @@ from typing import Any
 
 from nicegui import ui
 
-from api.dashboard import charts, picture
+from api.dashboard import charts, live, picture
+from api.dashboard.approval import Notices
 from api.dashboard.elements import text
+from api.dashboard.report import lost_at
 from api.dashboard.shell import Shell
 from api.dashboard.situation import Situation, achieved_line, stats_line
 from api.dashboard.views import Operation
@@ -29,6 +31,7 @@ class FlyPage:
         self._ticks = 0
         self._event_id = 0
         Shell(watch, "Fly")
+        self._notices = Notices(watch)
         self._situation = Situation(self._choose_slot)
         self._show_overlay("Reading the fleet", "The service is being asked what flies.", spinner=True)
         self._situation.mark_live(True)
@@ -43,13 +46,14 @@ class FlyPage:
         self._draw_events()
         operation, plan, first = watch.operation, watch.plan_in_force(), watch.first_plan()
         if self._ticks % TABLE_EVERY == 0 or self._changed("lost", operation and operation.lost):
-            self._situation.fleet.set_rows(picture.rows(self._spots(), operation))
+            self._situation.fleet.set_rows(picture.rows(live.spots(self._watch), operation))
         if operation is None or plan is None or first is None:
             self._draw_idle()
             return
         self._situation.overlay.set_visibility(False)
         self._draw_scene(operation, plan, first)
         self._draw_timeline(operation, plan, first)
+        self._notices.draw(operation)
         if self._changed("answers", operation.transactions):
             self._situation.show_answers(operation)
         if self._slot is None:
@@ -73,46 +77,19 @@ class FlyPage:
 
     # --- live ---
 
-    def _spots(self) -> list[picture.Spot]:
-        watch = self._watch
-        operation, plan = watch.operation, watch.plan_in_force()
-        elapsed = watch.elapsed_s()
-        spots = []
-        for uav, seen in sorted(watch.seen.items(), key=_natural):
-            if operation is not None and not operation.ended and uav not in operation.vehicles:
-                continue
-            at = None if seen.east_m is None or seen.north_m is None else (seen.east_m, seen.north_m)
-            lost = operation is not None and uav in operation.lost
-            slip = None if lost or (operation and operation.ended) else picture.slip_of(plan, uav, elapsed, at)
-            spots.append(
-                picture.Spot(
-                    uav_id=uav, at_m=at, course_deg=seen.course_deg, vehicle=seen.vehicle, lost=lost, slip_s=slip
-                )
-            )
-        return spots
-
     def _draw_live(self, operation: Operation, plan: Plan, first: Plan) -> None:
+        self._situation.map.set_frame(live.frame(self._watch, operation, plan, first))
         slot = operation.slot
-        flying = operation.state in {"flying", "paused"}
-        rates: dict[str, float | None] = {}
-        if slot is not None and flying:
-            rates = {user: _latest(row, slot) for user, row in operation.user_rates_bps.items()}
-        shown = slot if flying else None
-        self._situation.map.set_frame(picture.frame(self._spots(), plan, shown, rates, promise=first))
         if self._changed("slot label", (slot, operation.state)):
             over = operation.ended or operation.state == "landing"
             at = slot if slot is not None else first.scenario.slots - 1 if over else 0
             self._situation.show_slot(at, f"slot {slot}" if slot is not None else operation.state)
 
     def _draw_scene(self, operation: Operation, plan: Plan, first: Plan) -> None:
-        if not self._changed("scene", (operation.id, plan.id, operation.lost)):
-            return
-        plans = [("former", first), ("current", plan)] if plan.id != first.id else [("current", first)]
-        taken = picture.reserved(first, operation.lost, operation.slot or 0)
-        made = picture.scene(first.scenario, plans, reserved=taken, tiles=self._tile_url)
-        tracks = {uav: [(e, n) for _, e, n in seen.track] for uav, seen in self._watch.seen.items()}
-        self._situation.map.set_scene(made, tracks)
-        self._situation.set_slots(first.scenario.slots)
+        if self._changed("scene", (operation.id, plan.id, operation.lost)):
+            made = live.scene(operation, plan, first, self._tile_url)
+            self._situation.map.set_scene(made, live.tracks(self._watch))
+            self._situation.set_slots(first.scenario.slots)
 
     def _draw_timeline(self, operation: Operation, plan: Plan, first: Plan) -> None:
         slot = operation.slot if self._slot is None else self._slot
@@ -130,7 +107,9 @@ class FlyPage:
             lines["after replan"] = [*begun, *charts.total(plan.user_rates_bps, plan.scenario.slots)]
             stats.append(stats_line("after replan", plan))
         users = {user: operation.user_rates_bps.get(user, []) for user in first.scenario.user_ids}
-        self._situation.draw_timeline(n, lines, users, cursor=slot, lost=losses(operation, first))
+        self._situation.draw_timeline(
+            n, lines, users, cursor=slot, lost=lost_at(operation, first.scenario.slot_duration_s)
+        )
         self._situation.set_stats("σ² in (kbit/s)², Jain:  " + "   ".join(one for one in stats if one))
 
     def _draw_events(self) -> None:
@@ -176,22 +155,3 @@ class FlyPage:
             if near is not None and abs(near[0] - at_s) < first.scenario.slot_duration_s:
                 spots.append(picture.Spot(uav_id=uav, at_m=near[1:], course_deg=seen.course_deg))
         return picture.frame(spots, then, slot, rates, promise=first, live=False) if spots else made
-
-
-def losses(operation: Operation, first: Plan) -> dict[str, float]:
-    """UAV to the slot in which it fell silent."""
-    found = {}
-    for one in operation.transactions:
-        for uav, silent in one.lost.items():
-            if one.declared_at_s is not None:
-                found[uav] = max(one.declared_at_s - silent, 0.0) / first.scenario.slot_duration_s
-    return found
-
-
-def _latest(row: list[float | None], slot: int) -> float | None:
-    return next((rate for rate in reversed(row[: slot + 1]) if rate is not None), None)
-
-
-def _natural(item: tuple[str, object]) -> tuple[str, int]:
-    head, _, tail = item[0].rpartition("-")
-    return (head, int(tail)) if tail.isdigit() else (item[0], 0)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from api.resilience import begun_at, expected_position
+from api.transition import begun_at, expected_position
 from planner import EXAMPLES, Plan, plan
 
 

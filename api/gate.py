@@ -1,0 +1,201 @@
+"""What every request passes: a request id, the key, the rate and body limits; then the access log, metrics, audit.
+
+Plain ASGI, so that it holds for mounted apps, streams and websockets alike.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import secrets
+import time
+from http.cookies import CookieError, SimpleCookie
+
+import structlog
+from fastapi import FastAPI
+from sqlalchemy import insert
+from starlette.datastructures import Headers
+from starlette.exceptions import HTTPException
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from api.problems import (
+    ServiceError,
+    TooLargeError,
+    TooManyRequestsError,
+    UnauthorizedError,
+    answer_to,
+)
+from api.security import LOCAL, Principal
+from api.service import Service
+from api.store import StoreError
+from api.store.tables import audit as audit_table
+
+log = structlog.get_logger()
+COOKIE = "skyfolio_key"
+OPEN_PATHS = frozenset({"/health", "/ready", "/docs", "/redoc", "/openapi.json", "/docs/oauth2-redirect", "/login"})
+SAFE = frozenset({"GET", "HEAD", "OPTIONS"})
+BODY_LIMIT_S = 30.0
+"""Wall seconds in which a body must have arrived."""
+MOST_BUCKETS = 10_000
+_ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
+_INSERT = insert(audit_table)
+
+
+class Buckets:
+    """A token bucket for each client: `rate_per_s` on average, `burst` at once."""
+
+    def __init__(self, rate_per_s: float, burst: int) -> None:
+        self._rate, self._burst = rate_per_s, burst
+        self._state: dict[str, tuple[float, float]] = {}
+
+    def take(self, client: str, now_s: float) -> bool:
+        """Whether the client may go on; `now_s` is monotonic."""
+        left, at = self._state.get(client, (float(self._burst), now_s))
+        left = min(self._burst, left + (now_s - at) * self._rate)
+        if len(self._state) >= MOST_BUCKETS:
+            self._state.clear()
+        self._state[client] = (left - 1 if left >= 1 else left, now_s)
+        return left >= 1
+
+
+class Gate:
+    """ASGI middleware around the whole application."""
+
+    def __init__(self, app: ASGIApp, *, owner: FastAPI) -> None:
+        self._app, self._owner = app, owner
+        self._buckets: Buckets | None = None
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass one request or websocket through."""
+        if scope["type"] not in {"http", "websocket"}:
+            await self._app(scope, receive, send)
+            return
+        await self._pass(Passage(self._owner.state.service, scope), scope, receive, send)
+
+    async def _pass(self, passage: Passage, scope: Scope, receive: Receive, send: Send) -> None:
+        with structlog.contextvars.bound_contextvars(request_id=passage.request_id):
+            try:
+                principal = await self._admit(passage)
+                scope.setdefault("state", {})["principal"] = passage.principal = principal
+                await self._app(scope, passage.limited(receive), passage.noting(send))
+            except (ServiceError, StoreError) as error:  # raised before any route was reached
+                if scope["type"] == "websocket":
+                    await send({"type": "websocket.close", "code": 1008, "reason": str(error)[:100]})
+                else:
+                    await answer_to(error)(scope, receive, passage.noting(send))
+            finally:
+                passage.finish()
+
+    async def _admit(self, passage: Passage) -> Principal:
+        service = passage.service
+        if self._buckets is None:
+            self._buckets = Buckets(service.settings.rate_per_s, service.settings.rate_burst)
+        if not self._buckets.take(passage.client, time.monotonic()):
+            raise TooManyRequestsError(f"rate: more than {service.settings.rate_per_s:g} requests a second")
+        passage.require_small()
+        if passage.path in OPEN_PATHS or not (await service.keys.in_use() or not service.settings.on_loopback):
+            return LOCAL
+        principal = await service.keys.identify(passage.key) if passage.key else None
+        if principal is None:
+            raise UnauthorizedError("Authorization: send 'Bearer <key>' with a key made by 'skyfolio keys create'")
+        return principal
+
+
+class Passage:
+    """One request on its way through the gate."""
+
+    def __init__(self, service: Service, scope: Scope) -> None:
+        self.service, self.scope = service, scope
+        self.headers = Headers(scope=scope)
+        self.path: str = scope["path"]
+        self.method: str = scope.get("method", "WEBSOCKET")
+        self.client = (scope.get("client") or ("unknown", 0))[0]
+        given = self.headers.get("x-request-id", "")
+        self.request_id = given if _ID.fullmatch(given) else secrets.token_hex(8)
+        self.principal: Principal | None = None
+        self.status = 0
+        self._began = time.monotonic()
+        self._received = 0
+
+    @property
+    def key(self) -> str | None:
+        """The API key: `Authorization: Bearer`, `X-API-Key`, or the cookie of the web page."""
+        scheme, _, token = self.headers.get("authorization", "").partition(" ")
+        if scheme.lower() == "bearer" and token:
+            return token.strip()
+        if "x-api-key" in self.headers:
+            return self.headers["x-api-key"]
+        try:
+            cookie = SimpleCookie(self.headers.get("cookie", "")).get(COOKIE)
+        except CookieError:
+            return None
+        return cookie.value if cookie else None
+
+    def require_small(self) -> None:
+        """Raises TooLargeError for a body that says it is too large."""
+        length = self.headers.get("content-length", "0")
+        if length.isdigit() and int(length[:20]) > self.service.settings.max_body_bytes:
+            raise TooLargeError(f"body: {length[:20]} bytes are more than {self.service.settings.max_body_bytes}")
+
+    def limited(self, receive: Receive) -> Receive:
+        """The receive channel with the body's size and time limited."""
+        until = self._began + BODY_LIMIT_S
+        complete = False
+
+        async def take() -> Message:
+            nonlocal complete
+            if complete or self.scope["type"] != "http":
+                return await receive()
+            try:
+                async with asyncio.timeout(max(0.0, until - time.monotonic())):
+                    message = await receive()
+            except TimeoutError:
+                raise HTTPException(408, f"body: did not arrive within {BODY_LIMIT_S:g} s") from None
+            self._received += len(message.get("body", b""))
+            complete = not message.get("more_body", False)
+            if self._received > self.service.settings.max_body_bytes:
+                raise HTTPException(413, f"body: more than {self.service.settings.max_body_bytes} bytes")
+            return message
+
+        return take
+
+    def noting(self, send: Send) -> Send:
+        """The send channel; notes the status and adds the headers that every answer carries."""
+
+        async def give(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                self.status = message["status"]
+                message["headers"] = [
+                    *message["headers"],
+                    (b"x-request-id", self.request_id.encode()),
+                    (b"x-content-type-options", b"nosniff"),
+                    (b"cache-control", b"no-store"),
+                ]
+            await send(message)
+
+        return give
+
+    def finish(self) -> None:
+        """Log, measure, and write the audit log."""
+        seconds = time.monotonic() - self._began
+        if self.status == 0:
+            return
+        route = getattr(self.scope.get("route"), "path", "none")
+        self.service.metrics.requests.labels(self.method, route, str(self.status)).observe(seconds)
+        said = {"method": self.method, "path": self.path, "status": self.status, "ms": round(seconds * 1e3, 1)}
+        if self.method in SAFE and self.status < 400:
+            return
+        who = self.principal or Principal("nobody", LOCAL.role)
+        log.info("request", principal=who.name, **said)
+        row = {
+            "at": time.time(),
+            "principal": who.name,
+            "role": who.role.value if self.principal else "none",
+            "client": str(self.client)[:64],
+            "method": self.method[:8],
+            "path": self.path[:256].replace("\0", "?"),
+            "status": self.status,
+            "request_id": self.request_id,
+        }
+        if self.method not in SAFE or self.status in {401, 403}:
+            self.service.database.write_soon((_INSERT, row))

@@ -1,0 +1,302 @@
+"""One operation: a plan, flown by registered vehicles, from upload to landing."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import structlog
+from sqlalchemy import bindparam, insert, update
+
+from api.events import EventLog
+from api.flight import Flight
+from api.incidents import Incidents
+from api.journal import Journal
+from api.operation_views import ENDED, OperationView, Policy, Proposal, State, slip_m, uav_views
+from api.resilience import Parts
+from api.store import Database, StoreError
+from api.store.tables import operations as table
+from api.store.tables import track as track_table
+from mavlink_bridge import BridgeError, compile_mission
+
+log = structlog.get_logger()
+TICK_S = 0.1
+TRACK_EVERY_S = 0.5
+LANDING_LIMIT_S = 240.0
+LAUNCH_LIMIT_S = 120.0
+_INSERT = insert(table)
+_TRACK = insert(track_table)
+_COLUMNS = ("state", "version", "document", "ended_at")
+_UPDATE = (
+    update(table)
+    .where(table.c.id == bindparam("operation_id"))
+    .values({name: bindparam(f"new_{name}") for name in _COLUMNS})
+)
+
+
+@dataclass(kw_only=True)
+class Head:
+    """What identifies an operation and never changes."""
+
+    id: str
+    number: int
+    policy: Policy
+    created_at: float = field(default_factory=time.time)
+    fingerprint: str | None = None
+    launch_itself: bool = True
+
+
+@dataclass(frozen=True)
+class Books:
+    """Where operations write."""
+
+    database: Database
+    journal: Journal
+    events: EventLog
+
+
+class Operation:
+    """One flight of one plan. What goes wrong is its `error`. Its state is stored before commands go."""
+
+    def __init__(self, head: Head, flight: Flight, parts: Parts, books: Books) -> None:
+        self.head, self.flight, self.parts = head, flight, parts
+        self._books = books
+        self.state = State.UPLOADING
+        self.version = 0
+        self.error: str | None = None
+        self.incidents = Incidents(head.id, head.policy, flight, parts, books.journal, books.events)
+        self.incidents.save = self.save
+        self.go = asyncio.Event()
+        self._busy = asyncio.Lock()
+        if head.launch_itself:
+            self.go.set()
+        self._tracked = 0
+        self._tracked_at = 0.0
+
+    @property
+    def id(self) -> str:
+        """The id."""
+        return self.head.id
+
+    @property
+    def journal(self) -> Journal:
+        """Where its incidents are written."""
+        return self._books.journal
+
+    def view(self) -> OperationView:
+        """What the client sees."""
+        flight, incidents = self.flight, self.incidents
+        proposal = incidents.proposal
+        return OperationView(
+            id=self.id,
+            version=self.version,
+            state=self.state,
+            replanning=self.head.policy,
+            plan_id=flight.plan.id,
+            plan_ids=[entry.plan.id for entry in flight.timeline],
+            vehicles=flight.systems,
+            uavs=uav_views(flight),
+            lost=sorted(flight.lost),
+            returned=sorted(flight.returned),
+            elapsed_s=flight.elapsed_s(),
+            slot=flight.slot(),
+            recoveries=incidents.reports,
+            proposal=Proposal(incident=proposal[0], plan_id=proposal[1].id, lost=proposal[2]) if proposal else None,
+            user_rates_bps=flight.reported_rates_bps(),
+            error=self.error,
+        )
+
+    # -- from the ground to the ground ----------------------------------------------------------------------------
+
+    async def run(self) -> None:
+        """Upload, launch, fly, recover from losses, land."""
+        await self._guarded(self._from_the_ground)
+
+    async def follow(self, settle: Callable[[Operation], Awaitable[None]]) -> None:
+        """Go on with an operation that a stopped service left in the air; `settle` finds out what is in doubt."""
+
+        async def on() -> None:
+            await self.flight.reattach()
+            await settle(self)
+            if self.state in {State.FLYING, State.LANDING, State.PAUSED}:
+                await self._fly()
+
+        await self._guarded(on)
+
+    async def _guarded(self, work: Callable[[], Awaitable[None]]) -> None:
+        with structlog.contextvars.bound_contextvars(operation_id=self.id):
+            try:
+                await work()
+            except BridgeError as error:
+                await self._fail(str(error))
+            except Exception as error:
+                log.exception("operation broke")
+                await self._fail(f"{type(error).__name__}: {error}")
+
+    async def _from_the_ground(self) -> None:
+        missions = {uav: compile_mission(self.flight.plan, uav) for uav in self.flight.systems}
+        seconds = await self.flight.upload(missions)
+        self._books.events.add(
+            "missions_uploaded", operation_id=self.id, upload_s=round(seconds, 3), uavs=len(missions)
+        )
+        if not self.go.is_set():
+            await self.enter(State.READY)
+            await self.go.wait()
+        await self.enter(State.LAUNCHING)
+        await self.flight.launch(LAUNCH_LIMIT_S)
+        await self.enter(State.STARTING)
+        await self.flight.start()
+        await self.enter(State.FLYING)
+        await self._fly()
+
+    async def _fly(self) -> None:
+        flight = self.flight
+        news = flight.follow_losses()
+        try:
+            while not flight.over(LANDING_LIMIT_S):
+                await self._tick(news)
+                await asyncio.sleep(TICK_S)
+        finally:
+            flight.unfollow_losses(news)
+            await self.incidents.end()
+            self._write_track()
+        if not flight.surviving():
+            raise BridgeError(f"lost: every vehicle is lost ({', '.join(sorted(flight.lost))})")
+        if not flight.all_down():
+            raise BridgeError(f"landing: {', '.join(flight.still_up())} not down {LANDING_LIMIT_S:g} s after the plan")
+        await self.enter(State.COMPLETED)
+
+    async def _tick(self, news: asyncio.Queue[Any]) -> None:
+        flight = self.flight
+        if not flight.paused:
+            flight.sample()
+        if time.monotonic() - self._tracked_at >= TRACK_EVERY_S:
+            self._write_track()
+            self._measure()
+        if self.state == State.FLYING and flight.past_last_slot():
+            await self.enter(State.LANDING)
+        async with self._busy:  # a command of the operator comes before or after, never between
+            await self.incidents.note(flight.newly_lost(news))
+            await self.incidents.go_on(may_start=self.state == State.FLYING)
+
+    # -- what an operator says ------------------------------------------------------------------------------------
+
+    async def pause(self) -> None:
+        """Every vehicle hovers and the slot clock stands still. Raises FlightError."""
+        async with self._busy:
+            await self.incidents.supersede("a pause")
+            self.flight.go_on_from(self.flight.now_s(), paused=True)
+            await self.enter(State.PAUSED)
+            await self.flight.pause()
+
+    async def resume(self) -> None:
+        """Fly on with the missions on board. Raises FlightError."""
+        async with self._busy:
+            self.flight.go_on_from(self.flight.now_s())
+            await self.enter(State.FLYING)
+            await self.flight.resume()
+
+    async def readmit(self, uav_id: str) -> None:
+        """Plan for a UAV again that was lost and is back. Raises ConflictError."""
+        async with self._busy:
+            await self.incidents.readmit(uav_id)
+
+    async def abort(self, action: Literal["hold", "land", "return"]) -> None:
+        """Tell every vehicle that still answers to hold or land where it is, or to return home."""
+        await self.enter(State.ABORTING)
+        failed = {uav: error for uav, error in (await self.flight.stop_where_it_is(action)).items() if error}
+        if failed:
+            self.error = f"{action} failed for {'; '.join(f'{uav}: {error}' for uav, error in failed.items())}"
+        await self.enter(State.ABORTED)
+
+    # -- the books ------------------------------------------------------------------------------------------------
+
+    async def enter(self, state: State) -> None:
+        """Change the state; stored when it returns."""
+        self.state = state
+        await self.save()
+        self._books.events.add("operation", operation_id=self.id, state=state.value, error=self.error)
+
+    async def create(self) -> None:
+        """Store a new operation. Raises StoreError."""
+        row = self._row()
+        values = {name: row[f"new_{name}"] for name in _COLUMNS}
+        head = self.head
+        await self._books.database.write(
+            (
+                _INSERT,
+                {
+                    **values,
+                    "id": head.id,
+                    "number": head.number,
+                    "created_at": head.created_at,
+                    "fingerprint": head.fingerprint,
+                    "plan_id": self.flight.first_plan.id,
+                    "policy": head.policy,
+                },
+            )
+        )
+        self._books.events.add("operation", operation_id=self.id, state=self.state.value, error=None)
+
+    async def save(self) -> None:
+        """Store everything that a restart needs. The flight goes on when the database refuses."""
+        self.version += 1
+        with suppress(StoreError):  # logged where it happened; aircraft come before books
+            await self._books.database.write((_UPDATE, self._row()))
+
+    def _row(self) -> dict[str, Any]:
+        ended = self.state in ENDED
+        return {
+            "operation_id": self.id,
+            "new_state": self.state.value,
+            "new_version": self.version,
+            "new_document": json.dumps(self._document(ended=ended)),
+            "new_ended_at": time.time() if ended else None,
+        }
+
+    def _document(self, *, ended: bool) -> dict[str, Any]:
+        flight, elapsed = self.flight, self.flight.elapsed_s()
+        return {
+            "vehicles": flight.systems,
+            "timeline": [{"from_s": entry.from_s, "plan_id": entry.plan.id} for entry in flight.timeline],
+            "slot0_at": None if elapsed is None else time.time() - elapsed / self.parts.clock.scale,
+            "paused_s": elapsed if flight.paused else None,
+            "lost": flight.lost,
+            "returned": sorted(flight.returned),
+            "launch_itself": self.head.launch_itself,
+            "error": self.error,
+            **self.incidents.document(),
+            "view": self.view().model_dump(mode="json") if ended else None,
+        }
+
+    def _write_track(self) -> None:
+        """Store where everyone was since the last time."""
+        self._tracked_at = time.monotonic()
+        new = self.flight.record[self._tracked :]
+        self._tracked += len(new)
+        if new:
+            rows = [{"operation_id": self.id, "elapsed_s": at, "positions": json.dumps(where)} for at, where in new]
+            self._books.database.write_soon((_TRACK, rows))
+
+    def recalled(self) -> None:
+        """The record of the flight is stored up to here."""
+        self._tracked = len(self.flight.record)
+
+    def _measure(self) -> None:
+        positions = self.flight.positions_m()
+        for uav in self.flight.surviving():
+            far = slip_m(self.flight, uav, positions.get(uav))
+            if far is not None:
+                self.parts.metrics.slip.labels(uav).set(far)
+
+    async def _fail(self, reason: str) -> None:
+        log.error("operation failed", reason=reason)
+        self.error = reason
+        await self.enter(State.FAILED)
+        with suppress(BridgeError):
+            await self.flight.stop_where_it_is("hold")

@@ -1,0 +1,127 @@
+"""What clients see of an operation."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from math import hypot
+from typing import Literal
+
+from pydantic import BaseModel
+
+from api.flight import Flight
+from api.resilience import Recovery
+from api.transition import scheduled_at
+
+Policy = Literal["auto", "approve", "off"]
+"""What happens after a loss: fly a new plan, propose one, or nothing."""
+
+
+class State(StrEnum):
+    """Life of an operation. `interrupted`: commands are in doubt after a restart; only `abort` goes on from there."""
+
+    UPLOADING = "uploading"
+    READY = "ready"
+    LAUNCHING = "launching"
+    STARTING = "starting"
+    FLYING = "flying"
+    PAUSED = "paused"
+    LANDING = "landing"
+    ABORTING = "aborting"
+    INTERRUPTED = "interrupted"
+    COMPLETED = "completed"
+    ABORTED = "aborted"
+    FAILED = "failed"
+
+
+ENDED = {State.COMPLETED, State.ABORTED, State.FAILED}
+
+
+class UavView(BaseModel):
+    """One UAV of an operation. `slip_m`: metres from where the plan has it now, None before slot 0 and after the last.
+
+    `state`: lost, returned (heard again, and offered to the operator), grounded, flying its mission, holding, or in
+    another mode, which is then named.
+    """
+
+    system_id: int
+    state: str
+    mode: str | None = None
+    mission_item: int | None = None
+    relative_alt_m: float | None = None
+    slip_m: float | None = None
+
+
+class Proposal(BaseModel):
+    """A new plan that waits for the operator's yes."""
+
+    incident: int
+    plan_id: str
+    lost: dict[str, float]
+
+
+class OperationView(BaseModel):
+    """An operation. `elapsed_s` counts fleet seconds since slot 0 began; `slot` counts from 0. Rates in bit/s.
+
+    `version` is the ETag: it counts changes of what can be commanded, not of what is measured.
+    """
+
+    id: str
+    version: int
+    state: State
+    replanning: Policy
+    plan_id: str
+    plan_ids: list[str]
+    vehicles: dict[str, int]
+    uavs: dict[str, UavView]
+    lost: list[str]
+    returned: list[str]
+    elapsed_s: float | None
+    slot: int | None
+    recoveries: list[Recovery]
+    proposal: Proposal | None = None
+    user_rates_bps: dict[str, list[float | None]]
+    error: str | None
+
+
+class OperationRow(BaseModel):
+    """A line of the list of operations. Times are UTC seconds since 1970."""
+
+    id: str
+    state: State
+    version: int
+    plan_id: str
+    replanning: Policy
+    created_at: float
+    ended_at: float | None
+
+
+def uav_views(flight: Flight) -> dict[str, UavView]:
+    """Every UAV of a flight as it was last heard."""
+    positions = flight.positions_m()
+    return {uav: _uav(flight, uav, positions.get(uav)) for uav in flight.systems}
+
+
+def slip_m(flight: Flight, uav: str, here: tuple[float, float] | None) -> float | None:
+    """Metres between a UAV and where the plan in force has it now."""
+    if here is None or flight.slot() is None or uav not in flight.plan.trajectories_m:
+        return None
+    there = scheduled_at(flight.plan, uav, flight.now_s())
+    return round(hypot(here[0] - there[0], here[1] - there[1]), 2)
+
+
+def _uav(flight: Flight, uav: str, here: tuple[float, float] | None) -> UavView:
+    said = flight.on_board(uav)
+    view = UavView(system_id=flight.systems[uav], state="unheard", slip_m=slip_m(flight, uav, here))
+    if said is not None:
+        doing = {"mission": "flying", "hold": "holding"}.get(said.mode.value, said.mode.value)
+        view = view.model_copy(
+            update={
+                "state": doing if said.armed else "grounded",
+                "mode": said.mode.value,
+                "mission_item": said.mission_current,
+                "relative_alt_m": said.relative_alt_m,
+            }
+        )
+    if uav in flight.returned:
+        return view.model_copy(update={"state": "returned"})
+    return view.model_copy(update={"state": "lost"}) if uav in flight.lost else view

@@ -1,0 +1,61 @@
+"""`skyfolio serve`: what may be bound, and the server around the app."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import sys
+from typing import Any
+
+import uvicorn
+
+from api.app import create_app
+from api.logs import configure_logging
+from api.problems import InvalidError
+from api.security import KeyRing
+from api.settings import Settings, default_database_url
+from api.store import Database
+
+GRACE_S = 5
+"""Seconds that open streams have to end when the service is stopped."""
+
+
+def serve(given: dict[str, Any], *, as_json: bool, ui: bool = True) -> None:
+    """Run until interrupted. Raises InvalidError when the address needs keys and there are none."""
+    if "database_url" not in given and "SKYFOLIO_DATABASE_URL" not in os.environ:
+        given = {**given, "database_url": default_database_url()}
+    settings = Settings(**given)
+    configure_logging(as_json=as_json)
+    require_safe(settings)
+    config = uvicorn.Config(
+        create_app(settings, ui=ui),
+        host=settings.host,
+        port=settings.port,
+        log_config=None,
+        access_log=False,
+        timeout_graceful_shutdown=GRACE_S,
+        h11_max_incomplete_event_size=65_536,
+    )
+    server = uvicorn.Server(config)
+    server.run()
+    if not server.started:
+        sys.exit(3)
+
+
+def require_safe(settings: Settings) -> None:
+    """Refuse to let other machines in without keys. Raises InvalidError."""
+    if settings.on_loopback:
+        return
+
+    async def keys_in_use() -> bool:
+        database = await Database.open(settings.database_url)
+        try:
+            return await KeyRing(database).in_use()
+        finally:
+            await database.close()
+
+    if not asyncio.run(keys_in_use()):
+        raise InvalidError(
+            f"host: {settings.host} can be reached by other machines and there is no API key; make one with "
+            "'skyfolio keys create NAME --role pilot', or bind to 127.0.0.1"
+        )

@@ -1,0 +1,120 @@
+"""Bringing the survivors of a flight into a new plan, each with its own ladder of attempts."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Iterable
+from typing import Any
+
+from api.flight import Flight
+from api.journal import IncidentLog, Step
+from api.metrics import Metrics
+from api.transition import begun_at, require_separated
+from mavlink_bridge import BridgeError, Mission, compile_mission
+from planner import Plan, ReplanError
+
+
+class Swap:
+    """One change of missions in flight. Every upload is in the journal before it is sent."""
+
+    def __init__(self, flight: Flight, steps: IncidentLog, metrics: Metrics, attempts: int) -> None:
+        self._flight, self._steps, self._metrics, self._attempts = flight, steps, metrics, attempts
+        self._new: Plan | None = None
+        self.seconds = 0.0
+        """Wall seconds of the whole change."""
+        self.in_force_at_s: float | None = None
+        """Fleet seconds since slot 0 when the first UAV flew the new plan."""
+
+    async def into(self, plan: Plan) -> dict[str, str | None]:
+        """Give every survivor its mission; for each None when it verifiably flies it, else what went wrong.
+
+        Who does not take the new plan is tried again from where it then is, then given the last good plan, and holds
+        if that fails too.
+        """
+        began = time.monotonic()
+        last = self._flight.plan
+        self._new = plan
+        results = await self._try(plan, plan.scenario.uav_ids, attempt=1)
+        for attempt in range(2, self._attempts + 1):
+            again = [uav for uav, error in results.items() if error and uav in self._flight.surviving()]
+            if not again:
+                break
+            self._metrics.upload_retries.inc(len(again))
+            results |= await self._try(plan, again, attempt=attempt)
+        left = [uav for uav, error in results.items() if error and uav in self._flight.surviving()]
+        if left:
+            await self._back_to(last, plan, left)
+        self.seconds = time.monotonic() - began
+        return results
+
+    async def _try(self, plan: Plan, uavs: Iterable[str], attempt: int) -> dict[str, str | None]:
+        try:
+            missions = self._missions(plan, uavs)
+        except (BridgeError, ReplanError) as error:
+            return dict.fromkeys(uavs, str(error))
+        told = {uav: self._intent(plan, mission, attempt) for uav, mission in missions.items()}
+        await self._steps.step_each(Step.UPLOADING, told)
+        results = await asyncio.gather(*(self._one(plan, uav, mission) for uav, mission in missions.items()))
+        return dict(zip(missions, results, strict=True))
+
+    async def _one(self, plan: Plan, uav: str, mission: Mission) -> str | None:
+        error = (await self._flight.swap({uav: mission}))[uav]
+        if error is not None:
+            return error
+        if plan is self._new and self._flight.plan is not plan:
+            self._flight.take_over(plan)
+            self.in_force_at_s = self._flight.now_s()
+        said = self._flight.on_board(uav)
+        await self._steps.step_each(
+            Step.VERIFIED, {uav: {"plan_id": plan.id, "mission_id": said.mission_id if said else 0}}
+        )
+        return None
+
+    def _missions(self, plan: Plan, uavs: Iterable[str]) -> dict[str, Mission]:
+        flight = self._flight
+        live, now = flight.positions_m(), flight.now_s()
+        boundary_s = (plan.first_slot + 1) * flight.slot_s
+        return {
+            uav: compile_mission(
+                begun_at(plan, uav, live[uav]), uav, airborne=True, first_leg_s=max(boundary_s - now, flight.slot_s / 2)
+            )
+            for uav in uavs
+        }
+
+    def _intent(self, plan: Plan, mission: Mission, attempt: int) -> dict[str, Any]:
+        """What a restarted service needs to see whether this upload took effect."""
+        said = self._flight.on_board(mission.uav_id)
+        return {
+            "plan_id": plan.id,
+            "attempt": attempt,
+            "items": len(mission.items),
+            "mission_id_before": said.mission_id if said else 0,
+            "items_before": said.mission_total if said else None,
+        }
+
+    async def _back_to(self, last: Plan, new: Plan, uavs: list[str]) -> None:
+        """Let UAVs fly the rest of the last good plan, unless that would bring them too close to the others."""
+        flight = self._flight
+        rest = rest_of(last, int(flight.now_s() // flight.slot_s))
+        if rest is None:
+            return
+        others = {uav: path for uav, path in new.trajectories_m.items() if uav not in uavs}
+        mixed = new.model_copy(update={"trajectories_m": {**others, **{uav: rest.trajectories_m[uav] for uav in uavs}}})
+        try:
+            require_separated(mixed, flight.positions_m())
+        except ReplanError:
+            return  # they hold: the swap has seen to that
+        await self._try(rest, uavs, attempt=self._attempts + 1)
+
+
+def rest_of(plan: Plan, slot: int) -> Plan | None:
+    """The plan from `slot` (on the operation's grid) on, None when nothing is left of it."""
+    begin = max(slot - plan.first_slot, 0)
+    if begin >= plan.scenario.slots - 1:
+        return None
+    paths = {uav: path[begin:] for uav, path in plan.trajectories_m.items()}
+    scenario = plan.scenario.model_copy(update={"slots": plan.scenario.slots - begin})
+    return plan.model_copy(
+        update={"trajectories_m": paths, "first_slot": plan.first_slot + begin, "scenario": scenario}
+    )
