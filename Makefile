@@ -15,6 +15,7 @@ demo: $(READY)
 	$(BIN)/skyfolio demo $(ARGS)
 
 test: lint
+	sh scripts/postgres.sh
 	$(BIN)/python -m pytest $(ARGS)
 	$(BIN)/python -m pytest -m "e2e or browser" $(ARGS)
 

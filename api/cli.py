@@ -162,6 +162,22 @@ def bench_planner(
         Console().print(table(figures))
 
 
+@bench.command("service")
+def bench_service(
+    runs: Annotated[int, typer.Option(min=2, help="Plans measured end to end.")] = 200,
+    only: Annotated[list[str] | None, typer.Option(help="plans, rate, streams or recovery; default: all.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Measure the service from outside: plans, requests a second, event streams, recovery from a loss."""
+    from api.bench_service import service_figures, table  # noqa: PLC0415
+
+    figures = service_figures(runs, set(only or []))
+    if as_json:
+        _write(json.dumps(figures, indent=2), None)
+    else:
+        Console().print(table(figures))
+
+
 def main() -> None:
     """Run the command; errors a user can act on are one message on standard error and exit status 2."""
     try:

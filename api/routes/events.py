@@ -19,7 +19,15 @@ router = APIRouter(prefix="/v1", tags=["events"], dependencies=[*KNOWN, requires
 STREAM: dict[int | str, dict[str, Any]] = {
     200: {
         "description": "A stream of server-sent events: `id` is the event's number, `event` its kind, `data` its JSON.",
-        "content": {"text/event-stream": {"schema": {"type": "string"}}},
+        "content": {
+            "text/event-stream": {
+                "itemSchema": {
+                    "type": "object",
+                    "properties": {name: {"type": "string"} for name in ("data", "event", "id")},
+                    "required": ["data", "event"],
+                }
+            }
+        },
     }
 }
 LastEventId = Annotated[

@@ -22,9 +22,9 @@ from api.simulate import specs_at_starts
 from planner import EXAMPLES
 
 pytestmark = pytest.mark.e2e
-SPEEDUP = 8.0
-AT_ONCE = 4
-SCENARIO = EXAMPLES["paper"]().with_changes(slots=26, altitude_m=15.0)
+SPEEDUP = 4.0
+AT_ONCE = 5
+SCENARIO = EXAMPLES["paper"]().with_changes(slots=32, altitude_m=10.0)
 LOST = "uav-3"
 DYING = Path(__file__).parent / "dying_service.py"
 ENDED = {"completed", "failed", "aborted", "interrupted"}

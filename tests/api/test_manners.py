@@ -1,0 +1,168 @@
+"""The manners of the API: keys that make repeating safe, pages, tags, progress, and what a restart keeps."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+from fastapi.testclient import TestClient
+
+from api.app import create_app
+from api.client import ApiError, Client
+from api.settings import Settings
+from planner import EXAMPLES, Plan, violations
+
+LONG = EXAMPLES["paper"]().with_changes(slots=400)
+
+
+@contextmanager
+def service(url: str, **settings: Any) -> Iterator[tuple[TestClient, Client]]:
+    with TestClient(create_app(Settings(database_url=url, **settings))) as http:
+        yield http, Client(http=http)
+
+
+def test_the_same_key_makes_one_plan_also_across_a_restart(database_url: str, minimal: dict[str, Any]) -> None:
+    key = {"Idempotency-Key": "one"}
+    with service(database_url) as (http, _):
+        answers = [http.post("/v1/plans", json=minimal, headers=key, params={"wait_s": wait}) for wait in (0, 30, 0)]
+        assert len({answer.json()["id"] for answer in answers}) == 1
+        assert answers[2].status_code == 200
+        other = {**minimal, "slots": 3}
+        refused = http.post("/v1/plans", json=other, headers=key)
+        assert refused.status_code == 422
+        assert refused.json()["errors"][0]["field"] == "Idempotency-Key"
+        assert http.post("/v1/plans", json=minimal).json()["id"] != answers[0].json()["id"]
+    with service(database_url) as (http, client):
+        again = http.post("/v1/plans", json=minimal, headers=key)
+        assert again.status_code == 200
+        assert again.json()["id"] == answers[0].json()["id"]
+        assert again.headers["Location"] == answers[0].headers["Location"]
+        assert http.post("/v1/plans", json=other, headers=key).status_code == 422
+        assert len(list(client.plans())) == 2
+
+
+def test_plans_survive_a_restart_and_unfinished_ones_are_interrupted(database_url: str) -> None:
+    with service(database_url) as (_, client):
+        made = client.plan(EXAMPLES["minimal"]())
+        replanned = client.replan(made.id, failed=["uav-1"], at_slot=1)
+        running = client.submit(LONG)
+    with service(database_url) as (http, client):
+        assert client.read_plan(made.id) == made
+        assert client.read_plan(replanned.id) == replanned
+        left = client.read_plan(running.id)
+        assert left.status == "interrupted"
+        assert not isinstance(left, Plan)
+        assert left.error
+        kinds = [event.kind for event in client.events(follow=False)]
+        assert kinds.count("service_started") == 2
+        assert kinds.count("plan_ended") >= 3
+        assert http.get("/v1/plans", params={"status": "interrupted"}).json()["items"][0]["id"] == running.id
+
+
+def test_lists_are_paged_and_every_plan_is_on_exactly_one_page(client: TestClient, minimal: dict[str, Any]) -> None:
+    made = [client.post("/v1/plans", json=minimal, params={"wait_s": 60}).json()["id"] for _ in range(5)]
+    seen: list[str] = []
+    cursor = None
+    while True:
+        page = client.get("/v1/plans", params={"limit": 2} | ({"cursor": cursor} if cursor else {})).json()
+        assert len(page["items"]) <= 2
+        seen += [row["id"] for row in page["items"]]
+        cursor = page["next"]
+        if cursor is None:
+            break
+    assert seen[:5] == made[::-1]
+    assert len(seen) == len(set(seen))
+
+
+def test_a_running_plan_tells_how_good_its_best_is_and_cancelling_gives_it(client: TestClient) -> None:
+    location = client.post("/v1/plans", json=LONG.model_dump(mode="json")).headers["Location"]
+    running: dict[str, Any] = {}
+    while not running.get("progress"):
+        running = client.get(location).json()
+        assert running["status"] in {"queued", "running"}
+    assert running["progress"]["iterations"] >= 1
+    ended = client.post(f"{location}:cancel", params={"wait_s": 60})
+    assert ended.status_code == 200
+    plan = Plan.model_validate(ended.json())
+    assert plan.status == "cancelled"
+    assert violations(plan) == []
+    assert plan.history[0].utility_bps <= plan.history[-1].utility_bps
+
+
+def test_a_deadline_ends_a_solve_with_the_best_so_far(client: TestClient) -> None:
+    params = {"wait_s": 60, "deadline_s": 0.05}
+    plan = Plan.model_validate(client.post("/v1/plans", json=LONG.model_dump(mode="json"), params=params).json())
+    assert plan.status == "cancelled"
+    assert violations(plan) == []
+
+
+async def test_ended_plans_are_forgotten_in_time_but_not_those_that_were_flown(database_url: str) -> None:
+    from api.service import Service  # noqa: PLC0415
+
+    running = await Service.open(Settings(database_url=database_url, plan_ahead=False))
+    try:
+        from api.creation import fresh  # noqa: PLC0415
+
+        record = await running.plans.submit(EXAMPLES["minimal"](), fresh("plan"))
+        await record.done.wait()
+        assert await running.plans.forget_ended(before=0.0) == 0
+        assert await running.plans.forget_ended(before=1e12) == 1
+        with pytest.raises(Exception, match="does not exist"):
+            await running.plans.record(record.id)
+    finally:
+        await running.close()
+
+
+def test_the_n_minus_1_table_has_a_row_for_each_uav_and_is_made_once(client: TestClient, paper: dict[str, Any]) -> None:
+    made = client.post("/v1/plans", json=paper, params={"wait_s": 60}).json()
+    path = f"/v1/plans/{made['id']}/contingencies"
+    table = client.get(path, params={"at_slot": 8, "wait_s": 60})
+    assert table.status_code == 200
+    rows = {row["uav_id"]: row for row in table.json()["rows"]}
+    assert set(rows) == {"uav-1", "uav-2", "uav-3"}
+    for row in rows.values():
+        assert row["error"] is None
+        assert 0 < row["mean_sum_rate_without_replan_bps"] < table.json()["mean_sum_rate_bps"]
+        assert row["mean_sum_rate_bps"] > 0
+        assert set(row["user_mean_rates_bps"]) == {f"user-{n}" for n in range(1, 10)}
+    assert client.get(path, params={"at_slot": 8, "wait_s": 0}).json() == table.json()
+    assert client.get(path, params={"at_slot": 20}).status_code == 422
+
+
+def test_the_only_uav_has_no_replacement_and_the_table_says_so(client: TestClient, minimal: dict[str, Any]) -> None:
+    minimal["uavs"] = minimal["uavs"][:1]
+    made = client.post("/v1/plans", json=minimal, params={"wait_s": 60}).json()
+    [row] = client.get(f"/v1/plans/{made['id']}/contingencies", params={"wait_s": 60}).json()["rows"]
+    assert "no UAV would be left" in row["error"]
+    assert row["mean_sum_rate_without_replan_bps"] == 0
+
+
+def test_the_client_raises_what_the_service_said(client: TestClient) -> None:
+    typed = Client(http=client)
+    with pytest.raises(ApiError, match="404 plan 'plan-0' does not exist") as refused:
+        typed.read_plan("plan-0")
+    assert refused.value.status == 404
+    with pytest.raises(ApiError, match="404 operation"):
+        typed.drill("op-0", "uav-1")
+
+
+def test_health_solves_and_metrics_tell_of_it(client: TestClient, minimal: dict[str, Any]) -> None:
+    health = client.get("/health").json()
+    assert health["status"] == "ok"
+    assert health["solve_ms"] > 0
+    ready = client.get("/ready")
+    assert ready.json() == {"ready": True, "checks": {"service": "ok", "database": "ok", "queue": "ok"}}
+    client.post("/v1/plans", json=minimal, params={"wait_s": 60})
+    text = client.get("/metrics").text
+    for name in (
+        'skyfolio_solve_seconds_count{kind="plan"}',
+        "skyfolio_solve_iterations_bucket",
+        "skyfolio_losses_total",
+        "skyfolio_upload_retries_total",
+        "skyfolio_slip_metres",
+        "skyfolio_replans_total",
+        "skyfolio_replan_phase_seconds",
+        "skyfolio_event_loop_lag_seconds_bucket",
+        'skyfolio_request_seconds_count{method="POST",route="/v1/plans",status="200"}',
+    ):
+        assert name in text, name
