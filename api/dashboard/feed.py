@@ -11,6 +11,7 @@ from api.dashboard.views import Drill, Happening, Operation, OperationLine, Trac
 from api.simulated import FAULTS
 from planner import Plan, Scenario
 
+OVER = {"completed", "aborted", "failed"}
 ENDED = {"succeeded", "infeasible", "cancelled", "failed", "interrupted"}
 
 
@@ -160,5 +161,6 @@ def _finished(body: Mapping[str, Any]) -> Plan:
 
 
 def _operation(body: Mapping[str, Any], journal: Sequence[Mapping[str, Any]] = ()) -> Operation:
-    answers = transactions(body["recoveries"], journal, body["proposal"])
+    over = body["state"] in OVER
+    answers = transactions(body["recoveries"], journal, body["proposal"], over=over)
     return Operation.model_validate({**body, "policy": body["replanning"], "transactions": answers})

@@ -10,7 +10,7 @@ from nicegui import events, ui
 from api.dashboard import charts
 from api.dashboard.elements import FleetTable, MapView, panel, text
 from api.dashboard.picture import Json
-from api.dashboard.views import Happening, Operation, Transaction
+from api.dashboard.views import Happening, Transaction
 from api.dashboard.words import words
 from planner import Plan
 
@@ -103,12 +103,12 @@ class Situation:
         """Begin anew."""
         self._events.clear()
 
-    def show_answers(self, operation: Operation) -> None:
+    def show_answers(self, answers: Sequence[Transaction]) -> None:
         """The answers to losses, newest first, with their steps."""
-        self._answers_panel.set_visibility(bool(operation.transactions))
+        self._answers_panel.set_visibility(bool(answers))
         self._answers.clear()
         with self._answers:
-            for one in reversed(operation.transactions):
+            for one in reversed(answers):
                 answer(one)
 
     def go_live(self) -> None:

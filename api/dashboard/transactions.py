@@ -35,19 +35,26 @@ GOOD = {"flying", "declined", "superseded"}
 TAKES_TIME = {"replanned", "checked", "proposed", "uploading", "verified"}
 
 
-def transactions(recoveries: Sequence[Json], journal: Sequence[Json], proposal: Json | None) -> list[Transaction]:
-    """One for each incident, the oldest first: those that are over, and the one that is being answered now."""
+def transactions(
+    recoveries: Sequence[Json], journal: Sequence[Json], proposal: Json | None, *, over: bool = False
+) -> list[Transaction]:
+    """One for each incident, the oldest first: those that are over, and the one that is being answered now.
+
+    over: the operation has ended; what is not answered by then never is.
+    """
     reports = {int(report["incident"]): report for report in recoveries}
     entries: dict[int, list[Json]] = {}
     for entry in journal:
         entries.setdefault(int(entry["incident"]), []).append(entry)
     return [
-        _transaction(number, entries.get(number, []), reports.get(number), proposal)
+        _transaction(number, entries.get(number, []), reports.get(number), proposal, over=over)
         for number in sorted({*reports, *entries})
     ]
 
 
-def _transaction(number: int, entries: list[Json], report: Json | None, proposal: Json | None) -> Transaction:
+def _transaction(
+    number: int, entries: list[Json], report: Json | None, proposal: Json | None, *, over: bool
+) -> Transaction:
     proposed = report is None and proposal is not None and proposal["incident"] == number
     detected = next((entry for entry in entries if entry["step"] == "detected"), None)
     told: Json = report or (detected["data"] if detected else {})
@@ -55,19 +62,19 @@ def _transaction(number: int, entries: list[Json], report: Json | None, proposal
     return Transaction(
         number=number,
         lost=told.get("lost", {}),
-        phase=report["outcome"] if report else "proposed" if proposed else "answering",
+        phase=report["outcome"] if report else "proposed" if proposed else "unanswered" if over else "answering",
         at_slot=report["at_slot"] if report else None,
         declared_at_s=report["declared_at_s"] if report else detected["elapsed_s"] if detected else None,
         in_force_at_s=report["in_force_at_s"] if report else None,
         plan_id=report["plan_id"] if report else planned[-1] if planned else None,
         proposed=proposed,
-        steps=tuple(_steps(entries, report)),
+        steps=tuple(_steps(entries, report, over=over)),
         vehicles=report["vehicles"] if report else {},
         error=report["error"] if report else None,
     )
 
 
-def _steps(entries: list[Json], report: Json | None) -> list[Step]:
+def _steps(entries: list[Json], report: Json | None, *, over: bool) -> list[Step]:
     groups: list[list[Json]] = []
     for entry in entries:
         same = next((group for group in groups if group[0]["step"] == entry["step"] and entry["uav_id"]), None)
@@ -80,13 +87,15 @@ def _steps(entries: list[Json], report: Json | None) -> list[Step]:
         if group[0]["step"] == "closed":
             break
         following = groups[index + 1] if index + 1 < len(groups) else None
-        made.append(_step(group, following, over=report is not None))
+        made.append(_step(group, following, over=over or report is not None))
     if report is not None:
         outcome = str(report["outcome"])
         detail = "" if report["error"] is None else str(report["error"])
         took = _total(entries)
         state = "done" if outcome in GOOD else "failed"
         made.append(Step(name=ENDINGS.get(outcome, outcome).capitalize(), took=took, detail=detail, state=state))
+    elif over and made:
+        made.append(Step(name="The operation ended before an answer", state="failed"))
     return made
 
 

@@ -52,7 +52,7 @@ def measure(folder: Path, watch_s: float = 20.0) -> dict[str, Any]:
     scenario = many()
     service = Service(folder, 1.0)
     vehicles = Vehicles(scenario, service.endpoint, 1.0)
-    page = Page(service.url, folder)
+    page = Page(folder)
     try:
         body = scenario.model_dump(mode="json")
         plan = service.call("POST", "/v1/plans", json=body, params={"wait_s": 60, "deadline_s": 20})
@@ -60,7 +60,7 @@ def measure(folder: Path, watch_s: float = 20.0) -> dict[str, Any]:
             plan = service.call("GET", f"/v1/plans/{plan['id']}", params={"wait_s": 60})
         for system_id, uav in enumerate(scenario.uavs, 1):
             service.call("POST", "/v1/fleet/vehicles", json={"uav_id": uav.id, "system_id": system_id})
-        page.open()
+        page.open(service.url)
         operation = service.call("POST", "/v1/operations", json={"plan_id": plan["id"], "replanning": "off"})
         while operation["state"] not in {"flying", "failed"}:
             time.sleep(0.5)

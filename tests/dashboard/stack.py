@@ -123,7 +123,7 @@ class Service:
 class Page:
     """One browser tab at the dashboard. Everything waits for what it needs, as long as a loaded machine may take."""
 
-    def __init__(self, url: str, downloads: Path) -> None:
+    def __init__(self, downloads: Path) -> None:
         options = webdriver.ChromeOptions()
         options.binary_location = str(CHROMIUM)
         for argument in (
@@ -140,13 +140,18 @@ class Page:
         options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
         self.driver = webdriver.Chrome(options=options, service=Driver(str(CHROMEDRIVER)))
         self.driver.set_script_timeout(LIMIT_S)
-        self.url = url
+        self._url = ""
         self.resize(1280, 800)
 
-    def open(self, path: str = "/ui/") -> None:
-        """Go to a page and wait until it is alive."""
-        self.driver.get(f"{self.url}{path}")
+    def open(self, url: str, path: str = "/ui/") -> None:
+        """Go to a page of the service at `url` and wait until it is alive."""
+        self._url = url
+        self.driver.get(f"{url}{path}")
         self.see("header .sf-what")
+
+    def leave(self) -> None:
+        """Look at nothing: the service may end."""
+        self.driver.get("about:blank")
 
     def resize(self, width: int, height: int) -> None:
         """The size of the visible page, whatever window there is."""
@@ -189,7 +194,7 @@ class Page:
     def button(self, label: str) -> WebElement:
         """The visible button with this label. Raises NoSuchElementException."""
         path = f"//button[normalize-space(.)='{label}' or @aria-label='{label}']"
-        for one in self.driver.find_elements(By.XPATH, path):
+        for one in reversed(self.driver.find_elements(By.XPATH, path)):  # dialogs come last
             if one.is_displayed():
                 return one
         raise NoSuchElementException(label)
@@ -230,6 +235,20 @@ class Page:
         across, down = round((x - 0.5) * size["width"]), round((y - 0.5) * size["height"])
         ActionChains(self.driver).move_to_element_with_offset(canvas, across, down).click().perform()
 
+    def map_says(self, what: str) -> str:
+        """What the first map tells about itself: frames, uavs or lost."""
+        return str(self.run("return document.querySelector('.sf-map').dataset[arguments[0]] ?? ''", what))
+
+    def upload(self, file: Path) -> None:
+        """Give a file to the page's file chooser."""
+        self.driver.find_element(By.CSS_SELECTOR, "input[type=file]").send_keys(str(file))
+
+    def type(self, label: str, value: str) -> None:
+        """Replace what is in the field with this label."""
+        field = self.driver.find_element(By.CSS_SELECTOR, f"input[aria-label='{label}']")
+        field.send_keys(Keys.CONTROL, "a")
+        field.send_keys(value, Keys.TAB)
+
     def keys(self, name: str, times: int = 1) -> None:
         """Press a key, `SHIFT+H` with its modifier, where the focus is."""
         *modifiers, key = name.split("+")
@@ -255,7 +274,8 @@ class Page:
             const shown = [...document.querySelectorAll("button, a[href], input, [role=slider], [tabindex]")]
               .filter((one) => one.offsetParent !== null);
             const name = (one) => one.getAttribute("aria-label") || one.textContent.trim() || one.title
-              || one.closest("label")?.textContent.trim();
+              || one.closest("label, [role=slider], [role=alertdialog]")?.textContent.trim()
+              || one.closest("[aria-label]")?.getAttribute("aria-label");
             return shown.filter((one) => !name(one) || (one.tabIndex < 0 && one.tagName === "BUTTON" && !one.disabled))
               .map((one) => one.outerHTML.slice(0, 200));""")
         return found
@@ -279,7 +299,7 @@ class Page:
             if message["method"] in {"Network.requestWillBeSent", "Network.webSocketCreated"}:
                 params = message["params"]
                 asked: str = params.get("url") or params["request"]["url"]
-                local = asked.rsplit("://", maxsplit=1)[-1].startswith(self.url.split("://")[-1])
+                local = asked.rsplit("://", maxsplit=1)[-1].startswith(self._url.split("://")[-1])
                 if not local and not asked.startswith(("data:", "blob:", "chrome:", "about:")):
                     found.append(f"external request: {asked}")
         return found

@@ -85,6 +85,8 @@ class DrillPage:
     async def _start(self) -> None:
         self._begin.props("loading")
         self._result.clear()
+        with self._result:
+            text("p", "The report appears when the operation has ended.", "sf-sub")
         self._report = None
         try:
             await attempt(self._fly)

@@ -55,7 +55,7 @@ class FlyPage:
         self._draw_timeline(operation, plan, first)
         self._notices.draw(operation)
         if self._changed("answers", operation.transactions):
-            self._situation.show_answers(operation)
+            self._situation.show_answers(operation.transactions)
         if self._slot is None:
             self._draw_live(operation, plan, first)
 

@@ -77,7 +77,6 @@ class ReplayPage:
         self._play.set_text("Play")
         self._situation.overlay.set_visibility(False)
         self._situation.set_slots(self._recording.first.scenario.slots)
-        self._situation.show_answers(operation)
         self._bar.props(f"min={self._recording.begins_s:.1f} max={self._recording.ends_s:.1f}")
         self._go(max(self._recording.begins_s, 0.0))
 
@@ -138,6 +137,9 @@ class ReplayPage:
         self._situation.show_slot(slot or 0, "" if slot is None else f"slot {slot}")
         self._draw_timeline(recording, slot)
         self._draw_events(recording, at_s, moved_back=back)
+        known = tuple(one for one in recording.operation.transactions if (one.declared_at_s or 0.0) <= at_s)
+        if self._changed("answers", known):
+            self._situation.show_answers(known)
 
     def _changed(self, name: str, value: object) -> bool:
         if name in self._drawn and self._drawn[name] == value:
