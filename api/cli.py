@@ -18,7 +18,7 @@ from api.keys_cli import keys
 from api.problems import ServiceError, broken_rules
 from api.store import StoreError
 from mavlink_bridge import BridgeError
-from planner import EXAMPLES, AnyOf, Deadline, Plan, ReplanError, Scenario, converged, plan, replan
+from planner import EXAMPLES, AnyOf, Deadline, Plan, ReplanError, Scenario, Utility, converged, plan, replan
 
 cli = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, help=__doc__)
 bench = typer.Typer(no_args_is_help=True, help="Measure; figures as JSON.")
@@ -113,6 +113,7 @@ def serve(
 def simulate(
     vehicles: Annotated[int, typer.Option(min=1, max=254, help="How many; system ids 1..N.")] = 3,
     speedup: Annotated[float, typer.Option(min=0.1, max=100, help="Times real time.")] = 1.0,
+    autopilot: Annotated[Literal["px4", "ardupilot"], typer.Option(help="Which autopilot they have.")] = "px4",
     endpoint: Annotated[str, typer.Option(help="Where all vehicles send to.")] = "udpout://127.0.0.1:14540",
     example: Annotated[str | None, typer.Option(help="Stand at the starts of this example.")] = None,
     duration_s: Annotated[float | None, typer.Option(min=0.1, help="End after this many fleet seconds.")] = None,
@@ -122,7 +123,7 @@ def simulate(
     from api.simulate import run_fleet  # noqa: PLC0415
 
     scenario = _scenario(None, example) if example else None
-    asyncio.run(run_fleet(vehicles, speedup, endpoint, scenario, duration_s, as_json=as_json))
+    asyncio.run(run_fleet(vehicles, speedup, endpoint, scenario, duration_s, autopilot=autopilot, as_json=as_json))
 
 
 @cli.command()
@@ -131,13 +132,22 @@ def demo(
     kill: Annotated[str, typer.Option(help="The UAV that falls.")] = "uav-3",
     kill_slot: Annotated[int, typer.Option(min=2, help="It falls when this slot begins; 1 is the first.")] = 11,
     replan: Annotated[bool, typer.Option("--replan/--no-replan", help="Whether the service answers the loss.")] = True,
+    utility: Annotated[Literal["sum", "per_user", "pooled"], typer.Option(help="What the plans maximise.")] = "pooled",
+    mu: Annotated[float, typer.Option(max=0, help="1/(kbit/s): 0 is pure sum rate, more negative is steadier.")] = -0.3,
     out: Annotated[Path, typer.Option(help="Folder of report.html and report.json.")] = Path("out/demo"),
     as_json: Json = False,
 ) -> None:
     """Plan, fly, lose a UAV, replan, fly on, and check it all against the simulator's ground truth."""
     from api.demo import DemoConfig, DemoError, run_demo  # noqa: PLC0415
 
-    config = DemoConfig(speedup=speedup, kill=kill, kill_slot=kill_slot, replan=replan, out=out)
+    config = DemoConfig(
+        speedup=speedup,
+        kill=kill,
+        kill_slot=kill_slot,
+        replan=replan,
+        out=out,
+        utility=Utility(kind=utility, mu_per_kbps=mu),
+    )
     try:
         report = asyncio.run(run_demo(config, quiet=as_json))
     except DemoError as error:

@@ -16,21 +16,31 @@ from sim import Event, Fleet, ScaledClock, VehicleSpec, grid_of, serve
 WATCH_S = 0.2
 
 
-def specs_at_starts(scenario: Scenario) -> list[VehicleSpec]:
+def specs_at_starts(scenario: Scenario, autopilot: str = "px4") -> list[VehicleSpec]:
     """One vehicle on the ground at each UAV's start; system ids 1, 2, ... in the scenario's order."""
     specs = []
     for system_id, uav in enumerate(scenario.uavs, start=1):
         lat_deg, lon_deg = east_north_to_geodetic(scenario.origin, *uav.start_m)
-        specs.append(VehicleSpec(system_id=system_id, home_lat_deg=lat_deg, home_lon_deg=lon_deg))
+        specs.append(VehicleSpec(system_id, lat_deg, lon_deg, autopilot=autopilot))
     return specs
 
 
 async def run_fleet(
-    vehicles: int, speedup: float, endpoint: str, scenario: Scenario | None, duration_s: float | None, *, as_json: bool
+    vehicles: int,
+    speedup: float,
+    endpoint: str,
+    scenario: Scenario | None,
+    duration_s: float | None,
+    *,
+    autopilot: str,
+    as_json: bool,
 ) -> None:
     """Fly until SIGINT or SIGTERM (or for `duration_s` fleet seconds), printing what truly happens, line by line."""
     origin = EXAMPLES["paper"]().origin
-    specs = specs_at_starts(scenario) if scenario else grid_of(vehicles, origin.lat_deg, origin.lon_deg)
+    if scenario:
+        specs = specs_at_starts(scenario, autopilot)
+    else:
+        specs = grid_of(vehicles, origin.lat_deg, origin.lon_deg, autopilot=autopilot)
     fleet = Fleet(specs, clock=ScaledClock(speedup), endpoint=endpoint)
     until = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):

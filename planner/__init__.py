@@ -6,12 +6,14 @@ are passed in. `scenario.py` and `plans.py` are what goes in and comes out, `ref
 `feasibility.py` is the independent check that every emitted plan passes. Symbols of the letter are used only here.
 """
 
+from planner.changes import Changes, ReplanError
 from planner.delivered import delivered_rates_bps
 from planner.examples import EXAMPLES
 from planner.feasibility import InfeasiblePlanError, Violation, violations
+from planner.methods import METHODS
 from planner.plans import Cause, Iteration, Plan, PlanStatus, Summary
 from planner.problem import Past
-from planner.replanning import ReplanError, remaining, replan
+from planner.replanning import remaining, replan
 from planner.scenario import Channel, Origin, Scenario, Uav, User, Utility
 from planner.separation import closest_approach
 from planner.solve import converged, plan
@@ -19,8 +21,10 @@ from planner.stopping import AnyOf, Deadline, MaxIterations, RelativeGain, StopT
 
 __all__ = [
     "EXAMPLES",
+    "METHODS",
     "AnyOf",
     "Cause",
+    "Changes",
     "Channel",
     "Deadline",
     "InfeasiblePlanError",

@@ -1,54 +1,119 @@
-"""The certificate: a rate no feasible plan can exceed."""
+"""The certificate: a utility that no feasible plan can exceed.
+
+Every bound here has two parts. Per slot: what weighted sum rate can the fleet give at most, wherever it can be by then
+(reachability here, branch and bound over positions in `branch_and_bound.py`)? And from slots to the utility: `sum`
+increases in every slot's sum rate, so the slot bounds are put into it as they are; `per_user` and `pooled` are concave
+in the rate table, so each tangent plane lies above them, and the greatest value of a tangent plane over all feasible
+rate tables is a weighted sum rate per slot.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from planner.channel import sum_of_others
 from planner.problem import Problem
-from planner.utility import soft_mean
+from planner.reach import squared_distance_range
+from planner.utility import rate_weights, soft_mean, utility_kbps
 
 Array = NDArray[np.float64]
+TANGENTS = 12
+"""How many tangent planes are tried: each costs one assignment per slot."""
+SMALL = 200_000
+"""U K N up to which every plan gets a bound from tangent planes."""
 
 
 def reachability_bound_kbps(problem: Problem) -> float:
     """An upper bound of the utility of every feasible plan, in kbit/s.
 
-    In slot n a UAV is within `n D_max` of its start and in the area. Each pair gets the nearest own and the farthest
-    interfering distance that this allows; the best distinct pairing then bounds the sum rate of the slot (under (6a)
-    and (6c) a UAV's whole band to its best user is the most a slot can give). `sum` increases in every slot's sum
-    rate; the other utilities are at most the mean sum rate by Jensen's inequality.
+    In slot n a UAV is within `n D_max` of its start, close enough to its end if it has one, and in the area. Each pair
+    gets the nearest own and the farthest interfering distance that this allows. Past slots count as they were.
     """
-    per_slot = slot_bounds_kbps(problem)
-    past = problem.past_kbps.sum(axis=0)
-    return soft_mean(np.concatenate([past, per_slot]), problem.mu if problem.kind == "sum" else 0.0)
+    pair_kbps = optimistic_rates_kbps(problem)
+    tables = best_tables(pair_kbps)
+    per_slot = tables(np.ones((problem.n_users, problem.n_slots))).sum(axis=0)
+    mean_bound = lifted_kbps(problem, per_slot)
+    if problem.kind == "sum" or problem.mu == 0.0:
+        return mean_bound
+    return min(mean_bound, tangent_bound_kbps(problem, tables, TANGENTS)) if pair_kbps.size <= SMALL else mean_bound
 
 
 def slot_bounds_kbps(problem: Problem) -> Array:
     """Upper bound of the sum rate of each slot: (N,) kbit/s."""
-    near2, far2 = _distance_range2(problem)
-    strongest = problem.snr_gain / near2
-    weakest = problem.snr_gain / far2
-    efficiency = np.empty_like(strongest)
-    for u in range(problem.n_uavs):
-        efficiency[u] = np.log1p(strongest[u] / (1.0 + np.delete(weakest, u, axis=0).sum(axis=0))) / np.log(2)
-    rates = problem.bandwidth_hz[:, None, None] * efficiency / 1e3
-    bounds = np.empty(problem.n_slots)
-    for n in range(problem.n_slots):
-        chosen = linear_sum_assignment(rates[:, :, n], maximize=True)
-        bounds[n] = rates[:, :, n][chosen].sum()
+    unweighted = np.ones((problem.n_users, problem.n_slots))
+    bounds: Array = best_tables(optimistic_rates_kbps(problem))(unweighted).sum(axis=0)
     return bounds
 
 
-def _distance_range2(problem: Problem) -> tuple[Array, Array]:
-    """Least and greatest squared distance of each (uav, user, slot) over the reachable set: two (U, K, N), m^2."""
-    user = problem.user_m[None]
-    start = np.linalg.norm(user - problem.start_m[:, None], axis=-1)  # (U, K)
-    reach = problem.step_m[:, None] * np.arange(problem.n_slots)  # (U, N)
-    to_area = np.linalg.norm(user[0] - np.clip(user[0], problem.low_m, problem.high_m), axis=-1)  # (K,)
-    to_corner = np.linalg.norm(np.maximum(user[0] - problem.low_m, problem.high_m - user[0]), axis=-1)  # (K,)
-    near = np.maximum(start[:, :, None] - reach[:, None, :], to_area[None, :, None])
-    far = np.minimum(start[:, :, None] + reach[:, None, :], to_corner[None, :, None])
-    height2 = problem.altitude_m[:, None, None] ** 2
-    return near**2 + height2, far**2 + height2
+def lifted_kbps(problem: Problem, per_slot_kbps: Array) -> float:
+    """From bounds (N,) of the sum rate of each slot to a bound of the utility.
+
+    `sum` increases in each of them; the other utilities are at most the mean sum rate by Jensen's inequality.
+    """
+    past = np.nansum(problem.past_kbps, axis=0)
+    counted = np.concatenate([past, per_slot_kbps[problem.counted_from :]])
+    return soft_mean(counted, problem.mu if problem.kind == "sum" else 0.0)
+
+
+def tangent_bound_kbps(problem: Problem, tables: Callable[[Array], Array], tries: int) -> float:
+    """The least bound from tangent planes of a concave utility, in kbit/s.
+
+    `tables(w)` must give rates (K, N) whose weighted sum `<w, R>` no feasible rate table exceeds. For any R*,
+    G(R) <= G(R*) + <w, R - R*> with w the gradient at R*. The R* tried are those of the Frank-Wolfe method, whose own
+    optimality gap is this very bound.
+    """
+    point = tables(np.ones((problem.n_users, problem.n_slots)))
+    least = np.inf
+    for _ in range(tries):
+        weights = rate_weights(problem, point)
+        vertex = tables(weights)
+        value = utility_kbps(problem.counted_kbps(point), problem.kind, problem.mu)
+        least = min(least, value + float((weights * (vertex - point)).sum()))
+        point = point + _best_step(problem, point, vertex) * (vertex - point)
+    return float(least)
+
+
+def _best_step(problem: Problem, point: Array, vertex: Array) -> float:
+    """Line search in [0, 1] by golden section: the utility is concave along the segment."""
+    low, high, ratio = 0.0, 1.0, (5**0.5 - 1) / 2
+
+    def worth(share: float) -> float:
+        return utility_kbps(problem.counted_kbps(point + share * (vertex - point)), problem.kind, problem.mu)
+
+    for _ in range(12):
+        left, right = high - ratio * (high - low), low + ratio * (high - low)
+        if worth(left) < worth(right):
+            low = left
+        else:
+            high = right
+    return (low + high) / 2
+
+
+def optimistic_rates_kbps(problem: Problem) -> Array:
+    """The rate of each pair with a whole band, own UAV as near and the others as far as they can be: (U, K, N)."""
+    near2, far2 = squared_distance_range(problem)
+    rates: Array = np.log1p(problem.snr_gain / near2 / (1.0 + sum_of_others(problem.snr_gain / far2)))
+    rates *= (problem.bandwidth_hz / (1e3 * np.log(2)))[:, None, None]
+    return rates
+
+
+def best_tables(pair_kbps: Array) -> Callable[[Array], Array]:
+    """For weights (K, N): the rate table (K, N) of greatest weighted sum if each pair can have up to `pair_kbps`.
+
+    Under (6a) and (6c) a UAV's whole band to its best user is the most a slot can give, to distinct users: a linear
+    assignment per slot.
+    """
+
+    def tables(weights: Array) -> Array:
+        best = np.zeros(weights.shape)
+        for n in range(pair_kbps.shape[2]):
+            rates = pair_kbps[:, :, n]
+            uav, user = linear_sum_assignment(rates * weights[:, n], maximize=True)
+            best[user, n] = rates[uav, user]
+        return best
+
+    return tables

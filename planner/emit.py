@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from hashlib import sha256
 from typing import Any
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.bound import reachability_bound_kbps
-from planner.channel import spectral_efficiency
+from planner.fast import served_rates_bps
 from planner.feasibility import MIN_RATE_ROUNDING, require_feasible
 from planner.plans import Plan, PlanStatus, Summary
 from planner.problem import Past, Problem
@@ -22,29 +21,30 @@ from planner.utility import jain_index, mean_variance_kbps, utility_kbps
 Array = NDArray[np.float64]
 
 
-def emit(scenario: Scenario, past: Past, problem: Problem, solution: Solution, **identity: Any) -> Plan:
-    """The solution by ids, with its summary and certificate. Raises InfeasiblePlanError: a defect, never a plan."""
-    efficiency = spectral_efficiency(problem, solution.paths_m)
-    served = np.take_along_axis(efficiency, solution.serving[None], axis=0)[0]
-    rates_bps = solution.bandwidth_hz * served
+def emit(
+    scenario: Scenario, past: Past, problem: Problem, solution: Solution, inputs: Sequence[object] = (), **identity: Any
+) -> Plan:
+    """The solution by ids, with its summary and certificate. Raises InfeasiblePlanError: a defect, never a plan.
+
+    inputs: what else, beside the scenario and its past, makes this plan another one: it counts in the default id.
+    """
+    rates_bps = served_rates_bps(problem, solution)
     unmet = unmet_min_rates(scenario, rates_bps)
     if unmet:
         identity["status"] = PlanStatus.INFEASIBLE
-    identity.setdefault("id", _digest(scenario, past))
+    identity.setdefault("id", _digest(scenario, past, inputs))
+    uav_ids = np.array(scenario.uav_ids, dtype=object)
     emitted = Plan(
         first_slot=past.first_slot,
         scenario=scenario,
         trajectories_m={
-            uav: [(float(e), float(n)) for e, n in path]
-            for uav, path in zip(scenario.uav_ids, solution.paths_m, strict=True)
+            uav: [(e, n) for e, n in path]
+            for uav, path in zip(scenario.uav_ids, solution.paths_m.tolist(), strict=True)
         },
-        association={
-            user: [scenario.uav_ids[u] for u in row]
-            for user, row in zip(scenario.user_ids, solution.serving, strict=True)
-        },
+        association=dict(zip(scenario.user_ids, uav_ids[solution.serving].tolist(), strict=True)),
         bandwidth_hz=_by_id(scenario.user_ids, solution.bandwidth_hz),
         user_rates_bps=_by_id(scenario.user_ids, rates_bps),
-        achieved_rates_bps=_by_id(scenario.user_ids, problem.past_kbps * 1e3),
+        achieved_rates_bps=_achieved(scenario, past),
         summary=summarise(problem, rates_bps / 1e3),
         history=solution.history,
         unmet_min_rate_slots=unmet,
@@ -54,7 +54,14 @@ def emit(scenario: Scenario, past: Past, problem: Problem, solution: Solution, *
 
 
 def _by_id(ids: Sequence[str], table: Array) -> dict[str, list[float]]:
-    return {one: [float(x) for x in row] for one, row in zip(ids, table, strict=True)}
+    return dict(zip(ids, table.tolist(), strict=True))
+
+
+def _achieved(scenario: Scenario, past: Past) -> dict[str, list[float]]:
+    """By user: what it got in the past slots in which it was there."""
+    if not past.rates_bps.size:
+        return {user: [] for user in scenario.user_ids}
+    return {user: row[np.isfinite(row)].tolist() for user, row in zip(scenario.user_ids, past.rates_bps, strict=True)}
 
 
 def unmet_min_rates(scenario: Scenario, rates_bps: Array) -> dict[str, list[int]]:
@@ -62,6 +69,7 @@ def unmet_min_rates(scenario: Scenario, rates_bps: Array) -> dict[str, list[int]
     short = {
         user.id: np.flatnonzero(row < user.min_rate_bps * (1 - MIN_RATE_ROUNDING)).tolist()
         for user, row in zip(scenario.users, rates_bps, strict=True)
+        if user.min_rate_bps > 0
     }
     return {user: slots for user, slots in short.items() if slots}
 
@@ -82,6 +90,8 @@ def summarise(problem: Problem, rates_kbps: Array) -> Summary:
     )
 
 
-def _digest(scenario: Scenario, past: Past) -> str:
-    text = json.dumps([scenario.model_dump(mode="json"), past.first_slot, past.rates_bps.tolist()], sort_keys=True)
-    return "plan-" + sha256(text.encode()).hexdigest()[:12]
+def _digest(scenario: Scenario, past: Past, inputs: Sequence[object]) -> str:
+    hashed = sha256(scenario.model_dump_json().encode())
+    hashed.update(repr((past.first_slot, past.rates_bps.shape, *inputs)).encode())
+    hashed.update(np.ascontiguousarray(past.rates_bps).tobytes())
+    return "plan-" + hashed.hexdigest()[:12]

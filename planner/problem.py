@@ -19,7 +19,9 @@ Array: TypeAlias = NDArray[np.float64]
 class Past:
     """What has been flown before the plan begins: it counts in the utility and cannot be changed.
 
-    `first_slot` is the plan's slot 0 on the operation's slot grid; `rates_bps` is (n_users, n_past_slots), bit/s.
+    `first_slot` is the plan's slot 0 on the operation's slot grid; `rates_bps` is (n_users, n_past_slots), bit/s, NaN
+    before a user was there. Such a slot is not in that user's expectation, which counts by the share of the slots in
+    which the user was there.
     """
 
     first_slot: int = 0
@@ -33,7 +35,8 @@ class Problem:
     start_m: (U, 2) and user_m: (K, 2), metres east/north of the origin. step_m: (U,), `D_max`, metres per slot.
     altitude_m: (U,), `H`. low_m, high_m: (2,), the flying area. separation_m: `D_min`. bandwidth_hz: (U,), `B_u`.
     snr_gain: (U, K, N), `p_u rho |h_uk[n]|^2 / sigma^2` in m^2: divided by a squared distance it is an SNR (eq. 1).
-    past_kbps: (K, M) rates achieved before slot 0. mu: 1/(kbit/s), at most 0. kind: the utility.
+    past_kbps: (K, M) rates achieved before slot 0, NaN before a user was there. mu: 1/(kbit/s), at most 0. kind: the
+    utility.
     n_flying: (U,), in how many slots it flies before it leaves; `snr_gain` is 0 from then on. end_m: (U, 2), where it
     must be in its last slot, NaN where free. min_kbps: (K,), in every slot. discs: (D, 3), east, north, radius of
     no-fly discs; polygons: outlines (V, 2) of no-fly polygons, metres. counted_from: the first planned slot that
@@ -73,6 +76,12 @@ class Problem:
     def n_slots(self) -> int:
         """N."""
         return int(self.snr_gain.shape[2])
+
+    @cached_property
+    def flying(self) -> NDArray[np.bool_]:
+        """Who flies when: (U, N)."""
+        there: NDArray[np.bool_] = np.arange(self.n_slots) < self.n_flying[:, None]
+        return there
 
     def counted_kbps(self, rates_kbps: Array) -> Array:
         """The rate table whose utility is asked for: the past, then the planned slots that count; (K, M + ...)."""

@@ -1,8 +1,9 @@
-"""From a nearly feasible path to one that satisfies (6d)-(6g) to the last bit."""
+"""From a nearly feasible path to one that satisfies (6d)-(6g), ends and no-fly zones to the last bit."""
 
 from __future__ import annotations
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from planner.problem import Problem
@@ -11,26 +12,70 @@ from planner.separation import closest_approach
 Array = NDArray[np.float64]
 SHRINK = 1.0 - 1e-9
 """Steps are kept this much below `D_max`, so that rounding never carries one over it."""
+INSIDE_M = 5e-10
+"""A leg this little inside a no-fly zone touches its edge."""
 
 
 def within_limits(problem: Problem, paths_m: Array) -> Array:
     """Clip each step to `D_max` and each point to the area, from the start on: (U, N, 2) metres.
 
-    Clipping to a box does not stretch a step, so the speed limit survives it.
+    Clipping to a box does not stretch a step, so the speed limit survives it. An end position one step away is met
+    exactly; a UAV that has left keeps its last position.
     """
     fixed = paths_m.copy()
     fixed[:, 0] = problem.start_m
+    last = problem.n_flying - 1
     for n in range(1, problem.n_slots):
-        move = paths_m[:, n] - fixed[:, n - 1]
+        arriving = (last == n)[:, None]
+        target = np.where(arriving & np.isfinite(problem.end_m), problem.end_m, paths_m[:, n])
+        move = np.where((last < n)[:, None], 0.0, target - fixed[:, n - 1])
         length = np.linalg.norm(move, axis=1)
-        scale = np.minimum(1.0, problem.step_m * SHRINK / np.where(length > 0, length, 1.0))
-        fixed[:, n] = np.clip(fixed[:, n - 1] + scale[:, None] * move, problem.low_m, problem.high_m)
+        limit = problem.step_m * SHRINK
+        reached = fixed[:, n - 1] + (limit / np.where(length > 0, length, 1.0))[:, None] * move
+        fixed[:, n] = np.where((length > limit)[:, None], reached, np.where(move == 0.0, fixed[:, n - 1], target))
+        fixed[:, n] = np.clip(fixed[:, n], problem.low_m, problem.high_m)
     return fixed
 
 
 def separated(problem: Problem, paths_m: Array) -> bool:
-    """Whether no two UAVs come closer than `D_min`, at the slots and between them."""
-    return closest_approach(paths_m) >= problem.separation_m
+    """Whether no two UAVs come closer than `D_min` while both fly, at the slots and between them."""
+    if len(np.unique(problem.n_flying)) == 1:
+        return closest_approach(paths_m) >= problem.separation_m
+    return all(
+        closest_approach(paths_m[problem.n_flying >= flying, :flying]) >= problem.separation_m
+        for flying in np.unique(problem.n_flying)
+    )
+
+
+def arrived(problem: Problem, paths_m: Array) -> bool:
+    """Whether every UAV is at its end position, if it has one, in its last slot."""
+    there = paths_m[np.arange(problem.n_uavs), problem.n_flying - 1]
+    return bool((np.isnan(problem.end_m) | (there == problem.end_m)).all())
+
+
+def outside_zones(problem: Problem, paths_m: Array) -> bool:
+    """Whether no leg enters a no-fly zone; edges may be touched."""
+    zones = [shapely.Polygon(outline).buffer(-INSIDE_M) for outline in problem.polygons]
+    for path, flying in zip(paths_m, problem.n_flying, strict=True):
+        legs = np.stack([path[:flying], path[[*range(1, flying), flying - 1]]], axis=1)
+        if any(_least_distance(legs, disc[:2]) < disc[2] - INSIDE_M for disc in problem.discs):
+            return False
+        if zones and shapely.intersects(np.array(zones)[:, None], shapely.linestrings(legs)[None]).any():
+            return False
+    return True
+
+
+def _least_distance(legs: Array, centre: Array) -> float:
+    """The least distance of segments (L, 2, 2) to a point."""
+    begin, move = legs[:, 0] - centre, legs[:, 1] - legs[:, 0]
+    length2 = (move**2).sum(axis=1)
+    along = np.clip(-(begin * move).sum(axis=1) / np.where(length2 > 0, length2, 1.0), 0.0, 1.0)
+    return float(np.linalg.norm(begin + along[:, None] * move, axis=1).min())
+
+
+def flyable(problem: Problem, paths_m: Array) -> bool:
+    """Whether paths within speed and area limits also keep apart, out of no-fly zones, and reach their ends."""
+    return arrived(problem, paths_m) and separated(problem, paths_m) and outside_zones(problem, paths_m)
 
 
 def toward(problem: Problem, feasible_m: Array, wanted_m: Array) -> Array:
@@ -39,7 +84,7 @@ def toward(problem: Problem, feasible_m: Array, wanted_m: Array) -> Array:
     share = 1.0
     while share > 1e-3:
         candidate = within_limits(problem, feasible_m + share * (wanted_m - feasible_m))
-        if separated(problem, candidate):
+        if flyable(problem, candidate):
             return candidate
         share /= 2
     return feasible_m

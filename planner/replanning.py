@@ -7,49 +7,68 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from shapely import Point as GeoPoint
+from shapely import Polygon
 
+from planner.changes import Changes, ReplanError, uavs_after, users_after
 from planner.plans import Cause, Plan
-from planner.problem import Past, problem_of
-from planner.repair import toward
-from planner.scenario import Scenario
+from planner.problem import Past
+from planner.scenario import NoFlyDisc, NoFlyPolygon, Point, Scenario, Uav, zone_holds
 from planner.solve import plan
 
 Array = NDArray[np.float64]
-
-
-class ReplanError(ValueError):
-    """A replan was asked for that makes no sense: unknown UAV, slot outside the plan, nobody left."""
+CLEAR_M = 1e-6
+"""A live position inside a no-fly zone is taken this far outside its edge."""
 
 
 def replan(
     previous: Plan,
     *,
-    failed: Sequence[str],
+    failed: Sequence[str] = (),
     at_slot: int,
     positions_m: Mapping[str, tuple[float, float]] | None = None,
     achieved_rates_bps: Mapping[str, Sequence[float]] | None = None,
+    changes: Changes | None = None,
     cause: Cause | None = None,
     **options: Any,
 ) -> Plan:
-    """Plan the remaining slots for the survivors of `previous`.
+    """Plan the remaining slots of `previous` for whoever is left.
 
     failed: ids of the UAVs that are gone. at_slot: the first slot to plan, on the operation's slot grid.
     positions_m: where the survivors are when that slot begins, metres east/north (default: where the plan has them).
     achieved_rates_bps: what each user got in the slots before `at_slot` (default: what the plan promised).
-    options: as for `plan`. Raises ReplanError as `remaining` does.
+    changes: what else is different, and failed UAVs too. options: as for `plan`; the method is the previous plan's
+    unless another is named. Raises ReplanError as `remaining` does; the previous plan stays as it is.
     """
-    scenario, past = remaining(previous, failed, at_slot, positions_m, achieved_rates_bps)
-    problem = problem_of(scenario, past)
-    shifted = np.array([previous.trajectories_m[uav][at_slot - previous.first_slot :] for uav in scenario.uav_ids])
+    changes = changes or Changes()
+    scenario, past = remaining(previous, failed, at_slot, positions_m, achieved_rates_bps, changes)
+    begin = at_slot - previous.first_slot
+    warm = [
+        previous.trajectories_m[uav.id][begin:]
+        if uav.id in previous.trajectories_m and uav not in changes.returned
+        else [uav.start_m] * scenario.slots
+        for uav in scenario.uavs
+    ]
     return plan(
         scenario,
         past=past,
-        warm_start_m=toward(problem, problem.hover(), shifted),  # the old paths, as far as they are feasible from here
-        cause=cause or Cause(uav_ids=tuple(failed)),
+        warm_start_m=np.array(warm),
+        cause=cause or _cause(failed, changes),
         parent=previous.id,
         revision=previous.revision + 1,
-        **options,
+        **{"method": previous.method, **options},
     )
+
+
+def _cause(failed: Sequence[str], changes: Changes) -> Cause:
+    gone = tuple(dict.fromkeys([*failed, *changes.failed]))
+    if gone:
+        return Cause(uav_ids=gone)
+    if changes.returned:
+        return Cause(kind="uav_returned", uav_ids=tuple(uav.id for uav in changes.returned))
+    if changes.users_joined or changes.users_left:
+        return Cause(kind="users_changed")
+    return Cause(kind="retuned") if changes.utility or changes.bandwidth_hz else Cause()
 
 
 def remaining(
@@ -58,57 +77,88 @@ def remaining(
     at_slot: int,
     positions_m: Mapping[str, tuple[float, float]] | None = None,
     achieved_rates_bps: Mapping[str, Sequence[float]] | None = None,
+    changes: Changes | None = None,
 ) -> tuple[Scenario, Past]:
     """The scenario that is left, survivors at their live positions, and the past that counts; as in `replan`.
 
-    Raises ReplanError for unknown ids, a slot outside the plan, no survivors, survivors closer than `D_min`, or rates
-    that are not finite, negative or of the wrong length.
+    Raises ReplanError for unknown ids, a slot outside the plan, nobody left, survivors closer than `D_min`, an end
+    that is out of reach by now, or rates that are not finite, negative or of the wrong length.
     """
+    changes = changes or Changes()
+    gone = {*failed, *changes.failed}
     begin = at_slot - previous.first_slot
-    _check_request(previous, failed, begin, positions_m)
+    _check_request(previous, gone, begin, positions_m)
     planned = {uav.id: previous.trajectories_m[uav.id][begin] for uav in previous.scenario.uavs}
     now = {**planned, **(positions_m or {})}
     survivors = tuple(
-        uav.model_copy(
-            update={
-                "start_m": _into_area(previous.scenario, now[uav.id]),
-                "leaves_at_slot": None if uav.leaves_at_slot is None else uav.leaves_at_slot - begin,
-            }
-        )
+        _moved_on(previous.scenario, uav, now[uav.id], begin)
         for uav in previous.scenario.uavs
-        if uav.id not in failed and previous.scenario.last_slot(uav) >= begin
+        if uav.id not in gone and previous.scenario.last_slot(uav) >= begin
     )
+    uavs, users = uavs_after(survivors, changes), users_after(previous.scenario, changes)
+    if not uavs:
+        raise ReplanError("failed: no UAV would be left to plan for")
+    utility = changes.utility or previous.scenario.utility
     try:
-        scenario = previous.scenario.with_changes(uavs=survivors, slots=previous.scenario.slots - begin)
+        scenario = previous.scenario.with_changes(
+            uavs=uavs, users=users, utility=utility, slots=previous.scenario.slots - begin
+        )
     except ValueError as error:
         raise ReplanError(f"positions_m: {error}") from error
-    return scenario, Past(first_slot=at_slot, rates_bps=_achieved(previous, begin, achieved_rates_bps))
+    past = _achieved(previous, begin, achieved_rates_bps)
+    return scenario, Past(first_slot=at_slot, rates_bps=_for_users(scenario, changes, past))
 
 
 def _check_request(
-    previous: Plan, failed: Sequence[str], begin: int, positions_m: Mapping[str, tuple[float, float]] | None
+    previous: Plan, failed: set[str], begin: int, positions_m: Mapping[str, tuple[float, float]] | None
 ) -> None:
     known = previous.scenario.uav_ids
     for field, ids in (("failed", failed), ("positions_m", list(positions_m or {}))):
-        unknown = [one for one in ids if one not in known]
+        unknown = sorted(one for one in ids if one not in known)
         if unknown:
             raise ReplanError(f"{field}: {unknown[0]!r} is not a UAV of plan {previous.id}")
-    if set(known) <= set(failed):
-        raise ReplanError("failed: no UAV would be left to plan for")
     if not 0 <= begin < previous.scenario.slots:
         last = previous.first_slot + previous.scenario.slots - 1
         raise ReplanError(f"at_slot: {begin + previous.first_slot} must lie in {previous.first_slot}..{last}")
 
 
-def _into_area(scenario: Scenario, point: Sequence[float]) -> tuple[float, float]:
-    """A live position a little outside the area is taken at its edge: the plan brings the UAV back in."""
+def _moved_on(scenario: Scenario, uav: Uav, now: Sequence[float], begin: int) -> Uav:
+    """The UAV at its live position, `begin` slots later."""
+    leaves = None if uav.leaves_at_slot is None else uav.leaves_at_slot - begin
+    return uav.model_copy(update={"start_m": _into_flying_area(scenario, now), "leaves_at_slot": leaves})
+
+
+def _into_flying_area(scenario: Scenario, point: Sequence[float]) -> Point:
+    """A live position a little outside the area, or inside a no-fly zone, is taken at the edge: the plan leads back."""
     (west, south), (east, north) = scenario.area_m
-    return min(max(float(point[0]), west), east), min(max(float(point[1]), south), north)
+    inside = min(max(float(point[0]), west), east), min(max(float(point[1]), south), north)
+    for zone in scenario.no_fly:
+        if zone_holds(zone, inside):
+            inside = _out_of(zone, inside)
+    return inside
 
 
-def _achieved(previous: Plan, begin: int, given: Mapping[str, Sequence[float]] | None) -> Array:
-    """(K, M) bit/s: all slots before the new plan, from the report or else from the promise."""
-    rows = []
+def _out_of(zone: NoFlyDisc | NoFlyPolygon, point: Point) -> Point:
+    at = GeoPoint(point)
+    if isinstance(zone, NoFlyDisc):
+        east, north = point[0] - zone.center_m[0], point[1] - zone.center_m[1]
+        away = float(np.hypot(east, north))
+        east, north = (east / away, north / away) if away > 0.0 else (1.0, 0.0)
+        radius = zone.radius_m + CLEAR_M
+        return zone.center_m[0] + radius * east, zone.center_m[1] + radius * north
+    edge = Polygon(zone.vertices_m).exterior
+    nearest = edge.interpolate(edge.project(at))
+    depth = nearest.distance(at)
+    share = 1.0 if depth == 0.0 else 1.0 + CLEAR_M / depth
+    return point[0] + share * (nearest.x - point[0]), point[1] + share * (nearest.y - point[1])
+
+
+def _achieved(previous: Plan, begin: int, given: Mapping[str, Sequence[float]] | None) -> dict[str, list[float]]:
+    """bit/s by user: all slots before the new plan in which it was there, from the report or else the promise."""
+    unknown = [user for user in given or {} if user not in previous.scenario.user_ids]
+    if unknown:
+        raise ReplanError(f"achieved_rates_bps: {unknown[0]!r} is not a user of plan {previous.id}")
+    rates = {}
     for user in previous.scenario.user_ids:
         promised = [*previous.achieved_rates_bps.get(user, []), *previous.user_rates_bps[user][:begin]]
         row = list(given[user]) if given and user in given else promised
@@ -116,8 +166,16 @@ def _achieved(previous: Plan, begin: int, given: Mapping[str, Sequence[float]] |
             raise ReplanError(f"achieved_rates_bps.{user}: has {len(row)} slots, but {len(promised)} have passed")
         if not all(np.isfinite(row)) or min(row, default=0.0) < 0:
             raise ReplanError(f"achieved_rates_bps.{user}: rates must be finite and not negative")
-        rows.append(row)
-    unknown = [user for user in given or {} if user not in previous.scenario.user_ids]
-    if unknown:
-        raise ReplanError(f"achieved_rates_bps: {unknown[0]!r} is not a user of plan {previous.id}")
-    return np.array(rows, dtype=float)
+        rates[user] = row
+    return rates
+
+
+def _for_users(scenario: Scenario, changes: Changes, achieved: dict[str, list[float]]) -> Array:
+    """(K, M) bit/s for the users of the new scenario, NaN in the slots before a user was there."""
+    new = {user.id for user in changes.users_joined}
+    slots = max(len(row) for row in achieved.values())
+    table = np.full((len(scenario.users), slots), np.nan)
+    for row, user in zip(table, scenario.user_ids, strict=True):
+        if user not in new and achieved[user]:
+            row[slots - len(achieved[user]) :] = achieved[user]
+    return table

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.emit import emit
+from planner.methods import DEFAULT_METHOD, method_of
 from planner.plans import Plan, PlanStatus
 from planner.problem import Past, problem_of
-from planner.reference import algorithm_1
 from planner.scenario import Scenario
 from planner.solution import Observer, ignore
 from planner.stopping import AnyOf, MaxIterations, RelativeGain, StoppingRule
@@ -27,6 +27,9 @@ def converged() -> AnyOf:
 def plan(
     scenario: Scenario,
     *,
+    method: str = DEFAULT_METHOD,
+    n_starts: int | None = None,
+    seed: int = 0,
     past: Past | None = None,
     warm_start_m: Array | None = None,
     stop: StoppingRule | None = None,
@@ -34,17 +37,28 @@ def plan(
     clock: Callable[[], float] | None = None,
     **identity: Any,
 ) -> Plan:
-    """Plan bandwidth, association and trajectories for `scenario`; always feasible, anytime.
+    """Plan bandwidth, association and trajectories for `scenario`; always flyable, anytime.
 
-    past: rates achieved before slot 0 (they count in the utility). warm_start_m: (U, N, 2) feasible paths to begin
-    from, in metres. stop: when to return what has been found (default: converged). observer: called after each
-    iteration. clock: fills `solve_ms`. identity: `id`, `revision`, `cause`, `parent` of the plan; the id defaults to
-    a digest of the inputs. Raises ValueError for shapes that do not fit the scenario.
+    method: a name in `METHODS`. n_starts: how many starts the fast path climbs from (default: by size, 32 at the
+    letter's), drawn from `seed`: the same inputs give the same plan. past: rates achieved before slot 0 (they count
+    in the utility). warm_start_m: (U, N, 2) paths to begin from, in metres. stop: when to return what has been found
+    (default: converged). observer: called after each iteration that counts. clock: fills `solve_ms`. identity: `id`,
+    `revision`, `cause`, `parent` of the plan; the id defaults to a digest of the inputs.
+    Raises ValueError for an unknown method and for shapes that do not fit the scenario.
     """
     began = clock() if clock else 0.0
     past, stop = past or Past(), stop or converged()
     problem = problem_of(scenario, past)
-    solution = algorithm_1(problem, stop, warm_start_m, observer)
+    _check(problem.hover().shape, n_starts, warm_start_m)
+    solution = method_of(method)(problem, stop, warm_start_m, observer, n_starts=n_starts, seed=seed)
     status = PlanStatus.CANCELLED if stop.interrupts else PlanStatus.SUCCEEDED
-    made = emit(scenario, past, problem, solution, method="paper", status=status, **identity)
+    inputs = (method, n_starts, seed, None if warm_start_m is None else warm_start_m.tobytes())
+    made = emit(scenario, past, problem, solution, inputs, method=method, status=status, **identity)
     return made.model_copy(update={"solve_ms": (clock() - began) * 1e3}) if clock else made
+
+
+def _check(shape: tuple[int, ...], n_starts: int | None, warm_start_m: Array | None) -> None:
+    if n_starts is not None and n_starts < 1:
+        raise ValueError(f"n_starts: {n_starts} must be at least 1")
+    if warm_start_m is not None and (warm_start_m.shape != shape or not np.isfinite(warm_start_m).all()):
+        raise ValueError(f"warm_start_m: must hold finite numbers of shape {shape}, not {warm_start_m.shape}")

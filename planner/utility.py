@@ -7,33 +7,75 @@ between users. mu -> 0 is the mean sum rate for all three.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
+from scipy.special import softmax
+
+if TYPE_CHECKING:
+    from planner.problem import Problem
 
 Array = NDArray[np.float64]
 
 
 def soft_mean(values: Array, mu: float) -> float:
     """(1/mu) log mean exp(mu x) over all entries, the certainty equivalent of eq. (7); the plain mean at mu = 0."""
+    return float(soft_means(values.reshape(1, -1), mu)[0])
+
+
+def soft_means(values: Array, mu: float) -> Array:
+    """`soft_mean` of each row of (R, N), evaluated so that neither a large nor a tiny |mu| loses digits.
+
+    NaN marks slots before a user was there: the row is averaged over the others, and counts by their share, so that
+    mu -> 0 is the mean sum rate here too.
+    """
+    there = np.isfinite(values)
+    count = there.sum(axis=1)
     if mu == 0.0:
-        return float(values.mean())
-    return float((logsumexp(mu * values) - np.log(values.size)) / mu)
+        return np.asarray(np.where(there, values, 0.0).mean(axis=1))
+    least = np.where(there, values, np.inf).min(axis=1, keepdims=True)
+    above = np.where(there, values, least) - least
+    means: Array = least[:, 0] + np.log1p(np.expm1(mu * above).sum(axis=1) / count) / mu
+    means *= count / values.shape[1]
+    return means
 
 
 def utility_kbps(rates_kbps: Array, kind: str, mu: float) -> float:
-    """The utility of a (K, N) rate table, in kbit/s.
+    """The utility of a (K, N) rate table, in kbit/s; NaN where a user was not there yet.
 
     `sum`: eq. (9), the soft mean over slots of the sum rate. `per_user`: the sum over users of the soft mean over
     slots of each user's rate, whose expansion is eq. (5). `pooled`: K times the soft mean over users and slots.
     """
     if kind == "sum":
-        return soft_mean(rates_kbps.sum(axis=0), mu)
+        return soft_mean(np.nansum(rates_kbps, axis=0), mu)
     if kind == "per_user":
-        return sum(soft_mean(row, mu) for row in rates_kbps)
+        return float(soft_means(rates_kbps, mu).sum())
     if kind == "pooled":
         return len(rates_kbps) * soft_mean(rates_kbps, mu)
     raise ValueError(f"utility.kind: {kind!r} must be 'sum', 'per_user' or 'pooled'")
+
+
+def rate_weights(problem: Problem, rates_kbps: Array) -> Array:
+    """The gradient of the utility in the planned rates: (K, N), all at least 0.
+
+    rates_kbps: (K, N) of the planned slots; what is past counts in the normalisation. Slots that do not count get 0.
+    """
+    counted = problem.counted_kbps(rates_kbps)
+    if problem.mu == 0.0:
+        weights = np.full(counted.shape, 1.0 / counted.shape[1])
+    elif problem.kind == "sum":
+        weights = np.broadcast_to(softmax(problem.mu * np.nansum(counted, axis=0)), counted.shape)
+    else:
+        there = np.isfinite(counted)
+        exponents = np.where(there, problem.mu * counted, -np.inf)
+        if problem.kind == "per_user":
+            weights = softmax(exponents, axis=1) * there.mean(axis=1, keepdims=True)
+        else:
+            weights = len(counted) * softmax(exponents) * there.mean()
+    planned = np.zeros(rates_kbps.shape)
+    planned[:, problem.counted_from :] = weights[:, problem.past_kbps.shape[1] :]
+    return planned
 
 
 def mean_variance_kbps(rates_kbps: Array, mu: float) -> float:

@@ -1,94 +1,152 @@
-"""The autopilot of one vehicle: modes, arming, and the choice of where to fly next. PX4 flavour.
+"""The autopilot of one vehicle: modes, arming, messages, and what really happens to it. Both flavours.
 
 Pure: it is handed decoded MAVLink messages and time, and hands back messages; no sockets and no clock of its own, so a
-test drives it in virtual time.
+test drives it in virtual time. `sim.flavours` says in what PX4 and ArduPilot differ.
 """
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.commands import Commands
-from sim.geo import LocalFrame
+from sim.airframe import Battery
+from sim.dynamics import Dynamics
+from sim.failsafes import Failsafes
+from sim.fence import Fence
+from sim.flavours import FLAVOURS
+from sim.geo import LocalFrame, Place
+from sim.inbox import Inbox
 from sim.lineup import VehicleSpec
-from sim.mission_protocol import MissionProtocol
-from sim.mission_runner import Handover, MissionRunner
-from sim.missions import Mission
+from sim.mission_protocol import MISSION
+from sim.missions import NOT_GIVEN, Mission, MissionItem
 from sim.modes import Mode
+from sim.navigator import Navigator, nearest
 from sim.parameters import ParameterStore
+from sim.setpoints import Setpoint
 from sim.telemetry import Telemetry
-from sim.vehicle import Body, Guidance, Limits, fall, step, stopping_point
-from sim.wire import Message, is_for, text
-
-RTL_MIN_DISTANCE_M = 5.0
-"""Closer to home than this a return does not climb first (RTL_MIN_DIST)."""
+from sim.vehicle import Body, Limits
+from sim.weather import Air, Weather
+from sim.wire import Message, text
 
 Observer = Callable[[str, dict[str, Any]], None]
+NOON_S = 12 * 3600.0
+"""UTC time of day at fleet time 0."""
 
 
 class Autopilot:
     """One vehicle's autopilot and airframe.
 
     `handle` answers a message, `step` flies, `due` tells what is to be sent to everybody. `on_event(kind, detail)`
-    hears what really happens: armed, disarmed, mode, takeoff, landed, crashed, mission_accepted, item_reached.
-    `protocol_clock` gives wall seconds for the protocol's time-outs; `phase` in [0, 1) spreads the streams of a fleet.
+    hears what really happens (kinds: see `sim.truth.Event`). `protocol_clock` gives wall seconds for the protocol's
+    time-outs; `phase` in [0, 1) spreads the streams of a fleet. `limits` None: the flavour's own.
     """
 
     def __init__(
         self,
         spec: VehicleSpec,
         *,
-        limits: Limits,
         protocol_clock: Callable[[], float],
         on_event: Observer,
+        limits: Limits | None = None,
         boot_s: float = 0.0,
         phase: float = 0.0,
+        air: Air | None = None,
     ) -> None:
         self.spec = spec
+        self.flavour = flavour = FLAVOURS[spec.autopilot]
         self.frame = LocalFrame(spec.home_lat_deg, spec.home_lon_deg)
-        self.parameters = ParameterStore(limits)
-        self.body = Body()
-        self.home_m = (0.0, 0.0)
-        self.mode = Mode.HOLD
+        known = flavour.parameters(limits or flavour.limits)
+        self.parameters = ParameterStore(known, flavour.tuning, bytewise=flavour.bytewise)
+        self.air = air or Air(Weather(), "calm")
+        self.battery = Battery()
+        self.dynamics = Dynamics(self)
+        self.fence = Fence(self.frame)
+        self.protocol_clock = protocol_clock
+        self.emit = on_event
+        self.phase = phase
+        self.home_m: Place = (0.0, 0.0)
         self.armed = False
-        self.powered = True
-        self.crashed = False
-        self.now_s = self.boot_s = boot_s
-        self.flown_s = 0.0
-        self.landing = False
-        self._emit = on_event
+        self.now_s = boot_s
+        self.clock_offset_s = 0.0
+        self.silenced = False
+        self._reboot_asked = False
         self._outbox: list[Message] = []
-        self._hold: Guidance | None = None
-        self._takeoff_up_m: float | None = None
-        self._return_up_m: float | None = None
-        self._landed_s: float | None = None
-        self.runner = MissionRunner(self.frame, spec.home_alt_m, self.parameters, self._item_reached)
-        self.missions = MissionProtocol(
-            clock=protocol_clock, on_accept=self._mission_accepted, on_jump=self.jump, current=lambda: self.runner.index
+        self.runner = flavour.runner(
+            self.frame, spec.home_alt_m, self.parameters, self._item_reached, utc=self.utc_s, say=self.say
         )
-        self.telemetry = Telemetry(self, start_s=boot_s, phase=phase)
-        self._commands = Commands(self)
+        self.missions = flavour.missions(clock=protocol_clock, host=self)
+        self._boot(boot_s)
+
+    def _boot(self, now_s: float) -> None:
+        """Start afresh; parameters, plans and the airframe stay as they are."""
+        self.boot_s = now_s
+        self.mode = self.flavour.boot_mode
+        self.cleared_for_takeoff = not self.flavour.needs_clearance
+        self._armed_s = self._landed_s = math.inf
+        self.navigator = Navigator(self)
+        self.failsafes = Failsafes(self)
+        self.telemetry = Telemetry(self, start_s=now_s, phase=self.phase)
+        self._inbox = Inbox(self)
+
+    # -- what it knows ------------------------------------------------------------------------------------------
+
+    @property
+    def body(self) -> Body:
+        """Where the vehicle truly is."""
+        return self.dynamics.body
+
+    @property
+    def seen(self) -> Body:
+        """Where the vehicle believes to be."""
+        return self.dynamics.seen
+
+    @property
+    def crashed(self) -> bool:
+        """Whether it has hit the ground without power."""
+        return self.dynamics.crashed
+
+    @property
+    def satellites(self) -> bool:
+        """Whether the position is known."""
+        return self.dynamics.satellites
+
+    @property
+    def mission_index(self) -> int:
+        """The mission item being flown."""
+        return self.runner.index
+
+    @property
+    def mission_running(self) -> bool:
+        """Whether it is armed and flies its mission."""
+        return self.armed and self.mode is Mode.MISSION and not self.runner.complete
+
+    def utc_s(self, now_s: float) -> float:
+        """Return seconds since midnight UTC at a moment of fleet time."""
+        return (now_s + NOON_S + self.clock_offset_s) % 86_400.0
+
+    def home_item(self) -> MissionItem:
+        """Return home as ArduPilot's item 0."""
+        lat, lon = self.frame.to_geodetic(*self.home_m)
+        place = (round(lat * 1e7), round(lon * 1e7), self.spec.home_alt_m)
+        command = dialect.MAV_CMD_NAV_WAYPOINT
+        return MissionItem(0, dialect.MAV_FRAME_GLOBAL, command, 0, 1, 0.0, 0.0, 0.0, 0.0, *place)
+
+    def return_point(self) -> Place:
+        """Return where a return ends: home, or a rally point that is nearer to the vehicle."""
+        limit_m = self.parameters.tuning.rally_limit_m
+        here = (self.body.east_m, self.body.north_m)
+        rally = [
+            self.frame.to_local(item.x / 1e7, item.y / 1e7)
+            for item in self.missions.plan(dialect.MAV_MISSION_TYPE_RALLY).items
+        ]
+        return nearest([self.home_m, *(place for place in rally if math.dist(place, self.home_m) <= limit_m)], here)
 
     # -- talking ------------------------------------------------------------------------------------------------
 
     def handle(self, message: Any) -> list[Message]:
         """Return the answers to one incoming message, for its sender only; messages for other systems are ignored."""
-        if not is_for(message, self.spec.system_id):
-            return []
-        name = message.get_type()
-        if name in self.missions.messages:
-            return self.missions.handle(message)
-        if name in self.parameters.messages:
-            return self.parameters.handle(message)
-        if name in ("COMMAND_LONG", "COMMAND_INT"):
-            return self._commands.handle(message)
-        if name == "PING" and message.target_system == 0:
-            who = (message.get_srcSystem(), message.get_srcComponent())
-            return [dialect.MAVLink_ping_message(message.time_usec, message.seq, *who)]
-        return []
+        return self._inbox.handle(message)
 
     def due(self) -> list[Message]:
         """Return what is to be sent to everybody by now: announcements, protocol timers and telemetry streams."""
@@ -109,17 +167,20 @@ class Autopilot:
 
     def arm(self) -> bool:
         """Arm where the vehicle stands, which becomes home; False if it cannot fly any more."""
-        if self.crashed or not self.powered:
+        if self.crashed or not self.dynamics.powered:
             return False
         if not self.armed:
             self.armed = True
-            self._landed_s = None
+            self._armed_s, self._landed_s = self.now_s, math.inf
+            self.cleared_for_takeoff = (
+                not self.flavour.needs_clearance or self.parameters.tuning.takeoff_without_throttle
+            )
             if self.mode in (Mode.LAND, Mode.RTL):
                 self.set_mode(Mode.HOLD)
             if self.body.on_ground:
                 self.home_m = (self.body.east_m, self.body.north_m)
                 self.announce(dialect.MAVLINK_MSG_ID_HOME_POSITION)
-            self._emit("armed", {})
+            self.emit("armed", {})
         return True
 
     def disarm(self, *, force: bool = False) -> bool:
@@ -129,169 +190,204 @@ class Autopilot:
         if not self.body.on_ground and not force:
             return False
         self.armed = False
-        self.powered = self.body.on_ground
-        if self.mode is Mode.MISSION and self.runner.complete:
+        self.dynamics.powered = self.dynamics.powered and self.body.on_ground
+        if self.mode is Mode.MISSION and self.runner.complete and self.flavour.leaves_mission_at_end:
             self.set_mode(Mode.HOLD)
-        self._emit("disarmed", {})
+        self.runner.rewind()
+        self.emit("disarmed", {})
         return True
 
     def set_mode(self, mode: Mode) -> bool:
-        """Change the mode; False if it cannot be flown (no mission on board)."""
-        if mode is Mode.MISSION and not self.runner.mission.items:
-            self.say("Mission mode denied: no mission", dialect.MAV_SEVERITY_CRITICAL)
+        """Change the mode; False if it cannot be flown: no mission that can start, no position, no setpoints."""
+        reason = self._cannot_enter(mode)
+        if reason:
+            self.say(reason, dialect.MAV_SEVERITY_CRITICAL)
             return False
         if mode is Mode.MISSION and (self.mode is not Mode.MISSION or self.runner.complete):
             self.runner.activate()
-        self._hold = self._stop_here()
-        self._takeoff_up_m = self._return_up_m = None
+        elif mode is not Mode.MISSION and self.mode is Mode.MISSION:
+            self.runner.leave()
+        self.navigator.enter(mode)
         if mode is not self.mode:
             self.mode = mode
-            self._emit("mode", {"mode": mode.name})
+            self.emit("mode", {"mode": mode.name})
             self.announce(dialect.MAVLINK_MSG_ID_MISSION_CURRENT)
         return True
 
+    def _cannot_enter(self, mode: Mode) -> str | None:
+        if mode not in self.flavour.custom_modes:
+            return f"{mode.name} mode denied: no such mode"
+        if mode is Mode.MISSION:
+            return self.runner.can_start(on_ground=self.armed and self.body.on_ground)
+        if mode is Mode.GUIDED and self.flavour.guided_needs_stream and self.navigator.setpoint is None:
+            return "Offboard mode denied: no setpoints"
+        return None
+
     def takeoff(self, up_m: float | None) -> bool:
-        """Climb above this place to `up_m` above home (None: MIS_TAKEOFF_ALT), then hold."""
-        self.set_mode(Mode.TAKEOFF)
-        self._takeoff_up_m = up_m
+        """Climb above this place to `up_m` above home (None: the take-off parameter), then hold."""
+        if Mode.TAKEOFF in self.flavour.custom_modes:
+            self.set_mode(Mode.TAKEOFF)
+        self.navigator.take_off(up_m)
         return True
 
     def reposition(self, east_m: float | None, north_m: float | None, up_m: float | None, speed_mps: float) -> bool:
         """Hold, at a given place and height if there is one; a speed <= 0 means the cruise speed."""
-        self.set_mode(Mode.HOLD)
-        if self._hold is None:
-            return True
-        here = self._hold
-        self._hold = Guidance(
-            here.east_m if east_m is None else east_m,
-            here.north_m if north_m is None else north_m,
-            here.up_m if up_m is None else up_m,
-            speed_mps if speed_mps > 0.0 else here.speed_mps,
-        )
+        self.set_mode(Mode.HOLD if self.flavour.guided_needs_stream else Mode.GUIDED)
+        self.navigator.go_to(east_m, north_m, up_m, speed_mps)
         return True
+
+    def guide(self, item: MissionItem) -> bool:
+        """Fly to a mission item sent on its own, in GUIDED; one without a place changes the height only."""
+        if self.mode is not Mode.GUIDED or NOT_GIVEN in (item.x, item.y):
+            return False
+        there = item.has_place
+        east_m, north_m = self.frame.to_local(item.x / 1e7, item.y / 1e7) if there else (None, None)
+        self.navigator.go_to(east_m, north_m, item.relative_alt_m(self.spec.home_alt_m), 0.0)
+        return True
+
+    def follow(self, setpoint: Setpoint) -> None:
+        """Take a streamed setpoint; it counts in GUIDED, and opens the way there where one is needed for it."""
+        if self.mode is Mode.GUIDED or self.flavour.guided_needs_stream:
+            self.navigator.setpoint = setpoint
 
     def jump(self, seq: int) -> bool:
         """Make mission item `seq` current; False if there is none."""
-        if not 0 <= seq < len(self.runner.mission):
+        if not self.runner.can_jump(seq):
             return False
         self.runner.jump(seq)
         self.announce(dialect.MAVLINK_MSG_ID_MISSION_CURRENT)
         return True
 
+    def start_mission(self) -> None:
+        """Let the mission begin, or go on after it was over or halted (ArduCopter's MISSION_START in AUTO)."""
+        self.cleared_for_takeoff = True
+        if self.runner.state(flying=True).name != "ACTIVE":
+            self.runner.activate()
+
+    def pause(self, *, paused: bool) -> bool:
+        """Stop or go on within AUTO or GUIDED; False in any other mode."""
+        if self.mode not in (Mode.MISSION, Mode.GUIDED):
+            return False
+        self.navigator.pause(paused=paused)
+        return True
+
+    def ask_reboot(self) -> None:
+        """Reboot at the next step."""
+        self._reboot_asked = True
+
+    # -- failing ------------------------------------------------------------------------------------------------
+
     def cut_power(self) -> None:
         """Stop the motors for good."""
-        self.powered = self.armed = False
+        self.dynamics.powered = self.armed = False
+
+    def fail_motor(self) -> None:
+        """Lose a motor: a quadrotor tumbles and falls."""
+        if self.dynamics.powered:
+            self.emit("motor_failed", {})
+            self.say("Motor failure detected", dialect.MAV_SEVERITY_EMERGENCY)
+            self.dynamics.powered = self.body.on_ground and not self.armed
+            self.armed = False
+
+    def lose_satellites(self) -> None:
+        """Lose the position: the estimate drifts away until it is back."""
+        self.dynamics.satellites = False
+        self.emit("gps_lost", {})
+
+    def regain_satellites(self) -> None:
+        """Find the position again."""
+        self.dynamics.satellites = True
+        self.emit("gps_back", {})
+
+    def set_battery(self, share: float) -> None:
+        """Set the charge that is left, 0 to 1."""
+        self.battery.share = share
+        self.emit("battery_set", {"share": share})
+
+    def jump_clock(self, seconds: float) -> None:
+        """Let the autopilot's clock jump: time_boot_ms, SYSTEM_TIME and TIMESYNC with it."""
+        self.clock_offset_s += seconds
+        self.emit("clock_jumped", {"seconds": seconds})
+
+    def silence(self) -> None:
+        """Break the radio; whoever carries its messages has to obey."""
+        self.silenced = True
+
+    def take_reboot(self) -> bool:
+        """Return whether a reboot was asked for, once."""
+        asked, self._reboot_asked = self._reboot_asked, False
+        return asked
+
+    def shut_down(self) -> None:
+        """Go down for a reboot: motors off, transfers forgotten."""
+        self.armed = False
+        self.dynamics.powered = self.body.on_ground and not self.crashed
+        self.missions.reset()
+
+    def boot(self, now_s: float) -> None:
+        """Come up again; it stands on the ground, or is still falling."""
+        self.runner.rewind()
+        self.now_s = now_s
+        self._outbox.clear()
+        self._boot(now_s)
+        self.clock_offset_s = 0.0
+        self.runner.load(self.missions.mission, on_ground=True)
 
     # -- flying -------------------------------------------------------------------------------------------------
 
     def step(self, now_s: float, dt_s: float) -> None:
         """Fly `dt_s`, to arrive at fleet time `now_s`."""
         self.now_s = now_s
-        before = self.body
-        if not self.powered:
-            self.body = fall(before, dt_s)
-        elif self.armed:
-            guidance = self._guidance()
-            self.landing = guidance is not None and guidance.landing
-            if guidance is not None:
-                self.body = step(before, guidance, self.parameters.limits, dt_s)
-        self._notice(before)
-        if not self.body.on_ground:
-            self.flown_s += dt_s
-        self._disarm_after_landing()
+        was_on_ground, sinking_mps = self.body.on_ground, self.body.up_mps
+        self.dynamics.step(now_s, dt_s)
+        if was_on_ground != self.body.on_ground:
+            self._notice(sinking_mps, took_off=was_on_ground)
+        self._disarm_when_idle()
+        if self.dynamics.powered:
+            self.failsafes.check(now_s, self.protocol_clock())
 
-    def _guidance(self) -> Guidance | None:
-        """Return where to fly, or None to stay on the ground with the motors idling."""
-        if self.mode is Mode.MISSION:
-            return self._mission_guidance()
-        if self.mode is Mode.TAKEOFF:
-            return self._takeoff_guidance()
-        if self.body.on_ground or self._hold is None:
-            return None
-        if self.mode is Mode.LAND:
-            return replace(self._hold, landing=True)
-        return self._return_guidance() if self.mode is Mode.RTL else self._hold
-
-    def _mission_guidance(self) -> Guidance | None:
-        if self.runner.complete and self.body.on_ground:
-            return None
-        index = self.runner.index
-        result = self.runner.fly(self.body, self.now_s)
-        if index != self.runner.index or isinstance(result, Handover):
-            self.announce(dialect.MAVLINK_MSG_ID_MISSION_CURRENT)
-        if isinstance(result, Guidance):
-            return result
-        if result is not Handover.LANDED:
-            self.set_mode(Mode.RTL if result is Handover.RETURN else Mode.HOLD)
-            self.say("Mission finished")
-        return None if self.body.on_ground else self._guidance()
-
-    def _takeoff_guidance(self) -> Guidance | None:
-        if self._hold is None:
-            self._hold = self._here()
-        if self._takeoff_up_m is None:
-            self._takeoff_up_m = self.parameters["MIS_TAKEOFF_ALT"]
-        up_m = max(self._takeoff_up_m, self._hold.up_m)
-        guidance = replace(self._hold, up_m=up_m)
-        if abs(up_m - self.body.up_m) <= self.parameters["NAV_MC_ALT_RAD"] / 2.0:
-            self.set_mode(Mode.HOLD)
-            self._hold = guidance
-        return guidance
-
-    def _return_guidance(self) -> Guidance:
-        assert self._hold is not None  # noqa: S101
-        speed_mps = self.parameters.limits.cruise_speed_mps
-        distance_m = self.body.distance_to(*self.home_m)
-        if self._return_up_m is None:
-            climb = distance_m > RTL_MIN_DISTANCE_M
-            self._return_up_m = max(self.body.up_m, self.parameters["RTL_RETURN_ALT"] if climb else 0.0)
-        if self._hold.landing or distance_m <= self.parameters["NAV_ACC_RAD"]:
-            self._hold = Guidance(*self.home_m, 0.0, speed_mps, landing=True)
-            return self._hold
-        if self._return_up_m - self.body.up_m > self.parameters["NAV_MC_ALT_RAD"]:
-            return replace(self._hold, up_m=self._return_up_m)
-        return Guidance(*self.home_m, self._return_up_m, speed_mps)
-
-    def _stop_here(self) -> Guidance | None:
-        """Return where the vehicle comes to rest when it brakes now; None on the ground."""
-        if self.body.on_ground:
-            return None
-        east_m, north_m = stopping_point(self.body, self.parameters.limits)
-        return replace(self._here(), east_m=east_m, north_m=north_m)
-
-    def _here(self) -> Guidance:
-        body, limits = self.body, self.parameters.limits
-        return Guidance(body.east_m, body.north_m, body.up_m, max(limits.cruise_speed_mps, body.ground_speed_mps))
-
-    # -- what happened ------------------------------------------------------------------------------------------
-
-    def _notice(self, before: Body) -> None:
-        if before.on_ground == self.body.on_ground:
-            return
+    def _notice(self, sinking_mps: float, *, took_off: bool) -> None:
         self.announce(dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE)
-        if before.on_ground:
-            self._landed_s = None
-            self._emit("takeoff", {})
-        elif self.powered:
+        if took_off:
+            self._landed_s = self._armed_s = math.inf
+            self.emit("takeoff", {})
+        elif self.dynamics.powered:
             self._landed_s = self.now_s
-            self._hold = None
-            self._emit("landed", {})
+            self.navigator.settle()
+            self.emit("landed", {})
         else:
-            self.crashed = True
-            self._emit("crashed", {"impact_mps": round(math.fabs(before.up_mps), 2)})
+            self.dynamics.crashed = True
+            self.emit("crashed", {"impact_mps": round(abs(sinking_mps), 2)})
 
-    def _disarm_after_landing(self) -> None:
-        wait_s = self.parameters["COM_DISARM_LAND"]
-        if self.armed and wait_s >= 0.0 and self._landed_s is not None and self.now_s - self._landed_s >= wait_s:
+    def _disarm_when_idle(self) -> None:
+        if not self.armed:
+            return
+        tuning = self.parameters.tuning
+        waits = ((self._landed_s, tuning.disarm_after_landing_s), (self._armed_s, tuning.disarm_on_ground_s))
+        if any(wait_s is not None and self.now_s - since_s >= wait_s for since_s, wait_s in waits):
             self.disarm()
 
-    def _mission_accepted(self, mission: Mission) -> None:
-        self.runner.load(mission, on_ground=self.body.on_ground)
+    # -- its mission --------------------------------------------------------------------------------------------
+
+    def plan_accepted(self, mission_type: int, plan: Mission) -> None:
+        """Take a whole plan."""
+        if mission_type == dialect.MAV_MISSION_TYPE_FENCE:
+            self.fence.load(plan)
+        if mission_type != MISSION:
+            kind = "fence_accepted" if mission_type == dialect.MAV_MISSION_TYPE_FENCE else "rally_accepted"
+            self.emit(kind, {"items": plan.items})
+            return
+        self.runner.load(plan, on_ground=self.body.on_ground)
         if self.mode is Mode.MISSION:
             self.runner.started = True
-        self._emit("mission_accepted", {"mission_id": mission.mission_id, "items": mission.items})
+        self.emit("mission_accepted", {"mission_id": plan.mission_id, "items": plan.items})
         self.announce(dialect.MAVLINK_MSG_ID_MISSION_CURRENT)
+
+    def mission_edited(self, mission: Mission) -> None:
+        """Take a mission that is being written in place."""
+        if self.runner.edit(mission, running=self.mission_running):
+            self.say("Auto mission changed, restarted command")
 
     def _item_reached(self, seq: int) -> None:
         self._outbox.append(dialect.MAVLink_mission_item_reached_message(seq))
-        self._emit("item_reached", {"seq": seq})
+        self.emit("item_reached", {"seq": seq})

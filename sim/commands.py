@@ -1,12 +1,16 @@
-"""COMMAND_LONG and COMMAND_INT -> COMMAND_ACK. What is not in the table is answered UNSUPPORTED."""
+"""COMMAND_LONG and COMMAND_INT -> COMMAND_ACK. What is not in a flavour's table is answered UNSUPPORTED.
+
+Here is what both flavours do alike; `sim.px4_commands` and `sim.ardupilot_commands` add their own.
+"""
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.missions import NOT_GIVEN
+from sim.missions import NOT_GIVEN, RELATIVE_FRAMES
 from sim.modes import Mode
 from sim.wire import Message
 
@@ -17,6 +21,9 @@ ACCEPTED = dialect.MAV_RESULT_ACCEPTED
 REJECTED_FOR_NOW = dialect.MAV_RESULT_TEMPORARILY_REJECTED
 DENIED = dialect.MAV_RESULT_DENIED
 UNSUPPORTED = dialect.MAV_RESULT_UNSUPPORTED
+FAILED = dialect.MAV_RESULT_FAILED
+AUTOPILOT_VERSION = dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION
+HOME_POSITION = dialect.MAVLINK_MSG_ID_HOME_POSITION
 FORCE = 21196
 """param2 of MAV_CMD_COMPONENT_ARM_DISARM that overrules the safety checks."""
 
@@ -33,6 +40,7 @@ class Command(NamedTuple):
     lon_deg: float | None
     alt_m: float | None
     frame: int
+    is_int: bool
 
     @classmethod
     def from_message(cls, message: Any) -> "Command":
@@ -40,9 +48,9 @@ class Command(NamedTuple):
         head = (message.command, message.param1, message.param2, message.param3, message.param4)
         if message.get_type() == "COMMAND_INT":
             lat, lon = (None if raw == NOT_GIVEN else raw / 1e7 for raw in (message.x, message.y))
-            return cls(*head, lat, lon, _given(message.z), message.frame)
+            return cls(*head, lat, lon, _given(message.z), message.frame, True)
         place = (_given(message.param5), _given(message.param6), _given(message.param7))
-        return cls(*head, *place, dialect.MAV_FRAME_GLOBAL)
+        return cls(*head, *place, dialect.MAV_FRAME_GLOBAL, False)
 
 
 class Outcome(NamedTuple):
@@ -52,7 +60,7 @@ class Outcome(NamedTuple):
     messages: tuple[Message, ...] = ()
 
 
-class Commands:
+class Commands(ABC):
     """The command table of one autopilot."""
 
     def __init__(self, autopilot: "Autopilot") -> None:
@@ -69,6 +77,12 @@ class Commands:
             dialect.MAV_CMD_DO_SET_MISSION_CURRENT: self._set_mission_current,
             dialect.MAV_CMD_REQUEST_MESSAGE: self._request_message,
             dialect.MAV_CMD_SET_MESSAGE_INTERVAL: self._set_message_interval,
+            dialect.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: self._reboot,
+            dialect.MAV_CMD_RUN_PREARM_CHECKS: self._prearm_checks,
+            dialect.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: lambda _: self._send(
+                dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION
+            ),
+            dialect.MAV_CMD_GET_HOME_POSITION: lambda _: self._send(HOME_POSITION),
         }
 
     def handle(self, message: Any) -> list[Message]:
@@ -83,77 +97,79 @@ class Commands:
         )
         return [ack, *outcome.messages]
 
-    def _arm_disarm(self, command: Command) -> Outcome:
-        if command.param1 == 1.0:
-            done = self._autopilot.arm()
-        elif command.param1 == 0.0:
-            done = self._autopilot.disarm(force=command.param2 == FORCE)
-        else:
-            return Outcome(UNSUPPORTED)
-        return Outcome(ACCEPTED if done else DENIED)
+    @abstractmethod
+    def set_mode_message(self, message: Any) -> list[Message]:
+        """Take the old SET_MODE message, which only PX4 acknowledges."""
 
-    def _takeoff(self, command: Command) -> Outcome:
-        """Param7 is above sea level, as PX4 has it; without it MIS_TAKEOFF_ALT counts."""
-        up_m = None if command.alt_m is None else command.alt_m - self._autopilot.spec.home_alt_m
-        self._autopilot.takeoff(up_m if up_m is not None and up_m > 0.0 else None)
-        return Outcome(ACCEPTED)
+    @abstractmethod
+    def _arm_disarm(self, command: Command) -> Outcome: ...
 
-    def _set_mode(self, command: Command) -> Outcome:
-        mode = Mode.from_command(command.param2, command.param3)
-        custom = command.param1 >= 0.0 and _index(command.param1) & dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
-        if not custom or mode is None:
-            return Outcome(UNSUPPORTED)
-        return self._mode(mode)
+    @abstractmethod
+    def _takeoff(self, command: Command) -> Outcome: ...
 
-    def _mode(self, mode: Mode) -> Outcome:
-        return Outcome(ACCEPTED if self._autopilot.set_mode(mode) else REJECTED_FOR_NOW)
+    @abstractmethod
+    def _set_mode(self, command: Command) -> Outcome: ...
 
-    def _change_speed(self, command: Command) -> Outcome:
-        if not math.isfinite(command.param2):
-            return Outcome(DENIED)
-        if command.param2 > 0.0:
-            self._autopilot.runner.speed_mps = command.param2
-        elif command.param2 == -2.0:
-            self._autopilot.runner.speed_mps = None
-        return Outcome(ACCEPTED)
+    @abstractmethod
+    def _mode(self, mode: Mode) -> Outcome: ...
 
-    def _reposition(self, command: Command) -> Outcome:
+    @abstractmethod
+    def _change_speed(self, command: Command) -> Outcome: ...
+
+    @abstractmethod
+    def _reposition(self, command: Command) -> Outcome: ...
+
+    @abstractmethod
+    def _mission_start(self, command: Command) -> Outcome: ...
+
+    @abstractmethod
+    def _set_mission_current(self, command: Command) -> Outcome: ...
+
+    def _place(self, command: Command) -> tuple[float | None, float | None, float | None] | None:
+        """Return (east, north, up) metres as far as they are given, or None for a place that is not on the globe."""
         autopilot = self._autopilot
         east_m = north_m = up_m = None
         if command.lat_deg is not None and command.lon_deg is not None:
             if abs(command.lat_deg) > 90.0 or abs(command.lon_deg) > 180.0:
-                return Outcome(DENIED)
+                return None
             east_m, north_m = autopilot.frame.to_local(command.lat_deg, command.lon_deg)
         if command.alt_m is not None:
-            relative = (dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT, dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT)
-            up_m = command.alt_m - (0.0 if command.frame in relative else autopilot.spec.home_alt_m)
-        autopilot.reposition(east_m, north_m, up_m, command.param1)
-        return Outcome(ACCEPTED)
-
-    def _mission_start(self, command: Command) -> Outcome:
-        """Start at item param1 and arm, as PX4 does."""
-        if not self._autopilot.jump(_index(command.param1)) or not self._autopilot.set_mode(Mode.MISSION):
-            return Outcome(REJECTED_FOR_NOW)
-        return Outcome(ACCEPTED if self._autopilot.arm() else DENIED)
-
-    def _set_mission_current(self, command: Command) -> Outcome:
-        return Outcome(ACCEPTED if self._autopilot.jump(_index(command.param1)) else DENIED)
+            up_m = command.alt_m - (0.0 if command.frame in RELATIVE_FRAMES else autopilot.spec.home_alt_m)
+        return east_m, north_m, up_m
 
     def _request_message(self, command: Command) -> Outcome:
-        message = self._autopilot.telemetry.build(_index(command.param1))
-        return Outcome(DENIED) if message is None else Outcome(ACCEPTED, (message,))
+        return self._send(index_of(command.param1))
+
+    def _send(self, message_id: int) -> Outcome:
+        message = self._autopilot.telemetry.build(message_id)
+        return Outcome(self._unknown_message) if message is None else Outcome(ACCEPTED, (message,))
+
+    _unknown_message = DENIED
 
     def _set_message_interval(self, command: Command) -> Outcome:
         if not math.isfinite(command.param2):
             return Outcome(DENIED)
-        known = self._autopilot.telemetry.set_interval(_index(command.param1), command.param2 / 1e6)
-        return Outcome(ACCEPTED if known else DENIED)
+        known = self._autopilot.telemetry.set_interval(index_of(command.param1), command.param2 / 1e6)
+        return Outcome(ACCEPTED if known else self._unknown_message)
+
+    def _reboot(self, command: Command) -> Outcome:
+        """param1 = 1 reboots, on the ground only (20190226 in param6 is ArduPilot's way to insist)."""
+        if command.param1 != 1.0:
+            return Outcome(DENIED)
+        if self._autopilot.armed:
+            return Outcome(REJECTED_FOR_NOW)
+        self._autopilot.ask_reboot()
+        return Outcome(ACCEPTED)
+
+    def _prearm_checks(self, command: Command) -> Outcome:
+        del command
+        return Outcome(REJECTED_FOR_NOW if self._autopilot.armed else ACCEPTED)
 
 
 def _given(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _index(value: float) -> int:
+def index_of(value: float) -> int:
     """Return a number sent as a float; -1, which is never an index, for one that is none."""
     return int(value) if 0.0 <= value < math.inf else -1

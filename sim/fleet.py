@@ -61,7 +61,7 @@ class Fleet:
         self.vehicles: dict[int, Vehicle] = {
             spec.system_id: Vehicle(
                 spec,
-                limits=limits or Limits(),
+                limits=limits,
                 protocol_clock=protocol_clock,
                 on_event=partial(self._log, spec.system_id),
                 boot_s=self.now_s,

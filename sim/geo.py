@@ -4,7 +4,12 @@ Only east and north are converted (pymap3d, WGS 84). A tangent plane leaves the 
 never goes through it: it is carried beside, in metres above the vehicle's home.
 """
 
+import math
+
 import pymap3d
+
+Place = tuple[float, float]
+"""Metres east and north of the spawn point."""
 
 
 class LocalFrame:
@@ -23,3 +28,23 @@ class LocalFrame:
         """Return (lat_deg, lon_deg) of a point given in metres east and north."""
         lat, lon, _ = pymap3d.enu2geodetic(east_m, north_m, 0.0, self.lat_deg, self.lon_deg, 0.0)
         return float(lat), float(lon)
+
+
+def corner_speed(start: Place, corner: Place, goal: Place, acceleration: float, radius: float) -> float:
+    """Return the speed at which the turn fits in the acceptance radius: sqrt(a r tan(angle between the legs / 2))."""
+    before, after = math.dist(start, corner), math.dist(corner, goal)
+    if before < 0.1 or after < 0.1:
+        return math.inf if before < 0.1 else 0.0
+    back = (start[0] - corner[0]) * (goal[0] - corner[0]) + (start[1] - corner[1]) * (goal[1] - corner[1])
+    angle = math.acos(max(-1.0, min(1.0, back / (before * after))))
+    return math.sqrt(acceleration * radius * math.tan(angle / 2.0)) if angle < math.pi - 1e-6 else math.inf
+
+
+def distance_from_segment(a: Place, b: Place, point: Place) -> float:
+    """Return the distance of `point` from the path a-b flown since the last look."""
+    along = (b[0] - a[0], b[1] - a[1])
+    length2 = along[0] ** 2 + along[1] ** 2
+    share = 1.0
+    if length2 > 0.0:
+        share = max(0.0, min(1.0, ((point[0] - a[0]) * along[0] + (point[1] - a[1]) * along[1]) / length2))
+    return math.hypot(a[0] + share * along[0] - point[0], a[1] + share * along[1] - point[1])

@@ -5,15 +5,19 @@ from dataclasses import dataclass
 
 from sim.geo import LocalFrame
 
+AUTOPILOTS = ("px4", "ardupilot")
+
 
 @dataclass(frozen=True, slots=True)
 class VehicleSpec:
-    """One vehicle: its MAVLink system id (1-254) and where it stands (WGS 84 degrees, metres above sea level)."""
+    """One vehicle: its MAVLink system id (1-254), where it stands (WGS 84 degrees, metres above sea level), and
+    which autopilot it has: "px4" or "ardupilot" (ArduCopter)."""
 
     system_id: int
     home_lat_deg: float
     home_lon_deg: float
     home_alt_m: float = 488.0
+    autopilot: str = "px4"
 
     def __post_init__(self) -> None:
         if not 1 <= self.system_id <= 254:
@@ -24,9 +28,13 @@ class VehicleSpec:
             raise ValueError(f"home_lon_deg must be between -180 and 180, got {self.home_lon_deg}")
         if not -500.0 <= self.home_alt_m <= 9000.0:
             raise ValueError(f"home_alt_m must be between -500 and 9000, got {self.home_alt_m}")
+        if self.autopilot not in AUTOPILOTS:
+            raise ValueError(f"autopilot must be one of {', '.join(AUTOPILOTS)}, got {self.autopilot!r}")
 
 
-def grid_of(count: int, lat_deg: float, lon_deg: float, spacing_m: float = 10.0) -> list[VehicleSpec]:
+def grid_of(
+    count: int, lat_deg: float, lon_deg: float, spacing_m: float = 10.0, autopilot: str = "px4"
+) -> list[VehicleSpec]:
     """Return `count` vehicles with system ids 1.. in a square grid centred on a place, row by row from the south-west.
 
     ValueError unless 1 <= count <= 254 and spacing_m is positive.
@@ -42,5 +50,5 @@ def grid_of(count: int, lat_deg: float, lon_deg: float, spacing_m: float = 10.0)
     for index in range(count):
         row, column = divmod(index, columns)
         east_m, north_m = (column - (columns - 1) / 2.0) * spacing_m, (row - (rows - 1) / 2.0) * spacing_m
-        specs.append(VehicleSpec(index + 1, *frame.to_geodetic(east_m, north_m)))
+        specs.append(VehicleSpec(index + 1, *frame.to_geodetic(east_m, north_m), autopilot=autopilot))
     return specs

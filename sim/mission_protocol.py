@@ -1,24 +1,26 @@
-"""The mission protocol, PX4 flavour: a new mission is staged, and replaces the old one only when it is complete.
+"""What both flavours of the mission protocol share: plans by type, the messages, and the face of the vehicle behind.
 
-Messages: MISSION_COUNT, MISSION_REQUEST(_INT), MISSION_ITEM_INT, MISSION_ACK, MISSION_REQUEST_LIST, MISSION_CLEAR_ALL,
-MISSION_SET_CURRENT. Time-outs run on the wall (`now_s` of the injected protocol clock), not on fleet time: the ground
-station at the other end does not hurry when the simulation does.
+Messages: MISSION_COUNT, MISSION_REQUEST(_INT), MISSION_ITEM(_INT), MISSION_ACK, MISSION_REQUEST_LIST,
+MISSION_CLEAR_ALL, MISSION_SET_CURRENT, for missions, fences and rally points. Time-outs run on the injected protocol
+clock: wall seconds when there are sockets, because the ground station at the other end does not hurry when the
+simulation does.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from dataclasses import replace
+from typing import Any, NamedTuple, Protocol
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.missions import MAX_ITEMS, Mission, MissionItem, rejection
-from sim.wire import Extended, Message, text
+from sim.missions import COMMANDS_OF, Mission, MissionItem
+from sim.wire import Message
 
-RETRY_S = 0.25
-"""PX4 asks again for a missing item after this long."""
-GIVE_UP_S = 5.0
-"""PX4 ends a transfer in which nothing arrived for this long."""
 MISSION = dialect.MAV_MISSION_TYPE_MISSION
+ALL = dialect.MAV_MISSION_TYPE_ALL
+TYPES = tuple(COMMANDS_OF)
+CORRUPTION_E7 = 2000
+"""How far a corrupted upload moves an item: 1e-7 degrees of latitude, 22 m."""
 
 
 class Partner(NamedTuple):
@@ -28,43 +30,52 @@ class Partner(NamedTuple):
     component_id: int
 
 
-@dataclass(slots=True)
-class _Upload:
-    partner: Partner
-    count: int
-    heard_s: float
-    asked_s: float
-    staged: list[MissionItem] = field(default_factory=list)
+class MissionHost(Protocol):
+    """The vehicle behind the protocol."""
+
+    @property
+    def mission_index(self) -> int:
+        """The item being flown."""
+        ...
+
+    @property
+    def mission_running(self) -> bool:
+        """Whether the vehicle is armed and flies its mission."""
+        ...
+
+    def plan_accepted(self, mission_type: int, plan: Mission) -> None:
+        """Take a complete upload or a clear; called before it is acknowledged."""
+        ...
+
+    def mission_edited(self, mission: Mission) -> None:
+        """Take a change to the mission in the middle of an upload (ArduPilot writes in place)."""
+        ...
+
+    def jump(self, seq: int) -> bool:
+        """Make a mission item current; False if it cannot be."""
+        ...
+
+    def guide(self, item: MissionItem) -> bool:
+        """Fly to an item that is no part of a mission; False outside GUIDED (ArduPilot)."""
+        ...
+
+    def home_item(self) -> MissionItem:
+        """Return home as item 0 (ArduPilot)."""
+        ...
 
 
-@dataclass(slots=True)
-class _Download:
-    partner: Partner
-    mission: Mission
-    heard_s: float
+class MissionProtocol(ABC):
+    """Answers mission messages; owns the plans on board.
 
-
-class MissionProtocol:
-    """Answers mission messages; owns the mission on board.
-
-    `on_accept(mission)` is called for each complete upload and each clear, before it is acknowledged;
-    `on_jump(seq)` for each MISSION_SET_CURRENT to an existing item; `current()` tells the item being flown.
+    Faults: `refusals` complete uploads are answered MAV_MISSION_ERROR, and `corruptions` uploads are stored with one
+    item moved, although they are acknowledged as sound.
     """
 
-    def __init__(
-        self,
-        *,
-        clock: Callable[[], float],
-        on_accept: Callable[[Mission], None],
-        on_jump: Callable[[int], object],
-        current: Callable[[], int],
-    ) -> None:
-        self.mission = Mission()
+    def __init__(self, *, clock: Callable[[], float], host: MissionHost) -> None:
+        self.refusals = 0
+        self.corruptions = 0
         self._clock = clock
-        self._on_accept = on_accept
-        self._on_jump = on_jump
-        self._current = current
-        self._transfer: _Upload | _Download | None = None
+        self._host = host
         self._handlers: dict[str, Callable[[Any, Partner], list[Message]]] = {
             "MISSION_COUNT": self._count,
             "MISSION_ITEM_INT": self._item,
@@ -78,151 +89,81 @@ class MissionProtocol:
         }
 
     @property
-    def busy(self) -> bool:
-        """Whether a transfer is under way."""
-        return self._transfer is not None
-
-    @property
     def messages(self) -> frozenset[str]:
         """Names of the messages this protocol answers."""
         return frozenset(self._handlers)
+
+    @property
+    def mission(self) -> Mission:
+        """The mission on board."""
+        return self.plan(MISSION)
 
     def handle(self, message: Any) -> list[Message]:
         """Return the answers to one incoming mission message."""
         partner = Partner(message.get_srcSystem(), message.get_srcComponent())
         return self._handlers[message.get_type()](message, partner)
 
+    @abstractmethod
+    def plan(self, mission_type: int) -> Mission:
+        """Return what lies on board of a MAV_MISSION_TYPE."""
+
+    @property
+    @abstractmethod
+    def busy(self) -> bool:
+        """Whether a transfer is under way."""
+
+    @abstractmethod
     def tick(self) -> list[Message]:
         """Return what the timers make due: a repeated request, or the end of a silent transfer."""
-        transfer, now = self._transfer, self._clock()
-        if transfer is None:
-            return []
-        if now - transfer.heard_s >= GIVE_UP_S:
-            self._transfer = None
-            return [text("Operation timeout", dialect.MAV_SEVERITY_CRITICAL)]
-        if isinstance(transfer, _Upload) and now - transfer.asked_s >= RETRY_S:
-            return [self._ask(transfer)]
-        return []
 
-    def _count(self, message: Any, partner: Partner) -> list[Message]:
-        if message.mission_type != MISSION:
-            result = dialect.MAV_MISSION_UNSUPPORTED if message.count else dialect.MAV_MISSION_ACCEPTED
-            return [_plain_ack(partner, result, message.mission_type)]
-        transfer = self._transfer
-        if transfer is not None and transfer.partner != partner:
-            return [self._answer(partner, dialect.MAV_MISSION_DENIED)]
-        if isinstance(transfer, _Upload) and transfer.staged:
-            return []  # busy with these very items: PX4 goes on with them
-        if message.count > MAX_ITEMS:
-            return [self._end(partner, dialect.MAV_MISSION_NO_SPACE)]
-        if message.count == 0:
-            return [self._accept(Mission(), partner)]
-        now = self._clock()
-        self._transfer = _Upload(partner, message.count, heard_s=now, asked_s=now)
-        return [self._ask(self._transfer)]
+    @abstractmethod
+    def reset(self) -> None:
+        """Forget the transfers under way, as a reboot does; the plans on board stay."""
 
-    def _item(self, message: Any, partner: Partner) -> list[Message]:
-        if message.mission_type != MISSION:
-            return [_plain_ack(partner, dialect.MAV_MISSION_UNSUPPORTED, message.mission_type)]
-        transfer = self._transfer
-        if not isinstance(transfer, _Upload):
-            return [self._late_item(message, partner)]
-        if transfer.partner != partner:
-            return [self._answer(partner, dialect.MAV_MISSION_DENIED)]
-        if message.seq != len(transfer.staged):
-            return []
-        item = MissionItem.from_message(message)
-        refused = rejection(item)
-        if refused is not None:
-            return [self._end(partner, refused)]
-        transfer.staged.append(item)
-        transfer.heard_s = self._clock()
-        if len(transfer.staged) < transfer.count:
-            return [self._ask(transfer)]
-        return [self._accept(Mission(tuple(transfer.staged)), partner)]
+    @abstractmethod
+    def _count(self, message: Any, partner: Partner) -> list[Message]: ...
 
-    def _late_item(self, message: Any, partner: Partner) -> Message:
-        """Repeat the acknowledgement only for the very item that completed the mission on board."""
-        items = self.mission.items
-        known = bool(items) and MissionItem.from_message(message).fingerprint == items[-1].fingerprint
-        return self._answer(partner, dialect.MAV_MISSION_ACCEPTED if known else dialect.MAV_MISSION_ERROR)
+    @abstractmethod
+    def _item(self, message: Any, partner: Partner) -> list[Message]: ...
 
-    def _float_item(self, message: Any, partner: Partner) -> list[Message]:
-        return [_plain_ack(partner, dialect.MAV_MISSION_UNSUPPORTED, message.mission_type)]
+    @abstractmethod
+    def _float_item(self, message: Any, partner: Partner) -> list[Message]: ...
 
-    def _request_list(self, message: Any, partner: Partner) -> list[Message]:
-        if message.mission_type != MISSION:
-            return [_count_message(partner, Mission(), message.mission_type)]
-        transfer = self._transfer
-        if transfer is not None and transfer.partner != partner:
-            return [self._answer(partner, dialect.MAV_MISSION_DENIED)]
-        if isinstance(transfer, _Upload):
-            return []
-        self._transfer = _Download(partner, self.mission, heard_s=self._clock()) if self.mission.items else None
-        return [_count_message(partner, self.mission, MISSION)]
+    @abstractmethod
+    def _request_list(self, message: Any, partner: Partner) -> list[Message]: ...
 
-    def _request(self, message: Any, partner: Partner) -> list[Message]:
-        transfer = self._transfer
-        if not isinstance(transfer, _Download) or transfer.partner != partner:
-            return [self._answer(partner, dialect.MAV_MISSION_DENIED)] if message.mission_type == MISSION else []
-        if message.seq >= len(transfer.mission):
-            return [self._end(partner, dialect.MAV_MISSION_INVALID_SEQUENCE)]
-        transfer.heard_s = self._clock()
-        current = transfer.mission is self.mission and message.seq == self._current()
-        return [_item_message(partner, transfer.mission.items[message.seq], current=current)]
+    @abstractmethod
+    def _request(self, message: Any, partner: Partner) -> list[Message]: ...
 
-    def _ack(self, message: Any, partner: Partner) -> list[Message]:
-        """Take the end of a download, or the other side's cancellation of either direction."""
-        if message.mission_type == MISSION and self._transfer is not None and self._transfer.partner == partner:
-            self._transfer = None
-        return []
+    @abstractmethod
+    def _ack(self, message: Any, partner: Partner) -> list[Message]: ...
 
-    def _clear_all(self, message: Any, partner: Partner) -> list[Message]:
-        everything = message.mission_type == dialect.MAV_MISSION_TYPE_ALL
-        if message.mission_type != MISSION and not everything:
-            return [_plain_ack(partner, dialect.MAV_MISSION_ACCEPTED, message.mission_type)]
-        if self._transfer is not None:
-            return [_plain_ack(partner, dialect.MAV_MISSION_DENIED, message.mission_type)]
-        self._accept(Mission(), partner)
-        return [_plain_ack(partner, dialect.MAV_MISSION_ACCEPTED, message.mission_type)]
+    @abstractmethod
+    def _clear_all(self, message: Any, partner: Partner) -> list[Message]: ...
 
-    def _set_current(self, message: Any, partner: Partner) -> list[Message]:
-        del partner
-        if message.seq >= len(self.mission):
-            return [text("WPM: WP CURR CMD: Not in list", dialect.MAV_SEVERITY_CRITICAL)]
-        self._on_jump(message.seq)
-        return []
+    @abstractmethod
+    def _set_current(self, message: Any, partner: Partner) -> list[Message]: ...
 
-    def _ask(self, transfer: _Upload) -> Message:
-        transfer.asked_s = self._clock()
-        request: Message = dialect.MAVLink_mission_request_int_message(*transfer.partner, len(transfer.staged), MISSION)
-        return request
+    def _must_refuse(self) -> bool:
+        refused, self.refusals = self.refusals > 0, max(self.refusals - 1, 0)
+        return refused
 
-    def _accept(self, mission: Mission, partner: Partner) -> Message:
-        self.mission = mission
-        self._on_accept(mission)
-        return self._end(partner, dialect.MAV_MISSION_ACCEPTED)
-
-    def _end(self, partner: Partner, result: int) -> Message:
-        self._transfer = None
-        return self._answer(partner, result)
-
-    def _answer(self, partner: Partner, result: int) -> Message:
-        opaque_id = self.mission.mission_id if result == dialect.MAV_MISSION_ACCEPTED else 0
-        return Extended(dialect.MAVLink_mission_ack_message(*partner, result, MISSION), opaque_id=opaque_id)
+    def _as_stored(self, item: MissionItem, count: int) -> MissionItem:
+        """Return the item as it lands in storage: moved, if this upload of `count` items is to be corrupted."""
+        if self.corruptions == 0 or item.seq != count - 1:
+            return item
+        self.corruptions -= 1
+        return replace(item, x=max(-(2**31), min(2**31 - 1, item.x + CORRUPTION_E7)))
 
 
-def _plain_ack(partner: Partner, result: int, mission_type: int) -> Message:
+def ack_message(partner: Partner, result: int, mission_type: int) -> Message:
+    """Return a MISSION_ACK."""
     message: Message = dialect.MAVLink_mission_ack_message(*partner, result, mission_type)
     return message
 
 
-def _count_message(partner: Partner, mission: Mission, mission_type: int) -> Message:
-    base = dialect.MAVLink_mission_count_message(*partner, len(mission), mission_type)
-    return Extended(base, opaque_id=mission.mission_id)
-
-
-def _item_message(partner: Partner, item: MissionItem, *, current: bool) -> Message:
+def item_message(partner: Partner, item: MissionItem, mission_type: int, *, current: bool) -> Message:
+    """Return a MISSION_ITEM_INT."""
     message: Message = dialect.MAVLink_mission_item_int_message(
         *partner,
         item.seq,
@@ -237,6 +178,6 @@ def _item_message(partner: Partner, item: MissionItem, *, current: bool) -> Mess
         item.x,
         item.y,
         item.z,
-        MISSION,
+        mission_type,
     )
     return message

@@ -1,8 +1,9 @@
 """Flies a mission: which item is current, where to go for it, how fast, and when it is done.
 
-Pure: fed with the body and fleet time, it returns guidance. A waypoint counts as reached within its acceptance radius
-(param2, else NAV_ACC_RAD) and NAV_MC_ALT_RAD of altitude; its hold (param1) starts then. Waypoints without a hold are
-flown through, slower the sharper the corner.
+Pure: fed with the body and fleet time, it returns guidance. Here is what both flavours share, flown as PX4 does: a
+waypoint counts as reached within its acceptance radius (param2, else NAV_ACC_RAD) and NAV_MC_ALT_RAD of altitude; its
+hold (param1) starts then. Waypoints without a hold are flown through, slower the sharper the corner.
+`sim.ardupilot_runner` has what ArduCopter does differently.
 """
 
 import math
@@ -12,16 +13,14 @@ from enum import Enum, auto
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.geo import LocalFrame
+from sim.geo import LocalFrame, Place, corner_speed, distance_from_segment
 from sim.missions import Mission, MissionItem
 from sim.parameters import ParameterStore
-from sim.vehicle import BRAKING_SHARE, Body, Guidance
+from sim.vehicle import BRAKING_SHARE, JERK_SHARE, Body, Guidance, jerk_limited_approach, stopping_point
 
-Place = tuple[float, float]
-"""Metres east and north of the spawn point."""
-
-LOOK_AHEAD = 4
-"""How many corners ahead are considered for the speed at the next one."""
+DAY_S = 86_400.0
+_HOVERS = (dialect.MAV_CMD_NAV_WAYPOINT, dialect.MAV_CMD_NAV_LOITER_TIME)
+"""Items whose param1 is a time to stay."""
 
 
 class Handover(Enum):
@@ -32,8 +31,20 @@ class Handover(Enum):
     RETURN = auto()
 
 
+class MissionState(Enum):
+    """How far a mission is, as MISSION_CURRENT.mission_state has it."""
+
+    NO_MISSION = dialect.MISSION_STATE_NO_MISSION
+    NOT_STARTED = dialect.MISSION_STATE_NOT_STARTED
+    ACTIVE = dialect.MISSION_STATE_ACTIVE
+    PAUSED = dialect.MISSION_STATE_PAUSED
+    COMPLETE = dialect.MISSION_STATE_COMPLETE
+
+
 @dataclass(frozen=True, slots=True)
-class _Target:
+class Target:
+    """Where the current item is flown to."""
+
     east_m: float
     north_m: float
     up_m: float
@@ -42,10 +53,25 @@ class _Target:
 
 
 class MissionRunner:
-    """The cursor in a mission and the flying of it; `on_reached(seq)` is called for every item that is done."""
+    """The cursor in a mission and the flying of it; `on_reached(seq)` is called for every item that is done.
+
+    `utc(now_s)` gives the seconds since midnight UTC at a moment of fleet time (NAV_DELAY), `say` announces words.
+    """
+
+    first = 0
+    """The item a mission begins with."""
+    look_ahead = 4
+    """How many corners ahead are considered for the speed at the next one."""
 
     def __init__(
-        self, frame: LocalFrame, home_alt_m: float, parameters: ParameterStore, on_reached: Callable[[int], None]
+        self,
+        frame: LocalFrame,
+        home_alt_m: float,
+        parameters: ParameterStore,
+        on_reached: Callable[[int], None],
+        *,
+        utc: Callable[[float], float] = lambda now_s: now_s % DAY_S,
+        say: Callable[[str], None] = lambda _: None,
     ) -> None:
         self.mission = Mission()
         self.index = 0
@@ -56,9 +82,12 @@ class MissionRunner:
         self._home_alt_m = home_alt_m
         self._parameters = parameters
         self._on_reached = on_reached
-        self._target: _Target | None = None
+        self._utc = utc
+        self._say = say
+        self._target: Target | None = None
         self._holding_since_s: float | None = None
         self._climb_first = False
+        self._delay_until_s: float | None = None
         self._was: Place = (0.0, 0.0)
 
     @property
@@ -70,6 +99,36 @@ class MissionRunner:
     def cruise_mps(self) -> float:
         """The ground speed in force: the last speed change, else MPC_XY_CRUISE."""
         return self._cruise(self.speed_mps)
+
+    def state(self, *, flying: bool) -> MissionState:
+        """Return how far the mission is; `flying`: the vehicle is armed and in the mission mode."""
+        if not self.mission.items:
+            return MissionState.NO_MISSION
+        if self.complete:
+            return MissionState.COMPLETE
+        if flying:
+            return MissionState.ACTIVE
+        return MissionState.PAUSED if self.started else MissionState.NOT_STARTED
+
+    def can_start(self, *, on_ground: bool) -> str | None:
+        """Return why the mission cannot be flown now, or None."""
+        del on_ground
+        return None if self.mission.items else "Mission mode denied: no mission"
+
+    def can_jump(self, seq: int) -> bool:
+        """Whether there is an item `seq` to make current."""
+        return 0 <= seq < len(self.mission)
+
+    def leave(self) -> None:
+        """Leave the mission mode."""
+
+    def rewind(self) -> None:
+        """Forget how far the mission was: the vehicle has disarmed."""
+
+    def edit(self, mission: Mission, *, running: bool) -> bool:
+        """Take a mission that is being written in place (ArduPilot); True if that restarted the current leg."""
+        del mission, running
+        return False
 
     def load(self, mission: Mission, *, on_ground: bool) -> None:
         """Take a new mission from its item with current = 1; without one, from the old index as far as it exists."""
@@ -96,20 +155,30 @@ class MissionRunner:
 
     def fly(self, body: Body, now_s: float) -> Guidance | Handover:
         """Return where to go now; items that are done are passed on the way."""
-        if not self.mission.items:
+        if not self._has_item():
             return Handover.FINISHED
-        for _ in range(len(self.mission) + 1):
+        for _ in range(len(self.mission) + 2):
             result = self._fly_item(body, now_s)
             if result is not None:
                 self._was = (body.east_m, body.north_m)
                 return result
-            self._on_reached(self.index)
-            if self.index + 1 >= len(self.mission):
+            self._on_reached(self.item.seq)
+            done = self.item.command
+            if not self._advance():
                 self.complete = True
-                return Handover.LANDED if self.item.command == dialect.MAV_CMD_NAV_LAND else Handover.FINISHED
-            self.index += 1
+                return Handover.LANDED if done == dialect.MAV_CMD_NAV_LAND else Handover.FINISHED
             self._forget()
         return Handover.FINISHED
+
+    def _has_item(self) -> bool:
+        return bool(self.mission.items)
+
+    def _advance(self) -> bool:
+        """Go on to the next item; False after the last one."""
+        if self.index + 1 >= len(self.mission):
+            return False
+        self.index += 1
+        return True
 
     def _fly_item(self, body: Body, now_s: float) -> Guidance | Handover | None:
         """Return guidance for the current item, or None once it is done."""
@@ -121,10 +190,9 @@ class MissionRunner:
             self._on_reached(self.index)
             self.complete = True
             return Handover.RETURN
-        if self._target is None:
-            self._begin(body)
-        target = self._target
-        assert target is not None  # noqa: S101
+        if item.command == dialect.MAV_CMD_NAV_DELAY:
+            return self._delay(body, now_s)
+        target = self._target or self._begin(body)
         if self._climb_first:
             if not self._has_climbed(body, target):
                 return Guidance(*self._was, up_m=target.up_m, speed_mps=self.cruise_mps)
@@ -135,22 +203,38 @@ class MissionRunner:
             return None
         return self._towards(body, target)
 
-    def _begin(self, body: Body) -> None:
+    def _begin(self, body: Body) -> Target:
         """Fix the target of the current item, seen from where the vehicle is now."""
         item = self.item
         self._was = (body.east_m, body.north_m)
         east_m, north_m = self._place(item) or self._was
         up_m = body.up_m if item.command == dialect.MAV_CMD_NAV_LAND else item.relative_alt_m(self._home_alt_m)
         if body.on_ground and item.command != dialect.MAV_CMD_NAV_LAND:
-            up_m = max(up_m, self._parameters["MIS_TAKEOFF_ALT"])
+            up_m = max(up_m, self._parameters.tuning.takeoff_alt_m)
         self._climb_first = body.on_ground and item.command != dialect.MAV_CMD_NAV_LAND
-        passing = self._passing_speed(self.index, self._was, (east_m, north_m), self.speed_mps, LOOK_AHEAD)
-        self._target = _Target(east_m, north_m, up_m, self._radius(item), passing)
+        passing = self._passing_speed(self.index, self._was, (east_m, north_m), self.speed_mps, self.look_ahead)
+        self._target = Target(east_m, north_m, up_m, self._radius(item), passing)
+        return self._target
 
-    def _has_climbed(self, body: Body, target: _Target) -> bool:
-        return target.up_m - body.up_m <= self._parameters["NAV_MC_ALT_RAD"]
+    def _delay(self, body: Body, now_s: float) -> Guidance | None:
+        """Stay until the relative (param1) or the absolute time (UTC hour, minute, second); too late is tomorrow."""
+        item = self.item
+        if self._delay_until_s is None:
+            wait_s = item.param1
+            if wait_s < 0.0:
+                of_day = sum(max(part, 0.0) * unit for part, unit in zip(_time_of(item), (3600, 60, 1), strict=True))
+                wait_s = (of_day - self._utc(now_s)) % DAY_S
+            self._say(f"Delaying {wait_s:.0f} sec")
+            self._delay_until_s = now_s + wait_s
+            self._target = Target(*stopping_point(body, self._parameters.limits), body.up_m, 0.0, 0.0)
+        if now_s >= self._delay_until_s or self._target is None:
+            return None
+        return Guidance(self._target.east_m, self._target.north_m, self._target.up_m, self.cruise_mps)
 
-    def _land(self, body: Body, target: _Target) -> Guidance | None:
+    def _has_climbed(self, body: Body, target: Target) -> bool:
+        return target.up_m - body.up_m <= self._parameters.tuning.altitude_radius_m
+
+    def _land(self, body: Body, target: Target) -> Guidance | None:
         if body.on_ground:
             return None
         if body.distance_to(target.east_m, target.north_m) <= target.radius_m or self._holding_since_s is not None:
@@ -158,33 +242,34 @@ class MissionRunner:
             return Guidance(target.east_m, target.north_m, 0.0, self.cruise_mps, landing=True)
         return Guidance(target.east_m, target.north_m, target.up_m, self.cruise_mps)
 
-    def _is_done(self, body: Body, target: _Target, now_s: float) -> bool:
+    def _is_done(self, body: Body, target: Target, now_s: float) -> bool:
         if self._holding_since_s is None:
-            near = _distance_from_segment(self._was, (body.east_m, body.north_m), (target.east_m, target.north_m))
-            if near > target.radius_m or abs(target.up_m - body.up_m) > self._parameters["NAV_MC_ALT_RAD"]:
+            near = distance_from_segment(self._was, (body.east_m, body.north_m), (target.east_m, target.north_m))
+            if near > target.radius_m or abs(target.up_m - body.up_m) > self._parameters.tuning.altitude_radius_m:
                 return False
             self._holding_since_s = now_s
         if self.item.command == dialect.MAV_CMD_NAV_LOITER_UNLIM:
             return False
-        hold_s = self.item.param1 if self.item.command == dialect.MAV_CMD_NAV_WAYPOINT else 0.0
+        hold_s = self.item.param1 if self.item.command in _HOVERS else 0.0
         return now_s - self._holding_since_s >= hold_s
 
-    def _towards(self, body: Body, target: _Target) -> Guidance:
+    def _towards(self, body: Body, target: Target) -> Guidance:
         passing = target.passing_mps
         if passing > 0.0:
             limits = self._parameters.limits
             rise_m = target.up_m - body.up_m
             vertical_s = rise_m / limits.climb_mps if rise_m > 0.0 else -rise_m / limits.descend_mps
             late = vertical_s > body.distance_to(target.east_m, target.north_m) / max(self.cruise_mps, 0.1)
-            if late and abs(rise_m) > self._parameters["NAV_MC_ALT_RAD"]:
+            if late and abs(rise_m) > self._parameters.tuning.altitude_radius_m:
                 passing = 0.0
         return Guidance(target.east_m, target.north_m, target.up_m, self.cruise_mps, passing)
 
     def _passing_speed(self, index: int, start: Place, corner: Place, speed: float | None, depth: int) -> float:
         """Return the speed at the corner of item `index`, reached from `start`, that the legs after it allow."""
+        if depth == 0 or index >= len(self.mission):
+            return 0.0
         item = self.mission.items[index]
-        flown_through = item.command == dialect.MAV_CMD_NAV_WAYPOINT and item.param1 <= 0.0
-        if depth == 0 or not flown_through:
+        if item.command != dialect.MAV_CMD_NAV_WAYPOINT or item.param1 > 0.0:
             return 0.0
         for following in range(index + 1, len(self.mission)):
             after = self.mission.items[following]
@@ -196,24 +281,32 @@ class MissionRunner:
                 return 0.0
             acceleration = BRAKING_SHARE * self._parameters.limits.acceleration_mps2
             beyond = self._passing_speed(following, corner, goal, speed, depth - 1)
-            leg = math.hypot(beyond, math.sqrt(2.0 * acceleration * math.dist(corner, goal)))
-            turn = _corner_speed(start, corner, goal, acceleration, self._radius(item))
+            leg = self._leg_speed(math.dist(corner, goal), beyond)
+            turn = corner_speed(start, corner, goal, acceleration, self._radius(item))
             return min(leg, turn, self._cruise(speed))
         return 0.0
+
+    def _leg_speed(self, length_m: float, passing_mps: float) -> float:
+        """Return the highest speed a leg may begin with to be left at `passing_mps`."""
+        limits = self._parameters.limits
+        braking = BRAKING_SHARE * limits.acceleration_mps2
+        if limits.jerk_mps3 == math.inf:
+            return math.hypot(passing_mps, math.sqrt(2.0 * braking * length_m))
+        return jerk_limited_approach(length_m, braking, JERK_SHARE * limits.jerk_mps3, passing_mps)
 
     def _place(self, item: MissionItem) -> Place | None:
         return self._frame.to_local(item.x / 1e7, item.y / 1e7) if item.has_place else None
 
     def _radius(self, item: MissionItem) -> float:
         own = item.command == dialect.MAV_CMD_NAV_WAYPOINT and item.param2 > 0.0
-        return item.param2 if own else self._parameters["NAV_ACC_RAD"]
+        return item.param2 if own else self._parameters.tuning.acceptance_radius_m
 
     def _cruise(self, speed_mps: float | None) -> float:
         limits = self._parameters.limits
         return min(limits.cruise_speed_mps if speed_mps is None else speed_mps, limits.max_speed_mps)
 
     def _forget(self) -> None:
-        self._target = None
+        self._target = self._delay_until_s = None
         self._holding_since_s = None
 
 
@@ -224,27 +317,7 @@ def _changed(speed_mps: float | None, item: MissionItem) -> float | None:
     return None if item.param2 == -2.0 else speed_mps
 
 
-def _corner_speed(
-    start: Place,
-    corner: Place,
-    goal: Place,
-    acceleration: float,
-    radius: float,
-) -> float:
-    """Return the speed at which the turn fits in the acceptance radius: sqrt(a r tan(angle between the legs / 2))."""
-    before, after = math.dist(start, corner), math.dist(corner, goal)
-    if before < 0.1 or after < 0.1:
-        return math.inf if before < 0.1 else 0.0
-    back = (start[0] - corner[0]) * (goal[0] - corner[0]) + (start[1] - corner[1]) * (goal[1] - corner[1])
-    angle = math.acos(max(-1.0, min(1.0, back / (before * after))))
-    return math.sqrt(acceleration * radius * math.tan(angle / 2.0)) if angle < math.pi - 1e-6 else math.inf
-
-
-def _distance_from_segment(a: Place, b: Place, point: Place) -> float:
-    """Return the distance of `point` from the path a-b flown since the last look."""
-    along = (b[0] - a[0], b[1] - a[1])
-    length2 = along[0] ** 2 + along[1] ** 2
-    share = 1.0
-    if length2 > 0.0:
-        share = max(0.0, min(1.0, ((point[0] - a[0]) * along[0] + (point[1] - a[1]) * along[1]) / length2))
-    return math.hypot(a[0] + share * along[0] - point[0], a[1] + share * along[1] - point[1])
+def _time_of(item: MissionItem) -> tuple[float, float, float]:
+    """Return hour, minute and second of a NAV_DELAY; what is not given (negative or NaN) counts as 0."""
+    parts = [part if math.isfinite(part) else 0.0 for part in (item.param2, item.param3, item.param4)]
+    return parts[0], parts[1], parts[2]

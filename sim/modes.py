@@ -1,40 +1,41 @@
-"""Flight modes and how PX4 writes them into HEARTBEAT.custom_mode and MAV_CMD_DO_SET_MODE."""
+"""Flight modes, whatever number an autopilot gives them in HEARTBEAT.custom_mode (`sim.flavours` has the tables)."""
 
-from enum import Enum
+from enum import Enum, auto
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-_MAIN_AUTO = 4
-
 
 class Mode(Enum):
-    """The automatic modes this vehicle flies; the value is PX4's AUTO sub mode."""
+    """What a vehicle can be doing."""
 
-    TAKEOFF = 2
-    HOLD = 3
-    MISSION = 4
-    RTL = 5
-    LAND = 6
+    TAKEOFF = auto()
+    """PX4 only: climb to the take-off altitude, then hold. ArduCopter takes off in GUIDED."""
+    HOLD = auto()
+    """Stay here: PX4's AUTO.LOITER, ArduCopter's LOITER with centred sticks."""
+    MISSION = auto()
+    """PX4's AUTO.MISSION, ArduCopter's AUTO."""
+    RTL = auto()
+    LAND = auto()
+    GUIDED = auto()
+    """Flown by messages: PX4's OFFBOARD, ArduCopter's GUIDED."""
+    BRAKE = auto()
+    """ArduCopter only: stop as hard as it can, then stay."""
+    POSITION = auto()
+    """A human flies: PX4's POSCTL, ArduCopter's POSHOLD; with centred sticks the vehicle stays."""
+    STABILIZE = auto()
+    """A human flies by attitude; with centred sticks and mid throttle the vehicle stays."""
 
     @property
-    def custom_mode(self) -> int:
-        """The 32-bit custom_mode of HEARTBEAT: main mode in byte 2, sub mode in byte 3."""
-        return _MAIN_AUTO << 16 | self.value << 24
-
-    @classmethod
-    def from_command(cls, main: float, sub: float) -> "Mode | None":
-        """Return the mode that DO_SET_MODE's param2 and param3 name, or None if the vehicle has no such mode."""
-        if main != _MAIN_AUTO:
-            return None
-        return next((mode for mode in cls if mode.value == sub), None)
+    def is_automatic(self) -> bool:
+        """Whether the autopilot decides where to go (MAV_MODE_FLAG_AUTO_ENABLED)."""
+        return self not in (Mode.POSITION, Mode.STABILIZE)
 
 
-def base_mode(*, armed: bool) -> int:
-    """Return HEARTBEAT.base_mode of a vehicle in any of the automatic modes."""
-    flags = (
-        dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
-        | dialect.MAV_MODE_FLAG_AUTO_ENABLED
-        | dialect.MAV_MODE_FLAG_GUIDED_ENABLED
-        | dialect.MAV_MODE_FLAG_STABILIZE_ENABLED
-    )
+def base_mode(mode: Mode, *, armed: bool) -> int:
+    """Return HEARTBEAT.base_mode."""
+    flags = dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | dialect.MAV_MODE_FLAG_STABILIZE_ENABLED
+    if mode.is_automatic:
+        flags |= dialect.MAV_MODE_FLAG_AUTO_ENABLED | dialect.MAV_MODE_FLAG_GUIDED_ENABLED
+    else:
+        flags |= dialect.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
     return int(flags | dialect.MAV_MODE_FLAG_SAFETY_ARMED if armed else flags)

@@ -21,7 +21,7 @@ class Vehicle:
         self,
         spec: VehicleSpec,
         *,
-        limits: Limits,
+        limits: Limits | None,
         protocol_clock: Callable[[], float],
         on_event: Callable[[str, dict[str, Any]], None],
         boot_s: float,

@@ -89,10 +89,3 @@ def text(words: str, severity: int = dialect.MAV_SEVERITY_INFO) -> Message:
     """Return a STATUSTEXT; words beyond 50 bytes are cut."""
     message: Message = dialect.MAVLink_statustext_message(severity, words.encode("ascii", "replace")[:50])
     return message
-
-
-def is_for(message: Any, system_id: int) -> bool:
-    """Whether an incoming message addresses this system's autopilot, or everybody."""
-    system = getattr(message, "target_system", 0)
-    component = getattr(message, "target_component", 0)
-    return system in (0, system_id) and component in (0, AUTOPILOT_COMPONENT)

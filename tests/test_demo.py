@@ -34,7 +34,11 @@ def test_with_the_loop_the_survivors_truly_fly_a_new_plan_and_users_get_more(tmp
     status, without = fly(tmp_path / "without", "--no-replan")
     assert status == 0, [check for check in without["checks"] if not check["passed"]]
     assert len(without["plans"]) == 1
-    assert with_loop["flown"]["mean_sum_rate_after_bps"] > without["flown"]["mean_sum_rate_after_bps"]
+    assert without["flown"]["unserved_after"], "nobody serves the lost UAV's users"
+    assert with_loop["flown"]["unserved_after"] == []
+    assert with_loop["flown"]["worst_user_after_bps"] > 1000 > without["flown"]["worst_user_after_bps"]
+    assert with_loop["flown"]["utility_bps"] > without["flown"]["utility_bps"]
+    assert with_loop["flown"]["jain"] > without["flown"]["jain"]
     assert with_loop["slots_without_service"] < without["slots_without_service"]
 
 

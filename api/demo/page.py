@@ -38,6 +38,9 @@ def figures(report: DemoReport) -> list[tuple[str, str, str]]:
         ("sum rate before", kbps(flown.mean_sum_rate_before_bps), kbps(without.mean_sum_rate_before_bps)),
         ("sum rate during the outage", kbps(flown.mean_sum_rate_during_bps), kbps(without.mean_sum_rate_during_bps)),
         ("sum rate after", kbps(flown.mean_sum_rate_after_bps), kbps(without.mean_sum_rate_after_bps)),
+        (f"utility ({report.utility.kind}) of all slots", kbps(flown.utility_bps), kbps(without.utility_bps)),
+        ("worst user's mean rate after", kbps(flown.worst_user_after_bps), kbps(without.worst_user_after_bps)),
+        ("users without service after", _named(flown.unserved_after), _named(without.unserved_after)),
         (
             "variance of the sum rate",
             f"{flown.sum_rate_variance_kbps2:.1f} (kbit/s)²",
@@ -45,6 +48,10 @@ def figures(report: DemoReport) -> list[tuple[str, str, str]]:
         ),
         ("Jain index of the users", f"{flown.jain:.3f}", f"{without.jain:.3f}"),
     ]
+
+
+def _named(users: list[str]) -> str:
+    return f"{len(users)} ({', '.join(users)})" if users else "none"
 
 
 def result_table(report: DemoReport) -> Group:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import BaseModel
 
-from planner import Plan
+from planner import Plan, Utility
 
 
 class Check(BaseModel):
@@ -16,11 +16,18 @@ class Check(BaseModel):
 
 
 class Rates(BaseModel):
-    """One course of events over the whole operation. Rates in bit/s, per slot where a list."""
+    """One course of events over the whole operation. Rates in bit/s, per slot where a list.
+
+    `worst_user_after_bps` is the least mean rate of any user after the new plan came into force (without one: after the
+    loss), `unserved_after` are the users that got nothing then. `utility_bps` is the plans' own utility of all slots.
+    """
 
     mean_sum_rate_before_bps: float
     mean_sum_rate_during_bps: float | None
     mean_sum_rate_after_bps: float
+    worst_user_after_bps: float
+    unserved_after: list[str]
+    utility_bps: float
     sum_rate_variance_kbps2: float
     jain: float
     sum_rate_bps: list[float]
@@ -45,6 +52,7 @@ class DemoReport(BaseModel):
     checks: list[Check]
     replanned: bool
     speedup: float
+    utility: Utility
     killed: str
     killed_at_slot: int
     killed_at_s: float

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import socket
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from api.demo.client import DemoError, call, free_port, service_process
 from api.demo.page import result_table, write_page
 from api.demo.report import DemoReport
 from api.simulate import specs_at_starts
-from planner import EXAMPLES, Plan, Scenario
+from planner import EXAMPLES, Plan, Scenario, Utility
 
 POLL_S = 0.1
 ENDED = {"completed", "aborted", "failed"}
@@ -27,8 +27,13 @@ ENDED = {"completed", "aborted", "failed"}
 
 @dataclass(frozen=True, kw_only=True)
 class DemoConfig:
-    """How to fly it. kill_slot counts from 1, as the letter does; speedup is fleet seconds per wall second."""
+    """How to fly it. kill_slot counts from 1, as the letter does; speedup is fleet seconds per wall second.
 
+    The default utility trades between users, so that what a loss does to each, and what replanning mends, is seen.
+    Under `sum` the planner pays no heed to users that nobody serves, before the loss or after it.
+    """
+
+    utility: Utility = field(default_factory=lambda: Utility(kind="pooled", mu_per_kbps=-0.3))
     speedup: float = 5.0
     kill: str = "uav-3"
     kill_slot: int = 11
@@ -38,7 +43,7 @@ class DemoConfig:
 
 async def run_demo(config: DemoConfig, *, quiet: bool = False) -> DemoReport:
     """Fly the drill on the paper scenario and judge it; writes `report.html` and `report.json` into `config.out`."""
-    scenario = EXAMPLES["paper"]()
+    scenario = EXAMPLES["paper"]().with_changes(utility=config.utility)
     _check(config, scenario)
     config.out.mkdir(parents=True, exist_ok=True)
     began = time.monotonic()

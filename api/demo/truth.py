@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import combinations
-from math import hypot, inf
+from math import ceil, hypot, inf
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from api.demo.report import Check, DemoReport, Rates, Tracking
 from api.rates import InForce, Point, Sample, rates_by_sample, rates_by_slot
 from mavlink_bridge import geodetic_to_east_north
 from planner import Plan, Scenario
-from planner.utility import jain_index
+from planner.utility import jain_index, utility_kbps
 
 if TYPE_CHECKING:
     from api.demo.runner import DemoConfig, Outcome
@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 PASSED_WITHIN_M = 3.0
 """A waypoint counts as flown when the true track passes this near: acceptance radius and cornering at 5 m/s."""
+
+UNSERVED_BPS = 1.0
+"""A user with less than this has no service."""
 
 
 class Course:
@@ -89,6 +92,7 @@ def judge(config: DemoConfig, scenario: Scenario, log: sim.TruthLog, outcome: Ou
         checks=checks,
         replanned=config.replan,
         speedup=config.speedup,
+        utility=scenario.utility,
         killed=config.kill,
         killed_at_slot=config.kill_slot,
         killed_at_s=kill_s,
@@ -139,10 +143,14 @@ def _rates(
     after_s = kill_s if in_force_s is None else in_force_s
     during = (at >= kill_s) & (at < after_s)
     per_slot = by_slot.sum(axis=0)
+    each_after = by_slot[:, ceil(after_s / scenario.slot_duration_s) :].mean(axis=1)
     return Rates(
         mean_sum_rate_before_bps=float(sums[at < kill_s].mean()),
         mean_sum_rate_during_bps=float(sums[during].mean()) if during.any() else None,
         mean_sum_rate_after_bps=float(sums[at >= after_s].mean()),
+        worst_user_after_bps=float(each_after.min()),
+        unserved_after=[user for user, rate in zip(scenario.user_ids, each_after, strict=True) if rate < UNSERVED_BPS],
+        utility_bps=utility_kbps(by_slot / 1e3, scenario.utility.kind, scenario.utility.mu_per_kbps) * 1e3,
         sum_rate_variance_kbps2=float((per_slot / 1e3).var()),
         jain=jain_index(by_slot / 1e3),
         sum_rate_bps=per_slot.tolist(),

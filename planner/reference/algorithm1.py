@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,51 +35,104 @@ def algorithm_1(
     Every iterate is feasible for (6d)-(6g), so stopping at any time gives a flyable plan. The last line's binary
     mapping is followed by one more bandwidth step for the association that will really be used.
     """
-    paths = problem.hover() if start_m is None else start_m
-    efficiency = spectral_efficiency(problem, paths)
-    association = np.full(efficiency.shape, 1.0 / problem.n_uavs)
-    bandwidth = np.broadcast_to(
-        problem.bandwidth_hz[:, None, None] * problem.n_uavs / problem.n_users, efficiency.shape
-    ).copy()
+    now = _first(problem, problem.hover() if start_m is None else start_m)
     history: list[Iteration] = []
     while not stop(history):
-        association = _or_keep(association, relaxed_association, problem, bandwidth, efficiency)
-        bandwidth = _or_keep(bandwidth, best_bandwidth, problem, association, efficiency)
-        paths = _steer(problem, association * bandwidth, paths)
-        efficiency = spectral_efficiency(problem, paths)
-        history.append(_iteration(problem, len(history) + 1, association * bandwidth * efficiency))
+        for subproblem in (_associated, _allocated, _steered):  # (a4), (a5), (a7)
+            now = _improved(now, subproblem)
+        history.append(now.iteration(len(history) + 1))
         observer(history[-1])
-
-    serving = nearest_binary(association, efficiency)
-    binary = np.moveaxis(np.eye(problem.n_uavs)[serving], 2, 0)
-    final = _or_keep(np.zeros_like(binary), best_bandwidth, problem, binary, efficiency) * binary
-    return Solution(paths, serving, final.sum(axis=0), history)
+    return binary_solution(now, history)
 
 
-def _steer(problem: Problem, allocated_hz: Array, paths_m: Array) -> Array:
-    """One SCA step, made exactly feasible, and refused when it would lower the true objective."""
-    wanted = _or_keep(paths_m, steered, problem, allocated_hz, paths_m)
-    candidate = toward(problem, paths_m, wanted)
-    before = allocated_hz * spectral_efficiency(problem, paths_m)
-    after = allocated_hz * spectral_efficiency(problem, candidate)
-    return candidate if _utility(problem, after) >= _utility(problem, before) else paths_m
+@dataclass(frozen=True)
+class Iterate:
+    """A~, B and Q of one moment: association and bandwidth_hz (U, K, N), paths_m (U, N, 2)."""
+
+    problem: Problem
+    association: Array
+    bandwidth_hz: Array
+    paths_m: Array
+
+    @cached_property
+    def efficiency(self) -> Array:
+        """log2(1 + SINR) of each pair: (U, K, N) bit/s/Hz."""
+        return spectral_efficiency(self.problem, self.paths_m)
+
+    @property
+    def given(self) -> Array:
+        """a b, the bandwidth each pair really has: (U, K, N) Hz."""
+        return self.association * self.bandwidth_hz
+
+    @cached_property
+    def rates_kbps(self) -> Array:
+        """R_k[n] of eq. (3): (K, N)."""
+        rates: Array = (self.given * self.efficiency).sum(axis=0) / 1e3
+        return rates
+
+    @cached_property
+    def utility_kbps(self) -> float:
+        """G of these rates and the past."""
+        return utility_kbps(self.problem.counted_kbps(self.rates_kbps), self.problem.kind, self.problem.mu)
+
+    @cached_property
+    def shortfall_kbps(self) -> float:
+        """How much is missing to the minimum rates, all users and slots together."""
+        missing = self.problem.min_kbps[:, None] * (1 - 1e-9) - self.rates_kbps
+        return float(np.maximum(missing, 0.0).sum())
+
+    def iteration(self, number: int) -> Iteration:
+        """As the observer sees it."""
+        return Iteration(
+            iteration=number,
+            utility_bps=self.utility_kbps * 1e3,
+            mean_sum_rate_bps=float(self.rates_kbps.sum(axis=0).mean()) * 1e3,
+        )
 
 
-def _or_keep(last: Array, subproblem: Callable[..., Array], *given: Problem | Array) -> Array:
-    """The subproblem's solution, or the last iterate where the interior point method found none."""
+def _first(problem: Problem, paths_m: Array) -> Iterate:
+    """Everybody shares everything: line 2 of Algorithm 1."""
+    shape = (problem.n_uavs, problem.n_users, problem.n_slots)
+    there = problem.flying[:, None, :]
+    association = np.broadcast_to(there / there.sum(axis=0), shape)
+    bandwidth = np.broadcast_to(problem.bandwidth_hz[:, None, None] * there.sum(axis=0) / problem.n_users, shape)
+    return Iterate(problem, association, bandwidth, paths_m)
+
+
+def _associated(now: Iterate) -> Iterate:
+    return replace(now, association=relaxed_association(now.problem, now.bandwidth_hz, now.efficiency))
+
+
+def _allocated(now: Iterate) -> Iterate:
+    return replace(now, bandwidth_hz=best_bandwidth(now.problem, now.association, now.efficiency))
+
+
+def _steered(now: Iterate) -> Iterate:
+    return replace(now, paths_m=toward(now.problem, now.paths_m, steered(now.problem, now.given, now.paths_m)))
+
+
+def _improved(now: Iterate, subproblem: Callable[[Iterate], Iterate]) -> Iterate:
+    """With the subproblem's answer, if there is one and it is no worse: first by minimum rates, then by utility."""
     try:
-        return subproblem(*given)
+        candidate = subproblem(now)
     except SubproblemError:
-        return last
+        return now
+    if candidate.shortfall_kbps != now.shortfall_kbps:
+        return candidate if candidate.shortfall_kbps < now.shortfall_kbps else now
+    return candidate if candidate.utility_kbps >= now.utility_kbps else now
 
 
-def _utility(problem: Problem, pair_rates_bps: Array) -> float:
-    return utility_kbps(problem.counted_kbps(pair_rates_bps.sum(axis=0) / 1e3), problem.kind, problem.mu)
+def binary_solution(now: Iterate, history: list[Iteration]) -> Solution:
+    """Algorithm 1, line 9, and bandwidth for the association that will really be used."""
+    problem = now.problem
+    serving = nearest_binary(problem, now.association, now.bandwidth_hz, now.efficiency)
+    binary = np.moveaxis(np.eye(problem.n_uavs)[serving], 2, 0)
+    rounded = replace(now, association=binary, bandwidth_hz=_equal_shares(problem, binary))
+    final = _improved(rounded, _allocated)
+    return Solution(now.paths_m, serving, final.given.sum(axis=0), history)
 
 
-def _iteration(problem: Problem, number: int, pair_rates_bps: Array) -> Iteration:
-    return Iteration(
-        iteration=number,
-        utility_bps=_utility(problem, pair_rates_bps) * 1e3,
-        mean_sum_rate_bps=float(pair_rates_bps.sum(axis=(0, 1)).mean()),
-    )
+def _equal_shares(problem: Problem, binary: Array) -> Array:
+    """Each UAV's band in equal parts for whom it serves: (U, K, N) Hz."""
+    shares: Array = problem.bandwidth_hz[:, None, None] * binary / np.maximum(binary.sum(axis=1, keepdims=True), 1.0)
+    return shares

@@ -11,6 +11,10 @@ from numpy.typing import NDArray
 from planner.problem import Problem
 
 Array = NDArray[np.float64]
+SHORTFALL_PRICE = 1e3
+"""What a kbit/s below a minimum rate costs in kbit/s of utility: more than it can ever gain."""
+MIN_RATE_MARGIN = 1e-6
+"""Minimum rates are asked for this much (relatively) above what is wanted, for the interior point method's rounding."""
 
 
 class SubproblemError(RuntimeError):
@@ -18,21 +22,56 @@ class SubproblemError(RuntimeError):
 
 
 def concave_utility(problem: Problem, rates_kbps: cp.Expression) -> cp.Expression:
-    """(1/mu) log E_n[exp(mu sum_k R_k[n])] of eq. (9), concave by Lemma 1, for rates (K, N) in kbit/s.
+    """The utility of rates (K, N) in kbit/s; concave by Lemma 1, and at mu = 0 the mean of the sum rate (SR-Max).
 
-    At mu = 0 it is the mean of the sum rate (SR-Max). Slots flown before are constants inside the expectation.
+    `sum` is (1/mu) log E_n[exp(mu sum_k R_k[n])] of eq. (9); `per_user` and `pooled` as in `planner.utility`. Slots
+    flown before are constants inside the expectation.
     """
-    per_slot = cp.sum(rates_kbps, axis=0)
-    return soft_mean(per_slot, problem.past_kbps.sum(axis=0), problem.mu)
+    past = problem.past_kbps
+    counted = rates_kbps[:, problem.counted_from :]
+    if problem.kind == "sum" or problem.mu == 0.0:
+        per_slot = cp.reshape(cp.sum(counted, axis=0), (1, counted.shape[1]), order="C")
+        return cp.sum(_soft_means(per_slot, np.nansum(past, axis=0, keepdims=True), problem.mu))
+    if problem.kind == "per_user":
+        return cp.sum(_soft_means(counted, past, problem.mu))
+    flat = cp.reshape(counted, (1, counted.size), order="C")
+    return problem.n_users * cp.sum(_soft_means(flat, past.reshape(1, -1), problem.mu))
 
 
-def soft_mean(values: cp.Expression, past: Array, mu: float) -> cp.Expression:
-    """(1/mu) log mean exp(mu x) over the planned `values` and the `past` ones."""
-    count = values.size + past.size
+def _soft_means(values: cp.Expression, past: Array, mu: float) -> cp.Expression:
+    """(1/mu) log mean exp(mu x) of each row over the planned `values` (R, N) and the `past` ones (R, M).
+
+    NaN in the past: not there, as in `planner.utility.soft_means`.
+    """
+    count = values.shape[1] + np.isfinite(past).sum(axis=1)
+    everything = values.shape[1] + past.shape[1]
     if mu == 0.0:
-        return (cp.sum(values) + past.sum()) / count
-    together = cp.hstack([cp.vec(values, order="C"), past.ravel()]) if past.size else values
-    return (cp.log_sum_exp(mu * together) - np.log(count)) / mu
+        return (cp.sum(values, axis=1) + np.nansum(past, axis=1)) / everything
+    gone = np.where(np.isfinite(past), past, -1e3 / mu)  # exp(mu x) is 0
+    together = cp.hstack([values, gone]) if past.size else values
+    return cp.multiply(count / everything, cp.log_sum_exp(mu * together, axis=1) - np.log(count)) / mu
+
+
+def maximise_with_least_rates(
+    problem: Problem, rates_kbps: cp.Expression, least_kbps: Array, constraints: list[cp.Constraint]
+) -> None:
+    """Maximise the utility of `rates_kbps` (K, N); rates below `least_kbps` (K, N) only where there is no other way.
+
+    The exact penalty of the shortfall keeps the problem solvable where not every minimum can be met. Raises
+    SubproblemError as `solve` does.
+    """
+    utility = concave_utility(problem, rates_kbps)
+    users = np.flatnonzero(least_kbps.max(axis=1) > 0)
+    if len(users):
+        shortfall = cp.Variable((len(users), problem.n_slots), nonneg=True)
+        constraints = [*constraints, rates_kbps[users] + shortfall >= least_kbps[users] * (1 + MIN_RATE_MARGIN)]
+        utility = utility - SHORTFALL_PRICE * cp.sum(shortfall)
+    solve(utility, constraints)
+
+
+def least_rates(problem: Problem) -> Array:
+    """The minimum rate of each user in each slot: (K, N) kbit/s."""
+    return np.repeat(problem.min_kbps[:, None], problem.n_slots, axis=1)
 
 
 def solve(objective: cp.Expression, constraints: list[cp.Constraint]) -> float:

@@ -8,17 +8,20 @@ import cvxpy as cp
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.channel import squared_distances
+from planner.channel import spectral_efficiency, squared_distances
 from planner.problem import Problem
-from planner.reference.objective import concave_utility, solve
+from planner.reference.objective import least_rates, maximise_with_least_rates
+from planner.reference.zones import half_planes, outside
 
 Array = NDArray[np.float64]
 UNIT_M = 100.0
 """Lengths are solved in units of 100 m: the interior point method wants numbers near 1."""
+STEP_MARGIN = 1e-6
+"""Steps are planned this much (relatively) shorter than D_max: the interior point method rounds."""
 
 
 def steered(problem: Problem, allocated_hz: Array, paths_m: Array) -> Array:
-    """Solve (a7) once around `paths_m`: (U, N, 2) metres.
+    """Solve (a7) once around `paths_m`: (U, N, 2) metres. Raises SubproblemError.
 
     allocated_hz: (U, K, N) Hz, the product a b. A pair (k, n) with a b = 0 for every UAV does not enter the
     objective, so its eta are left out; nothing else differs from the letter. The auxiliaries are scaled by their
@@ -31,62 +34,92 @@ def steered(problem: Problem, allocated_hz: Array, paths_m: Array) -> Array:
     q = [cp.Variable((problem.n_slots, 2)) for _ in range(n_uavs)]
     lower = cp.Variable((n_uavs, pairs), nonneg=True)
     upper = cp.Variable((n_uavs, pairs), nonneg=True)
-    distance2 = squared_distances(paths_m, problem.user_m, problem.altitude_m)[:, users, slots] / UNIT_M**2
-    snr = problem.snr_gain[:, users, slots] / (distance2 * UNIT_M**2)  # of every UAV at the expansion point
+    distance2 = squared_distances(paths_m, problem.user_m, problem.altitude_m)[:, users, slots]
+    snr = problem.snr_gain[:, users, slots] / distance2  # of every UAV at the expansion point
 
-    rates = _surrogate_rates(problem, allocated_hz[:, users, slots], snr, lower, upper, (users, slots))
+    pair_rates = surrogate_rates(allocated_hz[:, users, slots], snr, lower, upper)
+    scatter = np.zeros((problem.n_users * problem.n_slots, pairs))
+    scatter[users * problem.n_slots + slots, np.arange(pairs)] = 1.0
+    rates = cp.reshape(scatter @ pair_rates, (problem.n_users, problem.n_slots), order="C")
     constraints: list[cp.Constraint] = []
     for u in range(n_uavs):
-        last = paths_m[u] / UNIT_M
-        towards = last[slots] - problem.user_m[users] / UNIT_M  # q^l - c
-        own2 = cp.sum(cp.square(q[u][slots] - problem.user_m[users] / UNIT_M), axis=1)
-        height2 = (problem.altitude_m[u] / UNIT_M) ** 2
-        constraints += [
-            cp.multiply(distance2[u], 2 - lower[u]) >= own2 + height2,  # (19)
-            distance2[u] + 2 * cp.sum(cp.multiply(towards, q[u][slots] - last[slots]), axis=1)
-            >= cp.multiply(distance2[u], cp.inv_pos(upper[u])),  # (20)
-            q[u][0] == problem.start_m[u] / UNIT_M,  # (6g)
-            q[u] >= problem.low_m / UNIT_M,  # (6f)
-            q[u] <= problem.high_m / UNIT_M,
-        ]
-        if problem.n_slots > 1:
-            constraints.append(cp.norm(q[u][1:] - q[u][:-1], axis=1) <= problem.step_m[u] / UNIT_M)  # (6d)
+        constraints += _distance_bounds(problem, u, paths_m[u], (users, slots), q[u], lower[u], upper[u])
+        constraints += _motion(problem, u, paths_m[u], q[u])
     constraints += _separation(problem, paths_m, q)
-    solve(concave_utility(problem, rates), constraints)
+    now_kbps = (allocated_hz * spectral_efficiency(problem, paths_m)).sum(axis=0) / 1e3
+    maximise_with_least_rates(problem, rates, np.minimum(least_rates(problem), now_kbps), constraints)
     return np.stack([each.value for each in q]) * UNIT_M
 
 
-def _surrogate_rates(
-    problem: Problem,
-    allocated_hz: Array,
-    snr: Array,
-    lower: cp.Variable,
-    upper: cp.Variable,
-    where: tuple[NDArray[np.intp], NDArray[np.intp]],
-) -> cp.Expression:
-    """sum_u a b f_eta of eq. (16) as a (K, N) expression in kbit/s; every array is (U, pairs)."""
+def surrogate_rates(allocated_hz: Array, snr: Array, lower: cp.Expression, upper: cp.Expression) -> cp.Expression:
+    """sum_u a b f_eta of eq. (16) for each pair, (pairs,) kbit/s; every array is (U, pairs).
+
+    snr is that of the expansion point, lower and upper are relative to it, so both are 1 there.
+    """
     weight = allocated_hz / 1e3
-    total = weight.sum(axis=0)
-    first = cp.multiply(total, cp.log(cp.sum(cp.multiply(snr, lower), axis=0) + 1)) / np.log(2)
+    received = cp.log(cp.sum(cp.multiply(snr, lower), axis=0) + 1) / np.log(2)  # first term of (16), over sigma^2
     interference = snr.sum(axis=0) - snr + 1.0  # at the expansion point, for each serving UAV
-    constant = (weight * np.log2(interference)).sum(axis=0)
-    per_watt = weight / interference / np.log(2)
-    slope = snr * (per_watt.sum(axis=0) - per_watt)  # d/d upper_i, over all serving UAVs u != i
-    pair_rates = first - constant - cp.sum(cp.multiply(slope, upper - 1), axis=0)
-    scatter = np.zeros((problem.n_users * problem.n_slots, len(total)))
-    scatter[where[0] * problem.n_slots + where[1], np.arange(len(total))] = 1.0
-    return cp.reshape(scatter @ pair_rates, (problem.n_users, problem.n_slots), order="C")
+    constant = (weight * np.log2(interference)).sum(axis=0)  # second term
+    per_snr = weight / interference / np.log(2)
+    slope = snr * (per_snr.sum(axis=0) - per_snr)  # third term: d/d upper_i, over all serving UAVs u != i
+    return cp.multiply(weight.sum(axis=0), received) - constant - cp.sum(cp.multiply(slope, upper - 1), axis=0)
+
+
+def _distance_bounds(
+    problem: Problem,
+    u: int,
+    path_m: Array,
+    pairs: tuple[NDArray[np.intp], NDArray[np.intp]],
+    q: cp.Variable,
+    lower: cp.Expression,
+    upper: cp.Expression,
+) -> list[cp.Constraint]:
+    """Eqs. (19) and (20), both divided by d^2 at the expansion point `path_m` (N, 2)."""
+    users, slots = pairs
+    centre = problem.user_m[users] / UNIT_M
+    towards = path_m[slots] / UNIT_M - centre  # q^l - c
+    height2 = (problem.altitude_m[u] / UNIT_M) ** 2
+    distance2 = (towards**2).sum(axis=1) + height2
+    own2 = cp.sum(cp.square(q[slots] - centre), axis=1) + height2
+    linear2 = distance2 + 2 * cp.sum(cp.multiply(towards, q[slots] - path_m[slots] / UNIT_M), axis=1)
+    return [
+        2 - lower >= cp.multiply(1 / distance2, own2),  # (19)
+        cp.multiply(1 / distance2, linear2) >= cp.inv_pos(upper),  # (20)
+    ]
+
+
+def _motion(problem: Problem, u: int, path_m: Array, q: cp.Variable) -> list[cp.Constraint]:
+    """(6d), (6f), (6g); and beyond the letter: end position, leaving, no-fly zones."""
+    flying = int(problem.n_flying[u])
+    constraints = [q[0] == problem.start_m[u] / UNIT_M]  # (6g)
+    if flying > 1:
+        step = problem.step_m[u] / UNIT_M * (1 - STEP_MARGIN)
+        longest = np.maximum(step, np.linalg.norm(np.diff(path_m[:flying], axis=0), axis=1) / UNIT_M)
+        constraints += [
+            cp.norm(q[1:flying] - q[: flying - 1], axis=1) <= longest,  # (6d)
+            q[1:flying] >= problem.low_m / UNIT_M,  # (6f)
+            q[1:flying] <= problem.high_m / UNIT_M,
+        ]
+        zones = [(normal, offset / UNIT_M) for normal, offset in half_planes(problem, path_m[:flying])]
+        constraints += outside(zones, q[:flying])
+    if flying < problem.n_slots:
+        constraints.append(q[flying:] == np.repeat(path_m[flying - 1 : flying], problem.n_slots - flying, 0) / UNIT_M)
+    if np.isfinite(problem.end_m[u]).all() and flying > 1:
+        constraints.append(q[flying - 1] == problem.end_m[u] / UNIT_M)
+    return constraints
 
 
 def _separation(problem: Problem, paths_m: Array, q: list[cp.Variable]) -> list[cp.Constraint]:
-    """Eq. (21): constraint (6e), linearised around the last iterate."""
+    """Eq. (21): constraint (6e), linearised around the last iterate, while both fly."""
     if problem.separation_m == 0:
         return []
     constraints = []
     for u, j in combinations(range(problem.n_uavs), 2):
-        apart = (paths_m[u] - paths_m[j]) / UNIT_M
-        constraints.append(
-            -np.sum(apart**2, axis=1) + 2 * cp.sum(cp.multiply(apart, q[u] - q[j]), axis=1)
-            >= (problem.separation_m / UNIT_M) ** 2
-        )
+        both = min(problem.n_flying[u], problem.n_flying[j])
+        apart = (paths_m[u] - paths_m[j])[1:both] / UNIT_M
+        if len(apart):
+            constraints.append(
+                -np.sum(apart**2, axis=1) + 2 * cp.sum(cp.multiply(apart, q[u][1:both] - q[j][1:both]), axis=1)
+                >= (problem.separation_m / UNIT_M) ** 2
+            )
     return constraints

@@ -11,7 +11,6 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from sim.autopilot import Autopilot
 from sim.lineup import VehicleSpec
-from sim.vehicle import Limits
 from sim.wire import Decoder
 
 HOME = (47.397742, 8.545594)
@@ -82,11 +81,11 @@ class Bench:
     events: list[tuple[float, str, dict[str, Any]]] = field(default_factory=list)
     sent: list[Any] = field(default_factory=list)
     gcs: GroundStation = field(default_factory=GroundStation)
+    flavour: str = "px4"
 
     def __post_init__(self) -> None:
         self.autopilot = Autopilot(
-            VehicleSpec(1, *HOME),
-            limits=Limits(),
+            VehicleSpec(1, *HOME, autopilot=self.flavour),
             protocol_clock=lambda: self.wall_s,
             on_event=lambda kind, detail: self.events.append((self.autopilot.now_s, kind, detail)),
         )
@@ -119,19 +118,27 @@ class Bench:
         """Upload a mission and return the last answer."""
         (answer,) = self.ask("mission_count", 1, 1, len(items), 0)
         for item in items:
-            assert answer.get_type() == "MISSION_REQUEST_INT"
-            (answer,) = self.ask("mission_item_int", 1, 1, *item)
+            assert answer.get_type() in ("MISSION_REQUEST_INT", "MISSION_REQUEST")
+            answer = self.ask("mission_item_int", 1, 1, *item)[-1]
         return answer
 
     def take_off(self, up_m: float = 20.0) -> None:
         """Arm, climb and hold."""
+        if self.flavour == "ardupilot":
+            assert self.command(dialect.MAV_CMD_DO_SET_MODE, 1.0, 4.0) == dialect.MAV_RESULT_ACCEPTED
+            assert self.command(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1.0) == dialect.MAV_RESULT_ACCEPTED
+            assert self.command(dialect.MAV_CMD_NAV_TAKEOFF, *[0.0] * 6, up_m) == dialect.MAV_RESULT_ACCEPTED
+            self.fly_until(lambda: abs(self.autopilot.body.up_m - up_m) < 0.1)
+            return
         self.autopilot.parameters["MIS_TAKEOFF_ALT"] = up_m
         assert self.command(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1.0) == dialect.MAV_RESULT_ACCEPTED
         assert self.command(dialect.MAV_CMD_NAV_TAKEOFF, *[float("nan")] * 7) == dialect.MAV_RESULT_ACCEPTED
         self.fly_until(lambda: abs(self.autopilot.body.up_m - up_m) < 0.1)
 
     def set_mode(self, sub_mode: int) -> int:
-        """Command one of PX4's AUTO modes and return the MAV_RESULT."""
+        """Command one of PX4's AUTO modes, or any of ArduCopter's, and return the MAV_RESULT."""
+        if self.flavour == "ardupilot":
+            return self.command(dialect.MAV_CMD_DO_SET_MODE, 1.0, float(sub_mode))
         return self.command(dialect.MAV_CMD_DO_SET_MODE, 1.0, 4.0, float(sub_mode))
 
     def kinds(self) -> list[str]:
@@ -171,6 +178,20 @@ def bench() -> Bench:
 
 
 @pytest.fixture
+def copter() -> Bench:
+    """An ArduCopter on the ground."""
+    return Bench(flavour="ardupilot")
+
+
+@pytest.fixture
+def copter_up() -> Bench:
+    """An ArduCopter that hovers 20 m above home in GUIDED."""
+    bench = Bench(flavour="ardupilot")
+    bench.take_off()
+    return bench
+
+
+@pytest.fixture
 def airborne() -> Bench:
     """An autopilot that holds 20 m above home."""
     bench = Bench()
@@ -191,7 +212,7 @@ def gcs() -> GroundStation:
 
 
 @pytest.fixture(scope="session")
-def new_bench() -> Callable[[], Bench]:
+def new_bench() -> Callable[..., Bench]:
     """A maker of benches, for tests that need a fresh one for each example."""
     return Bench
 

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from sim.flavours import ARDUPILOT, PX4
 from sim.modes import Mode, base_mode
 
 if TYPE_CHECKING:
@@ -170,16 +171,17 @@ def test_a_ping_is_answered_to_its_sender(bench: "Bench") -> None:
     assert (pong.time_usec, pong.seq, pong.target_system) == (123, 7, 245)
 
 
-def test_modes_are_written_as_px4_writes_them() -> None:
-    assert Mode.MISSION.custom_mode == 0x04040000
-    assert Mode.from_command(4.0, 3.0) is Mode.HOLD
-    assert base_mode(armed=True) - base_mode(armed=False) == 128
+def test_modes_are_written_as_each_autopilot_writes_them() -> None:
+    assert PX4.custom_modes[Mode.MISSION] == 0x04040000
+    assert ARDUPILOT.custom_modes[Mode.MISSION] == 3
+    assert base_mode(Mode.HOLD, armed=True) - base_mode(Mode.HOLD, armed=False) == 128
 
 
+@pytest.mark.parametrize("flavour", ["px4", "ardupilot"])
 @given(
     orders=st.lists(
         st.tuples(
-            st.sampled_from([16, 20, 21, 22, 176, 178, 192, 224, 300, 400, 511, 512]),
+            st.sampled_from([16, 20, 21, 22, 176, 178, 192, 193, 224, 246, 300, 400, 420, 511, 512]),
             st.lists(
                 st.one_of(st.floats(width=32), st.integers(-3, 300).map(float), st.just(21196.0)),
                 min_size=7,
@@ -190,9 +192,9 @@ def test_modes_are_written_as_px4_writes_them() -> None:
     )
 )
 def test_no_order_of_commands_with_any_numbers_breaks_it(
-    new_bench: Callable[[], "Bench"], orders: list[tuple[int, list[float]]]
+    new_bench: Callable[..., "Bench"], flavour: str, orders: list[tuple[int, list[float]]]
 ) -> None:
-    bench = new_bench()
+    bench = new_bench(flavour=flavour)
     mav = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
     for command, params in orders:
         for answer in bench.autopilot.handle(bench.gcs.command(command, *params)):

@@ -19,6 +19,7 @@ from mavsdk.component_type import ComponentType
 from mavsdk.plugins.mission_raw.mission_raw import MissionItem
 
 from sim import Fleet, Kill, Mode, ScaledClock, Vehicle, grid_of
+from sim.flavours import PX4
 
 HOME = (47.397742, 8.545594)
 NAN = math.nan
@@ -184,7 +185,7 @@ async def fly_pause_and_swap(client: Client) -> None:
     assert (progress.current, progress.total) == (2, 3)
     await client.missions.pause_mission()
     await until(lambda: client.truth.autopilot.body.ground_speed_mps < 0.1)
-    await until(lambda: client.last("HEARTBEAT")["custom_mode"] == Mode.HOLD.custom_mode)
+    await until(lambda: client.last("HEARTBEAT")["custom_mode"] == PX4.custom_modes[Mode.HOLD])
     await client.missions.start_mission()
     await until(lambda: client.truth.autopilot.body.ground_speed_mps > 3.9)
     before = client.truth.mission.mission_id

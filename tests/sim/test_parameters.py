@@ -2,11 +2,13 @@
 
 import math
 import struct
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from sim.parameters import INT32, REAL32, ParameterStore, parameters_of
+from sim.flavours import FLAVOURS, PX4
+from sim.parameters import INT32, REAL32, ParameterStore
 from sim.vehicle import Limits
 
 if TYPE_CHECKING:
@@ -61,15 +63,39 @@ def test_an_unknown_name_or_a_wrong_type_is_answered_in_words(bench: "Bench") ->
     assert words.get_type() == "STATUSTEXT"
 
 
+def store_of(flavour: str, limits: Limits) -> ParameterStore:
+    known = FLAVOURS[flavour]
+    return ParameterStore(known.parameters(limits), known.tuning, bytewise=known.bytewise)
+
+
 def test_the_store_boots_with_the_limits_it_was_given() -> None:
     limits = Limits(max_speed_mps=9.0, acceleration_mps2=2.0, climb_mps=2.5)
-    assert ParameterStore(limits).limits == limits
-    assert [parameter.name for parameter in parameters_of(limits)] == sorted(p.name for p in parameters_of(limits))
+    assert store_of("px4", limits).limits == limits
+    slow = Limits(max_speed_mps=20.0, cruise_speed_mps=4.0, climb_acceleration_mps2=2.0, descend_acceleration_mps2=2.0)
+    assert store_of("ardupilot", replace(slow, jerk_mps3=2.0)).limits == replace(slow, jerk_mps3=2.0)
 
 
 def test_setting_from_python_checks_name_and_range() -> None:
-    store = ParameterStore(Limits())
+    store = store_of("px4", PX4.limits)
     with pytest.raises(KeyError):
         store["NONSENSE"] = 1.0
     with pytest.raises(ValueError, match="MIS_TAKEOFF_ALT must be between"):
         store["MIS_TAKEOFF_ALT"] = -5.0
+
+
+def test_ardupilot_sends_integers_as_numbers_and_says_nothing_about_unknown_names(copter: "Bench") -> None:
+    value = by_name(copter, "RTL_ALT")
+    assert (value.param_value, value.param_type) == (1500.0, INT32)
+    (answer,) = copter.ask("param_set", 1, 1, b"RTL_ALT", 2500.0, REAL32)
+    assert answer.param_value == 2500.0
+    assert copter.autopilot.parameters.tuning.return_alt_m == 25.0
+    assert copter.ask("param_set", 1, 1, b"NONSENSE", 1.0, REAL32) == []
+    assert copter.ask("param_request_read", 1, 1, b"NONSENSE", -1) == []
+
+
+def test_ardupilot_takes_any_finite_number_and_is_careful_only_where_it_uses_it(copter: "Bench") -> None:
+    (answer,) = copter.ask("param_set", 1, 1, b"WPNAV_SPEED", -5.0, REAL32)
+    assert answer.param_value == -5.0
+    assert copter.autopilot.parameters.limits.cruise_speed_mps == 0.2
+    (answer,) = copter.ask("param_set", 1, 1, b"WPNAV_SPEED", math.nan, REAL32)
+    assert answer.param_value == -5.0

@@ -1,16 +1,13 @@
-"""sim.mission_protocol: a ground station at one end, an autopilot on the bench at the other."""
+"""sim.px4_missions: a ground station at one end, an autopilot on the bench at the other."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.mission_protocol import MissionProtocol
 from sim.missions import Mission
-from sim.wire import Decoder
+from sim.modes import Mode
 
 if TYPE_CHECKING:
     from tests.sim.conftest import Bench, GroundStation, Items
@@ -125,11 +122,55 @@ def test_a_mission_can_be_cleared(bench: "Bench", items: "Items", message: tuple
     assert bench.autopilot.missions.mission == Mission()
 
 
-def test_a_fence_is_not_supported_and_reads_as_empty(bench: "Bench") -> None:
-    (ack,) = bench.ask("mission_count", 1, 1, 3, 1)
+def fence_item(seq: int, command: int, param1: float, north_m: float, east_m: float) -> tuple[Any, ...]:
+    """Return the values of a MISSION_ITEM_INT of a fence around the benches' home."""
+    x, y = round((47.397742 + north_m / 111_180.0) * 1e7), round((8.545594 + east_m / 75_450.0) * 1e7)
+    return (seq, 0, command, 0, 1, param1, 0.0, 0.0, 0.0, x, y, 0.0, 1)
+
+
+def test_a_fence_is_uploaded_read_back_and_obeyed(airborne: "Bench") -> None:
+    corners = [(-50.0, -50.0), (-50.0, 50.0), (50.0, 50.0), (50.0, -50.0)]
+    sent = [fence_item(seq, 5001, 4.0, *corner) for seq, corner in enumerate(corners)]
+    (answer,) = airborne.ask("mission_count", 1, 1, 4, 1)
+    for item in sent:
+        assert (answer.get_type(), answer.mission_type) == ("MISSION_REQUEST_INT", 1)
+        (answer,) = airborne.ask("mission_item_int", 1, 1, *item)
+    assert (answer.get_type(), answer.type) == ("MISSION_ACK", ACCEPTED)
+    (count,) = airborne.ask("mission_request_list", 1, 1, 1)
+    assert count.count == 4
+    assert airborne.ask("mission_request_int", 1, 1, 2, 1)[0].x == sent[2][9]
+    airborne.autopilot.parameters["GF_ACTION"] = 3
+    airborne.autopilot.reposition(80.0, 0.0, None, 8.0)
+    airborne.fly_until(lambda: airborne.autopilot.mode is Mode.RTL)
+    assert airborne.autopilot.body.east_m == pytest.approx(50.0, abs=1.0)
+    assert airborne.autopilot.missions.mission == Mission()
+
+
+@pytest.mark.parametrize(
+    "items", [[(5001, 3.0)] * 2, [(5001, 3.0), (5001, 3.0), (5002, 3.0)], [(5001, 2.0), (5001, 2.0)]]
+)
+def test_a_polygon_that_does_not_add_up_is_refused(bench: "Bench", items: list[tuple[int, float]]) -> None:
+    (answer,) = bench.ask("mission_count", 1, 1, len(items), 1)
+    for seq, (command, param1) in enumerate(items):
+        (answer,) = bench.ask("mission_item_int", 1, 1, *fence_item(seq, command, param1, 10.0 * seq, 0.0))
+    assert (answer.get_type(), answer.type) == ("MISSION_ACK", dialect.MAV_MISSION_ERROR)
+    assert len(bench.autopilot.missions.plan(1)) == 0
+
+
+def test_a_return_goes_to_the_nearest_rally_point(airborne: "Bench", items: "Items") -> None:
+    rally = (*items.add(5100, north_m=60.0, frame=3.0, up_m=20.0)[:-1], 2)
+    airborne.ask("mission_count", 1, 1, 1, 2)
+    assert airborne.ask("mission_item_int", 1, 1, *rally)[0].type == ACCEPTED
+    airborne.autopilot.reposition(0.0, 80.0, None, 8.0)
+    airborne.fly(25.0)
+    airborne.command(20)
+    airborne.fly_until(lambda: not airborne.autopilot.armed)
+    assert airborne.autopilot.body.distance_to(0.0, 60.0) < 0.5
+
+
+def test_a_mission_type_it_does_not_have_is_unsupported(bench: "Bench") -> None:
+    (ack,) = bench.ask("mission_count", 1, 1, 3, 7)
     assert ack.type == dialect.MAV_MISSION_UNSUPPORTED
-    (count,) = bench.ask("mission_request_list", 1, 1, 1)
-    assert (count.count, count.mission_type) == (0, 1)
 
 
 def test_a_request_past_the_end_of_a_download_is_an_invalid_sequence(bench: "Bench", items: "Items") -> None:
@@ -149,96 +190,3 @@ def test_setting_the_current_item_is_confirmed_at_once_and_past_the_end_it_is_no
     (words,) = bench.ask("mission_set_current", 1, 1, 2)
     assert words.get_type() == "STATUSTEXT"
     assert bench.autopilot.runner.index == 1
-
-
-stations = st.sampled_from([(245, 190), (99, 190), (245, 191)])
-
-
-class AnyOrderOfMessages(RuleBasedStateMachine):
-    """PX4's invariant: what lies on board is always a whole mission that somebody sent, item for item."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.wall_s = 0.0
-        self.accepted: list[Mission] = []
-        self.protocol = MissionProtocol(
-            clock=lambda: self.wall_s,
-            on_accept=self.accepted.append,
-            on_jump=lambda _: None,
-            current=lambda: 0,
-        )
-        self.promised: tuple[tuple[int, int], int] = ((0, 0), 0)
-        self.sent_since: list[tuple[tuple[int, int], int, int]] = []
-
-    def _send(self, who: tuple[int, int], name: str, *values: Any) -> list[Any]:
-        mav = dialect.MAVLink(None, srcSystem=who[0], srcComponent=who[1])
-        (message,) = Decoder().decode(bytes(getattr(dialect, f"MAVLink_{name}_message")(*values).pack(mav)))
-        known = len(self.accepted)
-        answers = self.protocol.handle(message)
-        if len(self.accepted) > known:
-            assert [a.type for a in answers if a.get_type() == "MISSION_ACK"] == [ACCEPTED]
-            self._check_that_it_is_whole(who, self.accepted[-1])
-        return answers
-
-    def _check_that_it_is_whole(self, who: tuple[int, int], mission: Mission) -> None:
-        if mission.items:
-            assert self.promised == (who, len(mission))
-            assert {(who, item.seq, item.x) for item in mission.items} <= set(self.sent_since)
-
-    @rule(who=stations, count=st.integers(0, 4))
-    def count(self, who: tuple[int, int], count: int) -> None:
-        idle = not self.protocol.busy
-        answers = self._send(who, "mission_count", 1, 1, count, 0)
-        asked = [answer.get_type() for answer in answers] == ["MISSION_REQUEST_INT"]
-        if asked:
-            self.promised, self.sent_since = (who, count), []
-        assert asked or count == 0 or not idle
-
-    @rule(who=stations, seq=st.integers(0, 4), variant=st.integers(0, 3), command=st.sampled_from([16, 16, 16, 82]))
-    def item(self, who: tuple[int, int], seq: int, variant: int, command: int) -> None:
-        place = (470_000_000 + variant, 85_000_000 + seq)
-        self.sent_since.append((who, seq, place[0]))
-        self._send(who, "mission_item_int", 1, 1, seq, 6, command, 0, 1, 0.0, 0.0, 0.0, 0.0, *place, 20.0, 0)
-
-    @rule(who=stations, variant=st.integers(0, 3))
-    def next_item(self, who: tuple[int, int], variant: int) -> None:
-        transfer = self.protocol._transfer
-        self.item(who, len(getattr(transfer, "staged", [])), variant, 16)
-
-    @rule(who=stations)
-    def read_list(self, who: tuple[int, int]) -> None:
-        self._send(who, "mission_request_list", 1, 1, 0)
-
-    @rule(who=stations, seq=st.integers(0, 5))
-    def read_item(self, who: tuple[int, int], seq: int) -> None:
-        for answer in self._send(who, "mission_request_int", 1, 1, seq, 0):
-            if answer.get_type() == "MISSION_ITEM_INT":
-                item = self.protocol.mission.items[seq]
-                assert (answer.x, answer.y, answer.seq) == (item.x, item.y, item.seq)
-
-    @rule(who=stations, kind=st.sampled_from([0, 1, 15]))
-    def acknowledge(self, who: tuple[int, int], kind: int) -> None:
-        self._send(who, "mission_ack", 1, 1, kind, 0)
-
-    @rule(who=stations)
-    def clear(self, who: tuple[int, int]) -> None:
-        self._send(who, "mission_clear_all", 1, 1, 0)
-
-    @rule(who=stations, seq=st.integers(0, 5))
-    def set_current(self, who: tuple[int, int], seq: int) -> None:
-        self._send(who, "mission_set_current", 1, 1, seq)
-
-    @rule(seconds=st.sampled_from([0.1, 0.3, 6.0]))
-    def wait(self, seconds: float) -> None:
-        self.wall_s += seconds
-        self.protocol.tick()
-        if seconds > 5.0:
-            assert not self.protocol.busy
-
-    @invariant()
-    def the_mission_on_board_is_one_that_was_accepted_whole(self) -> None:
-        assert self.protocol.mission == (self.accepted[-1] if self.accepted else Mission())
-        assert [item.seq for item in self.protocol.mission.items] == list(range(len(self.protocol.mission)))
-
-
-TestAnyOrderOfMessages = AnyOrderOfMessages.TestCase

@@ -1,0 +1,121 @@
+"""Branch and bound over UAV positions, slot by slot: the certificate made tight, offline, for up to three UAVs.
+
+Slots are bounded independently, each over the positions reachable by then (a relaxation: consecutive positions need
+not be one flight). A node is one rectangle per UAV. Its bound takes, for each pair, the nearest own and the farthest
+interfering position in rectangle and reach; the best node of a slot is split until the budget is spent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.bound import lifted_kbps, reachability_bound_kbps
+from planner.cells import split_cells
+from planner.problem import Problem
+from planner.reach import Reach, reach_of
+from planner.utility import rate_weights, utility_kbps
+
+Array = NDArray[np.float64]
+MAX_UAVS = 3
+CHUNK = 4096
+"""Nodes split between two looks at the stopping rule."""
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """A proven bound. bound_kbps: no feasible plan has a higher utility. root_kbps: the bound before branching.
+
+    slot_bounds_kbps, slot_best_kbps: (N,), bound and best value found of each slot's weighted sum rate (weights are 1
+    for `sum`), positions free within reach. nodes: rectangles split. finished: every slot is closed to the tolerance.
+    """
+
+    bound_kbps: float
+    root_kbps: float
+    slot_bounds_kbps: Array
+    slot_best_kbps: Array
+    nodes: int
+    finished: bool
+
+
+def certificate(
+    problem: Problem,
+    rates_kbps: Array,
+    *,
+    tolerance: float = 0.005,
+    max_nodes: int = 2_000_000,
+    stop: Callable[[], bool] = lambda: False,
+) -> Certificate:
+    """Bound the utility of every feasible plan by branch and bound; valid whenever it is stopped.
+
+    rates_kbps: (K, N), those of a good plan: concave utilities are bounded by their tangent plane there. tolerance:
+    relative gap at which a slot is closed. Raises ValueError for more than three UAVs.
+    """
+    if problem.n_uavs > MAX_UAVS:
+        raise ValueError(f"uavs: branch and bound takes at most {MAX_UAVS} UAVs, not {problem.n_uavs}")
+    root = reachability_bound_kbps(problem)
+    by_slot = problem.kind == "sum" or problem.mu == 0.0
+    weights = np.ones(rates_kbps.shape) if by_slot else rate_weights(problem, rates_kbps)
+    slots = [_Slot(problem, weights, n) for n in range(problem.n_slots)]
+    nodes = 0
+    while nodes < max_nodes and not stop():
+        widest = max(slots, key=lambda slot: slot.gap if slot.gap > tolerance * slot.bound else 0.0)
+        if widest.gap <= tolerance * widest.bound:
+            break
+        nodes += widest.split(min(CHUNK, max_nodes - nodes), tolerance)
+    bounds, best = np.array([slot.bound for slot in slots]), np.array([slot.best for slot in slots])
+    if by_slot:
+        proven = lifted_kbps(problem, bounds)
+    else:
+        value = utility_kbps(problem.counted_kbps(rates_kbps), problem.kind, problem.mu)
+        proven = value + float(bounds.sum() - (weights * rates_kbps).sum())
+    closed = bool(((bounds - best) <= tolerance * bounds).all())
+    return Certificate(min(root, proven), root, bounds, best, nodes, closed)
+
+
+class _Slot:
+    """The open nodes of one slot: a binary heap in arrays, which grows as needed."""
+
+    def __init__(self, problem: Problem, weights: Array, n: int) -> None:
+        reach: Reach = reach_of(problem)
+        centres = np.stack([problem.start_m, np.where(np.isnan(problem.end_m), 0.0, problem.end_m)])
+        radii = np.stack([reach.from_start_m[:, n], np.minimum(reach.to_end_m[:, n], 1e9)])
+        scale = problem.bandwidth_hz / (1e3 * np.log(2))
+        self._fixed = (
+            centres, radii, problem.discs, problem.user_m, problem.altitude_m**2, problem.snr_gain[:, :, n].copy(),
+            scale, weights[:, n].copy(),
+        )  # fmt: skip
+        cell = np.concatenate([problem.low_m, problem.high_m])
+        self._cells = np.empty((CHUNK * 4, problem.n_uavs, 4))
+        self._cells[0] = cell
+        self._keys = np.empty(len(self._cells))
+        self._keys[0] = np.inf
+        self._open = 1
+        self.best = 0.0
+        self.split(1, 0.0)
+
+    @property
+    def bound(self) -> float:
+        """Nothing in this slot is better."""
+        return max(self.best, float(self._keys[0])) if self._open else self.best
+
+    @property
+    def gap(self) -> float:
+        """What is still unproven."""
+        return self.bound - self.best
+
+    def split(self, count: int, tolerance: float) -> int:
+        """Split up to `count` of the best nodes; how many."""
+        if self._open + count + 1 > len(self._keys):
+            more = len(self._keys) + 4 * count
+            self._cells, self._keys = (
+                np.resize(self._cells, (more, *self._cells.shape[1:])),
+                np.resize(self._keys, more),
+            )
+        self._open, self.best, done = split_cells(
+            self._cells, self._keys, self._open, self.best, count, tolerance, *self._fixed
+        )
+        return int(done)

@@ -1,0 +1,60 @@
+"""What an operation can be told to adapt to."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from planner.scenario import Frozen, Identifier, Positive, Scenario, Uav, User, Utility
+
+
+class ReplanError(ValueError):
+    """A replan was asked for that makes no sense: unknown UAV, slot outside the plan, nobody left."""
+
+
+class Changes(Frozen):
+    """What is different from the slot on from which a replan plans; all of it at once.
+
+    failed: UAVs that are gone. returned: UAVs that join or come back, whole, with `start_m` where they are then.
+    users_joined, users_left: users by value and by id. A user that joins has no past: the slots before are not in its
+    expectation, which counts by the share of the slots in which the user was there. One that leaves no longer counts,
+    nor does what it got. utility: the new one. bandwidth_hz: the new band of some UAVs, by id.
+    """
+
+    failed: tuple[Identifier, ...] = ()
+    returned: tuple[Uav, ...] = ()
+    users_joined: tuple[User, ...] = ()
+    users_left: tuple[Identifier, ...] = ()
+    utility: Utility | None = None
+    bandwidth_hz: dict[Identifier, Positive] = Field(default_factory=dict)
+
+
+def users_after(scenario: Scenario, changes: Changes) -> tuple[User, ...]:
+    """The users that stay, then those that join. Raises ReplanError for unknown ids, ids taken, and nobody left."""
+    known = set(scenario.user_ids)
+    for one in changes.users_left:
+        if one not in known:
+            raise ReplanError(f"users_left: {one!r} is not a user of the plan")
+    staying = tuple(user for user in scenario.users if user.id not in changes.users_left)
+    taken = {user.id for user in staying}
+    for user in changes.users_joined:
+        if user.id in taken:
+            raise ReplanError(f"users_joined: {user.id!r} is already there")
+    users = staying + changes.users_joined
+    if not users:
+        raise ReplanError("users_left: no user would be left to plan for")
+    return users
+
+
+def uavs_after(survivors: tuple[Uav, ...], changes: Changes) -> tuple[Uav, ...]:
+    """The survivors and those that return, with their new bands. Raises ReplanError for ids that do not fit."""
+    flying = {uav.id for uav in survivors}
+    for uav in changes.returned:
+        if uav.id in flying:
+            raise ReplanError(f"returned: {uav.id!r} is still flying")
+    uavs = survivors + changes.returned
+    for one in changes.bandwidth_hz:
+        if one not in {uav.id for uav in uavs}:
+            raise ReplanError(f"bandwidth_hz: {one!r} is not a UAV of the new plan")
+    return tuple(
+        uav.model_copy(update={"bandwidth_hz": changes.bandwidth_hz.get(uav.id, uav.bandwidth_hz)}) for uav in uavs
+    )

@@ -1,0 +1,13 @@
+"""The fast path: the same problem as `reference/`, solved in microseconds by serial numba kernels.
+
+Start at `optimise.py`, which climbs from several starts. One pass of a climb (`climb.py`) steers for the links there
+are (`ascent.py`: projected gradient; `rates.py`: rates, utility and slope) and links anew at the new paths
+(`matching.py`: exact assignment for `sum`; `shares.py`: water-filling for the other utilities and least rates).
+Every path goes through `flight.py`, which keeps speed, area, ends, separation and no-fly zones slot by slot.
+The kernels see an `Arena`, the problem as plain arrays; nothing here keeps state between calls.
+"""
+
+from planner.fast.optimise import UnreachableEndError, default_starts, flyable, linked, optimise
+from planner.fast.served import served_rates_bps
+
+__all__ = ["UnreachableEndError", "default_starts", "flyable", "linked", "optimise", "served_rates_bps"]

@@ -1,0 +1,176 @@
+"""The problem as the kernels see it: plain contiguous arrays, slot first.
+
+Shapes: U UAVs, K users, N slots. Positions are (N, 2, U), metres east (row 0) and north (row 1) of the origin, so that
+the UAVs of a slot lie side by side. Bandwidth is kHz and rates are kbit/s, because mu is in 1/(kbit/s).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeAlias, TypeVar, cast
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from planner.problem import Problem
+from planner.repair import SHRINK
+
+Array: TypeAlias = NDArray[np.float64]
+Ints: TypeAlias = NDArray[np.int64]
+Flag: TypeAlias = bool | np.bool
+"""A kernel compiles anew for each literal; `np.bool_(True)` is not one."""
+
+SUM, PER_USER, POOLED = 0, 1, 2
+MARGIN = 1e-8
+"""Least rates are kept this much (relatively) above what is asked, for rounding."""
+KINDS = {"sum": SUM, "per_user": PER_USER, "pooled": POOLED}
+
+_OPTIONS = {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+_LOOSE = {"nnan", "reassoc", "contract", "nsz", "arcp"}
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def entry(function: Function) -> Function:
+    """Compile a kernel that Python calls: serial, without the GIL, cached on disk.
+
+    After editing a kernel, delete the caches of its callers in other modules (`make clean`): numba looks only at a
+    function's own file.
+    """
+    return cast("Function", njit(**_OPTIONS)(function))
+
+
+def kernel(function: Function) -> Function:
+    """The same for kernels that only kernels call."""
+    return cast("Function", njit(**_OPTIONS, no_cpython_wrapper=True)(function))
+
+
+def smooth(function: Function) -> Function:
+    """As `kernel`, and sums may be added up in any fixed order, eight at a time."""
+    return cast("Function", njit(**_OPTIONS, no_cpython_wrapper=True, fastmath=_LOOSE)(function))
+
+
+class Arena(NamedTuple):
+    """What does not change while one problem is solved.
+
+    gain: (N, U), m^2, of a mean channel; fading: (N, U, K), m^2, of a sampled one, else empty. low, high: (2,).
+    step_m: (U,), `D_max`, less rounding. last: (U,), the last slot in which each UAV flies. end_m: (2, U), NaN where
+    free. user_m: (2, K). counted: the first slot whose rates count. n_past: how many past slots count.
+    past_low, past_sum, past_count: (K,), the least past rate of each user, sum exp(mu (rate - least)) of its past, and
+    in how many past slots it was there; for `sum` the first entries are the sum rate's.
+    discs: (D, 3), east, north, radius. corners: (V, 2) of all no-fly polygons, polygon p at [first[p], first[p + 1]).
+    turns: (2, C), where ways around zones may turn; left: (U, C), slots from each to the end of each UAV (`routes.py`).
+    """
+
+    gain: Array
+    fading: Array
+    user_m: Array
+    height2: Array
+    khz: Array
+    start_m: Array
+    step_m: Array
+    last: Ints
+    end_m: Array
+    low: Array
+    high: Array
+    separation_m: float
+    discs: Array
+    corners: Array
+    first: Ints
+    kind: int
+    mu: float
+    counted: int
+    n_past: int
+    past_low: Array
+    past_sum: Array
+    past_count: Array
+    min_kbps: Array
+    turns: Array
+    left: Ints
+    has_ends: bool
+    has_minimum: bool
+
+
+class Links(NamedTuple):
+    """Who serves whom: in slot n the entries [0, used[n]) of (N, W) user, uav, khz; each user at most once.
+
+    floor: (N, W), kbit/s that the link must keep: the least rate of its user.
+    W is U for `sum` without minimum rates, else K.
+    """
+
+    used: Ints
+    user: Ints
+    uav: Ints
+    khz: Array
+    floor: Array
+
+
+def arena_of(problem: Problem) -> Arena:
+    """The arrays of `problem` in the kernels' layout. `mu = 0` of any kind is `sum`."""
+    mean = problem.snr_gain.strides[1] == 0 or problem.n_users == 1
+    gain = np.ascontiguousarray(problem.snr_gain[:, 0, :].T)
+    fading = np.zeros((0, 0, 0)) if mean else np.ascontiguousarray(problem.snr_gain.transpose(2, 0, 1))
+    kind = KINDS[problem.kind] if problem.mu < 0 else SUM
+    past_low, past_sum, past_count = _past(problem, kind)
+    return Arena(
+        gain=gain,
+        fading=fading,
+        user_m=np.ascontiguousarray(problem.user_m.T),
+        height2=problem.altitude_m**2,
+        khz=problem.bandwidth_hz / 1e3,
+        start_m=np.ascontiguousarray(problem.start_m.T),
+        step_m=problem.step_m * SHRINK,
+        last=np.minimum(problem.n_flying, problem.n_slots).astype(np.int64) - 1,
+        end_m=np.ascontiguousarray(problem.end_m.T),
+        low=problem.low_m,
+        high=problem.high_m,
+        separation_m=problem.separation_m,
+        discs=problem.discs,
+        corners=np.vstack(problem.polygons) if problem.polygons else np.zeros((0, 2)),
+        first=np.cumsum([0, *map(len, problem.polygons)], dtype=np.int64),
+        kind=kind,
+        mu=problem.mu,
+        counted=problem.counted_from,
+        n_past=problem.past_kbps.shape[1],
+        past_low=past_low,
+        past_sum=past_sum,
+        past_count=past_count,
+        min_kbps=problem.min_kbps * (1.0 + MARGIN),
+        turns=np.zeros((2, 0)),
+        left=np.zeros((problem.n_uavs, 0), dtype=np.int64),
+        has_ends=bool(np.isfinite(problem.end_m).any()),
+        has_minimum=bool((problem.min_kbps > 0).any()),
+    )
+
+
+def _past(problem: Problem, kind: int) -> tuple[Array, Array, Array]:
+    """The past as (least, sum exp(mu (x - least)), count) of each row; at mu = 0 as (0, sum, count)."""
+    past = problem.past_kbps
+    rates = np.nansum(past, axis=0, keepdims=True) if kind == SUM else past
+    there = np.isfinite(rates)
+    count = there.sum(axis=1).astype(float)
+    if problem.mu == 0.0:
+        return np.zeros(len(rates)), rates.sum(axis=1), count
+    low = np.where(there, rates, np.inf).min(axis=1, initial=np.inf)
+    above = np.where(there, rates - np.where(np.isfinite(low), low, 0.0)[:, None], 0.0)
+    return low, (np.exp(problem.mu * above) * there).sum(axis=1), count
+
+
+def links_of(arena: Arena) -> Links:
+    """Empty links of the right size."""
+    n_slots, n_uavs = arena.gain.shape
+    n_users = arena.user_m.shape[1]
+    width = n_uavs if arena.kind == SUM and not arena.has_minimum else n_users
+    shape = (n_slots, max(1, width))
+    return Links(
+        used=np.zeros(n_slots, dtype=np.int64),
+        user=np.zeros(shape, dtype=np.int64),
+        uav=np.zeros(shape, dtype=np.int64),
+        khz=np.zeros(shape),
+        floor=np.zeros(shape),
+    )
+
+
+def copy_of(links: Links) -> Links:
+    """The same links in tables of their own."""
+    return Links(links.used.copy(), links.user.copy(), links.uav.copy(), links.khz.copy(), links.floor.copy())

@@ -1,0 +1,78 @@
+"""Climbing: steer for the links there are, link anew at the new paths, and so on."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from planner.fast.arena import MARGIN, SUM, Arena, Array, Ints, Links, entry, kernel
+from planner.fast.ascent import Ascent, ascend, ascent_of
+from planner.fast.matching import match_all
+from planner.fast.rates import link_rates, slot_signals, value
+from planner.fast.shares import share_all
+
+RELINKS = 3
+"""Minorants in a row in each pass: cheap beside the steering."""
+
+
+@entry
+def climb(arena: Arena, path: Array, links: Links, steps: int, tolerance: float) -> tuple[int, float, float, bool]:
+    """One pass, in place: up to `steps` ascent steps, then new links. What came out as in `worth`; whether it settled.
+
+    It settled when the ascent ended by itself and the new links gained less than `tolerance` of the utility.
+    """
+    scratch = ascent_of(path, links)
+    settled, steered = False, -np.inf
+    if steps > 0:
+        settled = ascend(arena, links, path, steps, tolerance, scratch) < steps
+        _, steered, _ = worth(arena, path, links, scratch)
+    relink(arena, path, links, scratch.rate)
+    unmet, utility, total = worth(arena, path, links, scratch)
+    return unmet, utility, total, settled and utility - steered <= tolerance * abs(utility)
+
+
+@kernel
+def relink(arena: Arena, path: Array, links: Links, rate: Array) -> None:
+    """The best association and bandwidth at `path` (N, 2, U): exact for `sum`, else better than those in `links`."""
+    if arena.kind == SUM and not arena.has_minimum:
+        match_all(arena, path, links)
+        return
+    for _ in range(RELINKS):
+        share_all(arena, path, links, rate)
+
+
+@kernel
+def worth(arena: Arena, path: Array, links: Links, scratch: Ascent) -> tuple[int, float, float]:
+    """(least rates unmet, utility in kbit/s, mean sum rate in kbit/s) of `links` at `path`."""
+    rate = scratch.rate
+    link_rates(arena, path, links, rate)
+    utility = value(arena, links, rate, np.bool_(False), scratch.weight)
+    total, unmet = 0.0, 0
+    for n in range(path.shape[0]):
+        for j in range(links.used[n]):
+            total += rate[n, j]
+            if arena.has_minimum:
+                unmet += rate[n, j] < arena.min_kbps[links.user[n, j]] * (1.0 - 0.5 * MARGIN)
+    return unmet, utility, total / path.shape[0]
+
+
+@entry
+def tables(arena: Arena, path: Array, links: Links, serving: Ints, hertz: Array) -> None:
+    """Who serves each user, (K, N), and with how many Hz, into tables of zeros.
+
+    A user without a link belongs to the UAV that it hears best.
+    """
+    n_uavs, n_users = path.shape[2], arena.user_m.shape[1]
+    signal, total, loudest = np.empty((n_uavs, n_users)), np.empty(n_users), np.empty(n_users)
+    for n in range(path.shape[0]):
+        if links.used[n] < n_users:
+            slot_signals(arena, path[n], n, signal, total)
+            for k in range(n_users):
+                loudest[k] = 0.0
+            for u in range(n_uavs):
+                for k in range(n_users):
+                    if signal[u, k] > loudest[k]:
+                        loudest[k] = signal[u, k]
+                        serving[k, n] = u
+        for j in range(links.used[n]):
+            serving[links.user[n, j], n] = links.uav[n, j]
+            hertz[links.user[n, j], n] = links.khz[n, j] * 1e3

@@ -1,0 +1,195 @@
+"""From wished motions to a path that can be flown: each limit is kept slot by slot, on the legs too, to the last bit.
+
+Slot by slot, each UAV makes its wished step, shortened to `D_max`, bent towards its end position while that must
+still be reached, and clipped to the area. Then the legs are checked against each other and the no-fly zones. A leg
+that comes too close is pushed out along the tangent, so that UAVs slide past each other; who still conflicts holds
+its position, which is always safe: relative motion can only stop. A feasible path passes unchanged.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from planner.fast.arena import Arena, Array, Flag, Ints, entry, kernel, smooth
+from planner.fast.routes import one_step, way_on
+from planner.fast.zones import SLACK_M, push_from_zones, push_out
+
+PUSHES = 8
+
+
+@entry
+def fly(arena: Arena, wish: Array, chase: Flag, path: Array) -> bool:
+    """The flyable path nearest in spirit to `wish` (N, 2, U) into `path`; False where an end becomes unreachable.
+
+    wish: metres, the steps into each slot, or with `chase` the positions to go to. Slot 0 is the start.
+    """
+    n_uavs = path.shape[2]
+    for u in range(n_uavs):
+        path[0, 0, u], path[0, 1, u] = arena.start_m[0, u], arena.start_m[1, u]
+    near = np.empty((n_uavs * (n_uavs - 1) // 2 + 1, 2), dtype=np.int64)
+    zones = arena.discs.shape[0] > 0 or arena.first.shape[0] > 1
+    for n in range(1, path.shape[0]):
+        for u in range(n_uavs):
+            dx, dy = wish[n, 0, u], wish[n, 1, u]
+            if chase:
+                dx, dy = dx - path[n - 1, 0, u], dy - path[n - 1, 1, u]
+            step(arena, path, n, u, dx, dy)
+        if not _resolve(arena, path, n, zones, near):
+            return False
+    return True
+
+
+@kernel
+def step(arena: Arena, path: Array, n: int, u: int, dx: float, dy: float) -> None:
+    """Move UAV u from slot n - 1 by (dx, dy) metres as far as speed, end and area allow."""
+    x, y = path[n - 1, 0, u], path[n - 1, 1, u]
+    if n > arena.last[u]:
+        path[n, 0, u], path[n, 1, u] = x, y
+        return
+    length2, limit = dx * dx + dy * dy, arena.step_m[u]
+    if length2 > limit * limit:
+        scale = limit / np.sqrt(length2)
+        dx, dy = dx * scale, dy * scale
+    to_x, to_y = x + dx, y + dy
+    if arena.has_ends and not np.isnan(arena.end_m[0, u]):
+        to_x, to_y = _towards_end(arena, n, u, x, y, to_x, to_y)
+    path[n, 0, u] = min(max(to_x, arena.low[0]), arena.high[0])
+    path[n, 1, u] = min(max(to_y, arena.low[1]), arena.high[1])
+
+
+@kernel
+def _towards_end(arena: Arena, n: int, u: int, x: float, y: float, to_x: float, to_y: float) -> tuple[float, float]:
+    """The point nearest to (to_x, to_y) in one step of (x, y) from which the end can still be reached."""
+    end_x, end_y, limit = arena.end_m[0, u], arena.end_m[1, u], arena.step_m[u]
+    left = (arena.last[u] - n) * limit
+    if left == 0.0:
+        return end_x, end_y
+    away = np.hypot(to_x - end_x, to_y - end_y)
+    if away <= left:
+        return to_x, to_y
+    near_x, near_y = end_x + (to_x - end_x) * left / away, end_y + (to_y - end_y) * left / away
+    if np.hypot(near_x - x, near_y - y) <= limit:
+        return near_x, near_y
+    apart = np.hypot(end_x - x, end_y - y)
+    if apart >= left + limit:  # only straight on
+        return x + (end_x - x) * limit / apart, y + (end_y - y) * limit / apart
+    along = (apart * apart + limit * limit - left * left) / (2.0 * apart)
+    across = np.sqrt(max(0.0, limit * limit - along * along)) * (1.0 - 1e-12)
+    ex, ey = (end_x - x) / apart, (end_y - y) / apart
+    side = 1.0 if ex * (to_y - y) - ey * (to_x - x) >= 0.0 else -1.0
+    return x + along * ex - side * across * ey, y + along * ey + side * across * ex
+
+
+@kernel
+def _resolve(arena: Arena, path: Array, n: int, zones: bool, near: Ints) -> bool:
+    """Push, then hold, until no leg into slot n conflicts; False where a hold would miss an end.
+
+    near: scratch (U (U - 1) / 2 + 1, 2), for the pairs that can meet on the leg at all.
+    """
+    n_uavs = path.shape[2]
+    pairs = _near_pairs(path, n, arena.step_m, arena.separation_m, near)
+    if pairs == 0 and not zones:
+        return True
+    for attempt in range(PUSHES + n_uavs + 1):
+        hold = attempt >= PUSHES
+        clear = True
+        if zones:
+            for u in range(n_uavs):
+                clear = _keep_out(arena, path, n, u, hold) and clear
+                clear = _on_the_way(arena, path, n, u) and clear
+        for i in range(pairs):
+            clear = _keep_apart(arena, path, n, near[i, 0], near[i, 1], hold) and clear
+        if clear:
+            return _ends_reachable(arena, path, n)
+    return False
+
+
+@smooth
+def _near_pairs(path: Array, n: int, step_m: Array, separation_m: float, near: Ints) -> int:
+    """The pairs that stand so near before slot n that their next legs could come within `D_min`; how many."""
+    if separation_m == 0.0:
+        return 0
+    n_uavs, found = path.shape[2], 0
+    for u in range(n_uavs - 1):
+        reach, count = separation_m + step_m[u], 0
+        for j in range(u + 1, n_uavs):
+            dx, dy = path[n - 1, 0, u] - path[n - 1, 0, j], path[n - 1, 1, u] - path[n - 1, 1, j]
+            limit = reach + step_m[j]
+            count += dx * dx + dy * dy < limit * limit
+        if count == 0:
+            continue
+        for j in range(u + 1, n_uavs):
+            dx, dy = path[n - 1, 0, u] - path[n - 1, 0, j], path[n - 1, 1, u] - path[n - 1, 1, j]
+            limit = reach + step_m[j]
+            if dx * dx + dy * dy < limit * limit:
+                near[found, 0], near[found, 1] = u, j
+                found += 1
+    return found
+
+
+@kernel
+def _ends_reachable(arena: Arena, path: Array, n: int) -> bool:
+    if not arena.has_ends:
+        return True
+    for u in range(path.shape[2]):
+        if n <= arena.last[u] and not np.isnan(arena.end_m[0, u]):
+            away = np.hypot(path[n, 0, u] - arena.end_m[0, u], path[n, 1, u] - arena.end_m[1, u])
+            if away > (arena.last[u] - n) * arena.step_m[u] + SLACK_M:
+                return False
+    return True
+
+
+@kernel
+def _hold(path: Array, n: int, u: int) -> None:
+    path[n, 0, u], path[n, 1, u] = path[n - 1, 0, u], path[n - 1, 1, u]
+
+
+@kernel
+def _keep_out(arena: Arena, path: Array, n: int, u: int, hold: bool) -> bool:
+    """Whether the leg of u stays out of every zone; if not, it is pushed out, or held."""
+    if n > arena.last[u]:
+        return True
+    dx, dy, inside = push_from_zones(arena, path[n - 1, 0, u], path[n - 1, 1, u], path[n, 0, u], path[n, 1, u])
+    if not inside:
+        return True
+    if hold:
+        _hold(path, n, u)
+    else:
+        step(arena, path, n, u, path[n, 0, u] + dx - path[n - 1, 0, u], path[n, 1, u] + dy - path[n - 1, 1, u])
+    return False
+
+
+@kernel
+def _on_the_way(arena: Arena, path: Array, n: int, u: int) -> bool:
+    """Whether u can still reach its end around the zones; if not, it takes the next step of the shortest way."""
+    if n > arena.last[u] or not arena.has_ends or np.isnan(arena.end_m[0, u]):
+        return True
+    end_x, end_y, left = arena.end_m[0, u], arena.end_m[1, u], arena.left[u]
+    slots, _, _ = way_on(arena, left, u, path[n, 0, u], path[n, 1, u], end_x, end_y)
+    if slots <= arena.last[u] - n:
+        return True
+    x, y = path[n - 1, 0, u], path[n - 1, 1, u]
+    _, to_x, to_y = way_on(arena, left, u, x, y, end_x, end_y)
+    path[n, 0, u], path[n, 1, u] = one_step(arena, u, x, y, to_x, to_y)
+    return False
+
+
+@kernel
+def _keep_apart(arena: Arena, path: Array, n: int, u: int, j: int, hold: bool) -> bool:
+    """Whether the legs of u and j stay `D_min` apart; if not, each is pushed half the way, or held."""
+    if n > min(arena.last[u], arena.last[j]):
+        return True
+    x0, y0 = path[n - 1, 0, u] - path[n - 1, 0, j], path[n - 1, 1, u] - path[n - 1, 1, j]
+    x1, y1 = path[n, 0, u] - path[n, 0, j], path[n, 1, u] - path[n, 1, j]
+    px, py = push_out(x0, y0, x1, y1, arena.separation_m)
+    if px == 0.0 and py == 0.0:
+        return True
+    if hold:
+        _hold(path, n, u)
+        _hold(path, n, j)
+        return False
+    for one, sign in ((u, 0.5), (j, -0.5)):
+        dx = path[n, 0, one] + sign * px - path[n - 1, 0, one]
+        dy = path[n, 1, one] + sign * py - path[n - 1, 1, one]
+        step(arena, path, n, one, dx, dy)
+    return False

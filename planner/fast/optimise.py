@@ -1,0 +1,172 @@
+"""The fast path: climb from several starts, keep the best; anytime and always flyable."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.fast.arena import Arena, Array, Links, arena_of, copy_of, links_of
+from planner.fast.climb import climb as climb_on
+from planner.fast.climb import tables
+from planner.fast.routes import with_routes
+from planner.fast.seeds import flown, hovering, next_start
+from planner.plans import Iteration
+from planner.problem import Problem
+from planner.solution import Observer, Solution, ignore
+from planner.stopping import StoppingRule
+
+STEPS = 20
+TOLERANCE = 1e-5
+MAX_RELINKS = 100
+HOPELESS = 3.0
+"""A further climb is given up when so many passes as good as its last one would not reach the best."""
+UNREACHABLE = "uavs: no paths found that bring every UAV to its end_m in time"
+WORK_OF_ALL_STARTS = 1.0e6
+"""By default as many starts as keep `starts x U K N` below this, at least 2 and at most 32."""
+
+
+class UnreachableEndError(ValueError):
+    """No path found that brings every UAV to its `end_m` by its last slot."""
+
+
+@dataclass
+class Climb:
+    """One ascent: its paths (N, 2, U), its links, and what they are worth."""
+
+    path: Array
+    links: Links
+    unmet: int
+    utility_kbps: float
+    sum_rate_kbps: float
+    settled: bool
+    history: list[Iteration] = field(default_factory=list)
+
+    @property
+    def rank(self) -> tuple[int, float]:
+        """Greater is better: first fewer least rates unmet, then utility."""
+        return -self.unmet, self.utility_kbps
+
+
+def default_starts(problem: Problem) -> int:
+    """32 at the letter's size, fewer for larger fleets: the choice depends on the size alone."""
+    work = problem.n_uavs * problem.n_users * problem.n_slots
+    return int(np.clip(WORK_OF_ALL_STARTS / work, 2, 32))
+
+
+def optimise(
+    problem: Problem,
+    stop: StoppingRule,
+    start_m: Array | None = None,
+    observer: Observer = ignore,
+    *,
+    n_starts: int | None = None,
+    seed: int = 0,
+) -> Solution:
+    """Climb from `n_starts` starts (default: by size) and return the best end; the same for the same inputs.
+
+    The first start is `start_m`, (U, N, 2) metres, made flyable from the problem's start positions; without it,
+    hovering. `stop` sees the passes of one climb; when an interrupting rule speaks, the best plan so far is returned.
+    The history holds the passes that raised the utility.
+    Raises UnreachableEndError when no start reaches every end position.
+    """
+    arena = with_routes(problem, arena_of(problem))
+    rng = np.random.default_rng(seed)
+    best: Climb | None = None
+    history: list[Iteration] = []
+    for number in range(default_starts(problem) if n_starts is None else n_starts):
+        path = _start(arena, start_m, rng, number, best)
+        if path is None:
+            continue
+        climb = _begin(arena, path)
+        while not (climb.settled or stop(climb.history) or _is_hopeless(climb, best)):
+            _advance(arena, climb)
+            if best is None or climb.rank > best.rank:
+                if history and climb.utility_kbps * 1e3 < history[-1].utility_bps:
+                    history.clear()  # more least rates are met now: another count begins
+                history.append(_iteration(len(history) + 1, climb))
+                observer(history[-1])
+        if best is None or climb.rank > best.rank:
+            best = climb
+        if stop.interrupts:
+            break
+    if best is None:
+        raise UnreachableEndError(UNREACHABLE)
+    return _solution(problem, arena, best, history)
+
+
+def flyable(problem: Problem, wanted_m: Array | None = None) -> Array:
+    """The flyable paths that follow `wanted_m`, (U, N, 2) metres, from the starts; without it, or if those miss an
+    end, hovering as long as the ends allow. Raises UnreachableEndError when no such paths are found.
+    """
+    arena = with_routes(problem, arena_of(problem))
+    path = None if wanted_m is None else flown(arena, np.ascontiguousarray(wanted_m.transpose(1, 2, 0)), chase=True)
+    path = hovering(arena) if path is None else path
+    if path is None:
+        raise UnreachableEndError(UNREACHABLE)
+    return np.ascontiguousarray(path.transpose(2, 0, 1))
+
+
+def linked(problem: Problem, paths_m: Array) -> tuple[NDArray[np.intp], Array]:
+    """The best association, (K, N) UAV index, and bandwidth, (K, N) Hz, at `paths_m`, (U, N, 2) metres."""
+    arena = arena_of(problem)
+    path = np.ascontiguousarray(paths_m.transpose(1, 2, 0))
+    links = links_of(arena)
+    reached = -np.inf
+    for _ in range(MAX_RELINKS):
+        utility = climb_on(arena, path, links, 0, 0.0)[1]
+        if utility <= reached + TOLERANCE * abs(utility):
+            break
+        reached = utility
+    solution = _solution(problem, arena, Climb(path, links, 0, reached, 0.0, settled=True), [])
+    return solution.serving, solution.bandwidth_hz
+
+
+def _start(
+    arena: Arena, start_m: Array | None, rng: np.random.Generator, number: int, best: Climb | None
+) -> Array | None:
+    """The paths (N, 2, U) of a start: the given ones, hovering, then what `seeds` thinks of."""
+    if start_m is not None and number == 0:
+        warm = flown(arena, np.ascontiguousarray(start_m.transpose(1, 2, 0)), chase=True)
+        return hovering(arena) if warm is None else warm
+    after_hovering = number - (start_m is not None)
+    if after_hovering == 0:
+        return hovering(arena)
+    return next_start(arena, rng, after_hovering, None if best is None else best.path)
+
+
+def _is_hopeless(climb: Climb, best: Climb | None) -> bool:
+    """Whether the climb is so far below the best, and so slow, that it will not get there."""
+    if best is None or len(climb.history) < 2 or climb.unmet < best.unmet:
+        return False
+    gain = climb.utility_kbps - climb.history[-2].utility_bps / 1e3
+    return climb.utility_kbps + HOPELESS * gain < best.utility_kbps
+
+
+def _begin(arena: Arena, path: Array) -> Climb:
+    links = links_of(arena)
+    return Climb(path, links, *climb_on(arena, path, links, 0, 0.0))
+
+
+def _advance(arena: Arena, climb: Climb) -> None:
+    """One pass; undone when it made things worse, which only least rates and rounding can bring about."""
+    path, links = climb.path.copy(), copy_of(climb.links)
+    unmet, utility, sum_rate, climb.settled = climb_on(arena, path, links, STEPS, TOLERANCE)
+    if (-unmet, utility) >= climb.rank:
+        climb.path, climb.links = path, links
+        climb.unmet, climb.utility_kbps, climb.sum_rate_kbps = unmet, utility, sum_rate
+    climb.history.append(_iteration(len(climb.history) + 1, climb))
+
+
+def _iteration(number: int, climb: Climb) -> Iteration:
+    return Iteration(
+        iteration=number, utility_bps=climb.utility_kbps * 1e3, mean_sum_rate_bps=climb.sum_rate_kbps * 1e3
+    )
+
+
+def _solution(problem: Problem, arena: Arena, best: Climb, history: list[Iteration]) -> Solution:
+    serving = np.zeros((problem.n_users, problem.n_slots), dtype=np.int64)
+    hertz = np.zeros((problem.n_users, problem.n_slots))
+    tables(arena, best.path, best.links, serving, hertz)
+    return Solution(np.ascontiguousarray(best.path.transpose(2, 0, 1)), serving, hertz, history)

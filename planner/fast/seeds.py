@@ -1,0 +1,86 @@
+"""Where to begin: hovering, scattered hover points, and variations of the best plan so far.
+
+Multi-start gains more than any polish, and where to begin matters more than how often: users near a UAV are likelier
+targets than far ones, and after a few scattered starts a variation of the best plan finds better ones than chance.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from planner.fast.arena import Arena, Array
+from planner.fast.flight import fly
+from planner.fast.routes import lead
+
+SCATTERED = 6
+"""So many starts are scattered before the best is varied."""
+SPREAD_OF_HEIGHT = 2.5
+"""Targets further away than this many altitudes are e times less likely: the altitude is the channel's own scale."""
+
+
+def flown(arena: Arena, wish: Array, *, chase: bool) -> Array | None:
+    """The flyable path (N, 2, U) that follows `wish`, or None when an end position would be missed."""
+    path = np.empty((arena.gain.shape[0], 2, arena.gain.shape[1]))
+    return path if fly(arena, wish, chase, path) else None
+
+
+def hovering(arena: Arena) -> Array | None:
+    """Everyone stays at the start as long as its end allows: (N, 2, U) metres.
+
+    Where that lets UAVs meet on their ways, ends are sought at once, or half of the UAVs go first.
+    """
+    n_slots, n_uavs = arena.gain.shape
+    stay = np.repeat(arena.start_m[None], n_slots, axis=0)
+    path = flown(arena, stay, chase=True)
+    if path is not None or not arena.has_ends:
+        return path
+    early = stay.copy()
+    for u in range(n_uavs):
+        if not np.isnan(arena.end_m[0, u]):
+            lead(arena, u, arena.end_m[:, u].copy(), 0, early)
+    for first in (slice(0, n_uavs), slice(0, n_uavs, 2), slice(1, n_uavs, 2)):
+        wish = stay.copy()
+        wish[:, :, first] = early[:, :, first]
+        path = flown(arena, wish, chase=True)
+        if path is not None:
+            return path
+    return None
+
+
+def next_start(arena: Arena, rng: np.random.Generator, number: int, best: Array | None) -> Array | None:
+    """The path (N, 2, U) of start `number`, counted from 1 after hovering; None when it cannot be flown."""
+    if best is None or number <= SCATTERED:
+        wish = np.repeat(arena.start_m[None], arena.gain.shape[0], axis=0)
+        for u, target in enumerate(_scattered(arena, rng).T):
+            lead(arena, u, np.ascontiguousarray(target), 0, wish)
+    else:
+        wish = _varied(arena, rng, best)
+    return flown(arena, wish, chase=True)
+
+
+def _scattered(arena: Arena, rng: np.random.Generator) -> Array:
+    """(2, U): places over users, distinct while they last, drawn so that near ones are likelier."""
+    start, users = arena.start_m[:, :, None], arena.user_m[:, None, :]
+    away = np.hypot(*(start - users))  # (U, K)
+    cost = away / _spread(arena) - rng.gumbel(size=away.shape)
+    chosen = linear_sum_assignment(cost)[1] if away.shape[0] <= away.shape[1] else cost.argmin(axis=1)
+    points: Array = np.clip(arena.user_m[:, chosen], arena.low[:, None], arena.high[:, None])
+    return points
+
+
+def _varied(arena: Arena, rng: np.random.Generator, best: Array) -> Array:
+    """The best paths (N, 2, U), with one or two UAVs sent to another user near by, at once or later on."""
+    n_slots, _, n_uavs = best.shape
+    wish = best.copy()
+    for u in rng.choice(n_uavs, size=min(n_uavs, int(rng.integers(1, 3))), replace=False):
+        away = np.hypot(*(arena.user_m - best[-1, :, u][:, None]))
+        likely = np.exp(-(away - away.min()) / _spread(arena))
+        target = arena.user_m[:, rng.choice(len(likely), p=likely / likely.sum())]
+        begin = int(rng.integers(0, n_slots)) if rng.random() < 0.5 else 0
+        lead(arena, u, np.clip(target, arena.low, arena.high), begin, wish)
+    return wish
+
+
+def _spread(arena: Arena) -> float:
+    return float(SPREAD_OF_HEIGHT * np.sqrt(arena.height2).mean())

@@ -1,0 +1,68 @@
+"""The ways to plan, by name: every method takes the same problem and gives back the same kind of solution."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner import baselines, fast
+from planner.problem import Problem
+from planner.solution import Observer, Solution
+from planner.stopping import StoppingRule
+
+Array = NDArray[np.float64]
+
+
+class Method(Protocol):
+    """How a method is called."""
+
+    def __call__(
+        self,
+        problem: Problem,
+        stop: StoppingRule,
+        start_m: Array | None,
+        observer: Observer,
+        *,
+        n_starts: int | None,
+        seed: int,
+    ) -> Solution:
+        """The best solution found from `start_m`, (U, N, 2) metres, until `stop` says so.
+
+        n_starts, seed: for methods that try several starts; others begin once and draw nothing.
+        """
+        ...
+
+
+def _paper(
+    problem: Problem,
+    stop: StoppingRule,
+    start_m: Array | None,
+    observer: Observer,
+    *,
+    n_starts: int | None,  # noqa: ARG001 - the letter begins once
+    seed: int,  # noqa: ARG001 - and draws nothing
+) -> Solution:
+    """Algorithm 1 as printed; cvxpy is imported by who asks for it, because that takes a second."""
+    from planner.reference import algorithm_1  # noqa: PLC0415
+
+    return algorithm_1(problem, stop, fast.flyable(problem, start_m), observer)
+
+
+METHODS: dict[str, Method] = {
+    "fast": fast.optimise,
+    "paper": _paper,
+    "sr_max": baselines.sr_max,
+    "static": baselines.static,
+    "baseline1": baselines.baseline1,
+    "baseline2": baselines.baseline2,
+}
+DEFAULT_METHOD = "fast"
+
+
+def method_of(name: str) -> Method:
+    """The method of this name. Raises ValueError with the names there are."""
+    if name not in METHODS:
+        raise ValueError(f"method: {name!r} must be one of {', '.join(METHODS)}")
+    return METHODS[name]

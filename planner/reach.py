@@ -1,0 +1,53 @@
+"""Where a UAV can be in a slot at all, and how near to and far from each user that lets it come."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.problem import Problem
+
+Array: TypeAlias = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Reach:
+    """A superset of the positions each UAV can take in each slot: two discs and the flying area, intersected.
+
+    from_start_m, to_end_m: (U, N), radii in metres of the disc around the start (eqs. 6d, 6g) and, where an end
+    position is asked for, around that end (infinite where not). The centres are in the problem.
+    """
+
+    from_start_m: Array
+    to_end_m: Array
+
+
+def reach_of(problem: Problem) -> Reach:
+    """`n D_max` around the start, `(last slot - n) D_max` around the end; a UAV that has left keeps its last disc."""
+    slot = np.arange(problem.n_slots)[None]
+    last = problem.n_flying[:, None] - 1
+    step = problem.step_m[:, None]
+    from_start: Array = step * np.minimum(slot, last)
+    to_end = np.where(np.isnan(problem.end_m[:, :1]), np.inf, step * np.maximum(last - slot, 0.0))
+    return Reach(from_start, np.asarray(to_end, dtype=float))
+
+
+def squared_distance_range(problem: Problem) -> tuple[Array, Array]:
+    """Least and greatest `d_uk^2[n]` over what is reachable: two (U, K, N), m^2, of which the first is a lower and the
+    second an upper bound."""
+    reach = reach_of(problem)
+    user = problem.user_m[None]
+    to_area = np.linalg.norm(user[0] - np.clip(user[0], problem.low_m, problem.high_m), axis=-1)  # (K,)
+    to_corner = np.linalg.norm(np.maximum(user[0] - problem.low_m, problem.high_m - user[0]), axis=-1)  # (K,)
+    near, far = to_area[None, :, None], to_corner[None, :, None]
+    for centre_m, radius_m in ((problem.start_m, reach.from_start_m), (problem.end_m, reach.to_end_m)):
+        away = np.linalg.norm(user - np.where(np.isnan(centre_m), 0.0, centre_m)[:, None], axis=-1)[
+            :, :, None
+        ]  # (U, K, 1)
+        near = np.maximum(near, away - radius_m[:, None, :])
+        far = np.minimum(far, away + radius_m[:, None, :])
+    height2 = problem.altitude_m[:, None, None] ** 2
+    return near**2 + height2, far**2 + height2

@@ -1,0 +1,69 @@
+"""The vehicle that is simulated: a Holybro X500 V2 (500 mm quadrotor, 10 inch propellers) on a 4S 5000 mAh battery.
+
+Its maker names about 18 minutes of hovering without a payload on such a battery; the power model below draws 80 % of it
+in that time. Electrical power over airspeed V follows Y. Zeng, J. Xu, R. Zhang, "Energy minimization for wireless
+communication with rotary-wing UAV", IEEE Trans. Wireless Commun. 18(4), 2019, eq. (6): blade profile, induced and
+parasite power, plus the change of potential energy.
+"""
+
+import math
+
+GRAVITY_MPS2 = 9.81
+MASS_KG = 2.0
+"""Frame, motors, flight controller, radio and battery."""
+CELLS = 4
+NOMINAL_V = 3.7 * CELLS
+FULL_CELL_V, EMPTY_CELL_V = 4.15, 3.5
+RESISTANCE_OHM = 0.03
+"""Of the whole pack: it sags by this much per ampere."""
+BLADE_W = 61.5
+"""Blade profile power at hover: what is left of 197 W when the induced power is taken out."""
+TIP_MPS = 90.0
+INDUCED_MPS = 6.29
+"""Mean rotor-induced velocity at hover: sqrt(m g / 2 rho A) for four 10 inch discs (A = 0.203 m^2)."""
+INDUCED_W = 1.1 * MASS_KG * GRAVITY_MPS2 * INDUCED_MPS
+PARASITE_W_PER_MPS3 = 0.018
+"""Half of air density times drag area (0.03 m^2)."""
+DESCENT_RECOVERY = 0.3
+"""Share of the power of sinking that is saved; the rest is lost in the wake."""
+IDLE_W = 12.0
+"""Electronics and radio, motors off."""
+ARMED_IDLE_W = 25.0
+MAX_AIRSPEED_MPS = 18.0
+"""At full tilt; a wind beyond it blows the vehicle away."""
+GUST_RESPONSE_PER_S = 0.25
+"""Acceleration per m/s of gust that the position controller does not cancel at once."""
+
+
+def flight_power_w(airspeed_mps: float, up_mps: float) -> float:
+    """Return the electrical power of flying at an airspeed (m/s, horizontal) and a climb rate (m/s)."""
+    speed2 = airspeed_mps * airspeed_mps
+    ratio = speed2 / (2.0 * INDUCED_MPS**2)
+    induced = INDUCED_W * math.sqrt(math.sqrt(1.0 + ratio * ratio) - ratio)
+    blade = BLADE_W * (1.0 + 3.0 * speed2 / TIP_MPS**2)
+    climb = MASS_KG * GRAVITY_MPS2 * (up_mps if up_mps > 0.0 else DESCENT_RECOVERY * up_mps)
+    return max(IDLE_W, blade + induced + PARASITE_W_PER_MPS3 * airspeed_mps**3 + climb)
+
+
+class Battery:
+    """Charge and what it gives: `share` is what is left, 0 to 1."""
+
+    def __init__(self) -> None:
+        self.share = 1.0
+        self.power_w = IDLE_W
+
+    @property
+    def current_a(self) -> float:
+        """Amperes drawn."""
+        return self.power_w / NOMINAL_V
+
+    @property
+    def voltage_v(self) -> float:
+        """Volts of the pack under its load."""
+        open_v = CELLS * (EMPTY_CELL_V + (FULL_CELL_V - EMPTY_CELL_V) * self.share)
+        return max(0.0, open_v - RESISTANCE_OHM * self.current_a)
+
+    def drain(self, power_w: float, dt_s: float, capacity_mah: float) -> None:
+        """Draw a power for `dt_s` seconds from a battery of a capacity."""
+        self.power_w = power_w
+        self.share = max(0.0, self.share - power_w * dt_s / (capacity_mah * 3.6 * NOMINAL_V))

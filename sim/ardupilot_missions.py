@@ -1,0 +1,268 @@
+"""The mission protocol, ArduPilot flavour: MISSION_COUNT truncates what is on board, and items are written in place.
+
+A broken upload therefore leaves a hybrid of the old and the new mission. Item 0 is home: whatever is uploaded there,
+home is read back. Storage keeps only what ArduCopter needs: whole seconds of a hold, centimetres of altitude, no
+acceptance radius and no yaw of a waypoint, and the frame reads back as GLOBAL or GLOBAL_RELATIVE_ALT.
+
+A missing item is asked for again after 1 s (with MISSION_REQUEST, as ArduPilot does), and after 8 s without one the
+transfer ends with MAV_MISSION_OPERATION_CANCELLED. MISSION_ACK from a ground station is ignored; items out of order
+and items of others are answered INVALID_SEQUENCE and DENIED and do not end the transfer, a refused item does.
+Fences are staged until they are whole, rally points are not.
+"""
+
+import math
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from sim.mission_protocol import MISSION, TYPES, MissionHost, MissionProtocol, Partner, ack_message, item_message
+from sim.missions import FENCE_CIRCLES, FENCE_POLYGONS, Mission, MissionItem, bad_fence, rejection
+from sim.wire import Message, text
+
+RETRY_S = 1.0
+GIVE_UP_S = 8.0
+MAX_ITEMS = 724
+"""What fits in the storage of a common flight controller (15 bytes an item)."""
+_KEPT_PARAMETERS = {
+    dialect.MAV_CMD_DO_CHANGE_SPEED: 3,
+    dialect.MAV_CMD_NAV_RETURN_TO_LAUNCH: 0,
+    dialect.MAV_CMD_NAV_DELAY: 4,
+}
+"""Items without a place, and how many of their parameters are kept."""
+HIGHEST_M = 83_000.0
+FENCE = dialect.MAV_MISSION_TYPE_FENCE
+_ABSOLUTE = (dialect.MAV_FRAME_GLOBAL, dialect.MAV_FRAME_GLOBAL_INT, dialect.MAV_FRAME_MISSION)
+_GUIDED_TARGET, _GUIDED_ALTITUDE = 2, 3
+"""MISSION_ITEM.current of an item that is not part of a mission but a target for GUIDED mode."""
+
+
+@dataclass(slots=True)
+class _Upload:
+    partner: Partner
+    next: int
+    last: int
+    heard_s: float
+    asked_s: float
+    staged: list[MissionItem] = field(default_factory=list)
+
+
+class ArdupilotMissions(MissionProtocol):
+    """Holds what was written last, item by item; each plan type has transfers of its own."""
+
+    def __init__(self, *, clock: Callable[[], float], host: MissionHost) -> None:
+        super().__init__(clock=clock, host=host)
+        self._stored: dict[int, list[MissionItem]] = {kind: [] for kind in TYPES}
+        self._plans = dict.fromkeys(TYPES, Mission())
+        self._uploads: dict[int, _Upload] = {}
+        self._handlers["MISSION_WRITE_PARTIAL_LIST"] = self._write_partial_list
+
+    @property
+    def busy(self) -> bool:
+        """Whether an upload is under way; downloads have no state here."""
+        return bool(self._uploads)
+
+    def plan(self, mission_type: int) -> Mission:
+        """Return what lies on board of a MAV_MISSION_TYPE."""
+        return self._plans[mission_type]
+
+    def reset(self) -> None:
+        """Forget the uploads under way; what they wrote stays."""
+        self._uploads.clear()
+
+    def tick(self) -> list[Message]:
+        """Return what the timers make due: repeated requests, and the end of silent uploads."""
+        now, due = self._clock(), []
+        for kind, upload in list(self._uploads.items()):
+            if now - upload.heard_s > GIVE_UP_S:
+                del self._uploads[kind]
+                due.append(text("Mission upload timeout", dialect.MAV_SEVERITY_WARNING))
+                due.append(ack_message(upload.partner, dialect.MAV_MISSION_OPERATION_CANCELLED, kind))
+            elif now - upload.asked_s > RETRY_S:
+                due.append(self._ask(upload, kind))
+        return due
+
+    def _count(self, message: Any, partner: Partner) -> list[Message]:
+        kind = message.mission_type
+        if kind not in TYPES:
+            return [ack_message(partner, dialect.MAV_MISSION_UNSUPPORTED, kind)]
+        if kind in self._uploads and self._uploads[kind].partner != partner:
+            return [ack_message(partner, dialect.MAV_MISSION_DENIED, kind)]
+        if message.count > MAX_ITEMS:
+            words = text(f"Only {MAX_ITEMS} items are supported", dialect.MAV_SEVERITY_WARNING)
+            return [ack_message(partner, dialect.MAV_MISSION_NO_SPACE, kind), words]
+        if kind != FENCE:
+            self._truncate(kind, message.count)
+        if message.count == 0:
+            return self._complete(kind, partner, [])
+        return [self._begin(kind, partner, 0, message.count - 1)]
+
+    def _write_partial_list(self, message: Any, partner: Partner) -> list[Message]:
+        kind, start, end = message.mission_type, message.start_index, message.end_index
+        if kind not in TYPES:
+            return [ack_message(partner, dialect.MAV_MISSION_UNSUPPORTED, kind)]
+        if kind == FENCE or not 0 <= start <= end <= len(self._stored[kind]):
+            return [ack_message(partner, dialect.MAV_MISSION_ERROR, kind)]
+        return [self._begin(kind, partner, start, end)]
+
+    def _begin(self, kind: int, partner: Partner, first: int, last: int) -> Message:
+        now = self._clock()
+        self._uploads[kind] = _Upload(partner, first, last, heard_s=now, asked_s=now)
+        return self._ask(self._uploads[kind], kind)
+
+    def _float_item(self, message: Any, partner: Partner) -> list[Message]:
+        return self._take(MissionItem.from_float_message(message), message, partner)
+
+    def _item(self, message: Any, partner: Partner) -> list[Message]:
+        return self._take(MissionItem.from_message(message), message, partner)
+
+    def _take(self, item: MissionItem, message: Any, partner: Partner) -> list[Message]:
+        kind = message.mission_type
+        if kind == MISSION and item.current in (_GUIDED_TARGET, _GUIDED_ALTITUDE):
+            done = self._host.guide(item)
+            return [ack_message(partner, dialect.MAV_MISSION_ACCEPTED if done else dialect.MAV_MISSION_ERROR, kind)]
+        upload = self._uploads.get(kind)
+        if upload is None:
+            return [ack_message(partner, dialect.MAV_MISSION_ERROR, kind)]
+        if item.seq != upload.next:
+            return [ack_message(partner, dialect.MAV_MISSION_INVALID_SEQUENCE, kind)]
+        if upload.partner != partner:
+            return [ack_message(partner, dialect.MAV_MISSION_DENIED, kind)]
+        refused = self._write(item, kind, upload)
+        if refused is not None:
+            del self._uploads[kind]
+            return [ack_message(partner, refused, kind)]
+        upload.heard_s = self._clock()
+        upload.next += 1
+        if upload.next <= upload.last:
+            return [self._ask(upload, kind)]
+        return self._complete(kind, partner, upload.staged)
+
+    def _write(self, item: MissionItem, kind: int, upload: _Upload) -> int | None:
+        """Put an item where it belongs; return the MAV_MISSION_RESULT that refuses it, or None."""
+        stored, refused = self._stored[kind], rejection(item, kind)
+        if refused is None and abs(item.z) > HIGHEST_M:
+            refused = int(dialect.MAV_MISSION_INVALID_PARAM7)
+        if refused is not None:
+            return refused
+        if kind == FENCE:
+            upload.staged.append(as_stored(item))
+            return None
+        if item.seq > len(stored):
+            return int(dialect.MAV_MISSION_ERROR)
+        stored[item.seq : item.seq + 1] = [self._as_stored(as_stored(item), upload.last + 1)]
+        self._edited(kind)
+        return None
+
+    def _truncate(self, kind: int, count: int) -> None:
+        if count < len(self._stored[kind]):
+            del self._stored[kind][count:]
+            self._edited(kind)
+
+    def _edited(self, kind: int) -> None:
+        self._plans[kind] = Mission(tuple(self._stored[kind]))
+        if kind == MISSION:
+            self._host.mission_edited(self._plans[kind])
+
+    def _complete(self, kind: int, partner: Partner, staged: list[MissionItem]) -> list[Message]:
+        self._uploads.pop(kind, None)
+        if self._must_refuse() or (kind == FENCE and bad_fence(tuple(staged))):
+            return [ack_message(partner, dialect.MAV_MISSION_ERROR, kind)]
+        if kind == FENCE:
+            self._stored[kind] = staged
+            self._edited(kind)
+        self._host.plan_accepted(kind, self._plans[kind])
+        words = [text("Flight plan received")] if kind == MISSION else []
+        return [*words, ack_message(partner, dialect.MAV_MISSION_ACCEPTED, kind)]
+
+    def _request_list(self, message: Any, partner: Partner) -> list[Message]:
+        kind = message.mission_type
+        refused = self._cannot_read(kind, partner)
+        if refused:
+            return refused
+        count: Message = dialect.MAVLink_mission_count_message(*partner, len(self._stored[kind]), kind)
+        return [count]
+
+    def _request(self, message: Any, partner: Partner) -> list[Message]:
+        kind = message.mission_type
+        refused = self._cannot_read(kind, partner)
+        if refused:
+            return refused
+        if message.seq >= len(self._stored[kind]):
+            return [ack_message(partner, dialect.MAV_MISSION_INVALID_SEQUENCE, kind)]
+        item = self._stored[kind][message.seq]
+        if kind == MISSION and item.seq == 0:
+            item = self._host.home_item()
+        current = kind == MISSION and item.seq == self._host.mission_index
+        if message.get_type() == "MISSION_REQUEST":
+            return [_float_item_message(partner, item, kind, current=current)]
+        return [item_message(partner, item, kind, current=current)]
+
+    def _cannot_read(self, kind: int, partner: Partner) -> list[Message]:
+        if kind not in TYPES:
+            return [ack_message(partner, dialect.MAV_MISSION_UNSUPPORTED, kind)]
+        return [ack_message(partner, dialect.MAV_MISSION_DENIED, kind)] if kind in self._uploads else []
+
+    def _ack(self, message: Any, partner: Partner) -> list[Message]:
+        del message, partner
+        return []
+
+    def _clear_all(self, message: Any, partner: Partner) -> list[Message]:
+        kind = message.mission_type
+        if kind not in TYPES:
+            return [ack_message(partner, dialect.MAV_MISSION_UNSUPPORTED, kind)]
+        if kind in self._uploads or (kind == MISSION and self._host.mission_running):
+            return [ack_message(partner, dialect.MAV_MISSION_ERROR, kind)]
+        self._stored[kind] = []
+        self._edited(kind)
+        self._host.plan_accepted(kind, self._plans[kind])
+        return [ack_message(partner, dialect.MAV_MISSION_ACCEPTED, kind)]
+
+    def _set_current(self, message: Any, partner: Partner) -> list[Message]:
+        """MISSION_CURRENT answers a jump, and silence one to nowhere: the message has no acknowledgement."""
+        del partner
+        self._host.jump(message.seq)
+        return []
+
+    def _ask(self, upload: _Upload, kind: int) -> Message:
+        upload.asked_s = self._clock()
+        request: Message = dialect.MAVLink_mission_request_message(*upload.partner, upload.next, kind)
+        return request
+
+
+def as_stored(item: MissionItem) -> MissionItem:
+    """Return an item as ArduCopter's storage gives it back."""
+    frame = dialect.MAV_FRAME_GLOBAL if item.frame in _ABSOLUTE else dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT
+    kept = replace(item, frame=frame, current=0, autocontinue=1, param2=0.0, param3=0.0, param4=0.0)
+    kept = replace(kept, param1=_whole(item.param1), z=_centimetres(item.z))
+    if item.command in _KEPT_PARAMETERS:
+        bare = replace(kept, frame=dialect.MAV_FRAME_GLOBAL, x=0, y=0, z=0.0)
+        given = (item.param1, item.param2, item.param3, item.param4)
+        kept_count = _KEPT_PARAMETERS[item.command]
+        params = [*given[:kept_count], *[0.0] * (4 - kept_count)]
+        return replace(bare, param1=params[0], param2=params[1], param3=params[2], param4=params[3])
+    if item.command in (*FENCE_CIRCLES, *FENCE_POLYGONS):
+        return replace(kept, frame=dialect.MAV_FRAME_GLOBAL, param1=item.param1, z=0.0)
+    return kept
+
+
+def _whole(value: float) -> float:
+    return float(int(value)) if 0.0 <= value < 65_536.0 else 0.0
+
+
+def _centimetres(value: float) -> float:
+    if not math.isfinite(value):
+        return 0.0
+    centimetres = int(struct.unpack("<f", struct.pack("<f", value * 100.0))[0])
+    return float(struct.unpack("<f", struct.pack("<f", centimetres * 0.01))[0])
+
+
+def _float_item_message(partner: Partner, item: MissionItem, kind: int, *, current: bool) -> Message:
+    head = (item.seq, item.frame, item.command, int(current), item.autocontinue)
+    params = (item.param1, item.param2, item.param3, item.param4)
+    message: Message = dialect.MAVLink_mission_item_message(
+        *partner, *head, *params, item.x / 1e7, item.y / 1e7, item.z, kind
+    )
+    return message

@@ -1,0 +1,150 @@
+"""How ArduCopter flies a mission in AUTO, as measured on its software-in-the-loop build.
+
+The mission begins at item 1 (0 is home). The acceptance radius is WPNAV_RADIUS, never the item's. The current index
+survives an upload: each write into the mission restarts the current leg from where the vehicle is, and where the item
+at the kept index has become a DO_ command, it moves on to the next leg. Cut short, the vehicle finishes the leg it has
+loaded and the one after, then hovers. A waypoint with a hold counts as reached at rest; the next leg starts from rest.
+"""
+
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from sim.geo import Place
+from sim.mission_runner import Handover, MissionRunner, MissionState, Target
+from sim.missions import Mission, MissionItem
+from sim.vehicle import Body, Guidance
+
+REST_MPS = 0.3
+"""A stop is over once the vehicle is this slow at its point."""
+REST_M = 0.5
+
+
+class ArdupilotRunner(MissionRunner):
+    """AUTO mode's mission. `complete` is AP_Mission's MISSION_COMPLETE, `halted` a jump made after it."""
+
+    first = 1
+    look_ahead = 2
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.halted = False
+        self._cut = False
+        self._flying: MissionItem | None = None
+        self._next: MissionItem | None = None
+
+    @property
+    def item(self) -> MissionItem:
+        """The item being flown: the loaded one, where the mission has been cut shorter than that."""
+        if self._cut and self._flying is not None:
+            return self._flying
+        return super().item
+
+    def state(self, *, flying: bool) -> MissionState:
+        """Return how far the mission is; a jump after its end leaves it stopped."""
+        state = super().state(flying=flying and not self.halted)
+        return MissionState.PAUSED if self.halted and state is MissionState.NOT_STARTED else state
+
+    def can_start(self, *, on_ground: bool) -> str | None:
+        """Return why AUTO cannot be flown: nothing but home on board, or standing without a take-off ahead."""
+        if len(self.mission) <= self.first:
+            return "Mode change to AUTO failed: init failed"
+        start = self.first if self.complete else max(self.index, self.first)
+        ahead = next((item for item in self.mission.items[start:] if item.is_nav), None)
+        if on_ground and (ahead is None or ahead.command != dialect.MAV_CMD_NAV_TAKEOFF):
+            return "Auto: Missing Takeoff Cmd"
+        return None
+
+    def edit(self, mission: Mission, *, running: bool) -> bool:
+        """Take a mission that is changing under way; True if that restarted the current leg."""
+        self.mission = mission
+        exists = self.index < len(mission)
+        self._cut = running and not exists and self._flying is not None
+        if running and exists:
+            self._forget()
+        return running and exists
+
+    def load(self, mission: Mission, *, on_ground: bool) -> None:
+        """Take a whole mission; the index is kept, even past its end."""
+        del on_ground
+        self.mission = mission
+
+    def jump(self, seq: int) -> None:
+        """Make an item current, and fly it unless the mission was over; 0 means the beginning."""
+        self.halted = self.complete or self.halted
+        self.index = max(seq, self.first)
+        self.complete = self._cut = False
+        self._forget()
+
+    def activate(self) -> None:
+        """Enter AUTO: resume, or start over after the end; speed changes of the past are forgotten."""
+        if self.complete or self._parameters.tuning.restart_mission:
+            self.jump(self.first)
+        self.index = max(self.index, self.first)
+        self.halted = False
+        self.started = True
+        self.speed_mps = None
+        self._forget()
+
+    def leave(self) -> None:
+        """Leave AUTO."""
+        self._flying = self._next = None
+        self._cut = False
+
+    def rewind(self) -> None:
+        """Go back to the beginning: ArduCopter resets its mission when it disarms."""
+        self.index = 0
+        self.complete = self.halted = self.started = False
+        self._forget()
+
+    def fly(self, body: Body, now_s: float) -> Guidance | Handover:
+        """Return where to go now."""
+        return Handover.FINISHED if self.halted or self.complete else super().fly(body, now_s)
+
+    def _has_item(self) -> bool:
+        if self._cut:
+            return True
+        if self.index >= len(self.mission):
+            self.complete = True
+            return False
+        self._load_ahead()
+        return True
+
+    def _load_ahead(self) -> None:
+        """Keep the current item and the next leg's, which are flown even if the mission is cut before them."""
+        self._flying = self.mission.items[self.index]
+        self._next = next((item for item in self.mission.items[self.index + 1 :] if item.is_nav), None)
+
+    def _advance(self) -> bool:
+        if self._cut:
+            self._flying, self._next = self._next, None
+            return self._flying is not None
+        if not super()._advance():
+            return False
+        self._load_ahead()
+        return True
+
+    def _begin(self, body: Body) -> Target:
+        """Fix the target; only a take-off climbs first."""
+        target = super()._begin(body)
+        self._climb_first = self.item.command == dialect.MAV_CMD_NAV_TAKEOFF
+        return target
+
+    def _has_climbed(self, body: Body, target: Target) -> bool:
+        return abs(target.up_m - body.up_m) <= REST_M
+
+    def _is_done(self, body: Body, target: Target, now_s: float) -> bool:
+        stops = target.passing_mps <= 0.0 and self.item.command != dialect.MAV_CMD_NAV_TAKEOFF
+        if stops and self._holding_since_s is None:
+            near = body.distance_to(target.east_m, target.north_m) <= REST_M
+            if not near or body.ground_speed_mps > REST_MPS:
+                return False
+        return super()._is_done(body, target, now_s)
+
+    def _radius(self, item: MissionItem) -> float:
+        del item
+        return self._parameters.tuning.acceptance_radius_m
+
+    def _place(self, item: MissionItem) -> Place | None:
+        """ArduCopter takes off where it is, whatever the item says."""
+        return None if item.command == dialect.MAV_CMD_NAV_TAKEOFF else super()._place(item)

@@ -1,0 +1,60 @@
+"""The geofence on board: polygons and circles to stay inside or outside of, and a cylinder around home."""
+
+import math
+from collections.abc import Sequence
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from sim.geo import LocalFrame, Place
+from sim.missions import FENCE_CIRCLES, FENCE_POLYGONS, Mission
+from sim.tuning import FenceRule
+from sim.vehicle import Body
+
+_KEEP_IN = (dialect.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION, dialect.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION)
+
+
+class Fence:
+    """The shapes of an uploaded fence plan; with several to stay inside of, any one will do."""
+
+    def __init__(self, frame: LocalFrame) -> None:
+        self._frame = frame
+        self._polygons: list[tuple[bool, list[Place]]] = []
+        self._circles: list[tuple[bool, Place, float]] = []
+
+    def load(self, plan: Mission) -> None:
+        """Take an accepted fence (see `sim.missions.bad_fence`)."""
+        self._polygons, self._circles = [], []
+        at = 0
+        while at < len(plan):
+            item = plan.items[at]
+            run = int(item.param1) if item.command in FENCE_POLYGONS else 1
+            places = [self._frame.to_local(one.x / 1e7, one.y / 1e7) for one in plan.items[at : at + run]]
+            if item.command in FENCE_POLYGONS:
+                self._polygons.append((item.command in _KEEP_IN, places))
+            elif item.command in FENCE_CIRCLES:
+                self._circles.append((item.command in _KEEP_IN, places[0], item.param1))
+            at += run
+
+    def is_broken(self, body: Body, rule: FenceRule, home_m: Place) -> bool:
+        """Whether a body is where it must not be."""
+        if body.up_m > rule.ceiling_m or body.distance_to(*home_m) > rule.radius_m:
+            return True
+        return rule.shapes and self._breaks_shapes((body.east_m, body.north_m))
+
+    def _breaks_shapes(self, place: Place) -> bool:
+        inside = [(keep_in, _in_polygon(place, corners)) for keep_in, corners in self._polygons]
+        inside += [(keep_in, math.dist(place, centre) <= radius) for keep_in, centre, radius in self._circles]
+        inclusions = [within for keep_in, within in inside if keep_in]
+        return any(within for keep_in, within in inside if not keep_in) or (bool(inclusions) and not any(inclusions))
+
+
+def _in_polygon(place: Place, corners: Sequence[Place]) -> bool:
+    """Even-odd rule: how many edges cross the ray to the east."""
+    crossed = False
+    previous = corners[-1]
+    for corner in corners:
+        if (corner[1] > place[1]) != (previous[1] > place[1]):
+            at = corner[0] + (place[1] - corner[1]) / (previous[1] - corner[1]) * (previous[0] - corner[0])
+            crossed ^= place[0] < at
+        previous = corner
+    return crossed

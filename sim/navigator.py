@@ -1,0 +1,183 @@
+"""Where each mode flies: hold, take off, return, land, a mission, or what setpoints say."""
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from sim.geo import Place
+from sim.mission_runner import Handover
+from sim.modes import Mode
+from sim.setpoints import Setpoint
+from sim.vehicle import Body, Guidance, stopping_point
+
+if TYPE_CHECKING:
+    from sim.autopilot import Autopilot
+
+_AT_HEIGHT_M = 0.5
+"""A climb counts as done this close below its height, when the vehicle takes off or returns."""
+
+
+class Navigator:
+    """The guidance of one autopilot; `enter` is told of every change of mode."""
+
+    def __init__(self, autopilot: "Autopilot") -> None:
+        self._autopilot = autopilot
+        self.setpoint: Setpoint | None = None
+        self._hold: Guidance | None = None
+        self._takeoff_up_m: float | None = None
+        self._taking_off = False
+        self._return: Guidance | None = None
+        self._returning_in_mission = False
+        self._over_home_s: float | None = None
+        self._paused = False
+
+    @property
+    def taking_off(self) -> bool:
+        """Whether a commanded take-off is under way."""
+        return self._taking_off
+
+    def enter(self, mode: Mode) -> None:
+        """Start a mode afresh: from here, or from where the vehicle comes to rest."""
+        self._hold = self._stop_here()
+        self._takeoff_up_m = self._return = self._over_home_s = None
+        self._returning_in_mission = self._paused = False
+        self._taking_off = mode is Mode.TAKEOFF
+        self.setpoint = None if mode is not Mode.GUIDED else self.setpoint
+
+    def settle(self) -> None:
+        """Forget where to hold: the vehicle stands on the ground."""
+        self._hold = None
+        self._taking_off = False
+
+    def take_off(self, up_m: float | None) -> None:
+        """Climb above this place to `up_m` above home (None: the take-off parameter)."""
+        self._taking_off = True
+        self._takeoff_up_m = up_m
+
+    def go_to(self, east_m: float | None, north_m: float | None, up_m: float | None, speed_mps: float) -> None:
+        """Hold at a given place and height, as far as they are given; a speed <= 0 means the cruise speed."""
+        self.setpoint = None
+        if self._hold is None:
+            return
+        here = self._hold
+        self._hold = Guidance(
+            here.east_m if east_m is None else east_m,
+            here.north_m if north_m is None else north_m,
+            here.up_m if up_m is None else up_m,
+            speed_mps if speed_mps > 0.0 else here.speed_mps,
+        )
+
+    def pause(self, *, paused: bool) -> None:
+        """Stop where the vehicle is within its mode, or go on."""
+        self._paused = paused
+        if paused:
+            self._hold = self._stop_here()
+
+    def guidance(self, body: Body, now_s: float) -> Guidance | None:
+        """Return where to fly, or None to stay on the ground with the motors idling."""
+        mode = self._autopilot.mode
+        if self._paused and not body.on_ground:
+            return self._hold
+        if mode is Mode.MISSION:
+            return self._mission(body, now_s)
+        if self._taking_off:
+            return self._climb(body)
+        if body.on_ground:
+            return None
+        if mode is Mode.GUIDED and self.setpoint is not None:
+            return self._follow(body, now_s, self.setpoint)
+        if self._hold is None:
+            self._hold = self._stop_here()
+        hold = self._hold or self._here(body)
+        if mode is Mode.LAND:
+            return replace(hold, landing=True)
+        return self._home(body, now_s) if mode is Mode.RTL else hold
+
+    def _mission(self, body: Body, now_s: float) -> Guidance | None:
+        autopilot = self._autopilot
+        runner = autopilot.runner
+        if body.on_ground and (runner.complete or not autopilot.cleared_for_takeoff):
+            return None
+        if self._returning_in_mission:
+            return self._home(body, now_s)
+        index = runner.index
+        result = runner.fly(body, now_s)
+        if index != runner.index or isinstance(result, Handover):
+            autopilot.announce(dialect.MAVLINK_MSG_ID_MISSION_CURRENT)
+        if isinstance(result, Guidance):
+            self._hold = None
+            return result
+        return self._after_mission(body, now_s, result)
+
+    def _after_mission(self, body: Body, now_s: float, result: Handover) -> Guidance | None:
+        autopilot = self._autopilot
+        if autopilot.flavour.leaves_mission_at_end:
+            if result is not Handover.LANDED:
+                autopilot.set_mode(Mode.RTL if result is Handover.RETURN else Mode.HOLD)
+                autopilot.say("Mission finished")
+            return None if body.on_ground else self.guidance(body, now_s)
+        if self._hold is None:
+            self._hold = self._stop_here()
+        if result is Handover.RETURN:
+            self._returning_in_mission = True
+            return self._home(body, now_s)
+        return self._hold
+
+    def _climb(self, body: Body) -> Guidance:
+        autopilot = self._autopilot
+        if self._hold is None:
+            self._hold = self._here(body)
+        if self._takeoff_up_m is None:
+            self._takeoff_up_m = autopilot.parameters.tuning.takeoff_alt_m
+        up_m = max(self._takeoff_up_m, self._hold.up_m)
+        guidance = replace(self._hold, up_m=up_m)
+        if abs(up_m - body.up_m) <= autopilot.parameters.tuning.altitude_radius_m / 2.0:
+            self._taking_off = False
+            if autopilot.mode is Mode.TAKEOFF:
+                autopilot.set_mode(Mode.HOLD)
+            self._hold = guidance
+        return guidance
+
+    def _home(self, body: Body, now_s: float) -> Guidance:
+        """Climb, fly home (or to the nearest rally point), wait, land."""
+        autopilot = self._autopilot
+        tuning = autopilot.parameters.tuning
+        way = self._return
+        if way is None:
+            goal = autopilot.return_point()
+            climb = body.distance_to(*goal) > tuning.return_cone_m
+            up_m = max(body.up_m, tuning.return_alt_m if climb else 0.0)
+            way = self._return = Guidance(*goal, up_m, tuning.limits.cruise_speed_mps)
+        if body.distance_to(way.east_m, way.north_m) <= tuning.acceptance_radius_m and self._over_home_s is None:
+            self._over_home_s = now_s
+        if self._over_home_s is not None:
+            landing = now_s - self._over_home_s >= tuning.return_loiter_s
+            return replace(way, up_m=0.0 if landing else way.up_m, landing=landing)
+        if way.up_m - body.up_m > tuning.altitude_radius_m and self._hold is not None:
+            return replace(self._hold, up_m=way.up_m)
+        return way
+
+    def _follow(self, body: Body, now_s: float, setpoint: Setpoint) -> Guidance | None:
+        limits = self._autopilot.parameters.limits
+        moving = self._autopilot.flavour.setpoints_move
+        stale = now_s - setpoint.at_s > self._autopilot.parameters.tuning.setpoint_timeout_s
+        return setpoint.guidance(body, now_s, limits.cruise_speed_mps, moving=moving, stale=stale)
+
+    def _stop_here(self) -> Guidance | None:
+        """Return where the vehicle comes to rest when it brakes now; None on the ground."""
+        body = self._autopilot.seen
+        if body.on_ground:
+            return None
+        east_m, north_m = stopping_point(body, self._autopilot.parameters.limits)
+        return replace(self._here(body), east_m=east_m, north_m=north_m)
+
+    def _here(self, body: Body) -> Guidance:
+        limits = self._autopilot.parameters.limits
+        return Guidance(body.east_m, body.north_m, body.up_m, max(limits.cruise_speed_mps, body.ground_speed_mps))
+
+
+def nearest(places: list[Place], to: Place) -> Place:
+    """Return the place nearest to a point."""
+    return min(places, key=lambda place: math.dist(place, to))

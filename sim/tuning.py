@@ -1,0 +1,88 @@
+"""What parameters mean to the rest of the vehicle, whatever an autopilot calls them.
+
+Each flavour's table turns its parameters into one `Tuning`, anew whenever a parameter is set, so that a parameter is
+live: the next step flies, and the next failsafe acts, by the new value.
+"""
+
+import math
+from dataclasses import dataclass, field
+from enum import Enum, auto
+
+from sim.vehicle import Limits
+
+
+class Action(Enum):
+    """What a failsafe does."""
+
+    NONE = auto()
+    WARN = auto()
+    HOLD = auto()
+    RETURN = auto()
+    LAND = auto()
+    DISARM = auto()
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LinkLoss:
+    """When the ground station's HEARTBEAT is gone: `timeout_s` of silence, `delay_s` of holding, then `action`.
+
+    `gcs_system_id` None listens to any ground station. `spare_mission`: go on with a mission instead.
+    """
+
+    action: Action = Action.NONE
+    timeout_s: float = 10.0
+    delay_s: float = 0.0
+    gcs_system_id: int | None = None
+    spare_mission: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LowBattery:
+    """One battery level: act once the charge that is left falls below `share` (0-1)."""
+
+    share: float
+    action: Action
+    words: str
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class FenceRule:
+    """The fence: what a breach does, and the cylinder around home beside the uploaded shapes (infinite: none)."""
+
+    action: Action = Action.NONE
+    radius_m: float = math.inf
+    ceiling_m: float = math.inf
+    shapes: bool = True
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Tuning:
+    """Everything a vehicle flies by. Metres, seconds, m/s; altitudes above home.
+
+    acceptance_radius_m, altitude_radius_m: when a waypoint counts as reached. return_alt_m: least altitude of a way
+    home longer than `return_cone_m`; `return_loiter_s`: stay over home before landing. disarm_after_landing_s and
+    disarm_on_ground_s (armed, never took off): None never. arm_in_mission, takeoff_without_throttle: ArduPilot's
+    AUTO_OPTIONS. failures_enabled: MAV_CMD_INJECT_FAILURE is obeyed. home_rally_limit_m: rally points further from
+    home are not used.
+    """
+
+    limits: Limits
+    acceptance_radius_m: float
+    altitude_radius_m: float
+    takeoff_alt_m: float
+    return_alt_m: float
+    return_cone_m: float
+    return_loiter_s: float
+    disarm_after_landing_s: float | None
+    disarm_on_ground_s: float | None
+    setpoint_timeout_s: float
+    battery_capacity_mah: float
+    arm_in_mission: bool = True
+    takeoff_without_throttle: bool = True
+    restart_mission: bool = False
+    failures_enabled: bool = False
+    rally_limit_m: float = math.inf
+    link_loss: LinkLoss = field(default_factory=LinkLoss)
+    batteries: tuple[LowBattery, ...] = ()
+    position_loss: Action = Action.LAND
+    fence: FenceRule = field(default_factory=FenceRule)

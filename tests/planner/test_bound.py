@@ -1,0 +1,151 @@
+"""The certificate: no feasible plan is better than its bound, and where a bound is known by hand it is met."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from planner import EXAMPLES
+from planner.bound import best_tables, lifted_kbps, reachability_bound_kbps, slot_bounds_kbps
+from planner.branch_and_bound import certificate
+from planner.channel import spectral_efficiency, squared_distances
+from planner.layouts import scattered
+from planner.problem import Problem, problem_of
+from planner.reach import squared_distance_range
+from planner.repair import within_limits
+from planner.scenario import NoFlyDisc
+from planner.utility import utility_kbps
+
+Array = NDArray[np.float64]
+KINDS = ("sum", "per_user", "pooled")
+
+
+def random_problem(seed: int, n_uavs: int) -> Problem:
+    """Any utility, with a past, own altitudes, an end position, a UAV that leaves, and sampled fading."""
+    rng = np.random.default_rng(seed)
+    scenario = scattered(n_uavs, int(rng.integers(1, 6)), 4, seed=seed % 1000)
+    first = scenario.uavs[0].model_copy(
+        update={"end_m": tuple(np.add(scenario.uavs[0].start_m, rng.uniform(-20, 20, 2)).tolist()), "altitude_m": 30.0}
+    )
+    rest = [scenario.uavs[-1].model_copy(update={"leaves_at_slot": int(rng.integers(1, 5))})] if n_uavs > 1 else []
+    scenario = scenario.with_changes(
+        uavs=(first, *scenario.uavs[1:-1], *rest),
+        channel=scenario.channel.model_copy(update={"fading": "sampled"}),
+    )
+    problem = problem_of(scenario)
+    past = rng.uniform(0, 20, (problem.n_users, int(rng.integers(0, 3))))
+    mu = float(-(10 ** rng.uniform(-3, 1)) * rng.integers(0, 2))
+    gain = problem.snr_gain * 10 ** rng.uniform(-2, 3)
+    return replace(problem, kind=KINDS[seed % 3], mu=mu, past_kbps=past, snr_gain=gain)
+
+
+def random_rates(problem: Problem, seed: int) -> tuple[Array, Array]:
+    """Paths (U, N, 2) within speed, area and ends, and rates (K, N) of a random binary association."""
+    rng = np.random.default_rng(seed)
+    straight = problem.hover()
+    fraction = np.linspace(0, 1, problem.n_slots)[:, None]
+    ends = np.where(np.isnan(problem.end_m), problem.start_m + rng.normal(size=(problem.n_uavs, 2)) * 60, problem.end_m)
+    paths = within_limits(problem, straight + fraction * (ends - problem.start_m)[:, None])
+    shape = (problem.n_users, problem.n_slots)
+    serving = np.argmax(rng.random((problem.n_uavs, *shape)) * problem.flying[:, None], axis=0)
+    mine = np.moveaxis(np.eye(problem.n_uavs)[serving], 2, 0)
+    share = mine * rng.exponential(size=shape) ** 4
+    share /= np.maximum(share.sum(axis=1, keepdims=True), 1e-9)
+    rates = problem.bandwidth_hz[:, None, None] * share * spectral_efficiency(problem, paths) / 1e3
+    return paths, rates.sum(axis=0)
+
+
+def worth(problem: Problem, rates: Array) -> float:
+    return utility_kbps(problem.counted_kbps(rates), problem.kind, problem.mu)
+
+
+@given(st.integers(0, 2**31), st.integers(1, 4))
+def test_no_feasible_plan_is_better_than_the_bound(seed: int, n_uavs: int) -> None:
+    problem = random_problem(seed, n_uavs)
+    bound = reachability_bound_kbps(problem)
+    for attempt in range(3):
+        paths, rates = random_rates(problem, seed + attempt)
+        assert (rates.sum(axis=0) <= slot_bounds_kbps(problem) + 1e-9).all()
+        assert worth(problem, rates) <= bound + 1e-9
+        there_kbps = problem.bandwidth_hz[:, None, None] * spectral_efficiency(problem, paths) / 1e3
+        best = best_tables(there_kbps)(np.ones(rates.shape))
+        assert (best.sum(axis=0) <= slot_bounds_kbps(problem) + 1e-9).all()
+        assert worth(problem, best) <= bound + 1e-9
+        near2, far2 = squared_distance_range(problem)
+        d2 = squared_distances(paths, problem.user_m, problem.altitude_m)
+        there = np.broadcast_to(problem.flying[:, None], d2.shape)
+        assert ((near2 <= d2 * (1 + 1e-9)) & (d2 <= far2 * (1 + 1e-9)))[there].all()
+
+
+@settings(max_examples=30)
+@given(st.integers(0, 2**31), st.integers(1, 3))
+def test_no_feasible_plan_is_better_than_the_bound_after_branching(seed: int, n_uavs: int) -> None:
+    problem = random_problem(seed, n_uavs)
+    _, rates = random_rates(problem, seed)
+    proof = certificate(problem, rates, max_nodes=3_000)
+    assert proof.bound_kbps <= proof.root_kbps
+    assert (proof.slot_best_kbps <= proof.slot_bounds_kbps + 1e-9).all()
+    for attempt in range(3):
+        paths, rates = random_rates(problem, seed + attempt)
+        assert worth(problem, rates) <= proof.bound_kbps + 1e-9
+        there_kbps = problem.bandwidth_hz[:, None, None] * spectral_efficiency(problem, paths) / 1e3
+        assert worth(problem, best_tables(there_kbps)(np.ones(rates.shape))) <= proof.bound_kbps + 1e-9
+
+
+def test_one_uav_and_one_user_are_bounded_by_flying_straight_towards_it() -> None:
+    scenario = scattered(1, 1, 6, seed=0)
+    scenario = scenario.with_changes(users=(scenario.users[0].model_copy(update={"position_m": (225.0, 125.0)}),))
+    problem = problem_of(scenario)
+    distance = np.maximum(100.0 - 25.0 * np.arange(6), 0.0)
+    gain = 0.1 * 0.01 / 10**-8.5
+    exact = 10 * np.log2(1 + gain / (distance**2 + 60.0**2))
+    assert slot_bounds_kbps(problem) == pytest.approx(exact, rel=1e-12)
+    assert reachability_bound_kbps(problem) == pytest.approx(exact.mean(), rel=1e-12)
+    proof = certificate(problem, np.zeros((1, 6)), tolerance=1e-3)
+    assert proof.finished
+    assert proof.slot_best_kbps == pytest.approx(exact, rel=2e-3)
+
+
+def test_uavs_that_cannot_move_are_bounded_by_what_they_reach(problem_by_hand: Callable[..., Problem]) -> None:
+    for kind in KINDS:
+        assert reachability_bound_kbps(problem_by_hand(kind=kind, mu=-0.2)) == pytest.approx(60.0, rel=1e-9)
+
+
+def test_at_paper_scale_branch_and_bound_proves_sum_within_5_percent() -> None:
+    problem = problem_of(EXAMPLES["paper"]())
+    proof = certificate(problem, np.zeros((9, 20)), tolerance=0.03)
+    best = lifted_kbps(problem, proof.slot_best_kbps)
+    assert proof.finished
+    assert proof.bound_kbps < proof.root_kbps < 1.25 * best
+    assert proof.bound_kbps < 1.04 * best
+
+
+def test_what_cannot_be_reached_before_an_end_position_or_inside_a_zone_lowers_the_bound() -> None:
+    scenario = scattered(1, 1, 6, seed=0)
+    scenario = scenario.with_changes(users=(scenario.users[0].model_copy(update={"position_m": (225.0, 125.0)}),))
+    returning = (scenario.uavs[0].model_copy(update={"end_m": (125.0, 125.0)}),)
+    homing = slot_bounds_kbps(problem_of(scenario.with_changes(uavs=returning)))
+    free = slot_bounds_kbps(problem_of(scenario))
+    assert homing[:3] == pytest.approx(free[:3])
+    assert homing[3:] == pytest.approx(free[2::-1])
+    fenced = scenario.with_changes(no_fly=(NoFlyDisc(center_m=(225.0, 125.0), radius_m=60.0),))
+    proof = certificate(problem_of(fenced), np.zeros((1, 6)), tolerance=0.01)
+    assert proof.slot_bounds_kbps[5] == pytest.approx(10 * np.log2(1 + 0.001 / 10**-8.5 / (2 * 60.0**2)), rel=0.03)
+
+
+def test_branch_and_bound_stops_when_told_and_the_bound_holds_nevertheless() -> None:
+    problem = problem_of(EXAMPLES["paper"]())
+    proof = certificate(problem, np.zeros((9, 20)), stop=lambda: True)
+    assert proof.nodes == 0
+    assert not proof.finished
+    assert proof.bound_kbps <= proof.root_kbps
+
+
+def test_branch_and_bound_refuses_more_than_three_uavs() -> None:
+    problem = problem_of(scattered(4, 2, 2, seed=0))
+    with pytest.raises(ValueError, match="uavs: branch and bound takes at most 3 UAVs, not 4"):
+        certificate(problem, np.zeros((2, 2)))
