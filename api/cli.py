@@ -172,6 +172,24 @@ def bench_planner(
         Console().print(table(figures))
 
 
+@bench.command("bridge")
+def bench_bridge(
+    seeds: Annotated[int, typer.Option(min=1, help="Lossy uploads to the fleet.")] = 100,
+    swaps: Annotated[int, typer.Option(min=3, help="Missions swapped in flight, for each autopilot.")] = 20,
+    load_s: Annotated[float, typer.Option(min=1, help="How long to measure the load of 50 vehicles.")] = 10.0,
+    as_json: Json = False,
+) -> None:
+    """Measure the bridge on simulated PX4 and ArduCopter: schedule, uploads, swaps, loss detection, load."""
+    from api.bench_bridge import bridge_figures, tables  # noqa: PLC0415
+
+    figures = bridge_figures(seeds=seeds, swaps=swaps, load_s=load_s)
+    if as_json:
+        _write(json.dumps(figures, indent=2), None)
+    else:
+        for one in tables(figures):
+            Console().print(one)
+
+
 @bench.command("service")
 def bench_service(
     runs: Annotated[int, typer.Option(min=2, help="Plans measured end to end.")] = 200,

@@ -136,7 +136,7 @@ class Flight:
     async def start(self) -> None:
         """Begin slot 0 on all vehicles at once. Raises FlightError."""
         began = self._clock.now()
-        results = await self._fleet.link.start(set(self._uavs), item=1)
+        results = await self._fleet.link.start(set(self._uavs))
         bad = {self._uavs[system]: result.error for system, result in results.items() if not result.ok}
         if bad:
             raise FlightError(f"start failed for {_each(bad)}")

@@ -9,6 +9,7 @@ telemetry. A new autopilot is a new writer beside `px4`; a new way to judge a li
 The package knows the planner's plan type and nothing of the service or the simulator.
 """
 
+from mavlink_bridge.autopilots import Autopilot, FlightMode
 from mavlink_bridge.compare import mission_differences
 from mavlink_bridge.compiler import compile_mission
 from mavlink_bridge.errors import (
@@ -26,17 +27,20 @@ from mavlink_bridge.errors import (
 from mavlink_bridge.formats import from_qgc_plan, from_waypoints, to_qgc_plan, to_waypoints
 from mavlink_bridge.geodesy import east_north_to_geodetic, geodetic_to_east_north
 from mavlink_bridge.heartbeat import AUTOPILOT, HeartbeatMonitor, LinkEvent, LinkState
+from mavlink_bridge.hub import LinkOptions
 from mavlink_bridge.items import MAX_ITEMS, Command, Frame, Mission, MissionItem
 from mavlink_bridge.link import FleetLink
+from mavlink_bridge.models import model_from_parameters
 from mavlink_bridge.pace import VehicleModel
-from mavlink_bridge.px4 import OnEnd
 from mavlink_bridge.results import CommandResult, SwapResult, UploadResult
 from mavlink_bridge.returns import check_return_paths
-from mavlink_bridge.telemetry import FlightMode, LandedState, Telemetry
+from mavlink_bridge.telemetry import LandedState, Telemetry
+from mavlink_bridge.writer import OnEnd
 
 __all__ = [
     "AUTOPILOT",
     "MAX_ITEMS",
+    "Autopilot",
     "BridgeError",
     "Command",
     "CommandResult",
@@ -51,6 +55,7 @@ __all__ = [
     "LinkClosed",
     "LinkError",
     "LinkEvent",
+    "LinkOptions",
     "LinkState",
     "Mission",
     "MissionItem",
@@ -70,6 +75,7 @@ __all__ = [
     "from_waypoints",
     "geodetic_to_east_north",
     "mission_differences",
+    "model_from_parameters",
     "to_qgc_plan",
     "to_waypoints",
 ]

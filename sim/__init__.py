@@ -1,10 +1,10 @@
-"""A fleet of multirotors in software that speaks MAVLink 2 on UDP, as a real autopilot does.
+"""A fleet of multirotors in software that speaks MAVLink 2 on UDP, as real PX4 and ArduCopter vehicles do.
 
 It knows nothing of the planner, the bridge or the service, and is built on pymavlink alone, so that it tests them as
-a stranger would. `vehicle` is how an airframe moves, `mission_runner` flies a mission, `autopilot` chooses the mode
-and answers messages (`mission_protocol`, `parameters`, `commands`, `telemetry`); all of these are pure and run in
-virtual time. `station` adds a radio (`link`), `fleet` steps all vehicles on one injected clock, `faults` are what can
-go wrong, and `truth` is what really happened.
+a stranger would. `flavours` is where the two autopilots differ. `vehicle` is how an airframe moves, `navigator` and
+`mission_runner` decide where to, `autopilot` chooses the mode and answers messages; all of these are pure and run in
+virtual time. `station` adds a radio (`link`, `impairments`), `fleet` steps all vehicles on one injected clock,
+`faults` are what can go wrong, and `truth` is what really happened. More in docs/simulator.md.
 
     async with Fleet(grid_of(3, 47.3977, 8.5456), clock=ScaledClock(10)) as fleet:
         fleet.inject(Kill(system_id=3), at_s=60.0)
@@ -12,33 +12,78 @@ go wrong, and `truth` is what really happened.
 """
 
 from sim.clock import Clock, ScaledClock, VirtualClock
-from sim.faults import Fault, Kill, Mute
+from sim.faults import (
+    FAULTS,
+    ClockJump,
+    CorruptUpload,
+    Fault,
+    Freeze,
+    GpsLoss,
+    Impair,
+    Kill,
+    LowBattery,
+    ModeChange,
+    MotorFailure,
+    Mute,
+    Reboot,
+    RejectMission,
+    describe,
+    fault_from,
+    impairments_from,
+)
 from sim.fleet import DEFAULT_ENDPOINT, Fleet, serve
-from sim.lineup import VehicleSpec, grid_of
+from sim.impairments import Impairments
+from sim.lineup import AUTOPILOTS, VehicleSpec, grid_of
 from sim.missions import Mission, MissionItem
 from sim.modes import Mode
+from sim.recording import TlogWriter
+from sim.schedule import parse_fault, value_of
+from sim.slots import SlotGrid
 from sim.station import Vehicle
-from sim.truth import Event, Sample, TruthLog
+from sim.truth import Event, Sample, TruthLog, as_line
 from sim.vehicle import Limits
+from sim.weather import Weather
 
 __all__ = [
+    "AUTOPILOTS",
     "DEFAULT_ENDPOINT",
+    "FAULTS",
     "Clock",
+    "ClockJump",
+    "CorruptUpload",
     "Event",
     "Fault",
     "Fleet",
+    "Freeze",
+    "GpsLoss",
+    "Impair",
+    "Impairments",
     "Kill",
     "Limits",
+    "LowBattery",
     "Mission",
     "MissionItem",
     "Mode",
+    "ModeChange",
+    "MotorFailure",
     "Mute",
+    "Reboot",
+    "RejectMission",
     "Sample",
     "ScaledClock",
+    "SlotGrid",
+    "TlogWriter",
     "TruthLog",
     "Vehicle",
     "VehicleSpec",
     "VirtualClock",
+    "Weather",
+    "as_line",
+    "describe",
+    "fault_from",
     "grid_of",
+    "impairments_from",
+    "parse_fault",
     "serve",
+    "value_of",
 ]

@@ -31,8 +31,8 @@ IDLE_W = 12.0
 ARMED_IDLE_W = 25.0
 MAX_AIRSPEED_MPS = 18.0
 """At full tilt; a wind beyond it blows the vehicle away."""
-GUST_RESPONSE_PER_S = 0.25
-"""Acceleration per m/s of gust that the position controller does not cancel at once."""
+GUST_SHARE = 0.2
+"""Share of a gust's speed that the vehicle is carried along with before its controller leans against it."""
 
 
 def flight_power_w(airspeed_mps: float, up_mps: float) -> float:

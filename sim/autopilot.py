@@ -13,16 +13,15 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from sim.airframe import Battery
 from sim.dynamics import Dynamics
 from sim.failsafes import Failsafes
-from sim.fence import Fence
 from sim.flavours import FLAVOURS
 from sim.geo import LocalFrame, Place
 from sim.inbox import Inbox
 from sim.lineup import VehicleSpec
-from sim.mission_protocol import MISSION
-from sim.missions import NOT_GIVEN, Mission, MissionItem
+from sim.mishaps import Mishaps
 from sim.modes import Mode
-from sim.navigator import Navigator, nearest
+from sim.navigator import Navigator
 from sim.parameters import ParameterStore
+from sim.plans import Plans
 from sim.setpoints import Setpoint
 from sim.telemetry import Telemetry
 from sim.vehicle import Body, Limits
@@ -61,7 +60,7 @@ class Autopilot:
         self.air = air or Air(Weather(), "calm")
         self.battery = Battery()
         self.dynamics = Dynamics(self)
-        self.fence = Fence(self.frame)
+        self.plans = Plans(self)
         self.protocol_clock = protocol_clock
         self.emit = on_event
         self.phase = phase
@@ -69,13 +68,12 @@ class Autopilot:
         self.armed = False
         self.now_s = boot_s
         self.clock_offset_s = 0.0
-        self.silenced = False
-        self._reboot_asked = False
+        self.mishaps = Mishaps(self)
         self._outbox: list[Message] = []
         self.runner = flavour.runner(
             self.frame, spec.home_alt_m, self.parameters, self._item_reached, utc=self.utc_s, say=self.say
         )
-        self.missions = flavour.missions(clock=protocol_clock, host=self)
+        self.missions = flavour.missions(clock=protocol_clock, host=self.plans)
         self._boot(boot_s)
 
     def _boot(self, now_s: float) -> None:
@@ -111,36 +109,9 @@ class Autopilot:
         """Whether the position is known."""
         return self.dynamics.satellites
 
-    @property
-    def mission_index(self) -> int:
-        """The mission item being flown."""
-        return self.runner.index
-
-    @property
-    def mission_running(self) -> bool:
-        """Whether it is armed and flies its mission."""
-        return self.armed and self.mode is Mode.MISSION and not self.runner.complete
-
     def utc_s(self, now_s: float) -> float:
         """Return seconds since midnight UTC at a moment of fleet time."""
         return (now_s + NOON_S + self.clock_offset_s) % 86_400.0
-
-    def home_item(self) -> MissionItem:
-        """Return home as ArduPilot's item 0."""
-        lat, lon = self.frame.to_geodetic(*self.home_m)
-        place = (round(lat * 1e7), round(lon * 1e7), self.spec.home_alt_m)
-        command = dialect.MAV_CMD_NAV_WAYPOINT
-        return MissionItem(0, dialect.MAV_FRAME_GLOBAL, command, 0, 1, 0.0, 0.0, 0.0, 0.0, *place)
-
-    def return_point(self) -> Place:
-        """Return where a return ends: home, or a rally point that is nearer to the vehicle."""
-        limit_m = self.parameters.tuning.rally_limit_m
-        here = (self.body.east_m, self.body.north_m)
-        rally = [
-            self.frame.to_local(item.x / 1e7, item.y / 1e7)
-            for item in self.missions.plan(dialect.MAV_MISSION_TYPE_RALLY).items
-        ]
-        return nearest([self.home_m, *(place for place in rally if math.dist(place, self.home_m) <= limit_m)], here)
 
     # -- talking ------------------------------------------------------------------------------------------------
 
@@ -236,15 +207,6 @@ class Autopilot:
         self.navigator.go_to(east_m, north_m, up_m, speed_mps)
         return True
 
-    def guide(self, item: MissionItem) -> bool:
-        """Fly to a mission item sent on its own, in GUIDED; one without a place changes the height only."""
-        if self.mode is not Mode.GUIDED or NOT_GIVEN in (item.x, item.y):
-            return False
-        there = item.has_place
-        east_m, north_m = self.frame.to_local(item.x / 1e7, item.y / 1e7) if there else (None, None)
-        self.navigator.go_to(east_m, north_m, item.relative_alt_m(self.spec.home_alt_m), 0.0)
-        return True
-
     def follow(self, setpoint: Setpoint) -> None:
         """Take a streamed setpoint; it counts in GUIDED, and opens the way there where one is needed for it."""
         if self.mode is Mode.GUIDED or self.flavour.guided_needs_stream:
@@ -271,52 +233,7 @@ class Autopilot:
         self.navigator.pause(paused=paused)
         return True
 
-    def ask_reboot(self) -> None:
-        """Reboot at the next step."""
-        self._reboot_asked = True
-
-    # -- failing ------------------------------------------------------------------------------------------------
-
-    def cut_power(self) -> None:
-        """Stop the motors for good."""
-        self.dynamics.powered = self.armed = False
-
-    def fail_motor(self) -> None:
-        """Lose a motor: a quadrotor tumbles and falls."""
-        if self.dynamics.powered:
-            self.emit("motor_failed", {})
-            self.say("Motor failure detected", dialect.MAV_SEVERITY_EMERGENCY)
-            self.dynamics.powered = self.body.on_ground and not self.armed
-            self.armed = False
-
-    def lose_satellites(self) -> None:
-        """Lose the position: the estimate drifts away until it is back."""
-        self.dynamics.satellites = False
-        self.emit("gps_lost", {})
-
-    def regain_satellites(self) -> None:
-        """Find the position again."""
-        self.dynamics.satellites = True
-        self.emit("gps_back", {})
-
-    def set_battery(self, share: float) -> None:
-        """Set the charge that is left, 0 to 1."""
-        self.battery.share = share
-        self.emit("battery_set", {"share": share})
-
-    def jump_clock(self, seconds: float) -> None:
-        """Let the autopilot's clock jump: time_boot_ms, SYSTEM_TIME and TIMESYNC with it."""
-        self.clock_offset_s += seconds
-        self.emit("clock_jumped", {"seconds": seconds})
-
-    def silence(self) -> None:
-        """Break the radio; whoever carries its messages has to obey."""
-        self.silenced = True
-
-    def take_reboot(self) -> bool:
-        """Return whether a reboot was asked for, once."""
-        asked, self._reboot_asked = self._reboot_asked, False
-        return asked
+    # -- being switched off and on --------------------------------------------------------------------------------
 
     def shut_down(self) -> None:
         """Go down for a reboot: motors off, transfers forgotten."""
@@ -328,10 +245,18 @@ class Autopilot:
         """Come up again; it stands on the ground, or is still falling."""
         self.runner.rewind()
         self.now_s = now_s
+        self.clock_offset_s = 0.0
         self._outbox.clear()
         self._boot(now_s)
-        self.clock_offset_s = 0.0
         self.runner.load(self.missions.mission, on_ground=True)
+
+    def coast(self, now_s: float, dt_s: float) -> None:
+        """Let the airframe go on for `dt_s` without its autopilot, which hangs or boots."""
+        was_on_ground, sinking_mps = self.body.on_ground, self.body.up_mps
+        self.dynamics.drift(dt_s)
+        if not was_on_ground and self.body.on_ground:
+            self.now_s = now_s
+            self._notice(sinking_mps, took_off=False)
 
     # -- flying -------------------------------------------------------------------------------------------------
 
@@ -366,27 +291,6 @@ class Autopilot:
         waits = ((self._landed_s, tuning.disarm_after_landing_s), (self._armed_s, tuning.disarm_on_ground_s))
         if any(wait_s is not None and self.now_s - since_s >= wait_s for since_s, wait_s in waits):
             self.disarm()
-
-    # -- its mission --------------------------------------------------------------------------------------------
-
-    def plan_accepted(self, mission_type: int, plan: Mission) -> None:
-        """Take a whole plan."""
-        if mission_type == dialect.MAV_MISSION_TYPE_FENCE:
-            self.fence.load(plan)
-        if mission_type != MISSION:
-            kind = "fence_accepted" if mission_type == dialect.MAV_MISSION_TYPE_FENCE else "rally_accepted"
-            self.emit(kind, {"items": plan.items})
-            return
-        self.runner.load(plan, on_ground=self.body.on_ground)
-        if self.mode is Mode.MISSION:
-            self.runner.started = True
-        self.emit("mission_accepted", {"mission_id": plan.mission_id, "items": plan.items})
-        self.announce(dialect.MAVLINK_MSG_ID_MISSION_CURRENT)
-
-    def mission_edited(self, mission: Mission) -> None:
-        """Take a mission that is being written in place."""
-        if self.runner.edit(mission, running=self.mission_running):
-            self.say("Auto mission changed, restarted command")
 
     def _item_reached(self, seq: int) -> None:
         self._outbox.append(dialect.MAVLink_mission_item_reached_message(seq))

@@ -158,7 +158,7 @@ class Commands(ABC):
             return Outcome(DENIED)
         if self._autopilot.armed:
             return Outcome(REJECTED_FOR_NOW)
-        self._autopilot.ask_reboot()
+        self._autopilot.mishaps.ask_reboot()
         return Outcome(ACCEPTED)
 
     def _prearm_checks(self, command: Command) -> Outcome:

@@ -4,7 +4,7 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from sim.airframe import ARMED_IDLE_W, GUST_RESPONSE_PER_S, IDLE_W, MAX_AIRSPEED_MPS, flight_power_w
+from sim.airframe import ARMED_IDLE_W, GUST_SHARE, IDLE_W, MAX_AIRSPEED_MPS, flight_power_w
 from sim.vehicle import Body, Guidance, fall, step
 
 if TYPE_CHECKING:
@@ -76,16 +76,16 @@ class Dynamics:
         )
 
     def _blown(self, body: Body, dt_s: float) -> Body:
-        """Return the body pushed by gusts, and carried off by a wind it cannot fly against."""
+        """Return the body moved by gusts, and carried off by a wind it cannot fly against."""
         air = self._autopilot.air
-        push = GUST_RESPONSE_PER_S * dt_s
-        east, north = body.east_mps + push * air.gust_mps[0], body.north_mps + push * air.gust_mps[1]
+        east, north = body.east_mps, body.north_mps
         wind_east, wind_north = air.wind_mps
         airspeed = math.hypot(east - wind_east, north - wind_north)
         if airspeed > MAX_AIRSPEED_MPS:
             share = MAX_AIRSPEED_MPS / airspeed
             east, north = wind_east + (east - wind_east) * share, wind_north + (north - wind_north) * share
-        moved_east, moved_north = (east - body.east_mps) * dt_s, (north - body.north_mps) * dt_s
+        moved_east = (east - body.east_mps + GUST_SHARE * air.gust_mps[0]) * dt_s
+        moved_north = (north - body.north_mps + GUST_SHARE * air.gust_mps[1]) * dt_s
         return replace(
             body,
             east_m=body.east_m + moved_east,

@@ -1,4 +1,4 @@
-"""The vehicle's own failsafes: ground station gone, battery low, position lost, fence broken.
+"""The vehicle's own failsafes: ground station gone, battery low, position lost, fence broken, setpoints gone.
 
 Each acts once when its condition begins, in the air and armed only, and never makes things milder: a vehicle that
 lands does not return because of a lesser failure. What they do is decided by parameters (`sim.tuning`).
@@ -56,6 +56,7 @@ class Failsafes:
         self._check_battery()
         self._check_position(now_s)
         self._check_fence()
+        self._check_setpoints(now_s)
         if not self._autopilot.armed:
             self.active = False
 
@@ -108,10 +109,19 @@ class Failsafes:
         rule = self._autopilot.parameters.tuning.fence
         if rule.action is Action.NONE:
             return
-        outside = self._autopilot.fence.is_broken(self._autopilot.seen, rule, self._autopilot.home_m)
+        outside = self._autopilot.plans.fence.is_broken(self._autopilot.seen, rule, self._autopilot.home_m)
         if outside and not self._outside:
             self._do(rule.action, "Fence breached", "fence")
         self._outside = outside
+
+    def _check_setpoints(self, now_s: float) -> None:
+        """PX4 leaves OFFBOARD when nobody streams any more."""
+        autopilot, tuning = self._autopilot, self._autopilot.parameters.tuning
+        setpoint = autopilot.navigator.setpoint
+        if autopilot.mode is not Mode.GUIDED or not autopilot.flavour.guided_needs_stream or setpoint is None:
+            return
+        if now_s - setpoint.at_s > tuning.setpoint_timeout_s:
+            self._do(tuning.setpoint_loss, "Offboard control lost", "setpoints_lost")
 
     @property
     def _flying(self) -> bool:

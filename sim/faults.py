@@ -1,9 +1,17 @@
-"""What can go wrong, as values: hand one to `Fleet.inject`, for now or for a moment of fleet time."""
+"""What can go wrong, as values: hand one to `Fleet.inject`, for now, for a moment of fleet time, or for a slot.
 
-from dataclasses import dataclass
-from typing import Protocol
+Each fault is a frozen dataclass; its fields are the knobs. `FAULTS` names them for JSON and the command line:
+`fault_from({"kind": "mute", "system_id": 3, "for_s": 20})` and `parse_fault("mute:3@60,for_s=20")`. `for_s` None is for
+good; durations are fleet seconds.
+"""
 
-from sim.station import Vehicle
+import math
+from dataclasses import MISSING, asdict, dataclass, fields
+from typing import Any, Protocol
+
+from sim.impairments import Impairments
+from sim.modes import Mode
+from sim.station import REBOOT_S, Vehicle
 
 
 class Fault(Protocol):
@@ -32,10 +40,214 @@ class Kill:
 
 @dataclass(frozen=True, slots=True)
 class Mute:
-    """The radio dies: the vehicle flies on exactly as before, sends nothing and hears nothing."""
+    """The radio dies: the vehicle flies on exactly as before, sends nothing and hears nothing (the ghost)."""
+
+    system_id: int
+    for_s: float | None = None
+
+    def strike(self, vehicle: Vehicle) -> None:
+        """Mute the vehicle."""
+        vehicle.mute(self.for_s)
+
+
+@dataclass(frozen=True, slots=True)
+class Reboot:
+    """The autopilot restarts: silent for `for_s`, then its clock starts at 0. In the air its motors stop."""
+
+    system_id: int
+    for_s: float = REBOOT_S
+
+    def strike(self, vehicle: Vehicle) -> None:
+        """Reboot the autopilot."""
+        vehicle.reboot(self.for_s)
+
+
+@dataclass(frozen=True, slots=True)
+class Freeze:
+    """The autopilot hangs: it says nothing, hears nothing, and the motors keep turning as they did."""
+
+    system_id: int
+    for_s: float | None = None
+
+    def strike(self, vehicle: Vehicle) -> None:
+        """Freeze the autopilot."""
+        vehicle.freeze(self.for_s)
+
+
+@dataclass(frozen=True, slots=True)
+class LowBattery:
+    """The battery has only `share` (0-1) left; what follows is up to the failsafe parameters."""
+
+    system_id: int
+    share: float = 0.1
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.share <= 1.0:
+            raise ValueError(f"share must be between 0 and 1, got {self.share}")
+
+    def strike(self, vehicle: Vehicle) -> None:
+        """Drain the battery."""
+        vehicle.autopilot.mishaps.set_battery(self.share)
+
+
+@dataclass(frozen=True, slots=True)
+class GpsLoss:
+    """No satellites: the position estimate drifts away, and the failsafe lands it."""
+
+    system_id: int
+    for_s: float | None = None
+
+    def strike(self, vehicle: Vehicle) -> None:
+        """Lose the satellites."""
+        vehicle.autopilot.mishaps.lose_satellites()
+        vehicle.after(self.for_s, vehicle.autopilot.mishaps.regain_satellites)
+
+
+@dataclass(frozen=True, slots=True)
+class MotorFailure:
+    """A motor stops; the quadrotor tumbles and falls, and tells about it as long as it can."""
 
     system_id: int
 
     def strike(self, vehicle: Vehicle) -> None:
-        """Mute the vehicle."""
-        vehicle.mute()
+        """Stop a motor."""
+        vehicle.autopilot.mishaps.fail_motor()
+
+
+@dataclass(frozen=True, slots=True)
+class ModeChange:
+    """A human takes over at the remote control: the vehicle changes to `mode` (a name of `sim.Mode`)."""
+
+    system_id: int
+    mode: str = "POSITION"
+
+    def __post_init__(self) -> None:
+        if self.mode not in Mode.__members__:
+            raise ValueError(f"mode must be one of {', '.join(Mode.__members__)}, got {self.mode!r}")
+
+    def strike(self, vehicle: Vehicle) -> None:
+        """Change the mode."""
+        vehicle.autopilot.set_mode(Mode[self.mode])
+
+
+@dataclass(frozen=True, slots=True)
+class RejectMission:
+    """The next `uploads` are refused at their end with MAV_MISSION_ERROR."""
+
+    system_id: int
+    uploads: int = 1
+
+    def strike(self, vehicle: Vehicle) -> None:
+        """Refuse uploads to come."""
+        vehicle.autopilot.missions.refusals += self.uploads
+
+
+@dataclass(frozen=True, slots=True)
+class CorruptUpload:
+    """The next `uploads` are acknowledged, but their last item is stored 22 m beside: only a read-back tells."""
+
+    system_id: int
+    uploads: int = 1
+
+    def strike(self, vehicle: Vehicle) -> None:
+        """Corrupt uploads to come."""
+        vehicle.autopilot.missions.corruptions += self.uploads
+
+
+@dataclass(frozen=True, slots=True)
+class ClockJump:
+    """The autopilot's clock jumps by `seconds`, forwards or backwards."""
+
+    system_id: int
+    seconds: float = -30.0
+
+    def __post_init__(self) -> None:
+        if not math.isfinite(self.seconds):
+            raise ValueError(f"seconds must be a finite number, got {self.seconds}")
+
+    def strike(self, vehicle: Vehicle) -> None:
+        """Let the clock jump."""
+        vehicle.autopilot.mishaps.jump_clock(self.seconds)
+
+
+@dataclass(frozen=True, slots=True)
+class Impair:
+    """The link gets worse: `up` is to the vehicle, `down` from it; None leaves a direction as it is."""
+
+    system_id: int
+    up: Impairments | None = None
+    down: Impairments | None = None
+    for_s: float | None = None
+
+    def strike(self, vehicle: Vehicle) -> None:
+        """Impair the link."""
+        vehicle.radio.impair(up=self.up, down=self.down)
+        vehicle.after(self.for_s, vehicle.radio.repair)
+
+
+FAULTS: dict[str, type[Any]] = {
+    "kill": Kill,
+    "mute": Mute,
+    "reboot": Reboot,
+    "freeze": Freeze,
+    "low-battery": LowBattery,
+    "gps-loss": GpsLoss,
+    "motor-failure": MotorFailure,
+    "mode-change": ModeChange,
+    "reject-mission": RejectMission,
+    "corrupt-upload": CorruptUpload,
+    "clock-jump": ClockJump,
+    "impair": Impair,
+}
+_NAMES = {fault: name for name, fault in FAULTS.items()}
+
+
+def describe(fault: Fault) -> dict[str, Any]:
+    """Return a fault as plain data, `kind` first; knobs that are not set are left out."""
+    values = {name: value for name, value in asdict(fault).items() if value is not None}  # type: ignore[call-overload]
+    for direction in ("up", "down"):
+        if direction in values:
+            chosen = {name: v for name, v in values[direction].items() if v != getattr(Impairments(), name)}
+            values[direction] = chosen
+    return {"kind": _NAMES.get(type(fault), type(fault).__name__), **values}
+
+
+def fault_from(data: dict[str, Any]) -> Fault:
+    """Return the fault that plain data describes; ValueError names the field that cannot be."""
+    values = dict(data)
+    kind = values.pop("kind", None)
+    if kind not in FAULTS:
+        raise ValueError(f"kind must be one of {', '.join(FAULTS)}, got {kind!r}")
+    known = {field.name: field for field in fields(FAULTS[kind])}
+    for name in values:
+        if name not in known:
+            raise ValueError(f"{name}: {kind} has no such field, it has {', '.join(known)}")
+    missing = [name for name, field in known.items() if field.default is MISSING and name not in values]
+    if missing:
+        raise ValueError(f"{missing[0]}: {kind} needs it")
+    for direction in ("up", "down"):
+        if isinstance(values.get(direction), dict):
+            values[direction] = impairments_from(values[direction])
+    fault: Fault = FAULTS[kind](**{name: _checked(name, value) for name, value in values.items()})
+    return fault
+
+
+def impairments_from(data: dict[str, Any]) -> Impairments:
+    """Return the impairments that plain data describes; ValueError names the field that cannot be."""
+    known = {field.name for field in fields(Impairments)}
+    for name, value in data.items():
+        if name not in known:
+            raise ValueError(f"{name}: a link has no such impairment, it has {', '.join(sorted(known))}")
+        if not isinstance(value, bool if name == "cut" else (int, float)):
+            raise ValueError(f"{name} must be a {'yes or no' if name == 'cut' else 'number'}, got {value!r}")
+    return Impairments(**data)
+
+
+def _checked(name: str, value: Any) -> Any:
+    if name == "for_s" and value is not None and not (isinstance(value, int | float) and 0.0 < value < math.inf):
+        raise ValueError(f"for_s must be a number of seconds above 0, got {value!r}")
+    if name in ("system_id", "uploads") and not (isinstance(value, int) and value > 0):
+        raise ValueError(f"{name} must be a whole number above 0, got {value!r}")
+    if name in ("share", "seconds") and not isinstance(value, int | float):
+        raise ValueError(f"{name} must be a number, got {value!r}")
+    return value

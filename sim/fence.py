@@ -39,7 +39,8 @@ class Fence:
         """Whether a body is where it must not be."""
         if body.up_m > rule.ceiling_m or body.distance_to(*home_m) > rule.radius_m:
             return True
-        return rule.shapes and self._breaks_shapes((body.east_m, body.north_m))
+        drawn = bool(self._polygons or self._circles)
+        return rule.shapes and drawn and self._breaks_shapes((body.east_m, body.north_m))
 
     def _breaks_shapes(self, place: Place) -> bool:
         inside = [(keep_in, _in_polygon(place, corners)) for keep_in, corners in self._polygons]

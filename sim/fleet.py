@@ -1,21 +1,28 @@
-"""The fleet: all vehicles, stepped together on one clock, each with a socket of its own."""
+"""The fleet: all vehicles, stepped together on one clock, each with a link of its own."""
 
 import asyncio
 import random
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from types import TracebackType
 from typing import Any, Self
 
 from sim.clock import Clock
-from sim.faults import Fault
+from sim.faults import Fault, describe
+from sim.impairments import Impairments
 from sim.lineup import VehicleSpec
-from sim.link import endpoints_of, open_link
+from sim.link import Address, MemoryLink, Radio, endpoints_of, open_link
+from sim.reports import EPOCH_S
+from sim.schedule import Schedule
+from sim.signing import Signature
+from sim.slots import GeoPoint, SlotGrid
 from sim.station import Vehicle
 from sim.truth import SAMPLE_INTERVAL_S, Event, TruthLog
 from sim.vehicle import Limits
+from sim.weather import Air, Weather
+from sim.wire import Decoder, Encoder
 
 DEFAULT_ENDPOINT = "udpout://127.0.0.1:14540"
 STEP_S = 0.05
@@ -25,13 +32,18 @@ WAKE_S = 0.01
 STRIDE_S = 1.0
 """Fleet seconds caught up at once, before the event loop gets its turn."""
 
+Station = Callable[[bytes, int], None]
+"""Takes a datagram, and the system id it comes from."""
+
 
 class Fleet:
     """Simulated vehicles that talk MAVLink 2 over UDP while the context is open.
 
-    `async with fleet:` opens the sockets and flies on `clock`. Without it nothing is sent, and `step_to` moves the
-    whole fleet in virtual time. `seed` spreads the telemetry streams of the vehicles; `protocol_clock` gives wall
-    seconds for the time-outs of the mission protocol. ValueError for no vehicles, duplicate ids or a bad endpoint.
+    `async with fleet:` opens the sockets and flies on `clock`. Without it there are no sockets: `step_to` moves the
+    whole fleet in virtual time as fast as it computes, `attach` puts ground stations beside it in memory, and the same
+    seed gives the same log byte for byte. `seed` decides phases, weather and links. `protocol_clock` gives the seconds
+    for time-outs and links: by default wall time with sockets, fleet time without. `signing_key` (32 bytes): sign, and
+    refuse what is not signed. ValueError for no vehicles, duplicate ids, a bad endpoint or key.
     """
 
     def __init__(
@@ -42,7 +54,9 @@ class Fleet:
         endpoint: str = DEFAULT_ENDPOINT,
         limits: Limits | None = None,
         seed: int = 0,
-        protocol_clock: Callable[[], float] = time.monotonic,
+        protocol_clock: Callable[[], float] | None = None,
+        weather: Weather | None = None,
+        signing_key: bytes | None = None,
     ) -> None:
         lineup = list(specs)
         if not lineup:
@@ -52,44 +66,105 @@ class Fleet:
             raise ValueError(f"system ids must differ, got {sorted(ids)}")
         self.clock = clock
         self.truth = TruthLog()
+        self.slots: SlotGrid | None = None
         self.now_s = self._start_s = clock.now()
         self._steps = 0
         self._endpoints = dict(zip(ids, endpoints_of(endpoint, len(lineup)), strict=True))
-        self._scheduled: list[tuple[float, Fault]] = []
+        self._schedule = Schedule()
         self._flying: asyncio.Task[None] | None = None
+        self._stations: dict[Address, Station] = {}
+        self._given_clock = protocol_clock
+        self._seed = seed
+        self._signature = None if signing_key is None else Signature(signing_key, self._unix_time)
         spread = random.Random(seed)  # noqa: S311
         self.vehicles: dict[int, Vehicle] = {
-            spec.system_id: Vehicle(
-                spec,
-                limits=limits,
-                protocol_clock=protocol_clock,
-                on_event=partial(self._log, spec.system_id),
-                boot_s=self.now_s,
-                phase=spread.random(),
-            )
-            for spec in lineup
+            spec.system_id: self._vehicle(spec, limits, weather or Weather(), spread.random()) for spec in lineup
         }
 
-    def inject(self, fault: Fault, *, at_s: float | None = None) -> None:
-        """Let a fault happen now, or once fleet time reaches `at_s`. ValueError for an unknown vehicle."""
+    def _vehicle(self, spec: VehicleSpec, limits: Limits | None, weather: Weather, phase: float) -> Vehicle:
+        name = f"{self._seed}/{spec.system_id}"
+        return Vehicle(
+            spec,
+            limits=limits,
+            radio=Radio(name, self._protocol_now, partial(Decoder, self._signature)),
+            on_event=partial(self._log, spec.system_id),
+            boot_s=self.now_s,
+            phase=phase,
+            air=Air(weather, name),
+            tap=self.truth,
+            encoder=Encoder(spec.system_id, self._signature),
+        )
+
+    # -- what happens to it -------------------------------------------------------------------------------------
+
+    def inject(self, fault: Fault, *, at_s: float | None = None, at_slot: int | None = None) -> None:
+        """Let a fault happen now, once fleet time reaches `at_s`, or when a slot begins (see `start_slots`).
+
+        ValueError for an unknown vehicle, or for both a time and a slot.
+        """
         if fault.system_id not in self.vehicles:
             raise ValueError(f"there is no vehicle {fault.system_id}; the fleet has {sorted(self.vehicles)}")
-        if at_s is None:
-            fault.strike(self.vehicles[fault.system_id])
+        if at_s is not None and at_slot is not None:
+            raise ValueError("at_s and at_slot: a fault happens at one of them")
+        if at_s is None and at_slot is None:
+            self._strike(fault)
         else:
-            self._scheduled.append((at_s, fault))
+            self._schedule.add(fault, at_s=at_s, at_slot=at_slot)
+
+    def impair(self, *, up: Impairments | None = None, down: Impairments | None = None) -> None:
+        """Impair every vehicle's link: `up` is to the vehicles, `down` from them; None leaves a direction."""
+        for vehicle in self.vehicles.values():
+            vehicle.radio.impair(up=up, down=down)
+
+    def start_slots(
+        self,
+        duration_s: float,
+        *,
+        at_s: float | None = None,
+        points: Mapping[int, Sequence[GeoPoint]] | None = None,
+    ) -> SlotGrid:
+        """Begin slot 0 at a moment of fleet time (default: now), and report each vehicle's distance from its point
+        whenever a slot begins (event "slot")."""
+        self.slots = SlotGrid(duration_s, self.now_s if at_s is None else at_s, points or {})
+        self._schedule.grid = self.slots
+        return self.slots
+
+    def attach(self, station: Station, address: Address = ("gcs", 0)) -> Callable[[bytes, int], None]:
+        """Put a ground station beside the fleet, in memory: `station(data, system_id)` hears every vehicle, and the
+        function returned sends to one: `send(data, system_id)`. Several stations need several addresses.
+
+        RuntimeError while the fleet flies with sockets.
+        """
+        if self._flying is not None:
+            raise RuntimeError("a fleet with sockets hears ground stations there")
+        self._stations[address] = station
+        for system_id, vehicle in self.vehicles.items():
+            if vehicle.link is None:
+                vehicle.link = MemoryLink(
+                    address, vehicle.radio, vehicle.receive, system_id=system_id, stations=self._stations
+                )
+        return partial(self._from_station, address)
+
+    def _from_station(self, address: Address, data: bytes, system_id: int) -> None:
+        link = self.vehicles[system_id].link
+        if link is not None and link.is_open:
+            link.hear(data, address)
+
+    # -- time ---------------------------------------------------------------------------------------------------
 
     def step_to(self, t_s: float) -> None:
         """Fly in fixed steps as far as whole steps fit before fleet time `t_s`."""
         while (after := self._start_s + (self._steps + 1) * STEP_S) <= t_s + 1e-9:
-            self._strike_due()
+            for fault in self._schedule.due(self.now_s):
+                self._strike(fault)
             self._steps += 1
-            self.now_s = after
+            before, self.now_s = self.now_s, after
             for vehicle in self.vehicles.values():
                 vehicle.step(after, STEP_S)
             if self._steps % round(SAMPLE_INTERVAL_S / STEP_S) == 0:
                 for vehicle in self.vehicles.values():
                     self.truth.record(after, vehicle)
+            self._judge_slots(before, after)
 
     async def wait(self) -> None:
         """Wait while the fleet flies; returns when its context is closed, raises what broke it."""
@@ -99,10 +174,11 @@ class Fleet:
                 self._flying.result()
 
     async def __aenter__(self) -> Self:
+        self._close_links()
         try:
             for system_id, vehicle in self.vehicles.items():
                 if vehicle.transmitting:
-                    vehicle.link = await open_link(*self._endpoints[system_id], vehicle.receive)
+                    vehicle.link = await open_link(*self._endpoints[system_id], vehicle.radio, vehicle.receive)
         except BaseException:
             self._close_links()
             raise
@@ -123,13 +199,31 @@ class Fleet:
         while True:
             now_s = self.clock.now()
             self.step_to(min(now_s, self.now_s + STRIDE_S))
+            for vehicle in self.vehicles.values():
+                if vehicle.link is not None:
+                    vehicle.link.pump()
             await asyncio.sleep(0.0 if now_s - self.now_s > STRIDE_S else WAKE_S)
 
-    def _strike_due(self) -> None:
-        due = [entry for entry in self._scheduled if entry[0] <= self.now_s + 1e-9]
-        for entry in due:
-            self._scheduled.remove(entry)
-            entry[1].strike(self.vehicles[entry[1].system_id])
+    def _protocol_now(self) -> float:
+        if self._given_clock is not None:
+            return self._given_clock()
+        return self.now_s if self._flying is None else time.monotonic()
+
+    def _unix_time(self) -> float:
+        return EPOCH_S + self.now_s if self._flying is None else time.time()
+
+    def _strike(self, fault: Fault) -> None:
+        self._log(fault.system_id, "fault", describe(fault))
+        fault.strike(self.vehicles[fault.system_id])
+
+    def _judge_slots(self, before_s: float, after_s: float) -> None:
+        grid = self.slots
+        if grid is None or (slot := grid.slot_at(after_s)) == grid.slot_at(before_s) or slot < 0:
+            return
+        for system_id, vehicle in self.vehicles.items():
+            error_m = grid.error_m(system_id, slot, *vehicle.position[:2])
+            if error_m is not None:
+                self._log(system_id, "slot", {"slot": slot, "error_m": round(error_m, 3)})
 
     def _close_links(self) -> None:
         for vehicle in self.vehicles.values():
@@ -138,7 +232,7 @@ class Fleet:
                 vehicle.link = None
 
     def _log(self, system_id: int, kind: str, detail: dict[str, Any]) -> None:
-        self.truth.events.append(Event(self.now_s, system_id, kind, detail))
+        self.truth.happen(Event(self.now_s, system_id, kind, detail))
 
 
 async def serve(fleet: Fleet, *, until: asyncio.Event | None = None, for_s: float | None = None) -> None:

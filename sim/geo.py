@@ -13,11 +13,12 @@ Place = tuple[float, float]
 
 
 class LocalFrame:
-    """East/north metres around one point on the globe."""
+    """East/north metres around one point on the globe. The last place is remembered: truth and streams ask for it."""
 
     def __init__(self, lat_deg: float, lon_deg: float) -> None:
         self.lat_deg = lat_deg
         self.lon_deg = lon_deg
+        self._last: tuple[Place, Place] = ((math.nan, math.nan), (math.nan, math.nan))
 
     def to_local(self, lat_deg: float, lon_deg: float) -> tuple[float, float]:
         """Return (east_m, north_m) of a point given in degrees."""
@@ -26,8 +27,10 @@ class LocalFrame:
 
     def to_geodetic(self, east_m: float, north_m: float) -> tuple[float, float]:
         """Return (lat_deg, lon_deg) of a point given in metres east and north."""
-        lat, lon, _ = pymap3d.enu2geodetic(east_m, north_m, 0.0, self.lat_deg, self.lon_deg, 0.0)
-        return float(lat), float(lon)
+        if self._last[0] != (east_m, north_m):
+            lat, lon, _ = pymap3d.enu2geodetic(east_m, north_m, 0.0, self.lat_deg, self.lon_deg, 0.0)
+            self._last = ((east_m, north_m), (float(lat), float(lon)))
+        return self._last[1]
 
 
 def corner_speed(start: Place, corner: Place, goal: Place, acceleration: float, radius: float) -> float:

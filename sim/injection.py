@@ -23,17 +23,17 @@ def injected_failure(autopilot: "Autopilot", unit: int, kind: int) -> bool:
     radio is silent and deaf, so only another means brings it back.
     """
     if (unit, kind) == (_GPS, _OFF):
-        autopilot.lose_satellites()
+        autopilot.mishaps.lose_satellites()
     elif (unit, kind) == (_GPS, _OK):
-        autopilot.regain_satellites()
+        autopilot.mishaps.regain_satellites()
     elif (unit, kind) == (_BATTERY, _OFF):
-        autopilot.set_battery(EMPTY_SHARE)
+        autopilot.mishaps.set_battery(EMPTY_SHARE)
     elif (unit, kind) == (_BATTERY, _OK):
-        autopilot.set_battery(1.0)
+        autopilot.mishaps.set_battery(1.0)
     elif (unit, kind) == (_MOTOR, _OFF):
-        autopilot.fail_motor()
+        autopilot.mishaps.fail_motor()
     elif (unit, kind) == (_LINK, _OFF):
-        autopilot.silence()
+        autopilot.mishaps.silence()
     else:
         return False
     return True

@@ -1,15 +1,18 @@
-"""A vehicle's radio: one UDP socket of its own, one MAVLink parser for each peer address.
+"""How messages travel: one link for each vehicle, over a UDP socket or in memory, impaired in each direction.
 
-Telemetry goes to the endpoint and to every peer that has spoken valid MAVLink 2 to this socket; answers go to whoever
-asked.
+`Link` knows its peers (one parser each) and the fate of datagrams; `DatagramLink` has a socket in the running event
+loop, `MemoryLink` hands bytes to functions, for tests in virtual time. The fleet calls `pump` to let pass what has
+been delayed.
 """
 
 import asyncio
 import re
 import socket
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any, cast
 
+from sim.impairments import PERFECT, Channel, Impairments
 from sim.wire import Decoder
 
 Address = tuple[Any, ...]
@@ -39,13 +42,101 @@ def endpoints_of(url: str, count: int) -> list[tuple[str, int]]:
     return [(host, port) for port in range(first, first + count)]
 
 
-class DatagramLink(asyncio.DatagramProtocol):
-    """Sends datagrams and hands each incoming message on as `on_message(message, sender)`. Made by `open_link`."""
+class Radio:
+    """The two directions of one vehicle's link; they outlive its sockets. `down` is from the vehicle, `up` to it."""
 
-    def __init__(self, remote: Address, on_message: OnMessage) -> None:
+    def __init__(self, seed: str, clock: Callable[[], float], new_decoder: Callable[[], Decoder] = Decoder) -> None:
+        self.clock = clock
+        self.new_decoder = new_decoder
+        self.down: Channel[tuple[bytes, Address]] = Channel(f"{seed}/down")
+        self.up: Channel[tuple[bytes, Address]] = Channel(f"{seed}/up")
+
+    def impair(self, *, up: Impairments | None = None, down: Impairments | None = None) -> None:
+        """Set what a direction does from now on; None leaves it."""
+        self.up.impairments = self.up.impairments if up is None else up
+        self.down.impairments = self.down.impairments if down is None else down
+
+    def repair(self) -> None:
+        """Make both directions perfect again."""
+        self.impair(up=PERFECT, down=PERFECT)
+
+
+class Link(ABC):
+    """Sends datagrams, and hands each incoming message on as `on_message(message, sender)`."""
+
+    def __init__(self, remote: Address, radio: Radio, on_message: OnMessage) -> None:
         self.remote = remote
+        self._radio = radio
         self._on_message = on_message
         self._decoders: dict[Address, Decoder] = {}
+
+    @property
+    @abstractmethod
+    def is_open(self) -> bool:
+        """Whether anything can still be sent or heard."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Fall silent and deaf for good; what is still queued is dropped."""
+
+    @abstractmethod
+    def _emit(self, data: bytes, address: Address) -> None:
+        """Let a datagram leave."""
+
+    def hear(self, data: bytes, sender: Address) -> None:
+        """Take a datagram that has come from outside; it arrives when the link lets it."""
+        self._radio.up.push((data, sender), len(data), self._radio.clock())
+        self._arrive()
+
+    def send(self, data: bytes, address: Address) -> None:
+        """Send one datagram, if the link is still open."""
+        if self.is_open:
+            self._radio.down.push((data, address), len(data), self._radio.clock())
+            self._leave()
+
+    def broadcast(self, data: bytes) -> None:
+        """Send one datagram to the endpoint and to every other known peer."""
+        self.send(data, self.remote)
+        for address in self._decoders:
+            if address != self.remote:
+                self.send(data, address)
+
+    def pump(self) -> None:
+        """Let pass what was delayed until now."""
+        if self.is_open:
+            self._leave()
+            self._arrive()
+
+    def _leave(self) -> None:
+        for data, address in self._radio.down.pop(self._radio.clock()):
+            if self.is_open:
+                self._emit(data, address)
+
+    def _arrive(self) -> None:
+        for data, sender in self._radio.up.pop(self._radio.clock()):
+            self._parse(data, sender)
+
+    def _parse(self, data: bytes, sender: Address) -> None:
+        """Parse a datagram with its sender's own parser."""
+        decoder = self._decoders.get(sender) or self._radio.new_decoder()
+        for message in decoder.decode(data):
+            if sender not in self._decoders:
+                self._remember(sender, decoder)
+            if self.is_open:
+                self._on_message(message, sender)
+
+    def _remember(self, address: Address, decoder: Decoder) -> None:
+        if len(self._decoders) >= MAX_PEERS:
+            stranger = next(known for known in self._decoders if known != self.remote)
+            del self._decoders[stranger]
+        self._decoders[address] = decoder
+
+
+class DatagramLink(Link, asyncio.DatagramProtocol):
+    """A link over a UDP socket. Made by `open_link`."""
+
+    def __init__(self, remote: Address, radio: Radio, on_message: OnMessage) -> None:
+        super().__init__(remote, radio, on_message)
         self._transport: asyncio.DatagramTransport | None = None
 
     @property
@@ -58,28 +149,11 @@ class DatagramLink(asyncio.DatagramProtocol):
         self._transport = cast("asyncio.DatagramTransport", transport)
 
     def datagram_received(self, data: bytes, addr: Address) -> None:
-        """Parse a datagram with its sender's own parser (asyncio calls this)."""
-        decoder = self._decoders.get(addr) or Decoder()
-        for message in decoder.decode(data):
-            if addr not in self._decoders:
-                self._remember(addr, decoder)
-            if self._transport is not None:
-                self._on_message(message, addr)
+        """Take a datagram (asyncio calls this)."""
+        self.hear(data, addr)
 
     def error_received(self, exc: Exception) -> None:
         """Ignore ICMP errors: nobody listening yet is no reason to stop talking."""
-
-    def send(self, data: bytes, address: Address) -> None:
-        """Send one datagram, if the link is still open."""
-        if self._transport is not None:
-            self._transport.sendto(data, address)
-
-    def broadcast(self, data: bytes) -> None:
-        """Send one datagram to the endpoint and to every other known peer."""
-        self.send(data, self.remote)
-        for address in self._decoders:
-            if address != self.remote:
-                self.send(data, address)
 
     def close(self) -> None:
         """Fall silent and deaf for good; what is still queued is dropped."""
@@ -87,20 +161,49 @@ class DatagramLink(asyncio.DatagramProtocol):
         if transport is not None:
             transport.abort()
 
-    def _remember(self, address: Address, decoder: Decoder) -> None:
-        if len(self._decoders) >= MAX_PEERS:
-            stranger = next(known for known in self._decoders if known != self.remote)
-            del self._decoders[stranger]
-        self._decoders[address] = decoder
+    def _emit(self, data: bytes, address: Address) -> None:
+        if self._transport is not None:
+            self._transport.sendto(data, address)
 
 
-async def open_link(host: str, port: int, on_message: OnMessage) -> DatagramLink:
+class MemoryLink(Link):
+    """A link to functions in this process: `stations[address](data, system_id)` takes what the vehicle sends."""
+
+    def __init__(
+        self,
+        remote: Address,
+        radio: Radio,
+        on_message: OnMessage,
+        *,
+        system_id: int,
+        stations: dict[Address, Callable[[bytes, int], None]],
+    ) -> None:
+        super().__init__(remote, radio, on_message)
+        self._system_id = system_id
+        self._stations = stations
+        self._open = True
+
+    @property
+    def is_open(self) -> bool:
+        """Whether anything can still be sent or heard."""
+        return self._open
+
+    def close(self) -> None:
+        """Fall silent and deaf for good."""
+        self._open = False
+
+    def _emit(self, data: bytes, address: Address) -> None:
+        if address in self._stations:
+            self._stations[address](data, self._system_id)
+
+
+async def open_link(host: str, port: int, radio: Radio, on_message: OnMessage) -> DatagramLink:
     """Open a socket on a free port that talks to (host, port); OSError if the host is unknown."""
     loop = asyncio.get_running_loop()
     family, _, _, _, remote = (await loop.getaddrinfo(host, port, type=socket.SOCK_DGRAM))[0]
     any_host = "::" if family == socket.AF_INET6 else "0.0.0.0"  # noqa: S104
     local = remote[0] if remote[0] in ("127.0.0.1", "::1") else any_host
     _, link = await loop.create_datagram_endpoint(
-        lambda: DatagramLink(remote, on_message), local_addr=(local, 0), family=family
+        lambda: DatagramLink(remote, radio, on_message), local_addr=(local, 0), family=family
     )
     return link

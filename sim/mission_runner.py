@@ -13,10 +13,11 @@ from enum import Enum, auto
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.geo import LocalFrame, Place, corner_speed, distance_from_segment
+from sim.geo import LocalFrame, Place, distance_from_segment
+from sim.mission_geometry import MissionGeometry, changed_speed
 from sim.missions import Mission, MissionItem
 from sim.parameters import ParameterStore
-from sim.vehicle import BRAKING_SHARE, JERK_SHARE, Body, Guidance, jerk_limited_approach, stopping_point
+from sim.vehicle import Body, Guidance, stopping_point
 
 DAY_S = 86_400.0
 _HOVERS = (dialect.MAV_CMD_NAV_WAYPOINT, dialect.MAV_CMD_NAV_LOITER_TIME)
@@ -52,7 +53,7 @@ class Target:
     passing_mps: float
 
 
-class MissionRunner:
+class MissionRunner(MissionGeometry):
     """The cursor in a mission and the flying of it; `on_reached(seq)` is called for every item that is done.
 
     `utc(now_s)` gives the seconds since midnight UTC at a moment of fleet time (NAV_DELAY), `say` announces words.
@@ -73,14 +74,12 @@ class MissionRunner:
         utc: Callable[[float], float] = lambda now_s: now_s % DAY_S,
         say: Callable[[str], None] = lambda _: None,
     ) -> None:
-        self.mission = Mission()
+        super().__init__(frame, parameters)
         self.index = 0
         self.complete = False
         self.started = False
         self.speed_mps: float | None = None
-        self._frame = frame
         self._home_alt_m = home_alt_m
-        self._parameters = parameters
         self._on_reached = on_reached
         self._utc = utc
         self._say = say
@@ -184,7 +183,7 @@ class MissionRunner:
         """Return guidance for the current item, or None once it is done."""
         item = self.item
         if item.command == dialect.MAV_CMD_DO_CHANGE_SPEED:
-            self.speed_mps = _changed(self.speed_mps, item)
+            self.speed_mps = changed_speed(self.speed_mps, item)
             return None
         if item.command == dialect.MAV_CMD_NAV_RETURN_TO_LAUNCH:
             self._on_reached(self.index)
@@ -212,7 +211,7 @@ class MissionRunner:
         if body.on_ground and item.command != dialect.MAV_CMD_NAV_LAND:
             up_m = max(up_m, self._parameters.tuning.takeoff_alt_m)
         self._climb_first = body.on_ground and item.command != dialect.MAV_CMD_NAV_LAND
-        passing = self._passing_speed(self.index, self._was, (east_m, north_m), self.speed_mps, self.look_ahead)
+        passing = self.passing_speed(self.index, self._was, (east_m, north_m), self.speed_mps, self.look_ahead)
         self._target = Target(east_m, north_m, up_m, self._radius(item), passing)
         return self._target
 
@@ -264,57 +263,9 @@ class MissionRunner:
                 passing = 0.0
         return Guidance(target.east_m, target.north_m, target.up_m, self.cruise_mps, passing)
 
-    def _passing_speed(self, index: int, start: Place, corner: Place, speed: float | None, depth: int) -> float:
-        """Return the speed at the corner of item `index`, reached from `start`, that the legs after it allow."""
-        if depth == 0 or index >= len(self.mission):
-            return 0.0
-        item = self.mission.items[index]
-        if item.command != dialect.MAV_CMD_NAV_WAYPOINT or item.param1 > 0.0:
-            return 0.0
-        for following in range(index + 1, len(self.mission)):
-            after = self.mission.items[following]
-            if not after.is_nav:
-                speed = _changed(speed, after)
-                continue
-            goal = self._place(after)
-            if goal is None:
-                return 0.0
-            acceleration = BRAKING_SHARE * self._parameters.limits.acceleration_mps2
-            beyond = self._passing_speed(following, corner, goal, speed, depth - 1)
-            leg = self._leg_speed(math.dist(corner, goal), beyond)
-            turn = corner_speed(start, corner, goal, acceleration, self._radius(item))
-            return min(leg, turn, self._cruise(speed))
-        return 0.0
-
-    def _leg_speed(self, length_m: float, passing_mps: float) -> float:
-        """Return the highest speed a leg may begin with to be left at `passing_mps`."""
-        limits = self._parameters.limits
-        braking = BRAKING_SHARE * limits.acceleration_mps2
-        if limits.jerk_mps3 == math.inf:
-            return math.hypot(passing_mps, math.sqrt(2.0 * braking * length_m))
-        return jerk_limited_approach(length_m, braking, JERK_SHARE * limits.jerk_mps3, passing_mps)
-
-    def _place(self, item: MissionItem) -> Place | None:
-        return self._frame.to_local(item.x / 1e7, item.y / 1e7) if item.has_place else None
-
-    def _radius(self, item: MissionItem) -> float:
-        own = item.command == dialect.MAV_CMD_NAV_WAYPOINT and item.param2 > 0.0
-        return item.param2 if own else self._parameters.tuning.acceptance_radius_m
-
-    def _cruise(self, speed_mps: float | None) -> float:
-        limits = self._parameters.limits
-        return min(limits.cruise_speed_mps if speed_mps is None else speed_mps, limits.max_speed_mps)
-
     def _forget(self) -> None:
         self._target = self._delay_until_s = None
         self._holding_since_s = None
-
-
-def _changed(speed_mps: float | None, item: MissionItem) -> float | None:
-    """Return the speed in force after DO_CHANGE_SPEED: -1 keeps it, -2 goes back to the default."""
-    if item.param2 > 0.0:
-        return item.param2
-    return None if item.param2 == -2.0 else speed_mps
 
 
 def _time_of(item: MissionItem) -> tuple[float, float, float]:

@@ -1,12 +1,10 @@
 """Where each mode flies: hold, take off, return, land, a mission, or what setpoints say."""
 
-import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.geo import Place
 from sim.mission_runner import Handover
 from sim.modes import Mode
 from sim.setpoints import Setpoint
@@ -146,7 +144,7 @@ class Navigator:
         tuning = autopilot.parameters.tuning
         way = self._return
         if way is None:
-            goal = autopilot.return_point()
+            goal = autopilot.plans.return_point()
             climb = body.distance_to(*goal) > tuning.return_cone_m
             up_m = max(body.up_m, tuning.return_alt_m if climb else 0.0)
             way = self._return = Guidance(*goal, up_m, tuning.limits.cruise_speed_mps)
@@ -176,8 +174,3 @@ class Navigator:
     def _here(self, body: Body) -> Guidance:
         limits = self._autopilot.parameters.limits
         return Guidance(body.east_m, body.north_m, body.up_m, max(limits.cruise_speed_mps, body.ground_speed_mps))
-
-
-def nearest(places: list[Place], to: Place) -> Place:
-    """Return the place nearest to a point."""
-    return min(places, key=lambda place: math.dist(place, to))

@@ -29,6 +29,7 @@ _FENCE_ACTIONS = {
     4: Action.DISARM,
     5: Action.LAND,
 }
+_SETPOINT_LOSS = {3: Action.RETURN, 4: Action.LAND, 7: Action.DISARM}
 _POSITION_LOSS = {0: Action.HOLD, 1: Action.LAND}
 
 
@@ -43,6 +44,7 @@ def px4_parameters(limits: Limits) -> list[Parameter]:
         Parameter("COM_DL_LOSS_T", 10, 5, 300),
         Parameter("COM_FAIL_ACT_T", 5.0, 0.0, 25.0),
         Parameter("COM_LOW_BAT_ACT", 0, 0, 3),
+        Parameter("COM_OBL_RC_ACT", 0, 0, 7),
         Parameter("COM_OF_LOSS_T", 1.0, 0.0, 60.0),
         Parameter("COM_POSCTL_NAVL", 1, 0, 1),
         Parameter("GF_ACTION", 2, 0, 5),
@@ -91,6 +93,7 @@ def px4_tuning(values: Mapping[str, float]) -> Tuning:
         ),
         batteries=_batteries(values),
         position_loss=_POSITION_LOSS.get(int(values["COM_POSCTL_NAVL"]), Action.LAND),
+        setpoint_loss=_SETPOINT_LOSS.get(int(values["COM_OBL_RC_ACT"]), Action.HOLD),
         fence=FenceRule(
             action=_FENCE_ACTIONS.get(int(values["GF_ACTION"]), Action.NONE),
             radius_m=values["GF_MAX_HOR_DIST"] or math.inf,

@@ -1,17 +1,22 @@
 """One vehicle of the fleet: an autopilot with a radio, and what a fault can do to either."""
 
+import math
 from collections.abc import Callable, Iterable
 from typing import Any
 
 from sim.autopilot import Autopilot
 from sim.lineup import VehicleSpec
-from sim.link import Address, DatagramLink
+from sim.link import Address, Link, Radio
 from sim.missions import Mission
 from sim.modes import Mode
+from sim.recording import Tap
 from sim.vehicle import Limits
+from sim.weather import Air
 from sim.wire import Encoder, Message
 
 MAX_DATAGRAM_BYTES = 1200
+REBOOT_S = 3.0
+"""How long an autopilot is silent when it reboots."""
 
 
 class Vehicle:
@@ -22,20 +27,33 @@ class Vehicle:
         spec: VehicleSpec,
         *,
         limits: Limits | None,
-        protocol_clock: Callable[[], float],
+        radio: Radio,
         on_event: Callable[[str, dict[str, Any]], None],
         boot_s: float,
         phase: float,
+        air: Air,
+        tap: Tap,
+        encoder: Encoder,
     ) -> None:
         self.spec = spec
+        self.radio = radio
         self.autopilot = Autopilot(
-            spec, limits=limits, protocol_clock=protocol_clock, on_event=on_event, boot_s=boot_s, phase=phase
+            spec,
+            limits=limits,
+            protocol_clock=radio.clock,
+            on_event=on_event,
+            boot_s=boot_s,
+            phase=phase,
+            air=air,
         )
-        self.link: DatagramLink | None = None
-        self._encoder = Encoder(spec.system_id)
+        self.link: Link | None = None
+        self._encoder = encoder
         self._emit = on_event
+        self._tap = tap
+        self._now_s = boot_s
         self._killed = False
-        self._muted = False
+        self._muted_until_s = self._frozen_until_s = self._booting_until_s = -math.inf
+        self._later: list[tuple[float, Callable[[], None]]] = []
 
     @property
     def system_id(self) -> int:
@@ -69,54 +87,101 @@ class Vehicle:
         return not (self._killed or self.autopilot.crashed)
 
     @property
+    def running(self) -> bool:
+        """Whether its autopilot runs: neither killed, frozen nor booting."""
+        return not self._killed and self._now_s >= max(self._frozen_until_s, self._booting_until_s)
+
+    @property
     def transmitting(self) -> bool:
-        """Whether its radio works: neither killed nor muted."""
-        return not (self._killed or self._muted)
+        """Whether its radio works and its autopilot uses it."""
+        return self.running and self._now_s >= self._muted_until_s and not self.autopilot.mishaps.silenced
 
     def step(self, now_s: float, dt_s: float) -> None:
         """Fly `dt_s`, to arrive at fleet time `now_s`, and send what is due."""
-        self.autopilot.step(now_s, dt_s)
+        self._now_s = now_s
+        for due_s, action in [entry for entry in self._later if entry[0] <= now_s + 1e-9]:
+            self._later.remove((due_s, action))
+            action()
+        if self.running or self._killed:
+            self.autopilot.step(now_s, dt_s)
+        else:
+            self.autopilot.coast(now_s, dt_s)
+        if self.autopilot.mishaps.take_reboot():
+            self.flush()
+            self.reboot(REBOOT_S)
         self.flush()
 
     def flush(self) -> None:
-        """Send what the autopilot has for everybody."""
-        messages = self.autopilot.due() if not self._killed else []
-        if self.link is not None and self.link.is_open:
+        """Send what the autopilot has for everybody, and let pass what the link has delayed."""
+        messages = self.autopilot.due() if self.running else []
+        if self.link is None or not self.link.is_open:
+            return
+        if self.transmitting:
             for datagram in self._datagrams(messages):
                 self.link.broadcast(datagram)
+        self.link.pump()
 
     def receive(self, message: Any, sender: Address) -> None:
         """Answer a message, unless the vehicle is dead or deaf."""
         if not self.transmitting or self.link is None:
             return
-        for datagram in self._datagrams(self.autopilot.handle(message)):
+        self._tap.heard(self._now_s, self.system_id, message)
+        answers = self.autopilot.handle(message)
+        for answer in answers:
+            self._tap.answered(self._now_s, self.system_id, answer.get_type())
+        for datagram in self._datagrams(answers):
             self.link.send(datagram, sender)
         self.flush()
+
+    def after(self, seconds: float | None, action: Callable[[], None]) -> None:
+        """Do something once `seconds` of fleet time have passed; None: never."""
+        if seconds is not None:
+            self._later.append((self._now_s + seconds, action))
 
     def kill(self) -> None:
         """Stop motors, autopilot and radio for good: it falls, and never sends again."""
         if not self._killed:
             self._killed = True
-            self._close()
+            if self.link is not None:
+                self.link.close()
             self._emit("killed", {})
-            self.autopilot.cut_power()
+            self.autopilot.mishaps.cut_power()
 
-    def mute(self) -> None:
-        """Break the radio for good: it flies on as before, sends nothing and hears nothing."""
-        if not self._muted:
-            self._muted = True
-            self._close()
-            self._emit("muted", {})
+    def mute(self, for_s: float | None = None) -> None:
+        """Break the radio, for a while or for good: it flies on as before, sends nothing and hears nothing."""
+        if self._now_s >= self._muted_until_s:
+            self._emit("muted", {} if for_s is None else {"for_s": for_s})
+        self._muted_until_s = self._until(for_s)
+        self.radio.up.clear()
+        self.radio.down.clear()
+        self.after(for_s, lambda: self._emit("unmuted", {}))
 
-    def _close(self) -> None:
-        if self.link is not None:
-            self.link.close()
+    def freeze(self, for_s: float | None = None) -> None:
+        """Let the autopilot hang, for a while or for good."""
+        self._emit("frozen", {} if for_s is None else {"for_s": for_s})
+        self._frozen_until_s = self._until(for_s)
+        self.after(for_s, lambda: self._emit("thawed", {}))
+
+    def reboot(self, for_s: float = REBOOT_S) -> None:
+        """Restart the autopilot; its radio is silent until it is up again."""
+        self._emit("rebooting", {})
+        self.autopilot.shut_down()
+        self._booting_until_s = self._now_s + for_s
+        self.after(for_s, self._boot)
+
+    def _boot(self) -> None:
+        self.autopilot.boot(self._now_s)
+        self._emit("booted", {})
+
+    def _until(self, for_s: float | None) -> float:
+        return math.inf if for_s is None else self._now_s + for_s
 
     def _datagrams(self, messages: Iterable[Message]) -> list[bytes]:
         """Pack messages in order, several to a datagram."""
         datagrams: list[bytes] = []
         for message in messages:
             frame = self._encoder.encode(message)
+            self._tap.frame(self._now_s, self.system_id, frame)
             if datagrams and len(datagrams[-1]) + len(frame) <= MAX_DATAGRAM_BYTES:
                 datagrams[-1] += frame
             else:

@@ -1,14 +1,18 @@
-"""What really happened: sampled states and events of the whole fleet, which no client can see or bend."""
+"""What really happened: states, events, messages and slots of the whole fleet, which no client can see or bend."""
 
-from collections import deque
-from dataclasses import asdict, dataclass, field
+import json
+from collections import Counter, deque
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, field, is_dataclass
 from typing import Any
 
+from sim.recording import TlogWriter
 from sim.station import Vehicle
 
 SAMPLE_INTERVAL_S = 0.1
 MAX_SAMPLES = 1_000_000
 """The log keeps this many samples (an hour of 27 vehicles) and drops the oldest beyond."""
+MAX_MESSAGES = 200_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +31,7 @@ class Sample:
     transmitting: bool
     mission_id: int
     mission_current: int
+    battery: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +39,9 @@ class Event:
     """Something that happened at a moment of fleet time.
 
     Kinds: armed, disarmed, mode {mode}, takeoff, landed, crashed {impact_mps}, mission_accepted {mission_id, items},
-    item_reached {seq}, killed, muted.
+    fence_accepted {items}, rally_accepted {items}, item_reached {seq}, failsafe {cause, action}, fault {kind, ...},
+    killed, muted {for_s}, unmuted, frozen {for_s}, thawed, rebooting, booted, gps_lost, gps_back, motor_failed,
+    battery_set {share}, clock_jumped {seconds}, slot {slot, error_m}.
     """
 
     t_s: float
@@ -43,30 +50,80 @@ class Event:
     detail: dict[str, Any] = field(default_factory=dict)
 
 
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """A message a vehicle took in ("in"), or answered one with ("out"); streams are only counted."""
+
+    t_s: float
+    system_id: int
+    direction: str
+    name: str
+
+
+Row = dict[str, Any]
+
+
 class TruthLog:
-    """Samples every 0.1 s of fleet time, and events, oldest first."""
+    """Samples every 0.1 s of fleet time, events and messages, oldest first.
+
+    `sent` counts frames by (system id, message id). `sink` gets every entry as a plain row at once, e.g. a file that
+    outlives what is kept here; `tlog` gets every frame. Extra `rows` (a plan's rates) may be added by `note`.
+    """
 
     def __init__(self, max_samples: int = MAX_SAMPLES) -> None:
         self.samples: deque[Sample] = deque(maxlen=max_samples)
         self.events: list[Event] = []
+        self.messages: deque[Heard] = deque(maxlen=MAX_MESSAGES)
+        self.notes: list[Row] = []
+        self.sent: Counter[tuple[int, int]] = Counter()
+        self.sink: Callable[[Row], None] | None = None
+        self.tlog: TlogWriter | None = None
 
     def record(self, t_s: float, vehicle: Vehicle) -> None:
         """Add a sample of a vehicle."""
         autopilot = vehicle.autopilot
-        self.samples.append(
-            Sample(
-                t_s,
-                vehicle.system_id,
-                *vehicle.position,
-                autopilot.body.ground_speed_mps,
-                autopilot.mode.name,
-                autopilot.armed,
-                vehicle.alive,
-                vehicle.transmitting,
-                autopilot.runner.mission.mission_id,
-                autopilot.runner.index,
-            )
+        sample = Sample(
+            t_s,
+            vehicle.system_id,
+            *vehicle.position,
+            autopilot.body.ground_speed_mps,
+            autopilot.mode.name,
+            autopilot.armed,
+            vehicle.alive,
+            vehicle.transmitting,
+            autopilot.runner.mission.mission_id,
+            autopilot.runner.index,
+            autopilot.battery.share,
         )
+        self.samples.append(sample)
+        self._sink(sample)
+
+    def happen(self, event: Event) -> None:
+        """Add an event."""
+        self.events.append(event)
+        self._sink(event)
+
+    def note(self, row: Row) -> None:
+        """Add a row of something else, with its own "kind"."""
+        self.notes.append(row)
+        if self.sink is not None:
+            self.sink(row)
+
+    def frame(self, t_s: float, system_id: int, frame: bytes) -> None:
+        """Take a frame that a vehicle sends."""
+        self.sent[system_id, int.from_bytes(frame[7:10], "little")] += 1
+        if self.tlog is not None:
+            self.tlog.write(t_s, frame)
+
+    def heard(self, t_s: float, system_id: int, message: Any) -> None:
+        """Take a message that a vehicle takes in."""
+        self._message(Heard(t_s, system_id, "in", message.get_type()))
+        if self.tlog is not None:
+            self.tlog.write(t_s, bytes(message.get_msgbuf()))
+
+    def answered(self, t_s: float, system_id: int, name: str) -> None:
+        """Take the name of a message that answers one."""
+        self._message(Heard(t_s, system_id, "out", name))
 
     def of(self, system_id: int) -> list[Sample]:
         """Return the samples of one vehicle."""
@@ -76,6 +133,40 @@ class TruthLog:
         """Return the events of a kind, of one vehicle or of all."""
         return [event for event in self.events if event.kind == kind and system_id in (None, event.system_id)]
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list[Row]:
         """Return the samples as plain dictionaries, ready for JSON or a table."""
         return [asdict(sample) for sample in self.samples]
+
+    def lines(self) -> Iterator[str]:
+        """Return everything as JSON lines: samples, events, messages, notes."""
+        entries: list[Sample | Event | Heard] = [*self.samples, *self.events, *self.messages]
+        yield from (as_line(row_of(entry)) for entry in entries)
+        yield from (as_line(note) for note in self.notes)
+
+    def _message(self, heard: Heard) -> None:
+        self.messages.append(heard)
+        self._sink(heard)
+
+    def _sink(self, entry: Sample | Event | Heard) -> None:
+        if self.sink is not None:
+            self.sink(row_of(entry))
+
+
+def row_of(entry: Sample | Event | Heard) -> Row:
+    """Return an entry as a plain row; `log` says what it is: sample, event or message."""
+    if isinstance(entry, Event):
+        row = {"log": "event", "t_s": round(entry.t_s, 6), "system_id": entry.system_id, "kind": entry.kind}
+        return {**row, **entry.detail}
+    name = "sample" if isinstance(entry, Sample) else "message"
+    return {"log": name, **asdict(entry), "t_s": round(entry.t_s, 6)}
+
+
+def as_line(row: Row) -> str:
+    """Return a row as one line of JSON; the same row always gives the same bytes."""
+    return json.dumps(row, default=_plain, separators=(",", ":"), allow_nan=True)
+
+
+def _plain(value: Any) -> Any:
+    if is_dataclass(value) and not isinstance(value, type):
+        return asdict(value)
+    raise TypeError(f"cannot write {type(value).__name__} as JSON")

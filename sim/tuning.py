@@ -85,4 +85,5 @@ class Tuning:
     link_loss: LinkLoss = field(default_factory=LinkLoss)
     batteries: tuple[LowBattery, ...] = ()
     position_loss: Action = Action.LAND
+    setpoint_loss: Action = Action.HOLD
     fence: FenceRule = field(default_factory=FenceRule)

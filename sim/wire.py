@@ -9,6 +9,8 @@ from typing import Any, Protocol
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from sim.signing import Signature, SignedMavlink
+
 AUTOPILOT_COMPONENT = 1
 MAVLINK_2_MARKER = 0xFD
 
@@ -55,24 +57,31 @@ class Extended:
 
 
 class Encoder:
-    """Packs messages as one system's component 1 and counts their sequence numbers."""
+    """Packs messages as one system's component 1, counts their sequence numbers, and signs them if there is a key."""
 
-    def __init__(self, system_id: int) -> None:
+    def __init__(self, system_id: int, signature: Signature | None = None) -> None:
         self._mav = dialect.MAVLink(None, srcSystem=system_id, srcComponent=AUTOPILOT_COMPONENT)
+        self._signature = signature
+        if signature is not None:
+            signature.apply(self._mav, outgoing=True)
 
     def encode(self, message: Message) -> bytes:
         """Return the MAVLink 2 frame of `message`."""
+        if self._signature is not None:
+            self._mav.signing.timestamp = max(self._mav.signing.timestamp, self._signature.timestamp)
         frame = message.pack(self._mav)
         self._mav.seq = (self._mav.seq + 1) % 256
         return frame
 
 
 class Decoder:
-    """Parses the byte stream of one peer; damaged frames and MAVLink 1 frames are dropped."""
+    """Parses the byte stream of one peer; damaged and MAVLink 1 frames are dropped, and with a key unsigned ones."""
 
-    def __init__(self) -> None:
-        self._mav = dialect.MAVLink(None)
+    def __init__(self, signature: Signature | None = None) -> None:
+        self._mav = SignedMavlink(None)
         self._mav.robust_parsing = True
+        if signature is not None:
+            signature.apply(self._mav, outgoing=False)
 
     def decode(self, data: bytes) -> list[Any]:
         """Return the whole MAVLink 2 messages that `data` completes."""

@@ -7,11 +7,16 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import pytest
+from hypothesis import settings
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from sim import Fleet
 from sim.autopilot import Autopilot
 from sim.lineup import VehicleSpec
 from sim.wire import Decoder
+
+settings.register_profile("sim", deadline=None)
+settings.load_profile("sim")
 
 HOME = (47.397742, 8.545594)
 STEP_S = 0.05
@@ -150,6 +155,88 @@ class Bench:
         return [detail["seq"] for _, kind, detail in self.events if kind == "item_reached"]
 
 
+class VirtualGcs:
+    """A ground station beside a fleet without sockets, in virtual time; one vehicle, one transfer at a time.
+
+    It repeats only MISSION_COUNT, MISSION_REQUEST_LIST and its requests on a timer (1.5 s, or 0.25 s for an item), and
+    sends items when they are asked for; silence after the last item or an error makes it read back and compare.
+    """
+
+    def __init__(self, fleet: Fleet, system_id: int = 1) -> None:
+        self.fleet, self.system_id = fleet, system_id
+        self.heard: list[Any] = []
+        self._gcs = GroundStation()
+        self._decoder = Decoder()
+        self._send = fleet.attach(self._hear)
+
+    def _hear(self, data: bytes, system_id: int) -> None:
+        if system_id == self.system_id:
+            self.heard += self._decoder.decode(data)
+
+    def say(self, name: str, *values: Any) -> None:
+        """Send a message to the vehicle."""
+        self._send(self._gcs.frame(name, *values), self.system_id)
+
+    def wait_for(self, names: tuple[str, ...], within_s: float) -> Any:
+        """Return the next message of these names and forget those before it, or None after `within_s`."""
+        deadline = self.fleet.now_s + within_s
+        while True:
+            while self.heard:
+                message = self.heard.pop(0)
+                late = message.get_type() == "MISSION_ACK" and message.type == dialect.MAV_MISSION_INVALID_SEQUENCE
+                if message.get_type() in names and not late:
+                    return message
+            if self.fleet.now_s >= deadline:
+                return None
+            self.fleet.step_to(self.fleet.now_s + STEP_S)
+
+    def upload(self, items: list[Any], retries: int = 5) -> bool:
+        """Upload a mission; whether it is known to be on board."""
+        requests = ("MISSION_REQUEST_INT", "MISSION_REQUEST", "MISSION_ACK")
+        answer = None
+        for _ in range(retries + 1):
+            self.say("mission_count", self.system_id, 1, len(items), 0)
+            answer = self.wait_for(requests, 1.5)
+            if answer is not None:
+                break
+        sent = -1
+        while answer is not None and answer.get_type() != "MISSION_ACK":
+            sent = max(sent, answer.seq)
+            self.say("mission_item_int", self.system_id, 1, *items[answer.seq])
+            answer = self.wait_for(requests, 1.5 if sent == len(items) - 1 else 8.5)
+        if answer is not None and answer.type == dialect.MAV_MISSION_ACCEPTED:
+            return True
+        return sent == len(items) - 1 and self.read_back(items)
+
+    def read_back(self, items: list[Any]) -> bool:
+        """Whether the vehicle holds these items: command and place of all but a home."""
+        count = self._ask("mission_request_list", (self.system_id, 1, 0), ("MISSION_COUNT",), 1.5)
+        if count is None or count.count != len(items):
+            return False
+        for seq in range(1, len(items)):
+            for _ in range(20):
+                got = self._ask("mission_request_int", (self.system_id, 1, seq, 0), ("MISSION_ITEM_INT",), 0.25)
+                if got is None or got.seq == seq:
+                    break
+            if got is None or (got.seq, got.command, got.x, got.y) != (
+                seq,
+                items[seq][2],
+                items[seq][9],
+                items[seq][10],
+            ):
+                return False
+        self.say("mission_ack", self.system_id, 1, dialect.MAV_MISSION_ACCEPTED, 0)
+        return True
+
+    def _ask(self, name: str, values: tuple[Any, ...], names: tuple[str, ...], within_s: float) -> Any:
+        for _ in range(20):
+            self.say(name, *values)
+            answer = self.wait_for(names, within_s)
+            if answer is not None:
+                return answer
+        return None
+
+
 class Listener(asyncio.DatagramProtocol):
     """A ground station's socket: hears datagrams with their senders."""
 
@@ -233,3 +320,9 @@ def free_port() -> int:
 def listener() -> Callable[[], Listener]:
     """A maker of datagram protocols that keep what they hear."""
     return Listener
+
+
+@pytest.fixture
+def virtual_gcs() -> Callable[[Fleet], VirtualGcs]:
+    """A maker of ground stations beside a fleet in virtual time."""
+    return VirtualGcs

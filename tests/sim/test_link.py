@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from sim.link import MAX_PEERS, DatagramLink, endpoints_of
+from sim.link import MAX_PEERS, DatagramLink, Radio, endpoints_of
 
 if TYPE_CHECKING:
     from tests.sim.conftest import GroundStation
@@ -26,7 +26,10 @@ class Transport:
 
 def a_link() -> tuple[DatagramLink, Transport, list[Any]]:
     heard: list[Any] = []
-    link, transport = DatagramLink(("gcs", 1), lambda message, sender: heard.append((message, sender))), Transport()
+    link, transport = (
+        DatagramLink(("gcs", 1), Radio("0", lambda: 0.0), lambda message, sender: heard.append((message, sender))),
+        Transport(),
+    )
     link.connection_made(transport)  # type: ignore[arg-type]
     return link, transport, heard
 

@@ -1,0 +1,127 @@
+"""sim.failsafes: the vehicle's own answers to a lost ground station, a fence, and an empty battery"""
+
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from sim.modes import Mode
+
+if TYPE_CHECKING:
+    from tests.sim.conftest import Bench, Items
+
+GCS = (6, 8, 0, 0, 4, 3)
+"""HEARTBEAT of a ground station: type, autopilot, base mode, custom mode, state, version."""
+
+
+def wait(bench: "Bench", seconds: float) -> None:
+    """Let fleet time and the ground station's time pass together."""
+    for _ in range(round(seconds / 0.5)):
+        bench.wall_s += 0.5
+        bench.fly(0.5)
+
+
+def beat(bench: "Bench") -> None:
+    bench.ask("heartbeat", *GCS)
+
+
+@pytest.mark.parametrize(("action", "mode"), [(0, Mode.HOLD), (1, Mode.HOLD), (2, Mode.RTL), (3, Mode.LAND)])
+def test_px4_holds_first_and_then_does_what_its_parameter_says(airborne: "Bench", action: int, mode: Mode) -> None:
+    airborne.autopilot.parameters["NAV_DLL_ACT"] = action
+    beat(airborne)
+    wait(airborne, 14.0)
+    assert airborne.autopilot.mode.name == "HOLD"
+    wait(airborne, 2.0)
+    assert airborne.autopilot.mode is mode
+
+
+def test_px4_goes_on_with_its_mission_when_the_ground_station_is_back(airborne: "Bench", items: "Items") -> None:
+    airborne.autopilot.parameters["NAV_DLL_ACT"] = 2
+    airborne.upload(items.waypoint(500.0, 0.0, current=1.0))
+    airborne.set_mode(4)
+    beat(airborne)
+    wait(airborne, 11.0)
+    assert airborne.autopilot.mode.name == "HOLD"
+    wait(airborne, 6.0)
+    assert airborne.autopilot.mode.name == "RTL"
+    beat(airborne)
+    wait(airborne, 1.0)
+    assert airborne.autopilot.mode.name == "MISSION"
+
+
+def test_a_ground_station_that_was_never_heard_is_not_missed(airborne: "Bench") -> None:
+    airborne.autopilot.parameters["NAV_DLL_ACT"] = 3
+    wait(airborne, 60.0)
+    assert airborne.autopilot.mode.name == "HOLD"
+
+
+def test_ardupilot_returns_and_stays_in_its_failsafe(copter_up: "Bench") -> None:
+    copter_up.autopilot.parameters["FS_GCS_ENABLE"] = 1
+    copter_up.autopilot.parameters["SYSID_MYGCS"] = 245
+    beat(copter_up)
+    wait(copter_up, 4.0)
+    assert copter_up.autopilot.mode.name == "GUIDED"
+    wait(copter_up, 2.0)
+    assert copter_up.autopilot.mode.name == "RTL"
+    state: Any = copter_up.autopilot.telemetry.build(0)
+    assert state.system_status == 5
+    beat(copter_up)
+    wait(copter_up, 1.0)
+    assert copter_up.autopilot.mode.name == "RTL"
+
+
+def test_ardupilot_listens_to_its_own_ground_station_only(copter_up: "Bench") -> None:
+    copter_up.autopilot.parameters["FS_GCS_ENABLE"] = 1
+    beat(copter_up)
+    wait(copter_up, 20.0)
+    assert copter_up.autopilot.mode.name == "GUIDED"
+
+
+def test_ardupilot_can_be_told_to_go_on_in_auto(copter: "Bench", items: "Items") -> None:
+    for name, value in (("FS_GCS_ENABLE", 1), ("FS_OPTIONS", 2), ("SYSID_MYGCS", 245), ("AUTO_OPTIONS", 3)):
+        copter.autopilot.parameters[name] = value
+    copter.upload(items.waypoint(0.0, 0.0), items.add(22), items.waypoint(500.0, 0.0))
+    copter.set_mode(3)
+    copter.command(400, 1.0)
+    beat(copter)
+    wait(copter, 25.0)
+    assert copter.autopilot.mode.name == "MISSION"
+    assert not [kind for kind in copter.kinds() if kind == "failsafe"]
+
+
+def test_a_battery_that_runs_down_in_flight_lands_an_ardupilot_in_time(copter_up: "Bench") -> None:
+    copter_up.autopilot.parameters["BATT_LOW_MAH"] = 4800.0
+    copter_up.autopilot.parameters["BATT_FS_LOW_ACT"] = 1
+    assert copter_up.autopilot.battery.share > 0.97
+    seconds = copter_up.fly_until(lambda: copter_up.autopilot.mode.name == "LAND")
+    assert 10.0 < seconds < 90.0
+
+
+def test_a_hover_empties_the_battery_in_about_22_minutes(airborne: "Bench") -> None:
+    """18 minutes for 80 % of it, as the airframe's maker has it."""
+    before = airborne.autopilot.battery.share
+    airborne.fly(108.0)
+    assert before - airborne.autopilot.battery.share == pytest.approx(0.08, abs=0.002)
+
+
+def test_a_ceiling_brings_an_ardupilot_home(copter_up: "Bench") -> None:
+    for name, value in (("FENCE_ENABLE", 1), ("FENCE_ALT_MAX", 30.0), ("FENCE_TYPE", 1)):
+        copter_up.autopilot.parameters[name] = value
+    copter_up.autopilot.navigator.go_to(None, None, 60.0, 0.0)
+    copter_up.fly(20.0)
+    assert copter_up.autopilot.mode.name == "RTL"
+    assert [d for _, kind, d in copter_up.events if kind == "failsafe"] == [{"cause": "fence", "action": "RETURN"}]
+
+
+def test_px4_leaves_offboard_when_the_setpoints_stop(airborne: "Bench") -> None:
+    mask = 0b0000_1111_1111_1000
+    point = (0, 1, 1, 1, mask, 30.0, 0.0, -20.0, *[0.0] * 8)
+    assert airborne.command(176, 1.0, 6.0) == 1
+    airborne.ask("set_position_target_local_ned", *point)
+    assert airborne.command(176, 1.0, 6.0) == 0
+    for _ in range(20):
+        airborne.ask("set_position_target_local_ned", *point)
+        airborne.fly(0.5)
+    assert airborne.autopilot.mode.name == "GUIDED"
+    assert airborne.autopilot.body.distance_to(0.0, 30.0) < 1.0
+    airborne.fly(2.0)
+    assert airborne.autopilot.mode.name != "GUIDED"
