@@ -22,7 +22,10 @@ HEARD_WITHIN_S = 5.0
 
 
 class VehicleView(BaseModel):
-    """A registered vehicle and what it last said. Angles in degrees, altitude in metres above its own home."""
+    """A registered vehicle and what it last said. Angles in degrees, altitude in metres above its own home.
+
+    `heading_deg`: where the nose points, clockwise from north. `mission_items`: how many the mission on board has.
+    """
 
     uav_id: str
     system_id: int
@@ -32,9 +35,12 @@ class VehicleView(BaseModel):
     lat_deg: float | None = None
     lon_deg: float | None = None
     relative_alt_m: float | None = None
+    heading_deg: float | None = None
+    battery_percent: float | None = None
     armed: bool | None = None
     mode: str | None = None
     mission_item: int | None = None
+    mission_items: int | None = None
 
 
 class Fleet:
@@ -154,9 +160,12 @@ class Fleet:
                 "lat_deg": said.lat_deg,
                 "lon_deg": said.lon_deg,
                 "relative_alt_m": said.relative_alt_m,
+                "heading_deg": said.heading_deg,
+                "battery_percent": None if said.battery is None else round(said.battery * 100, 1),
                 "armed": said.armed,
                 "mode": said.mode,
                 "mission_item": said.mission_current,
+                "mission_items": said.mission_total,
             }
         )
 

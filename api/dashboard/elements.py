@@ -70,7 +70,7 @@ async def attempt(action: Callable[[], Awaitable[Any]], done: str | None = None)
         say_refusal(error)
         return False
     if done:
-        ui.notify(done, type="positive", position="top")
+        ui.notify(done, type="positive", position="bottom-left", timeout=2500)
     return True
 
 

@@ -138,7 +138,7 @@ class Situation:
 def answer(one: Transaction) -> None:
     """One answer to a loss: its steps, and how long each took."""
     with ui.element("div").classes("sf-tx").props(f'data-phase="{one.phase}"'):
-        text("h3", f"{', '.join(one.lost) or 'change'}: {one.phase.replace('_', ' ')}")
+        text("h3", one.title)
         with ui.element("ol").classes("sf-steps"):
             for step in one.steps:
                 with ui.element("li").classes(step.state):

@@ -31,6 +31,11 @@ ENDINGS = {
     "interrupted": "interrupted by a restart",
     "failed": "failed: the plan in force stays",
 }
+PHASES = {
+    "answering": "being answered",
+    "proposed": "a replan waits for your word",
+    "unanswered": "not answered: the operation ended before",
+}
 GOOD = {"flying", "declined", "superseded"}
 TAKES_TIME = {"replanned", "checked", "proposed", "uploading", "verified"}
 
@@ -58,11 +63,13 @@ def _transaction(
     proposed = report is None and proposal is not None and proposal["incident"] == number
     detected = next((entry for entry in entries if entry["step"] == "detected"), None)
     told: Json = report or (detected["data"] if detected else {})
+    phase = str(report["outcome"]) if report else "proposed" if proposed else "unanswered" if over else "answering"
     planned = [entry["data"]["plan_id"] for entry in entries if entry["data"].get("plan_id")]
     return Transaction(
         number=number,
         lost=told.get("lost", {}),
-        phase=report["outcome"] if report else "proposed" if proposed else "unanswered" if over else "answering",
+        phase=phase,
+        title=f"{', '.join(told.get('lost', {})) or 'Change'}: {PHASES.get(phase) or ENDINGS.get(phase, phase)}",
         at_slot=report["at_slot"] if report else None,
         declared_at_s=report["declared_at_s"] if report else detected["elapsed_s"] if detected else None,
         in_force_at_s=report["in_force_at_s"] if report else None,

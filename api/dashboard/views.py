@@ -51,6 +51,7 @@ class Transaction(View):
     """One answer to a loss, from detection to flying on. `proposed` while it waits for the operator's word."""
 
     number: int
+    title: str
     lost: dict[str, float]
     phase: str
     at_slot: int | None = None

@@ -6,6 +6,7 @@ from nicegui import ui
 
 from api.dashboard import live
 from api.dashboard.elements import MapView, attempt, figures, panel, text
+from api.dashboard.pages.fly_dialog import POLICIES
 from api.dashboard.report import Report, report_of
 from api.dashboard.report_page import page
 from api.dashboard.shell import Shell
@@ -14,7 +15,6 @@ from api.dashboard.views import Drill, Operation
 from api.dashboard.watch import Watch
 from planner import Plan
 
-POLICIES = {"auto": "replan and fly it", "approve": "replan, then ask me", "off": "only tell me"}
 SLOT = 10
 
 

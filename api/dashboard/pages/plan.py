@@ -101,7 +101,7 @@ class PlanPage:
             return
         self._example.set_value(None)
         self._use(draft)
-        ui.notify(f"{event.file.name} loaded", type="positive", position="top")
+        ui.notify(f"{event.file.name} loaded", type="positive", position="bottom-left", timeout=2500)
 
     def _use(self, draft: Draft) -> None:
         self._draft = draft

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from nicegui import events, ui
 
-from api.dashboard import charts
+from api.dashboard import charts, worth
 from api.dashboard.elements import attempt, figures, panel, say_refusal, text
+from api.dashboard.pages.fly_dialog import FlyDialog
 from api.dashboard.rest import RestError
 from api.dashboard.watch import Watch
 from planner import Plan, Scenario
 
 TRADE_OFF_MUS = (0.0, -0.02, -0.05, -0.1, -0.2, -0.5, -1.0, -2.0)
-POLICIES = {"auto": "replan and fly it", "approve": "replan, then ask me", "off": "only tell me"}
 
 
 @dataclass(frozen=True)
@@ -71,6 +71,8 @@ class Results:
             self._lose = ui.select([], label="Lose").props("dense outlined")
             self._at_slot = ui.number("at slot", min=0, step=1, value=10).props("dense outlined")
             self._ask = ui.button("Show", on_click=self._what_if).props("outline")
+            self._ask_all = ui.button("Compare all UAVs", on_click=self._what_if_any).props("outline")
+            self._any = ui.element("div").classes("sf-all").props('aria-live="polite"')
 
     # --- what the editor calls ---
 
@@ -80,7 +82,7 @@ class Results:
         if plan is not None:
             self._scenario = scenario
             self._tried = {scenario.utility.mu_per_kbps: plan}
-            self._keep(_title(scenario), plan)
+            self._keep(worth.title(scenario), plan)
 
     def forget_current(self) -> None:
         """The scenario has changed: no plan is shown until the next one is made."""
@@ -117,7 +119,7 @@ class Results:
         uavs = list(plan.scenario.uav_ids) if plan else []
         for select in (self._export_uav, self._lose):
             select.set_options(uavs, value=select.value if select.value in uavs else (uavs[0] if uavs else None))
-        for button in (self._export, self._ask, self._sweep):
+        for button in (self._export, self._ask, self._ask_all, self._sweep):
             button.set_enabled(plan is not None)
         self._fly_button.set_enabled(plan is not None and plan.parent is None)
         self._show()
@@ -131,7 +133,7 @@ class Results:
             if plan is None:
                 text("p", "No plan of this scenario yet: press “Plan it”.", "sf-sub")
             else:
-                figures(*_worth(plan, other))
+                figures(*worth.rows(plan, other))
         self._draw_sums(plan, other)
         self._draw_trade_off()
         self._on_show(plan, other)
@@ -141,7 +143,7 @@ class Results:
         if plan is None:
             return
         n = max(each.first_slot + each.scenario.slots for each in (plan, other) if each)
-        lines = {"this": _sums(plan, n)} | ({"other": _sums(other, n)} if other else {})
+        lines = {"this": worth.sums(plan, n)} | ({"other": worth.sums(other, n)} if other else {})
         _redraw(self._sums, charts.sums(lines, n))
 
     # --- mu ---
@@ -154,7 +156,7 @@ class Results:
         try:
             for mu in TRADE_OFF_MUS:
                 if mu not in self._tried:
-                    plan = await self._plan(_with_mu(scenario, mu))
+                    plan = await self._plan(worth.with_mu(scenario, mu))
                     if plan is None or scenario is not self._scenario:
                         return
                     self._tried[mu] = plan
@@ -178,7 +180,7 @@ class Results:
             self._current = plan.id
             self._refresh()
         else:
-            self._keep(_title(plan.scenario), plan)
+            self._keep(worth.title(plan.scenario), plan)
 
     # --- what if, export, fly ---
 
@@ -194,6 +196,22 @@ class Results:
 
         await attempt(ask)
 
+    async def _what_if_any(self) -> None:
+        base, slot = self._current, self._at_slot.value
+        if base is None or slot is None:
+            return
+
+        async def ask() -> None:
+            found = await self._feed.contingencies(base, int(slot))
+            self._any.clear()
+            with self._any:
+                figures(worth.losses(found), (f"lost at slot {int(slot)}", "replanned", "not"))
+                text("p", f"mean sum rate from then on, kbit/s; as planned {worth.planned(found)}", "sf-sub")
+
+        self._ask_all.props("loading")
+        await attempt(ask)
+        self._ask_all.props(remove="loading")
+
     async def _export_plan(self) -> None:
         plan_id, uav = self._current, self._export_uav.value
         if plan_id is None or uav is None:
@@ -208,87 +226,6 @@ class Results:
     def _open_fly(self) -> None:
         if self._current is not None:
             self._fly.open(self._kept[self._current].plan)
-
-
-class FlyDialog:
-    """Asks which vehicle flies which UAV, and what shall happen after a loss; then starts the operation."""
-
-    def __init__(self, watch: Watch) -> None:
-        self._watch = watch
-        self._plan: Plan | None = None
-        self._systems: dict[str, ui.number] = {}
-        with ui.dialog() as self._dialog, ui.card().classes("sf-flycard"):
-            text("h2", "Fly this plan")
-            text("p", "MAVLink system id of the vehicle that flies each UAV:", "sf-sub")
-            self._rows = ui.element("div").classes("sf-systems")
-            self._policy = ui.select(POLICIES, value="auto", label="When a UAV is lost").props("dense outlined")
-            with ui.element("div").classes("sf-row"):
-                self._start = ui.button("Start: upload, arm, take off", on_click=self._begin).props(
-                    "unelevated autofocus"
-                )
-                ui.button("Cancel", on_click=self._dialog.close).props("flat")
-
-    def open(self, plan: Plan) -> None:
-        """Ask about this plan."""
-        self._plan = plan
-        self._rows.clear()
-        known = {uav: seen.vehicle.system_id for uav, seen in self._watch.seen.items()}
-        with self._rows:
-            self._systems = {
-                uav: ui.number(uav, value=known.get(uav, number), min=1, max=254, step=1).props("dense outlined")
-                for number, uav in enumerate(plan.scenario.uav_ids, start=1)
-            }
-        self._dialog.open()
-
-    async def _begin(self) -> None:
-        plan = self._plan
-        if plan is None:
-            return
-        systems: Mapping[str, int] = {uav: int(number.value or 0) for uav, number in self._systems.items()}
-
-        async def begin() -> None:
-            operation = await self._watch.feed.start(plan.id, systems, str(self._policy.value))
-            self._watch.show(operation.id)
-
-        self._start.props("loading")
-        started = await attempt(begin)
-        self._start.props(remove="loading")
-        if started:
-            self._dialog.close()
-            ui.navigate.to("/")
-
-
-def _title(scenario: Scenario) -> str:
-    return f"{len(scenario.uavs)} UAVs, {len(scenario.users)} users, mu {scenario.utility.mu_per_kbps:g}"
-
-
-def _with_mu(scenario: Scenario, mu: float) -> Scenario:
-    return scenario.with_changes(utility=scenario.utility.model_copy(update={"mu_per_kbps": mu}))
-
-
-def _sums(plan: Plan, n_slots: int) -> list[float | None]:
-    before: list[float | None] = [None] * plan.first_slot
-    if plan.achieved_rates_bps:
-        before = list(charts.total(plan.achieved_rates_bps, plan.first_slot))
-    made = [*before, *charts.total(plan.user_rates_bps, plan.scenario.slots)]
-    return [*made, *[None] * (n_slots - len(made))]
-
-
-def _worth(plan: Plan, other: Plan | None) -> tuple[list[tuple[str, ...]], tuple[str, ...] | None]:
-    """Rows of the table, and its head when two plans are compared."""
-    shown = [each for each in (plan, other) if each is not None]
-    worst = [min(sum(row) / len(row) for row in each.user_rates_bps.values()) for each in shown]
-    sums = [each.summary for each in shown]
-    rows: list[tuple[str, ...]] = [
-        ("utility, kbit/s", *(f"{each.utility_bps / 1e3:.2f}" for each in sums)),
-        ("mean sum rate, kbit/s", *(f"{each.mean_sum_rate_bps / 1e3:.2f}" for each in sums)),
-        ("variance, (kbit/s)²", *(f"{each.sum_rate_variance_kbps2:.2f}" for each in sums)),
-        ("Jain index", *(f"{each.jain:.3f}" for each in sums)),
-        ("worst user's mean, kbit/s", *(f"{value / 1e3:.2f}" for value in worst)),
-        ("gap to the upper bound", *(f"{each.gap:.1%}" for each in sums)),
-        ("solved in", *("–" if each.solve_ms is None else f"{each.solve_ms:.0f} ms" for each in shown)),  # noqa: RUF001
-    ]
-    return rows, ("", "this", "other") if other else None
 
 
 def _redraw(chart: ui.echart, options: charts.Json) -> None:
