@@ -84,7 +84,7 @@ class Service:
         await self.plans.start()
         await self.drills.start_up()
         await self.fleet.start()
-        warm = asyncio.create_task(self.solver.warm_up())
+        warm = asyncio.create_task(self.solver.warm_up() if self.settings.warm_up else asyncio.sleep(0))
         await self.operations.start_up()  # before the solver is warm: vehicles in the air wait for nothing
         if self.simulated is not None:
             self.simulated.start()

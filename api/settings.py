@@ -23,7 +23,8 @@ class Settings(BaseSettings):
     time_scale: how much faster than real time the (simulated) fleet lives; leave it at 1 for real aircraft.
     simulate: fly this example's fleet in software inside the service, ready for drills.
     heartbeat_stale_s, heartbeat_lost_s: fleet seconds of silence. solve_deadline_s, replan_deadline_s: wall seconds a
-    solve may take. guidance_lead_s: wall seconds reserved for replan and upload; the new plan begins with the first
+    solve may take. warm_up: begin to serve when the workers have started; else they start with the first solve.
+    guidance_lead_s: wall seconds reserved for replan and upload; the new plan begins with the first
     slot after that. keep_ended_s: how long ended plans that no operation flew are kept. max_cells: UAVs times users
     times slots.
     tile_url: of a map server for the dashboard, with {z}, {x} and {y}; without one it draws a grid and asks nobody.
@@ -39,6 +40,7 @@ class Settings(BaseSettings):
     simulate: str | None = None
     time_scale: Annotated[float, Field(gt=0, le=100)] = 1.0
     workers: Annotated[int, Field(ge=1, le=64)] = 1
+    warm_up: bool = True
     queue_limit: Annotated[int, Field(ge=1, le=1024)] = 32
     solve_deadline_s: Annotated[float, Field(gt=0, le=3600)] = 60.0
     heartbeat_stale_s: Seconds = 3.0

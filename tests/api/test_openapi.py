@@ -19,7 +19,9 @@ from api.settings import Settings
 from planner import Scenario
 
 EXAMPLES_EACH = 20
-APP = create_app(Settings(rate_per_s=1e6, rate_burst=10**6, queue_limit=1024, solve_deadline_s=0.2, plan_ahead=False))
+APP = create_app(
+    Settings(rate_per_s=1e6, rate_burst=10**6, queue_limit=1024, solve_deadline_s=0.2, plan_ahead=False, warm_up=False)
+)
 schema = schemathesis.openapi.from_dict(APP.openapi())
 
 
