@@ -10,14 +10,17 @@ from planner import Plan, Scenario
 
 
 def title(scenario: Scenario) -> str:
+    """What a plan was made for."""
     return f"{len(scenario.uavs)} UAVs, {len(scenario.users)} users, mu {scenario.utility.mu_per_kbps:g}"
 
 
 def with_mu(scenario: Scenario, mu: float) -> Scenario:
+    """The same scenario with another weight of steadiness."""
     return scenario.with_changes(utility=scenario.utility.model_copy(update={"mu_per_kbps": mu}))
 
 
 def sums(plan: Plan, n_slots: int) -> list[float | None]:
+    """Sum rate in each slot of the operation's grid, None where the plan says nothing."""
     before: list[float | None] = [None] * plan.first_slot
     if plan.achieved_rates_bps:
         before = list(charts.total(plan.achieved_rates_bps, plan.first_slot))
@@ -52,6 +55,7 @@ def losses(found: Sequence[WhatIf]) -> list[tuple[str, ...]]:
 
 
 def planned(found: Sequence[WhatIf]) -> str:
+    """The mean sum rate without a loss, kbit/s."""
     return _kbps(found[0].planned_bps) if found else "-"
 
 

@@ -65,9 +65,22 @@ def slot_of(page: Page) -> int:
     return int(words[-1]) if words and words[-1].isdigit() else -1
 
 
-def plan_and_fly(page: Page, service: Service, after_a_loss: str) -> None:
-    """As an operator does it: the Plan page, its example, the dialog, and back on the live map."""
+def fair(folder: Path) -> Path:
+    """The letter's scenario, with something for every user, as a file."""
+    paper = EXAMPLES["paper"]()
+    users = tuple(user.model_copy(update={"min_rate_bps": 2_000.0}) for user in paper.users)
+    file = folder / "fair.json"
+    file.write_text(paper.with_changes(users=users).model_dump_json())
+    return file
+
+
+def plan_and_fly(page: Page, service: Service, folder: Path, after_a_loss: str) -> None:
+    """As an operator does it: the Plan page, a scenario file, the dialog, and back on the live map."""
     page.open(service.url, "/ui/plan")
+    page.see(".sf-sub", "3 UAVs, 9 users")
+    page.upload(fair(folder))
+    page.see(".sf-sub", "3 UAVs, 9 users")
+    page.see(".q-notification", "loaded")
     page.press("Plan it")
     page.see(".sf-figures th", "Jain index")
     page.press("Fly it")
@@ -140,8 +153,8 @@ def test_a_scenario_file_is_loaded_and_a_bad_one_refused(page: Page, idle: Servi
     page.see(".sf-sub", "2 UAVs, 4 users")
 
 
-def test_an_operation_is_paused_loses_a_uav_recovers_and_is_held(flying: Service, page: Page) -> None:
-    plan_and_fly(page, flying, "replan and fly it")
+def test_an_operation_is_paused_loses_a_uav_recovers_and_is_held(flying: Service, page: Page, folder: Path) -> None:
+    plan_and_fly(page, flying, folder, "replan and fly it")
     page.until(lambda: slot_of(page) >= 1, "slot 1")
     page.keys("SHIFT+P")
     page.see(".sf-what", "PAUSED")

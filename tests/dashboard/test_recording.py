@@ -67,8 +67,8 @@ def recording(operation: Operation, plans: tuple[Plan, Plan], track: list[TrackP
 
 def test_replay_shows_who_was_where_and_which_way_they_went(recording: Recording) -> None:
     where = recording.where(10.0)
-    assert where["uav-1"] == ((70.0, 50.0), pytest.approx(90.0))
-    assert where["uav-2"] == ((150.0, 60.0), pytest.approx(0.0))
+    assert (where["uav-1"][0], where["uav-2"][0]) == ((70.0, 50.0), (150.0, 60.0))
+    assert [where[uav][1] for uav in ("uav-1", "uav-2")] == pytest.approx([90.0, 0.0])
     assert recording.where(30.0)["uav-2"][0] == (150.0, 50.0 + FALLS_S), "where it was last heard"
     assert recording.where(-1.0)["uav-1"][0] == (50.0, 50.0), "on its start before the first record"
 
@@ -113,7 +113,7 @@ def test_a_silent_uav_gives_its_users_nothing_and_all_others_no_less(plans: tupl
                 assert rate >= first.user_rates_bps[user][n] * (1 - 1e-9), "less interference"
     silent, planned = comparison.course(rates), comparison.course(comparison.rest(first, 4))
     assert silent.unserved > planned.unserved
-    assert [row[0] for row in comparison.rows([silent])][0] == "mean sum rate, kbit/s"
+    assert comparison.rows([silent])[0] == ("mean sum rate, kbit/s", f"{silent.mean_sum_rate_bps / 1e3:.2f}")
     assert comparison.course({"user-1": [0.0, 0.0]}).jain == 0.0
 
 
