@@ -32,7 +32,7 @@ from planner import EXAMPLES, Plan, Scenario, Uav, User, plan
 
 GUIDANCE: tuple[Guidance, ...] = ("naive", "mission", "keeper", "stream")
 AGILE = {"WPNAV_JERK": 5.0}
-"""What the preflight audit asks an ArduCopter to be set to for 25 m slots of 5 s: its own default cannot start so fast."""
+"""What the audit asks an ArduCopter to be set to for slots of 25 m in 5 s: with its default it cannot start so fast."""
 UPLOAD_UAVS, UPLOAD_ITEMS, LOSS = 10, 100, 0.1
 LATENCY_S = 0.01
 

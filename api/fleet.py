@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import time
-from contextlib import AsyncExitStack, suppress
+from collections.abc import Iterator
+from contextlib import AsyncExitStack, contextmanager, suppress
+from typing import Any
 
 from pydantic import BaseModel
 from sqlalchemy import delete, insert, select
@@ -15,7 +17,7 @@ from api.problems import ConflictError, InvalidError, NotFoundError
 from api.settings import Settings
 from api.store import Database
 from api.store.tables import vehicles as table
-from mavlink_bridge import FleetLink, HeartbeatMonitor, LinkEvent, VehiclesMissing
+from mavlink_bridge import FleetLink, HeartbeatMonitor, LinkEvent, LinkOptions, Signing, VehiclesMissing
 
 HEARD_WITHIN_S = 5.0
 """Wall seconds a vehicle may take to be heard before an upload, or the watch of its heartbeats, goes on without it."""
@@ -169,6 +171,21 @@ class Fleet:
             }
         )
 
+    @contextmanager
+    def recorded(self, name: str) -> Iterator[None]:
+        """Write all traffic into `NAME.tlog`, if the settings name a folder for it."""
+        folder = self._settings.telemetry_log_dir
+        log = None if folder is None else self.link.record(folder / f"{name}.tlog")
+        try:
+            yield
+        finally:
+            if log is not None:
+                self.link.stop_recording(log)
+
+    def note(self, kind: str, **data: Any) -> None:
+        """Add an event about a vehicle to the log."""
+        self._events.add(kind, **data)
+
     def follow(self) -> asyncio.Queue[LinkEvent]:
         """A queue that gets every link event from now on; give it back to `unfollow`."""
         queue: asyncio.Queue[LinkEvent] = asyncio.Queue()
@@ -194,11 +211,24 @@ class Fleet:
         async with self._opening:
             if self._link is None:
                 async with AsyncExitStack() as opening:
-                    link = await opening.enter_async_context(FleetLink(clock=self._clock, monitor=self._monitor))
-                    await link.connect(self._settings.fleet_url)
+                    link = await opening.enter_async_context(
+                        FleetLink(clock=self._clock, monitor=self._monitor, options=self._options())
+                    )
+                    for url in self._settings.fleet_url.split(","):
+                        await link.connect(url.strip())
                     opening.pop_all()  # it stays open: `close` ends it
                 self._link = link
                 self._watcher = asyncio.create_task(self._watch(link))
+
+    def _options(self) -> LinkOptions:
+        """Signing and the forward port, as the settings have them."""
+        settings = self._settings
+        key = settings.signing_key_file
+        return LinkOptions(
+            signing=Signing.from_file(key) if key is not None else None,
+            forward=settings.forward_url,
+            forward_commands=settings.forward_commands,
+        )
 
     async def _watch(self, link: FleetLink) -> None:
         async for event in link.events():

@@ -5,13 +5,14 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Collection, Mapping
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from typing import Literal
 
 import numpy as np
 
 from api.clock import FleetClock
 from api.fleet import HEARD_WITHIN_S, Fleet
+from api.guidance import FlightGuidance, Mode
 from api.rates import InForce, Point, Sample, rates_by_slot
 from mavlink_bridge import (
     BridgeError,
@@ -37,12 +38,15 @@ class FlightError(BridgeError):
 class Flight:
     """Vehicles that fly a plan, and the plans that replaced it. Times are fleet seconds since slot 0 began."""
 
-    def __init__(self, plan: Plan, systems: dict[str, int], fleet: Fleet, clock: FleetClock) -> None:
+    def __init__(
+        self, plan: Plan, systems: dict[str, int], fleet: Fleet, clock: FleetClock, guidance: Mode = "mission"
+    ) -> None:
         self.systems = systems
         self.timeline = [InForce(0.0, plan)]
         self.lost: dict[str, float] = {}
         self._fleet, self._clock = fleet, clock
         self._uavs = {system: uav for uav, system in systems.items()}
+        self.guidance = FlightGuidance(systems, fleet, clock, elapsed_s=self.now_s, mode=guidance)
         self.returned: set[str] = set()
         """UAVs that were lost and are heard again: offered to the operator, not commanded."""
         self._began: float | None = None
@@ -113,10 +117,15 @@ class Flight:
 
     # --- commands ---
 
-    async def upload(self, missions: Mapping[str, Mission]) -> float:
-        """Put missions on board and prove it; wall seconds of the slowest. Raises FlightError with each failure."""
+    async def upload(self) -> float:
+        """Put the plan's missions on board and prove it; wall seconds of the slowest.
+
+        Each is compiled for what the vehicle says about itself. Raises FlightError with each failure.
+        """
         with suppress(VehiclesMissing):  # the upload itself tells of each vehicle that is not there
             await self._fleet.link.wait_for(set(self.systems.values()), timeout_s=HEARD_WITHIN_S)
+        await self._fleet.link.prepare(self.systems.values())
+        missions = {uav: self.guidance.compile(self.plan, uav) for uav in self.systems}
         results = await self._fleet.link.upload({self.systems[uav]: mission for uav, mission in missions.items()})
         bad = {self._uavs[system]: result.error for system, result in results.items() if not result.verified}
         if bad:
@@ -135,16 +144,26 @@ class Flight:
 
     async def start(self) -> None:
         """Begin slot 0 on all vehicles at once. Raises FlightError."""
-        began = self._clock.now()
-        results = await self._fleet.link.start(set(self._uavs))
-        bad = {self._uavs[system]: result.error for system, result in results.items() if not result.ok}
+        if self.guidance.mode == "stream":
+            errors = await self.guidance.get_ready()
+            began = self._clock.now()
+        else:
+            began = self._clock.now()
+            results = await self._fleet.link.start(set(self._uavs))
+            errors = {system: result.error for system, result in results.items()}
+        bad = {self._uavs[system]: error for system, error in errors.items() if error}
         if bad:
             raise FlightError(f"start failed for {_each(bad)}")
         self._began = began
+        self.guidance.begin()
 
     async def swap(self, missions: Mapping[str, Mission]) -> dict[str, str | None]:
         """Replace missions in flight; for each UAV None when it verifiably flies the new one, else what went wrong."""
+        await self.guidance.missions_only()
         results = await self._fleet.link.swap({self.systems[uav]: mission for uav, mission in missions.items()})
+        for uav, mission in missions.items():
+            if results[self.systems[uav]].ok:
+                self.guidance.follow(uav, mission)
         return {
             self._uavs[system]: None if result.ok else result.error or "failed" for system, result in results.items()
         }
@@ -152,10 +171,9 @@ class Flight:
     async def stop_where_it_is(self, action: Literal["hold", "land", "return"]) -> dict[str, str | None]:
         """Hold, land or return every vehicle that still answers; what went wrong with each, None when it does."""
         systems = {self.systems[uav] for uav in self.still_up()}
+        await self.guidance.missions_only()
         link = self._fleet.link
-        if action == "return" and not hasattr(link, "return_home"):
-            raise FlightError("action: this link cannot send vehicles home; hold or land them")
-        act = {"hold": link.hold, "land": link.land, "return": getattr(link, "return_home", link.land)}[action]
+        act = {"hold": link.hold, "land": link.land, "return": link.return_home}[action]
         results = await act(systems)
         return {self._uavs[system]: result.error for system, result in results.items()}
 
@@ -201,6 +219,10 @@ class Flight:
     def on_board(self, uav: str) -> Telemetry | None:
         """What the vehicle last said, its mission included."""
         return self._fleet.link.telemetry(self.systems[uav])
+
+    def recorded(self, name: str) -> AbstractContextManager[None]:
+        """Keep a telemetry log of this name meanwhile, if the service keeps logs."""
+        return self._fleet.recorded(name)
 
     def take_over(self, plan: Plan) -> None:
         """From now on users and vehicles follow this plan."""

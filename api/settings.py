@@ -21,6 +21,9 @@ class Settings(BaseSettings):
 
     database_url: `sqlite+aiosqlite:///FILE`, `postgresql+asyncpg://...`, or `temporary`, which is forgotten at the end.
     time_scale: how much faster than real time the (simulated) fleet lives; leave it at 1 for real aircraft.
+    fleet_url: where vehicles are; several links, the preferred first, separated by commas. forward_url: udpout://HOST:PORT
+    where a ground station watches the fleet; forward_commands: whether it may command too. signing_key_file: 32 bytes
+    (or 64 hexadecimal digits); MAVLink is then signed both ways. telemetry_log_dir: one .tlog an operation.
     simulate: fly this example's fleet in software inside the service, ready for drills.
     heartbeat_stale_s, heartbeat_lost_s: fleet seconds of silence. solve_deadline_s, replan_deadline_s: wall seconds a
     solve may take. warm_up: begin to serve when the workers have started; else they start with the first solve.
@@ -37,6 +40,10 @@ class Settings(BaseSettings):
     port: Annotated[int, Field(ge=0, le=65535)] = 8080
     database_url: str = TEMPORARY
     fleet_url: str = "udpin://127.0.0.1:14540"
+    forward_url: str | None = None
+    forward_commands: bool = False
+    signing_key_file: Path | None = None
+    telemetry_log_dir: Path | None = None
     simulate: str | None = None
     time_scale: Annotated[float, Field(gt=0, le=100)] = 1.0
     workers: Annotated[int, Field(ge=1, le=64)] = 1

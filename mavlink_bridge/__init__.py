@@ -34,6 +34,7 @@ from mavlink_bridge.models import model_from_parameters
 from mavlink_bridge.pace import VehicleModel
 from mavlink_bridge.results import CommandResult, SwapResult, UploadResult
 from mavlink_bridge.returns import check_return_paths
+from mavlink_bridge.signing import Signing
 from mavlink_bridge.telemetry import LandedState, Telemetry
 from mavlink_bridge.writer import OnEnd
 
@@ -61,6 +62,7 @@ __all__ = [
     "MissionItem",
     "OnEnd",
     "ReturnPathsTooClose",
+    "Signing",
     "SwapResult",
     "Telemetry",
     "TooManyItems",

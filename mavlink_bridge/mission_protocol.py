@@ -85,7 +85,7 @@ class Ended:
 class RoundTrip:
     """How long to wait for an answer: smoothed round trip and its deviation, as TCP does it (RFC 6298)."""
 
-    def __init__(self, *, initial_s: float = 0.3, least_s: float = 0.06, most_s: float = 1.0) -> None:
+    def __init__(self, *, initial_s: float = 0.3, least_s: float = 0.045, most_s: float = 1.0) -> None:
         self._least_s, self._most_s = least_s, most_s
         self._smooth_s: float | None = None
         self._deviation_s = 0.0

@@ -13,8 +13,8 @@ from typing import Any
 from mavlink_bridge.autopilots import Autopilot
 from mavlink_bridge.mission_protocol import AUTOPILOT_COMPONENT, Message
 
-_AGAIN_S = 0.5
-_ROUNDS = 4
+_AGAIN_S = 0.3
+_ROUNDS = 3
 _REAL32 = 9
 _BY_NAME = -1
 

@@ -163,14 +163,16 @@ def airfield() -> OpenAirfield:
         port: int | None = None,
         autopilot: Autopilot = Autopilot.PX4,
         options: LinkOptions | None = None,
+        signing_key: bytes | None = None,
+        wait_s: float = 10.0,
     ) -> AsyncIterator[Airfield]:
         clock = ScaledClock(speedup)
         port = port or free_port()
         specs = specs_at(plan, autopilot)
-        fleet = Fleet(specs, clock=clock, endpoint=endpoint or f"udpout://127.0.0.1:{port}")
+        fleet = Fleet(specs, clock=clock, endpoint=endpoint or f"udpout://127.0.0.1:{port}", signing_key=signing_key)
         async with fleet, FleetLink(clock=clock, monitor=HeartbeatMonitor(), options=options) as link:
             await link.connect(f"udpin://127.0.0.1:{port}")
-            await link.wait_for(set(fleet.vehicles), timeout_s=10)
+            await link.wait_for(set(fleet.vehicles), timeout_s=wait_s)
             if autopilot is Autopilot.ARDUPILOT:  # it streams no position unasked
                 await link.prepare(fleet.vehicles)
             yield Airfield(fleet, link, clock, port)
