@@ -88,7 +88,7 @@ class Fleet:
         with suppress(VehiclesMissing):
             await self.link.wait_for(set(self._systems.values()), timeout_s=HEARD_WITHIN_S)
         for system_id in self._systems.values():
-            self._monitor.watch(system_id, self._clock.now())
+            self.link.classifier.watch(system_id, self._clock.now())
 
     async def register(self, uav_id: str, system_id: int, *, simulated: bool = False) -> VehicleView:
         """Tie a UAV id to a MAVLink system id and open the link. Raises ConflictError when either is taken."""
@@ -100,7 +100,7 @@ class Fleet:
         await self._open()
         if uav_id not in self._systems:
             self._systems[uav_id] = system_id
-            self._monitor.watch(system_id, self._clock.now())
+            self.link.classifier.watch(system_id, self._clock.now())
             row = {"uav_id": uav_id, "system_id": system_id, "simulated": simulated, "registered_at": time.time()}
             await self._database.write((insert(table), row))
             self._events.add("vehicle_registered", uav_id=uav_id, system_id=system_id, simulated=simulated)
@@ -112,7 +112,7 @@ class Fleet:
         """Forget a vehicle. Raises NotFoundError. The caller has seen to it that it flies nothing."""
         if uav_id not in self._systems:
             raise NotFoundError(f"vehicle {uav_id!r} does not exist")
-        self._monitor.unwatch(self._systems.pop(uav_id))
+        self.link.classifier.unwatch(self._systems.pop(uav_id))
         self._simulated.discard(uav_id)
         await self._database.write(delete(table).where(table.c.uav_id == uav_id))
         self._events.add("vehicle_removed", uav_id=uav_id)
