@@ -137,7 +137,8 @@ class Passage:
     @property
     def wants_page(self) -> bool:
         """Whether a person's browser asks for a page of the dashboard."""
-        return self.method == "GET" and self.path.startswith("/ui") and "text/html" in self.headers.get("accept", "")
+        dashboard = self.path == "/" or self.path.startswith("/ui")
+        return self.method == "GET" and dashboard and "text/html" in self.headers.get("accept", "")
 
     def require_small(self) -> None:
         """Raises TooLargeError for a body that says it is too large."""

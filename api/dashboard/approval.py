@@ -74,15 +74,19 @@ class Notices:
         with self._card:
             text("h2", f"{', '.join(lost)} lost: fly the new plan from slot {slot}?")
             with ui.element("div").classes("sf-pair"):
-                self._map("Before: nobody answers the loss", now, slot, lost, silent)
-                self._map("After: the proposed plan", new, slot, [], None)
+                top = max(picture.scene(one.scenario, [("current", one)])["rate_max"] for one in (now, new))
+                self._map("Before: nobody answers the loss", now, slot, lost, silent, top)
+                self._map("After: the proposed plan", new, slot, [], None, top)
             courses = [comparison.rest(now, slot), silent, comparison.rest(new, slot)]
             head = (f"slots {slot} to the end", "as planned", "if rejected", "if approved")
             figures(comparison.rows([comparison.course(one) for one in courses]), head)
             with ui.element("div").classes("sf-row"):
                 self._buttons(operation, proposal)
 
-    def _map(self, title: str, plan: Plan, slot: int, lost: list[str], rates: dict[str, list[float]] | None) -> None:
+    def _map(
+        self, title: str, plan: Plan, slot: int, lost: list[str], rates: dict[str, list[float]] | None, top: float
+    ) -> None:
+        """One side of the picture; `top`: the rate that both sides colour brightest, bit/s."""
         first = self._watch.first_plan() or plan
         n = min(max(slot - plan.first_slot, 0), plan.scenario.slots - 1)
         spots = [picture.Spot(uav_id=uav, at_m=path[n], lost=uav in lost) for uav, path in plan.trajectories_m.items()]
@@ -90,7 +94,9 @@ class Notices:
         with ui.element("div"):
             text("h3", title)
             view = MapView(title)
-        made = picture.scene(first.scenario, [("current", plan)], reserved=picture.reserved(plan, lost, slot))
+        made = picture.scene(
+            first.scenario, [("current", plan)], reserved=picture.reserved(plan, lost, slot), rate_max=top
+        )
         moving = picture.frame(spots, plan, slot, got, promise=first, live=False)
 
         def draw() -> None:

@@ -121,7 +121,7 @@ def _axis(kind: str, data: Sequence[str] | None, grid: int) -> Json:
 
 
 def trade_off(points: Sequence[tuple[float, float, float]], chosen: float | None) -> Json:
-    """Mean sum rate (kbit/s) over its standard deviation (kbit/s) for each mu tried: (mu, sd, mean) sorted by mu."""
+    """Mean sum rate over its standard deviation for each mu tried: (mu, sd, mean), kbit/s, in the order of the line."""
 
     together: dict[tuple[float, float], list[float]] = {}
     for mu, deviation, mean in points:
@@ -142,9 +142,10 @@ def trade_off(points: Sequence[tuple[float, float, float]], chosen: float | None
         "animation": False,
         "tooltip": {"formatter": "{b}: {c} kbit/s", "confine": True},
         "grid": {"left": 56, "right": 44, "top": 26, "bottom": 40},
-        "xAxis": {**_axis("value", None, 0), "scale": True, "name": "standard deviation over slots, kbit/s",
+        "xAxis": {**_axis("value", None, 0), "scale": True, "minInterval": 0.5,
+                  "name": "standard deviation over slots, kbit/s",
                   "nameLocation": "middle", "nameGap": 24, "nameTextStyle": {"color": MUTED}},
-        "yAxis": {**_axis("value", None, 0), "scale": True, "name": "mean sum rate, kbit/s",
+        "yAxis": {**_axis("value", None, 0), "scale": True, "minInterval": 0.5, "name": "mean sum rate, kbit/s",
                   "nameTextStyle": {"color": MUTED, "align": "left"}},
         "series": [
             {"type": "line", "data": [dot(*point) for point in points], "lineStyle": {"color": FAINT, "width": 2}}

@@ -8,6 +8,7 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 from fastapi import FastAPI, Request
+from fastapi.responses import RedirectResponse
 from nicegui import Client, ui
 
 from api.dashboard.feed import Feed
@@ -66,7 +67,13 @@ def mount(service_app: FastAPI, *, time_scale: float = 1.0, tile_url: str | None
     for path, build in pages.items():
         _page(path, build, watches)
     ui.run_with(service_app, mount_path=PATH, title="skyfolio", dark=None, tailwind=False, show_welcome_message=False)
+    service_app.add_api_route("/", _front_door, include_in_schema=False)
     _end_with(service_app, watches)
+
+
+def _front_door() -> RedirectResponse:
+    """Who asks for the service alone wants to see it."""
+    return RedirectResponse(f"{PATH}/")
 
 
 def _page(path: str, build: Callable[[Watch], object], watches: Watches) -> None:

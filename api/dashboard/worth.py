@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from api.dashboard import charts
 from api.dashboard.views import WhatIf
@@ -43,6 +43,15 @@ def rows(plan: Plan, other: Plan | None) -> tuple[list[tuple[str, ...]], tuple[s
         ("solved in", *("–" if each.solve_ms is None else f"{each.solve_ms:.0f} ms" for each in shown)),  # noqa: RUF001
     ]
     return rows, ("", "this", "other") if other else None
+
+
+def trade_off(tried: Mapping[float, Plan]) -> list[tuple[float, float, float]]:
+    """(mu, standard deviation, mean sum rate in kbit/s) of each plan by its mu, from the steadiest to the least."""
+    points = [
+        (mu, plan.summary.sum_rate_variance_kbps2**0.5, plan.summary.mean_sum_rate_bps / 1e3)
+        for mu, plan in tried.items()
+    ]
+    return sorted(points, key=lambda point: point[1:])
 
 
 def losses(found: Sequence[WhatIf]) -> list[tuple[str, ...]]:

@@ -81,7 +81,7 @@ class Service:
         command += ["--fleet-url", f"udpin://127.0.0.1:{self.fleet_port}", "--database-url", "temporary", *options]
         with self.log.open("wb") as sink:
             self._process = subprocess.Popen(
-                command, stdout=sink, stderr=sink, cwd=folder, env=_environment() | settings
+                command, stdout=sink, stderr=sink, cwd=folder, env=environment() | settings
             )
         self.client = httpx2.Client(base_url=self.url, timeout=120)
         self._until_ready()
@@ -316,7 +316,8 @@ def missing_browser() -> str | None:
     return "chromium and chromedriver are not installed (Debian: apt-get install chromium chromium-driver)"
 
 
-def _environment() -> dict[str, str]:
+def environment() -> dict[str, str]:
+    """Of a process that runs this very source."""
     root = str(Path(__file__).resolve().parents[2])
     paths: Sequence[str] = [root, *filter(None, [os.environ.get("PYTHONPATH")])]
     return {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "PYTHONUNBUFFERED": "1"}

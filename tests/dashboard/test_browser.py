@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from selenium.webdriver.common.by import By
 
 from planner import EXAMPLES
-from tests.dashboard.stack import Page, Service, missing_browser
+from tests.dashboard.stack import Page, Service, environment, missing_browser
 
 pytestmark = [
     pytest.mark.browser,
@@ -58,6 +61,14 @@ def page(browser: Page) -> Iterator[Page]:
     yield browser
     assert browser.complaints() == []
     browser.leave()
+
+
+def key_for(folder: Path, role: str) -> tuple[str, str]:
+    """A database with one key of this role: its URL, and the key."""
+    url = f"sqlite+aiosqlite:///{folder / role}.db"
+    command = [sys.executable, "-m", "api", "keys", "create", "tower", "--role", role, "--json", "--database-url", url]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment(), cwd=folder)
+    return url, json.loads(done.stdout)["key"]
 
 
 def slot_of(page: Page) -> int:
@@ -151,6 +162,24 @@ def test_a_scenario_file_is_loaded_and_a_bad_one_refused(page: Page, idle: Servi
     page.see(".sf-fail", "bad.json: origin: Field required")
     page.upload(good)
     page.see(".sf-sub", "2 UAVs, 4 users")
+
+
+def test_a_viewer_signs_in_sees_and_may_not_plan(page: Page, folder: Path) -> None:
+    url, key = key_for(folder, "viewer")
+    service = Service(folder, SPEEDUP, "--database-url", url)
+    try:
+        page.driver.get(f"{service.url}/")
+        page.see("h1", "skyfolio")
+        page.driver.find_element(By.ID, "k").send_keys(key)
+        page.press("Sign in")
+        page.see(".sf-overlay h2", "No operation yet")
+        page.open(service.url, "/ui/plan")
+        page.see(".sf-sub", "3 UAVs, 9 users")
+        page.press("Plan it")
+        page.see(".q-notification", "this needs a planner")
+    finally:
+        page.leave()
+        service.stop()
 
 
 def test_an_operation_is_paused_loses_a_uav_recovers_and_is_held(flying: Service, page: Page, folder: Path) -> None:

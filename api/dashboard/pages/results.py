@@ -166,15 +166,13 @@ class Results:
             self._sweep.props(remove="loading")
 
     def _draw_trade_off(self) -> None:
-        points = [
-            (mu, plan.summary.sum_rate_variance_kbps2**0.5, plan.summary.mean_sum_rate_bps / 1e3)
-            for mu, plan in sorted(self._tried.items())
-        ]
+        points = worth.trade_off(self._tried)
         current = self._kept[self._current].plan.scenario.utility.mu_per_kbps if self._current else None
         _redraw(self._curve, charts.trade_off(points, current))
 
     def _curve_clicked(self, event: events.EChartPointClickEventArguments) -> None:
-        mu, plan = sorted(self._tried.items())[event.data_index]
+        mu = worth.trade_off(self._tried)[event.data_index][0]
+        plan = self._tried[mu]
         self._on_mu(mu)
         if plan.id in self._kept:
             self._current = plan.id
