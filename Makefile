@@ -4,7 +4,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 ARGS ?=
 
-.PHONY: demo test serve bench lint format clean
+.PHONY: test-sitl demo test serve bench lint format clean
 .DEFAULT_GOAL := demo
 
 $(READY): pyproject.toml constraints.txt scripts/setup.sh scripts/browser.sh
@@ -19,11 +19,15 @@ test: lint
 	$(BIN)/python -m pytest $(ARGS)
 	$(BIN)/python -m pytest -m "e2e or browser" $(ARGS)
 
+test-sitl: $(READY)
+	$(BIN)/python -m pytest tests/sitl $(ARGS)
+
 serve: $(READY)
 	$(BIN)/skyfolio serve $(ARGS)
 
 bench: $(READY)
-	$(BIN)/skyfolio bench planner --json $(ARGS)
+	$(BIN)/skyfolio bench planner --json --out docs/benchmarks/planner.json $(ARGS)
+	$(BIN)/skyfolio bench report docs/benchmarks/planner.json --out docs/benchmarks/planner.md
 
 lint: $(READY)
 	$(BIN)/ruff check .

@@ -16,6 +16,7 @@ from rich.console import Console
 from api import show
 from api.keys_cli import keys
 from api.problems import ServiceError, broken_rules
+from api.reproduce.commands import reproduce, tune_mu
 from api.store import StoreError
 from mavlink_bridge import BridgeError
 from planner import EXAMPLES, AnyOf, Deadline, Plan, ReplanError, Scenario, Utility, converged, plan, replan
@@ -24,6 +25,8 @@ cli = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_
 bench = typer.Typer(no_args_is_help=True, help="Measure; figures as JSON.")
 cli.add_typer(bench, name="bench")
 cli.add_typer(keys, name="keys")
+cli.command("reproduce")(reproduce)
+cli.command("tune-mu")(tune_mu)
 errors = Console(stderr=True)
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON only.")]
@@ -114,16 +117,56 @@ def simulate(
     vehicles: Annotated[int, typer.Option(min=1, max=254, help="How many; system ids 1..N.")] = 3,
     speedup: Annotated[float, typer.Option(min=0.1, max=100, help="Times real time.")] = 1.0,
     autopilot: Annotated[Literal["px4", "ardupilot"], typer.Option(help="Which autopilot they have.")] = "px4",
-    endpoint: Annotated[str, typer.Option(help="Where all vehicles send to.")] = "udpout://127.0.0.1:14540",
+    endpoint: Annotated[str, typer.Option(help="Where they send to; HOST:FIRST-LAST: each to a port of its own.")] = (
+        "udpout://127.0.0.1:14540"
+    ),
     example: Annotated[str | None, typer.Option(help="Stand at the starts of this example.")] = None,
+    plan_file: Annotated[
+        Path | None, typer.Option("--plan", help="Stand at this plan's starts; tell its slots, errors and true rates.")
+    ] = None,
     duration_s: Annotated[float | None, typer.Option(min=0.1, help="End after this many fleet seconds.")] = None,
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(help="KIND:VEHICLE[@SECONDS|@slot=N][,KNOB=VALUE...]; may be given several times."),
+    ] = None,
+    up: Annotated[str, typer.Option(help="What links to the vehicles do, e.g. loss=0.1,latency_s=0.05.")] = "",
+    down: Annotated[str, typer.Option(help="What links from the vehicles do.")] = "",
+    weather: Annotated[str, typer.Option(help="E.g. wind_east_mps=4,gust_mps=1.5,gps_m=0.8.")] = "",
+    seed: Annotated[int, typer.Option(help="Of links, weather and stream phases.")] = 0,
+    radio_seed: Annotated[int, typer.Option(min=0, help="Of the fading that users truly meet.")] = 1,
+    log: Annotated[Path | None, typer.Option(help="Write the truth here, as JSON lines.")] = None,
+    tlog: Annotated[Path | None, typer.Option(help="Write all MAVLink here, as a .tlog.")] = None,
+    signing_key: Annotated[
+        str, typer.Option(envvar="SKYFOLIO_SIM_SIGNING_KEY", help="64 hex digits: sign, and obey only who signs.")
+    ] = "",
     as_json: Json = False,
 ) -> None:
     """Fly a software-only fleet that speaks MAVLink, until interrupted."""
-    from api.simulate import run_fleet  # noqa: PLC0415
+    from api.simulate import SimulateConfig, SimulateError, run_fleet  # noqa: PLC0415
 
-    scenario = _scenario(None, example) if example else None
-    asyncio.run(run_fleet(vehicles, speedup, endpoint, scenario, duration_s, autopilot=autopilot, as_json=as_json))
+    config = SimulateConfig(
+        vehicles=vehicles,
+        speedup=speedup,
+        autopilot=autopilot,
+        endpoint=endpoint,
+        scenario=_scenario(None, example) if example else None,
+        plan=Plan.model_validate_json(_read(plan_file)) if plan_file else None,
+        duration_s=duration_s,
+        faults=tuple(fault or ()),
+        up=up,
+        down=down,
+        weather=weather,
+        seed=seed,
+        radio_seed=radio_seed,
+        log=log,
+        tlog=tlog,
+        signing_key=signing_key,
+        as_json=as_json,
+    )
+    try:
+        asyncio.run(run_fleet(config))
+    except SimulateError as error:
+        raise UsageError(str(error)) from error
 
 
 @cli.command()
@@ -160,16 +203,50 @@ def demo(
 
 @bench.command("planner")
 def bench_planner(
-    runs: Annotated[int, typer.Option(min=1, help="Warm runs of each.")] = 5, as_json: Json = False
+    quick: Annotated[bool, typer.Option("--quick", help="Only the two smaller sizes, few runs: a minute.")] = False,
+    out: Out = None,
+    as_json: Json = False,
 ) -> None:
-    """Time the planner on the paper scenario: a cold plan, and a replan after a loss."""
+    """Time the planner at four sizes, beside its reference path and IPOPT; ten minutes."""
     from api.bench import planner_figures, table  # noqa: PLC0415
 
-    figures = planner_figures(runs)
+    figures = planner_figures(quick=quick)
+    if as_json or out is not None:
+        _write(json.dumps(figures, indent=2), out)
+    if not as_json:
+        Console().print(table(figures))
+
+
+@bench.command("report")
+def bench_report(
+    file: Annotated[Path, typer.Argument(help="Figures, as `skyfolio bench planner --json` prints them.")],
+    out: Out = None,
+) -> None:
+    """Write the figures of a benchmark as Markdown."""
+    from api.bench import markdown  # noqa: PLC0415
+
+    _write(markdown(json.loads(_read(file))), out)
+
+
+@cli.command("bound")
+def bound_command(
+    file: Annotated[Path | None, typer.Argument(help="Scenario as JSON.")] = None,
+    example: Annotated[str | None, typer.Option(help=f"A ready scenario: {', '.join(EXAMPLES)}.")] = None,
+    tolerance: Annotated[float, typer.Option(min=1e-6, max=1, help="Relative gap at which a slot is settled.")] = 0.005,
+    seconds: Annotated[float, typer.Option(min=0.001, help="Stop branching after this long; the bound holds.")] = 60.0,
+    as_json: Json = False,
+) -> None:
+    """Plan a scenario of up to three UAVs and prove by branch and bound how good the plan is."""
+    from api.certify import TooManyUavsError, certify, shown  # noqa: PLC0415
+
+    try:
+        figures = certify(_scenario(file, example), tolerance=tolerance, seconds=seconds)
+    except TooManyUavsError as error:
+        raise UsageError(str(error)) from error
     if as_json:
         _write(json.dumps(figures, indent=2), None)
     else:
-        Console().print(table(figures))
+        Console().print(shown(figures), highlight=False)
 
 
 @bench.command("bridge")

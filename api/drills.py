@@ -6,7 +6,7 @@ import asyncio
 import json
 import time
 from enum import StrEnum
-from typing import Any
+from typing import Any, TypeAlias
 
 from pydantic import BaseModel
 from sqlalchemy import Row, func, insert, select, update
@@ -23,6 +23,8 @@ from api.store import Database
 from api.store.tables import drills as table
 
 LOOK_EVERY_S = 0.02
+DrillOptions: TypeAlias = dict[str, float | int | str | bool | dict[str, float | bool]]
+"""What a fault takes, by name; `impair` takes one such table for each direction."""
 
 
 class DrillState(StrEnum):
@@ -42,7 +44,7 @@ class DrillView(BaseModel):
     uav_id: str
     fault: str
     at_slot: int | None
-    options: dict[str, float | int | str | bool] = {}
+    options: DrillOptions = {}
     created_at: float
 
 

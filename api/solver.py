@@ -260,7 +260,8 @@ class Solver:
 
     async def warm_up(self) -> None:
         """Ready all workers."""
-        await asyncio.gather(*(lane.warm_up() for lane in self.lanes.values()))
+        await self.lanes[LaneName.FLIGHT].warm_up()  # alone: on a new machine it compiles what all then load
+        await self.lanes[LaneName.REQUESTS].warm_up()
 
     def close(self) -> None:
         """End all workers."""

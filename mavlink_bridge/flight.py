@@ -40,7 +40,7 @@ _CHANGE_SPEED, _MISSION_START, _SET_CURRENT, _INTERVAL, _REQUEST = 178, 300, 224
 _CUSTOM_MODE = 1.0
 _GROUND_SPEED, _THROTTLE_UNCHANGED = 1.0, -1.0
 _CHANGE_MODE = 1.0
-_MISSION_CURRENT = 42
+_MISSION_CURRENT, _HOME_POSITION = 42, 242
 
 
 async def command(vehicle: Vehicle, done: Awaitable[None]) -> CommandResult:
@@ -55,6 +55,7 @@ async def ask_for_streams(vehicle: Vehicle) -> None:
     """Have it send what telemetry is made of (SET_MESSAGE_INTERVAL); a stream it does not know is left out."""
     for message_id, rate_hz in STREAMS_HZ.items():
         await error_of(vehicle.command(_INTERVAL, float(message_id), 1e6 / rate_hz))
+    await error_of(vehicle.command(_REQUEST, _HOME_POSITION))
 
 
 async def set_mode(vehicle: Vehicle, mode: FlightMode) -> None:

@@ -17,19 +17,21 @@ from mavlink_bridge.autopilots import Autopilot, FlightMode
 from mavlink_bridge.classifier import Change, Classifier
 from mavlink_bridge.errors import ConnectionFailed, LinkClosed, VehiclesMissing
 from mavlink_bridge.framing import Frame
+from mavlink_bridge.geodesy import geodetic_to_east_north
 from mavlink_bridge.heartbeat import AUTOPILOT, HeartbeatMonitor, LinkEvent, LinkState
 from mavlink_bridge.hub import Hub, LinkOptions
-from mavlink_bridge.items import Mission, MissionItem
+from mavlink_bridge.items import MAX_ITEMS, Mission, MissionItem
 from mavlink_bridge.mavsdk_log import to_python_logging
 from mavlink_bridge.mission_protocol import MissionType
 from mavlink_bridge.models import DEFAULTS, model_from_parameters
 from mavlink_bridge.pace import VehicleModel
-from mavlink_bridge.preflight import parameter_names
+from mavlink_bridge.preflight import Facts, Needs, parameter_names
 from mavlink_bridge.results import CommandResult, SwapResult, UploadResult
 from mavlink_bridge.telemetry import Telemetry
 from mavlink_bridge.tlog import TelemetryLog
 from mavlink_bridge.transfer import ATTEMPTS, read_parameters, upload_items, upload_verified
 from mavlink_bridge.vehicle import Clock, Vehicle
+from planner.plans import Plan
 
 Outcome = TypeVar("Outcome")
 Request = TypeVar("Request")
@@ -174,6 +176,37 @@ class FleetLink:
     def model(self, system_id: int) -> VehicleModel:
         """How a vehicle flies: from its parameters if `prepare` read them, else its autopilot's defaults."""
         return self.models.get(system_id) or DEFAULTS[self.autopilot(system_id)]
+
+    def facts(
+        self, system_id: int, plan: Plan, uav_id: str, *, items: int, stream: bool = False
+    ) -> tuple[Facts, Needs]:
+        """What the preflight audit compares: the vehicle as it was heard, and what the plan needs of it.
+
+        Raises KeyError if it was never heard.
+        """
+        vehicle, scenario = self._vehicles[system_id], plan.scenario
+        uav, said, home = scenario.uav(uav_id), vehicle.state.snapshot(), vehicle.state.home_deg
+        facts = Facts(
+            autopilot=self.autopilot(system_id),
+            parameters=self.parameters.get(system_id, {}),
+            model=self.model(system_id),
+            at_m=None if said is None else geodetic_to_east_north(scenario.origin, said.lat_deg, said.lon_deg),
+            home_m=None if home is None else geodetic_to_east_north(scenario.origin, *home),
+            gps_fix=vehicle.state.gps_fix,
+            satellites=vehicle.state.satellites,
+            battery=vehicle.state.battery,
+        )
+        needs = Needs(
+            path_m=list(plan.trajectories_m[uav_id]),
+            slot_s=scenario.slot_duration_s,
+            altitude_m=scenario.altitude_of(uav),
+            max_speed_mps=uav.max_speed_mps,
+            items=items,
+            max_items=MAX_ITEMS,
+            stream=stream,
+            lost_after_s=self.monitor.lost_after_s,
+        )
+        return facts, needs
 
     def record(self, path: Path) -> TelemetryLog:
         """Write all traffic to a .tlog until `stop_recording`."""

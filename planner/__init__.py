@@ -8,7 +8,7 @@ are passed in. `scenario.py` and `plans.py` are what goes in and comes out, `ref
 
 from planner.changes import Changes, ReplanError
 from planner.delivered import delivered_rates_bps
-from planner.examples import EXAMPLES
+from planner.examples import EXAMPLES, letter
 from planner.feasibility import InfeasiblePlanError, Violation, violations
 from planner.methods import METHODS
 from planner.plans import Cause, Iteration, Plan, PlanStatus, Summary
@@ -46,6 +46,7 @@ __all__ = [
     "closest_approach",
     "converged",
     "delivered_rates_bps",
+    "letter",
     "plan",
     "remaining",
     "replan",

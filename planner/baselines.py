@@ -1,13 +1,14 @@
-"""The schemes the letter compares with, under the same interface, scenario and failure handling as the planner.
+"""What the letter compares with, through the same interface: the same scenario, failures, constraints and summary.
 
-They leave ends, no-fly zones and separation to `fast.flyable`, so that what they emit can be flown; least rates they
-do not know. A replan uses the same scheme again: Baseline 2 places the survivors anew.
+`baseline1`: UAVs stay, each user is served by the nearest one, bands are shared equally. `baseline2`: UAVs fly to an
+optimised placement and hover, nearest association, bandwidth for the greatest sum rate. `sr_max`: the whole
+optimisation at mu = 0. `static`: UAVs stay, association and bandwidth are the best there are. A UAV that stays still
+flies home in time when the scenario has an end position for it. After a failure each plans anew for the survivors.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,10 +22,69 @@ from planner.stopping import StoppingRule
 from planner.utility import utility_kbps
 
 Array = NDArray[np.float64]
-Serving = NDArray[np.intp]
-GRID = 9
-"""Placements are sought on a grid of this many points a side and above the users nearest to each UAV."""
-USERS_NEAR = 20
+Indices = NDArray[np.intp]
+STEPS_M = (80.0, 40.0, 20.0, 10.0, 5.0)
+DIRECTIONS = np.array([(np.cos(angle), np.sin(angle)) for angle in np.arange(8) * np.pi / 4])
+
+
+def baseline1(
+    problem: Problem,
+    stop: StoppingRule,  # noqa: ARG001 - there is nothing to iterate
+    start_m: Array | None,  # noqa: ARG001 - UAVs stay where they are
+    observer: Observer,
+    *,
+    n_starts: int | None,  # noqa: ARG001
+    seed: int,  # noqa: ARG001
+) -> Solution:
+    """Nearest UAV, equal bandwidth, no flight; minimum rates are not looked at."""
+    paths = fast.flyable(problem)
+    serving = nearest_uav(problem, paths)
+    mine = serving == np.arange(problem.n_uavs)[:, None, None]
+    share = problem.bandwidth_hz[:, None, None] * mine / np.maximum(mine.sum(axis=1, keepdims=True), 1)
+    return _reported(problem, Solution(paths, serving, share.sum(axis=0), []), observer)
+
+
+def baseline2(
+    problem: Problem,
+    stop: StoppingRule,
+    start_m: Array | None,  # noqa: ARG001 - the placement is searched from where UAVs are
+    observer: Observer,
+    *,
+    n_starts: int | None,  # noqa: ARG001
+    seed: int,  # noqa: ARG001
+) -> Solution:
+    """Placement and bandwidth for the greatest sum rate under nearest association.
+
+    The paper the letter cites for it is not followed line by line: here a pattern search moves one UAV at a time from
+    the start positions, for the mean channel. UAVs fly to their places at D_max and hover there; on the way, too, each
+    UAV gives its band to the best of its nearest users. One iteration is one length of step.
+    """
+    placement = problem.start_m.copy()
+    solution = _placed(problem, placement)
+    history: list[Iteration] = []
+    for length in STEPS_M:
+        if stop(history):
+            break
+        placement = _moved(problem, placement, length)
+        candidate = _placed(problem, placement)
+        if _utility(problem, candidate) >= _utility(problem, solution):
+            solution = candidate
+        history.append(_iteration(problem, solution, len(history) + 1))
+        observer(history[-1])
+    return replace(solution, history=history)
+
+
+def baseline2_fixed(
+    problem: Problem,
+    stop: StoppingRule,  # noqa: ARG001 - there is nothing to iterate
+    start_m: Array | None,  # noqa: ARG001 - UAVs stay where they are
+    observer: Observer,
+    *,
+    n_starts: int | None,  # noqa: ARG001
+    seed: int,  # noqa: ARG001
+) -> Solution:
+    """`baseline2` read more narrowly: the placement is the start positions, and only bandwidth is optimised."""
+    return _reported(problem, _placed(problem, problem.start_m), observer)
 
 
 def sr_max(
@@ -36,142 +96,95 @@ def sr_max(
     n_starts: int | None,
     seed: int,
 ) -> Solution:
-    """SR-Max of the letter: the planner with beta = 0, whatever the scenario's mu."""
-    greedy = replace(problem, mu=0.0, kind="sum")
-    return fast.optimise(greedy, stop, start_m, observer, n_starts=n_starts, seed=seed)
+    """The letter's SR-Max: everything is optimised for mu = 0; its iterations show the mean sum rate."""
+    return fast.optimise(replace(problem, mu=0.0), stop, start_m, observer, n_starts=n_starts, seed=seed)
 
 
 def static(
     problem: Problem,
-    stop: StoppingRule,  # noqa: ARG001 - one pass
-    start_m: Array | None,  # noqa: ARG001 - nobody moves
+    stop: StoppingRule,  # noqa: ARG001
+    start_m: Array | None,  # noqa: ARG001 - UAVs stay where they are
     observer: Observer,
     *,
     n_starts: int | None,  # noqa: ARG001
     seed: int,  # noqa: ARG001
 ) -> Solution:
-    """Everyone hovers at the start; association and bandwidth are the planner's best there."""
-    paths = fast.flyable(problem)
-    serving, bandwidth = fast.linked(problem, paths)
-    return _told(problem, paths, serving, bandwidth, observer)
+    """The best association and bandwidth for the problem's utility, without flight."""
+    return _reported(problem, fast.linked(problem, fast.flyable(problem)), observer)
 
 
-def baseline1(
-    problem: Problem,
-    stop: StoppingRule,  # noqa: ARG001 - one pass
-    start_m: Array | None,  # noqa: ARG001 - nobody moves
-    observer: Observer,
-    *,
-    n_starts: int | None,  # noqa: ARG001
-    seed: int,  # noqa: ARG001
-) -> Solution:
-    """Baseline 1 of the letter: hover at the start, nearest UAV, its band split equally among its users."""
-    paths = fast.flyable(problem)
-    serving = _nearest(problem, paths)
-    users_of = (serving[None] == np.arange(problem.n_uavs)[:, None, None]).sum(axis=1)  # (U, N)
-    share = problem.bandwidth_hz[:, None] / np.maximum(users_of, 1)
-    return _told(problem, paths, serving, share[serving, np.arange(problem.n_slots)], observer)
-
-
-def baseline2(
-    problem: Problem,
-    stop: StoppingRule,  # noqa: ARG001 - the search ends by itself
-    start_m: Array | None,  # noqa: ARG001 - it begins at the start positions
-    observer: Observer,
-    *,
-    n_starts: int | None,  # noqa: ARG001
-    seed: int,  # noqa: ARG001
-) -> Solution:
-    """Baseline 2 of the letter: placement and bandwidth for the sum rate, each user at its nearest UAV.
-
-    Each UAV flies straight to its place at full speed and hovers there. The letter says no more of it, and its source
-    was not at hand.
-    """
-    places = _placed(problem)
-    paths = fast.flyable(problem, _straight(problem, places))
-    serving = _nearest(problem, paths)
-    rates = _served(spectral_efficiency(problem, paths), serving) * problem.bandwidth_hz[serving]
-    best = np.zeros_like(rates)
-    slots = np.arange(problem.n_slots)
-    for u in range(problem.n_uavs):
-        mine = np.where(serving == u, rates, -1.0)
-        user = mine.argmax(axis=0)
-        best[user, slots] += np.where(mine[user, slots] > 0, problem.bandwidth_hz[u], 0.0)
-    return _told(problem, paths, serving, best, observer)
-
-
-def _told(problem: Problem, paths: Array, serving: Serving, bandwidth_hz: Array, observer: Observer) -> Solution:
-    """The solution of a scheme that does not iterate, with its one line of history."""
-    rates = bandwidth_hz * _served(spectral_efficiency(problem, paths), serving) / 1e3
-    utility = utility_kbps(problem.counted_kbps(rates), problem.kind, problem.mu)
-    only = Iteration(iteration=1, utility_bps=utility * 1e3, mean_sum_rate_bps=float(rates.sum(axis=0).mean()) * 1e3)
-    observer(only)
-    return Solution(paths, serving, bandwidth_hz, [only])
-
-
-def _served(efficiency: Array, serving: Serving) -> Array:
-    """Of (U, K, N), what each user has of the UAV that serves it: (K, N)."""
-    served: Array = np.take_along_axis(efficiency, serving[None], axis=0)[0]
-    return served
-
-
-def _nearest(problem: Problem, paths: Array) -> Serving:
-    """The nearest UAV that still flies, for each user and slot: (K, N)."""
-    away2 = squared_distances(paths, problem.user_m, problem.altitude_m)
-    gone = np.arange(problem.n_slots) >= problem.n_flying[:, None]
-    nearest: Serving = np.where(gone[:, None, :], np.inf, away2).argmin(axis=0)
+def nearest_uav(problem: Problem, paths_m: Array) -> Indices:
+    """The nearest UAV that flies, by its distance in space: (K, N). paths_m: (U, N, 2) metres."""
+    distance2 = squared_distances(paths_m, problem.user_m, problem.altitude_m)
+    nearest: Indices = np.where(problem.flying[:, None], distance2, np.inf).argmin(axis=0)
     return nearest
 
 
-def _straight(problem: Problem, places: Array) -> Array:
-    """Paths straight to `places` (U, 2) at full speed: (U, N, 2) metres."""
-    way = places - problem.start_m
-    length = np.linalg.norm(way, axis=1)
-    flown = np.minimum(problem.step_m[:, None] * np.arange(problem.n_slots), length[:, None])
-    share = flown / np.where(length > 0, length, 1.0)[:, None]
-    paths: Array = problem.start_m[:, None] + share[:, :, None] * way[:, None]
-    return paths
+def _placed(problem: Problem, placement_m: Array) -> Solution:
+    """Fly to the placement (U, 2), hover, and serve the best of the nearest users in each slot."""
+    paths = fast.flyable(problem, np.repeat(placement_m[:, None], problem.n_slots, axis=1))
+    serving = nearest_uav(problem, paths)
+    efficiency = np.take_along_axis(spectral_efficiency(problem, paths), serving[None], axis=0)[0]
+    bandwidth = np.zeros(serving.shape)
+    for u in range(problem.n_uavs):
+        mine = np.where(serving == u, efficiency, -1.0)
+        best, slots = mine.argmax(axis=0), np.arange(problem.n_slots)
+        bandwidth[best, slots] = np.where(mine[best, slots] > 0, problem.bandwidth_hz[u], bandwidth[best, slots])
+    return Solution(paths, serving, bandwidth, [])
 
 
-def _placed(problem: Problem) -> Array:
-    """Places within reach for the greatest sum rate at mean gains, one UAV after the other until none moves: (U, 2)."""
-    gain = problem.snr_gain.mean(axis=2)
-    places = problem.start_m.copy()
-    best = _sum_rate(problem, gain, places)
-    for _ in range(10):
-        before = best
+def _moved(problem: Problem, placement_m: Array, length_m: float) -> Array:
+    """Move one UAV after the other by `length_m` in the best direction, until none gains."""
+    gain = problem.snr_gain.sum(axis=2) / problem.n_flying[:, None]  # (U, K)
+    here, best = placement_m, _sum_rates(problem, gain, placement_m[None])[0]
+    improved = True
+    while improved:
+        improved = False
         for u in range(problem.n_uavs):
-            for candidate in _candidates(problem, u):
-                trial = places.copy()
-                trial[u] = candidate
-                if _apart(problem, trial, u) and (rate := _sum_rate(problem, gain, trial)) > best:
-                    places, best = trial, rate
-        if best <= before * (1 + 1e-9):
-            break
-    return places
+            tried = np.repeat(here[None], len(DIRECTIONS), axis=0)
+            tried[:, u] = np.clip(tried[:, u] + length_m * DIRECTIONS, problem.low_m, problem.high_m)
+            rates = np.where(_apart(problem, tried, u), _sum_rates(problem, gain, tried), -np.inf)
+            if rates.max() > best * (1 + 1e-6):
+                here, best, improved = tried[rates.argmax()], rates.max(), True
+    return here
 
 
-def _candidates(problem: Problem, u: int) -> Array:
-    """(C, 2) places that UAV u can reach half way through: a grid of the area, and above the users nearest to it."""
-    axes = [np.linspace(problem.low_m[i], problem.high_m[i], GRID) for i in range(2)]
-    away = np.linalg.norm(problem.user_m - problem.start_m[u], axis=1)
-    users = np.clip(problem.user_m[np.argsort(away, kind="stable")[:USERS_NEAR]], problem.low_m, problem.high_m)
-    points = np.vstack([users, np.array(list(product(*axes)))])
-    reach = problem.step_m[u] * (problem.n_slots - 1) / 2
-    within: Array = points[np.linalg.norm(points - problem.start_m[u], axis=1) <= reach]
-    return within
+def _apart(problem: Problem, placements_m: Array, u: int) -> NDArray[np.bool_]:
+    """Whether UAV u keeps `D_min` from the others in each of (C, U, 2) placements."""
+    others = np.delete(placements_m, u, axis=1)
+    near = np.linalg.norm(others - placements_m[:, u : u + 1], axis=2).min(axis=1, initial=np.inf)
+    enough: NDArray[np.bool_] = near >= problem.separation_m
+    return enough
 
 
-def _apart(problem: Problem, places: Array, u: int) -> bool:
-    others = np.delete(places, u, axis=0)
-    return bool((np.linalg.norm(others - places[u], axis=1) >= problem.separation_m).all())
+def _sum_rates(problem: Problem, gain: Array, placements_m: Array) -> Array:
+    """Sum rate of each of (C, U, 2) placements, each UAV's band to the best of its nearest users: (C,) Hz bit/s/Hz."""
+    apart = placements_m[:, :, None] - problem.user_m
+    distance2 = np.einsum("cukd,cukd->cuk", apart, apart) + problem.altitude_m[:, None] ** 2
+    snr = gain / distance2
+    mine = distance2 == distance2.min(axis=1, keepdims=True)
+    efficiency = np.log2(1 + snr / (1 + np.maximum(snr.sum(axis=1, keepdims=True) - snr, 0.0)))
+    best = np.where(mine, efficiency, 0.0).max(axis=2)
+    rates: Array = (best * problem.bandwidth_hz).sum(axis=1)
+    return rates
 
 
-def _sum_rate(problem: Problem, gain: Array, places: Array) -> float:
-    """The sum rate when all hover at `places` and each gives its band to the best of the users nearest to it."""
-    away = places[:, None] - problem.user_m[None]
-    away2 = (away**2).sum(axis=2) + problem.altitude_m[:, None] ** 2
-    snr = gain / away2
-    efficiency = np.log1p(snr / (1.0 + snr.sum(axis=0) - snr))
-    mine = away2.argmin(axis=0)[None] == np.arange(problem.n_uavs)[:, None]
-    return float((problem.bandwidth_hz * np.where(mine, efficiency, 0.0).max(axis=1)).sum())
+def _reported(problem: Problem, solution: Solution, observer: Observer) -> Solution:
+    """The solution with its one iteration, which the observer has seen."""
+    only = _iteration(problem, solution, 1)
+    observer(only)
+    return replace(solution, history=[only])
+
+
+def _iteration(problem: Problem, solution: Solution, number: int) -> Iteration:
+    rates = fast.served_rates_bps(problem, solution)
+    return Iteration(
+        iteration=number,
+        utility_bps=_utility(problem, solution) * 1e3,
+        mean_sum_rate_bps=float(rates.sum(axis=0).mean()),
+    )
+
+
+def _utility(problem: Problem, solution: Solution) -> float:
+    rates = fast.served_rates_bps(problem, solution) / 1e3
+    return utility_kbps(problem.counted_kbps(rates), problem.kind, problem.mu)

@@ -73,11 +73,11 @@ def tangent_bound_kbps(problem: Problem, tables: Callable[[Array], Array], tries
         vertex = tables(weights)
         value = utility_kbps(problem.counted_kbps(point), problem.kind, problem.mu)
         least = min(least, value + float((weights * (vertex - point)).sum()))
-        point = point + _best_step(problem, point, vertex) * (vertex - point)
+        point = point + best_step(problem, point, vertex) * (vertex - point)
     return float(least)
 
 
-def _best_step(problem: Problem, point: Array, vertex: Array) -> float:
+def best_step(problem: Problem, point: Array, vertex: Array) -> float:
     """Line search in [0, 1] by golden section: the utility is concave along the segment."""
     low, high, ratio = 0.0, 1.0, (5**0.5 - 1) / 2
 

@@ -8,12 +8,12 @@ interfering position in rectangle and reach; the best node of a slot is split un
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.bound import lifted_kbps, reachability_bound_kbps
+from planner.bound import best_step, lifted_kbps, reachability_bound_kbps
 from planner.cells import split_cells
 from planner.problem import Problem
 from planner.reach import Reach, reach_of
@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 MAX_UAVS = 3
 CHUNK = 4096
 """Nodes split between two looks at the stopping rule."""
+PLANES = 8
+"""Tangent planes tried for a concave utility; the first may take half of the budget."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +32,8 @@ class Certificate:
     """A proven bound. bound_kbps: no feasible plan has a higher utility. root_kbps: the bound before branching.
 
     slot_bounds_kbps, slot_best_kbps: (N,), bound and best value found of each slot's weighted sum rate (weights are 1
-    for `sum`), positions free within reach. nodes: rectangles split. finished: every slot is closed to the tolerance.
+    for `sum`), positions free within reach, of the tangent plane that gave the bound. nodes: rectangles split.
+    finished: every slot of it is closed to the tolerance.
     """
 
     bound_kbps: float
@@ -51,14 +54,52 @@ def certificate(
 ) -> Certificate:
     """Bound the utility of every feasible plan by branch and bound; valid whenever it is stopped.
 
-    rates_kbps: (K, N), those of a good plan: concave utilities are bounded by their tangent plane there. tolerance:
-    relative gap at which a slot is closed. Raises ValueError for more than three UAVs.
+    rates_kbps: (K, N), those of a good plan: the first tangent plane of a concave utility touches it there, the next
+    ones at the Frank-Wolfe iterates that follow. tolerance: relative gap at which a slot is closed. max_nodes: for all
+    planes together. Raises ValueError for more than three UAVs.
     """
     if problem.n_uavs > MAX_UAVS:
         raise ValueError(f"uavs: branch and bound takes at most {MAX_UAVS} UAVs, not {problem.n_uavs}")
     root = reachability_bound_kbps(problem)
-    by_slot = problem.kind == "sum" or problem.mu == 0.0
-    weights = np.ones(rates_kbps.shape) if by_slot else rate_weights(problem, rates_kbps)
+    if problem.kind == "sum" or problem.mu == 0.0:
+        slots, nodes = _branched(problem, np.ones(rates_kbps.shape), tolerance, max_nodes, stop)
+        bounds = np.array([slot.bound for slot in slots])
+        return _certificate(slots, root, min(root, lifted_kbps(problem, bounds)), nodes, tolerance)
+    return _by_tangent_planes(problem, rates_kbps, root, tolerance, max_nodes, stop)
+
+
+def _by_tangent_planes(
+    problem: Problem, point: Array, root: float, tolerance: float, max_nodes: int, stop: Callable[[], bool]
+) -> Certificate:
+    """The least bound of the planes that the budget allows for; `point` (K, N) is where the first one touches."""
+    best: Certificate | None = None
+    spent = 0
+    for plane in range(PLANES):
+        share = max_nodes // 2 if plane == 0 else (max_nodes - spent) // (PLANES - plane)
+        weights = rate_weights(problem, point)
+        slots, nodes = _branched(problem, weights, tolerance, share, stop)
+        spent += nodes
+        value = utility_kbps(problem.counted_kbps(point), problem.kind, problem.mu)
+        proven = value + sum(slot.bound for slot in slots) - float((weights * point).sum())
+        if best is None or proven < best.bound_kbps:
+            best = _certificate(slots, root, min(root, proven), spent, tolerance)
+        if stop():
+            break
+        vertex = np.stack([slot.found for slot in slots], axis=1)
+        point = point + best_step(problem, point, vertex) * (vertex - point)
+    assert best is not None  # noqa: S101 - PLANES is at least 1
+    return replace(best, nodes=spent)
+
+
+def _certificate(slots: list[_Slot], root: float, proven: float, nodes: int, tolerance: float) -> Certificate:
+    bounds, best = np.array([slot.bound for slot in slots]), np.array([slot.best for slot in slots])
+    return Certificate(proven, root, bounds, best, nodes, bool(((bounds - best) <= tolerance * bounds).all()))
+
+
+def _branched(
+    problem: Problem, weights: Array, tolerance: float, max_nodes: int, stop: Callable[[], bool]
+) -> tuple[list[_Slot], int]:
+    """The slots with their nodes split, the widest gap first, until all are closed or the budget is spent."""
     slots = [_Slot(problem, weights, n) for n in range(problem.n_slots)]
     nodes = 0
     while nodes < max_nodes and not stop():
@@ -66,14 +107,7 @@ def certificate(
         if widest.gap <= tolerance * widest.bound:
             break
         nodes += widest.split(min(CHUNK, max_nodes - nodes), tolerance)
-    bounds, best = np.array([slot.bound for slot in slots]), np.array([slot.best for slot in slots])
-    if by_slot:
-        proven = lifted_kbps(problem, bounds)
-    else:
-        value = utility_kbps(problem.counted_kbps(rates_kbps), problem.kind, problem.mu)
-        proven = value + float(bounds.sum() - (weights * rates_kbps).sum())
-    closed = bool(((bounds - best) <= tolerance * bounds).all())
-    return Certificate(min(root, proven), root, bounds, best, nodes, closed)
+    return slots, nodes
 
 
 class _Slot:
@@ -95,6 +129,7 @@ class _Slot:
         self._keys[0] = np.inf
         self._open = 1
         self.best = 0.0
+        self.found = np.zeros(problem.n_users)
         self.split(1, 0.0)
 
     @property
@@ -116,6 +151,6 @@ class _Slot:
                 np.resize(self._keys, more),
             )
         self._open, self.best, done = split_cells(
-            self._cells, self._keys, self._open, self.best, count, tolerance, *self._fixed
+            self._cells, self._keys, self._open, self.best, count, tolerance, *self._fixed, self.found
         )
         return int(done)

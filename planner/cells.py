@@ -35,16 +35,19 @@ def split_cells(
     gain: Array,
     scale: Array,
     weights: Array,
+    found: Array,
 ) -> tuple[int, float, int]:
     """Up to `count` times: take the best node, halve one rectangle, bound both halves, keep what may beat `best`.
 
-    Stops when no open node is above `best` by more than `tolerance`. Returns open nodes, best value, nodes split.
+    Stops when no open node is above `best` by more than `tolerance`. Returns open nodes, best value, nodes split;
+    found: (K,), the rates in kbit/s that have the best value.
     """
     n_uavs, n_users = gain.shape
     strong, weak = np.empty((n_uavs, n_users)), np.empty((n_uavs, n_users))
     value = np.zeros((3, n_users + 1))
     chosen = np.empty(3, dtype=np.intp)
     node = np.empty((n_uavs, 4))
+    rates = np.empty(n_users)
     done = 0
     while done < count and n_open > 0 and keys[0] > best * (1.0 + tolerance):
         node[:] = cells[0]
@@ -60,7 +63,10 @@ def split_cells(
             kept = node[uav, moved]
             node[uav, moved] = middle
             if _possible(node[uav], centres[:, uav], radii[:, uav], discs):
-                best = max(best, _middle_value(node, centres, radii, discs, users, height2, gain, scale, weights))
+                middle_value = _middle_value(node, centres, radii, discs, users, height2, gain, scale, weights, rates)
+                if middle_value > best:
+                    best = middle_value
+                    found[:] = rates
                 _snr_range(node, centres, radii, users, height2, gain, strong, weak)
                 bound = _assign(strong, weak, scale, weights, value, chosen)
                 if bound > best:
@@ -194,8 +200,10 @@ def _middle_value(
     gain: Array,
     scale: Array,
     weights: Array,
+    rates: Array,
 ) -> float:
-    """The value with each UAV in the middle of its rectangle, pulled into the start's disc; 0 if it can't be there."""
+    """The value with each UAV in the middle of its rectangle, pulled into the start's disc, and its `rates` (K,);
+    0 if a UAV cannot be there."""
     n_uavs, n_users = gain.shape
     point = np.empty((n_uavs, 4))
     for u in range(n_uavs):
@@ -209,8 +217,18 @@ def _middle_value(
             return 0.0
     snr = np.empty((n_uavs, n_users))
     _snr_range(point, centres, np.full_like(radii, FAR_M), users, height2, gain, snr, np.empty_like(snr))
-    value: float = _assign(snr, snr, scale, weights, np.zeros((3, n_users + 1)), np.empty(3, dtype=np.intp))
-    return value
+    chosen = np.empty(3, dtype=np.intp)
+    best: float = _assign(snr, snr, scale, weights, np.zeros((3, n_users + 1)), chosen)
+    rates[:] = 0.0
+    for u in range(n_uavs):
+        k = chosen[u]
+        if k < n_users:
+            others = 1.0
+            for i in range(n_uavs):
+                if i != u:
+                    others += snr[i, k]
+            rates[k] = scale[u] * np.log1p(snr[u, k] / others)
+    return best
 
 
 @njit(cache=True)

@@ -144,12 +144,23 @@ def _separation(plan: Plan) -> Iterator[Violation]:
     for a, b in combinations(plan.scenario.uavs, 2):
         together = min(plan.scenario.last_slot(a), plan.scenario.last_slot(b)) + 1
         path_a, path_b = plan.trajectories_m[a.id][:together], plan.trajectories_m[b.id][:together]
+        if _boxes_apart(path_a, path_b, limit):
+            continue
         apart = [(ea - eb, na - nb) for (ea, na), (eb, nb) in zip(path_a, path_b, strict=True)]
         for n, here in enumerate(apart):
             near = _segment_distance(here, apart[n + 1]) if n + 1 < len(apart) else hypot(*here)
             if near < limit - ROUNDING_M:
                 where = f"{a.id} and {b.id} in slot {n}"
                 yield Violation(constraint="6e", where=where, message=f"{near} m apart, less than {limit} m")
+
+
+def _boxes_apart(a: list[tuple[float, float]], b: list[tuple[float, float]], limit: float) -> bool:
+    """Whether the bounding boxes of two paths alone keep them more than `limit` apart."""
+    for axis in (0, 1):
+        along_a, along_b = [point[axis] for point in a], [point[axis] for point in b]
+        if min(along_a) > max(along_b) + limit or min(along_b) > max(along_a) + limit:
+            return True
+    return False
 
 
 def _no_fly(plan: Plan) -> Iterator[Violation]:

@@ -57,6 +57,7 @@ METHODS: dict[str, Method] = {
     "static": baselines.static,
     "baseline1": baselines.baseline1,
     "baseline2": baselines.baseline2,
+    "baseline2_fixed": baselines.baseline2_fixed,
 }
 DEFAULT_METHOD = "fast"
 

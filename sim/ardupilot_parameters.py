@@ -31,6 +31,7 @@ _CEILING, _CIRCLE, _POLYGON = 1, 2, 4
 def ardupilot_parameters(limits: Limits) -> list[Parameter]:
     """Return the parameters an ArduCopter with these limits boots with; speeds in cm/s as it has them."""
     return [
+        Parameter("ARMING_CHECK", 1, 0, 1_048_575, INT32),
         Parameter("AUTO_OPTIONS", 0, 0, 255, INT32),
         Parameter("BATT_CAPACITY", 5000, 0, 100_000, INT32),
         Parameter("BATT_CRT_MAH", 0.0, 0.0, 100_000.0),

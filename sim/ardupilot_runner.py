@@ -141,6 +141,11 @@ class ArdupilotRunner(MissionRunner):
                 return False
         return super()._is_done(body, target, now_s)
 
+    def _yaw(self, item: MissionItem) -> float | None:
+        """ArduCopter keeps no yaw of a waypoint: the nose goes along the course (WP_YAW_BEHAVIOR)."""
+        del item
+        return None
+
     def _radius(self, item: MissionItem) -> float:
         del item
         return self._parameters.tuning.acceptance_radius_m

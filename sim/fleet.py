@@ -213,7 +213,9 @@ class Fleet:
         return EPOCH_S + self.now_s if self._flying is None else time.time()
 
     def _strike(self, fault: Fault) -> None:
-        self._log(fault.system_id, "fault", describe(fault))
+        knobs = describe(fault)
+        del knobs["system_id"]
+        self._log(fault.system_id, "fault", {"fault": knobs.pop("kind"), **knobs})
         fault.strike(self.vehicles[fault.system_id])
 
     def _judge_slots(self, before_s: float, after_s: float) -> None:

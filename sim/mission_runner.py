@@ -51,6 +51,7 @@ class Target:
     up_m: float
     radius_m: float
     passing_mps: float
+    yaw_rad: float | None = None
 
 
 class MissionRunner(MissionGeometry):
@@ -212,7 +213,7 @@ class MissionRunner(MissionGeometry):
             up_m = max(up_m, self._parameters.tuning.takeoff_alt_m)
         self._climb_first = body.on_ground and item.command != dialect.MAV_CMD_NAV_LAND
         passing = self.passing_speed(self.index, self._was, (east_m, north_m), self.speed_mps, self.look_ahead)
-        self._target = Target(east_m, north_m, up_m, self._radius(item), passing)
+        self._target = Target(east_m, north_m, up_m, self._radius(item), passing, self._yaw(item))
         return self._target
 
     def _delay(self, body: Body, now_s: float) -> Guidance | None:
@@ -261,7 +262,13 @@ class MissionRunner(MissionGeometry):
             late = vertical_s > body.distance_to(target.east_m, target.north_m) / max(self.cruise_mps, 0.1)
             if late and abs(rise_m) > self._parameters.tuning.altitude_radius_m:
                 passing = 0.0
-        return Guidance(target.east_m, target.north_m, target.up_m, self.cruise_mps, passing)
+        place = (target.east_m, target.north_m, target.up_m)
+        return Guidance(*place, self.cruise_mps, passing, yaw_rad=target.yaw_rad)
+
+    def _yaw(self, item: MissionItem) -> float | None:
+        """Return the heading a waypoint asks for (param4, degrees); NaN leaves it along the course."""
+        wanted = item.command == dialect.MAV_CMD_NAV_WAYPOINT and math.isfinite(item.param4)
+        return math.radians(item.param4) if wanted else None
 
     def _forget(self) -> None:
         self._target = self._delay_until_s = None

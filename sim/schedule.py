@@ -7,7 +7,7 @@ from sim.faults import FAULTS, Fault, fault_from
 from sim.slots import SlotGrid
 
 _TEXT = re.compile(
-    r"(?P<kind>[a-z-]+):(?P<system_id>\d+)(@(?:slot=(?P<slot>\d+)|(?P<at>\d+(?:\.\d+)?)))?(,(?P<knobs>.+))?"
+    r"(?P<kind>[a-z_-]+):(?P<system_id>\d+)(@(?:slot=(?P<slot>\d+)|(?P<at>\d+(?:\.\d+)?)))?(,(?P<knobs>.+))?"
 )
 
 
@@ -39,14 +39,15 @@ class Schedule:
 def parse_fault(text: str) -> tuple[Fault, float | None, int | None]:
     """Return a fault, its time and its slot, from `KIND:VEHICLE[@SECONDS|@slot=N][,KNOB=VALUE...]`.
 
-    Knobs of a link's directions are written `up.loss=0.2`. ValueError says what cannot be.
+    Words of a kind are joined by `-` or `_`. Knobs of a link's directions are written `up.loss=0.2`.
+    ValueError says what cannot be.
     """
     match = _TEXT.fullmatch(text)
     if match is None:
         raise ValueError(
             f"{text!r} must look like KIND:VEHICLE[@SECONDS|@slot=N][,KNOB=VALUE...], KIND of {', '.join(FAULTS)}"
         )
-    data: dict[str, Any] = {"kind": match["kind"], "system_id": int(match["system_id"])}
+    data: dict[str, Any] = {"kind": match["kind"].replace("-", "_"), "system_id": int(match["system_id"])}
     for knob in match["knobs"].split(",") if match["knobs"] else []:
         name, equals, value = knob.partition("=")
         if not equals:

@@ -39,7 +39,7 @@ class Event:
     """Something that happened at a moment of fleet time.
 
     Kinds: armed, disarmed, mode {mode}, takeoff, landed, crashed {impact_mps}, mission_accepted {mission_id, items},
-    fence_accepted {items}, rally_accepted {items}, item_reached {seq}, failsafe {cause, action}, fault {kind, ...},
+    fence_accepted {items}, rally_accepted {items}, item_reached {seq}, failsafe {cause, action}, fault {fault, knobs},
     killed, muted {for_s}, unmuted, frozen {for_s}, thawed, rebooting, booted, gps_lost, gps_back, motor_failed,
     battery_set {share}, clock_jumped {seconds}, slot {slot, error_m}.
     """

@@ -8,11 +8,11 @@ from fastapi import APIRouter, Depends, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from api.creation import Creation
-from api.drills import DrillView, new_drill
+from api.drills import DrillOptions, DrillView, new_drill
 from api.routes.deps import KNOWN, Before, Limit, ServiceDep, creates, requires
 from api.routes.examples import DRILL_EXAMPLES
 from api.security import Role
-from api.simulated import FAULTS
+from sim import FAULTS
 
 router = APIRouter(prefix="/v1", tags=["drills"], dependencies=[*KNOWN, requires(Role.VIEWER)])
 
@@ -28,9 +28,7 @@ class DrillRequest(BaseModel):
     at_slot: Annotated[
         int | None, Field(ge=0, le=1_000_000, strict=True, description="When this slot begins; null: at once.")
     ] = None
-    options: Annotated[
-        dict[str, float | int | str | bool], Field(max_length=16, description="What the fault takes, by name.")
-    ] = {}
+    options: Annotated[DrillOptions, Field(max_length=16, description="What the fault takes, by name.")] = {}
 
 
 class DrillPage(BaseModel):

@@ -95,7 +95,7 @@ class Links(NamedTuple):
     """Who serves whom: in slot n the entries [0, used[n]) of (N, W) user, uav, khz; each user at most once.
 
     floor: (N, W), kbit/s that the link must keep: the least rate of its user.
-    W is U for `sum` without minimum rates, else K.
+    log_weight: (K,), of the last minorant (`shares.py`). W is U for `sum` without minimum rates, else K.
     """
 
     used: Ints
@@ -103,6 +103,7 @@ class Links(NamedTuple):
     uav: Ints
     khz: Array
     floor: Array
+    log_weight: Array
 
 
 def arena_of(problem: Problem) -> Arena:
@@ -168,9 +169,17 @@ def links_of(arena: Arena) -> Links:
         uav=np.zeros(shape, dtype=np.int64),
         khz=np.zeros(shape),
         floor=np.zeros(shape),
+        log_weight=np.zeros(n_users),
     )
 
 
 def copy_of(links: Links) -> Links:
     """The same links in tables of their own."""
-    return Links(links.used.copy(), links.user.copy(), links.uav.copy(), links.khz.copy(), links.floor.copy())
+    return Links(
+        links.used.copy(),
+        links.user.copy(),
+        links.uav.copy(),
+        links.khz.copy(),
+        links.floor.copy(),
+        links.log_weight.copy(),
+    )

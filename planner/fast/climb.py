@@ -8,10 +8,14 @@ from planner.fast.arena import MARGIN, SUM, Arena, Array, Ints, Links, entry, ke
 from planner.fast.ascent import Ascent, ascend, ascent_of
 from planner.fast.matching import match_all
 from planner.fast.rates import link_rates, slot_signals, value
-from planner.fast.shares import share_all
+from planner.fast.shares import copy_links, new_links, share_all, tangent_weights
 
-RELINKS = 3
-"""Minorants in a row in each pass: cheap beside the steering."""
+RELINKS = 4
+"""Minorants in a row in each pass."""
+CREEP = 1e-4
+"""A minorant that gains less than this, relatively, is the last of its pass."""
+LONGER, FURTHEST = 2.0, 16.0
+"""By how much the next minorant goes further beyond the tangent than the last, and how far at most."""
 
 
 @entry
@@ -25,19 +29,44 @@ def climb(arena: Arena, path: Array, links: Links, steps: int, tolerance: float)
     if steps > 0:
         settled = ascend(arena, links, path, steps, tolerance, scratch) < steps
         _, steered, _ = worth(arena, path, links, scratch)
-    relink(arena, path, links, scratch.rate)
+    relink(arena, path, links, scratch)
     unmet, utility, total = worth(arena, path, links, scratch)
     return unmet, utility, total, settled and utility - steered <= tolerance * abs(utility)
 
 
 @kernel
-def relink(arena: Arena, path: Array, links: Links, rate: Array) -> None:
-    """The best association and bandwidth at `path` (N, 2, U): exact for `sum`, else better than those in `links`."""
+def relink(arena: Arena, path: Array, links: Links, scratch: Ascent) -> None:
+    """The best association and bandwidth at `path` (N, 2, U): exact for `sum`, else better than those in `links`.
+
+    Minorants are taken beyond the exact tangent, in the direction in which the last one turned, as long as the
+    utility grows: on their own they creep.
+    """
     if arena.kind == SUM and not arena.has_minimum:
         match_all(arena, path, links)
         return
+    if arena.kind == SUM or links.used[0] == 0:
+        share_all(arena, path, links)
+    if arena.kind == SUM:
+        return
+    trial, tangent, reach = new_links(links), np.empty(links.log_weight.shape[0]), 1.0
+    unmet, utility, _ = worth(arena, path, links, scratch)
     for _ in range(RELINKS):
-        share_all(arena, path, links, rate)
+        tangent_weights(arena, links, scratch.rate, tangent)
+        copy_links(links, trial)
+        for k in range(tangent.shape[0]):
+            trial.log_weight[k] += reach * (tangent[k] - links.log_weight[k])
+        share_all(arena, path, trial)
+        new_unmet, new_utility, _ = worth(arena, path, trial, scratch)
+        if (-new_unmet, new_utility) > (-unmet, utility):
+            copy_links(trial, links)
+            if new_utility - utility <= CREEP * abs(new_utility) and new_unmet == unmet:
+                return
+            unmet, utility, reach = new_unmet, new_utility, min(FURTHEST, reach * LONGER)
+        elif reach == 1.0:
+            return
+        else:
+            reach = 1.0
+            link_rates(arena, path, links, scratch.rate)
 
 
 @kernel

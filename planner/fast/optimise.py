@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planner.fast.arena import Arena, Array, Links, arena_of, copy_of, links_of
 from planner.fast.climb import climb as climb_on
@@ -19,7 +18,6 @@ from planner.stopping import StoppingRule
 
 STEPS = 20
 TOLERANCE = 1e-5
-MAX_RELINKS = 100
 HOPELESS = 3.0
 """A further climb is given up when so many passes as good as its last one would not reach the best."""
 UNREACHABLE = "uavs: no paths found that bring every UAV to its end_m in time"
@@ -108,19 +106,15 @@ def flyable(problem: Problem, wanted_m: Array | None = None) -> Array:
     return np.ascontiguousarray(path.transpose(2, 0, 1))
 
 
-def linked(problem: Problem, paths_m: Array) -> tuple[NDArray[np.intp], Array]:
-    """The best association, (K, N) UAV index, and bandwidth, (K, N) Hz, at `paths_m`, (U, N, 2) metres."""
+def linked(problem: Problem, paths_m: Array) -> Solution:
+    """The best association and bandwidth at flyable paths (U, N, 2), metres: exact for `sum` without least rates."""
     arena = arena_of(problem)
-    path = np.ascontiguousarray(paths_m.transpose(1, 2, 0))
-    links = links_of(arena)
-    reached = -np.inf
-    for _ in range(MAX_RELINKS):
-        utility = climb_on(arena, path, links, 0, 0.0)[1]
-        if utility <= reached + TOLERANCE * abs(utility):
-            break
-        reached = utility
-    solution = _solution(problem, arena, Climb(path, links, 0, reached, 0.0, settled=True), [])
-    return solution.serving, solution.bandwidth_hz
+    still = _begin(arena, np.ascontiguousarray(paths_m.transpose(1, 2, 0)))
+    before = -np.inf
+    while still.utility_kbps - before > TOLERANCE * abs(still.utility_kbps):
+        before = still.utility_kbps
+        _, still.utility_kbps, _, _ = climb_on(arena, still.path, still.links, 0, 0.0)
+    return _solution(problem, arena, still, [])
 
 
 def _start(

@@ -48,13 +48,10 @@ MATRIX = [
     Case("classified"),
     Case("replanned"),
     Case("checked"),
-    Case("uploading", "before"),
     Case("uploading", "after", 2),
     Case("verified", "before"),
     Case("verified"),
-    Case("verified", "after", 2),
     Case("flying"),
-    Case("closed", "before"),
     Case("closed"),
 ]
 

@@ -1,8 +1,6 @@
 """Operations over HTTP against simulated vehicles on real sockets."""
 
-import asyncio
 import socket
-import threading
 import time
 from collections.abc import Iterator
 from typing import Any
@@ -14,33 +12,14 @@ import sim
 from api.app import create_app
 from api.demo.client import free_port
 from api.settings import Settings
-from api.simulate import specs_at_starts
 from planner import EXAMPLES
+from tests.api.flying import FleetThread
 
 SPEEDUP = 20.0
 
 
-class FleetThread:
-    """A simulated fleet with an event loop of its own, as another process would be."""
-
-    def __init__(self, endpoint: str, absent: tuple[int, ...] = ()) -> None:
-        specs = [spec for spec in specs_at_starts(EXAMPLES["minimal"]()) if spec.system_id not in absent]
-        self.fleet = sim.Fleet(specs, clock=sim.ScaledClock(SPEEDUP), endpoint=endpoint)
-        self._loop = asyncio.new_event_loop()
-        self._until = asyncio.Event()
-        self._thread = threading.Thread(target=self._run)
-        self._thread.start()
-
-    def _run(self) -> None:
-        self._loop.run_until_complete(sim.serve(self.fleet, until=self._until))
-        self._loop.close()
-
-    def inject(self, fault: sim.Fault) -> None:
-        self._loop.call_soon_threadsafe(self.fleet.inject, fault)
-
-    def stop(self) -> None:
-        self._loop.call_soon_threadsafe(self._until.set)
-        self._thread.join()
+def simulated(endpoint: str, absent: tuple[int, ...] = ()) -> FleetThread:
+    return FleetThread(EXAMPLES["minimal"](), endpoint, SPEEDUP, absent)
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +51,7 @@ def follow(client: TestClient, path: str, *states: str, limit_s: float = 60.0) -
 
 def test_a_vehicle_that_never_answers_fails_the_upload_by_name(service: tuple[TestClient, str]) -> None:
     client, endpoint = service
-    fleet = FleetThread(endpoint, absent=(2,))
+    fleet = simulated(endpoint, absent=(2,))
     try:
         plan_id = ready(client)
         answer = client.post("/v1/operations", json={"plan_id": plan_id})
@@ -87,7 +66,7 @@ def test_a_vehicle_that_never_answers_fails_the_upload_by_name(service: tuple[Te
 
 def test_a_loss_in_flight_is_answered_and_the_survivor_lands(service: tuple[TestClient, str]) -> None:
     client, endpoint = service
-    fleet = FleetThread(endpoint)
+    fleet = simulated(endpoint)
     try:
         answer = client.post("/v1/operations", json={"plan_id": ready(client)})
         path = answer.headers["Location"]
@@ -116,7 +95,7 @@ def test_a_loss_in_flight_is_answered_and_the_survivor_lands(service: tuple[Test
 
 def test_an_aborted_operation_leaves_vehicles_holding(service: tuple[TestClient, str]) -> None:
     client, endpoint = service
-    fleet = FleetThread(endpoint)
+    fleet = simulated(endpoint)
     try:
         path = client.post("/v1/operations", json={"plan_id": ready(client)}).headers["Location"]
         follow(client, path, "flying", "failed")

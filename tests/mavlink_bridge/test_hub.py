@@ -120,9 +120,11 @@ class Peer(asyncio.DatagramProtocol):
 
 
 async def peer(to: int | None = None, at: int = 0) -> Peer:
-    where = {"remote_addr": ("127.0.0.1", to)} if to else {"local_addr": ("127.0.0.1", at)}
-    _, made = await asyncio.get_running_loop().create_datagram_endpoint(Peer, **where)  # type: ignore[call-overload]
-    assert isinstance(made, Peer)
+    loop = asyncio.get_running_loop()
+    if to is not None:
+        _, made = await loop.create_datagram_endpoint(Peer, remote_addr=("127.0.0.1", to))
+    else:
+        _, made = await loop.create_datagram_endpoint(Peer, local_addr=("127.0.0.1", at))
     return made
 
 

@@ -73,7 +73,8 @@ def test_slip_is_told_once_a_slot_in_metres_and_seconds(keeper: Keeper) -> None:
     assert keeper.slip(4.9, (0.0, 12.0)) is None
     slip = keeper.slip(5.0, (0.0, 12.0))
     assert slip is not None
-    assert (slip.slot, slip.distance_m, slip.late_s) == (1, 8.0, pytest.approx(2.0))
+    assert (slip.slot, slip.distance_m) == (1, 8.0)
+    assert slip.late_s == pytest.approx(2.0)
     assert keeper.slip(5.1, (0.0, 12.0)) is None
     early = keeper.slip(10.0, (0.0, 44.0))
     assert early is not None

@@ -170,3 +170,34 @@ def test_a_waypoint_is_not_reached_before_its_altitude(airborne: "Bench", items:
     airborne.fly_until(lambda: airborne.reached() == [0])
     assert airborne.autopilot.body.up_m > 49.0
     assert distance(airborne, 5.0, 0.0) <= 2.0
+
+
+def test_a_waypoint_turns_the_nose_as_it_asks_and_no_faster_than_it_can(airborne: "Bench", items: "Items") -> None:
+    airborne.upload(items.waypoint(200.0, 0.0, current=1.0), items.waypoint(400.0, 0.0))
+    airborne.set_mode(MISSION)
+    airborne.fly(5.0)
+    assert airborne.autopilot.body.yaw_rad == pytest.approx(0.0, abs=0.01)
+    items.seq = 0
+    turned = list(items.waypoint(400.0, 0.0, current=1.0))
+    turned[8] = 90.0
+    airborne.upload(tuple(turned))
+    airborne.fly(0.5)
+    assert airborne.autopilot.body.yaw_rad == pytest.approx(math.radians(30.0), abs=0.06)
+    airborne.fly(2.0)
+    assert airborne.autopilot.body.yaw_rad == pytest.approx(math.pi / 2.0, abs=0.01)
+
+
+def test_loiter_time_and_delay_stay_as_long_as_they_say(airborne: "Bench", items: "Items") -> None:
+    airborne.upload(
+        items.add(19, current=1.0, north_m=20.0, p1=6.0),
+        items.add(93, frame=2.0, p1=4.0, x=0.0, y=0.0, up_m=0.0),
+        items.waypoint(40.0, 0.0),
+    )
+    airborne.set_mode(MISSION)
+    airborne.fly_until(lambda: airborne.reached() == [0])
+    loitered = airborne.autopilot.now_s
+    assert distance(airborne, 20.0, 0.0) < 0.5
+    waited = airborne.fly_until(lambda: airborne.reached() == [0, 1])
+    assert waited == pytest.approx(4.0, abs=0.1)
+    near = [t for t, kind, _ in airborne.events if kind == "mode"][-1]
+    assert loitered - near > 6.0

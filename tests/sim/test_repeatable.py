@@ -98,4 +98,4 @@ def test_the_truth_log_holds_positions_faults_and_messages(
         '{"log":"message"': len(fleet.truth.messages),
     }
     assert sorted(fleet.truth.lines()) == sorted(lines)
-    assert [event.detail["kind"] for event in fleet.truth.happened("fault")] == ["mute", "gps-loss"]
+    assert [event.detail["fault"] for event in fleet.truth.happened("fault")] == ["mute", "gps_loss"]

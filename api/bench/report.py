@@ -1,0 +1,155 @@
+"""The benchmark's figures for the eye: a terminal table, and Markdown for `docs/`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rich.table import Table
+
+Row = dict[str, Any]
+TIMES = (
+    "Warm milliseconds, p50 (p99); utility in kbit/s. Ours is the optimiser alone, from one start (hovering). The "
+    "reference path is Algorithm 1 on cvxpy and Clarabel from the same start. IPOPT (CasADi) plans trajectories in "
+    "turn with our association and bandwidth from the same start; its time is that of its own calls, without building "
+    "the program, and it has no minimum separation to keep."
+)
+CALLS = (
+    "`plan()` and `replan()` with certificate, feasibility check and plan object; the replan comes after the loss of "
+    "one UAV half-way."
+)
+
+
+def table(figures: Row) -> Table:
+    """Times and objectives of each size beside the yardsticks'."""
+    header, *lines = _sizes(figures)
+    shown = Table(*header, title=f"planner on {figures['machine']['cpu']}, one core")
+    for line in lines:
+        shown.add_row(*line)
+    return shown
+
+
+def markdown(figures: Row) -> str:
+    """All tables of the benchmark as one Markdown page; every number comes from `figures`."""
+    parts = [
+        "# Planner benchmark",
+        _measured_on(figures["machine"]),
+        "## Time and objective",
+        TIMES,
+        _grid(_sizes(figures)),
+        "## Whole calls, replans and memory",
+        CALLS,
+        _grid(_calls(figures)),
+        "## Ablation at 3x9x20",
+        *[_ablation(kind, figures["ablation"][kind]) for kind in figures["ablation"]],
+        "## Certificate at 3x9x20",
+        _grid(_proofs(figures)),
+        "## Growth",
+        *[
+            f"`{kind}`: time grows as (U K N)^{growth['plan_exponent']:.2f} (cold plan), "
+            f"^{growth['replan_exponent']:.2f} (replan)."
+            for kind, growth in figures["growth"].items()
+            if growth
+        ],
+        "## Targets",
+        _grid(_targets(figures)),
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def _measured_on(machine: Row) -> str:
+    return (
+        f"Measured by `skyfolio bench planner --json` on {machine['cpu']}, one core of {machine['cores']}, "
+        f"{machine['memory_gb']} GB, {machine['platform']}, Python {machine['python']}; load average at the end "
+        f"{machine['load']:.1f}. Written by `skyfolio bench report`; do not edit."
+    )
+
+
+def _sizes(figures: Row) -> list[list[str]]:
+    lines = [
+        ["U x K x N", "utility", "ms", "kbit/s", "bound", "reference: ms", "kbit/s", "IPOPT: ms", "kbit/s", "ratios"]
+    ]
+    for row in figures["rows"]:
+        ours = row["fast"].get("plan")
+        if not ours:
+            lines.append([row["size"], row["kind"], row["fast"]["skipped"], *[""] * 7])
+            continue
+        ratios = row["ratios"]
+        lines.append(
+            [
+                row["size"],
+                row["kind"],
+                f"{ours['p50_ms']:.2f} ({ours['p99_ms']:.2f})",
+                f"{ours['utility_kbps']:.2f}",
+                f"{row['fast']['bound_kbps']:.1f}",
+                *_yardstick(row["reference"]),
+                *_yardstick(row["ipopt"]),
+                ", ".join(
+                    f"{ratios[key]:,.0f}x" for key in ("reference_plan_time", "ipopt_plan_time") if key in ratios
+                ),
+            ]
+        )
+    return lines
+
+
+def _yardstick(case: Row) -> list[str]:
+    if "plan" not in case:
+        return ["-", "-"]
+    return [f"{case['plan']['p50_ms']:,.0f}", f"{case['plan']['utility_kbps']:.2f}"]
+
+
+def _calls(figures: Row) -> list[list[str]]:
+    lines = [["U x K x N", "utility", "plan() ms", "replan ms", "replan kbit/s", "replan() ms", "gap", "peak MB"]]
+    for row in figures["rows"]:
+        ours = row["fast"]
+        if "plan" in ours:
+            lines.append(
+                [
+                    row["size"],
+                    row["kind"],
+                    f"{ours['plan_call']['p50_ms']:.1f}",
+                    f"{ours['replan']['p50_ms']:.2f} ({ours['replan']['p99_ms']:.2f})",
+                    f"{ours['replan']['utility_kbps']:.2f}",
+                    f"{ours['replan_call']['p50_ms']:.1f}",
+                    f"{ours['gap']:.1%}",
+                    f"{ours['peak_mb']:.0f}",
+                ]
+            )
+    return lines
+
+
+def _ablation(kind: str, case: Row) -> str:
+    if "rows" not in case:
+        return f"`{kind}`: {case['skipped']}"
+    lines = [[f"`{kind}`, mean of {case['layouts']} layouts", "kbit/s", "ms"]]
+    lines += [[row["what"], f"{row['utility_kbps']:.2f}", f"{row['ms']:.1f}"] for row in case["rows"]]
+    return _grid(lines)
+
+
+def _proofs(figures: Row) -> list[list[str]]:
+    lines = [["utility", "layouts", "root gap, mean (max)", "after branch and bound", "rectangles", "seconds"]]
+    for kind, case in figures["proof"].items():
+        if "gap_mean" in case:
+            lines.append(
+                [
+                    kind,
+                    str(case["layouts"]),
+                    f"{case['root_gap_mean']:.1%} ({case['root_gap_max']:.1%})",
+                    f"{case['gap_mean']:.1%} ({case['gap_max']:.1%})",
+                    f"{case['nodes_mean']:,.0f}",
+                    f"{case['seconds_mean']:.1f}",
+                ]
+            )
+    return lines
+
+
+def _targets(figures: Row) -> list[list[str]]:
+    lines = [["what", "measured", "asked", "met"]]
+    for one in figures["targets"]:
+        asked = f"<= {one['at_most']:g}" if "at_most" in one else f">= {one['at_least']:g}"
+        lines.append([one["what"], f"{one['measured']:.4g}", asked, "yes" if one["met"] else "**no**"])
+    return lines
+
+
+def _grid(lines: list[list[str]]) -> str:
+    header, *rows = ["| " + " | ".join(line) + " |" for line in lines]
+    return "\n".join([header, "|" + "---|" * len(lines[0]), *rows])

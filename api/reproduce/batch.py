@@ -1,0 +1,49 @@
+"""Many jobs on all cores, each computed once."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from collections.abc import Callable, Hashable, Iterable
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from types import TracebackType
+from typing import Any, Self, TypeVar
+
+J = TypeVar("J", bound=Hashable)
+R = TypeVar("R")
+Advance = Callable[[int, int], None]
+"""Told (done, known so far) whenever a job ends."""
+
+
+def silent(done: int, of: int) -> None:
+    """The observer that does not look."""
+
+
+class Batch:
+    """A pool of worker processes that remembers what it has computed. Use as a context manager."""
+
+    def __init__(self, advance: Advance, workers: int | None = None) -> None:
+        self._advance = advance
+        self._workers = workers or os.cpu_count() or 1
+        self._known: dict[tuple[str, Hashable], Any] = {}
+        self._done = self._asked = 0
+
+    def __enter__(self) -> Self:
+        self._pool = ProcessPoolExecutor(self._workers, mp_context=multiprocessing.get_context("spawn"))
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+    def run(self, work: Callable[[J], R], jobs: Iterable[J]) -> dict[J, R]:
+        """`work(job)` of every job; what was computed before is not computed again. Raises what `work` raises."""
+        jobs = list(dict.fromkeys(jobs))
+        new = [job for job in jobs if (work.__qualname__, job) not in self._known]
+        self._asked += len(new)
+        self._advance(self._done, self._asked)
+        futures = {self._pool.submit(work, job): job for job in new}
+        for future in as_completed(futures):
+            self._known[work.__qualname__, futures[future]] = future.result()
+            self._done += 1
+            self._advance(self._done, self._asked)
+        return {job: self._known[work.__qualname__, job] for job in jobs}

@@ -1,0 +1,262 @@
+"""One slot with several users for each UAV: bands in closed form, and users that change places while it helps."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from planner.fast.arena import SUM, Arena, Array, Ints, kernel
+
+SWEEPS = 4
+UNMET = 1e9
+"""What leaving one least rate unmet costs, beside which every utility is small."""
+
+
+class Market(NamedTuple):
+    """One slot's state. eff: (K, U) bit/s/Hz, 0 for pairs out of the question; weight, log_weight: (K,), `w`.
+
+    member: (U, K), the users of each UAV, the first size[u] (U,) of them. cost, price: (U,), what the users of each
+    UAV add to the minimised sum, and what a kHz is worth there, lambda (for `sum` its rate). decay, first, was: (K,),
+    scratch.
+    """
+
+    eff: Array
+    weight: Array
+    log_weight: Array
+    member: Ints
+    size: Ints
+    cost: Array
+    price: Array
+    decay: Array
+    first: Array
+    was: Array
+
+
+@kernel
+def market_of(n_uavs: int, log_weight: Array) -> Market:
+    """Tables of the right size, with the weights exp(log_weight) (K,)."""
+    n_users = log_weight.shape[0]
+    return Market(
+        np.zeros((n_users, n_uavs)),
+        np.exp(log_weight),
+        log_weight,
+        np.empty((n_uavs, n_users), dtype=np.int64),
+        np.empty(n_uavs, dtype=np.int64),
+        np.empty(n_uavs),
+        np.empty(n_uavs),
+        np.empty(n_users),
+        np.empty(n_users),
+        np.empty(n_users),
+    )
+
+
+@kernel
+def share_slot(arena: Arena, market: Market, serving: Ints, khz: Array) -> None:
+    """Improve `serving` (K,) of a slot, and fill `khz` (K,): moves of single users until none helps."""
+    n_users, n_uavs = market.eff.shape
+    for u in range(n_uavs):
+        market.size[u] = 0
+    for k in range(n_users):
+        _join(market, k, serving[k])
+    for u in range(n_uavs):
+        fill(arena, market, u, khz)
+    # Fields are read once, out here: inside the loops numba would count references to each of them.
+    eff, weight, log_weight, price = market.eff, market.weight, market.log_weight, market.price
+    band, min_kbps, decay = arena.khz, arena.min_kbps, 0.0 if arena.kind == SUM else -arena.mu
+    for _ in range(SWEEPS):
+        moved = False
+        for k in range(n_users):
+            u = serving[k]
+            if decay > 0.0 and min_kbps[k] == 0.0:
+                to = _promising(decay, eff, weight[k], log_weight[k], price, band, k, u)
+            else:
+                to = _promising_with_floor(decay, eff, log_weight[k], price, band, min_kbps[k], k, u, khz[k])
+            if to >= 0 and _try_move(arena, market, k, to, serving, khz):
+                moved = True
+        if not moved:
+            return
+
+
+@kernel
+def _join(market: Market, k: int, u: int) -> None:
+    market.member[u, market.size[u]] = k
+    market.size[u] += 1
+
+
+@kernel
+def _leave(market: Market, k: int, u: int) -> None:
+    last = market.size[u] - 1
+    for i in range(last):
+        if market.member[u, i] == k:
+            market.member[u, i] = market.member[u, last]
+            break
+    market.size[u] = last
+
+
+@kernel
+def _promising(
+    decay: float, eff: Array, weight: float, log_weight: float, price: Array, band: Array, k: int, u: int
+) -> int:
+    """The UAV where user k would cost less than at u, at the present prices, or -1.
+
+    Most users would take no band anywhere, which is found out without a logarithm.
+    """
+    best, least = -1, weight
+    worth = weight * decay
+    if worth * eff[k, u] > price[u]:
+        least = _cost(decay * eff[k, u], log_weight, price[u], band[u], 0.0)
+    least *= 1.0 - 1e-12
+    for i in range(eff.shape[1]):
+        if i != u and worth * eff[k, i] > price[i]:
+            promised = _cost(decay * eff[k, i], log_weight, price[i], band[i], 0.0)
+            if promised < least:
+                least, best = promised, i
+    return best
+
+
+@kernel
+def _cost(decay: float, log_weight: float, price: float, band: float, least_khz: float) -> float:
+    """What a user adds to the minimised sum, and its band to the price, when it takes what suits it."""
+    wanted = band  # of a UAV without users
+    if price > 0.0:
+        wanted = max(least_khz, (log_weight + np.log(decay / price)) / decay)
+    return float(np.exp(log_weight - decay * wanted) + price * wanted)
+
+
+@kernel
+def _promising_with_floor(
+    decay: float,
+    eff: Array,
+    log_weight: float,
+    price: Array,
+    band: Array,
+    min_kbps: float,
+    k: int,
+    u: int,
+    khz: float,
+) -> int:
+    """The same under `sum` and for users with a least rate, who leave a UAV that cannot give it whatever the price."""
+    best, least = -1, np.inf
+    for i in range(-1, eff.shape[1]):
+        to = u if i < 0 else i
+        if i == u or eff[k, to] <= 0.0 or (i < 0 and khz * eff[k, u] < min_kbps * (1.0 - 1e-12)):
+            continue
+        least_khz = min_kbps / eff[k, to]
+        if decay == 0.0:
+            promised = least_khz * price[to] - min_kbps - max(0.0, eff[k, to] - price[to]) * band[to]
+        else:
+            promised = _cost(decay * eff[k, to], log_weight, price[to], band[to], least_khz)
+        if promised < least - 1e-12 * abs(promised):
+            least, best = promised, i
+    return best
+
+
+@kernel
+def _try_move(arena: Arena, market: Market, k: int, to: int, serving: Ints, khz: Array) -> bool:
+    """Move user k to UAV `to` when the slot really costs less for it; whether it moved."""
+    u, member, count = serving[k], market.member, market.size
+    for i in range(count[u]):
+        market.was[member[u, i]] = khz[member[u, i]]
+    for i in range(count[to]):
+        market.was[member[to, i]] = khz[member[to, i]]
+    cost_u, price_u, cost_to, price_to = market.cost[u], market.price[u], market.cost[to], market.price[to]
+    _leave(market, k, u)
+    _join(market, k, to)
+    fill(arena, market, u, khz)
+    fill(arena, market, to, khz)
+    before = cost_u + cost_to
+    if market.cost[u] + market.cost[to] < before - 1e-12 * abs(before):
+        serving[k] = to
+        return True
+    _leave(market, k, to)
+    _join(market, k, u)
+    market.cost[u], market.price[u], market.cost[to], market.price[to] = cost_u, price_u, cost_to, price_to
+    for i in range(count[u]):
+        khz[member[u, i]] = market.was[member[u, i]]
+    for i in range(count[to]):
+        khz[member[to, i]] = market.was[member[to, i]]
+    return False
+
+
+@kernel
+def fill(arena: Arena, market: Market, u: int, khz: Array) -> None:
+    """Share the band of UAV u among its users, least rates first, into `khz` (K,), and note cost and price."""
+    count, members, eff = market.size[u], market.member[u], market.eff
+    market.cost[u] = market.price[u] = 0.0
+    if count == 0:
+        return
+    left, cost = arena.khz[u], 0.0
+    for i in range(count):
+        khz[members[i]] = 0.0
+    if arena.has_minimum:
+        left, cost = _reserve(arena, market, u, khz)
+    if arena.kind == SUM:
+        top = members[0]
+        for i in range(count):
+            if eff[members[i], u] > eff[top, u]:
+                top = members[i]
+        khz[top] += left
+        for i in range(count):
+            cost -= khz[members[i]] * eff[members[i], u]
+        market.price[u] = eff[top, u]
+    else:
+        for i in range(count):
+            k = members[i]
+            market.decay[k] = -arena.mu * eff[k, u]
+            market.first[k] = market.log_weight[k] + np.log(market.decay[k]) - market.decay[k] * khz[k]
+        level = water_fill(market.decay, market.first, left, members, count, khz)
+        for i in range(count):
+            k = members[i]
+            cost += np.exp(market.log_weight[k] - market.decay[k] * khz[k])
+        market.price[u] = np.exp(level)
+    market.cost[u] = cost
+
+
+@kernel
+def _reserve(arena: Arena, market: Market, u: int, khz: Array) -> tuple[float, float]:
+    """Give each member what its least rate takes, the cheapest first while it lasts: (kHz left, penalty)."""
+    left, waiting, members, count = arena.khz[u], 0, market.member[u], market.size[u]
+    for i in range(count):
+        waiting += arena.min_kbps[members[i]] > 0.0
+    while waiting > 0:
+        cheapest, least = -1, np.inf
+        for i in range(count):
+            k = members[i]
+            if arena.min_kbps[k] > 0.0 and khz[k] == 0.0 and arena.min_kbps[k] < least * market.eff[k, u]:
+                cheapest, least = k, arena.min_kbps[k] / market.eff[k, u]
+        if cheapest < 0 or least > left:
+            return left, UNMET * waiting
+        khz[cheapest] = least
+        left -= least
+        waiting -= 1
+    return left, 0.0
+
+
+@kernel
+def water_fill(decay: Array, first: Array, left: float, members: Ints, count: int, khz: Array) -> float:
+    """Add `left` kHz to what `khz` (K,) gives the first `count` members, minimising sum w exp(-decay khz); log lambda.
+
+    decay: (K,); first: (K,), the log of what the next kHz is worth, log(w decay) - decay khz. Members for whom that is
+    less than lambda drop out until none does: finite and exact, as in projecting on a simplex. Reorders the members.
+    """
+    active, level = count, -np.inf
+    while True:
+        worth, width, kept = 0.0, 0.0, 0
+        for i in range(active):
+            k = members[i]
+            if first[k] > level:
+                worth += first[k] / decay[k]
+                width += 1.0 / decay[k]
+                members[i], members[kept] = members[kept], k
+                kept += 1
+        if kept == 0:
+            return level
+        settled = kept == active and level > -np.inf
+        level, active = (worth - left) / width, kept
+        if settled:
+            break
+    for i in range(active):
+        k = members[i]
+        khz[k] += max(0.0, (first[k] - level) / decay[k])
+    return level

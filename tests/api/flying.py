@@ -1,0 +1,111 @@
+"""A service and a simulated fleet in one process, each with an event loop of its own, for tests that fly."""
+
+import asyncio
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from fastapi import FastAPI
+from fastapi.testclient import TestClient
+
+import sim
+from api.app import create_app
+from api.client import Client
+from api.demo.client import free_port
+from api.operation_views import OperationView, State
+from api.service import Service
+from api.settings import Settings
+from api.simulate import specs_at_starts
+from planner import Plan, Scenario
+
+
+class FleetThread:
+    """A simulated fleet with an event loop of its own, as another process would be."""
+
+    def __init__(self, scenario: Scenario, endpoint: str, speedup: float, absent: tuple[int, ...] = ()) -> None:
+        specs = [spec for spec in specs_at_starts(scenario) if spec.system_id not in absent]
+        self.fleet = sim.Fleet(specs, clock=sim.ScaledClock(speedup), endpoint=endpoint)
+        self._loop = asyncio.new_event_loop()
+        self._until = asyncio.Event()
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def _run(self) -> None:
+        self._loop.run_until_complete(sim.serve(self.fleet, until=self._until))
+        self._loop.close()
+
+    def inject(self, fault: sim.Fault) -> None:
+        self._loop.call_soon_threadsafe(self.fleet.inject, fault)
+
+    def stop(self) -> None:
+        self._loop.call_soon_threadsafe(self._until.set)
+        self._thread.join()
+
+
+class Flight:
+    """What a test needs of one flight."""
+
+    def __init__(self, http: TestClient, fleet: FleetThread, scenario: Scenario) -> None:
+        self.http, self.fleet, self.scenario = http, fleet, scenario
+        self.client = Client(http=http)
+        self.plan: Plan = self.client.plan(scenario)
+        for number, uav in enumerate(scenario.uav_ids, start=1):
+            self.client.register(uav, number)
+        deadline = time.monotonic() + 30
+        while any(vehicle.link != "live" for vehicle in self.client.vehicles()):
+            assert time.monotonic() < deadline, self.client.vehicles()
+            time.sleep(0.05)
+
+    @property
+    def service(self) -> Service:
+        app = self.http.app
+        assert isinstance(app, FastAPI)
+        made: Service = app.state.service
+        return made
+
+    def take_off(self, **options: Any) -> str:
+        """Start the operation; its id once slot 0 has begun."""
+        operation = self.client.fly(self.plan.id, **options)
+        self.until(operation.id, lambda view: view.state == State.FLYING)
+        return operation.id
+
+    def until(self, operation_id: str, is_so: Callable[[OperationView], object], limit_s: float = 90) -> OperationView:
+        """The operation once it is so; fails when it ended as failed, or after wall seconds."""
+        deadline = time.monotonic() + limit_s
+        while time.monotonic() < deadline:
+            view = self.client.operation(operation_id)
+            if is_so(view):
+                return view
+            assert view.state != State.FAILED, view.error
+            time.sleep(0.05)
+        raise AssertionError(f"not so after {limit_s:g} s: {view}")
+
+    def ended(self, operation_id: str) -> OperationView:
+        """The operation when it is over."""
+        return self.until(operation_id, lambda view: view.state in {State.COMPLETED, State.ABORTED})
+
+
+@contextmanager
+def service(speedup: float, **settings: Any) -> Iterator[tuple[TestClient, str]]:
+    """A service that waits for vehicles, and where they have to send to."""
+    port = free_port(socket.SOCK_DGRAM)
+    chosen = Settings(fleet_url=f"udpin://127.0.0.1:{port}", time_scale=speedup, **settings)
+    with TestClient(create_app(chosen)) as http:
+        yield http, f"udpout://127.0.0.1:{port}"
+
+
+@contextmanager
+def flight(http: TestClient, endpoint: str, scenario: Scenario, speedup: float) -> Iterator[Flight]:
+    """A fleet at the scenario's starts, a plan, and registered vehicles; what still flies is aborted at the end."""
+    fleet = FleetThread(scenario, endpoint, speedup)
+    try:
+        yield Flight(http, fleet, scenario)
+        client = Client(http=http)
+        for row in client.operations():
+            if row.ended_at is None:
+                client.command(row.id, "abort")
+    finally:
+        fleet.stop()

@@ -1,0 +1,132 @@
+"""The benchmark: its yardstick solves the same problem, its figures are consistent, its report says them."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from api import cli
+from api.bench import markdown, planner_figures, table
+from api.bench.cases import CASES, instance, stop, value_kbps
+from api.bench.ipopt import Trajectories, alternate, utility_of
+from planner.fast import linked, optimise
+from planner.problem import problem_of
+
+TINY = ((2, 4, 5), (3, 5, 6))
+
+
+def in_this_process(case: str, size: tuple[int, int, int], kind: str) -> dict[str, Any]:
+    """No yardstick for the larger size, as if it had taken too long."""
+    if case == "ipopt" and size == TINY[1]:
+        return {"skipped": "not done after 150 s"}
+    return CASES[case](size, kind, quick=True)
+
+
+@pytest.fixture(scope="module")
+def figures() -> dict[str, Any]:
+    return planner_figures(quick=False, run=in_this_process, sizes=TINY)
+
+
+@pytest.mark.parametrize("kind", ["sum", "per_user"])
+def test_ipopt_gets_the_problem_that_the_planner_has(kind: str) -> None:
+    problem = problem_of(instance(TINY[0], kind))
+    links = TINY[0][0] if kind == "sum" else TINY[0][1]
+    hover = linked(problem, problem.hover())
+    started = utility_of(problem, hover.paths_m, hover.serving, hover.bandwidth_hz)
+    assert started == pytest.approx(value_kbps(problem, hover), rel=1e-12)
+    moved = Trajectories(problem, links).solve(hover.paths_m, hover.serving, hover.bandwidth_hz)
+    assert utility_of(problem, moved, hover.serving, hover.bandwidth_hz) > started * 1.02
+    assert np.linalg.norm(np.diff(moved, axis=1), axis=2).max() <= 25.0 + 1e-4
+    assert (moved[:, 0] == problem.start_m).all()
+
+
+def test_ipopt_and_the_fast_path_agree_from_the_same_start() -> None:
+    problem = problem_of(instance(TINY[0], "sum"))
+
+    def shares(paths: Any) -> tuple[Any, Any]:
+        found = linked(problem, paths)
+        return found.serving, found.bandwidth_hz
+
+    theirs = alternate(problem, shares, problem.hover(), TINY[0][0])
+    ours = value_kbps(problem, optimise(problem, stop(), n_starts=1))
+    assert ours == pytest.approx(theirs["utility_kbps"], rel=2e-3)
+    assert theirs["solve_s"] > 0
+
+
+def test_rows_hold_times_objectives_bounds_and_ratios(figures: dict[str, Any]) -> None:
+    assert [(row["size"], row["kind"]) for row in figures["rows"]] == [
+        ("2x4x5", "sum"), ("2x4x5", "per_user"), ("3x5x6", "sum"), ("3x5x6", "per_user"),
+    ]  # fmt: skip
+    row = figures["rows"][0]
+    assert 0 < row["fast"]["plan"]["best_ms"] <= row["fast"]["plan"]["p50_ms"] <= row["fast"]["plan"]["p99_ms"]
+    assert row["fast"]["bound_kbps"] >= row["fast"]["plan"]["utility_kbps"]
+    assert row["fast"]["plan_starts"]["utility_kbps"] >= row["fast"]["plan"]["utility_kbps"]
+    ratio = row["reference"]["plan"]["p50_ms"] / row["fast"]["plan"]["p50_ms"]
+    assert row["ratios"]["reference_plan_time"] == pytest.approx(ratio)
+    assert row["ratios"]["ipopt_plan_utility"] == pytest.approx(0.0, abs=2e-3)
+    assert "ipopt_plan_time" not in figures["rows"][2]["ratios"]
+    assert figures["machine"]["cores"] >= 1
+    json.dumps(figures)
+
+
+def test_every_part_is_measured_and_every_target_judged(figures: dict[str, Any]) -> None:
+    parts = figures["ablation"]["sum"]["rows"]
+    assert [part["what"].split(":")[0] for part in parts] == [
+        "paper alternation", "joint step", "single start", "multi-start",
+    ]  # fmt: skip
+    assert parts[3]["utility_kbps"] >= parts[2]["utility_kbps"]
+    proof = figures["proof"]["sum"]
+    assert 0 <= proof["gap_mean"] <= proof["root_gap_mean"]
+    for target in figures["targets"]:
+        limit = target.get("at_most", target.get("at_least"))
+        assert target["met"] == (target["measured"] <= limit if "at_most" in target else target["measured"] >= limit)
+
+
+def test_the_report_holds_the_figures_and_nothing_else(figures: dict[str, Any], tmp_path: Path) -> None:
+    text = markdown(figures)
+    assert figures["machine"]["cpu"] in text
+    for row in figures["rows"]:
+        assert f"{row['fast']['plan']['utility_kbps']:.2f}" in text
+    assert "| 3x5x6 | sum |" in text
+    assert table(figures).row_count == 4
+    file, out = tmp_path / "figures.json", tmp_path / "report.md"
+    file.write_text(json.dumps(figures))
+    cli.bench_report(file, out)
+    assert out.read_text() == text
+
+
+def test_a_case_that_failed_is_shown_as_left_out(figures: dict[str, Any]) -> None:
+    broken = json.loads(json.dumps(figures))
+    broken["rows"][0]["fast"] = {"skipped": "not done after 150 s"}
+    broken["ablation"]["sum"] = {"skipped": "failed"}
+    assert "not done after 150 s" in markdown(broken)
+
+
+def test_bound_proves_how_good_a_plan_is(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr("sys.argv", ["skyfolio", "bound", "--example", "minimal", "--tolerance", "0.02", "--json"])
+    with pytest.raises(SystemExit):
+        cli.main()
+    proven = json.loads(capsys.readouterr().out)
+    assert proven["utility_bps"] <= proven["upper_bound_bps"] <= proven["root_bound_bps"]
+    assert proven["gap"] <= 0.05
+    assert proven["finished"]
+
+
+def test_bound_refuses_larger_fleets(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    file = tmp_path / "fleet.json"
+    file.write_text(instance((4, 4, 3), "sum").model_dump_json())
+    monkeypatch.setattr("sys.argv", ["skyfolio", "bound", str(file)])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert ended.value.code == 2
+    assert "uavs: branch and bound takes at most 3 UAVs, not 4" in " ".join(capsys.readouterr().err.split())
+
+
+@pytest.mark.e2e
+def test_a_case_runs_in_a_process_of_its_own() -> None:
+    found = planner_figures(quick=True, sizes=TINY[:1])
+    assert all("plan" in row[case] for row in found["rows"] for case in ("fast", "reference", "ipopt"))

@@ -1,0 +1,199 @@
+"""What happens in flight and how it is answered: several losses, approval, pauses, returns, drills."""
+
+import time
+from collections.abc import Iterator
+
+import pytest
+from fastapi.testclient import TestClient
+
+import sim
+from api.app import create_app
+from api.client import ApiError, Client
+from api.journal import Entry, Step
+from api.operation_views import OperationView, State
+from api.settings import Settings
+from planner import EXAMPLES
+from tests.api.flying import Flight, flight, service
+
+pytestmark = pytest.mark.e2e
+SCENARIO = EXAMPLES["paper"]().with_changes(slots=24, altitude_m=8.0)
+SPEEDUP = 8.0
+
+
+@pytest.fixture(scope="module")
+def served() -> Iterator[tuple[TestClient, str]]:
+    with service(SPEEDUP) as made:
+        yield made
+
+
+@pytest.fixture
+def flown(served: tuple[TestClient, str]) -> Iterator[Flight]:
+    """A fleet of its own for each test, ready to take off."""
+    with flight(*served, SCENARIO, SPEEDUP) as made:
+        yield made
+
+
+def steps(flown: Flight, operation_id: str, incident: int) -> list[str]:
+    return [entry.step.value for entry in flown.client.journal(operation_id) if entry.incident == incident]
+
+
+def wait_for(client: Client, operation_id: str, state: State) -> OperationView:
+    deadline = time.monotonic() + 90
+    while time.monotonic() < deadline:
+        view = client.operation(operation_id)
+        if view.state == state:
+            return view
+        assert view.state != State.FAILED, view.error
+        time.sleep(0.05)
+    raise AssertionError(f"still {view.state}")
+
+
+def missions_taken(flown: Flight, system_id: int) -> int:
+    taken = [event.detail["mission_id"] for event in flown.fleet.fleet.truth.happened("mission_accepted", system_id)]
+    assert len(taken) == len(set(taken))
+    return len(taken)
+
+
+def test_two_losses_at_once_leave_one_uav_that_serves_alone(flown: Flight) -> None:
+    operation_id = flown.take_off()
+    for system_id in (2, 3):
+        flown.fleet.inject(sim.Kill(system_id))
+    ended = flown.ended(operation_id)
+    assert ended.lost == ["uav-2", "uav-3"]
+    assert ended.recoveries[-1].outcome == "flying"
+    assert ended.recoveries[-1].vehicles == {"uav-1": None}
+    last = flown.client.read_plan(ended.plan_id)
+    assert last.scenario is not None
+    assert last.scenario.uav_ids == ("uav-1",)
+    assert missions_taken(flown, 1) >= 2
+    assert flown.fleet.fleet.truth.happened("landed", 1)
+
+
+def test_a_uav_lost_while_missions_are_swapped_is_answered_next(flown: Flight) -> None:
+    operation_id = flown.take_off()
+
+    def fall(entry: Entry, stored: bool) -> None:
+        if entry.step is Step.UPLOADING and entry.incident == 1 and stored:
+            flown.fleet.inject(sim.Kill(2))
+
+    flown.service.journal.listeners.append(fall)
+    flown.fleet.inject(sim.Kill(3))
+    ended = flown.until(operation_id, lambda view: len(view.recoveries) > 1)
+    flown.service.journal.listeners.remove(fall)
+    assert ended.lost == ["uav-2", "uav-3"]
+    assert len(ended.recoveries) >= 2
+    assert ended.recoveries[-1].outcome == "flying"
+    assert ended.recoveries[-1].vehicles == {"uav-1": None}
+    for report in ended.recoveries:
+        assert steps(flown, operation_id, report.incident)[-1] == "closed"
+
+
+def test_with_approval_nothing_is_swapped_until_the_operator_says_so(flown: Flight) -> None:
+    operation_id = flown.take_off(replanning="approve")
+    flown.fleet.inject(sim.Kill(3))
+    asked = flown.until(operation_id, lambda view: view.proposal)
+    assert asked.proposal is not None
+    assert asked.plan_id == flown.plan.id
+    assert missions_taken(flown, 1) == 1
+    proposed = flown.client.read_plan(asked.proposal.plan_id)
+    assert proposed.parent == flown.plan.id
+    flown.client.decide(operation_id, asked.proposal.incident, agreed=True)
+    with pytest.raises(ApiError, match="409"):
+        flown.client.decide(operation_id, asked.proposal.incident, agreed=False)
+    answered = flown.until(operation_id, lambda view: view.recoveries)
+    assert answered.recoveries[0].outcome == "flying"
+    assert steps(flown, operation_id, 1)[:6] == [
+        "detected",
+        "classified",
+        "replanned",
+        "checked",
+        "proposed",
+        "approved",
+    ]
+    flown.fleet.inject(sim.Kill(2))
+    again = flown.until(operation_id, lambda view: view.proposal)
+    assert again.proposal is not None
+    flown.client.decide(operation_id, again.proposal.incident, agreed=False)
+    ended = flown.until(operation_id, lambda view: len(view.recoveries) == 2)
+    assert [report.outcome for report in ended.recoveries] == ["flying", "declined"]
+    assert missions_taken(flown, 1) == 2
+
+
+def test_a_pause_stops_vehicles_and_slot_clock_and_a_stale_tag_is_refused(flown: Flight) -> None:
+    operation_id = flown.take_off(launch="auto")
+    version = flown.client.operation(operation_id).version
+    with pytest.raises(ApiError, match="412"):
+        flown.client.command(operation_id, "pause", version=version + 7)
+    paused = flown.client.command(operation_id, "pause", version=version)
+    assert paused.state == State.PAUSED
+    flown.until(operation_id, lambda view: {uav.state for uav in view.uavs.values()} == {"holding"})
+    assert flown.client.operation(operation_id).elapsed_s == paused.elapsed_s
+    with pytest.raises(ApiError, match="409"):
+        flown.client.command(operation_id, "pause")
+    resumed = flown.client.command(operation_id, "resume")
+    assert resumed.state == State.FLYING
+    flown.until(operation_id, lambda view: (view.elapsed_s or 0) > (paused.elapsed_s or 0) + 5)
+    assert {uav.state for uav in flown.client.operation(operation_id).uavs.values()} == {"flying"}
+    ended = flown.client.command(operation_id, "abort", action="land")
+    assert ended.state == State.ABORTED
+    assert flown.client.operation(operation_id).state == State.ABORTED
+    answer = flown.http.get(f"/v1/operations/{operation_id}", headers={"If-None-Match": tag(ended)})
+    assert answer.status_code == 304
+
+
+def tag(view: OperationView) -> str:
+    return f'"{view.id}.{view.version}"'
+
+
+def test_a_uav_that_comes_back_is_offered_and_flies_again_only_when_asked_to(flown: Flight) -> None:
+    operation_id = flown.take_off()
+    flown.fleet.inject(sim.Mute(3, for_s=20.0))
+    flown.until(operation_id, lambda view: view.recoveries)
+    with pytest.raises(ApiError, match="409"):
+        flown.client.command(operation_id, "readmit", uav_id="uav-3")
+    offered = flown.until(operation_id, lambda view: view.returned)
+    assert offered.uavs["uav-3"].state == "returned"
+    assert offered.lost == ["uav-3"]
+    assert missions_taken(flown, 3) == 1
+    flown.client.command(operation_id, "readmit", uav_id="uav-3")
+    again = flown.until(operation_id, lambda view: len(view.recoveries) == 2)
+    assert again.recoveries[1].cause == "uav_returned"
+    assert again.recoveries[1].outcome == "flying"
+    assert again.lost == []
+    assert missions_taken(flown, 3) == 2
+    plan = flown.client.read_plan(again.plan_id)
+    assert plan.scenario is not None
+    assert plan.scenario.uav_ids == SCENARIO.uav_ids
+
+
+def test_a_drill_strikes_only_what_the_service_simulates_and_a_plan_made_ahead_answers_it() -> None:
+    settings = Settings(simulate="minimal", time_scale=SPEEDUP, plan_ahead=False)
+    with TestClient(create_app(settings)) as http:
+        client = Client(http=http)
+        assert {vehicle.simulated for vehicle in client.vehicles()} == {True}
+        plan = client.plan(EXAMPLES["minimal"]().with_changes(slots=14))
+        for slot in range(1, 13):
+            assert client.contingencies(plan.id, at_slot=slot).complete
+        operation = client.fly(plan.id, launch="manual")
+        wait_for(client, operation.id, State.READY)
+        assert client.drill(operation.id, "uav-2", at_slot=2).state == "scheduled"
+        for refused in ({"fault": "earthquake"}, {"at_slot": 99}, {"strength": 9}):
+            with pytest.raises(ApiError, match="422"):
+                client.drill(operation.id, "uav-2", **refused)
+        client.command(operation.id, "start")
+        ended = wait_for(client, operation.id, State.COMPLETED)
+        assert [report.outcome for report in ended.recoveries] == ["flying"]
+        assert ended.recoveries[0].source == "planned_ahead"
+        assert http.get("/v1/drills").json()["items"][0]["state"] == "struck"
+        track = http.get(f"/v1/operations/{operation.id}/track").json()
+        assert len(track) > 50
+        with pytest.raises(ApiError, match="409"):
+            client.drill(operation.id, "uav-1")
+
+
+def test_a_drill_on_a_vehicle_of_somebody_else_is_refused(flown: Flight) -> None:
+    operation_id = flown.client.fly(flown.plan.id, launch="manual").id
+    flown.until(operation_id, lambda view: view.state == State.READY)
+    with pytest.raises(ApiError, match="409 uav_id: 'uav-1' is not simulated"):
+        flown.client.drill(operation_id, "uav-1")
+    assert flown.client.command(operation_id, "abort").state == State.ABORTED

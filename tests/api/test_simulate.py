@@ -1,0 +1,73 @@
+"""api.simulate: the options of `skyfolio simulate`"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import socket
+from pathlib import Path
+
+import pytest
+
+from api.demo.client import free_port
+from api.simulate import SimulateConfig, SimulateError, fleet_of, run_fleet
+from planner import EXAMPLES, plan
+from sim import Impairments, Mute
+
+
+def test_options_reach_the_fleet() -> None:
+    fleet = fleet_of(
+        SimulateConfig(
+            vehicles=2,
+            autopilot="ardupilot",
+            faults=("mute:2@3,for_s=4",),
+            up="loss=0.1,burst=3",
+            weather="wind_east_mps=4,gps_m=0.5",
+        )
+    )
+    assert {vehicle.spec.autopilot for vehicle in fleet.vehicles.values()} == {"ardupilot"}
+    assert fleet.vehicles[1].radio.up.impairments == Impairments(loss=0.1, burst=3)
+    assert fleet.vehicles[1].radio.down.impairments == Impairments()
+    assert fleet.vehicles[2].autopilot.air.weather.wind_east_mps == 4
+    fleet.step_to(3.1)
+    assert not fleet.vehicles[2].transmitting
+    assert fleet.truth.happened("fault", 2)[0].detail == {"fault": "mute", "for_s": Mute(2, for_s=4).for_s}
+
+
+@pytest.mark.parametrize(
+    ("config", "words"),
+    [
+        (SimulateConfig(faults=("nap:1",)), "kind must be one of"),
+        (SimulateConfig(faults=("kill:9",)), "there is no vehicle 9"),
+        (SimulateConfig(up="loss"), "--up: 'loss' must look like FIELD=VALUE"),
+        (SimulateConfig(down="loss=2"), "loss must be between 0 and 1"),
+        (SimulateConfig(weather="rain=1"), "rain"),
+        (SimulateConfig(signing_key="abc"), "fromhex"),
+        (SimulateConfig(endpoint="tcp://1"), "endpoint must look like"),
+    ],
+)
+def test_an_option_that_cannot_be_is_refused_naming_it(config: SimulateConfig, words: str) -> None:
+    with pytest.raises(SimulateError, match=words):
+        fleet_of(config)
+
+
+async def test_it_writes_what_happened_and_all_mavlink(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    made = plan(EXAMPLES["minimal"]().with_changes(slots=3))
+    config = SimulateConfig(
+        plan=made,
+        speedup=100.0,
+        duration_s=10.0,
+        endpoint=f"udpout://127.0.0.1:{free_port(socket.SOCK_DGRAM)}",
+        faults=("kill:1@2",),
+        log=tmp_path / "logs" / "truth.jsonl",
+        tlog=tmp_path / "logs" / "flight.tlog",
+        as_json=True,
+    )
+    async with asyncio.timeout(30):
+        await run_fleet(config)
+    rows = [json.loads(line) for line in (tmp_path / "logs" / "truth.jsonl").read_text().splitlines()]
+    assert {row["log"] for row in rows} == {"sample", "event"}
+    assert [row["kind"] for row in rows if row["log"] == "event"][:2] == ["fault", "killed"]
+    assert (tmp_path / "logs" / "flight.tlog").stat().st_size > 1000
+    printed = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert printed[0] == {"t_s": pytest.approx(2.0, abs=0.2), "system_id": 1, "kind": "fault", "fault": "kill"}
