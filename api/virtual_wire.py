@@ -23,7 +23,8 @@ Filter = Callable[[str, dict[str, Any]], int]
 
 def incoming(message: Message, sender: tuple[int, int] = GROUND) -> Any:
     """A message of ours as an autopilot decodes it."""
-    made = getattr(dialect, f"MAVLink_{message.name.lower()}_message")(**message.fields)
+    fields = {name: value.encode() if isinstance(value, str) else value for name, value in message.fields.items()}
+    made = getattr(dialect, f"MAVLink_{message.name.lower()}_message")(**fields)
     made._header = dialect.MAVLink_header(made.id, 0, 0, 0, 0, *sender)
     return made
 

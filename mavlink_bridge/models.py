@@ -36,7 +36,7 @@ def _px4(parameters: Parameters) -> VehicleModel:
     acceleration = max(parameters.get("MPC_ACC_HOR", PX4.acceleration_mps2), _LEAST_MPS2)
     return VehicleModel(
         acceleration_mps2=acceleration,
-        braking_mps2=_BRAKING_SHARE * acceleration,
+        braking_mps2=round(_BRAKING_SHARE * acceleration, 6),
         max_speed_mps=parameters.get("MPC_XY_VEL_MAX", PX4.max_speed_mps),
         acceptance_radius_m=PX4.acceptance_radius_m,  # sent with each waypoint, so NAV_ACC_RAD does not matter
     )
@@ -48,7 +48,7 @@ def _arducopter(parameters: Parameters) -> VehicleModel:
     cruise = _metres(parameters, "WP_SPD", "WPNAV_SPEED", ARDUCOPTER.max_speed_mps / _COPTER_SPEED_FACTOR)
     return VehicleModel(
         acceleration_mps2=acceleration,
-        braking_mps2=_BRAKING_SHARE * acceleration,
+        braking_mps2=round(_BRAKING_SHARE * acceleration, 6),
         max_speed_mps=max(cruise * _COPTER_SPEED_FACTOR, VehicleModel().min_speed_mps),
         acceptance_radius_m=_metres(parameters, "WP_RADIUS_M", "WPNAV_RADIUS", ARDUCOPTER.acceptance_radius_m),
         jerk_mps3=parameters.get("WP_JERK", parameters.get("WPNAV_JERK", ARDUCOPTER.jerk_mps3)),
