@@ -8,8 +8,8 @@ from typing import Any
 from api.dashboard.rest import Rest, RestError
 from api.dashboard.transactions import transactions
 from api.dashboard.views import Drill, Happening, Operation, OperationLine, TrackPoint, Vehicle, WhatIf
-from api.simulated import FAULTS
 from planner import Plan, Scenario
+from sim import FAULTS, fault_from
 
 OVER = {"completed", "aborted", "failed"}
 ENDED = {"succeeded", "infeasible", "cancelled", "failed", "interrupted"}
@@ -110,8 +110,8 @@ class Feed:
     # --- drills ---
 
     async def faults(self) -> list[str]:
-        """Names of the faults a drill can let strike."""
-        return sorted(FAULTS)
+        """Names of the faults a drill can let strike without further options."""
+        return sorted(name for name in FAULTS if _complete(name))
 
     async def drill(self, operation_id: str, uav_id: str, fault: str, at_slot: int | None) -> Drill:
         """Let a fault strike a simulated UAV when that slot begins, or at once."""
@@ -149,6 +149,15 @@ class Feed:
         """Every event after that id, and then each as it comes."""
         async for event in self._rest.stream("/v1/events", after):
             yield Happening.model_validate(event)
+
+
+def _complete(fault: str) -> bool:
+    """Whether the fault needs no option."""
+    try:
+        fault_from({"kind": fault, "system_id": 1})
+    except (TypeError, ValueError):
+        return False
+    return True
 
 
 def _finished(body: Mapping[str, Any]) -> Plan:

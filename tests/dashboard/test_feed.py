@@ -25,6 +25,7 @@ async def feed() -> AsyncIterator[Feed]:
 
 async def test_plans_what_ifs_and_missions_come_through_the_facade(feed: Feed, minimal: Scenario) -> None:
     assert "paper" in await feed.examples()
+    assert "kill" in await feed.faults()
     assert (await feed.example("minimal")).uav_ids == minimal.uav_ids
     plan = await feed.make_plan(minimal)
     assert plan.scenario == minimal
