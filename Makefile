@@ -7,7 +7,7 @@ ARGS ?=
 .PHONY: test-sitl demo test serve bench lint format clean
 .DEFAULT_GOAL := demo
 
-$(READY): pyproject.toml constraints.txt scripts/setup.sh
+$(READY): pyproject.toml constraints.txt scripts/setup.sh scripts/browser.sh
 	sh scripts/setup.sh $(VENV)
 	@touch $@
 

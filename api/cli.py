@@ -95,6 +95,7 @@ def serve(
     fleet_url: Annotated[str | None, typer.Option(help="Where vehicles are, e.g. udpin://127.0.0.1:14540.")] = None,
     simulate: Annotated[str | None, typer.Option(help="Fly this example's fleet in software, for drills.")] = None,
     time_scale: Annotated[float | None, typer.Option(help="Speed-up of a simulated fleet; 1 for real ones.")] = None,
+    ui: Annotated[bool, typer.Option("--ui/--no-ui", help="Serve the dashboard at /ui.")] = True,
     as_json: Json = False,
 ) -> None:
     """Run the service. Settings also come from SKYFOLIO_* environment variables."""
@@ -108,7 +109,7 @@ def serve(
         "simulate": simulate,
         "time_scale": time_scale,
     }
-    run({name: value for name, value in given.items() if value is not None}, as_json=as_json)
+    run({name: value for name, value in given.items() if value is not None}, as_json=as_json, ui=ui)
 
 
 @cli.command()
