@@ -7,7 +7,7 @@ ARGS ?=
 .PHONY: test-sitl demo test serve bench lint format clean
 .DEFAULT_GOAL := demo
 
-$(READY): pyproject.toml constraints.txt scripts/setup.sh
+$(READY): pyproject.toml constraints.txt scripts/setup.sh scripts/browser.sh
 	sh scripts/setup.sh $(VENV)
 	@touch $@
 
@@ -40,3 +40,4 @@ format: $(READY)
 
 clean:
 	rm -rf $(VENV) out .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	find planner tests -name "*.nb[ci]" -delete

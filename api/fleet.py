@@ -24,7 +24,10 @@ HEARD_WITHIN_S = 5.0
 
 
 class VehicleView(BaseModel):
-    """A registered vehicle and what it last said. Angles in degrees, altitude in metres above its own home."""
+    """A registered vehicle and what it last said. Angles in degrees, altitude in metres above its own home.
+
+    `heading_deg`: where the nose points, clockwise from north. `mission_items`: how many the mission on board has.
+    """
 
     uav_id: str
     system_id: int
@@ -34,9 +37,12 @@ class VehicleView(BaseModel):
     lat_deg: float | None = None
     lon_deg: float | None = None
     relative_alt_m: float | None = None
+    heading_deg: float | None = None
+    battery_percent: float | None = None
     armed: bool | None = None
     mode: str | None = None
     mission_item: int | None = None
+    mission_items: int | None = None
 
 
 class Fleet:
@@ -82,7 +88,7 @@ class Fleet:
         with suppress(VehiclesMissing):
             await self.link.wait_for(set(self._systems.values()), timeout_s=HEARD_WITHIN_S)
         for system_id in self._systems.values():
-            self._monitor.watch(system_id, self._clock.now())
+            self.link.classifier.watch(system_id, self._clock.now())
 
     async def register(self, uav_id: str, system_id: int, *, simulated: bool = False) -> VehicleView:
         """Tie a UAV id to a MAVLink system id and open the link. Raises ConflictError when either is taken."""
@@ -94,7 +100,7 @@ class Fleet:
         await self._open()
         if uav_id not in self._systems:
             self._systems[uav_id] = system_id
-            self._monitor.watch(system_id, self._clock.now())
+            self.link.classifier.watch(system_id, self._clock.now())
             row = {"uav_id": uav_id, "system_id": system_id, "simulated": simulated, "registered_at": time.time()}
             await self._database.write((insert(table), row))
             self._events.add("vehicle_registered", uav_id=uav_id, system_id=system_id, simulated=simulated)
@@ -106,7 +112,7 @@ class Fleet:
         """Forget a vehicle. Raises NotFoundError. The caller has seen to it that it flies nothing."""
         if uav_id not in self._systems:
             raise NotFoundError(f"vehicle {uav_id!r} does not exist")
-        self._monitor.unwatch(self._systems.pop(uav_id))
+        self.link.classifier.unwatch(self._systems.pop(uav_id))
         self._simulated.discard(uav_id)
         await self._database.write(delete(table).where(table.c.uav_id == uav_id))
         self._events.add("vehicle_removed", uav_id=uav_id)
@@ -161,9 +167,12 @@ class Fleet:
                 "lat_deg": said.lat_deg,
                 "lon_deg": said.lon_deg,
                 "relative_alt_m": said.relative_alt_m,
+                "heading_deg": said.heading_deg,
+                "battery_percent": None if said.battery is None else round(said.battery * 100, 1),
                 "armed": said.armed,
                 "mode": said.mode,
                 "mission_item": said.mission_current,
+                "mission_items": said.mission_total,
             }
         )
 

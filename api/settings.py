@@ -31,6 +31,7 @@ class Settings(BaseSettings):
     guidance_lead_s: wall seconds reserved for replan and upload; the new plan begins with the first
     slot after that. keep_ended_s: how long ended plans that no operation flew are kept. max_cells: UAVs times users
     times slots.
+    tile_url: of a map server for the dashboard, with {z}, {x} and {y}; without one it draws a grid and asks nobody.
     rate_per_s, rate_burst: requests of one client. swap_attempts: tries of a mission swap before the last good plan.
     """
 
@@ -55,6 +56,9 @@ class Settings(BaseSettings):
     heartbeat_lost_s: Seconds = 5.0
     replan_deadline_s: Seconds = 2.0
     guidance_lead_s: Annotated[float, Field(ge=0)] = 1.0
+    tile_url: Annotated[
+        str | None, Field(pattern=r"^https?://.*\{z\}.*\{x\}.*\{y\}|^https?://.*\{z\}.*\{y\}.*\{x\}")
+    ] = None
     plan_ahead: bool = True
     swap_attempts: Annotated[int, Field(ge=1, le=5)] = 2
     telemetry_hz: Annotated[float, Field(gt=0, le=50)] = 10.0

@@ -91,6 +91,11 @@ class Classifier:
         self.links.watch(system_id, now_s)
         self._known.setdefault(system_id, _Evidence(self.timing))
 
+    def unwatch(self, system_id: int) -> None:
+        """Expect nothing any more, and report nothing."""
+        self.links.unwatch(system_id)
+        self._known.pop(system_id, None)
+
     def condition(self, system_id: int) -> Condition:
         """As of the last poll; KeyError if not watched."""
         return self._known[system_id].condition

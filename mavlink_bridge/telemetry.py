@@ -21,6 +21,7 @@ _ARMED = 128
 _ACCEPTED = 0
 """MAV_MISSION_ACCEPTED, and MAV_MISSION_TYPE_MISSION."""
 _UNKNOWN_TOTAL = 65535
+_UNKNOWN_HEADING = 65535
 _UNKNOWN_SATELLITES = 255
 
 
@@ -61,6 +62,10 @@ class Telemetry:
     mission_id: int
     boot_ms: int
     heard_at_s: float
+    heading_deg: float | None = None
+    """Where the nose points, degrees clockwise from north; None if it is not told."""
+    battery: float | None = None
+    """Share of charge, 0..1; None if it is not measured."""
 
 
 class TelemetryState:
@@ -126,6 +131,8 @@ class TelemetryState:
             mission_id=self.mission_id,
             boot_ms=position["time_boot_ms"],
             heard_at_s=self._position_at_s,
+            heading_deg=_heading_deg(position),
+            battery=self.battery,
         )
 
     def _heartbeat(self, fields: Mapping[str, Any], heard_s: float) -> None:
@@ -173,3 +180,9 @@ class TelemetryState:
     def _home(self, fields: Mapping[str, Any], heard_s: float) -> None:
         del heard_s
         self.home_deg = from_e7(int(fields["latitude"])), from_e7(int(fields["longitude"]))
+
+
+def _heading_deg(position: Mapping[str, Any]) -> float | None:
+    """GLOBAL_POSITION_INT.hdg: hundredths of a degree, 65535 for not known."""
+    told = int(position.get("hdg", _UNKNOWN_HEADING))
+    return None if told == _UNKNOWN_HEADING else told / 100

@@ -201,3 +201,11 @@ def test_something_lasting_changes_only_after_it_was_the_same_for_long_enough(va
 def test_timings_that_make_no_sense_are_refused_by_name(field: str, value: float) -> None:
     with pytest.raises(ValueError, match=field):
         Timing(**{field: value})
+
+
+def test_a_uav_that_is_no_longer_watched_changes_nothing_and_disturbs_nobody() -> None:
+    story = Story()
+    story.classifier.watch(2, story.now_s)
+    story.classifier.unwatch(2)
+    assert story.silence(20.0)[-1] is Condition.LINK_LOST
+    assert {change.system_id for change in story.changes} == {1}
