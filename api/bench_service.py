@@ -46,7 +46,7 @@ async def _figures(runs: int, wanted: set[str]) -> dict[str, Any]:
         "recovery": _recoveries,
     }
     cores = len(os.sched_getaffinity(0))
-    os.environ.setdefault("SKYFOLIO_WORKERS", str(cores))  # of the services that are started here
+    os.environ.setdefault("SKYFOLIO_WORKERS", str(cores))  # of the services started here
     machine = {
         "cores": cores,
         "workers": int(os.environ["SKYFOLIO_WORKERS"]),
