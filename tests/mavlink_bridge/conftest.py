@@ -158,7 +158,7 @@ def airfield() -> OpenAirfield:
     async def opened(
         plan: Plan,
         *,
-        speedup: float = 20.0,
+        speedup: float = 10.0,
         endpoint: str | None = None,
         port: int | None = None,
         autopilot: Autopilot = Autopilot.PX4,

@@ -116,12 +116,13 @@ async def test_a_vehicle_goes_to_a_place_and_waits_there(airfield: Open, line_an
         assert now.relative_alt_m == pytest.approx(12.0, abs=1.0)
 
 
+@pytest.mark.e2e
 @BOTH
 async def test_a_swap_in_flight_ends_flying_the_new_mission_without_a_stop(
     airfield: Open, trio: Plan, autopilot: Autopilot
 ) -> None:
     plan = low(trio)
-    async with airfield(plan, autopilot=autopilot, speedup=5.0) as field:
+    async with airfield(plan, autopilot=autopilot, speedup=2.0) as field:
         await flying(field, plan)
         await field.fly_for(7.0)
         swapped_s = field.clock.now()
@@ -135,7 +136,7 @@ async def test_a_swap_in_flight_ends_flying_the_new_mission_without_a_stop(
             home_first = autopilot is Autopilot.ARDUPILOT
             assert mission_differences(new[system_id].items, on_board, home_first=home_first) == ()
             samples = [sample for sample in field.fleet.truth.of(system_id) if sample.t_s > swapped_s]
-            assert min(sample.ground_speed_mps for sample in samples) > 0.5
+            assert min(sample.ground_speed_mps for sample in samples) > 0.2
             assert min(sample.relative_alt_m for sample in samples) > 9.0
 
 
