@@ -13,7 +13,7 @@ from planner.channel import spectral_efficiency
 from planner.plans import Iteration
 from planner.problem import Problem
 from planner.reference.association import nearest_binary, relaxed_association
-from planner.reference.bandwidth import best_bandwidth
+from planner.reference.bandwidth import best_bandwidth, whole_shares
 from planner.reference.objective import SubproblemError
 from planner.reference.trajectory import steered
 from planner.repair import toward
@@ -127,12 +127,15 @@ def binary_solution(now: Iterate, history: list[Iteration]) -> Solution:
     problem = now.problem
     serving = nearest_binary(problem, now.association, now.bandwidth_hz, now.efficiency)
     binary = np.moveaxis(np.eye(problem.n_uavs)[serving], 2, 0)
-    rounded = replace(now, association=binary, bandwidth_hz=_equal_shares(problem, binary))
+    rounded = replace(now, association=binary, bandwidth_hz=_kept_shares(now, binary))
     final = _improved(rounded, _allocated)
     return Solution(now.paths_m, serving, final.given.sum(axis=0), history)
 
 
-def _equal_shares(problem: Problem, binary: Array) -> Array:
-    """Each UAV's band in equal parts for whom it serves: (U, K, N) Hz."""
-    shares: Array = problem.bandwidth_hz[:, None, None] * binary / np.maximum(binary.sum(axis=1, keepdims=True), 1.0)
+def _kept_shares(now: Iterate, binary: Array) -> Array:
+    """What the users keep of the relaxed allocation, each band filled: (U, K, N) Hz; equal parts if nothing is left."""
+    band = now.problem.bandwidth_hz[:, None, None]
+    kept = whole_shares(now.given / band, binary)
+    equal = binary / np.maximum(binary.sum(axis=1, keepdims=True), 1.0)
+    shares: Array = band * np.where(kept.sum(axis=1, keepdims=True) > 0, kept, equal)
     return shares

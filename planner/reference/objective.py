@@ -17,6 +17,10 @@ MIN_RATE_MARGIN = 1e-6
 """Minimum rates are asked for this much (relatively) above what is wanted, for the interior point method's rounding."""
 
 
+ATTEMPTS: tuple[dict[str, float], ...] = ({}, {"max_step_fraction": 0.9})
+"""Clarabel's settings, and those for a second try where it loses its footing."""
+
+
 class SubproblemError(RuntimeError):
     """The interior point method gave no usable answer; the caller keeps the iterate it had."""
 
@@ -81,12 +85,16 @@ def solve(objective: cp.Expression, constraints: list[cp.Constraint]) -> float:
     it accepts the point, so an inaccurate one does no harm.
     """
     task = cp.Problem(cp.Maximize(objective), constraints)
-    try:
-        with warnings.catch_warnings():  # an inaccurate optimum is accepted on purpose, see above
-            warnings.filterwarnings("ignore", message="Solution may be inaccurate")
-            task.solve(solver=cp.CLARABEL, ignore_dpp=True, canon_backend=cp.SCIPY_CANON_BACKEND)
-    except cp.SolverError as error:
-        raise SubproblemError(str(error)) from error
-    if task.status not in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE):
-        raise SubproblemError(f"Clarabel says {task.status}")
-    return float(task.value)
+    said = ""
+    for settings in ATTEMPTS:
+        try:
+            with warnings.catch_warnings():  # an inaccurate optimum is accepted on purpose, see above
+                warnings.filterwarnings("ignore", message="Solution may be inaccurate")
+                task.solve(solver=cp.CLARABEL, ignore_dpp=True, canon_backend=cp.SCIPY_CANON_BACKEND, **settings)
+        except cp.SolverError as error:
+            said = str(error)
+            continue
+        if task.status in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE):
+            return float(task.value)
+        said = f"Clarabel says {task.status}"
+    raise SubproblemError(said)

@@ -173,3 +173,10 @@ def test_it_stops_when_it_is_told_to_and_still_returns_a_plan(two_uavs_four_user
     solution = algorithm_1(problem, StopToken(lambda: True))
     assert solution.history == []
     assert violations(emit(scenario, Past(), problem, solution, method="paper")) == []
+
+
+def test_a_solver_that_loses_its_footing_is_tried_again() -> None:
+    """On this instance Clarabel's default steps end in a numerical error in (a5)."""
+    scenario = scattered(3, 9, 20, seed=2, utility=Utility(kind="sum", mu_per_kbps=-0.1))
+    made = planned(scenario)
+    assert made.summary.utility_bps == pytest.approx(made.history[-1].utility_bps, rel=1e-3)
