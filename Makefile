@@ -40,3 +40,4 @@ format: $(READY)
 
 clean:
 	rm -rf $(VENV) out .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	find planner tests -name "*.nb[ci]" -delete

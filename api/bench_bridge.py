@@ -25,7 +25,8 @@ from api.simulate import specs_at_starts
 from api.virtual_flight import Guidance, VirtualFlight
 from api.virtual_wire import Wire, autopilot_on, lossy
 from mavlink_bridge import Autopilot, FleetLink, HeartbeatMonitor, Mission, compile_mission
-from mavlink_bridge.classifier import Classifier, Condition, Timing
+from mavlink_bridge.classifier import Classifier
+from mavlink_bridge.conditions import Condition, Timing
 from mavlink_bridge.pace import Point
 from mavlink_bridge.verified import OnBoard, VerifiedUpload
 from planner import EXAMPLES, Plan, Scenario, Uav, User, plan

@@ -283,6 +283,24 @@ def bench_service(
         Console().print(table(figures))
 
 
+@bench.command("simulator")
+def bench_simulator(
+    vehicles: Annotated[int, typer.Option(min=1, max=254, help="How many.")] = 100,
+    autopilot: Annotated[Literal["px4", "ardupilot"], typer.Option(help="Which autopilot they have.")] = "px4",
+    position_hz: Annotated[float, typer.Option(min=0.1, max=50, help="Position messages a second, of each.")] = 10.0,
+    seconds: Annotated[float, typer.Option(min=1, help="How long to measure.")] = 15.0,
+    as_json: Json = False,
+) -> None:
+    """Measure how much of a core a simulated fleet takes at real time."""
+    from api.bench_simulator import simulator_figures, table  # noqa: PLC0415
+
+    figures = simulator_figures(vehicles, autopilot, position_hz, seconds)
+    if as_json:
+        _write(json.dumps(figures, indent=2), None)
+    else:
+        Console().print(table(figures))
+
+
 def main() -> None:
     """Run the command; errors a user can act on are one message on standard error and exit status 2."""
     try:

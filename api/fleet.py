@@ -122,6 +122,11 @@ class Fleet:
         return uav_id in self._simulated
 
     @property
+    def enforces_preflight(self) -> bool:
+        """Whether a blocker of the preflight audit ends an operation."""
+        return self._settings.preflight == "enforce"
+
+    @property
     def empty(self) -> bool:
         """Whether there is no vehicle."""
         return not self._systems

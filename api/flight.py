@@ -6,6 +6,7 @@ import asyncio
 import time
 from collections.abc import Collection, Mapping
 from contextlib import AbstractContextManager, suppress
+from dataclasses import asdict
 from typing import Literal
 
 import numpy as np
@@ -126,12 +127,27 @@ class Flight:
             await self._fleet.link.wait_for(set(self.systems.values()), timeout_s=HEARD_WITHIN_S)
         await self._fleet.link.prepare(self.systems.values())
         missions = {uav: self.guidance.compile(self.plan, uav) for uav in self.systems}
+        self._audit()
         results = await self._fleet.link.upload({self.systems[uav]: mission for uav, mission in missions.items()})
         bad = {self._uavs[system]: result.error for system, result in results.items() if not result.verified}
         if bad:
             good = sorted(self._uavs[system] for system, result in results.items() if result.verified)
             raise FlightError(f"upload failed for {_each(bad)}; verified on board of {', '.join(good) or 'nobody'}")
         return max((result.seconds for result in results.values()), default=0.0)
+
+    def _audit(self) -> None:
+        """Report what the preflight audit finds; with `preflight` "enforce" a blocker keeps everybody on the ground."""
+        blockers = {}
+        for uav, findings in self.guidance.audit().items():
+            for finding in findings:
+                self._fleet.note("preflight", uav_id=uav, **asdict(finding))
+            blocked = [
+                f"{one.name} is {one.found}, should be {one.should}" for one in findings if one.level == "blocker"
+            ]
+            if blocked:
+                blockers[uav] = ", ".join(blocked)
+        if blockers and self._fleet.enforces_preflight:
+            raise FlightError(f"preflight: {_each(blockers)}")
 
     async def launch(self, timeout_s: float) -> None:
         """Arm, climb to the plan's altitude and wait there for each other. Raises FlightError."""
@@ -250,12 +266,16 @@ class Flight:
             uav = self._uavs.get(event.system_id)
             if uav in self.lost and event.after == LinkState.LIVE:
                 self.returned.add(uav)
+                self.guidance.found(uav)
             if uav is None or event.after != LinkState.LOST or self._down(uav):
                 continue
             self.returned.discard(uav)
             if uav in self.lost:
                 continue
             self.lost[uav] = self.now_s() - event.silent_for_s
+            where = self.positions_m().get(uav)
+            if where is not None:
+                self.guidance.lost(uav, where)
             found[uav] = event.silent_for_s
         return found
 

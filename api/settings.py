@@ -5,7 +5,7 @@ from __future__ import annotations
 import ipaddress
 import os
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
@@ -24,6 +24,7 @@ class Settings(BaseSettings):
     fleet_url: where vehicles are; several links, the preferred first, separated by commas. forward_url: udpout://HOST:PORT
     where a ground station watches the fleet; forward_commands: whether it may command too. signing_key_file: 32 bytes
     (or 64 hexadecimal digits); MAVLink is then signed both ways. telemetry_log_dir: one .tlog an operation.
+    preflight: whether a blocker of the audit only is an event, or keeps the fleet on the ground.
     simulate: fly this example's fleet in software inside the service, ready for drills.
     heartbeat_stale_s, heartbeat_lost_s: fleet seconds of silence. solve_deadline_s, replan_deadline_s: wall seconds a
     solve may take. warm_up: begin to serve when the workers have started; else they start with the first solve.
@@ -44,6 +45,7 @@ class Settings(BaseSettings):
     forward_commands: bool = False
     signing_key_file: Path | None = None
     telemetry_log_dir: Path | None = None
+    preflight: Literal["report", "enforce"] = "report"
     simulate: str | None = None
     time_scale: Annotated[float, Field(gt=0, le=100)] = 1.0
     workers: Annotated[int, Field(ge=1, le=64)] = 1

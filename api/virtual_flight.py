@@ -24,7 +24,8 @@ from mavlink_bridge import (
 )
 from mavlink_bridge.autopilots import STREAM_MODE, FlightMode, mode_numbers
 from mavlink_bridge.keeper import Keeper, Order
-from mavlink_bridge.mission_protocol import Message, Upload
+from mavlink_bridge.mission_messages import Message
+from mavlink_bridge.mission_protocol import Upload
 from mavlink_bridge.models import MODEL_PARAMETERS
 from mavlink_bridge.pace import Point
 from mavlink_bridge.stream import RATE_HZ, Streamer

@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 import sim.autopilot
 from mavlink_bridge import Autopilot
-from mavlink_bridge.mission_protocol import GROUND, Message
+from mavlink_bridge.mission_messages import GROUND, Message
 from mavlink_bridge.verified import VerifiedUpload
 
 STEP_S = 0.01

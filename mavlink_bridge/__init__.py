@@ -1,12 +1,16 @@
 """The bridge between plans and vehicles: missions out, telemetry and heartbeats in. Built on MAVSDK.
 
-    plan --schedule, pace, px4, compiler--> Mission --transfer--> vehicle          (formats: the same mission as a file)
-    vehicle --link, telemetry--> Telemetry, heartbeats --heartbeat--> LinkEvent
-    flight: launch, go to, start, swap in flight, hold, land
+    plan --schedule, pace--> writer (px4, ardupilot) --compiler--> Mission --verified, transfer--> vehicle
+    vehicle --endpoints, hub (routing, signing, watchers, tlog)--> MAVSDK --vehicle, telemetry--> classifier --> Change
+    flight: launch, go to, start, swap in flight, hold, land     guidance: keeper over missions, or stream of setpoints
+    before take-off: models, parameters, preflight, fence        after a loss: ghosts, transitions
 
-Pure and testable without a socket: geodesy, items, schedule, pace, px4, compiler, returns, compare, formats, heartbeat,
-telemetry. A new autopilot is a new writer beside `px4`; a new way to judge a link reads `heartbeat`'s events.
-The package knows the planner's plan type and nothing of the service or the simulator.
+Pure and testable without a socket: everything that plans, compares, judges or speaks a protocol (`mission_protocol`,
+`verified`, `parameters`, `keeper`, `stream`, `classifier`, `routing`, ...): messages and time go in, messages come out.
+Sockets, threads and waiting are in endpoints, hub, listening, link, vehicle, transfer, flight and guidance.
+A new autopilot is a new writer, a row in `autopilots` and `models`, and rules in `preflight`.
+The package knows the planner's plan type and nothing of the service or the simulator. pymavlink is only used for what
+MAVSDK has not: framing and signing.
 """
 
 from mavlink_bridge.autopilots import Autopilot, FlightMode

@@ -10,10 +10,9 @@ from __future__ import annotations
 
 import asyncio
 import re
-import socket
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from contextlib import suppress
-from typing import Any, Protocol, cast
+from typing import Any, Protocol
 
 import serial
 
@@ -29,7 +28,7 @@ MOVED_AFTER_S = 3.0
 """A vehicle may come from a new address once it was silent this long at the old one: nobody takes its id before."""
 MAX_PEERS = 256
 _READ_BYTES = 65536
-_NETWORK = re.compile(r"(?P<scheme>udpin|udpout|tcpout|tcp)://(?P<host>\[[0-9a-fA-F:]+\]|[^:/\s]+):(?P<port>\d{1,5})")
+NETWORK = re.compile(r"(?P<scheme>udpin|udpout|tcpout|tcp)://(?P<host>\[[0-9a-fA-F:]+\]|[^:/\s]+):(?P<port>\d{1,5})")
 _SERIAL = re.compile(r"serial://(?P<device>[^:]+):(?P<baud>\d+)")
 
 
@@ -51,7 +50,7 @@ class Endpoint(Protocol):
         ...
 
 
-class _Datagrams(asyncio.DatagramProtocol):
+class Datagrams(asyncio.DatagramProtocol):
     def __init__(self, receive: Callable[[bytes, Address], None]) -> None:
         self._receive = receive
 
@@ -75,7 +74,7 @@ class UdpIn:
         """Bind the port."""
         try:
             transport, _ = await self._loop.create_datagram_endpoint(
-                lambda: _Datagrams(self._received), local_addr=self._at
+                lambda: Datagrams(self._received), local_addr=self._at
             )
         except OSError as error:
             raise ConnectionFailed(self.url, str(error)) from error
@@ -129,7 +128,7 @@ class UdpOut:
         """Resolve the address; it need not listen yet."""
         try:
             transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(
-                lambda: _Datagrams(self._received), remote_addr=self._at
+                lambda: Datagrams(self._received), remote_addr=self._at
             )
         except OSError as error:
             raise ConnectionFailed(self.url, str(error)) from error
@@ -276,7 +275,7 @@ class SerialLine:
 
 def endpoint_of(url: str, on_frames: OnFrames) -> Endpoint:
     """The endpoint a URL names, not opened yet. Raises ConnectionFailed naming the rule."""
-    network, line = _NETWORK.fullmatch(url), _SERIAL.fullmatch(url)
+    network, line = NETWORK.fullmatch(url), _SERIAL.fullmatch(url)
     if network is not None and 1 <= int(network["port"]) <= 65535:
         kinds: dict[str, Callable[..., Endpoint]] = {
             "udpin": UdpIn,
@@ -290,48 +289,3 @@ def endpoint_of(url: str, on_frames: OnFrames) -> Endpoint:
     raise ConnectionFailed(
         url, "must look like udpin://HOST:PORT, udpout://HOST:PORT, tcpout://HOST:PORT or serial://DEVICE:BAUD"
     )
-
-
-class Watchers:
-    """A port where QGroundControl, MAVProxy or any other ground station watches the fleet.
-
-    Frames of all vehicles go to `url` (udpout://HOST:PORT). What it sends is handed to `on_frames`, or dropped.
-    """
-
-    def __init__(self, url: str, on_frames: Callable[[Iterable[Frame]], None] | None) -> None:
-        network = _NETWORK.fullmatch(url)
-        if network is None or network["scheme"] != "udpout":
-            raise ConnectionFailed(url, "a forward port must look like udpout://HOST:PORT")
-        self.url = url
-        self._at = (network["host"].strip("[]"), int(network["port"]))
-        self._on_frames = on_frames
-        self._framer = Framer()
-        self._transport: asyncio.DatagramTransport | None = None
-
-    async def open(self) -> None:
-        """Open the socket; raises ConnectionFailed for an unknown host."""
-        loop = asyncio.get_running_loop()
-        try:
-            found = await loop.getaddrinfo(*self._at, type=socket.SOCK_DGRAM)
-            transport, _ = await loop.create_datagram_endpoint(
-                lambda: _Datagrams(self._received), remote_addr=cast("tuple[str, int]", found[0][4][:2])
-            )
-        except OSError as error:
-            raise ConnectionFailed(self.url, str(error)) from error
-        self._transport = transport
-
-    def send(self, data: bytes) -> None:
-        """What vehicles said, frames in a row."""
-        if self._transport is not None:
-            self._transport.sendto(data)
-
-    def close(self) -> None:
-        """Close the socket."""
-        transport, self._transport = self._transport, None
-        if transport is not None:
-            transport.close()
-
-    def _received(self, data: bytes, _address: Address) -> None:
-        frames = self._framer.feed(data)
-        if frames and self._on_frames is not None:
-            self._on_frames(frames)

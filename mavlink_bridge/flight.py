@@ -13,7 +13,7 @@ from math import hypot, nan
 from mavlink_bridge.autopilots import HOLD_MODE, OURS, Autopilot, FlightMode, mode_numbers
 from mavlink_bridge.geodesy import geodetic_to_east_north, to_e7
 from mavlink_bridge.items import Frame, Mission
-from mavlink_bridge.mission_protocol import Message
+from mavlink_bridge.mission_messages import Message
 from mavlink_bridge.results import CommandResult, SwapResult, UploadResult
 from mavlink_bridge.transfer import upload_verified
 from mavlink_bridge.vehicle import NotDone, Vehicle

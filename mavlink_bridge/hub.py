@@ -16,11 +16,12 @@ import logging
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
-from mavlink_bridge.endpoints import Endpoint, Watchers, endpoint_of
+from mavlink_bridge.endpoints import Endpoint, endpoint_of
 from mavlink_bridge.framing import Frame, Framer
 from mavlink_bridge.routing import Routes
 from mavlink_bridge.signing import Signing
 from mavlink_bridge.tlog import TelemetryLog
+from mavlink_bridge.watchers import Watchers
 
 _HEARTBEAT = 0
 _LOGGER = logging.getLogger(__name__)

@@ -11,7 +11,7 @@ from math import inf
 from typing import Any
 
 from mavlink_bridge.autopilots import Autopilot
-from mavlink_bridge.mission_protocol import AUTOPILOT_COMPONENT, Message
+from mavlink_bridge.mission_messages import AUTOPILOT_COMPONENT, Message
 
 _AGAIN_S = 0.3
 _ROUNDS = 3

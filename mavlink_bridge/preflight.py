@@ -13,7 +13,7 @@ from enum import StrEnum
 from math import hypot
 
 from mavlink_bridge.autopilots import Autopilot
-from mavlink_bridge.mission_protocol import GROUND
+from mavlink_bridge.mission_messages import GROUND
 from mavlink_bridge.models import MODEL_PARAMETERS
 from mavlink_bridge.pace import Point, VehicleModel, mean_acceleration
 

@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 from mavlink_bridge.geodesy import to_e7
 from mavlink_bridge.items import Frame
-from mavlink_bridge.mission_protocol import AUTOPILOT_COMPONENT, Message
+from mavlink_bridge.mission_messages import AUTOPILOT_COMPONENT, Message
 from mavlink_bridge.pace import Point
 from mavlink_bridge.route import Route
 

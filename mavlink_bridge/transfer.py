@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 from mavlink_bridge.autopilots import Autopilot
 from mavlink_bridge.items import Mission, MissionItem
-from mavlink_bridge.mission_protocol import SILENCE_S, MissionType
+from mavlink_bridge.mission_messages import SILENCE_S, MissionType
 from mavlink_bridge.parameters import ParameterRead
 from mavlink_bridge.results import UploadResult
 from mavlink_bridge.vehicle import NotDone, Vehicle

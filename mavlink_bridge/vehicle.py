@@ -16,7 +16,7 @@ from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectError, Mav
 from mavlink_bridge.autopilots import Autopilot, FlightMode
 from mavlink_bridge.heartbeat import AUTOPILOT
 from mavlink_bridge.items import MissionItem
-from mavlink_bridge.mission_protocol import GROUND, Message
+from mavlink_bridge.mission_messages import GROUND, Message
 from mavlink_bridge.telemetry import MESSAGES, TelemetryState
 
 Result = TypeVar("Result")

@@ -14,7 +14,8 @@ from typing import Any
 
 from mavlink_bridge.compare import mission_differences
 from mavlink_bridge.items import MissionItem
-from mavlink_bridge.mission_protocol import SILENCE_S, Download, Ended, Message, MissionType, RoundTrip, Upload
+from mavlink_bridge.mission_messages import SILENCE_S, Ended, Message, MissionType, RoundTrip
+from mavlink_bridge.mission_protocol import Download, Upload
 
 ATTEMPTS = 3
 _STATELESS_WINDOW = 4

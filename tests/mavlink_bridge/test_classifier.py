@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mavlink_bridge.autopilots import FlightMode
-from mavlink_bridge.classifier import Change, Classifier, Condition, Lasting, Timing
+from mavlink_bridge.classifier import Classifier
+from mavlink_bridge.conditions import Change, Condition, Lasting, Timing
 
 PX4_MISSION, PX4_LAND, PX4_RETURN, PX4_POSITION = (4 << 16 | 4 << 24, 4 << 16 | 6 << 24, 4 << 16 | 5 << 24, 3 << 16)
 COPTER_AUTO, COPTER_RTL, COPTER_STABILIZE = 3, 6, 0

@@ -10,7 +10,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from mavlink_bridge import Autopilot, compile_mission
-from mavlink_bridge.classifier import Condition
+from mavlink_bridge.conditions import Condition
 from planner.plans import Plan
 from sim import Kill
 from sim.faults import ClockJump, ModeChange, Reboot

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from api.virtual_wire import Wire, autopilot_on, lossy
 from mavlink_bridge import Autopilot, Mission, compile_mission, mission_differences
-from mavlink_bridge.mission_protocol import Ack, Message
+from mavlink_bridge.mission_messages import Ack, Message
 from mavlink_bridge.verified import OnBoard, VerifiedUpload
 from planner.plans import Plan
 
