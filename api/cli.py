@@ -13,7 +13,7 @@ import typer
 from pydantic import ValidationError
 from rich.console import Console
 
-from api import show
+from api import remote_cli, show
 from api.keys_cli import keys
 from api.problems import ServiceError, broken_rules
 from api.reproduce.commands import reproduce, tune_mu
@@ -25,6 +25,8 @@ cli = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_
 bench = typer.Typer(no_args_is_help=True, help="Measure; figures as JSON.")
 cli.add_typer(bench, name="bench")
 cli.add_typer(keys, name="keys")
+for _command in (remote_cli.fly, remote_cli.status, remote_cli.drill):
+    cli.command()(_command)
 cli.command("reproduce")(reproduce)
 cli.command("tune-mu")(tune_mu)
 errors = Console(stderr=True)

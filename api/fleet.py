@@ -78,11 +78,6 @@ class Fleet:
         if self._systems:
             self._finding = asyncio.create_task(self._find(), name="fleet-find")
 
-    async def found(self) -> None:
-        """After a restart: wait until every vehicle was heard, or has had its time."""
-        if self._finding is not None:
-            await asyncio.shield(self._finding)
-
     async def _find(self) -> None:
         """Hear everybody before anybody is suspected: discovery takes wall time, silence counts fleet time."""
         with suppress(VehiclesMissing):

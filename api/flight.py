@@ -222,7 +222,8 @@ class Flight:
 
         Who is silent is declared lost in time.
         """
-        await self._fleet.found()
+        with suppress(VehiclesMissing):
+            await self._fleet.link.wait_for({self.systems[uav] for uav in self.surviving()}, timeout_s=HEARD_WITHIN_S)
         until = time.monotonic() + TOLD_WITHIN_S
         while time.monotonic() < until and not all(map(self._has_told, self.surviving())):  # noqa: ASYNC110
             await asyncio.sleep(LOOK_EVERY_S)

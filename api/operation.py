@@ -265,7 +265,7 @@ class Operation:
         return {
             "vehicles": flight.systems,
             "timeline": [{"from_s": entry.from_s, "plan_id": entry.plan.id} for entry in flight.timeline],
-            "slot0_at": None if elapsed is None else time.time() - elapsed / self.parts.clock.scale,
+            "slot0_at": self._slot0_at(elapsed),
             "paused_s": elapsed if flight.paused else None,
             "lost": flight.lost,
             "returned": sorted(flight.returned),
@@ -274,6 +274,12 @@ class Operation:
             **self.incidents.document(),
             "view": self.view().model_dump(mode="json") if ended else None,
         }
+
+    def _slot0_at(self, elapsed_s: float | None) -> float | None:
+        """UTC second when slot 0 began; as it begins, now."""
+        if elapsed_s is None:
+            return time.time() if self.state == State.STARTING else None
+        return time.time() - elapsed_s / self.parts.clock.scale
 
     def _write_track(self) -> None:
         """Store where everyone was since the last time."""

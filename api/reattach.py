@@ -59,7 +59,7 @@ async def settle(operation: Operation) -> None:
     """Find out what is in doubt, and decide how to go on; the vehicles have been heard, or are silent."""
     if operation.state in {State.UPLOADING, State.READY}:
         await _give_up(operation, State.FAILED, "the service was stopped before take-off; start a new operation")
-    elif operation.state == State.STARTING and all(_in_mission(operation, uav) for uav in operation.flight.systems):
+    elif operation.state == State.STARTING and _all_started(operation):
         await operation.enter(State.FLYING)
     elif operation.state not in IN_THE_AIR:
         await _give_up(
@@ -150,6 +150,12 @@ async def _write(operation: Operation, incident: int, step: Step, data: dict[str
         data=data,
     )
     await operation.journal.write(entry)
+
+
+def _all_started(operation: Operation) -> bool:
+    """Whether everybody who is heard flies its mission; who is silent is lost, and answered like any loss."""
+    heard = [uav for uav in operation.flight.systems if operation.flight.on_board(uav) is not None]
+    return bool(heard) and all(_in_mission(operation, uav) for uav in heard)
 
 
 def _in_mission(operation: Operation, uav: str) -> bool:

@@ -84,13 +84,13 @@ class Service:
         await self.plans.start()
         await self.drills.start_up()
         await self.fleet.start()
-        warm = asyncio.create_task(self.solver.warm_up() if self.settings.warm_up else asyncio.sleep(0))
+        if self.settings.warm_up:
+            self._tasks.append(asyncio.create_task(self.solver.warm_up(), name="warm-up"))
         await self.operations.start_up()  # before the solver is warm: vehicles in the air wait for nothing
         if self.simulated is not None:
             self.simulated.start()
             for system_id, uav_id in enumerate(scenario_of(str(self.settings.simulate)).uav_ids, start=1):
                 await self.fleet.register(uav_id, system_id, simulated=True)
-        await warm
         self.ready = True
 
     async def close(self) -> None:
@@ -136,6 +136,8 @@ class Service:
             checks["database"] = "ok"
         except StoreError as error:
             checks["database"] = str(error)[:200]
+        cold = self.settings.warm_up and len(self.solver.warm) < len(self.solver.lanes)
+        checks["solver"] = "warming up" if cold else "ok"
         lane = self.solver[LaneName.REQUESTS]
         checks["queue"] = "ok" if lane.busy < self.settings.queue_limit else "full"
         return checks

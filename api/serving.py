@@ -43,18 +43,17 @@ def serve(given: dict[str, Any], *, as_json: bool, ui: bool = True) -> None:
 
 
 def require_safe(settings: Settings) -> None:
-    """Refuse to let other machines in without keys. Raises InvalidError."""
-    if settings.on_loopback:
-        return
+    """Refuse to let other machines in without keys: InvalidError. Raises StoreError for a database of no use."""
 
     async def keys_in_use() -> bool:
         database = await Database.open(settings.database_url)
         try:
+            await database.claim()
             return await KeyRing(database).in_use()
         finally:
             await database.close()
 
-    if not asyncio.run(keys_in_use()):
+    if not asyncio.run(keys_in_use()) and not settings.on_loopback:
         raise InvalidError(
             f"host: {settings.host} can be reached by other machines and there is no API key; make one with "
             "'skyfolio keys create NAME --role pilot', or bind to 127.0.0.1"

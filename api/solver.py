@@ -253,6 +253,7 @@ class Solver:
     """Both lanes."""
 
     def __init__(self, workers: int, queue_limit: int) -> None:
+        self.warm: set[LaneName] = set()
         self.lanes = {LaneName.REQUESTS: Lane(workers, queue_limit), LaneName.FLIGHT: Lane(1, 256)}
 
     def __getitem__(self, name: LaneName) -> Lane:
@@ -260,8 +261,9 @@ class Solver:
 
     async def warm_up(self) -> None:
         """Ready all workers."""
-        await self.lanes[LaneName.FLIGHT].warm_up()  # alone: on a new machine it compiles what all then load
-        await self.lanes[LaneName.REQUESTS].warm_up()
+        for name in (LaneName.FLIGHT, LaneName.REQUESTS):  # one after the other: on a new machine the first compiles
+            await self.lanes[name].warm_up()
+            self.warm.add(name)
 
     def close(self) -> None:
         """End all workers."""

@@ -79,3 +79,45 @@ def test_a_mistake_is_one_message_and_status_2(
     printed = capsys.readouterr()
     assert said in " ".join(printed.err.split())
     assert printed.out == ""
+
+
+def test_keys_are_made_listed_and_revoked_and_shown_only_once(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    where = ["--database-url", f"sqlite+aiosqlite:///{tmp_path}/service.db", "--json"]
+    assert run(monkeypatch, "keys", "create", "ground station", "--role", "pilot", *where) == 0
+    made = json.loads(capsys.readouterr().out)
+    assert made["role"] == "pilot"
+    assert run(monkeypatch, "keys", "list", *where) == 0
+    listed = capsys.readouterr().out
+    assert made["key"].split("_", 2)[2] not in listed
+    [row] = json.loads(listed)
+    assert (row["name"], row["role"], row["revoked_at"]) == ("ground station", "pilot", None)
+    assert run(monkeypatch, "keys", "revoke", row["id"], *where) == 0
+    capsys.readouterr()
+    assert run(monkeypatch, "keys", "list", *where) == 0
+    assert json.loads(capsys.readouterr().out)[0]["revoked_at"] > 0
+    assert run(monkeypatch, "keys", "revoke", "none", *where) == 2
+    assert "does not exist" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["serve", "--host", "0.0.0.0"], "there is no API key"),  # noqa: S104
+        (["serve", "--database-url", "mysql://x"], "must be 'temporary'"),
+        (["serve", "--port", "0", "--database-url", "temporary", "--time-scale", "0"], "time_scale: "),
+        (["status", "--service", "http://127.0.0.1:9"], "nobody answers at http://127.0.0.1:9"),
+        (["fly", "--example", "none"], "must be one of"),
+    ],
+)
+def test_a_service_that_cannot_be_run_or_reached_is_one_message(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    arguments: list[str],
+    said: str,
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    assert run(monkeypatch, *arguments) == 2
+    assert said in " ".join(capsys.readouterr().err.split())

@@ -4,44 +4,18 @@ import asyncio
 import json
 import os
 import signal
-import socket
-import sys
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import httpx2
 import pytest
 
 import sim
-from api.demo.client import free_port
-from api.settings import Settings
-from api.simulate import specs_at_starts
-from planner import EXAMPLES
+from tests.api.field import Case, Field, died, events_of
 
 pytestmark = pytest.mark.e2e
-SPEEDUP = 4.0
-AT_ONCE = 5
-SCENARIO = EXAMPLES["paper"]().with_changes(slots=32, altitude_m=10.0)
+AT_ONCE = 3
 LOST = "uav-3"
-DYING = Path(__file__).parent / "dying_service.py"
 ENDED = {"completed", "failed", "aborted", "interrupted"}
-
-
-@dataclass(frozen=True)
-class Case:
-    """When the service dies: before or after the count-th entry of a step is stored."""
-
-    step: str
-    when: str = "after"
-    count: int = 1
-
-    def __str__(self) -> str:
-        return f"{self.when} {self.step} {self.count}"
-
-
 MATRIX = [
     Case("detected", "before"),
     Case("detected"),
@@ -54,91 +28,6 @@ MATRIX = [
     Case("flying"),
     Case("closed"),
 ]
-
-
-class Field:
-    """One fleet, one database, and services that come and go."""
-
-    def __init__(self, folder: Path) -> None:
-        folder.mkdir(parents=True)
-        self.endpoint = f"127.0.0.1:{free_port(socket.SOCK_DGRAM)}"
-        self.fleet = sim.Fleet(
-            specs_at_starts(SCENARIO), clock=sim.ScaledClock(SPEEDUP), endpoint=f"udpout://{self.endpoint}"
-        )
-        self.settings = Settings(
-            port=free_port(socket.SOCK_STREAM),
-            database_url=f"sqlite+aiosqlite:///{folder}/service.db",
-            fleet_url=f"udpin://{self.endpoint}",
-            time_scale=SPEEDUP,
-            plan_ahead=False,
-        )
-        self.log = folder / "service.log"
-        self.client = httpx2.AsyncClient(base_url=f"http://127.0.0.1:{self.settings.port}", timeout=70.0)
-
-    @asynccontextmanager
-    async def service(self, dies: Case | None = None) -> AsyncIterator[asyncio.subprocess.Process]:
-        """A service process that is ready; it dies by itself in a case, and is ended otherwise."""
-        command = [str(DYING), self.settings.model_dump_json(), "never", "after", "1"]
-        if dies is not None:
-            command = [str(DYING), self.settings.model_dump_json(), dies.step, dies.when, str(dies.count)]
-        with self.log.open("ab") as sink:
-            process = await asyncio.create_subprocess_exec(sys.executable, *command, stdout=sink, stderr=sink)
-            try:
-                async with asyncio.timeout(60):
-                    await self._ready(process)
-                yield process
-            finally:
-                if process.returncode is None:
-                    process.terminate()
-                    await process.wait()
-
-    async def _ready(self, process: asyncio.subprocess.Process) -> None:
-        while process.returncode is None:
-            with suppress(httpx2.TransportError):
-                if (await self.client.get("/ready")).status_code == 200:
-                    return
-            await asyncio.sleep(0.1)
-        raise AssertionError(f"the service ended with {process.returncode}: {self.log.read_text()[-2000:]}")
-
-    async def get(self, path: str, **params: Any) -> Any:
-        answer = await self.client.get(path, params=params)
-        assert answer.status_code == 200, answer.text
-        return answer.json()
-
-    async def take_off(self, until: str = "flying") -> str:
-        """Plan, register, fly; the operation's path once it is in that state."""
-        scenario = SCENARIO.model_dump(mode="json")
-        made = (await self.client.post("/v1/plans", params={"wait_s": 60}, json=scenario)).json()
-        for number, uav in enumerate(SCENARIO.uav_ids, start=1):
-            body = {"uav_id": uav, "system_id": number}
-            assert (await self.client.post("/v1/fleet/vehicles", json=body)).status_code == 201
-        started = await self.client.post("/v1/operations", json={"plan_id": made["id"]})
-        assert started.status_code == 202, started.text
-        await self.until(started.headers["Location"], until, "failed")
-        return str(started.headers["Location"])
-
-    async def until(self, path: str, *states: str, limit_s: float = 90) -> dict[str, Any]:
-        async with asyncio.timeout(limit_s):
-            while True:
-                operation: dict[str, Any] = await self.get(path)
-                if operation["state"] in states:
-                    return operation
-                await asyncio.sleep(0.05)
-
-
-async def died(process: asyncio.subprocess.Process) -> None:
-    """Wait until the service has killed itself."""
-    async with asyncio.timeout(60):
-        assert await process.wait() == -signal.SIGKILL
-
-
-async def events_of(field: Field) -> list[dict[str, Any]]:
-    found: list[dict[str, Any]] = []
-    while True:
-        page = await field.get("/v1/events/log", after=len(found), limit=500)
-        found += page["items"]
-        if page["next"] is None:
-            return found
 
 
 async def killed_at(case: Case, folder: Path) -> None:

@@ -1,0 +1,121 @@
+"""Commands that ask a running service, through the typed client."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import httpx2
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from api.client import Client
+from api.operation_views import OperationView
+from api.problems import InvalidError, ServiceError
+from planner import EXAMPLES, Scenario
+
+ServiceUrl = Annotated[str, typer.Option(envvar="SKYFOLIO_SERVICE", help="Where the service is.")]
+Key = Annotated[str | None, typer.Option(envvar="SKYFOLIO_KEY", help="API key, where one is needed.")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON only.")]
+LOCAL = "http://127.0.0.1:8080"
+
+
+class UnreachableError(ServiceError):
+    """Nobody answers at the service's address."""
+
+
+def fly(
+    scenario: Annotated[Path | None, typer.Argument(help="Scenario as JSON.")] = None,
+    example: Annotated[str | None, typer.Option(help=f"Fly a ready scenario: {', '.join(EXAMPLES)}.")] = None,
+    replanning: Annotated[str, typer.Option(help="After a loss: auto, approve or off.")] = "auto",
+    service: ServiceUrl = LOCAL,
+    key: Key = None,
+    as_json: Json = False,
+) -> None:
+    """Plan a scenario at the service and fly it with the vehicles registered there."""
+    if replanning not in {"auto", "approve", "off"}:
+        raise InvalidError(f"replanning: {replanning!r} must be auto, approve or off")
+    wanted = _scenario(scenario, example)
+    with _Asking(service, key) as client:
+        plan = client.plan(wanted)
+        _show(client.fly(plan.id, replanning=replanning), as_json=as_json)  # type: ignore[arg-type]
+
+
+def status(
+    operation_id: Annotated[str | None, typer.Argument(help="Operation; default: the newest.")] = None,
+    service: ServiceUrl = LOCAL,
+    key: Key = None,
+    as_json: Json = False,
+) -> None:
+    """Show where an operation is, and each of its UAVs."""
+    with _Asking(service, key) as client:
+        wanted = operation_id or next((row.id for row in client.operations()), None)
+        if wanted is None:
+            raise InvalidError("operation_id: the service has flown no operation yet")
+        _show(client.operation(wanted), as_json=as_json)
+
+
+def drill(
+    operation_id: Annotated[str, typer.Argument(help="Operation in the air.")],
+    uav_id: Annotated[str, typer.Argument(help="The UAV that is struck; the service must simulate it.")],
+    fault: Annotated[str, typer.Option(help="What happens to it.")] = "kill",
+    at_slot: Annotated[int | None, typer.Option(min=0, help="When this slot begins (from 0); default: now.")] = None,
+    service: ServiceUrl = LOCAL,
+    key: Key = None,
+    as_json: Json = False,
+) -> None:
+    """Let a fault strike a simulated vehicle, to see the service answer it."""
+    with _Asking(service, key) as client:
+        made = client.drill(operation_id, uav_id, fault=fault, at_slot=at_slot)
+    if as_json:
+        _print(made.model_dump_json(indent=2))
+    else:
+        _print(f"{made.id}: {made.fault} of {made.uav_id} is {made.state.value}")
+
+
+class _Asking(Client):
+    """A client whose connection errors are one message."""
+
+    def __init__(self, service: str, key: str | None) -> None:
+        super().__init__(service, key=key)
+        self._where = service
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
+        self.close()
+        if isinstance(error, httpx2.TransportError):
+            raise UnreachableError(f"service: nobody answers at {self._where} ({error})") from error
+
+
+def _scenario(file: Path | None, example: str | None) -> Scenario:
+    if (file is None) == (example is None):
+        raise InvalidError("scenario: give a FILE or --example NAME, one of them")
+    if file is not None:
+        try:
+            return Scenario.model_validate_json(file.read_text(encoding="utf-8"))
+        except OSError as error:
+            raise InvalidError(f"scenario: {error}") from error
+    if example not in EXAMPLES:
+        raise InvalidError(f"example: {example!r} must be one of {', '.join(EXAMPLES)}")
+    return EXAMPLES[example]()
+
+
+def _show(view: OperationView, *, as_json: bool) -> None:
+    if as_json:
+        _print(json.dumps(view.model_dump(mode="json"), indent=2))
+        return
+    slot = "-" if view.slot is None else str(view.slot)
+    table = Table("uav", "state", "item", "slip, m", title=f"{view.id}: {view.state.value}, slot {slot}")
+    for uav, said in view.uavs.items():
+        table.add_row(
+            uav, said.state, str(said.mission_item or "-"), "-" if said.slip_m is None else f"{said.slip_m:.1f}"
+        )
+    Console().print(table)
+    for report in view.recoveries:
+        _print(f"{report.cause} of {', '.join(report.lost) or 'nobody'}: {report.outcome}, plan {report.plan_id}")
+
+
+def _print(text: str) -> None:
+    sys.stdout.write(text + "\n")
