@@ -1,8 +1,14 @@
 """The service: holds the optimiser, flies its plans with a fleet, and closes the loop when an aircraft is lost.
 
-`app.py` puts the parts together; `routes/` parse, call and render; `plan_book.py` and `solver.py` own the plans and
-the worker processes; `fleet.py`, `operations.py` and `resilience.py` fly; `cli.py` is the `skyfolio` command and
-`demo/` the drill that it shows. Errors leave through one table, `problems.py`.
+    routes/ <- gate (keys, limits, audit)           parse, call, render; errors leave through `problems`
+    plan_book, solver, contingencies                plans, worker processes, plans made ahead of a loss
+    fleet, flight, operation(s)                     vehicles, one flight and its slot clock, operations
+    incidents, resilience, swapping, transition     what happens in flight and how it is answered
+    journal, reattach, store/, events               what is kept, and how a restart goes on with it
+    client, cli, remote_cli, keys_cli               ways in; `demo/` is the drill that the command line shows
+
+`service.py` puts the parts together, `app.py` the routes. A step that reaches a vehicle is in the journal before it is
+sent: whoever adds one keeps to that, and adds it to the kill matrix in the tests.
 """
 
 from importlib.metadata import version

@@ -7,6 +7,7 @@ survivors. Nothing is taken from the service's own clocks but the last, which is
 from __future__ import annotations
 
 import asyncio
+import os
 import platform
 import socket
 import tempfile
@@ -44,7 +45,14 @@ async def _figures(runs: int, wanted: set[str]) -> dict[str, Any]:
         "streams": streams_figures,
         "recovery": _recoveries,
     }
-    machine = {"processor": platform.processor() or platform.machine(), "python": platform.python_version()}
+    cores = len(os.sched_getaffinity(0))
+    os.environ.setdefault("SKYFOLIO_WORKERS", str(cores))  # of the services started here
+    machine = {
+        "cores": cores,
+        "workers": int(os.environ["SKYFOLIO_WORKERS"]),
+        "processor": platform.processor() or platform.machine(),
+        "python": platform.python_version(),
+    }
     figures: dict[str, Any] = {"machine": machine}
     for name, measure in parts.items():
         if name in wanted:
@@ -56,6 +64,7 @@ async def _with_service(measure: Callable[[httpx2.AsyncClient], Awaitable[dict[s
     url = f"udpin://127.0.0.1:{free_port(socket.SOCK_DGRAM)}"
     with tempfile.TemporaryDirectory() as folder:
         async with service_process(1.0, url, Path(folder) / "service.log") as client:
+            await _warm(client)
             return await measure(client)
 
 
@@ -140,6 +149,7 @@ async def _one_loss(scenario: Scenario) -> dict[str, Any]:
         folder = stack.enter_context(tempfile.TemporaryDirectory())
         log = Path(folder) / "service.log"
         client = await stack.enter_async_context(service_process(1.0, f"udpin://{endpoint}", log))
+        await _warm(client)
         await stack.enter_async_context(fleet)
         plan = await call(client, "POST", "/v1/plans", params={"wait_s": 60}, json=scenario.model_dump(mode="json"))
         for number, uav in enumerate(scenario.uav_ids, start=1):
@@ -180,6 +190,13 @@ def grid_scenario(uavs: int) -> Scenario:
 
 
 _JSON = {"content-type": "application/json"}
+
+
+async def _warm(client: httpx2.AsyncClient) -> None:
+    """Wait until every worker has compiled what it runs."""
+    async with asyncio.timeout(300):
+        while (await client.get("/ready")).status_code != 200:  # noqa: ASYNC110
+            await asyncio.sleep(0.2)
 
 
 async def _post_plan(client: httpx2.AsyncClient, body: str) -> httpx2.Response:

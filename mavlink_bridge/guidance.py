@@ -16,7 +16,7 @@ from enum import StrEnum
 from mavsdk.plugins.mavlink_direct import MavlinkDirectError
 
 from mavlink_bridge import flight
-from mavlink_bridge.autopilots import STREAM_MODE, FlightMode
+from mavlink_bridge.autopilots import OURS, STREAM_MODE, FlightMode
 from mavlink_bridge.geodesy import geodetic_to_east_north
 from mavlink_bridge.items import Mission
 from mavlink_bridge.keeper import Keeper, Order, Slip
@@ -160,8 +160,12 @@ class Stream:
         await asyncio.gather(*(self._let_go(one, slot) for one in self._streamed.values()))
 
     async def _let_go(self, one: Streamed, slot: int) -> None:
-        """Fly the mission on board from the waypoint of this slot, or hold; not one that somebody else flies."""
-        if one.vehicle.state.autopilot is None or one.vehicle.state.mode is not STREAM_MODE[one.vehicle.autopilot]:
+        """Fly the mission on board from the waypoint of this slot, or hold; not one that somebody else flies.
+
+        One that hovers because its setpoints came late (PX4 leaves OFFBOARD then) is still ours.
+        """
+        autopilot = one.vehicle.state.autopilot
+        if autopilot is None or one.vehicle.state.mode not in OURS[autopilot]:
             return
         try:
             if self._fall_back is FallBack.MISSION:

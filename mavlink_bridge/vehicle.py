@@ -39,6 +39,10 @@ _NAMES = {
 }
 
 
+ANSWER_S = 1.0
+"""Wall seconds without any message before a vehicle whose link was declared lost is given up."""
+
+
 class NotDone(Exception):  # noqa: N818 (ends one command of one vehicle; becomes its result's error text)
     """The vehicle did not do it; the text says what was seen instead."""
 
@@ -143,14 +147,19 @@ class Vehicle:
         await self._command("COMMAND_INT", number, {"frame": frame, "x": x, "y": y, "z": z, **params})
 
     async def converse(self, conversation: Conversation, given_up: Callable[[], bool] = lambda: False) -> None:
-        """Carry a protocol to its end; one at a time for each vehicle. `given_up` ends it early."""
+        """Carry a protocol to its end; one at a time for each vehicle.
+
+        `given_up` ends it early, but not while the vehicle still answers: an answer is better evidence than a verdict.
+        """
         async with self._talking:
             self._inbox = asyncio.Queue()
             try:
-                self._send_all(conversation.start(self._loop.time()))
+                heard_s = self._loop.time()
+                self._send_all(conversation.start(heard_s))
                 while not conversation.ended:
-                    await self._turn(conversation, self._inbox)
-                    if given_up():
+                    if await self._turn(conversation, self._inbox):
+                        heard_s = self._loop.time()
+                    elif given_up() and self._loop.time() - heard_s >= ANSWER_S:
                         conversation.give_up()
             finally:
                 self._inbox = None
@@ -165,8 +174,11 @@ class Vehicle:
             return condition()
         return True
 
-    async def _turn(self, conversation: Conversation, inbox: asyncio.Queue[tuple[str, dict[str, Any]]]) -> None:
-        """The next message, or the next thing that is due; what a slow loop let pile up is taken in first."""
+    async def _turn(self, conversation: Conversation, inbox: asyncio.Queue[tuple[str, dict[str, Any]]]) -> bool:
+        """The next message, or the next thing that is due; what a slow loop let pile up is taken in first.
+
+        Whether it was a message.
+        """
         wait_s = conversation.due_s - self._loop.time()
         heard: tuple[str, dict[str, Any]] | None = None
         if not inbox.empty():
@@ -179,6 +191,7 @@ class Vehicle:
                 heard = None
         now = self._loop.time()
         self._send_all(conversation.tick(now) if heard is None else conversation.handle(*heard, now))
+        return heard is not None
 
     def _send_all(self, messages: list[Message]) -> None:
         for message in messages:

@@ -127,13 +127,13 @@ def alternate(
     for IPOPT's calls alone.
     """
     program = program or Trajectories(problem, links)
-    paths, best, solving, done = start_m, -np.inf, 0.0, 0
+    paths, best, solving, busy, done = start_m, -np.inf, 0.0, 0.0, 0
     while done < passes:
         done += 1
         serving, bandwidth = shares(paths)
-        began = time.perf_counter()
+        began, cpu = time.perf_counter(), time.process_time()
         moved = program.solve(paths, serving, bandwidth)
-        solving += time.perf_counter() - began
+        solving, busy = solving + time.perf_counter() - began, busy + time.process_time() - cpu
         value = utility_of(problem, moved, *shares(moved))
         if value <= best:
             break
@@ -147,6 +147,7 @@ def alternate(
         "passes": done,
         "build_s": program.build_s,
         "solve_s": solving,
+        "solve_cpu_s": busy,
     }
 
 

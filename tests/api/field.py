@@ -8,7 +8,8 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from types import TracebackType
+from typing import Any, Self
 
 import httpx2
 
@@ -19,7 +20,7 @@ from api.simulate import specs_at_starts
 from planner import EXAMPLES
 
 SPEEDUP = 5.0
-SCENARIO = EXAMPLES["paper"]().with_changes(slots=28, altitude_m=8.0)
+SCENARIO = EXAMPLES["paper"]().with_changes(slots=40, altitude_m=8.0)
 DYING = Path(__file__).parent / "dying_service.py"
 
 
@@ -53,6 +54,16 @@ class Field:
         )
         self.log = folder / "service.log"
         self.client = httpx2.AsyncClient(base_url=f"http://127.0.0.1:{self.settings.port}", timeout=150.0)
+
+    async def __aenter__(self) -> Self:
+        await self.fleet.__aenter__()
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self.client.aclose()
+        await self.fleet.__aexit__(kind, error, trace)
 
     @asynccontextmanager
     async def service(self, dies: Case | None = None) -> AsyncIterator[asyncio.subprocess.Process]:

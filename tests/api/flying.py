@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 from fastapi import FastAPI
@@ -25,8 +26,11 @@ from planner import Plan, Scenario
 class FleetThread:
     """A simulated fleet with an event loop of its own, as another process would be."""
 
-    def __init__(self, scenario: Scenario, endpoint: str, speedup: float, absent: tuple[int, ...] = ()) -> None:
-        specs = [spec for spec in specs_at_starts(scenario) if spec.system_id not in absent]
+    def __init__(
+        self, scenario: Scenario, endpoint: str, speedup: float, absent: tuple[int, ...] = (), autopilot: str = "px4"
+    ) -> None:
+        standing = [replace(spec, autopilot=autopilot) for spec in specs_at_starts(scenario)]
+        specs = [spec for spec in standing if spec.system_id not in absent]
         self.fleet = sim.Fleet(specs, clock=sim.ScaledClock(speedup), endpoint=endpoint)
         self._loop = asyncio.new_event_loop()
         self._until = asyncio.Event()

@@ -93,6 +93,30 @@ def test_a_loss_in_flight_is_answered_and_the_survivor_lands(service: tuple[Test
         fleet.stop()
 
 
+@pytest.mark.parametrize(("autopilot", "guidance"), [("px4", "stream"), ("ardupilot", "mission")])
+def test_both_autopilots_fly_by_mission_or_stream_and_tell_their_slip(
+    service: tuple[TestClient, str], autopilot: str, guidance: str
+) -> None:
+    client, endpoint = service
+    fleet = FleetThread(EXAMPLES["minimal"](), endpoint, SPEEDUP, autopilot=autopilot)
+    try:
+        order = {"plan_id": ready(client), "guidance": guidance}
+        path = client.post("/v1/operations", json=order).headers["Location"]
+        ended = follow(client, path, "completed", "failed", limit_s=90)
+        assert ended["error"] is None
+        log = client.get("/v1/events/log", params={"limit": 500}).json()["items"]
+        began = max(event["id"] for event in log if event["kind"] == "missions_uploaded")
+        slips = [event["data"] for event in log if event["kind"] == "slip" and event["id"] > began]
+        assert {slip["uav_id"] for slip in slips} == {"uav-1", "uav-2"}
+        assert {slip["slot"] for slip in slips} >= {1, 2, 3, 4, 5}
+        modes = {event.detail["mode"] for event in fleet.fleet.truth.happened("mode")}
+        assert ("GUIDED" in modes) == (guidance == "stream" or autopilot == "ardupilot")
+        assert all(fleet.fleet.truth.happened("landed", system_id) for system_id in (1, 2))
+        assert any(event["kind"] == "preflight" for event in log)
+    finally:
+        fleet.stop()
+
+
 def test_an_aborted_operation_leaves_vehicles_holding(service: tuple[TestClient, str]) -> None:
     client, endpoint = service
     fleet = simulated(endpoint)

@@ -99,7 +99,7 @@ async def test_half_an_hour_of_random_faults_loses_no_event_and_no_memory(tmp_pa
     field = Field(tmp_path / "field", SPEEDUP)
     heard: list[int] = []
     memory, outcomes = [], []
-    async with field.fleet, field.service() as process:
+    async with field, field.service() as process:
         plan_id = await field.planned_and_registered()
         listening = asyncio.create_task(listen(field, heard))
         until_s = field.fleet.clock.now() + FLEET_S
@@ -113,7 +113,6 @@ async def test_half_an_hour_of_random_faults_loses_no_event_and_no_memory(tmp_pa
         listening.cancel()
         operations = (await field.get("/v1/operations", limit=200))["items"]
         journals = [await field.get(f"/v1/operations/{row['id']}/journal") for row in operations]
-    await field.client.aclose()
     assert len(outcomes) >= 4
     assert heard == list(range(1, heard[-1] + 1)), "every event once, in order"
     assert all(row["ended_at"] for row in operations)

@@ -16,6 +16,7 @@ from sim import Kill
 from sim.faults import ClockJump, ModeChange, Reboot
 
 Open = Callable[..., Any]
+pytestmark = pytest.mark.e2e
 BOTH = pytest.mark.parametrize("autopilot", list(Autopilot))
 
 

@@ -21,6 +21,7 @@ from sim import Fleet, Mode, ScaledClock
 
 Open = Callable[..., Any]
 PlanOf = Callable[..., Plan]
+pytestmark = pytest.mark.e2e
 BOTH = pytest.mark.parametrize("autopilot", list(Autopilot))
 PATH = [(0.0, 0.0), (0.0, 12.0), (0.0, 30.0), (0.0, 30.0), (10.0, 40.0), (25.0, 40.0)]
 SERVICE = Path(__file__).with_name("streaming_service.py")
@@ -126,7 +127,6 @@ async def test_a_vehicle_a_human_took_from_the_stream_is_left_to_the_human(
         assert field.fleet.vehicles[1].autopilot.mode is Mode.POSITION
 
 
-@pytest.mark.e2e
 @BOTH
 async def test_a_vehicle_whose_service_is_killed_stops_and_hovers(
     plan_of: PlanOf, free_port: int, autopilot: Autopilot
