@@ -91,6 +91,8 @@ class Situation:
         with self._events:
             for happening in happenings:
                 said, level = words(happening)
+                if not said:
+                    continue
                 with ui.element("li").classes(level).props(f'data-kind="{happening.kind}"') as line:
                     text("time", happening.at[11:19])
                     text("span", said)

@@ -15,6 +15,7 @@ from pydantic import ValidationError
 from api.dashboard.feed import Feed
 from api.dashboard.rest import RestError
 from api.dashboard.views import Happening, Operation, Vehicle
+from api.dashboard.words import words
 from mavlink_bridge import geodetic_to_east_north
 from planner import Origin, Plan
 
@@ -207,7 +208,8 @@ class Watch:
             self.show(str(operation_id))
         if operation_id == self._current:
             self._ticks = 0  # something happened to it: read it on the next look
-        self.happenings.append(happening)
+        if words(happening)[0]:
+            self.happenings.append(happening)
         self._tell()
 
     def _tell(self) -> None:

@@ -8,11 +8,13 @@ from typing import Any
 from api.dashboard.views import Happening
 
 Data = Mapping[str, Any]
+WORTH_TELLING_S = 2.0
+"""A UAV is late at the end of nearly every slot by a little; less than this is not told."""
 SKIP = {"operation_id", "plan_id"}
 
 
 def words(happening: Happening) -> tuple[str, str]:
-    """(what happened, level): the level is ok, warn, alarm or empty."""
+    """(what happened, level): the level is ok, warn, alarm or empty. No words: not worth an operator's look."""
     known = WORDS.get(happening.kind)
     if known is not None:
         return known(happening.data)
@@ -75,6 +77,19 @@ def _registered(data: Data) -> tuple[str, str]:
     return f"{data.get('uav_id')} is system {data.get('system_id')}{simulated}", ""
 
 
+def _slip(data: Data) -> tuple[str, str]:
+    late = float(data.get("late_s") or 0.0)
+    if abs(late) < WORTH_TELLING_S:
+        return "", ""
+    way = "behind" if late > 0 else "ahead of"
+    return f"{data.get('uav_id')} is {abs(late):.1f} s {way} schedule, {data.get('distance_m', 0):.1f} m off", "warn"
+
+
+def _preflight(data: Data) -> tuple[str, str]:
+    text = f"{data.get('uav_id')} preflight: {data.get('name')} is {data.get('found')}, should be {data.get('should')}"
+    return f"{text}: {data.get('why')}", "alarm" if data.get("level") == "blocker" else "warn"
+
+
 WORDS: Mapping[str, Callable[[Data], tuple[str, str]]] = {
     "operation": _operation,
     "link": _link,
@@ -84,6 +99,8 @@ WORDS: Mapping[str, Callable[[Data], tuple[str, str]]] = {
     "missions_uploaded": _uploaded,
     "incident": _incident,
     "drill": _drill,
+    "slip": _slip,
+    "preflight": _preflight,
     "uav_returned": _returned,
     "vehicle_registered": _registered,
 }

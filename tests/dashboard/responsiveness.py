@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 import tempfile
 import time
@@ -47,6 +48,16 @@ def many(uavs: int = 50, users: int = 200) -> Scenario:
     )
 
 
+def late(service: Service) -> int:
+    """How often the service's event loop was kept busy for over 50 ms, by its own metrics."""
+    text = service.client.get("/metrics").text
+    within, total = (
+        int(float(re.search(rf"event_loop_lag_seconds_{what} (\S+)", text)[1]))  # type: ignore[index]
+        for what in (r'bucket\{le="0\.05"\}', "count")
+    )
+    return total - within
+
+
 def measure(folder: Path, watch_s: float = 20.0) -> dict[str, Any]:
     """Fly 50 UAVs in real time and look at the page for a while."""
     scenario = many()
@@ -67,9 +78,11 @@ def measure(folder: Path, watch_s: float = 20.0) -> dict[str, Any]:
             operation = service.call("GET", f"/v1/operations/{operation['id']}")
         assert operation["state"] == "flying", operation["error"]
         page.see(".sf-what", "FLYING")
+        already_late = late(service)
         page.run(OBSERVE)
         time.sleep(watch_s)
         report: dict[str, Any] = page.run(REPORT)
+        report["event_loop_over_50_ms"] = late(service) - already_late
         report["click_to_screen_ms"] = page.driver.execute_async_script(CLICK)
         asked = time.monotonic()
         service.call("GET", "/health")

@@ -22,7 +22,7 @@ async def _key(url: str) -> str:
 def test_a_browser_without_a_key_is_led_to_the_sign_in_page(tmp_path: Path) -> None:
     url = f"sqlite+aiosqlite:///{tmp_path / 'keys.db'}"
     key = asyncio.run(_key(url))
-    with TestClient(create_app(Settings(database_url=url)), follow_redirects=False) as client:
+    with TestClient(create_app(Settings(database_url=url, warm_up=False)), follow_redirects=False) as client:
         refused = client.get("/ui/plan", headers={"accept": "text/html"})
         assert (refused.status_code, refused.headers["location"]) == (303, "/login")
         assert client.get("/ui/plan").status_code == 401

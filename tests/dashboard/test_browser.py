@@ -185,12 +185,12 @@ def test_a_viewer_signs_in_sees_and_may_not_plan(page: Page, folder: Path) -> No
 def test_an_operation_is_paused_loses_a_uav_recovers_and_is_held(flying: Service, page: Page, folder: Path) -> None:
     plan_and_fly(page, flying, folder, "replan and fly it")
     page.until(lambda: slot_of(page) >= 1, "slot 1")
+    assert page.map_says("uavs") == "3"
+    page.shot("fly")
     page.keys("SHIFT+P")
     page.see(".sf-what", "PAUSED")
     page.press("RESUME")
     page.see(".sf-what", "FLYING")
-    assert page.map_says("uavs") == "3"
-    page.shot("fly")
     operation = flying.call("GET", "/v1/operations")["items"][0]["id"]
     flying.call("POST", "/v1/drills", json={"operation_id": operation, "uav_id": LOST, "fault": "kill"})
     page.see(f'tr[data-uav="{LOST}"][data-lost="true"]', "LOST")

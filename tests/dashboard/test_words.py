@@ -16,10 +16,19 @@ from api.dashboard.words import words
         ("recovery", {"outcome": "too_late", "error": "no slot"}, "too late: no slot", "alarm"),
         ("plan_ended", {"plan_id": "plan-1", "status": "failed", "error": "x"}, "plan-1 failed: x", "warn"),
         ("missions_uploaded", {"uavs": 3, "upload_s": 0.02}, "3 missions uploaded and verified in 0.02 s", "ok"),
+        (
+            "slip",
+            {"uav_id": "uav-1", "late_s": 4.2, "distance_m": 12.0},
+            "uav-1 is 4.2 s behind schedule, 12.0 m",
+            "warn",
+        ),
+        ("slip", {"uav_id": "uav-1", "late_s": -0.3, "distance_m": 1.0}, "", ""),
+        ("preflight", {"uav_id": "uav-1", "level": "blocker", "name": "P", "found": 1, "should": 2}, "P is 1", "alarm"),
         ("wind_changed", {"operation_id": "op-1", "to_mps": 7}, "wind changed to_mps 7", ""),
     ],
 )
 def test_events_are_told_in_words(kind: str, data: dict[str, object], said: str, level: str) -> None:
     found, worth = words(Happening(id=1, at="2030-01-01T00:00:00Z", kind=kind, data=data))
     assert said in found
+    assert bool(said) == bool(found)
     assert worth == level

@@ -157,6 +157,7 @@ export default {
       this.paintUsers(c);
       if (this.frame) for (const uav of this.frame.uavs) this.paintUav(c, uav);
       this.nameUsers();
+      if (this.frame) for (const uav of this.frame.uavs) this.nameUav(uav); // over everything: it matters most
       this.paintLegend(c);
     },
     line(points, { colour, width = 1.5, dash = [], alpha = 1 }) {
@@ -397,9 +398,11 @@ export default {
         Object.assign(c, { strokeStyle: this.colours.text, lineWidth: 1.5 });
         c.stroke();
       }
-      this.nameUav(uav, x, y, many);
     },
-    nameUav(uav, x, y, many) {
+    nameUav(uav) {
+      if (uav.e === null) return;
+      const [x, y] = this.at(uav.e, uav.n);
+      const many = this.frame.uavs.length > 16;
       const short = uav.id.replace(/^uav-/, "");
       if (many && this.selected !== uav.id && !uav.lost && uav.link !== "stale") {
         if (this.view.zoom * 40 > 12) this.text(short, x + 9, y - 6, { size: 9 });
