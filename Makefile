@@ -4,10 +4,10 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 ARGS ?=
 
-.PHONY: demo test serve bench lint format clean
+.PHONY: test-sitl demo test serve bench lint format clean
 .DEFAULT_GOAL := demo
 
-$(READY): pyproject.toml constraints.txt scripts/setup.sh
+$(READY): pyproject.toml constraints.txt scripts/setup.sh scripts/browser.sh
 	sh scripts/setup.sh $(VENV)
 	@touch $@
 
@@ -18,6 +18,9 @@ test: lint
 	sh scripts/postgres.sh
 	$(BIN)/python -m pytest $(ARGS)
 	$(BIN)/python -m pytest -m "e2e or browser" $(ARGS)
+
+test-sitl: $(READY)
+	$(BIN)/python -m pytest tests/sitl $(ARGS)
 
 serve: $(READY)
 	$(BIN)/skyfolio serve $(ARGS)
@@ -37,3 +40,4 @@ format: $(READY)
 
 clean:
 	rm -rf $(VENV) out .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	find planner tests -name "*.nb[ci]" -delete

@@ -26,12 +26,16 @@ makes every creating POST safe to repeat. Operations have an `ETag`; commands ta
 """
 
 
-def create_app(settings: Settings | None = None) -> FastAPI:
-    """The service as an ASGI app; its parts live from startup to shutdown."""
+def create_app(settings: Settings | None = None, *, ui: bool = False) -> FastAPI:
+    """The service as an ASGI app; its parts live from startup to shutdown.
+
+    ui: also serve the dashboard at `/ui`; it lives in one app a process, so make only one app with it.
+    """
+    settings = settings or Settings()
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        app.state.service = await Service.open(settings or Settings())
+        app.state.service = await Service.open(settings)
         try:
             yield
         finally:
@@ -49,4 +53,8 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         app.include_router(routes.router)
     problems.install(app)
     app.add_middleware(Gate, owner=app)
+    if ui:
+        from api.dashboard.mount import mount  # noqa: PLC0415 - importing it makes the process-wide app
+
+        mount(app, time_scale=settings.time_scale, tile_url=settings.tile_url)
     return app

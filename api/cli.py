@@ -97,6 +97,7 @@ def serve(
     fleet_url: Annotated[str | None, typer.Option(help="Where vehicles are, e.g. udpin://127.0.0.1:14540.")] = None,
     simulate: Annotated[str | None, typer.Option(help="Fly this example's fleet in software, for drills.")] = None,
     time_scale: Annotated[float | None, typer.Option(help="Speed-up of a simulated fleet; 1 for real ones.")] = None,
+    ui: Annotated[bool, typer.Option("--ui/--no-ui", help="Serve the dashboard at /ui.")] = True,
     as_json: Json = False,
 ) -> None:
     """Run the service. Settings also come from SKYFOLIO_* environment variables."""
@@ -110,7 +111,7 @@ def serve(
         "simulate": simulate,
         "time_scale": time_scale,
     }
-    run({name: value for name, value in given.items() if value is not None}, as_json=as_json)
+    run({name: value for name, value in given.items() if value is not None}, as_json=as_json, ui=ui)
 
 
 @cli.command()
@@ -250,6 +251,24 @@ def bound_command(
         Console().print(shown(figures), highlight=False)
 
 
+@bench.command("bridge")
+def bench_bridge(
+    seeds: Annotated[int, typer.Option(min=1, help="Lossy uploads to the fleet.")] = 100,
+    swaps: Annotated[int, typer.Option(min=3, help="Missions swapped in flight, for each autopilot.")] = 20,
+    load_s: Annotated[float, typer.Option(min=1, help="How long to measure the load of 50 vehicles.")] = 10.0,
+    as_json: Json = False,
+) -> None:
+    """Measure the bridge on simulated PX4 and ArduCopter: schedule, uploads, swaps, loss detection, load."""
+    from api.bench_bridge import bridge_figures, tables  # noqa: PLC0415
+
+    figures = bridge_figures(seeds=seeds, swaps=swaps, load_s=load_s)
+    if as_json:
+        _write(json.dumps(figures, indent=2), None)
+    else:
+        for one in tables(figures):
+            Console().print(one)
+
+
 @bench.command("service")
 def bench_service(
     runs: Annotated[int, typer.Option(min=2, help="Plans measured end to end.")] = 200,
@@ -260,6 +279,24 @@ def bench_service(
     from api.bench_service import service_figures, table  # noqa: PLC0415
 
     figures = service_figures(runs, set(only or []))
+    if as_json:
+        _write(json.dumps(figures, indent=2), None)
+    else:
+        Console().print(table(figures))
+
+
+@bench.command("simulator")
+def bench_simulator(
+    vehicles: Annotated[int, typer.Option(min=1, max=254, help="How many.")] = 100,
+    autopilot: Annotated[Literal["px4", "ardupilot"], typer.Option(help="Which autopilot they have.")] = "px4",
+    position_hz: Annotated[float, typer.Option(min=0.1, max=50, help="Position messages a second, of each.")] = 10.0,
+    seconds: Annotated[float, typer.Option(min=1, help="How long to measure.")] = 15.0,
+    as_json: Json = False,
+) -> None:
+    """Measure how much of a core a simulated fleet takes at real time."""
+    from api.bench_simulator import simulator_figures, table  # noqa: PLC0415
+
+    figures = simulator_figures(vehicles, autopilot, position_hz, seconds)
     if as_json:
         _write(json.dumps(figures, indent=2), None)
     else:

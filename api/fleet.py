@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import time
-from contextlib import AsyncExitStack, suppress
+from collections.abc import Iterator
+from contextlib import AsyncExitStack, contextmanager, suppress
+from typing import Any
 
 from pydantic import BaseModel
 from sqlalchemy import delete, insert, select
@@ -15,14 +17,17 @@ from api.problems import ConflictError, InvalidError, NotFoundError
 from api.settings import Settings
 from api.store import Database
 from api.store.tables import vehicles as table
-from mavlink_bridge import FleetLink, HeartbeatMonitor, LinkEvent, VehiclesMissing
+from mavlink_bridge import FleetLink, HeartbeatMonitor, LinkEvent, LinkOptions, Signing, VehiclesMissing
 
 HEARD_WITHIN_S = 5.0
 """Wall seconds a vehicle may take to be heard before an upload, or the watch of its heartbeats, goes on without it."""
 
 
 class VehicleView(BaseModel):
-    """A registered vehicle and what it last said. Angles in degrees, altitude in metres above its own home."""
+    """A registered vehicle and what it last said. Angles in degrees, altitude in metres above its own home.
+
+    `heading_deg`: where the nose points, clockwise from north. `mission_items`: how many the mission on board has.
+    """
 
     uav_id: str
     system_id: int
@@ -32,9 +37,12 @@ class VehicleView(BaseModel):
     lat_deg: float | None = None
     lon_deg: float | None = None
     relative_alt_m: float | None = None
+    heading_deg: float | None = None
+    battery_percent: float | None = None
     armed: bool | None = None
     mode: str | None = None
     mission_item: int | None = None
+    mission_items: int | None = None
 
 
 class Fleet:
@@ -75,7 +83,7 @@ class Fleet:
         with suppress(VehiclesMissing):
             await self.link.wait_for(set(self._systems.values()), timeout_s=HEARD_WITHIN_S)
         for system_id in self._systems.values():
-            self._monitor.watch(system_id, self._clock.now())
+            self.link.classifier.watch(system_id, self._clock.now())
 
     async def register(self, uav_id: str, system_id: int, *, simulated: bool = False) -> VehicleView:
         """Tie a UAV id to a MAVLink system id and open the link. Raises ConflictError when either is taken."""
@@ -87,7 +95,7 @@ class Fleet:
         await self._open()
         if uav_id not in self._systems:
             self._systems[uav_id] = system_id
-            self._monitor.watch(system_id, self._clock.now())
+            self.link.classifier.watch(system_id, self._clock.now())
             row = {"uav_id": uav_id, "system_id": system_id, "simulated": simulated, "registered_at": time.time()}
             await self._database.write((insert(table), row))
             self._events.add("vehicle_registered", uav_id=uav_id, system_id=system_id, simulated=simulated)
@@ -99,7 +107,7 @@ class Fleet:
         """Forget a vehicle. Raises NotFoundError. The caller has seen to it that it flies nothing."""
         if uav_id not in self._systems:
             raise NotFoundError(f"vehicle {uav_id!r} does not exist")
-        self._monitor.unwatch(self._systems.pop(uav_id))
+        self.link.classifier.unwatch(self._systems.pop(uav_id))
         self._simulated.discard(uav_id)
         await self._database.write(delete(table).where(table.c.uav_id == uav_id))
         self._events.add("vehicle_removed", uav_id=uav_id)
@@ -107,6 +115,11 @@ class Fleet:
     def is_simulated(self, uav_id: str) -> bool:
         """Whether this service flies the vehicle in software itself."""
         return uav_id in self._simulated
+
+    @property
+    def enforces_preflight(self) -> bool:
+        """Whether a blocker of the preflight audit ends an operation."""
+        return self._settings.preflight == "enforce"
 
     @property
     def empty(self) -> bool:
@@ -149,11 +162,29 @@ class Fleet:
                 "lat_deg": said.lat_deg,
                 "lon_deg": said.lon_deg,
                 "relative_alt_m": said.relative_alt_m,
+                "heading_deg": said.heading_deg,
+                "battery_percent": None if said.battery is None else round(said.battery * 100, 1),
                 "armed": said.armed,
                 "mode": said.mode,
                 "mission_item": said.mission_current,
+                "mission_items": said.mission_total,
             }
         )
+
+    @contextmanager
+    def recorded(self, name: str) -> Iterator[None]:
+        """Write all traffic into `NAME.tlog`, if the settings name a folder for it."""
+        folder = self._settings.telemetry_log_dir
+        log = None if folder is None else self.link.record(folder / f"{name}.tlog")
+        try:
+            yield
+        finally:
+            if log is not None:
+                self.link.stop_recording(log)
+
+    def note(self, kind: str, **data: Any) -> None:
+        """Add an event about a vehicle to the log."""
+        self._events.add(kind, **data)
 
     def follow(self) -> asyncio.Queue[LinkEvent]:
         """A queue that gets every link event from now on; give it back to `unfollow`."""
@@ -180,11 +211,24 @@ class Fleet:
         async with self._opening:
             if self._link is None:
                 async with AsyncExitStack() as opening:
-                    link = await opening.enter_async_context(FleetLink(clock=self._clock, monitor=self._monitor))
-                    await link.connect(self._settings.fleet_url)
+                    link = await opening.enter_async_context(
+                        FleetLink(clock=self._clock, monitor=self._monitor, options=self._options())
+                    )
+                    for url in self._settings.fleet_url.split(","):
+                        await link.connect(url.strip())
                     opening.pop_all()  # it stays open: `close` ends it
                 self._link = link
                 self._watcher = asyncio.create_task(self._watch(link))
+
+    def _options(self) -> LinkOptions:
+        """Signing and the forward port, as the settings have them."""
+        settings = self._settings
+        key = settings.signing_key_file
+        return LinkOptions(
+            signing=Signing.from_file(key) if key is not None else None,
+            forward=settings.forward_url,
+            forward_commands=settings.forward_commands,
+        )
 
     async def _watch(self, link: FleetLink) -> None:
         async for event in link.events():

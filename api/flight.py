@@ -5,13 +5,15 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Collection, Mapping
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
+from dataclasses import asdict
 from typing import Literal
 
 import numpy as np
 
 from api.clock import FleetClock
 from api.fleet import HEARD_WITHIN_S, Fleet
+from api.guidance import FlightGuidance, Mode
 from api.rates import InForce, Point, Sample, rates_by_slot
 from mavlink_bridge import (
     BridgeError,
@@ -37,12 +39,15 @@ class FlightError(BridgeError):
 class Flight:
     """Vehicles that fly a plan, and the plans that replaced it. Times are fleet seconds since slot 0 began."""
 
-    def __init__(self, plan: Plan, systems: dict[str, int], fleet: Fleet, clock: FleetClock) -> None:
+    def __init__(
+        self, plan: Plan, systems: dict[str, int], fleet: Fleet, clock: FleetClock, guidance: Mode = "mission"
+    ) -> None:
         self.systems = systems
         self.timeline = [InForce(0.0, plan)]
         self.lost: dict[str, float] = {}
         self._fleet, self._clock = fleet, clock
         self._uavs = {system: uav for uav, system in systems.items()}
+        self.guidance = FlightGuidance(systems, fleet, clock, elapsed_s=self.now_s, mode=guidance)
         self.returned: set[str] = set()
         """UAVs that were lost and are heard again: offered to the operator, not commanded."""
         self._began: float | None = None
@@ -113,16 +118,36 @@ class Flight:
 
     # --- commands ---
 
-    async def upload(self, missions: Mapping[str, Mission]) -> float:
-        """Put missions on board and prove it; wall seconds of the slowest. Raises FlightError with each failure."""
+    async def upload(self) -> float:
+        """Put the plan's missions on board and prove it; wall seconds of the slowest.
+
+        Each is compiled for what the vehicle says about itself. Raises FlightError with each failure.
+        """
         with suppress(VehiclesMissing):  # the upload itself tells of each vehicle that is not there
             await self._fleet.link.wait_for(set(self.systems.values()), timeout_s=HEARD_WITHIN_S)
+        await self._fleet.link.prepare(self.systems.values())
+        missions = {uav: self.guidance.compile(self.plan, uav) for uav in self.systems}
+        self._audit()
         results = await self._fleet.link.upload({self.systems[uav]: mission for uav, mission in missions.items()})
         bad = {self._uavs[system]: result.error for system, result in results.items() if not result.verified}
         if bad:
             good = sorted(self._uavs[system] for system, result in results.items() if result.verified)
             raise FlightError(f"upload failed for {_each(bad)}; verified on board of {', '.join(good) or 'nobody'}")
         return max((result.seconds for result in results.values()), default=0.0)
+
+    def _audit(self) -> None:
+        """Report what the preflight audit finds; with `preflight` "enforce" a blocker keeps everybody on the ground."""
+        blockers = {}
+        for uav, findings in self.guidance.audit().items():
+            for finding in findings:
+                self._fleet.note("preflight", uav_id=uav, **asdict(finding))
+            blocked = [
+                f"{one.name} is {one.found}, should be {one.should}" for one in findings if one.level == "blocker"
+            ]
+            if blocked:
+                blockers[uav] = ", ".join(blocked)
+        if blockers and self._fleet.enforces_preflight:
+            raise FlightError(f"preflight: {_each(blockers)}")
 
     async def launch(self, timeout_s: float) -> None:
         """Arm, climb to the plan's altitude and wait there for each other. Raises FlightError."""
@@ -135,16 +160,26 @@ class Flight:
 
     async def start(self) -> None:
         """Begin slot 0 on all vehicles at once. Raises FlightError."""
-        began = self._clock.now()
-        results = await self._fleet.link.start(set(self._uavs), item=1)
-        bad = {self._uavs[system]: result.error for system, result in results.items() if not result.ok}
+        if self.guidance.mode == "stream":
+            errors = await self.guidance.get_ready()
+            began = self._clock.now()
+        else:
+            began = self._clock.now()
+            results = await self._fleet.link.start(set(self._uavs))
+            errors = {system: result.error for system, result in results.items()}
+        bad = {self._uavs[system]: error for system, error in errors.items() if error}
         if bad:
             raise FlightError(f"start failed for {_each(bad)}")
         self._began = began
+        self.guidance.begin()
 
     async def swap(self, missions: Mapping[str, Mission]) -> dict[str, str | None]:
         """Replace missions in flight; for each UAV None when it verifiably flies the new one, else what went wrong."""
+        await self.guidance.missions_only()
         results = await self._fleet.link.swap({self.systems[uav]: mission for uav, mission in missions.items()})
+        for uav, mission in missions.items():
+            if results[self.systems[uav]].ok:
+                self.guidance.follow(uav, mission)
         return {
             self._uavs[system]: None if result.ok else result.error or "failed" for system, result in results.items()
         }
@@ -152,10 +187,9 @@ class Flight:
     async def stop_where_it_is(self, action: Literal["hold", "land", "return"]) -> dict[str, str | None]:
         """Hold, land or return every vehicle that still answers; what went wrong with each, None when it does."""
         systems = {self.systems[uav] for uav in self.still_up()}
+        await self.guidance.missions_only()
         link = self._fleet.link
-        if action == "return" and not hasattr(link, "return_home"):
-            raise FlightError("action: this link cannot send vehicles home; hold or land them")
-        act = {"hold": link.hold, "land": link.land, "return": getattr(link, "return_home", link.land)}[action]
+        act = {"hold": link.hold, "land": link.land, "return": link.return_home}[action]
         results = await act(systems)
         return {self._uavs[system]: result.error for system, result in results.items()}
 
@@ -203,6 +237,10 @@ class Flight:
         """What the vehicle last said, its mission included."""
         return self._fleet.link.telemetry(self.systems[uav])
 
+    def recorded(self, name: str) -> AbstractContextManager[None]:
+        """Keep a telemetry log of this name meanwhile, if the service keeps logs."""
+        return self._fleet.recorded(name)
+
     def take_over(self, plan: Plan) -> None:
         """From now on users and vehicles follow this plan."""
         self.timeline.append(InForce(self.now_s(), plan))
@@ -229,12 +267,16 @@ class Flight:
             uav = self._uavs.get(event.system_id)
             if uav in self.lost and event.after == LinkState.LIVE:
                 self.returned.add(uav)
+                self.guidance.found(uav)
             if uav is None or event.after != LinkState.LOST or self._down(uav):
                 continue
             self.returned.discard(uav)
             if uav in self.lost:
                 continue
             self.lost[uav] = self.now_s() - event.silent_for_s
+            where = self.positions_m().get(uav)
+            if where is not None:
+                self.guidance.lost(uav, where)
             found[uav] = event.silent_for_s
         return found
 

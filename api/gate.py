@@ -16,6 +16,7 @@ from fastapi import FastAPI
 from sqlalchemy import insert
 from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
+from starlette.responses import RedirectResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from api.problems import (
@@ -79,7 +80,9 @@ class Gate:
                 scope.setdefault("state", {})["principal"] = passage.principal = principal
                 await self._app(scope, passage.limited(receive), passage.noting(send))
             except (ServiceError, StoreError) as error:  # raised before any route was reached
-                if scope["type"] == "websocket":
+                if isinstance(error, UnauthorizedError) and passage.wants_page:
+                    await RedirectResponse("/login", 303)(scope, receive, passage.noting(send))
+                elif scope["type"] == "websocket":
                     await send({"type": "websocket.close", "code": 1008, "reason": str(error)[:100]})
                 else:
                     await answer_to(error)(scope, receive, passage.noting(send))
@@ -131,6 +134,12 @@ class Passage:
             return None
         return cookie.value if cookie else None
 
+    @property
+    def wants_page(self) -> bool:
+        """Whether a person's browser asks for a page of the dashboard."""
+        dashboard = self.path == "/" or self.path.startswith("/ui")
+        return self.method == "GET" and dashboard and "text/html" in self.headers.get("accept", "")
+
     def require_small(self) -> None:
         """Raises TooLargeError for a body that says it is too large."""
         length = self.headers.get("content-length", "0")
@@ -169,8 +178,9 @@ class Passage:
                     *message["headers"],
                     (b"x-request-id", self.request_id.encode()),
                     (b"x-content-type-options", b"nosniff"),
-                    (b"cache-control", b"no-store"),
                 ]
+                if not any(name.lower() == b"cache-control" for name, _ in message["headers"]):
+                    message["headers"].append((b"cache-control", b"no-store"))
             await send(message)
 
         return give

@@ -22,7 +22,7 @@ from api.resilience import Parts
 from api.store import Database, StoreError
 from api.store.tables import operations as table
 from api.store.tables import track as track_table
-from mavlink_bridge import BridgeError, compile_mission
+from mavlink_bridge import BridgeError
 
 log = structlog.get_logger()
 TICK_S = 0.1
@@ -131,7 +131,8 @@ class Operation:
     async def _guarded(self, work: Callable[[], Awaitable[None]]) -> None:
         with structlog.contextvars.bound_contextvars(operation_id=self.id):
             try:
-                await work()
+                with self.flight.recorded(self.id):
+                    await work()
             except BridgeError as error:
                 await self._fail(str(error))
             except Exception as error:
@@ -139,10 +140,9 @@ class Operation:
                 await self._fail(f"{type(error).__name__}: {error}")
 
     async def _from_the_ground(self) -> None:
-        missions = {uav: compile_mission(self.flight.plan, uav) for uav in self.flight.systems}
-        seconds = await self.flight.upload(missions)
+        seconds = await self.flight.upload()
         self._books.events.add(
-            "missions_uploaded", operation_id=self.id, upload_s=round(seconds, 3), uavs=len(missions)
+            "missions_uploaded", operation_id=self.id, upload_s=round(seconds, 3), uavs=len(self.flight.systems)
         )
         if not self.go.is_set():
             await self.enter(State.READY)
@@ -163,6 +163,7 @@ class Operation:
                 await asyncio.sleep(TICK_S)
         finally:
             flight.unfollow_losses(news)
+            await flight.guidance.end()
             await self.incidents.end()
             self._write_track()
         if not flight.surviving():

@@ -13,6 +13,7 @@ from sqlalchemy import Row, func, select
 from api.creation import Creation
 from api.fleet import Fleet
 from api.flight import Flight
+from api.guidance import Mode
 from api.operation import Books, Head, Operation
 from api.operation_views import ENDED, OperationView, Policy, State
 from api.problems import ConflictError, InvalidError, NotFoundError, PreconditionError
@@ -45,7 +46,13 @@ class Operations:
             self._run(operation, operation.follow(settle))
 
     async def start(
-        self, plan_id: str, policy: Policy, creation: Creation, *, launch_itself: bool = True
+        self,
+        plan_id: str,
+        policy: Policy,
+        creation: Creation,
+        *,
+        launch_itself: bool = True,
+        guidance: Mode = "mission",
     ) -> Operation | OperationView:
         """Fly a finished plan. Raises NotFoundError, ConflictError, or InvalidError for unregistered UAVs."""
         async with self._starting:
@@ -62,7 +69,7 @@ class Operations:
                 fingerprint=creation.fingerprint,
                 launch_itself=launch_itself,
             )
-            flight = Flight(plan, systems, self._fleet, self._parts.clock)
+            flight = Flight(plan, systems, self._fleet, self._parts.clock, guidance)
             operation = Operation(head, flight, self._parts, self._books)
             await operation.create()
             self._run(operation, operation.run())

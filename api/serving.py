@@ -20,7 +20,7 @@ GRACE_S = 5
 """Seconds that open streams have to end when the service is stopped."""
 
 
-def serve(given: dict[str, Any], *, as_json: bool) -> None:
+def serve(given: dict[str, Any], *, as_json: bool, ui: bool = True) -> None:
     """Run until interrupted. Raises InvalidError when the address needs keys and there are none."""
     if "database_url" not in given and "SKYFOLIO_DATABASE_URL" not in os.environ:
         given = {**given, "database_url": default_database_url()}
@@ -28,7 +28,7 @@ def serve(given: dict[str, Any], *, as_json: bool) -> None:
     configure_logging(as_json=as_json)
     require_safe(settings)
     config = uvicorn.Config(
-        create_app(settings),
+        create_app(settings, ui=ui),
         host=settings.host,
         port=settings.port,
         log_config=None,

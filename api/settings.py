@@ -5,7 +5,7 @@ from __future__ import annotations
 import ipaddress
 import os
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
@@ -21,12 +21,17 @@ class Settings(BaseSettings):
 
     database_url: `sqlite+aiosqlite:///FILE`, `postgresql+asyncpg://...`, or `temporary`, which is forgotten at the end.
     time_scale: how much faster than real time the (simulated) fleet lives; leave it at 1 for real aircraft.
+    fleet_url: where vehicles are; several links, the preferred first, separated by commas. forward_url: udpout://HOST:PORT
+    where a ground station watches the fleet; forward_commands: whether it may command too. signing_key_file: 32 bytes
+    (or 64 hexadecimal digits); MAVLink is then signed both ways. telemetry_log_dir: one .tlog an operation.
+    preflight: whether a blocker of the audit only is an event, or keeps the fleet on the ground.
     simulate: fly this example's fleet in software inside the service, ready for drills.
     heartbeat_stale_s, heartbeat_lost_s: fleet seconds of silence. solve_deadline_s, replan_deadline_s: wall seconds a
     solve may take. warm_up: begin to serve when the workers have started; else they start with the first solve.
     guidance_lead_s: wall seconds reserved for replan and upload; the new plan begins with the first
     slot after that. keep_ended_s: how long ended plans that no operation flew are kept. max_cells: UAVs times users
     times slots.
+    tile_url: of a map server for the dashboard, with {z}, {x} and {y}; without one it draws a grid and asks nobody.
     rate_per_s, rate_burst: requests of one client. swap_attempts: tries of a mission swap before the last good plan.
     """
 
@@ -36,6 +41,11 @@ class Settings(BaseSettings):
     port: Annotated[int, Field(ge=0, le=65535)] = 8080
     database_url: str = TEMPORARY
     fleet_url: str = "udpin://127.0.0.1:14540"
+    forward_url: str | None = None
+    forward_commands: bool = False
+    signing_key_file: Path | None = None
+    telemetry_log_dir: Path | None = None
+    preflight: Literal["report", "enforce"] = "report"
     simulate: str | None = None
     time_scale: Annotated[float, Field(gt=0, le=100)] = 1.0
     workers: Annotated[int, Field(ge=1, le=64)] = 1
@@ -46,6 +56,9 @@ class Settings(BaseSettings):
     heartbeat_lost_s: Seconds = 5.0
     replan_deadline_s: Seconds = 2.0
     guidance_lead_s: Annotated[float, Field(ge=0)] = 1.0
+    tile_url: Annotated[
+        str | None, Field(pattern=r"^https?://.*\{z\}.*\{x\}.*\{y\}|^https?://.*\{z\}.*\{y\}.*\{x\}")
+    ] = None
     plan_ahead: bool = True
     swap_attempts: Annotated[int, Field(ge=1, le=5)] = 2
     telemetry_hz: Annotated[float, Field(gt=0, le=50)] = 10.0

@@ -143,15 +143,15 @@ async def _watch(fleet: Fleet, config: SimulateConfig) -> None:
             shown += 1
             _print_event(event, config)
         if plan is not None and fleet.slots is None:
-            _begin_slots(fleet, plan)
+            begin_slots(fleet, plan)
         for row in radio.rows(fleet) if radio else ():
             fleet.truth.note(row)
             _print_rates(row, config)
         await asyncio.sleep(WATCH_S / max(config.speedup, 1.0))
 
 
-def _begin_slots(fleet: Fleet, plan: Plan) -> None:
-    """Slot 0 begins when the last living vehicle has entered its mission."""
+def begin_slots(fleet: Fleet, plan: Plan) -> None:
+    """Begin slot 0 when the last living vehicle has entered its mission; before that, do nothing."""
     entered = {
         event.system_id: event.t_s for event in fleet.truth.happened("mode") if event.detail["mode"] == "MISSION"
     }

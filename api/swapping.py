@@ -10,8 +10,8 @@ from typing import Any
 from api.flight import Flight
 from api.journal import IncidentLog, Step
 from api.metrics import Metrics
-from api.transition import begun_at, require_separated
-from mavlink_bridge import BridgeError, Mission, compile_mission
+from api.transition import require_separated
+from mavlink_bridge import BridgeError, Mission
 from planner import Plan, ReplanError
 
 
@@ -76,8 +76,8 @@ class Swap:
         live, now = flight.positions_m(), flight.now_s()
         boundary_s = (plan.first_slot + 1) * flight.slot_s
         return {
-            uav: compile_mission(
-                begun_at(plan, uav, live[uav]), uav, airborne=True, first_leg_s=max(boundary_s - now, flight.slot_s / 2)
+            uav: flight.guidance.compile(
+                plan, uav, from_m=live[uav], first_leg_s=max(boundary_s - now, flight.slot_s / 2)
             )
             for uav in uavs
         }

@@ -1,14 +1,19 @@
 """The bridge between plans and vehicles: missions out, telemetry and heartbeats in. Built on MAVSDK.
 
-    plan --schedule, pace, px4, compiler--> Mission --transfer--> vehicle          (formats: the same mission as a file)
-    vehicle --link, telemetry--> Telemetry, heartbeats --heartbeat--> LinkEvent
-    flight: launch, go to, start, swap in flight, hold, land
+    plan --schedule, pace--> writer (px4, ardupilot) --compiler--> Mission --verified, transfer--> vehicle
+    vehicle --endpoints, hub (routing, signing, watchers, tlog)--> MAVSDK --vehicle, telemetry--> classifier --> Change
+    flight: launch, go to, start, swap in flight, hold, land     guidance: keeper over missions, or stream of setpoints
+    before take-off: models, parameters, preflight, fence        after a loss: ghosts, transitions
 
-Pure and testable without a socket: geodesy, items, schedule, pace, px4, compiler, returns, compare, formats, heartbeat,
-telemetry. A new autopilot is a new writer beside `px4`; a new way to judge a link reads `heartbeat`'s events.
-The package knows the planner's plan type and nothing of the service or the simulator.
+Pure and testable without a socket: everything that plans, compares, judges or speaks a protocol (`mission_protocol`,
+`verified`, `parameters`, `keeper`, `stream`, `classifier`, `routing`, ...): messages and time go in, messages come out.
+Sockets, threads and waiting are in endpoints, hub, listening, link, vehicle, transfer, flight and guidance.
+A new autopilot is a new writer, a row in `autopilots` and `models`, and rules in `preflight`.
+The package knows the planner's plan type and nothing of the service or the simulator. pymavlink is only used for what
+MAVSDK has not: framing and signing.
 """
 
+from mavlink_bridge.autopilots import Autopilot, FlightMode
 from mavlink_bridge.compare import mission_differences
 from mavlink_bridge.compiler import compile_mission
 from mavlink_bridge.errors import (
@@ -26,17 +31,21 @@ from mavlink_bridge.errors import (
 from mavlink_bridge.formats import from_qgc_plan, from_waypoints, to_qgc_plan, to_waypoints
 from mavlink_bridge.geodesy import east_north_to_geodetic, geodetic_to_east_north
 from mavlink_bridge.heartbeat import AUTOPILOT, HeartbeatMonitor, LinkEvent, LinkState
+from mavlink_bridge.hub import LinkOptions
 from mavlink_bridge.items import MAX_ITEMS, Command, Frame, Mission, MissionItem
 from mavlink_bridge.link import FleetLink
+from mavlink_bridge.models import model_from_parameters
 from mavlink_bridge.pace import VehicleModel
-from mavlink_bridge.px4 import OnEnd
 from mavlink_bridge.results import CommandResult, SwapResult, UploadResult
 from mavlink_bridge.returns import check_return_paths
-from mavlink_bridge.telemetry import FlightMode, LandedState, Telemetry
+from mavlink_bridge.signing import Signing
+from mavlink_bridge.telemetry import LandedState, Telemetry
+from mavlink_bridge.writer import OnEnd
 
 __all__ = [
     "AUTOPILOT",
     "MAX_ITEMS",
+    "Autopilot",
     "BridgeError",
     "Command",
     "CommandResult",
@@ -51,11 +60,13 @@ __all__ = [
     "LinkClosed",
     "LinkError",
     "LinkEvent",
+    "LinkOptions",
     "LinkState",
     "Mission",
     "MissionItem",
     "OnEnd",
     "ReturnPathsTooClose",
+    "Signing",
     "SwapResult",
     "Telemetry",
     "TooManyItems",
@@ -70,6 +81,7 @@ __all__ = [
     "from_waypoints",
     "geodetic_to_east_north",
     "mission_differences",
+    "model_from_parameters",
     "to_qgc_plan",
     "to_waypoints",
 ]

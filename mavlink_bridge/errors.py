@@ -5,11 +5,13 @@
     ├── CompileError            a plan cannot become a mission
     │   ├── UnknownUav
     │   ├── TooManyItems
-    │   └── ReturnPathsTooClose
+    │   ├── ReturnPathsTooClose
+    │   └── TransitionTooClose
     ├── FormatError             a .plan or .waypoints file cannot be read
     └── LinkError               the link itself, not one vehicle on it
         ├── ConnectionFailed
         ├── LinkClosed
+        ├── SigningKeyInvalid
         └── VehiclesMissing
 
 What fails on a single vehicle (an upload, a swap) is a result with an `error` text, never an exception.
@@ -57,6 +59,14 @@ class ReturnPathsTooClose(CompileError):
         self.first, self.second, self.apart_m = first, second, apart_m
 
 
+class TransitionTooClose(CompileError):
+    """UAVs, or a UAV and the reserved air of a lost one, would come too close while changing over to a new plan."""
+
+    def __init__(self, what: str, required_m: float) -> None:
+        super().__init__(f"transition: {what}, closer than min_separation_m {required_m:g}")
+        self.required_m = required_m
+
+
 class FormatError(BridgeError):
     """A mission file cannot be read; the message names the place and the rule."""
 
@@ -75,6 +85,13 @@ class ConnectionFailed(LinkError):
 
 class LinkClosed(LinkError):
     """The fleet link was used before it was opened or after it was closed."""
+
+
+class SigningKeyInvalid(LinkError):
+    """The key messages are signed with cannot be used; the text never shows it."""
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(f"signing key: {reason}")
 
 
 class VehiclesMissing(LinkError):

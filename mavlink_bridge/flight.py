@@ -10,15 +10,13 @@ import asyncio
 from collections.abc import Awaitable, Callable
 from math import hypot, nan
 
-from mavsdk.plugins.action import ActionError
-from mavsdk.plugins.mission_raw import MissionRawError
-
-from mavlink_bridge.geodesy import geodetic_to_east_north
-from mavlink_bridge.items import Mission
+from mavlink_bridge.autopilots import HOLD_MODE, OURS, Autopilot, FlightMode, mode_numbers
+from mavlink_bridge.geodesy import geodetic_to_east_north, to_e7
+from mavlink_bridge.items import Frame, Mission
+from mavlink_bridge.mission_messages import Message
 from mavlink_bridge.results import CommandResult, SwapResult, UploadResult
-from mavlink_bridge.telemetry import FlightMode
 from mavlink_bridge.transfer import upload_verified
-from mavlink_bridge.vehicle import Vehicle
+from mavlink_bridge.vehicle import NotDone, Vehicle
 from planner.scenario import Origin
 
 ALTITUDE_TOLERANCE_M = 1.0
@@ -26,99 +24,183 @@ ARRIVAL_TOLERANCE_M = 1.0
 ARRIVAL_SPEED_MPS = 0.5
 CONFIRM_S = 3.0
 """Wall seconds to report that it does what it acknowledged; HEARTBEAT and MISSION_CURRENT come at 1 Hz."""
+ASK_AGAIN_S = 0.1
+"""Instead of waiting for the next MISSION_CURRENT it is asked for this often."""
+STREAMS_HZ = {33: 5.0, 42: 1.0, 245: 1.0, 1: 1.0, 24: 1.0}
+"""GLOBAL_POSITION_INT, MISSION_CURRENT, EXTENDED_SYS_STATE, SYS_STATUS, GPS_RAW_INT: ArduPilot streams none unasked."""
 
 SWAP_ATTEMPTS = 2
-"""Fewer than on the ground: a vehicle in flight should not wait long for proof before it is told to hold."""
+SWAP_SILENCE_S = 1.5
+"""Fewer and shorter than on the ground: a vehicle in flight should not wait long for proof."""
+PROOF_S = 2.0
+"""A vehicle that flies on during its swap (PX4) is told to hold when the new mission is not proven by then."""
 
-_OURS = frozenset({FlightMode.MISSION, FlightMode.HOLD, FlightMode.TAKEOFF, FlightMode.READY})
-"""Modes a vehicle may be in to be given a new mission in flight."""
-
-
-class NotDone(Exception):  # noqa: N818 (ends one command of one vehicle; becomes its result's error text)
-    """The vehicle did not do it; the text says what was seen instead."""
+_SET_MODE, _ARM, _TAKEOFF, _LAND, _REPOSITION = 176, 400, 22, 21, 192
+_CHANGE_SPEED, _MISSION_START, _SET_CURRENT, _INTERVAL, _REQUEST = 178, 300, 224, 511, 512
+_CUSTOM_MODE = 1.0
+_GROUND_SPEED, _THROTTLE_UNCHANGED = 1.0, -1.0
+_CHANGE_MODE = 1.0
+_MISSION_CURRENT, _HOME_POSITION = 42, 242
 
 
 async def command(vehicle: Vehicle, done: Awaitable[None]) -> CommandResult:
     """Await one command and make its end a result."""
     loop = asyncio.get_running_loop()
     started = loop.time()
-    error = await _error_of(done)
+    error = await error_of(done)
     return CommandResult(system_id=vehicle.system_id, seconds=loop.time() - started, error=error)
+
+
+async def ask_for_streams(vehicle: Vehicle) -> None:
+    """Have it send what telemetry is made of (SET_MESSAGE_INTERVAL); a stream it does not know is left out."""
+    for message_id, rate_hz in STREAMS_HZ.items():
+        await error_of(vehicle.command(_INTERVAL, float(message_id), 1e6 / rate_hz))
+    await error_of(vehicle.command(_REQUEST, _HOME_POSITION))
+
+
+async def set_mode(vehicle: Vehicle, mode: FlightMode) -> None:
+    """Change the mode and see it in HEARTBEAT."""
+    main, sub = mode_numbers(vehicle.autopilot, mode)
+    vehicle.announce(mode)
+    await vehicle.command(_SET_MODE, _CUSTOM_MODE, main, sub)
+    await _in_mode(vehicle, mode)
 
 
 async def launch(vehicle: Vehicle, altitude_m: float, timeout_s: float) -> None:
     """Arm, take off, and be within 1 m of `altitude_m` above home (or higher) in `timeout_s` wall seconds."""
-    await vehicle.call(vehicle.action.set_takeoff_altitude, altitude_m)
-    await vehicle.call(vehicle.action.arm)
-    await vehicle.call(vehicle.action.takeoff)
+    now = vehicle.state.snapshot()
+    if now is None:
+        raise NotDone("its position is not known yet")
+    if vehicle.autopilot is Autopilot.ARDUPILOT:
+        await set_mode(vehicle, FlightMode.GUIDED)
+        await vehicle.command(_ARM, 1.0)
+        await vehicle.command(_TAKEOFF, 0, 0, 0, None, 0, 0, altitude_m)
+    else:
+        await vehicle.command(_ARM, 1.0)
+        home_amsl_m = now.altitude_amsl_m - now.relative_alt_m
+        await vehicle.command(_TAKEOFF, None, 0, 0, None, None, None, home_amsl_m + altitude_m)
     if not await vehicle.wait_until(lambda: _altitude(vehicle) >= altitude_m - ALTITUDE_TOLERANCE_M, timeout_s):
         raise NotDone(f"at {_altitude(vehicle):.1f} of {altitude_m:g} m after {timeout_s:g} s")
 
 
 async def go_to(vehicle: Vehicle, lat_deg: float, lon_deg: float, relative_alt_m: float, timeout_s: float) -> None:
     """Fly straight to a point (degrees, metres above home) and come to rest there."""
-    now = vehicle.state.snapshot()
-    if now is None:
+    if vehicle.state.snapshot() is None:
         raise NotDone("its position is not known yet")
-    amsl_m = now.altitude_amsl_m - now.relative_alt_m + relative_alt_m
-    await vehicle.call(vehicle.action.goto_location, lat_deg, lon_deg, amsl_m, nan)
+    await vehicle.command_int(
+        _REPOSITION,
+        frame=Frame.GLOBAL_RELATIVE_ALT_INT,
+        x=to_e7(lat_deg),
+        y=to_e7(lon_deg),
+        z=relative_alt_m,
+        param1=-1.0,
+        param2=_CHANGE_MODE,
+        param4=None,
+    )
     if not await vehicle.wait_until(lambda: _is_at(vehicle, lat_deg, lon_deg, relative_alt_m), timeout_s):
         raise NotDone(f"{_distance(vehicle, lat_deg, lon_deg):.1f} m away after {timeout_s:g} s")
 
 
 async def set_current(vehicle: Vehicle, item: int) -> None:
-    """Make `item` the next to be flown."""
-    await vehicle.call(vehicle.mission_raw.set_current_mission_item, item)
+    """Make `item` the next to be flown, seen in MISSION_CURRENT."""
+    try:
+        await vehicle.command(_SET_CURRENT, float(item))
+    except NotDone as refused:
+        if not str(refused).endswith("UNSUPPORTED"):
+            raise
+        address = {"target_system": vehicle.system_id, "target_component": 1}
+        vehicle.send(Message("MISSION_SET_CURRENT", {**address, "seq": item}))
+    reports = vehicle.state.mission_reports
+    seen = await _ask_until(
+        vehicle, lambda: vehicle.state.mission_reports > reports and vehicle.state.mission_current == item
+    )
+    if not seen:
+        raise NotDone(f"item {item} did not become current: {_seen(vehicle)}")
 
 
 async def start(vehicle: Vehicle, item: int) -> None:
     """Enter mission mode and see it fly `item` or a later one (HEARTBEAT and MISSION_CURRENT)."""
     reports = vehicle.state.mission_reports
-    await vehicle.call(vehicle.mission_raw.start_mission)
-    if not await vehicle.wait_until(lambda: _flies_from(vehicle, item, reports), CONFIRM_S):
+    await set_mode(vehicle, FlightMode.MISSION)
+    if not await _ask_until(vehicle, lambda: _flies_from(vehicle, item, reports)):
         raise NotDone(f"not flying item {item} after {CONFIRM_S:g} s: {_seen(vehicle)}")
+
+
+async def change_speed(vehicle: Vehicle, speed_mps: float) -> None:
+    """Fly the current leg at this ground speed."""
+    await vehicle.command(_CHANGE_SPEED, _GROUND_SPEED, speed_mps, _THROTTLE_UNCHANGED)
 
 
 async def hold(vehicle: Vehicle) -> None:
     """Stop here and hover, seen in HEARTBEAT."""
-    await vehicle.call(vehicle.action.hold)
-    await _in_mode(vehicle, FlightMode.HOLD)
+    await set_mode(vehicle, HOLD_MODE[vehicle.autopilot])
 
 
 async def land(vehicle: Vehicle) -> None:
     """Begin to descend here, seen in HEARTBEAT; touching down takes longer than this waits."""
-    await vehicle.call(vehicle.action.land)
-    await _in_mode(vehicle, FlightMode.LAND)
+    await set_mode(vehicle, FlightMode.LAND)
+
+
+async def return_home(vehicle: Vehicle) -> None:
+    """Begin to return to where it took off, seen in HEARTBEAT."""
+    await set_mode(vehicle, FlightMode.RETURN)
 
 
 async def swap(vehicle: Vehicle, mission: Mission, given_up: Callable[[], bool]) -> SwapResult:
-    """Replace the mission of a vehicle in flight: verified and flying the new one, or holding, and saying so."""
+    """Replace the mission of a vehicle in flight: verified and flying the new one, or holding, and saying so.
+
+    PX4 takes a whole mission at once and flies on meanwhile. ArduPilot writes into the mission it flies, so it hovers
+    (GUIDED) while it is uploaded, and goes on (AUTO) once it is proven: about a quarter of a second on a good link.
+    """
     loop = asyncio.get_running_loop()
     started = loop.time()
-    mode = vehicle.state.mode
-    if mode not in _OURS:
-        refused = f"not ours to command: it is in mode '{mode}'"
-        upload = UploadResult(system_id=vehicle.system_id, seconds=0.0, error=refused)
-        return SwapResult(system_id=vehicle.system_id, seconds=0.0, error=refused, upload=upload)
-    upload = await upload_verified(vehicle, mission, attempts=SWAP_ATTEMPTS, given_up=given_up)
-    error = upload.error or await _error_of(_fly_new(vehicle, mission, upload.mission_id))
-    held = error is not None and await _error_of(hold(vehicle)) is None
+    mode, autopilot = vehicle.state.mode, vehicle.state.autopilot
+    if autopilot is None or mode not in OURS[autopilot]:
+        return _refused(vehicle, f"not ours to command: it is in mode '{mode}'")
+    upload = UploadResult(system_id=vehicle.system_id, seconds=0.0, error="not tried")
+    error: str | None = None
+    if autopilot is Autopilot.ARDUPILOT:
+        error = await error_of(set_mode(vehicle, FlightMode.GUIDED))
+    if error is None:
+        upload = await _upload_or_hold(vehicle, mission, given_up)
+        error = upload.error or await error_of(_fly_new(vehicle, mission, upload.mission_id))
+    held = error is not None and await error_of(hold(vehicle)) is None
     return SwapResult(system_id=vehicle.system_id, seconds=loop.time() - started, error=error, upload=upload, held=held)
 
 
-async def _fly_new(vehicle: Vehicle, mission: Mission, mission_id: int) -> None:
-    """See the new mission being flown; where it is not yet, set item 0 current and start.
+async def _upload_or_hold(vehicle: Vehicle, mission: Mission, given_up: Callable[[], bool]) -> UploadResult:
+    """Upload; a vehicle that still flies a mission after PROOF_S holds until it is known which."""
+    upload = asyncio.create_task(
+        upload_verified(vehicle, mission, attempts=SWAP_ATTEMPTS, silence_s=SWAP_SILENCE_S, given_up=given_up)
+    )
+    try:
+        await asyncio.wait({upload}, timeout=PROOF_S)
+        if not upload.done() and vehicle.state.mode is FlightMode.MISSION:
+            await error_of(hold(vehicle))
+        return await upload
+    finally:
+        upload.cancel()
 
-    PX4 takes a new mission at once. If it says so by the mission's checksum nothing is sent: going back to item 0
-    would undo what it has flown since.
+
+def _refused(vehicle: Vehicle, reason: str) -> SwapResult:
+    upload = UploadResult(system_id=vehicle.system_id, seconds=0.0, error=reason)
+    return SwapResult(system_id=vehicle.system_id, seconds=0.0, error=reason, upload=upload)
+
+
+async def _fly_new(vehicle: Vehicle, mission: Mission, mission_id: int) -> None:
+    """See the new mission being flown; where it is not yet, set its first item current and start.
+
+    PX4 takes a new mission at once. If it says so by the mission's checksum nothing is sent: going back to the first
+    item would undo what it has flown since.
     """
-    if mission_id and _flies_new(vehicle, mission, mission_id, reports=-1):
+    told = mission_id != 0 and vehicle.autopilot is Autopilot.PX4
+    if told and await _ask_until(vehicle, lambda: _flies_new(vehicle, mission, mission_id, -1), 2 * ASK_AGAIN_S):
         return
     reports = vehicle.state.mission_reports
-    await set_current(vehicle, 0)
+    await set_current(vehicle, mission.start_item)
     if vehicle.state.mode is not FlightMode.MISSION:
-        await vehicle.call(vehicle.mission_raw.start_mission)
-    if not await vehicle.wait_until(lambda: _flies_new(vehicle, mission, mission_id, reports), CONFIRM_S):
+        await set_mode(vehicle, FlightMode.MISSION)
+    if not await _ask_until(vehicle, lambda: _flies_new(vehicle, mission, mission_id, reports)):
         raise NotDone(f"not flying the new mission after {CONFIRM_S:g} s: {_seen(vehicle)}")
 
 
@@ -128,7 +210,7 @@ def _flies_new(vehicle: Vehicle, mission: Mission, mission_id: int, reports: int
     return (
         state.mode is FlightMode.MISSION
         and state.mission_reports > reports
-        and state.mission_total in (None, len(mission.items))
+        and state.mission_total in (None, len(mission.items), len(mission.items) - 1)
         and (not mission_id or state.mission_id == mission_id)
     )
 
@@ -141,18 +223,34 @@ def _flies_from(vehicle: Vehicle, item: int, reports: int) -> bool:
     )
 
 
+async def _ask_until(vehicle: Vehicle, condition: Callable[[], bool], timeout_s: float = CONFIRM_S) -> bool:
+    """Ask for MISSION_CURRENT every tenth of a second until the condition is true; it comes at 1 Hz by itself."""
+    deadline = asyncio.get_running_loop().time() + timeout_s
+    while not condition():
+        left_s = deadline - asyncio.get_running_loop().time()
+        if left_s <= 0:
+            return False
+        await error_of(vehicle.command(_REQUEST, _MISSION_CURRENT))
+        await vehicle.wait_until(condition, min(ASK_AGAIN_S, left_s))
+    return True
+
+
 async def _in_mode(vehicle: Vehicle, mode: FlightMode) -> None:
-    if not await vehicle.wait_until(lambda: vehicle.state.mode is mode, CONFIRM_S):
-        raise NotDone(f"acknowledged but not in mode '{mode}' after {CONFIRM_S:g} s: {_seen(vehicle)}")
+    """HEARTBEAT comes once a second; it is asked for, so that a swap does not wait for it."""
+    deadline = asyncio.get_running_loop().time() + CONFIRM_S
+    while vehicle.state.mode is not mode:
+        if asyncio.get_running_loop().time() >= deadline:
+            raise NotDone(f"acknowledged but not in mode '{mode}' after {CONFIRM_S:g} s: {_seen(vehicle)}")
+        await error_of(vehicle.command(_REQUEST, 0.0))
+        await vehicle.wait_until(lambda: vehicle.state.mode is mode, ASK_AGAIN_S)
 
 
-async def _error_of(done: Awaitable[None]) -> str | None:
+async def error_of(done: Awaitable[None]) -> str | None:
+    """Await one command; why it was not done, or None."""
     try:
         await done
     except NotDone as failed:
         return str(failed)
-    except (ActionError, MissionRawError) as failed:
-        return f"{failed.origin.removesuffix('()')}: {failed.result.name}"
     return None
 
 

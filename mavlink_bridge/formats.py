@@ -1,7 +1,9 @@
 """Missions as files: QGroundControl's .plan (JSON) and the older .waypoints text, out and in.
 
 Both hold degrees, so 1e-7 degree integers survive exactly (JSON at full precision, text at 8 decimals). Files use
-frame 3 where the wire uses 6: same datum, metres above the vehicle's own home.
+frame 3 where the wire uses 6: same datum, metres above the vehicle's own home. The home item an ArduPilot mission
+begins with is row 0 of a .waypoints file and `plannedHomePosition` of a .plan; a .plan may carry geofence and rally
+points too.
 """
 
 from __future__ import annotations
@@ -10,49 +12,89 @@ from collections.abc import Mapping, Sequence
 from math import isfinite
 from typing import Any
 
+from mavlink_bridge.autopilots import Autopilot
 from mavlink_bridge.errors import FormatError
 from mavlink_bridge.geodesy import from_e7, to_e7
 from mavlink_bridge.items import Command, Frame, Mission, MissionItem
 
-_FIRMWARE_PX4 = 12
+_FIRMWARE = {Autopilot.PX4: 12, Autopilot.ARDUPILOT: 3}
 _VEHICLE_QUADROTOR = 2
 _ALTITUDE_RELATIVE = 1
 _HEADER = "QGC WPL 110"
 _COLUMNS = 12
 
 
-def to_qgc_plan(mission: Mission, *, home_alt_m: float = 0.0, hover_speed_mps: float = 5.0) -> dict[str, Any]:
+def to_qgc_plan(
+    mission: Mission,
+    *,
+    home_alt_m: float = 0.0,
+    hover_speed_mps: float = 5.0,
+    fence: Sequence[MissionItem] = (),
+    rally: Sequence[MissionItem] = (),
+) -> dict[str, Any]:
     """The mission as the JSON object of a QGroundControl .plan file.
 
     The planned home is the first position of the mission; home_alt_m is its height above mean sea level, which a
-    plan does not know and QGroundControl only draws with.
+    plan does not know and QGroundControl only draws with. `fence`: one inclusion polygon, `rally`: points to return to,
+    as `fence_items` and `rally_items` make them.
     """
     first = next(item for item in mission.items if item.has_position)
+    flown = mission.items[int(mission.autopilot is Autopilot.ARDUPILOT) :]
     return {
         "fileType": "Plan",
         "version": 1,
         "groundStation": "QGroundControl",
         "mission": {
             "version": 2,
-            "firmwareType": _FIRMWARE_PX4,
+            "firmwareType": _FIRMWARE[mission.autopilot],
             "vehicleType": _VEHICLE_QUADROTOR,
             "cruiseSpeed": hover_speed_mps,
             "hoverSpeed": hover_speed_mps,
             "globalPlanAltitudeMode": _ALTITUDE_RELATIVE,
             "plannedHomePosition": [from_e7(first.x), from_e7(first.y), home_alt_m],
-            "items": [_to_simple_item(item) for item in mission.items],
+            "items": [_to_simple_item(number, item) for number, item in enumerate(flown, start=1)],
         },
-        "geoFence": {"version": 2, "circles": [], "polygons": []},
-        "rallyPoints": {"version": 2, "points": []},
+        "geoFence": {"version": 2, "circles": [], "polygons": [_to_polygon(fence)] if fence else []},
+        "rallyPoints": {"version": 2, "points": [[from_e7(item.x), from_e7(item.y), item.z] for item in rally]},
     }
 
 
 def from_qgc_plan(plan: Mapping[str, Any]) -> tuple[MissionItem, ...]:
-    """The items of a .plan file of simple items; raises FormatError for anything else."""
+    """The mission items of a .plan file of simple items; raises FormatError for anything else."""
     try:
         if plan["fileType"] != "Plan":
             raise FormatError(f"fileType: {plan['fileType']!r} must be 'Plan'")
-        return tuple(_from_simple_item(seq, item) for seq, item in enumerate(plan["mission"]["items"]))
+        mission = plan["mission"]
+        home = [_home_item(mission)] if mission.get("firmwareType") == _FIRMWARE[Autopilot.ARDUPILOT] else []
+        items = [_from_simple_item(seq, item) for seq, item in enumerate(mission["items"], start=len(home))]
+        return (*home, *items)
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        raise FormatError(f"not a QGroundControl plan: {type(error).__name__} at {error}") from error
+
+
+def fence_from_qgc_plan(plan: Mapping[str, Any]) -> tuple[MissionItem, ...]:
+    """The first inclusion polygon of a .plan file as items of mission type 1; empty without one. Raises FormatError."""
+    try:
+        polygons = [polygon for polygon in plan["geoFence"]["polygons"] if polygon["inclusion"]]
+        corners = polygons[0]["polygon"] if polygons else []
+        count = float(len(corners))
+        return tuple(
+            _item(f"geoFence.{seq}", seq, Frame.GLOBAL, Command.NAV_FENCE_POLYGON_VERTEX_INCLUSION, 0, 1,
+                  [count, 0.0, 0.0, 0.0, float(lat), float(lon), 0.0])
+            for seq, (lat, lon) in enumerate(corners)
+        )  # fmt: skip
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        raise FormatError(f"not a QGroundControl plan: {type(error).__name__} at {error}") from error
+
+
+def rally_from_qgc_plan(plan: Mapping[str, Any]) -> tuple[MissionItem, ...]:
+    """The rally points of a .plan file as items of mission type 2. Raises FormatError."""
+    try:
+        return tuple(
+            _item(f"rallyPoints.{seq}", seq, Frame.GLOBAL_RELATIVE_ALT, Command.NAV_RALLY_POINT, 0, 1,
+                  [0.0, 0.0, 0.0, 0.0, *(float(value) for value in point)], wire=False)
+            for seq, point in enumerate(plan["rallyPoints"]["points"])
+        )  # fmt: skip
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise FormatError(f"not a QGroundControl plan: {type(error).__name__} at {error}") from error
 
@@ -71,12 +113,23 @@ def from_waypoints(text: str) -> tuple[MissionItem, ...]:
     return tuple(_from_row(seq, number, line.split()) for seq, (number, line) in enumerate(rows))
 
 
-def _to_simple_item(item: MissionItem) -> dict[str, Any]:
+def _to_polygon(fence: Sequence[MissionItem]) -> dict[str, Any]:
+    corners = [[from_e7(item.x), from_e7(item.y)] for item in fence]
+    return {"inclusion": True, "polygon": corners, "version": 1}
+
+
+def _home_item(mission: Mapping[str, Any]) -> MissionItem:
+    lat_deg, lon_deg, alt_m = (float(value) for value in mission["plannedHomePosition"])
+    where = "mission.plannedHomePosition"
+    return _item(where, 0, Frame.GLOBAL, Command.NAV_WAYPOINT, 1, 1, [0.0, 0.0, 0.0, 0.0, lat_deg, lon_deg, alt_m])
+
+
+def _to_simple_item(number: int, item: MissionItem) -> dict[str, Any]:
     values = {
         "type": "SimpleItem",
         "autoContinue": bool(item.autocontinue),
         "command": int(item.command),
-        "doJumpId": item.seq + 1,
+        "doJumpId": number,
         "frame": _file_frame(item.frame),
         "params": [item.param1, item.param2, item.param3, item.param4, from_e7(item.x), from_e7(item.y), item.z],
     }
@@ -117,9 +170,17 @@ def _from_row(seq: int, number: int, cells: Sequence[str]) -> MissionItem:
 
 
 def _item(
-    where: str, seq: int, frame: int, command: int, current: int, autocontinue: int, numbers: Sequence[float]
+    where: str,
+    seq: int,
+    frame: int,
+    command: int,
+    current: int,
+    autocontinue: int,
+    numbers: Sequence[float],
+    *,
+    wire: bool = True,
 ) -> MissionItem:
-    """One item from param1..4, latitude, longitude (degrees), altitude (metres)."""
+    """One item from param1..4, latitude, longitude (degrees), altitude (metres); `wire`: frame 6 for 3."""
     if not all(isfinite(number) for number in numbers):
         raise FormatError(f"{where}: {list(numbers)} must be finite")
     *params, lat_deg, lon_deg, z = numbers
@@ -127,7 +188,7 @@ def _item(
         raise FormatError(f"{where}: ({lat_deg}, {lon_deg}) is not a latitude and a longitude in degrees")
     return MissionItem(
         seq=seq,
-        frame=Frame.GLOBAL_RELATIVE_ALT_INT if frame == Frame.GLOBAL_RELATIVE_ALT else frame,
+        frame=Frame.GLOBAL_RELATIVE_ALT_INT if wire and frame == Frame.GLOBAL_RELATIVE_ALT else frame,
         command=Command(command) if command in set(Command) else command,
         current=current,
         autocontinue=autocontinue,

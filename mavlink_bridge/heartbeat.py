@@ -18,6 +18,8 @@ from math import isfinite
 AUTOPILOT = 1
 """MAV_COMP_ID_AUTOPILOT1."""
 
+_LATE_MS = 2000
+"""A message may be this late, or a restarted autopilot this early, before its clock says something."""
 _BOOT_WRAP_MS = 2**31
 """`time_boot_ms` is a uint32: a larger step back is the counter wrapping after 49 days, not a reboot."""
 
@@ -49,6 +51,7 @@ class _Watched:
     """First heartbeat of the run that is going on; None before any and after a silence."""
     state: LinkState = LinkState.LIVE
     boot_ms: int | None = None
+    boot_at_s: float = 0.0
     reboots: int = 0
     pending: list[LinkEvent] = field(default_factory=list)
 
@@ -91,7 +94,7 @@ class HeartbeatMonitor:
         return max(0.0, now_s - self._vehicles[system_id].last_s)
 
     def reboots(self, system_id: int) -> int:
-        """How often the boot clock ran backwards: the autopilot restarted. KeyError if not watched."""
+        """How often the autopilot restarted, by its boot clock. KeyError if not watched."""
         return self._vehicles[system_id].reboots
 
     def heard(self, system_id: int, component_id: int, now_s: float, boot_ms: int | None = None) -> None:
@@ -151,7 +154,11 @@ class HeartbeatMonitor:
         vehicle.state = after
 
     def _check_boot(self, vehicle: _Watched, boot_ms: int) -> None:
-        last = vehicle.boot_ms
-        vehicle.boot_ms = boot_ms
-        if last is not None and 0 < last - boot_ms < _BOOT_WRAP_MS:
+        """It restarted if its clock ran backwards and it started after it was last heard.
+
+        So neither a datagram that comes late nor a clock that was set back looks like a reboot.
+        """
+        last, heard_s = vehicle.boot_ms, vehicle.now_s - vehicle.boot_at_s
+        vehicle.boot_ms, vehicle.boot_at_s = boot_ms, vehicle.now_s
+        if last is not None and _LATE_MS < last - boot_ms < _BOOT_WRAP_MS and boot_ms <= heard_s * 1000 + _LATE_MS:
             vehicle.reboots += 1

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from enum import IntEnum
 from types import MappingProxyType
 
+from mavlink_bridge.autopilots import Autopilot
+
 MAX_ITEMS = 200
 """Items one mission may have: what every common autopilot stores."""
 
@@ -20,11 +22,15 @@ class Command(IntEnum):
     NAV_LAND = 21
     NAV_TAKEOFF = 22
     DO_CHANGE_SPEED = 178
+    NAV_FENCE_POLYGON_VERTEX_INCLUSION = 5001
+    NAV_RALLY_POINT = 5100
 
 
 class Frame(IntEnum):
     """The MAV_FRAME values the compiler emits."""
 
+    GLOBAL = 0
+    """x, y in 1e-7 degrees, z in metres above mean sea level."""
     MISSION = 2
     """No position: x, y, z mean nothing."""
     GLOBAL_RELATIVE_ALT = 3
@@ -66,12 +72,16 @@ class Mission:
 
     `slot_of_item` maps the seq of each NAV_WAYPOINT to the slot at whose beginning the vehicle should be there.
     `duration_s` is the planned time from the start of slot 0 (airborne: from the swap) to the end of the last slot.
+    `start_item` is what a vehicle in the air flies first: the slot-0 waypoint, or the first leg of a swap.
+    `autopilot` is whom it was compiled for: PX4 and ArduPilot fly different items.
     """
 
     uav_id: str
     items: tuple[MissionItem, ...]
     slot_of_item: Mapping[int, int]
     duration_s: float
+    start_item: int = 0
+    autopilot: Autopilot = Autopilot.PX4
 
     def __post_init__(self) -> None:
         seqs = [item.seq for item in self.items]

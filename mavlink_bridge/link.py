@@ -1,38 +1,27 @@
-"""The link to the whole fleet: one MAVSDK object, one pool of threads for its blocking calls, one heartbeat monitor."""
+"""The link to the whole fleet: everything vehicles can be asked for, all of them at once."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncGenerator, Awaitable, Callable, Collection, Coroutine, Iterable, Mapping
-from concurrent.futures import ThreadPoolExecutor
-from types import TracebackType
-from typing import Any, Self, TypeVar
-
-from mavsdk import ComponentType, Configuration, ForwardingOption, Mavsdk, MavsdkError
+from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
+from typing import TypeVar
 
 from mavlink_bridge import flight
-from mavlink_bridge.errors import ConnectionFailed, LinkClosed, VehiclesMissing
-from mavlink_bridge.heartbeat import AUTOPILOT, HeartbeatMonitor, LinkEvent, LinkState
-from mavlink_bridge.items import Mission
-from mavlink_bridge.mavsdk_log import to_python_logging
+from mavlink_bridge.heartbeat import LinkState
+from mavlink_bridge.items import Mission, MissionItem
+from mavlink_bridge.listening import ListeningLink
+from mavlink_bridge.mission_messages import MissionType
+from mavlink_bridge.models import model_from_parameters
+from mavlink_bridge.preflight import parameter_names
 from mavlink_bridge.results import CommandResult, SwapResult, UploadResult
-from mavlink_bridge.telemetry import Telemetry
-from mavlink_bridge.transfer import ATTEMPTS, upload_verified
-from mavlink_bridge.vehicle import Clock, Vehicle
+from mavlink_bridge.transfer import ATTEMPTS, read_parameters, upload_items, upload_verified
+from mavlink_bridge.vehicle import Vehicle
 
 Outcome = TypeVar("Outcome")
 Request = TypeVar("Request")
 
-POLL_S = 0.05
-"""Wall seconds between looks at the monitor: detection is late by at most this, times the speed-up, in fleet time."""
-STALL_S = 0.2
-"""When the event loop itself was stuck for longer, what arrived meanwhile is taken in before anyone is suspected."""
-DISCOVERY_S = 0.1
-MAX_THREADS = 64
-"""Blocking calls at once: one a vehicle, and threads that wait cost next to nothing."""
 
-
-class FleetLink:
+class FleetLink(ListeningLink):
     """All vehicles behind one or more connections.
 
         async with FleetLink(clock=clock, monitor=HeartbeatMonitor()) as link:
@@ -45,93 +34,6 @@ class FleetLink:
     A system id nobody has heard on the link gets a result that says so.
     """
 
-    def __init__(self, *, clock: Clock, monitor: HeartbeatMonitor) -> None:
-        self.monitor = monitor
-        self._clock = clock
-        self._mavsdk: Mavsdk | None = None
-        self._closed = False
-        self._pool = ThreadPoolExecutor(MAX_THREADS, thread_name_prefix="mavsdk")
-        self._vehicles: dict[int, Vehicle] = {}
-        self._awaited: set[int] = set()
-        self._listeners: list[asyncio.Queue[LinkEvent | None]] = []
-        self._tasks: set[asyncio.Task[None]] = set()
-
-    # -- life ---------------------------------------------------------------------------------------------------
-
-    async def __aenter__(self) -> Self:
-        self._begin()
-        return self
-
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        await self.close()
-
-    async def close(self) -> None:
-        """End all waiting, let running MAVSDK calls time out, and free the ports. Ends every `events` iterator."""
-        self._closed = True
-        mavsdk, self._mavsdk = self._mavsdk, None
-        for task in self._tasks:
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
-        for queue in self._listeners:
-            queue.put_nowait(None)
-        if mavsdk is not None:
-            await asyncio.to_thread(self._pool.shutdown)
-            await asyncio.to_thread(mavsdk.destroy)
-        self._vehicles.clear()
-
-    async def connect(self, url: str) -> None:
-        """Open a MAVSDK connection URL, such as `udpin://127.0.0.1:14540`; raises ConnectionFailed.
-
-        Without `async with`, the first success begins the link and `close` ends it.
-        """
-        entered = self._mavsdk is not None
-        mavsdk = self._begin()
-        try:
-            await self._call(mavsdk.add_any_connection_with_handle_and_forwarding, url, ForwardingOption.OFF)
-        except MavsdkError as failed:
-            if not entered:
-                await self.close()
-            raise ConnectionFailed(url, str(failed)) from failed
-
-    async def wait_for(self, system_ids: Collection[int], timeout_s: float) -> None:
-        """Wait until the autopilot of each was heard, and watch its heartbeats from then on.
-
-        Raises VehiclesMissing naming who never answered within `timeout_s` wall seconds, and who did.
-        """
-        self._open()
-        self._awaited |= set(system_ids)
-        for system_id in self.heard_systems & self._awaited:
-            self.monitor.watch(system_id, self._clock.now())
-        try:
-            async with asyncio.timeout(timeout_s):
-                while not self.heard_systems >= set(system_ids):
-                    await self._discover()
-                    await asyncio.sleep(DISCOVERY_S)
-        except TimeoutError:
-            heard = self.heard_systems
-            raise VehiclesMissing(set(system_ids) - heard, heard, timeout_s) from None
-
-    # -- hearing ------------------------------------------------------------------------------------------------
-
-    @property
-    def heard_systems(self) -> frozenset[int]:
-        """System ids whose autopilot has sent a heartbeat since the link was opened."""
-        return frozenset(system_id for system_id, vehicle in self._vehicles.items() if vehicle.heard)
-
-    def telemetry(self, system_id: int) -> Telemetry | None:
-        """Latest snapshot of one autopilot (component 1), however old: see `heard_at_s`. None before the first."""
-        vehicle = self._vehicles.get(system_id)
-        return None if vehicle is None else vehicle.state.snapshot()
-
-    def events(self) -> AsyncGenerator[LinkEvent, None]:
-        """Changes of link state from this call on, until the link closes. Each caller gets all of them."""
-        self._open()
-        queue: asyncio.Queue[LinkEvent | None] = asyncio.Queue()
-        self._listeners.append(queue)
-        return self._drain(queue)
-
     # -- telling ------------------------------------------------------------------------------------------------
 
     async def upload(self, missions: Mapping[int, Mission], *, attempts: int = ATTEMPTS) -> dict[int, UploadResult]:
@@ -141,6 +43,20 @@ class FleetLink:
             lambda vehicle, mission: upload_verified(
                 vehicle, mission, attempts=attempts, given_up=self._given_up(vehicle)
             ),
+            UploadResult,
+        )
+
+    async def prepare(self, system_ids: Iterable[int]) -> dict[int, CommandResult]:
+        """Ask each for its telemetry streams and read the parameters its model and the preflight audit need."""
+        return await self._command(dict.fromkeys(system_ids), lambda vehicle, _: self._prepare(vehicle))
+
+    async def upload_fence(
+        self, items: Mapping[int, Sequence[MissionItem]], *, mission_type: MissionType = MissionType.FENCE
+    ) -> dict[int, UploadResult]:
+        """Give each vehicle a geofence (or rally points), read it back, compare. No items: clear."""
+        return await self._each(
+            items,
+            lambda vehicle, wanted: upload_items(vehicle, wanted, mission_type, given_up=self._given_up(vehicle)),
             UploadResult,
         )
 
@@ -157,15 +73,21 @@ class FleetLink:
         """
         return await self._command(places, lambda vehicle, place: flight.go_to(vehicle, *place, timeout_s))
 
-    async def start(self, system_ids: Iterable[int], *, item: int = 1) -> dict[int, CommandResult]:
-        """Fly the mission from `item` on, all together: every vehicle has its item set before the first one starts.
+    async def start(self, system_ids: Iterable[int], *, item: int | None = None) -> dict[int, CommandResult]:
+        """Fly the missions on board, all together: every vehicle has its item set before the first one starts.
 
-        Item 1 of a mission compiled for the ground is the slot-0 waypoint: the vehicles are in the air already.
+        They begin with `item`, or with what a vehicle flies that hovers at its slot-0 point (`Mission.start_item`).
         """
+
+        def first(vehicle: Vehicle) -> int:
+            return vehicle.start_item if item is None else item
+
         ids = list(system_ids)
-        ready = await self._command(dict.fromkeys(ids, item), flight.set_current)
+        ready = await self._command(dict.fromkeys(ids), lambda vehicle, _: flight.set_current(vehicle, first(vehicle)))
         able = [system_id for system_id in ids if ready[system_id].ok]
-        return ready | await self._command(dict.fromkeys(able, item), flight.start)
+        return ready | await self._command(
+            dict.fromkeys(able), lambda vehicle, _: flight.start(vehicle, first(vehicle))
+        )
 
     async def swap(self, missions: Mapping[int, Mission]) -> dict[int, SwapResult]:
         """Replace missions in flight. Each result is `ok` (verified and flying it) or says why not and if it holds."""
@@ -179,77 +101,21 @@ class FleetLink:
         """Stop and hover."""
         return await self._command(dict.fromkeys(system_ids), lambda vehicle, _: flight.hold(vehicle))
 
+    async def return_home(self, system_ids: Iterable[int]) -> dict[int, CommandResult]:
+        """Return to where they took off, each by its own autopilot's way; returns when they are on it."""
+        return await self._command(dict.fromkeys(system_ids), lambda vehicle, _: flight.return_home(vehicle))
+
     async def land(self, system_ids: Iterable[int]) -> dict[int, CommandResult]:
         """Land where they are; returns when they descend."""
         return await self._command(dict.fromkeys(system_ids), lambda vehicle, _: flight.land(vehicle))
 
-    # -- inside -------------------------------------------------------------------------------------------------
+    # -- inside ------------------------------------------------------------------------------------------------------
 
-    def _begin(self) -> Mavsdk:
-        """The MAVSDK object, made on first use; a closed link stays closed."""
-        if self._mavsdk is None and not self._closed:
-            to_python_logging()
-            loop = asyncio.get_running_loop()
-            self._mavsdk = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
-            self._mavsdk.subscribe_on_new_system(lambda _user_data: loop.call_soon_threadsafe(self._look_around))
-            self._spawn(self._watch())
-        return self._open()
-
-    def _open(self) -> Mavsdk:
-        if self._mavsdk is None:
-            raise LinkClosed(
-                "the fleet link is closed" if self._closed else "the fleet link was not opened: connect it first"
-            )
-        return self._mavsdk
-
-    async def _call(self, blocking: Callable[..., Outcome], *arguments: Any) -> Outcome:
-        return await asyncio.get_running_loop().run_in_executor(self._pool, blocking, *arguments)
-
-    def _look_around(self) -> None:
-        if self._mavsdk is not None:
-            self._spawn(self._discover())
-
-    def _spawn(self, work: Coroutine[Any, Any, None]) -> None:
-        task = asyncio.create_task(work)
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
-
-    async def _discover(self) -> None:
-        systems = await self._call(self._open().get_systems)
-        for system in systems:
-            system_id = int(system.get_system_id())
-            if system_id not in self._vehicles:
-                self._vehicles[system_id] = Vehicle(
-                    system,
-                    clock=self._clock,
-                    pool=self._pool,
-                    loop=asyncio.get_running_loop(),
-                    on_heartbeat=self._heartbeat,
-                )
-
-    def _heartbeat(self, vehicle: Vehicle, heard_s: float) -> None:
-        if vehicle.system_id in self._awaited:
-            self.monitor.watch(vehicle.system_id, heard_s)
-        self.monitor.heard(vehicle.system_id, AUTOPILOT, heard_s, vehicle.state.boot_ms)
-
-    async def _watch(self) -> None:
-        """Ask the monitor, forever; after a stall of our own, first take in what arrived meanwhile."""
-        loop = asyncio.get_running_loop()
-        while True:
-            asked = loop.time()
-            await asyncio.sleep(POLL_S)
-            if loop.time() - asked > POLL_S + STALL_S:
-                continue
-            for event in self.monitor.poll(self._clock.now()):
-                for queue in self._listeners:
-                    queue.put_nowait(event)
-
-    async def _drain(self, queue: asyncio.Queue[LinkEvent | None]) -> AsyncGenerator[LinkEvent, None]:
-        try:
-            while (event := await queue.get()) is not None:
-                yield event
-        finally:
-            self._listeners.remove(queue)
+    async def _prepare(self, vehicle: Vehicle) -> None:
+        await flight.ask_for_streams(vehicle)
+        values = await read_parameters(vehicle, parameter_names(vehicle.autopilot))
+        self.parameters[vehicle.system_id] = values
+        self.models[vehicle.system_id] = model_from_parameters(vehicle.autopilot, values)
 
     def _given_up(self, vehicle: Vehicle) -> Callable[[], bool]:
         system_id, monitor = vehicle.system_id, self.monitor

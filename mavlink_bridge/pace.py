@@ -20,6 +20,9 @@ _PASSES = 8
 _ENTRY_IN_FLIGHT = 0.5
 """Where a vehicle in flight was heading is not known: half of its speed helps, on average."""
 _LEAST_RADIUS_M = 0.2
+_JERK_PASSES = 4
+"""With a jerk limit the mean acceleration depends on the speed that is looked for."""
+_LEAST_CHANGE_MPS = 0.5
 _RADIUS_PER_LEG = 1 / 3
 _STRAIGHT = 1 - 1e-9
 
@@ -31,7 +34,10 @@ class VehicleModel:
     acceleration_mps2: horizontal (MPC_ACC_HOR). braking_mps2: what stops and corners are planned with, a little less.
     max_speed_mps: what a speed command may ask for (MPC_XY_VEL_MAX). min_speed_mps: slower legs are flown at this
     speed and end in a hold. acceptance_radius_m: a waypoint counts as reached this far away (param2 of NAV_WAYPOINT);
-    less where the legs beside it are short.
+    less where the legs beside it are short. jerk_mps3: how fast the acceleration itself builds up (WPNAV_JERK).
+    settle_s: what a hold costs beside its own seconds, because it only begins
+    once the vehicle has come to rest. hold_step_s: holds are stored in multiples of this (0: any length).
+    `models.model_from_parameters` makes one from what a vehicle says about itself.
     """
 
     acceleration_mps2: float = 3.0
@@ -39,10 +45,16 @@ class VehicleModel:
     max_speed_mps: float = 12.0
     min_speed_mps: float = 0.2
     acceptance_radius_m: float = 1.0
+    jerk_mps3: float = inf
+    settle_s: float = 0.0
+    hold_step_s: float = 0.0
 
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
-            if not (isfinite(value) and value > 0):
+            if name in ("settle_s", "hold_step_s"):
+                if not (isfinite(value) and value >= 0):
+                    raise ValueError(f"{name}: {value} must be a finite number of seconds, at least 0")
+            elif not (value > 0 and (isfinite(value) or name == "jerk_mps3")):
                 raise ValueError(f"{name}: {value} must be a finite number above 0")
 
 
@@ -54,14 +66,40 @@ def cruise_speed(
     With acceleration a and braking b that costs (v - entry)^2 / 2av + (v - leave)^2 / 2bv seconds beside distance / v:
     a quadratic in v. Where no speed is fast enough it is the one that is least late.
     """
-    a, b = model.acceleration_mps2, model.braking_mps2
+    speed = distance_m / duration_s
+    for _ in range(1 if model.jerk_mps3 == inf else _JERK_PASSES):
+        change_mps = max(speed - min(entry_mps, leave_mps), _LEAST_CHANGE_MPS)
+        a = mean_acceleration(change_mps, model.acceleration_mps2, model.jerk_mps3)
+        b = mean_acceleration(change_mps, model.braking_mps2, model.jerk_mps3)
+        square = 1 / (2 * a) + 1 / (2 * b)
+        linear = duration_s + entry_mps / a + leave_mps / b
+        constant = distance_m + entry_mps**2 / (2 * a) + leave_mps**2 / (2 * b)
+        discriminant = linear**2 - 4 * square * constant
+        speed = sqrt(constant / square) if discriminant < 0 else 2 * constant / (linear + sqrt(discriminant))
+    return speed
+
+
+def lateness(distance_m: float, duration_s: float, *, entry_mps: float, leave_mps: float, model: VehicleModel) -> float:
+    """Seconds the fastest flight of such a leg is late; 0 where `cruise_speed` is in time."""
+    change_mps = max(distance_m / duration_s - min(entry_mps, leave_mps), _LEAST_CHANGE_MPS)
+    a = mean_acceleration(change_mps, model.acceleration_mps2, model.jerk_mps3)
+    b = mean_acceleration(change_mps, model.braking_mps2, model.jerk_mps3)
     square = 1 / (2 * a) + 1 / (2 * b)
-    linear = duration_s + entry_mps / a + leave_mps / b
     constant = distance_m + entry_mps**2 / (2 * a) + leave_mps**2 / (2 * b)
-    discriminant = linear**2 - 4 * square * constant
-    if discriminant < 0:
-        return sqrt(constant / square)
-    return 2 * constant / (linear + sqrt(discriminant))
+    fastest_s = 2 * sqrt(constant * square) - entry_mps / a - leave_mps / b
+    return max(0.0, fastest_s - duration_s)
+
+
+def mean_acceleration(change_mps: float, limit_mps2: float, jerk_mps3: float) -> float:
+    """Mean acceleration (m/s^2) of a change of speed that begins and ends without one, limited in itself and in jerk.
+
+    It takes `change / limit + limit / jerk` seconds where the limit is reached, else `2 sqrt(change / jerk)`.
+    """
+    if jerk_mps3 == inf:
+        return limit_mps2
+    if change_mps >= limit_mps2**2 / jerk_mps3:
+        return change_mps / (change_mps / limit_mps2 + limit_mps2 / jerk_mps3)
+    return sqrt(change_mps * jerk_mps3) / 2
 
 
 def acceptance_radii(points: Sequence[Point], model: VehicleModel) -> list[float]:
@@ -99,12 +137,20 @@ class Pacer:
         """(n,) m/s, not yet limited to what the vehicle flies."""
         speeds = [length / time_s for length, time_s in zip(self._lengths, self._times_s, strict=True)]
         for _ in range(_PASSES):
-            speeds = [self._speed(leg, speeds) for leg in range(len(speeds))]
+            late_s, paced = 0.0, []
+            for leg in range(len(speeds)):
+                speed, late_s = self._speed(leg, speeds, late_s)
+                paced.append(speed)
+            speeds = paced
         return speeds
 
-    def _speed(self, leg: int, speeds: list[float]) -> float:
-        """The speed of one leg, given the others'. A leg flown through ends one radius early in way and in time."""
-        distance_m, time_s = self._lengths[leg], self._times_s[leg]
+    def _speed(self, leg: int, speeds: list[float], late_s: float) -> tuple[float, float]:
+        """The speed of one leg, given the others', and how late it ends. A leg that is entered late has less time.
+
+        A leg flown through ends one radius early in way and in time.
+        """
+        distance_m = self._lengths[leg]
+        time_s = max(self._times_s[leg] - late_s, self._times_s[leg] / 2)
         if leg > 0 and not self._halts[leg]:
             radius = self._radii[leg]
             distance_m += radius * self._cosines[leg]
@@ -115,13 +161,11 @@ class Pacer:
         else:
             leave_mps = self._through(leg + 1, speeds)
         cruise = speeds[leg]
-        return cruise_speed(
-            max(0.0, distance_m),
-            time_s,
-            entry_mps=min(cruise, self._entry(leg, speeds)),
-            leave_mps=min(cruise, leave_mps),
-            model=self._model,
-        )
+        leg_of = {"entry_mps": min(cruise, self._entry(leg, speeds)), "leave_mps": min(cruise, leave_mps)}
+        distance_m = max(0.0, distance_m)
+        speed = cruise_speed(distance_m, time_s, model=self._model, **leg_of)
+        still_late_s = lateness(distance_m, time_s, model=self._model, **leg_of)
+        return speed, 0.0 if self._halts[leg + 1] else still_late_s
 
     def _entry(self, leg: int, speeds: list[float]) -> float:
         """Speed along the leg at its beginning: after a sharp turn it is negative, the vehicle still flies away."""

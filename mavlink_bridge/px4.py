@@ -7,106 +7,24 @@ Yaw is fixed to north (param4 = 0): the antenna of a base station keeps its orie
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from enum import StrEnum
-from math import isclose
-
-from mavlink_bridge.geodesy import to_e7
-from mavlink_bridge.items import Command, Frame, MissionItem
+from mavlink_bridge.items import Command
 from mavlink_bridge.pace import Point
-from mavlink_bridge.schedule import Schedule, Stop
-
-_GROUND_SPEED = 1.0
-_THROTTLE_UNCHANGED = -1.0
-_SAME_SPEED = 0.002
-"""Relative: 2 cm on a leg of 10 m, not worth an item."""
+from mavlink_bridge.schedule import Stop
+from mavlink_bridge.writer import MissionWriter
 
 
-class OnEnd(StrEnum):
-    """What a vehicle does after its last slot."""
+class Px4Writer(MissionWriter):
+    """On the ground: NAV_TAKEOFF is item 0. In flight: straight to the first leg."""
 
-    LAND = "land"
-    """NAV_LAND where it is: vertical descents keep the separation the plan has."""
-    RETURN = "return"
-    """NAV_RETURN_TO_LAUNCH: check the ways home with `check_return_paths` first."""
-    HOLD = "hold"
-    """NAV_LOITER_UNLIM: hover until told otherwise."""
-
-
-@dataclass(kw_only=True)
-class Px4Writer:
-    """Collects the items of one mission; `to_geodetic` turns east/north metres into (lat, lon) degrees."""
-
-    altitude_m: float
-    to_geodetic: Callable[[Point], tuple[float, float]]
-    items: list[MissionItem] = field(default_factory=list)
-    slot_of_item: dict[int, int] = field(default_factory=dict)
-    _speed_mps: float | None = None
-
-    def write(self, schedule: Schedule, *, takeoff: bool, on_end: OnEnd) -> None:
-        """Items of a whole mission: take off, then per stop its speed and waypoint, then the end."""
+    def _begin(self, first_m: Point, *, takeoff: bool) -> None:
         if takeoff:
-            self._position(Command.NAV_TAKEOFF, schedule.stops[0].point_m, self.altitude_m)
-        for number, stop in enumerate(schedule.stops):
-            leg = schedule.leg_to(number)
-            if leg is not None:
-                self._speed(leg.speed_mps)
-            self._waypoint(stop)
-        self._end(schedule.stops[-1].point_m, on_end)
+            self._position(Command.NAV_TAKEOFF, first_m, self.altitude_m)
 
     def _waypoint(self, stop: Stop) -> None:
-        self.slot_of_item[len(self.items)] = stop.slot
         self._position(
             Command.NAV_WAYPOINT,
             stop.point_m,
             self.altitude_m,
             param1=round(stop.hold_s, 3),
             param2=round(stop.radius_m, 3),
-        )
-
-    def _speed(self, speed_mps: float) -> None:
-        if self._speed_mps is None or not isclose(speed_mps, self._speed_mps, rel_tol=_SAME_SPEED):
-            self._speed_mps = round(speed_mps, 3)
-            self._command(Command.DO_CHANGE_SPEED, _GROUND_SPEED, self._speed_mps, _THROTTLE_UNCHANGED)
-
-    def _end(self, point_m: Point, on_end: OnEnd) -> None:
-        if on_end is OnEnd.LAND:
-            self._position(Command.NAV_LAND, point_m, 0.0)
-        elif on_end is OnEnd.RETURN:
-            self._command(Command.NAV_RETURN_TO_LAUNCH)
-        else:
-            self._position(Command.NAV_LOITER_UNLIM, point_m, self.altitude_m)
-
-    def _position(
-        self, command: Command, point_m: Point, altitude_m: float, *, param1: float = 0.0, param2: float = 0.0
-    ) -> None:
-        lat_deg, lon_deg = self.to_geodetic(point_m)
-        seq = len(self.items)
-        self.items.append(
-            MissionItem(
-                seq=seq,
-                frame=Frame.GLOBAL_RELATIVE_ALT_INT,
-                command=command,
-                current=int(seq == 0),
-                param1=param1,
-                param2=param2,
-                x=to_e7(lat_deg),
-                y=to_e7(lon_deg),
-                z=altitude_m,
-            )
-        )
-
-    def _command(self, command: Command, param1: float = 0.0, param2: float = 0.0, param3: float = 0.0) -> None:
-        seq = len(self.items)
-        self.items.append(
-            MissionItem(
-                seq=seq,
-                frame=Frame.MISSION,
-                command=command,
-                current=int(seq == 0),
-                param1=param1,
-                param2=param2,
-                param3=param3,
-            )
         )

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from mavlink_bridge.verified import OnBoard
+
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
@@ -21,9 +23,13 @@ class Outcome:
 
 @dataclass(frozen=True, kw_only=True)
 class UploadResult(Outcome):
-    """`verified`: the mission was read back and compared equal. `mission_id`: its checksum, 0 if not told."""
+    """`verified`: the mission was read back and compared equal. `mission_id`: its checksum, 0 if not told.
+
+    `on_board`: the whole new mission, the whole old one (read back too), or unknown.
+    """
 
     verified: bool = False
+    on_board: OnBoard = OnBoard.UNKNOWN
     attempts: int = 0
     mission_id: int = 0
 

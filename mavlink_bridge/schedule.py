@@ -1,7 +1,8 @@
 """A slot path as stops and timed legs: the part of the compiler that no autopilot's habits touch.
 
 Slot n begins at n * T. Slots spent at one place become one stop with a hold; between stops the UAV flies a straight
-leg. Legs and holds together last exactly as long as the slots: the last slot is held at the last point.
+leg. Legs and holds (with what settling costs) together last exactly as long as the slots: the last slot is held at the
+last point. A stop flown through straight on at an unchanged speed is no stop at all and is left out.
 """
 
 from __future__ import annotations
@@ -9,22 +10,30 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from math import hypot
+from math import floor, hypot, isclose
 
 from mavlink_bridge.pace import Pacer, Point, VehicleModel, acceptance_radii
 
 SAME_PLACE_M = 0.1
 """Points closer than this are one place: well below what GPS navigation resolves."""
+STRAIGHT_M = 0.1
+"""A point about this close to the straight way between its neighbours is on it."""
+SAME_SPEED = 0.02
+"""Relative: legs this alike are flown at one speed, 2 % of a 25 m leg is half a metre."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Stop:
-    """A place to be at: reached when slot `slot` begins, left `hold_s` later; it counts as reached `radius_m` away."""
+    """A place to be at: reached when slot `slot` begins; it counts as reached `radius_m` away.
+
+    It is left `hold_s` later, and `settle_s` later still where the vehicle must come to rest before it begins to hold.
+    """
 
     slot: int
     point_m: Point
     hold_s: float
     radius_m: float
+    settle_s: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +56,7 @@ class Schedule:
     @property
     def duration_s(self) -> float:
         """Seconds of all legs and holds."""
-        return sum(leg.duration_s for leg in self.legs) + sum(stop.hold_s for stop in self.stops)
+        return sum(leg.duration_s for leg in self.legs) + sum(stop.hold_s + stop.settle_s for stop in self.stops)
 
     def leg_to(self, stop: int) -> Leg | None:
         """The leg that ends at stop number `stop`, None where the schedule begins there."""
@@ -103,7 +112,8 @@ def _timed(stops: list[Stop], times_s: list[float], *, approach: Point | None, m
         flown_s[leg] = min(times_s[leg], _length(p, q) / model.min_speed_mps)
         to = leg + 1 - len(before)
         stops[to] = replace(stops[to], hold_s=stops[to].hold_s + times_s[leg] - flown_s[leg])
-    halts = [False] * len(before) + [stop.hold_s > 0 for stop in stops]
+    times_s = _settle(stops, times_s, flown_s, first=1 - len(before), model=model)
+    halts = [False] * len(before) + [stop.hold_s + stop.settle_s > 0 for stop in stops]
     pacer = Pacer(points, halts, times_s, in_flight=approach is not None, model=model)
     radii = acceptance_radii(points, model)[len(before) :]
     legs = [
@@ -116,7 +126,73 @@ def _timed(stops: list[Stop], times_s: list[float], *, approach: Point | None, m
         for leg, speed in enumerate(pacer.speeds())
     ]
     stops = [replace(stop, radius_m=radius) for stop, radius in zip(stops, radii, strict=True)]
-    return Schedule(stops=tuple(stops), legs=tuple(legs))
+    return _without_straight_stops(stops, legs, approach)
+
+
+def _settle(
+    stops: list[Stop], times_s: list[float], flown_s: list[float], *, first: int, model: VehicleModel
+) -> list[float]:
+    """Take settling out of each hold, and round it down to what can be stored; the leg after it gets what is left.
+
+    Changes `stops` and `flown_s`; returns the legs' times. Leg number n ends at stop `first + n`.
+    """
+    times_s = list(times_s)
+    for number, stop in enumerate(stops):
+        if stop.hold_s <= 0 or not (model.settle_s or model.hold_step_s):
+            continue
+        at_rest = number == 0 and first == 1  # it waits there already
+        settle_s = 0.0 if at_rest else min(model.settle_s, stop.hold_s)
+        rest_s = stop.hold_s - settle_s
+        hold_s = rest_s if model.hold_step_s == 0 else model.hold_step_s * floor(rest_s / model.hold_step_s + 1e-9)
+        leg = number + 1 - first
+        if leg < len(times_s):
+            times_s[leg] += rest_s - hold_s
+            flown_s[leg] += rest_s - hold_s
+        else:
+            settle_s += rest_s - hold_s
+        stops[number] = replace(stop, hold_s=hold_s, settle_s=settle_s)
+    return times_s
+
+
+def _without_straight_stops(stops: list[Stop], legs: list[Leg], approach: Point | None) -> Schedule:
+    """Leave out stops that are flown through straight on at one speed: a vehicle does not notice them."""
+    kept: list[Stop] = []
+    merged: list[Leg] = []
+    origin = approach
+    leg_to = {leg.to: leg for leg in legs}
+    for number, stop in enumerate(stops):
+        leg = leg_to.get(number)
+        if leg is not None and merged and kept and _passed_straight(origin, kept[-1], stop, merged[-1], leg):
+            kept.pop()
+            leg = _joined(merged.pop(), leg)
+        elif kept:
+            origin = kept[-1].point_m
+        kept.append(stop)
+        if leg is not None:
+            merged.append(replace(leg, to=len(kept) - 1))
+    return Schedule(stops=tuple(kept), legs=tuple(merged))
+
+
+def _joined(first: Leg, second: Leg) -> Leg:
+    """Both legs as one, at the speed that takes as long."""
+    distance_m = first.distance_m + second.distance_m
+    cruising_s = first.distance_m / first.speed_mps + second.distance_m / second.speed_mps
+    return replace(
+        second,
+        distance_m=distance_m,
+        duration_s=first.duration_s + second.duration_s,
+        speed_mps=distance_m / cruising_s if cruising_s > 0 else second.speed_mps,
+    )
+
+
+def _passed_straight(origin: Point | None, through: Stop, to: Stop, before: Leg, after: Leg) -> bool:
+    """Whether `through` lies on the straight way from `origin` to `to` and is passed without a change of speed."""
+    if origin is None or through.hold_s + through.settle_s > 0:
+        return False
+    if not isclose(before.speed_mps, after.speed_mps, rel_tol=SAME_SPEED):
+        return False
+    straight_m = _length(origin, to.point_m)
+    return before.distance_m + after.distance_m - straight_m < STRAIGHT_M**2 / max(straight_m, STRAIGHT_M)
 
 
 def _length(a: Point, b: Point) -> float:

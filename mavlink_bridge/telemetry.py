@@ -7,9 +7,13 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
+from mavlink_bridge.autopilots import Autopilot, FlightMode, autopilot_of, mode_of
 from mavlink_bridge.geodesy import from_e7
 
-MESSAGES = ("HEARTBEAT", "GLOBAL_POSITION_INT", "MISSION_CURRENT", "MISSION_ACK", "EXTENDED_SYS_STATE")
+MESSAGES = (
+    *("HEARTBEAT", "GLOBAL_POSITION_INT", "MISSION_CURRENT", "MISSION_ACK"),
+    *("EXTENDED_SYS_STATE", "SYS_STATUS", "GPS_RAW_INT", "HOME_POSITION"),
+)
 """Messages the snapshot is made of."""
 
 _ARMED = 128
@@ -17,24 +21,8 @@ _ARMED = 128
 _ACCEPTED = 0
 """MAV_MISSION_ACCEPTED, and MAV_MISSION_TYPE_MISSION."""
 _UNKNOWN_TOTAL = 65535
-
-
-class FlightMode(StrEnum):
-    """Who flies: PX4's modes as custom_mode encodes them; OTHER is one this list does not know."""
-
-    MANUAL = "manual"
-    ALTITUDE = "altitude"
-    POSITION = "position"
-    ACRO = "acro"
-    OFFBOARD = "offboard"
-    STABILIZED = "stabilized"
-    READY = "ready"
-    TAKEOFF = "takeoff"
-    HOLD = "hold"
-    MISSION = "mission"
-    RETURN = "return"
-    LAND = "land"
-    OTHER = "other"
+_UNKNOWN_HEADING = 65535
+_UNKNOWN_SATELLITES = 255
 
 
 class LandedState(StrEnum):
@@ -47,23 +35,6 @@ class LandedState(StrEnum):
     LANDING = "landing"
 
 
-_MAIN = {
-    1: FlightMode.MANUAL,
-    2: FlightMode.ALTITUDE,
-    3: FlightMode.POSITION,
-    5: FlightMode.ACRO,
-    6: FlightMode.OFFBOARD,
-    7: FlightMode.STABILIZED,
-}
-_AUTO = {
-    1: FlightMode.READY,
-    2: FlightMode.TAKEOFF,
-    3: FlightMode.HOLD,
-    4: FlightMode.MISSION,
-    5: FlightMode.RETURN,
-    6: FlightMode.LAND,
-}
-_AUTO_MAIN = 4
 _LANDED = tuple(LandedState)
 
 
@@ -91,14 +62,10 @@ class Telemetry:
     mission_id: int
     boot_ms: int
     heard_at_s: float
-
-
-def px4_mode(custom_mode: int) -> FlightMode:
-    """HEARTBEAT.custom_mode of PX4 as a mode: main mode in byte 2, sub mode in byte 3."""
-    main, sub = custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF
-    if main == _AUTO_MAIN:
-        return _AUTO.get(sub, FlightMode.OTHER)
-    return _MAIN.get(main, FlightMode.OTHER)
+    heading_deg: float | None = None
+    """Where the nose points, degrees clockwise from north; None if it is not told."""
+    battery: float | None = None
+    """Share of charge, 0..1; None if it is not measured."""
 
 
 class TelemetryState:
@@ -106,6 +73,7 @@ class TelemetryState:
 
     def __init__(self, system_id: int) -> None:
         self.system_id = system_id
+        self.autopilot: Autopilot | None = None
         self.mode = FlightMode.OTHER
         self.armed = False
         self.landed_state = LandedState.UNDEFINED
@@ -117,6 +85,13 @@ class TelemetryState:
         """MISSION_CURRENT messages so far: tells a fresh one from an old one."""
         self.accepted_id: int | None = None
         """opaque_id of the latest accepting MISSION_ACK, None if it carried none."""
+        self.battery: float | None = None
+        """Share of charge, 0..1; None if it is not measured."""
+        self.gps_fix: int | None = None
+        """GPS_FIX_TYPE; 3 is a 3D fix."""
+        self.satellites: int | None = None
+        self.home_deg: tuple[float, float] | None = None
+        """Latitude and longitude of the home it told of."""
         self._position: Mapping[str, Any] | None = None
         self._position_at_s = 0.0
         self._heard = False
@@ -126,6 +101,9 @@ class TelemetryState:
             "MISSION_CURRENT": self._mission_current,
             "MISSION_ACK": self._mission_ack,
             "EXTENDED_SYS_STATE": self._extended,
+            "SYS_STATUS": self._sys_status,
+            "GPS_RAW_INT": self._gps,
+            "HOME_POSITION": self._home,
         }
 
     def fold(self, name: str, fields: Mapping[str, Any], heard_s: float) -> None:
@@ -153,12 +131,15 @@ class TelemetryState:
             mission_id=self.mission_id,
             boot_ms=position["time_boot_ms"],
             heard_at_s=self._position_at_s,
+            heading_deg=_heading_deg(position),
+            battery=self.battery,
         )
 
     def _heartbeat(self, fields: Mapping[str, Any], heard_s: float) -> None:
         del heard_s
         self._heard = True
-        self.mode = px4_mode(int(fields["custom_mode"]))
+        self.autopilot = autopilot_of(int(fields["autopilot"]))
+        self.mode = mode_of(self.autopilot, int(fields["custom_mode"]))
         self.armed = bool(int(fields["base_mode"]) & _ARMED)
 
     def _global_position(self, fields: Mapping[str, Any], heard_s: float) -> None:
@@ -182,3 +163,26 @@ class TelemetryState:
         del heard_s
         state = int(fields["landed_state"])
         self.landed_state = _LANDED[state] if state < len(_LANDED) else LandedState.UNDEFINED
+
+    def _sys_status(self, fields: Mapping[str, Any], heard_s: float) -> None:
+        del heard_s
+        remaining = int(fields["battery_remaining"])
+        self.battery = None if remaining < 0 else remaining / 100
+
+    def _gps(self, fields: Mapping[str, Any], heard_s: float) -> None:
+        del heard_s
+        satellites = int(fields["satellites_visible"])
+        self.gps_fix, self.satellites = (
+            int(fields["fix_type"]),
+            None if satellites == _UNKNOWN_SATELLITES else satellites,
+        )
+
+    def _home(self, fields: Mapping[str, Any], heard_s: float) -> None:
+        del heard_s
+        self.home_deg = from_e7(int(fields["latitude"])), from_e7(int(fields["longitude"]))
+
+
+def _heading_deg(position: Mapping[str, Any]) -> float | None:
+    """GLOBAL_POSITION_INT.hdg: hundredths of a degree, 65535 for not known."""
+    told = int(position.get("hdg", _UNKNOWN_HEADING))
+    return None if told == _UNKNOWN_HEADING else told / 100

@@ -1,106 +1,90 @@
-"""Give a vehicle a mission and prove that it has it: upload, read back, compare, try again.
-
-An accepting MISSION_ACK is not proof; a read-back that compares equal is. MAVSDK gives up on a silent vehicle after
-about 2.5 s of wall time, however fast the fleet's clock runs.
-"""
+"""Give a vehicle a mission, a geofence or rally points, and prove that it has them."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
-from mavsdk.plugins.mission_raw import MissionItem as RawItem
-from mavsdk.plugins.mission_raw import MissionRawError, MissionRawResult
-
-from mavlink_bridge.compare import mission_differences
+from mavlink_bridge.autopilots import Autopilot
 from mavlink_bridge.items import Mission, MissionItem
+from mavlink_bridge.mission_messages import SILENCE_S, MissionType
+from mavlink_bridge.parameters import ParameterRead
 from mavlink_bridge.results import UploadResult
-from mavlink_bridge.vehicle import Vehicle
+from mavlink_bridge.vehicle import NotDone, Vehicle
+from mavlink_bridge.verified import ATTEMPTS, OnBoard, VerifiedUpload
 
-ATTEMPTS = 3
-_PAUSE_S = 0.1
-"""Wall seconds before the second attempt; doubles with each further one."""
-_FINAL = frozenset(
-    {
-        MissionRawResult.TOO_MANY_MISSION_ITEMS,
-        MissionRawResult.INVALID_ARGUMENT,
-        MissionRawResult.UNSUPPORTED,
-        MissionRawResult.NO_SYSTEM,
-        MissionRawResult.CURRENT_INVALID,
-        MissionRawResult.INT_MESSAGES_NOT_SUPPORTED,
-    }
-)
-"""Answers that the same mission will get again."""
+
+def never() -> bool:
+    """Nobody gives up early."""
+    return False
 
 
 async def upload_verified(
-    vehicle: Vehicle, mission: Mission, *, attempts: int = ATTEMPTS, given_up: Callable[[], bool] = lambda: False
+    vehicle: Vehicle,
+    mission: Mission,
+    *,
+    attempts: int = ATTEMPTS,
+    silence_s: float = SILENCE_S,
+    given_up: Callable[[], bool] = never,
 ) -> UploadResult:
-    """Upload until the read-back is equal, at most `attempts` times; `given_up` ends it early (link declared lost)."""
-    started = asyncio.get_running_loop().time()
-    error: str | None = "not tried"
-    attempt = 0
-    while attempt < attempts:
-        if attempt:
-            await asyncio.sleep(_PAUSE_S * 2 ** (attempt - 1))
-        attempt += 1
-        try:
-            error = await _attempt(vehicle, mission)
-        except MissionRawError as failed:
-            error = f"{failed.origin.removesuffix('()')}: {failed.result.name}"
-            if failed.result in _FINAL or given_up():
-                break
-        if error is None:
-            break
+    """Upload until the read-back is equal, at most `attempts` times; `given_up` ends it early (link declared lost).
+
+    If it fails, what was on board before is put back, as far as that is known and the vehicle still answers.
+    """
+    if vehicle.state.autopilot is not mission.autopilot:
+        error = f"the mission is for {mission.autopilot}, the vehicle is {vehicle.state.autopilot or 'something else'}"
+        return UploadResult(system_id=vehicle.system_id, seconds=0.0, error=error)
+    result = await upload_items(
+        vehicle, mission.items, MissionType.MISSION, attempts=attempts, silence_s=silence_s, given_up=given_up
+    )
+    if result.verified:
+        vehicle.start_item = mission.start_item
+    return result
+
+
+async def upload_items(
+    vehicle: Vehicle,
+    items: Sequence[MissionItem],
+    mission_type: MissionType,
+    *,
+    attempts: int = ATTEMPTS,
+    silence_s: float = SILENCE_S,
+    given_up: Callable[[], bool] = never,
+) -> UploadResult:
+    """As above, for any mission type. An empty list clears."""
+    loop = asyncio.get_running_loop()
+    started = loop.time()
+    flown = mission_type is MissionType.MISSION
+    transfer = VerifiedUpload(
+        items,
+        vehicle.system_id,
+        old=vehicle.on_board if flown else None,
+        mission_type=mission_type,
+        home_first=flown and vehicle.state.autopilot is Autopilot.ARDUPILOT,
+        attempts=attempts,
+        silence_s=silence_s,
+    )
+    if flown:
+        vehicle.state.accepted_id = None
+    await vehicle.converse(transfer, given_up)
+    if flown and transfer.on_board is not OnBoard.OLD:
+        vehicle.on_board = tuple(items) if transfer.on_board is OnBoard.NEW else None
     return UploadResult(
         system_id=vehicle.system_id,
-        seconds=asyncio.get_running_loop().time() - started,
-        error=error,
-        verified=error is None,
-        attempts=attempt,
-        mission_id=(vehicle.state.accepted_id or 0) if error is None else 0,
+        seconds=loop.time() - started,
+        error=transfer.error,
+        verified=transfer.error is None,
+        on_board=transfer.on_board or OnBoard.UNKNOWN,
+        attempts=transfer.attempts,
+        mission_id=transfer.opaque_id if transfer.error is None else 0,
     )
 
 
-async def _attempt(vehicle: Vehicle, mission: Mission) -> str | None:
-    """One upload and its proof; returns what is wrong, or None."""
-    vehicle.state.accepted_id = None
-    await vehicle.call(vehicle.mission_raw.upload_mission, [_to_raw(item) for item in mission.items])
-    read_back: Sequence[RawItem] = await vehicle.call(vehicle.mission_raw.download_mission)
-    differences = mission_differences(mission.items, [_from_raw(item) for item in read_back])
-    return f"read-back differs: {'; '.join(differences[:3])}" if differences else None
+async def read_parameters(vehicle: Vehicle, names: Iterable[str]) -> dict[str, float]:
+    """The values of those parameters the vehicle knows. Raises NotDone for an autopilot nobody compiles for."""
+    reading = ParameterRead(names, vehicle.system_id, vehicle.autopilot)
+    await vehicle.converse(reading)
+    return reading.values
 
 
-def _to_raw(item: MissionItem) -> RawItem:
-    return RawItem(
-        item.seq,
-        item.frame,
-        item.command,
-        item.current,
-        item.autocontinue,
-        item.param1,
-        item.param2,
-        item.param3,
-        item.param4,
-        item.x,
-        item.y,
-        item.z,
-        0,
-    )
-
-
-def _from_raw(raw: RawItem) -> MissionItem:
-    return MissionItem(
-        seq=raw.seq,
-        frame=raw.frame,
-        command=raw.command,
-        current=raw.current,
-        autocontinue=raw.autocontinue,
-        param1=raw.param1,
-        param2=raw.param2,
-        param3=raw.param3,
-        param4=raw.param4,
-        x=raw.x,
-        y=raw.y,
-        z=raw.z,
-    )
+__all__ = ["ATTEMPTS", "NotDone", "read_parameters", "upload_items", "upload_verified"]

@@ -1,4 +1,4 @@
-"""One vehicle on the link: its MAVSDK plugins, its telemetry, and waiting for something to become true."""
+"""One vehicle on the link: messages to it and from it, its telemetry, and waiting for something to become true."""
 
 from __future__ import annotations
 
@@ -6,17 +6,41 @@ import asyncio
 import json
 from collections.abc import Callable
 from concurrent.futures import Executor
+from enum import IntEnum
+from math import isfinite
 from typing import Any, Protocol, TypeVar
 
 from mavsdk import System
-from mavsdk.plugins.action import Action
-from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkMessage
-from mavsdk.plugins.mission_raw import MissionRaw
+from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectError, MavlinkMessage
 
+from mavlink_bridge.autopilots import Autopilot, FlightMode
 from mavlink_bridge.heartbeat import AUTOPILOT
+from mavlink_bridge.items import MissionItem
+from mavlink_bridge.mission_messages import GROUND, Message
 from mavlink_bridge.telemetry import MESSAGES, TelemetryState
 
 Result = TypeVar("Result")
+
+_ANSWERS = ("MISSION_REQUEST_INT", "MISSION_REQUEST", "MISSION_COUNT", "MISSION_ITEM_INT", "PARAM_VALUE")
+"""Messages that only mean something to the conversation that is going on."""
+
+
+_NAMES = {
+    21: "land",
+    22: "take-off",
+    176: "set mode",
+    178: "change speed",
+    192: "go to",
+    224: "set current item",
+    300: "start mission",
+    400: "arm",
+    511: "set message rate",
+    512: "request message",
+}
+
+
+class NotDone(Exception):  # noqa: N818 (ends one command of one vehicle; becomes its result's error text)
+    """The vehicle did not do it; the text says what was seen instead."""
 
 
 class Clock(Protocol):
@@ -27,10 +51,41 @@ class Clock(Protocol):
         ...
 
 
+class Conversation(Protocol):
+    """A protocol without I/O: `VerifiedUpload`, `ParameterRead`."""
+
+    @property
+    def ended(self) -> bool: ...
+
+    @property
+    def due_s(self) -> float: ...
+
+    def start(self, now_s: float) -> list[Message]: ...
+
+    def handle(self, name: str, fields: dict[str, Any], now_s: float) -> list[Message]: ...
+
+    def tick(self, now_s: float) -> list[Message]: ...
+
+    def give_up(self) -> None: ...
+
+
+class CommandAnswer(IntEnum):
+    """MAV_RESULT of COMMAND_ACK."""
+
+    ACCEPTED = 0
+    TEMPORARILY_REJECTED = 1
+    DENIED = 2
+    UNSUPPORTED = 3
+    FAILED = 4
+    IN_PROGRESS = 5
+    CANCELLED = 6
+
+
 class Vehicle:
     """One system id. Lives on the event loop; MAVSDK's callbacks are handed over to it.
 
-    `on_heartbeat(vehicle, heard_s)` is called for each HEARTBEAT of component 1, fleet seconds.
+    `on_message(vehicle, name, fields, heard_s)` is called for each message of component 1 that telemetry is made of,
+    with fleet seconds.
     """
 
     def __init__(
@@ -40,26 +95,65 @@ class Vehicle:
         clock: Clock,
         pool: Executor,
         loop: asyncio.AbstractEventLoop,
-        on_heartbeat: Callable[[Vehicle, float], None],
+        on_message: Callable[[Vehicle, str, dict[str, Any], float], None],
     ) -> None:
         self.system_id = int(system.get_system_id())
         self.state = TelemetryState(self.system_id)
         self.heard = False
         """Whether its autopilot (component 1) has sent a heartbeat."""
+        self.announce: Callable[[FlightMode], None] = lambda _mode: None
+        """Told of each mode before it is commanded."""
+        self.start_item = 1
+        """The item of the mission on board that a vehicle in the air begins with."""
+        self.on_board: tuple[MissionItem, ...] | None = None
+        """The mission it is proven to have; None: not known."""
         self._clock = clock
         self._pool = pool
         self._loop = loop
-        self._on_heartbeat = on_heartbeat
+        self._on_message = on_message
         self._changed = asyncio.Event()
-        self.action = Action(system)
-        self.mission_raw = MissionRaw(system)
+        self._talking = asyncio.Lock()
+        self._inbox: asyncio.Queue[tuple[str, dict[str, Any]]] | None = None
         self._direct = MavlinkDirect(system)
-        for name in MESSAGES:
+        for name in (*MESSAGES, *_ANSWERS):
             self._direct.subscribe_message(name, self._receive)
 
-    async def call(self, blocking: Callable[..., Result], *arguments: Any) -> Result:
-        """Run a blocking MAVSDK call in the fleet's own threads; its time-outs are wall time."""
-        return await self._loop.run_in_executor(self._pool, blocking, *arguments)
+    @property
+    def autopilot(self) -> Autopilot:
+        """Which autopilot it is, from its heartbeat. Raises NotDone for one nobody compiles for."""
+        if self.state.autopilot is None:
+            raise NotDone("its autopilot is neither PX4 nor ArduPilot")
+        return self.state.autopilot
+
+    def send(self, message: Message) -> None:
+        """Send one message, unconfirmed."""
+        self._direct.send_message(self._message(message.name, message.fields))
+
+    async def command(self, number: int, *params: float | None) -> None:
+        """COMMAND_LONG with up to seven parameters (None: not given), repeated until answered.
+
+        Raises NotDone unless it is accepted.
+        """
+        numbers = [*params, *[0.0] * (7 - len(params))]
+        fields = {f"param{n}": value for n, value in enumerate(numbers, start=1)}
+        await self._command("COMMAND_LONG", number, fields)
+
+    async def command_int(self, number: int, *, frame: int, x: int, y: int, z: float, **params: float | None) -> None:
+        """COMMAND_INT with a place (1e-7 degrees). Raises NotDone unless it is accepted."""
+        await self._command("COMMAND_INT", number, {"frame": frame, "x": x, "y": y, "z": z, **params})
+
+    async def converse(self, conversation: Conversation, given_up: Callable[[], bool] = lambda: False) -> None:
+        """Carry a protocol to its end; one at a time for each vehicle. `given_up` ends it early."""
+        async with self._talking:
+            self._inbox = asyncio.Queue()
+            try:
+                self._send_all(conversation.start(self._loop.time()))
+                while not conversation.ended:
+                    await self._turn(conversation, self._inbox)
+                    if given_up():
+                        conversation.give_up()
+            finally:
+                self._inbox = None
 
     async def wait_until(self, condition: Callable[[], bool], timeout_s: float) -> bool:
         """Whether the condition came true within `timeout_s` wall seconds; looked at after each message."""
@@ -71,6 +165,42 @@ class Vehicle:
             return condition()
         return True
 
+    async def _turn(self, conversation: Conversation, inbox: asyncio.Queue[tuple[str, dict[str, Any]]]) -> None:
+        """The next message, or the next thing that is due; what a slow loop let pile up is taken in first."""
+        wait_s = conversation.due_s - self._loop.time()
+        heard: tuple[str, dict[str, Any]] | None = None
+        if not inbox.empty():
+            heard = inbox.get_nowait()
+        elif wait_s > 0:
+            try:
+                async with asyncio.timeout(wait_s if isfinite(wait_s) else None):
+                    heard = await inbox.get()
+            except TimeoutError:
+                heard = None
+        now = self._loop.time()
+        self._send_all(conversation.tick(now) if heard is None else conversation.handle(*heard, now))
+
+    def _send_all(self, messages: list[Message]) -> None:
+        for message in messages:
+            self.send(message)
+
+    async def _command(self, kind: str, number: int, fields: dict[str, Any]) -> None:
+        wanted = self._message(kind, {"command": number, **self._address, **fields})
+        try:
+            answer = await self._loop.run_in_executor(self._pool, self._direct.send_command, wanted)
+        except MavlinkDirectError as failed:
+            raise NotDone(f"{_NAMES.get(number, number)}: {failed.result.name}") from failed
+        result = CommandAnswer(int(json.loads(answer.fields_json)["result"]))
+        if result is not CommandAnswer.ACCEPTED:
+            raise NotDone(f"{_NAMES.get(number, number)}: {result.name}")
+
+    @property
+    def _address(self) -> dict[str, int]:
+        return {"target_system": self.system_id, "target_component": AUTOPILOT}
+
+    def _message(self, name: str, fields: dict[str, Any]) -> MavlinkMessage:
+        return MavlinkMessage(name, *GROUND, self.system_id, AUTOPILOT, json.dumps(fields))
+
     def _receive(self, message: MavlinkMessage, _user_data: object) -> None:
         """On MAVSDK's thread: keep only what this very autopilot sent, stamp it, hand it over."""
         if message.system_id == self.system_id and message.component_id == AUTOPILOT:
@@ -78,9 +208,13 @@ class Vehicle:
             self._loop.call_soon_threadsafe(self._take_in, message.message_name, message.fields_json, heard_s)
 
     def _take_in(self, name: str, fields_json: str, heard_s: float) -> None:
-        self.state.fold(name, json.loads(fields_json), heard_s)
-        if name == "HEARTBEAT":
-            self.heard = True
-            self._on_heartbeat(self, heard_s)
+        fields = json.loads(fields_json)
+        if self._inbox is not None:
+            self._inbox.put_nowait((name, fields))
+        if name in _ANSWERS:
+            return
+        self.state.fold(name, fields, heard_s)
+        self.heard = self.heard or name == "HEARTBEAT"
+        self._on_message(self, name, fields, heard_s)
         changed, self._changed = self._changed, asyncio.Event()
         changed.set()

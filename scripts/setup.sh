@@ -24,3 +24,4 @@ if ! make_venv 2>/dev/null; then
     fi
 fi
 "$venv/bin/python" -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+sh "$(dirname "$0")/browser.sh"

@@ -17,6 +17,7 @@ from sim.flavours import FLAVOURS
 from sim.geo import LocalFrame, Place
 from sim.inbox import Inbox
 from sim.lineup import VehicleSpec
+from sim.metadata import metadata_files
 from sim.mishaps import Mishaps
 from sim.modes import Mode
 from sim.navigator import Navigator
@@ -56,6 +57,7 @@ class Autopilot:
         self.flavour = flavour = FLAVOURS[spec.autopilot]
         self.frame = LocalFrame(spec.home_lat_deg, spec.home_lon_deg)
         known = flavour.parameters(limits or flavour.limits)
+        self.files = metadata_files(known) if flavour.has_metadata else {}
         self.parameters = ParameterStore(known, flavour.tuning, bytewise=flavour.bytewise)
         self.air = air or Air(Weather(), "calm")
         self.battery = Battery()
@@ -137,8 +139,11 @@ class Autopilot:
     # -- being commanded ----------------------------------------------------------------------------------------
 
     def arm(self) -> bool:
-        """Arm where the vehicle stands, which becomes home; False if it cannot fly any more."""
+        """Arm where the vehicle stands, which becomes home; False if it cannot fly any more or knows no position."""
         if self.crashed or not self.dynamics.powered:
+            return False
+        if not self.armed and not self.satellites:
+            self.say("Arming denied: no position", dialect.MAV_SEVERITY_CRITICAL)
             return False
         if not self.armed:
             self.armed = True
@@ -188,6 +193,8 @@ class Autopilot:
     def _cannot_enter(self, mode: Mode) -> str | None:
         if mode not in self.flavour.custom_modes:
             return f"{mode.name} mode denied: no such mode"
+        if mode.needs_position and not self.satellites:
+            return f"{mode.name} mode denied: no position"
         if mode is Mode.MISSION:
             return self.runner.can_start(on_ground=self.armed and self.body.on_ground)
         if mode is Mode.GUIDED and self.flavour.guided_needs_stream and self.navigator.setpoint is None:

@@ -172,7 +172,10 @@ class ClockJump:
 
 @dataclass(frozen=True, slots=True)
 class Impair:
-    """The link gets worse: `up` is to the vehicle, `down` from it; None leaves a direction as it is."""
+    """The link gets worse: `up` is to the vehicle, `down` from it; None leaves a direction as it is.
+
+    After `for_s` it is again what it was before.
+    """
 
     system_id: int
     up: Impairments | None = None
@@ -181,8 +184,9 @@ class Impair:
 
     def strike(self, vehicle: Vehicle) -> None:
         """Impair the link."""
+        before = (vehicle.radio.up.impairments, vehicle.radio.down.impairments)
         vehicle.radio.impair(up=self.up, down=self.down)
-        vehicle.after(self.for_s, vehicle.radio.repair)
+        vehicle.after(self.for_s, lambda: vehicle.radio.impair(up=before[0], down=before[1]))
 
 
 FAULTS: dict[str, type[Any]] = {

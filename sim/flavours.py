@@ -30,7 +30,7 @@ class Flavour:
     the mission mode ends with the mission (PX4), or the vehicle stays in it and hovers. setpoints_move: a streamed
     position goes on with its velocity until the next one. guided_needs_stream: GUIDED/OFFBOARD is refused without
     setpoints and left without them. needs_clearance: armed in the mission mode it stays on the ground until
-    MISSION_START or AUTO_OPTIONS lets it go.
+    MISSION_START or AUTO_OPTIONS lets it go. has_metadata: COMPONENT_METADATA, and its files by MAVLink FTP.
     """
 
     name: str
@@ -52,6 +52,7 @@ class Flavour:
     setpoints_move: bool
     guided_needs_stream: bool
     needs_clearance: bool
+    has_metadata: bool
     resumes_after_link_loss: bool
     failsafe_hold: Mode
 
@@ -102,7 +103,8 @@ PX4 = Flavour(
     },
     capabilities=_COMMON_CAPABILITIES
     | dialect.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
-    | dialect.MAV_PROTOCOL_CAPABILITY_FLIGHT_TERMINATION,
+    | dialect.MAV_PROTOCOL_CAPABILITY_FLIGHT_TERMINATION
+    | dialect.MAV_PROTOCOL_CAPABILITY_FTP,
     firmware=1 << 24 | 16 << 16 | 255,  # 1.16.0, release
     bytewise=True,
     mission_ids=True,
@@ -110,6 +112,7 @@ PX4 = Flavour(
     setpoints_move=False,
     guided_needs_stream=True,
     needs_clearance=False,
+    has_metadata=True,
     resumes_after_link_loss=True,
     failsafe_hold=Mode.HOLD,
 )
@@ -146,6 +149,7 @@ ARDUPILOT = Flavour(
     setpoints_move=True,
     guided_needs_stream=False,
     needs_clearance=True,
+    has_metadata=False,
     resumes_after_link_loss=False,
     failsafe_hold=Mode.BRAKE,
 )

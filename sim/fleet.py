@@ -100,6 +100,7 @@ class Fleet:
     def inject(self, fault: Fault, *, at_s: float | None = None, at_slot: int | None = None) -> None:
         """Let a fault happen now, once fleet time reaches `at_s`, or when a slot begins (see `start_slots`).
 
+        Like everything here it is called in the thread the fleet flies in; from others by `call_soon_threadsafe`.
         ValueError for an unknown vehicle, or for both a time and a slot.
         """
         if fault.system_id not in self.vehicles:

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from sim.ftp import FileServer
 from sim.setpoints import MESSAGES as SETPOINTS
 from sim.setpoints import setpoint_of
 from sim.wire import AUTOPILOT_COMPONENT, Message
@@ -33,6 +34,8 @@ class Inbox:
             **dict.fromkeys(autopilot.parameters.messages, autopilot.parameters.handle),
             **dict.fromkeys(SETPOINTS, self._setpoint),
         }
+        if autopilot.files:
+            self._handlers["FILE_TRANSFER_PROTOCOL"] = FileServer(autopilot.files).handle
 
     def handle(self, message: Any) -> list[Message]:
         """Return the answers to one incoming message, for its sender only; messages for others are ignored."""

@@ -12,7 +12,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any, cast
 
-from sim.impairments import PERFECT, Channel, Impairments
+from sim.impairments import Channel, Impairments
 from sim.wire import Decoder
 
 Address = tuple[Any, ...]
@@ -55,10 +55,6 @@ class Radio:
         """Set what a direction does from now on; None leaves it."""
         self.up.impairments = self.up.impairments if up is None else up
         self.down.impairments = self.down.impairments if down is None else down
-
-    def repair(self) -> None:
-        """Make both directions perfect again."""
-        self.impair(up=PERFECT, down=PERFECT)
 
 
 class Link(ABC):

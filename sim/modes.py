@@ -26,6 +26,11 @@ class Mode(Enum):
     """A human flies by attitude; with centred sticks and mid throttle the vehicle stays."""
 
     @property
+    def needs_position(self) -> bool:
+        """Whether it can only be flown knowing where the vehicle is."""
+        return self not in (Mode.LAND, Mode.STABILIZE)
+
+    @property
     def is_automatic(self) -> bool:
         """Whether the autopilot decides where to go (MAV_MODE_FLAG_AUTO_ENABLED)."""
         return self not in (Mode.POSITION, Mode.STABILIZE)

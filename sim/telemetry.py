@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from sim.metadata import COMPONENT_METADATA, metadata_message
 from sim.reports import BUILDERS, boot_ms
 from sim.wire import Message
 
@@ -51,6 +52,8 @@ class Telemetry:
 
     def build(self, message_id: int) -> Message | None:
         """Return the message as of now, or None if the vehicle does not know it."""
+        if message_id == COMPONENT_METADATA and self._autopilot.files:
+            return metadata_message(boot_ms(self._autopilot), self._autopilot.files)
         builder = BUILDERS.get(message_id)
         return builder(self._autopilot) if builder else None
 

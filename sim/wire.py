@@ -7,6 +7,7 @@ fields are not part of a message's checksum seed, so they can be appended to the
 import struct
 from typing import Any, Protocol
 
+from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from sim.signing import Signature, SignedMavlink
@@ -54,6 +55,35 @@ class Extended:
         payload = base.unpacker.pack(*(getattr(base, name) for name in base.ordered_fieldnames))
         payload += struct.pack(f"<{len(self.extension)}I", *self.extension.values())
         return bytes(base._pack(mav, base.crc_extra, payload))
+
+
+class Unlisted:
+    """A message pymavlink does not know, made from its definition.
+
+    `fields` are the types and names in wire order, as the checksum seed has them; a last array field has `array_bytes`.
+    """
+
+    def __init__(
+        self, message_id: int, name: str, fields: str, layout: str, values: tuple[Any, ...], *, array_bytes: int = 0
+    ) -> None:
+        self._message = dialect.MAVLink_message(message_id, name)
+        self._name = name
+        self._payload = struct.pack(layout, *values)
+        self.values = values
+        seed = mavutil.x25crc(f"{name} {fields}".encode() + (bytes([array_bytes]) if array_bytes else b""))
+        self._crc_extra = seed.crc & 0xFF ^ seed.crc >> 8
+
+    def __getattr__(self, name: str) -> Any:
+        """Return nothing: its fields are in `values`."""
+        raise AttributeError(name)
+
+    def get_type(self) -> str:
+        """Return the message name."""
+        return self._name
+
+    def pack(self, mav: Any) -> bytes:
+        """Return the frame."""
+        return bytes(self._message._pack(mav, self._crc_extra, self._payload))
 
 
 class Encoder:

@@ -12,6 +12,7 @@ from planner.fast import linked, optimise
 from planner.plans import Iteration
 from planner.problem import Problem
 from planner.reference.algorithm1 import algorithm_1
+from planner.reference.objective import SubproblemError
 from planner.reference.trajectory import steered
 from planner.repair import toward
 from planner.solution import Solution
@@ -37,12 +38,21 @@ def joint_step(problem: Problem, stop: StoppingRule) -> Solution:
     history: list[Iteration] = []
     while not stop(history):
         given = now.bandwidth_hz * (now.serving == np.arange(problem.n_uavs)[:, None, None])
-        candidate = linked(problem, toward(problem, now.paths_m, steered(problem, given, now.paths_m)))
+        candidate = _steered(problem, given, now)
         if _utility(problem, candidate) >= _utility(problem, now):
             now = candidate
         worth = _utility(problem, now) * 1e3
         history.append(Iteration(iteration=len(history) + 1, utility_bps=worth, mean_sum_rate_bps=worth))
     return now
+
+
+def _steered(problem: Problem, given_hz: Array, now: Solution) -> Solution:
+    """One step of (a7) and new links; unchanged where the interior point method finds nothing."""
+    try:
+        wanted = steered(problem, given_hz, now.paths_m)
+    except SubproblemError:
+        return now
+    return linked(problem, toward(problem, now.paths_m, wanted))
 
 
 def _utility(problem: Problem, solution: Solution) -> float:

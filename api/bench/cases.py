@@ -124,7 +124,7 @@ def ipopt(size: tuple[int, int, int], kind: str, *, quick: bool) -> dict[str, An
         "peak_mb": peak_mb(),
     }
     figures["plan"] |= {"utility_kbps": solved[0]["utility_kbps"], "passes": solved[0]["passes"]}
-    if size[0] <= MAX_UAVS and not quick:
+    if size[0] <= MAX_UAVS and kind == "sum" and not quick:
         figures["best_of"] = _best_of(problem, shares, links)
     return figures
 

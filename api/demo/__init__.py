@@ -5,7 +5,8 @@
 """
 
 from api.demo.client import DemoError
+from api.demo.orders import DemoConfig
 from api.demo.report import DemoReport
-from api.demo.runner import DemoConfig, run_demo
+from api.demo.runner import run_demo
 
 __all__ = ["DemoConfig", "DemoError", "DemoReport", "run_demo"]

@@ -5,8 +5,6 @@ from __future__ import annotations
 import asyncio
 import socket
 import time
-from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import httpx2
@@ -16,29 +14,14 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeEl
 import sim
 from api.demo import truth
 from api.demo.client import DemoError, call, free_port, service_process
+from api.demo.orders import DemoConfig, Outcome
 from api.demo.page import result_table, write_page
 from api.demo.report import DemoReport
 from api.simulate import specs_at_starts
-from planner import EXAMPLES, Plan, Scenario, Utility
+from planner import EXAMPLES, Plan, Scenario
 
 POLL_S = 0.1
 ENDED = {"completed", "aborted", "failed"}
-
-
-@dataclass(frozen=True, kw_only=True)
-class DemoConfig:
-    """How to fly it. kill_slot counts from 1, as the letter does; speedup is fleet seconds per wall second.
-
-    The default utility trades between users, so that what a loss does to each, and what replanning mends, is seen.
-    Under `sum` the planner pays no heed to users that nobody serves, before the loss or after it.
-    """
-
-    utility: Utility = field(default_factory=lambda: Utility(kind="pooled", mu_per_kbps=-0.3))
-    speedup: float = 5.0
-    kill: str = "uav-3"
-    kill_slot: int = 11
-    replan: bool = True
-    out: Path = Path("out/demo")
 
 
 async def run_demo(config: DemoConfig, *, quiet: bool = False) -> DemoReport:
@@ -61,16 +44,6 @@ async def run_demo(config: DemoConfig, *, quiet: bool = False) -> DemoReport:
     console.print(result_table(report))
     console.print(f"report: {config.out / 'report.html'}, {config.out / 'report.json'}")
     return report
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What the service said in the end, and when slot 0 began on the simulator's clock."""
-
-    operation: dict[str, Any]
-    plans: list[Plan]
-    slot0_s: float
-    kill_at_s: float
 
 
 class Drill:

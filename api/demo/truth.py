@@ -5,20 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import combinations
 from math import ceil, hypot, inf
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import sim
+from api.demo.orders import DemoConfig, Outcome
 from api.demo.report import Check, DemoReport, Rates, Tracking
 from api.rates import InForce, Point, Sample, rates_by_sample, rates_by_slot
 from mavlink_bridge import geodetic_to_east_north
 from planner import Plan, Scenario
 from planner.utility import jain_index, utility_kbps
-
-if TYPE_CHECKING:
-    from api.demo.runner import DemoConfig, Outcome
 
 Array = NDArray[np.float64]
 PASSED_WITHIN_M = 3.0

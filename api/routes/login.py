@@ -13,7 +13,8 @@ from api.problems import UnauthorizedError
 from api.routes.deps import ServiceDep
 
 router = APIRouter(tags=["service"])
-PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><title>skyfolio: sign in</title>
+PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><link rel="icon" href="data:,">
+<title>skyfolio: sign in</title>
 <body style="font:16px sans-serif;max-width:28em;margin:15vh auto"><h1>skyfolio</h1>
 <form id="f"><label>API key <input id="k" type="password" autocomplete="off" autofocus style="width:100%"></label>
 <p><button>Sign in</button> <span id="s" role="status"></span></p></form><script>

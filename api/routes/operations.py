@@ -33,6 +33,10 @@ class OperationRequest(BaseModel):
 
     plan_id: Annotated[str, Field(max_length=64)]
     replanning: Policy = "auto"
+    guidance: Annotated[
+        Literal["mission", "stream"],
+        Field(description="stream: guided by setpoints, for tight synchrony; the missions on board are the fallback."),
+    ] = "mission"
     launch: Annotated[
         Literal["auto", "manual"], Field(description="manual: upload, then wait for `operations/{id}:start`.")
     ] = "auto"
@@ -76,7 +80,9 @@ async def start_operation(
     creation: Annotated[Creation, Depends(creates("op"))],
 ) -> OperationView:
     """Upload the plan's missions, take off, and fly; poll `Location` or follow `/v1/events`."""
-    made = await service.operations.start(body.plan_id, body.replanning, creation, launch_itself=body.launch == "auto")
+    made = await service.operations.start(
+        body.plan_id, body.replanning, creation, launch_itself=body.launch == "auto", guidance=body.guidance
+    )
     view = made.view() if isinstance(made, Operation) else made
     response.headers["Location"] = f"/v1/operations/{view.id}"
     return _tagged(response, view)

@@ -45,17 +45,17 @@ def relink(arena: Arena, path: Array, links: Links, scratch: Ascent) -> None:
         match_all(arena, path, links)
         return
     if arena.kind == SUM or links.used[0] == 0:
-        share_all(arena, path, links)
+        share_all(arena, path, links, arena.kind == SUM)
     if arena.kind == SUM:
         return
     trial, tangent, reach = new_links(links), np.empty(links.log_weight.shape[0]), 1.0
     unmet, utility, _ = worth(arena, path, links, scratch)
-    for _ in range(RELINKS):
+    for number in range(RELINKS):
         tangent_weights(arena, links, scratch.rate, tangent)
         copy_links(links, trial)
         for k in range(tangent.shape[0]):
             trial.log_weight[k] += reach * (tangent[k] - links.log_weight[k])
-        share_all(arena, path, trial)
+        share_all(arena, path, trial, number == 0)
         new_unmet, new_utility, _ = worth(arena, path, trial, scratch)
         if (-new_unmet, new_utility) > (-unmet, utility):
             copy_links(trial, links)

@@ -9,6 +9,8 @@ import numpy as np
 from planner.fast.arena import SUM, Arena, Array, Ints, kernel
 
 SWEEPS = 4
+THOROUGH = 16
+"""Up to so many users, every move and exchange is tried."""
 UNMET = 1e9
 """What leaving one least rate unmet costs, beside which every utility is small."""
 
@@ -76,6 +78,32 @@ def share_slot(arena: Arena, market: Market, serving: Ints, khz: Array) -> None:
                 moved = True
         if not moved:
             return
+
+
+@kernel
+def exchange(arena: Arena, market: Market, serving: Ints, khz: Array) -> None:
+    """After `share_slot`: moves of one user and exchanges of two, whatever the prices, until none helps.
+
+    Prices describe small changes: where few users share a UAV, one of them is no small change.
+    """
+    for _ in range(SWEEPS):
+        if not _thorough_sweep(arena, market, serving, khz):
+            return
+
+
+@kernel
+def _thorough_sweep(arena: Arena, market: Market, serving: Ints, khz: Array) -> bool:
+    """Try every move and every exchange once; whether any was kept."""
+    n_users, n_uavs = market.eff.shape
+    changed = False
+    for k in range(n_users):
+        for to in range(n_uavs):
+            if to != serving[k] and market.eff[k, to] > 0.0 and _try_move(arena, market, k, to, serving, khz):
+                changed = True
+        for other in range(k):
+            if serving[other] != serving[k] and _try_exchange(arena, market, k, other, serving, khz):
+                changed = True
+    return changed
 
 
 @kernel
@@ -155,28 +183,60 @@ def _promising_with_floor(
 @kernel
 def _try_move(arena: Arena, market: Market, k: int, to: int, serving: Ints, khz: Array) -> bool:
     """Move user k to UAV `to` when the slot really costs less for it; whether it moved."""
-    u, member, count = serving[k], market.member, market.size
-    for i in range(count[u]):
-        market.was[member[u, i]] = khz[member[u, i]]
-    for i in range(count[to]):
-        market.was[member[to, i]] = khz[member[to, i]]
+    return _try(arena, market, k, to, -1, serving, khz)
+
+
+@kernel
+def _try_exchange(arena: Arena, market: Market, k: int, other: int, serving: Ints, khz: Array) -> bool:
+    """Let two users change places when the slot really costs less for it; whether they did."""
+    to = serving[other]
+    if market.eff[k, to] <= 0.0 or market.eff[other, serving[k]] <= 0.0:
+        return False
+    return _try(arena, market, k, to, other, serving, khz)
+
+
+@kernel
+def _try(arena: Arena, market: Market, k: int, to: int, other: int, serving: Ints, khz: Array) -> bool:
+    """Move k to UAV `to`, and `other`, unless it is -1, from there to where k was; undone when that costs more."""
+    u = serving[k]
+    _remember(market, u, khz)
+    _remember(market, to, khz)
     cost_u, price_u, cost_to, price_to = market.cost[u], market.price[u], market.cost[to], market.price[to]
-    _leave(market, k, u)
-    _join(market, k, to)
+    _trade(market, k, u, to, other)
     fill(arena, market, u, khz)
     fill(arena, market, to, khz)
     before = cost_u + cost_to
     if market.cost[u] + market.cost[to] < before - 1e-12 * abs(before):
         serving[k] = to
+        if other >= 0:
+            serving[other] = u
         return True
-    _leave(market, k, to)
-    _join(market, k, u)
+    _trade(market, k, to, u, other)
     market.cost[u], market.price[u], market.cost[to], market.price[to] = cost_u, price_u, cost_to, price_to
-    for i in range(count[u]):
-        khz[member[u, i]] = market.was[member[u, i]]
-    for i in range(count[to]):
-        khz[member[to, i]] = market.was[member[to, i]]
+    _restore(market, u, khz)
+    _restore(market, to, khz)
     return False
+
+
+@kernel
+def _trade(market: Market, k: int, u: int, to: int, other: int) -> None:
+    _leave(market, k, u)
+    _join(market, k, to)
+    if other >= 0:
+        _leave(market, other, to)
+        _join(market, other, u)
+
+
+@kernel
+def _remember(market: Market, u: int, khz: Array) -> None:
+    for i in range(market.size[u]):
+        market.was[market.member[u, i]] = khz[market.member[u, i]]
+
+
+@kernel
+def _restore(market: Market, u: int, khz: Array) -> None:
+    for i in range(market.size[u]):
+        khz[market.member[u, i]] = market.was[market.member[u, i]]
 
 
 @kernel

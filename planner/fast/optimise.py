@@ -16,8 +16,8 @@ from planner.problem import Problem
 from planner.solution import Observer, Solution, ignore
 from planner.stopping import StoppingRule
 
-STEPS = 20
-TOLERANCE = 1e-5
+STEPS = 30
+TOLERANCE = 3e-6
 HOPELESS = 3.0
 """A further climb is given up when so many passes as good as its last one would not reach the best."""
 UNREACHABLE = "uavs: no paths found that bring every UAV to its end_m in time"

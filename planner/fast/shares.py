@@ -12,18 +12,15 @@ from __future__ import annotations
 import numpy as np
 
 from planner.fast.arena import Arena, Array, Ints, Links, kernel
-from planner.fast.exchange import market_of, share_slot
+from planner.fast.exchange import THOROUGH, exchange, market_of, share_slot
 from planner.fast.rates import PER_LN, slot_signals, user_sums
-
-AUDIBLE = 0.05
-"""A user may move to the UAVs that it hears at least so well, relative to the best: 13 dB."""
 
 
 @kernel
-def share_all(arena: Arena, path: Array, links: Links) -> None:
+def share_all(arena: Arena, path: Array, links: Links, thorough: bool) -> None:
     """Minimise the minorant of `links.log_weight` at `path` (N, 2, U): new UAVs and kHz in `links`; entry k is user k.
 
-    Slots without links are filled from scratch.
+    Slots without links are filled from scratch. thorough: try also what the prices speak against, for few users.
     """
     n_uavs, n_users = path.shape[2], arena.user_m.shape[1]
     signal, total, best = np.empty((n_uavs, n_users)), np.empty(n_users), np.empty(n_users)
@@ -34,6 +31,8 @@ def share_all(arena: Arena, path: Array, links: Links) -> None:
         fresh = links.used[n] == 0
         candidates(signal, total, links.uav[n], fresh, best, eff)
         share_slot(arena, market, links.uav[n], links.khz[n])
+        if thorough and n_users <= THOROUGH:
+            exchange(arena, market, links.uav[n], links.khz[n])
         for k in range(n_users if arena.has_minimum else 0):
             met = links.khz[n, k] * eff[k, links.uav[n, k]] >= arena.min_kbps[k] * (1.0 - 1e-12)
             links.floor[n, k] = arena.min_kbps[k] if met else 0.0
@@ -57,7 +56,7 @@ def tangent_weights(arena: Arena, links: Links, rate: Array, log_weight: Array) 
 
 @kernel
 def candidates(signal: Array, total: Array, serving: Ints, fresh: bool, best: Array, eff: Array) -> None:
-    """log2(1 + SINR) of the pairs that may be linked into `eff` (K, U), 0 elsewhere; `fresh` users get their best UAV.
+    """log2(1 + SINR) of all pairs into `eff` (K, U), 0 for UAVs that have left; `fresh` users get their best UAV.
 
     signal: (U, K) SNR; total: (K,), 1 + their sum; serving: (K,); best: (K,), scratch.
     """
@@ -73,7 +72,7 @@ def candidates(signal: Array, total: Array, serving: Ints, fresh: bool, best: Ar
     for u in range(n_uavs):
         row = signal[u]
         for k in range(n_users):
-            if row[k] > AUDIBLE * best[k]:
+            if row[k] > 0.0:
                 eff[k, u] = _efficiency(row[k], total[k])
                 if row[k] == best[k] and (fresh or signal[serving[k], k] <= 0.0):
                     serving[k] = u

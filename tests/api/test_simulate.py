@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import json
+import math
 import socket
 from pathlib import Path
 
 import pytest
 
 from api.demo.client import free_port
-from api.simulate import SimulateConfig, SimulateError, fleet_of, run_fleet
+from api.simulate import SimulateConfig, SimulateError, begin_slots, fleet_of, run_fleet
 from planner import EXAMPLES, plan
-from sim import Impairments, Mute
+from sim import Impairments, Mission, MissionItem, Mode, Mute
 
 
 def test_options_reach_the_fleet() -> None:
@@ -71,3 +72,29 @@ async def test_it_writes_what_happened_and_all_mavlink(tmp_path: Path, capsys: p
     assert (tmp_path / "logs" / "flight.tlog").stat().st_size > 1000
     printed = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert printed[0] == {"t_s": pytest.approx(2.0, abs=0.2), "system_id": 1, "kind": "fault", "fault": "kill"}
+
+
+def test_slots_begin_when_the_last_living_vehicle_flies_its_mission_and_tell_how_far_it_is_off() -> None:
+    made = plan(EXAMPLES["minimal"]().with_changes(slots=3))
+    fleet = fleet_of(SimulateConfig(plan=made))
+    *rest, last = fleet.vehicles.values()
+    for vehicle in fleet.vehicles.values():
+        item = MissionItem(0, 3, 17, 1, 1, 0.0, 0.0, 0.0, 0.0, 0, 0, made.scenario.altitude_m)
+        vehicle.autopilot.runner.load(Mission((item,)), on_ground=True)
+    for vehicle in rest:
+        vehicle.autopilot.set_mode(Mode.MISSION)
+    fleet.step_to(1.0)
+    begin_slots(fleet, made)
+    before = fleet.slots
+    last.autopilot.set_mode(Mode.MISSION)
+    begin_slots(fleet, made)
+    assert before is None
+    assert fleet.slots is not None
+    assert fleet.slots.start_s == fleet.now_s
+    fleet.step_to(fleet.now_s + 2 * made.scenario.slot_duration_s)
+    slots = fleet.truth.happened("slot", last.system_id)
+    start, one, two = (made.trajectories_m[made.scenario.uav_ids[-1]][slot] for slot in range(3))
+    assert [event.detail["slot"] for event in slots] == [1, 2]
+    assert [event.detail["error_m"] for event in slots] == pytest.approx(
+        [math.dist(start, one), math.dist(start, two)], abs=0.01
+    )

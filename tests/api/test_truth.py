@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 import sim
-from api.demo.runner import DemoConfig, Outcome
+from api.demo.orders import DemoConfig, Outcome
 from api.demo.truth import judge
 from mavlink_bridge import east_north_to_geodetic
 from planner import EXAMPLES, Plan, plan, replan

@@ -1,11 +1,14 @@
 """A PX4 fleet against MAVSDK's asyncio API on loopback UDP"""
 
 import asyncio
-from contextlib import aclosing
+import json
+from contextlib import aclosing, suppress
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from mavsdk.asyncio.plugins.component_metadata import ComponentMetadataAsync
 from mavsdk.asyncio.plugins.failure import FailureAsync
+from mavsdk.plugins.component_metadata.component_metadata import ComponentMetadataError, MetadataType
 from mavsdk.plugins.failure.failure import FailureError, FailureType, FailureUnit
 
 from sim import Fleet, Kill, Mode
@@ -90,6 +93,21 @@ async def test_mavsdk_injects_failures_once_they_are_enabled(clients_of: "OpenCl
         await until(lambda: client.truth.autopilot.satellites)
         with pytest.raises(FailureError):
             await enabled.inject(FailureUnit.SENSOR_VIO, FailureType.OFF, 0)
+
+
+@pytest.mark.e2e
+async def test_mavsdk_reads_the_description_of_the_parameters(clients_of: "OpenClients") -> None:
+    async with clients_of(1) as (_, (client,)):
+        metadata = ComponentMetadataAsync(client.system)
+        await metadata.request_autopilot_component()
+        text = ""
+        async with asyncio.timeout(10.0):
+            while not text:
+                with suppress(ComponentMetadataError):
+                    text = (await metadata.get_metadata(1, MetadataType.PARAMETER)).json_metadata
+                await asyncio.sleep(0.05)
+        described = {parameter["name"]: parameter for parameter in json.loads(text)["parameters"]}
+        assert described["NAV_ACC_RAD"]["default"] == 2.0
 
 
 @pytest.mark.e2e

@@ -12,7 +12,7 @@ from typing import Self
 
 import pytest
 
-from mavlink_bridge import FleetLink, HeartbeatMonitor, east_north_to_geodetic
+from mavlink_bridge import Autopilot, FleetLink, HeartbeatMonitor, LinkOptions, east_north_to_geodetic
 from planner.plans import Plan, Summary
 from planner.scenario import Origin, Scenario, Uav, User
 from sim import Fleet, ScaledClock, VehicleSpec
@@ -139,11 +139,12 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def specs_at(plan: Plan) -> list[VehicleSpec]:
+def specs_at(plan: Plan, autopilot: Autopilot = Autopilot.PX4) -> list[VehicleSpec]:
     """Vehicles 1, 2, ... standing at the slot-0 points of the plan's UAVs, in order."""
     origin = plan.scenario.origin
     starts = [path[0] for path in plan.trajectories_m.values()]
-    return [VehicleSpec(n, *east_north_to_geodetic(origin, *start)) for n, start in enumerate(starts, start=1)]
+    places = [east_north_to_geodetic(origin, *start) for start in starts]
+    return [VehicleSpec(n, *place, autopilot=autopilot.value) for n, place in enumerate(places, start=1)]
 
 
 OpenAirfield = Callable[..., AbstractAsyncContextManager[Airfield]]
@@ -155,14 +156,25 @@ def airfield() -> OpenAirfield:
 
     @asynccontextmanager
     async def opened(
-        plan: Plan, *, speedup: float = 20.0, endpoint: str | None = None, port: int | None = None
+        plan: Plan,
+        *,
+        speedup: float = 20.0,
+        endpoint: str | None = None,
+        port: int | None = None,
+        autopilot: Autopilot = Autopilot.PX4,
+        options: LinkOptions | None = None,
+        signing_key: bytes | None = None,
+        wait_s: float = 10.0,
     ) -> AsyncIterator[Airfield]:
         clock = ScaledClock(speedup)
         port = port or free_port()
-        fleet = Fleet(specs_at(plan), clock=clock, endpoint=endpoint or f"udpout://127.0.0.1:{port}")
-        async with fleet, FleetLink(clock=clock, monitor=HeartbeatMonitor()) as link:
+        specs = specs_at(plan, autopilot)
+        fleet = Fleet(specs, clock=clock, endpoint=endpoint or f"udpout://127.0.0.1:{port}", signing_key=signing_key)
+        async with fleet, FleetLink(clock=clock, monitor=HeartbeatMonitor(), options=options) as link:
             await link.connect(f"udpin://127.0.0.1:{port}")
-            await link.wait_for(set(fleet.vehicles), timeout_s=10)
+            await link.wait_for(set(fleet.vehicles), timeout_s=wait_s)
+            if autopilot is Autopilot.ARDUPILOT:  # it streams no position unasked
+                await link.prepare(fleet.vehicles)
             yield Airfield(fleet, link, clock, port)
 
     return opened

@@ -101,10 +101,18 @@ def test_in_flight_it_neither_takes_off_nor_flies_back_to_slot_0(line_and_hover:
     assert mission.duration_s == pytest.approx(2.5 + 6 * 5.0)
 
 
-def test_equal_speeds_are_said_once(plan_of: PlanOf) -> None:
+def test_slots_that_continue_straight_at_one_speed_become_one_leg(plan_of: PlanOf) -> None:
     path = [(10.0 * slot, 0.0) for slot in range(8)]
     mission = compile_mission(plan_of({"uav-1": path}), "uav-1")
-    assert commands(mission).count(Command.DO_CHANGE_SPEED) == 4  # from rest, settling, through, to rest
+    assert dict(mission.slot_of_item) == {1: 0, 3: 1, 5: 6, 7: 7}  # from rest, straight through, to rest
+    assert commands(mission).count(Command.DO_CHANGE_SPEED) == 3
+    assert mission.duration_s == 40.0
+
+
+def test_a_bend_of_half_a_metre_is_flown(plan_of: PlanOf) -> None:
+    path = [(10.0 * slot, 0.5 if slot == 4 else 0.0) for slot in range(8)]
+    mission = compile_mission(plan_of({"uav-1": path}), "uav-1")
+    assert {3, 4, 5} <= set(mission.slot_of_item.values())
 
 
 @pytest.mark.parametrize("airborne", [False, True])

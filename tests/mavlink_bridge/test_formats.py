@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from pymavlink import mavwp
 
 from mavlink_bridge import (
+    Autopilot,
     FormatError,
     Mission,
     MissionItem,
@@ -18,10 +19,13 @@ from mavlink_bridge import (
     compile_mission,
     from_qgc_plan,
     from_waypoints,
+    geodetic_to_east_north,
     mission_differences,
     to_qgc_plan,
     to_waypoints,
 )
+from mavlink_bridge.fence import fence_items, rally_items
+from mavlink_bridge.formats import fence_from_qgc_plan, rally_from_qgc_plan
 from planner.plans import Plan
 
 places = st.builds(
@@ -50,10 +54,22 @@ def test_waypoint_files_keep_every_item_exactly(item: MissionItem) -> None:
 
 
 @pytest.mark.parametrize("on_end", list(OnEnd))
-def test_a_compiled_mission_survives_both_formats(line_and_hover: Plan, on_end: OnEnd) -> None:
-    mission = compile_mission(line_and_hover, "uav-1", on_end=on_end)
+@pytest.mark.parametrize("autopilot", list(Autopilot))
+def test_a_compiled_mission_survives_both_formats(line_and_hover: Plan, on_end: OnEnd, autopilot: Autopilot) -> None:
+    mission = compile_mission(line_and_hover, "uav-1", on_end=on_end, autopilot=autopilot)
     assert from_qgc_plan(json.loads(json.dumps(to_qgc_plan(mission), allow_nan=False))) == mission.items
     assert mission_differences(mission.items, from_waypoints(to_waypoints(mission))) == ()
+
+
+def test_geofence_and_rally_points_survive_a_plan_file(line_and_hover: Plan) -> None:
+    scenario = line_and_hover.scenario.with_changes(area_m=((-20.0, -20.0), (80.0, 80.0)))
+    fence, rally = fence_items(scenario), rally_items(scenario, [(0.0, 0.0), (33.3, 4.4)], 25.0)
+    plan = to_qgc_plan(compile_mission(line_and_hover, "uav-1"), fence=fence, rally=rally)
+    read = json.loads(json.dumps(plan))
+    assert fence_from_qgc_plan(read) == fence
+    assert rally_from_qgc_plan(read) == rally
+    corners = [geodetic_to_east_north(scenario.origin, item.x / 1e7, item.y / 1e7) for item in fence]
+    assert corners == [pytest.approx(corner, abs=0.02) for corner in [(-40, -40), (100, -40), (100, 100), (-40, 100)]]
 
 
 def test_pymavlink_reads_the_waypoints_file_to_1e7_degrees(line_and_hover: Plan, tmp_path: Path) -> None:

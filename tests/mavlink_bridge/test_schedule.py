@@ -1,14 +1,14 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from math import hypot
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from mavlink_bridge import VehicleModel
-from mavlink_bridge.schedule import SAME_PLACE_M, Schedule, airborne_schedule, ground_schedule
+from mavlink_bridge.returns import segment_distance_m
+from mavlink_bridge.schedule import SAME_PLACE_M, STRAIGHT_M, Schedule, airborne_schedule, ground_schedule
 
 PX4 = VehicleModel()
 coordinate = st.one_of(st.sampled_from([0.0, 10.0, 25.0]), st.floats(-300, 300))
@@ -31,12 +31,15 @@ def test_in_flight_they_last_the_first_leg_and_the_slots_after_it(
 
 
 @given(path=paths, slot_s=slot_durations)
-def test_every_slot_is_spent_at_the_stop_it_belongs_to(path: list[tuple[float, float]], slot_s: float) -> None:
+def test_every_slot_is_spent_at_its_stop_or_on_the_straight_way_to_the_next(
+    path: list[tuple[float, float]], slot_s: float
+) -> None:
     stops = ground_schedule(path, slot_s, PX4).stops
     assert stops[0].slot == 0
     for stop, following in pairwise(stops):
         for slot in range(stop.slot, following.slot):
-            assert hypot(path[slot][0] - stop.point_m[0], path[slot][1] - stop.point_m[1]) < SAME_PLACE_M
+            on_the_way = segment_distance_m((path[slot], path[slot]), (stop.point_m, following.point_m))
+            assert on_the_way < SAME_PLACE_M + STRAIGHT_M
 
 
 def test_hovering_slots_become_one_stop_with_a_hold() -> None:

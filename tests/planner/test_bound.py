@@ -38,6 +38,7 @@ def random_problem(seed: int, n_uavs: int) -> Problem:
     )
     problem = problem_of(scenario)
     past = rng.uniform(0, 20, (problem.n_users, int(rng.integers(0, 3))))
+    past[-1, : int(rng.integers(0, past.shape[1] + 1)) if problem.n_users > 1 else 0] = np.nan  # a user that came later
     mu = float(-(10 ** rng.uniform(-3, 1)) * rng.integers(0, 2))
     gain = problem.snr_gain * 10 ** rng.uniform(-2, 3)
     return replace(problem, kind=KINDS[seed % 3], mu=mu, past_kbps=past, snr_gain=gain)

@@ -31,7 +31,7 @@ def test_efficiency_is_that_of_eq_4_written_out() -> None:
 
 def test_the_snr_gain_is_power_times_reference_gain_over_noise() -> None:
     problem = problem_of(EXAMPLES["paper"]())
-    assert np.unique(problem.snr_gain) == pytest.approx(0.1 * 0.01 / 10 ** (-5.5 - 3), rel=1e-12)
+    assert np.unique(problem.snr_gain) == pytest.approx(0.1 * 0.01 / 10 ** (-8 - 3), rel=1e-12)
 
 
 def test_sum_of_others_loses_nothing_beside_a_dominant_entry() -> None:

@@ -159,7 +159,7 @@ class VirtualGcs:
     """A ground station beside a fleet without sockets, in virtual time; one vehicle, one transfer at a time.
 
     It repeats only MISSION_COUNT, MISSION_REQUEST_LIST and its requests on a timer (1.5 s, or 0.25 s for an item), and
-    sends items when they are asked for; silence after the last item or an error makes it read back and compare.
+    sends items when they are asked for, and the last one again after silence; an error then makes it read back.
     """
 
     def __init__(self, fleet: Fleet, system_id: int = 1) -> None:
@@ -199,14 +199,21 @@ class VirtualGcs:
             answer = self.wait_for(requests, 1.5)
             if answer is not None:
                 break
-        sent = -1
-        while answer is not None and answer.get_type() != "MISSION_ACK":
-            sent = max(sent, answer.seq)
-            self.say("mission_item_int", self.system_id, 1, *items[answer.seq])
-            answer = self.wait_for(requests, 1.5 if sent == len(items) - 1 else 8.5)
+        last = len(items) - 1
+        sent, tries = -1, retries
+        while answer is None or answer.get_type() != "MISSION_ACK":
+            if answer is not None:
+                sent = max(sent, answer.seq)
+                self.say("mission_item_int", self.system_id, 1, *items[answer.seq])
+            elif sent < last or tries == 0:
+                break
+            else:
+                tries -= 1
+                self.say("mission_item_int", self.system_id, 1, *items[last])
+            answer = self.wait_for(requests, 1.5 if sent == last else 8.5)
         if answer is not None and answer.type == dialect.MAV_MISSION_ACCEPTED:
             return True
-        return sent == len(items) - 1 and self.read_back(items)
+        return sent == last and self.read_back(items)
 
     def read_back(self, items: list[Any]) -> bool:
         """Whether the vehicle holds these items: command and place of all but a home."""

@@ -139,8 +139,10 @@ def test_without_satellites_it_says_so_lands_and_drifts(autopilot: str) -> None:
     gps: Any = vehicle.autopilot.telemetry.build(dialect.MAVLINK_MSG_ID_GPS_RAW_INT)
     assert (gps.fix_type, gps.satellites_visible) == (dialect.GPS_FIX_TYPE_NO_FIX, 0)
     assert vehicle.mode.name == "LAND"
+    assert not vehicle.autopilot.set_mode(Mode.HOLD)
     fleet.step_to(70.0)
     assert not vehicle.armed
+    assert not vehicle.autopilot.arm()
     assert 1.0 < vehicle.autopilot.body.distance_to(0.0, 0.0) < 20.0
 
 
@@ -199,13 +201,16 @@ def test_a_clock_jumps_back_without_a_reboot() -> None:
 
 
 def test_a_cut_link_comes_back_after_its_time() -> None:
-    fleet, _ = flying()
+    fleet, vehicle = flying()
+    slow = Impairments(latency_s=0.2)
+    fleet.impair(up=slow, down=slow)
     heard = listen(fleet)
     fleet.inject(Impair(1, down=Impairments(cut=True), for_s=5.0))
     fleet.step_to(24.9)
     assert not heard
     fleet.step_to(27.0)
     assert heard
+    assert vehicle.radio.down.impairments == slow
 
 
 def test_a_fault_can_wait_for_a_slot_of_the_plan() -> None:

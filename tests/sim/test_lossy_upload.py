@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from tests.sim.conftest import Items, VirtualGcs
 
 HOME = (47.397742, 8.545594)
-BAD = Impairments(loss=0.1, duplication=0.02, reordering=0.02)
+BAD = Impairments(loss=0.1)
 SEEDS = 100
 
 

@@ -1,0 +1,111 @@
+"""What waits for the operator's word: a proposed replan with its before/after picture, and UAVs that came back."""
+
+from __future__ import annotations
+
+from nicegui import ui
+
+from api.dashboard import comparison, picture
+from api.dashboard.elements import MapView, attempt, figures, text
+from api.dashboard.views import Operation, Transaction
+from api.dashboard.watch import Watch
+from planner import Plan
+
+
+class Notices:
+    """Banners above the situation, and the dialog with the picture. `draw` is called when the operation has changed."""
+
+    def __init__(self, watch: Watch) -> None:
+        self._watch = watch
+        self._drawn: object = None
+        self._place = ui.element("div").props('role="region" aria-label="waiting for you" aria-live="assertive"')
+        with ui.dialog().props("full-width") as self._dialog, ui.card().classes("sf-decide"):
+            pass
+        self._card = self._dialog.default_slot.children[0]
+
+    def draw(self, operation: Operation) -> None:
+        """Show what waits now."""
+        proposal = operation.proposal
+        ready = proposal is not None and proposal.plan_id in self._watch.plans
+        waiting = (operation.id, proposal.number if proposal and ready else None, operation.returned)
+        if waiting == self._drawn:
+            return
+        self._drawn = waiting
+        self._place.clear()
+        self._dialog.close()
+        with self._place:
+            if proposal is not None and ready:
+                self._banner(operation, proposal)
+            for uav in operation.returned:
+                self._returned(operation, uav)
+        if proposal is not None and ready:
+            self._fill(operation, proposal)
+            self._dialog.open()
+
+    def _banner(self, operation: Operation, proposal: Transaction) -> None:
+        with ui.element("div").classes("sf-proposal"):
+            text("span", f"{', '.join(proposal.lost)} lost. A replan for the survivors waits for your word.", "sf-what")
+            ui.button("Before and after", on_click=self._dialog.open).props("outline")
+            self._buttons(operation, proposal)
+
+    def _returned(self, operation: Operation, uav: str) -> None:
+        async def back() -> None:
+            await attempt(lambda: self._watch.feed.readmit(operation.id, uav), f"{uav} is planned for again")
+
+        with ui.element("div").classes("sf-proposal"):
+            text("span", f"{uav} is heard again. It is not commanded unless you take it back.", "sf-what")
+            ui.button(f"Take {uav} back", on_click=back).props("unelevated")
+
+    def _buttons(self, operation: Operation, proposal: Transaction) -> None:
+        async def decide(*, agreed: bool) -> None:
+            done = "Approved: the new plan is being uploaded" if agreed else "Rejected: the plan in force stays"
+            if await attempt(lambda: self._watch.feed.decide(operation.id, proposal.number, agreed=agreed), done):
+                self._dialog.close()
+
+        ui.button("Approve", on_click=lambda: decide(agreed=True)).props("unelevated color=positive")
+        ui.button("Reject", on_click=lambda: decide(agreed=False)).props("outline color=negative")
+
+    def _fill(self, operation: Operation, proposal: Transaction) -> None:
+        now, new = self._watch.plan_in_force(), self._watch.plans.get(proposal.plan_id or "")
+        self._card.clear()
+        if now is None or new is None:
+            return
+        lost, slot = list(proposal.lost), new.first_slot
+        silent = comparison.without(now, lost, slot)
+        with self._card:
+            text("h2", f"{', '.join(lost)} lost: fly the new plan from slot {slot}?")
+            with ui.element("div").classes("sf-pair"):
+                top = max(picture.scene(one.scenario, [("current", one)])["rate_max"] for one in (now, new))
+                self._map("Before: nobody answers the loss", now, slot, lost, silent, top)
+                self._map("After: the proposed plan", new, slot, [], None, top)
+            courses = [comparison.rest(now, slot), silent, comparison.rest(new, slot)]
+            head = (f"slots {slot} to the end", "as planned", "if rejected", "if approved")
+            figures(comparison.rows([comparison.course(one) for one in courses]), head)
+            with ui.element("div").classes("sf-row"):
+                self._buttons(operation, proposal)
+
+    def _map(
+        self, title: str, plan: Plan, slot: int, lost: list[str], rates: dict[str, list[float]] | None, top: float
+    ) -> None:
+        """One side of the picture; `top`: the rate that both sides colour brightest, bit/s."""
+        first = self._watch.first_plan() or plan
+        n = min(max(slot - plan.first_slot, 0), plan.scenario.slots - 1)
+        spots = [picture.Spot(uav_id=uav, at_m=path[n], lost=uav in lost) for uav, path in plan.trajectories_m.items()]
+        got = {user: row[n] for user, row in plan.user_rates_bps.items()} if rates is None else _now(rates)
+        with ui.element("div"):
+            text("h3", title)
+            view = MapView(title)
+        made = picture.scene(
+            first.scenario, [("current", plan)], reserved=picture.reserved(plan, lost, slot), rate_max=top
+        )
+        moving = picture.frame(spots, plan, slot, got, promise=first, live=False)
+
+        def draw() -> None:
+            view.set_scene(made, {})
+            view.set_frame(moving)
+
+        with self._card:
+            ui.timer(0.3, draw, once=True)
+
+
+def _now(rates: dict[str, list[float]]) -> dict[str, float | None]:
+    return {user: row[0] for user, row in rates.items()}

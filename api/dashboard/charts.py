@@ -1,0 +1,169 @@
+"""ECharts options of the timeline, the trade-off curve and comparisons. Pure: numbers in, options out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from api.dashboard.picture import PALETTE
+
+Json = dict[str, Any]
+Row = Sequence[float | None]
+MUTED = "#7c8896"
+FAINT = "rgba(124,136,150,0.28)"
+ALARM = "#d55e00"
+CIVIDIS = ["#00204d", "#404d6b", "#7c7b78", "#bcaf6f", "#ffea46"]
+PLANNED, ACHIEVED, AFTER = PALETTE[4], PALETTE[0], PALETTE[1]
+
+
+def kbps(row: Row) -> list[float | None]:
+    """Bit/s to kbit/s, gaps kept."""
+    return [None if value is None else round(value / 1e3, 3) for value in row]
+
+
+def total(table: Mapping[str, Row], n_slots: int) -> list[float | None]:
+    """Sum over users in each slot, None where any user's rate is not known."""
+    columns = ([row[n] if n < len(row) else None for row in table.values()] for n in range(n_slots))
+    return [None if not column or None in column else sum(x for x in column if x is not None) for column in columns]
+
+
+def timeline(
+    n_slots: int,
+    lines: Mapping[str, Row],
+    users: Mapping[str, Row],
+    *,
+    cursor: int | None = None,
+    lost: Mapping[str, float] | None = None,
+) -> Json:
+    """Sum rates above, each user's rate in each slot below; bit/s in. `lost`: UAV to slot (fractions allowed)."""
+    slots = [str(n) for n in range(n_slots)]
+    colours = {"planned": PLANNED, "achieved": ACHIEVED, "after replan": AFTER}
+    series: list[Json] = [
+        {
+            "name": name,
+            "type": "line",
+            "step": "middle",
+            "symbol": "none",
+            "data": kbps(row),
+            "itemStyle": {"color": colours.get(name, MUTED)},
+            "lineStyle": {
+                "width": 3 if name == "achieved" else 2,
+                "type": {"planned": [6, 4], "after replan": [2, 3]}.get(name, "solid"),
+                "color": colours.get(name, MUTED),
+            },
+        }
+        for name, row in lines.items()
+    ]
+    if series:
+        series[0]["markLine"] = {
+            "silent": True,
+            "animation": False,
+            "symbol": "none",
+            "data": _marks(cursor, lost, n_slots),
+        }
+    ids = list(users)
+    cells = [
+        [n, row, value]
+        for row, user in enumerate(ids)
+        for n, value in enumerate(kbps(users[user]))
+        if value is not None
+    ]
+    top = max((value for _, _, value in cells), default=1.0)
+    heat = {"name": "user rate", "type": "heatmap", "xAxisIndex": 1, "yAxisIndex": 1, "data": cells, "progressive": 0}
+    return {
+        "animation": False,
+        "tooltip": {"trigger": "item", "confine": True},
+        "legend": {"top": 0, "right": 8, "data": list(lines), "textStyle": {"color": MUTED}, "itemHeight": 8},
+        "grid": [
+            {"left": 52, "right": 14, "top": 26, "height": "42%"},
+            {"left": 52, "right": 14, "bottom": 22, "height": "27%"},
+        ],
+        "xAxis": [
+            {**_axis("category", slots, 0), "axisLabel": {"show": False}},
+            {**_axis("category", slots, 1), "name": "", "axisLabel": {"color": MUTED, "margin": 5}},
+        ],
+        "yAxis": [
+            {**_axis("value", None, 0), "name": "sum, kbit/s", "nameTextStyle": {"color": MUTED, "align": "left"}},
+            {**_axis("category", [each.replace("user-", "u") for each in ids], 1), "inverse": True},
+        ],
+        "visualMap": {
+            "show": False, "min": 0, "max": max(top, 1e-3), "seriesIndex": len(series), "inRange": {"color": CIVIDIS},
+        },
+        "series": [*series, heat],
+    }  # fmt: skip
+
+
+def _marks(cursor: int | None, lost: Mapping[str, float] | None, n_slots: int) -> list[Json]:
+    marks: list[Json] = [
+        {
+            "xAxis": min(int(at), n_slots - 1),
+            "lineStyle": {"color": ALARM, "width": 2, "type": "solid"},
+            "label": {"formatter": f"✕ {uav} lost", "color": ALARM, "position": "insideEndTop", "fontWeight": "bold"},
+        }
+        for uav, at in (lost or {}).items()
+    ]
+    if cursor is not None:
+        style = {"color": MUTED, "width": 2, "type": "solid"}
+        marks.append({"xAxis": cursor, "lineStyle": style, "label": {"show": False}})
+    return marks
+
+
+def _axis(kind: str, data: Sequence[str] | None, grid: int) -> Json:
+    return {
+        "type": kind,
+        "gridIndex": grid,
+        "axisLabel": {"color": MUTED},
+        "axisLine": {"lineStyle": {"color": FAINT}},
+        "axisTick": {"show": False},
+        "splitLine": {"show": kind == "value", "lineStyle": {"color": FAINT}},
+        **({"data": list(data)} if data is not None else {}),
+    }
+
+
+def trade_off(points: Sequence[tuple[float, float, float]], chosen: float | None) -> Json:
+    """Mean sum rate over its standard deviation for each mu tried: (mu, sd, mean), kbit/s, in the order of the line."""
+
+    together: dict[tuple[float, float], list[float]] = {}
+    for mu, deviation, mean in points:
+        together.setdefault((round(deviation, 1), round(mean, 1)), []).append(mu)
+
+    def dot(mu: float, deviation: float, mean: float) -> Json:
+        mine, same = mu == chosen, together[round(deviation, 1), round(mean, 1)]
+        label = f"{same[0]:g}" if len(same) == 1 else f"{same[0]:g} … {same[-1]:g}"
+        return {
+            "value": [round(deviation, 3), round(mean, 3)],
+            "name": f"mu {mu:g}",
+            "symbolSize": 15 if mine else 9,
+            "itemStyle": {"color": AFTER if mine else ACHIEVED},
+            "label": {"show": mu == same[0], "position": "top", "formatter": label, "color": MUTED},
+        }
+
+    return {
+        "animation": False,
+        "tooltip": {"formatter": "{b}: {c} kbit/s", "confine": True},
+        "grid": {"left": 56, "right": 44, "top": 26, "bottom": 40},
+        "xAxis": {**_axis("value", None, 0), "scale": True, "minInterval": 0.5,
+                  "name": "standard deviation over slots, kbit/s",
+                  "nameLocation": "middle", "nameGap": 24, "nameTextStyle": {"color": MUTED}},
+        "yAxis": {**_axis("value", None, 0), "scale": True, "minInterval": 0.5, "name": "mean sum rate, kbit/s",
+                  "nameTextStyle": {"color": MUTED, "align": "left"}},
+        "series": [
+            {"type": "line", "data": [dot(*point) for point in points], "lineStyle": {"color": FAINT, "width": 2}}
+        ],
+    }  # fmt: skip
+
+
+def sums(lines: Mapping[str, Row], n_slots: int, *, lost: Mapping[str, float] | None = None) -> Json:
+    """Sum rates of several courses of events over the slots, bit/s in."""
+    made = timeline(n_slots, lines, {}, lost=lost)
+    made["series"] = made["series"][:-1]
+    for number, one in enumerate(made["series"]):
+        colour = PALETTE[number % len(PALETTE)]
+        one["itemStyle"] = {"color": colour}
+        one["lineStyle"] = {"width": 2.5, "color": colour, "type": "solid" if number == 0 else [7, 4]}
+    made.pop("visualMap")
+    made["grid"] = {"left": 52, "right": 14, "top": 30, "bottom": 38}
+    made["xAxis"] = {**_axis("category", [str(n) for n in range(n_slots)], 0), "name": "slot", "nameLocation": "middle",
+                     "nameGap": 22, "nameTextStyle": {"color": MUTED}}  # fmt: skip
+    made["yAxis"] = made["yAxis"][0]
+    return made

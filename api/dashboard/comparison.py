@@ -1,0 +1,64 @@
+"""What a loss costs and what a replan gives back, over the slots that remain. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from planner import Plan, delivered_rates_bps
+
+SERVED_BPS = 100.0
+"""A user with a lower mean rate counts as not served."""
+
+
+@dataclass(frozen=True)
+class Course:
+    """One course of events over the slots that remain: rates in bit/s, Jain's index of the users' means."""
+
+    mean_sum_rate_bps: float
+    worst_mean_bps: float
+    unserved: int
+    jain: float
+
+
+def without(plan: Plan, lost: Iterable[str], from_slot: int) -> dict[str, list[float]]:
+    """Rates of each user, bit/s, in each slot from `from_slot` (operation's grid) if the others flew on as planned."""
+    gone = set(lost)
+    begin = min(max(from_slot - plan.first_slot, 0), plan.scenario.slots - 1)
+    slots = np.arange(begin, plan.scenario.slots)
+    uavs = plan.scenario.uav_ids
+    positions = np.array([[plan.trajectories_m[uav][n] for uav in uavs] for n in slots], dtype=float)
+    transmitting = np.array([[uav not in gone for uav in uavs]] * len(slots))
+    rates = delivered_rates_bps(plan, slots, positions, transmitting)
+    return {user: [float(rate) for rate in row] for user, row in zip(plan.scenario.user_ids, rates.T, strict=True)}
+
+
+def course(rates_bps: Mapping[str, Sequence[float]]) -> Course:
+    """Figures of rates over the slots that remain."""
+    table = np.array([list(row) for row in rates_bps.values()], dtype=float)
+    means = table.mean(axis=1)
+    squares = float((means**2).sum())
+    return Course(
+        mean_sum_rate_bps=float(table.sum(axis=0).mean()),
+        worst_mean_bps=float(means.min()),
+        unserved=int((means < SERVED_BPS).sum()),
+        jain=float(means.sum() ** 2 / (len(means) * squares)) if squares else 0.0,
+    )
+
+
+def rest(plan: Plan, from_slot: int) -> dict[str, list[float]]:
+    """What the plan promises from that slot of the operation's grid on, bit/s."""
+    begin = min(max(from_slot - plan.first_slot, 0), plan.scenario.slots - 1)
+    return {user: row[begin:] for user, row in plan.user_rates_bps.items()}
+
+
+def rows(courses: Sequence[Course]) -> list[tuple[str, ...]]:
+    """Rows of a table with one column a course."""
+    return [
+        ("mean sum rate, kbit/s", *(f"{one.mean_sum_rate_bps / 1e3:.2f}" for one in courses)),
+        ("worst user's mean, kbit/s", *(f"{one.worst_mean_bps / 1e3:.2f}" for one in courses)),
+        ("users not served", *(str(one.unserved) for one in courses)),
+        ("Jain index", *(f"{one.jain:.3f}" for one in courses)),
+    ]

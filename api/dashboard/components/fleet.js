@@ -1,0 +1,54 @@
+// The fleet table: one row a UAV, drawn from the same frames as the map. A row is a button: it selects the UAV.
+export default {
+  template: `
+    <table class="sf-fleet" aria-label="fleet">
+      <thead><tr>
+        <th scope="col">UAV</th><th scope="col">State</th><th scope="col" title="mission item being flown">Item</th>
+        <th scope="col" title="seconds behind (+) or ahead of (-) the schedule">Slip</th>
+        <th scope="col" title="seconds since the last heartbeat">Heartbeat</th><th scope="col">Batt</th>
+        <th scope="col" title="metres above home">Alt</th>
+      </tr></thead>
+      <tbody>
+        <tr v-for="row in rows" :key="row.id" :data-uav="row.id" :data-link="row.link" :data-lost="row.lost"
+            :class="{ lost: row.lost, stale: !row.lost && row.link === 'stale', selected: row.id === selected }"
+            tabindex="0" :aria-selected="row.id === selected" @click="choose(row.id)"
+            @keydown.enter.prevent="choose(row.id)" @keydown.space.prevent="choose(row.id)"
+            @keydown.down.prevent="go($event, 'nextElementSibling')" @keydown.up.prevent="go($event, 'previousElementSibling')">
+          <th scope="row"><span class="sf-dot" :style="{ background: row.lost ? 'transparent' : row.colour }"></span>{{ row.id }}</th>
+          <td class="sf-state"><span class="sf-badge" :class="row.level">{{ row.state }}</span><span v-if="row.cause" class="sf-cause">{{ row.cause }}</span></td>
+          <td>{{ row.item ?? "–" }}<template v-if="row.items">/{{ row.items }}</template></td>
+          <td :class="{ late: Math.abs(row.slip ?? 0) > 3 }">{{ signed(row.slip) }}</td>
+          <td><span class="sf-bars" :data-bars="bars(row)" aria-hidden="true"><i></i><i></i><i></i><i></i></span> {{ row.age === null ? "–" : row.age.toFixed(1) + " s" }}</td>
+          <td :class="{ late: row.battery !== null && row.battery < 25 }">{{ row.battery === null ? "–" : Math.round(row.battery) + " %" }}</td>
+          <td>{{ row.alt === null ? "–" : row.alt.toFixed(0) + " m" }}</td>
+        </tr>
+        <tr v-if="!rows.length"><td colspan="7" class="sf-empty">No vehicle is registered. Start an operation from the Plan page.</td></tr>
+      </tbody>
+    </table>`,
+  data: () => ({ rows: [], selected: null }),
+  methods: {
+    set_rows(rows) {
+      this.rows = rows;
+    },
+    select(id) {
+      this.selected = id;
+    },
+    choose(id) {
+      this.selected = this.selected === id ? null : id;
+      this.$emit("pick", { kind: "uav", id: this.selected });
+    },
+    go(event, way) {
+      event.currentTarget[way]?.focus();
+    },
+    signed(slip) {
+      if (slip === null || slip === undefined) return "–";
+      return (slip >= 0 ? "+" : "−") + Math.abs(slip).toFixed(1) + " s";
+    },
+    bars(row) {
+      if (row.lost || row.link === "lost") return 0;
+      if (row.link === "stale") return 1;
+      if (row.quality !== null && row.quality !== undefined) return Math.max(1, Math.round(row.quality * 4));
+      return row.age === null ? 0 : row.age < 1.5 ? 4 : row.age < 2.2 ? 3 : 2;
+    },
+  },
+};

@@ -1,0 +1,175 @@
+"""The facade: the service's REST and event surface as the pages' views. Nothing else here knows its routes or JSON."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Mapping, Sequence
+from typing import Any
+
+from api.dashboard.rest import Rest, RestError
+from api.dashboard.transactions import transactions
+from api.dashboard.views import Drill, Happening, Operation, OperationLine, TrackPoint, Vehicle, WhatIf
+from planner import Plan, Scenario
+from sim import FAULTS, fault_from
+
+OVER = {"completed", "aborted", "failed"}
+ENDED = {"succeeded", "infeasible", "cancelled", "failed", "interrupted"}
+
+
+class Feed:
+    """The service, as one operator sees it. Every method may raise RestError, whose text is fit to be shown."""
+
+    def __init__(self, rest: Rest) -> None:
+        self._rest = rest
+
+    # --- plans ---
+
+    async def examples(self) -> list[str]:
+        """Names of the ready scenarios."""
+        return list((await self._rest.call("GET", "/v1/scenarios/examples"))["examples"])
+
+    async def example(self, name: str) -> Scenario:
+        """One ready scenario."""
+        return Scenario.model_validate(await self._rest.call("GET", f"/v1/scenarios/examples/{name}"))
+
+    async def make_plan(self, scenario: Scenario, wait_s: float = 60.0) -> Plan:
+        """Plan a scenario and wait for the result."""
+        body = scenario.model_dump(mode="json")
+        return _finished(await self._rest.call("POST", "/v1/plans", json=body, wait_s=wait_s))
+
+    async def what_if(self, plan_id: str, uav_id: str, at_slot: int, wait_s: float = 60.0) -> Plan:
+        """The plan for the survivors if this UAV were lost when that slot (of the operation's grid) begins."""
+        body = {"failed": [uav_id], "at_slot": at_slot}
+        return _finished(await self._rest.call("POST", f"/v1/plans/{plan_id}/replans", json=body, wait_s=wait_s))
+
+    async def plan(self, plan_id: str) -> Plan:
+        """A finished plan."""
+        return _finished(await self._rest.call("GET", f"/v1/plans/{plan_id}"))
+
+    async def mission_file(self, plan_id: str, uav_id: str) -> Any:
+        """One UAV's mission as a QGroundControl `.plan` document."""
+        return await self._rest.call("GET", f"/v1/plans/{plan_id}/missions", format="plan", uav_id=uav_id)
+
+    async def contingencies(self, plan_id: str, at_slot: int) -> list[WhatIf]:
+        """For each UAV, what users get if it is lost at that slot."""
+        path = f"/v1/plans/{plan_id}/contingencies"
+        table = await self._rest.call("GET", path, at_slot=at_slot, wait_s=30)
+        planned = table["mean_sum_rate_bps"]
+        return [WhatIf.model_validate({**row, "planned_bps": planned}) for row in table["rows"]]
+
+    # --- fleet and operations ---
+
+    async def vehicles(self) -> list[Vehicle]:
+        """All registered vehicles."""
+        return [Vehicle.model_validate(row) for row in await self._rest.call("GET", "/v1/fleet/vehicles")]
+
+    async def start(self, plan_id: str, systems: Mapping[str, int], policy: str) -> Operation:
+        """Register what is not registered yet, and fly the plan."""
+        for uav_id, system_id in systems.items():
+            await self._rest.call("POST", "/v1/fleet/vehicles", json={"uav_id": uav_id, "system_id": system_id})
+        body = {"plan_id": plan_id, "replanning": policy}
+        return _operation(await self._rest.call("POST", "/v1/operations", json=body))
+
+    async def operations(self, limit: int = 50) -> list[OperationLine]:
+        """Stored operations, the newest first."""
+        page = await self._rest.call("GET", "/v1/operations", limit=limit)
+        return [OperationLine.model_validate(row) for row in page["items"]]
+
+    async def operation(self, operation_id: str) -> Operation:
+        """An operation as it is now, with every step of its answers to losses."""
+        path = f"/v1/operations/{operation_id}"
+        body = await self._rest.call("GET", path)
+        happened = body["lost"] or body["recoveries"] or body["returned"]
+        return _operation(body, await self._rest.call("GET", f"{path}/journal") if happened else ())
+
+    async def track(self, operation_id: str) -> list[TrackPoint]:
+        """Where every UAV of an operation was, twice a fleet second."""
+        rows = await self._rest.call("GET", f"/v1/operations/{operation_id}/track")
+        return [TrackPoint.model_validate(row) for row in rows]
+
+    async def pause(self, operation_id: str) -> None:
+        """Hold, to go on later from the same place."""
+        await self._rest.call("POST", f"/v1/operations/{operation_id}:pause")
+
+    async def resume(self, operation_id: str) -> None:
+        """Go on after a pause."""
+        await self._rest.call("POST", f"/v1/operations/{operation_id}:resume")
+
+    async def abort(self, operation_id: str, action: str) -> None:
+        """End it: every vehicle that answers holds (`hold`) or returns home (`return`)."""
+        await self._rest.call("POST", f"/v1/operations/{operation_id}:abort", json={"action": action})
+
+    async def decide(self, operation_id: str, incident: int, *, agreed: bool) -> None:
+        """Fly the proposed plan, or keep the one in force."""
+        word = "approve" if agreed else "decline"
+        await self._rest.call("POST", f"/v1/operations/{operation_id}/incidents/{incident}:{word}")
+
+    async def readmit(self, operation_id: str, uav_id: str) -> None:
+        """Plan again with a UAV that was lost and is back."""
+        await self._rest.call("POST", f"/v1/operations/{operation_id}:readmit", json={"uav_id": uav_id})
+
+    # --- drills ---
+
+    async def faults(self) -> list[str]:
+        """Names of the faults a drill can let strike without further options."""
+        return sorted(name for name in FAULTS if _complete(name))
+
+    async def drill(self, operation_id: str, uav_id: str, fault: str, at_slot: int | None) -> Drill:
+        """Let a fault strike a simulated UAV when that slot begins, or at once."""
+        body = {"operation_id": operation_id, "uav_id": uav_id, "fault": fault, "at_slot": at_slot}
+        return Drill.model_validate(await self._rest.call("POST", "/v1/drills", json=body))
+
+    async def newest_drill(self) -> Drill | None:
+        """The drill that was started last."""
+        page = await self._rest.call("GET", "/v1/drills", limit=1)
+        return Drill.model_validate(page["items"][0]) if page["items"] else None
+
+    async def drill_now(self, drill_id: str) -> Drill:
+        """A drill as it is now."""
+        return Drill.model_validate(await self._rest.call("GET", f"/v1/drills/{drill_id}"))
+
+    # --- events ---
+
+    async def log(self, after: int, limit: int = 500) -> list[Happening]:
+        """Stored events after that id, at most `limit`."""
+        page = await self._rest.call("GET", "/v1/events/log", after=after, limit=limit)
+        return [Happening.model_validate(event) for event in page["items"]]
+
+    async def last_event_id(self) -> int:
+        """Number of the newest stored event, by bisection: the log may be long."""
+        high = 1
+        while await self.log(high - 1, 1):
+            high *= 2
+        low = high // 2
+        while high - low > 1:
+            middle = (low + high) // 2
+            low, high = (middle, high) if await self.log(middle - 1, 1) else (low, middle)
+        return low
+
+    async def happenings(self, after: int) -> AsyncIterator[Happening]:
+        """Every event after that id, and then each as it comes."""
+        async for event in self._rest.stream("/v1/events", after):
+            yield Happening.model_validate(event)
+
+
+def _complete(fault: str) -> bool:
+    """Whether the fault needs no option."""
+    try:
+        fault_from({"kind": fault, "system_id": 1})
+    except (TypeError, ValueError):
+        return False
+    return True
+
+
+def _finished(body: Mapping[str, Any]) -> Plan:
+    if "trajectories_m" in body:
+        return Plan.model_validate(body)
+    status = str(body["status"])
+    if status in ENDED:
+        raise RestError(422, f"The plan is {status}", str(body.get("error") or "it has no result"))
+    raise RestError(202, "Not finished", f"plan {body['id']} is still {status}")
+
+
+def _operation(body: Mapping[str, Any], journal: Sequence[Mapping[str, Any]] = ()) -> Operation:
+    over = body["state"] in OVER
+    answers = transactions(body["recoveries"], journal, body["proposal"], over=over)
+    return Operation.model_validate({**body, "policy": body["replanning"], "transactions": answers})

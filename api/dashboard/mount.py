@@ -1,0 +1,100 @@
+"""Joins the dashboard to the service's app. NiceGUI's app is one a process, so this is done once a process."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+from fastapi import FastAPI, Request
+from fastapi.responses import RedirectResponse
+from nicegui import Client, ui
+
+from api.dashboard.feed import Feed
+from api.dashboard.pages.drill import DrillPage
+from api.dashboard.pages.fly import FlyPage
+from api.dashboard.pages.plan import PlanPage
+from api.dashboard.pages.replay import ReplayPage
+from api.dashboard.rest import Rest
+from api.dashboard.watch import Watch
+from api.gate import COOKIE
+
+HERE = Path(__file__).parent
+PATH = "/ui"
+MOST_KEYS = 64
+
+
+class Watches:
+    """One watch for each key that operators look with (None while none is needed), made when the first one comes.
+
+    What a page may do is what its key may do: every call goes through the service's own gate with it.
+    """
+
+    def __init__(self, service_app: FastAPI, time_scale: float) -> None:
+        self._app, self._time_scale = service_app, time_scale
+        self._watches: dict[str | None, Watch] = {}
+
+    def of(self, key: str | None) -> Watch:
+        """The watch of this key."""
+        if key not in self._watches:
+            headers = {"authorization": f"Bearer {key}"} if key else {}
+            watch = self._watches[key] = Watch(Feed(Rest(self._app, headers)), self._time_scale)
+            watch.start()
+            if len(self._watches) > MOST_KEYS:
+                oldest = next(iter(self._watches))
+                self._ending = asyncio.create_task(self._watches.pop(oldest).stop())
+        return self._watches[key]
+
+    async def stop(self) -> None:
+        """End them all."""
+        await asyncio.gather(*(watch.stop() for watch in self._watches.values()))
+
+
+def mount(service_app: FastAPI, *, time_scale: float = 1.0, tile_url: str | None = None) -> None:
+    """Serve the dashboard at `/ui` of the app.
+
+    tile_url: of a map server, with {z}, {x} and {y}; None draws a grid and asks nobody.
+    """
+    watches = Watches(service_app, time_scale)
+    ui.add_css(HERE / "style.css", shared=True)
+    pages: dict[str, Callable[[Watch], object]] = {
+        "/": lambda watch: FlyPage(watch, tile_url),
+        "/plan": PlanPage,
+        "/drill": DrillPage,
+        "/replay": lambda watch: ReplayPage(watch, tile_url),
+    }
+    for path, build in pages.items():
+        _page(path, build, watches)
+    ui.run_with(service_app, mount_path=PATH, title="skyfolio", dark=None, tailwind=False, show_welcome_message=False)
+    service_app.add_api_route("/", _front_door, include_in_schema=False)
+    _end_with(service_app, watches)
+
+
+def _front_door() -> RedirectResponse:
+    """Who asks for the service alone wants to see it."""
+    return RedirectResponse(f"{PATH}/")
+
+
+def _page(path: str, build: Callable[[Watch], object], watches: Watches) -> None:
+    @ui.page(path)
+    def page(client: Client, request: Request) -> None:
+        watch = watches.of(request.cookies.get(COOKIE))
+        client.on_connect(watch.join)
+        client.on_disconnect(watch.leave)
+        build(watch)
+
+
+def _end_with(service_app: FastAPI, watches: Watches) -> None:
+    """The watches end before the service's own parts do."""
+    inner = service_app.router.lifespan_context
+
+    @asynccontextmanager
+    async def lifespan(app_: FastAPI) -> AsyncIterator[None]:
+        async with inner(app_):
+            try:
+                yield
+            finally:
+                await watches.stop()
+
+    service_app.router.lifespan_context = lifespan

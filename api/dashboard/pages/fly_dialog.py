@@ -1,0 +1,61 @@
+"""From a plan into the air: which vehicle flies which UAV, and what happens after a loss."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from nicegui import ui
+
+from api.dashboard.elements import attempt, text
+from api.dashboard.watch import Watch
+from planner import Plan
+
+POLICIES = {"auto": "replan and fly it", "approve": "replan, then ask me", "off": "only tell me"}
+
+
+class FlyDialog:
+    """Asks which vehicle flies which UAV, and what shall happen after a loss; then starts the operation."""
+
+    def __init__(self, watch: Watch) -> None:
+        self._watch = watch
+        self._plan: Plan | None = None
+        self._systems: dict[str, ui.number] = {}
+        with ui.dialog() as self._dialog, ui.card().classes("sf-flycard"):
+            text("h2", "Fly this plan")
+            text("p", "MAVLink system id of the vehicle that flies each UAV:", "sf-sub")
+            self._rows = ui.element("div").classes("sf-systems")
+            self._policy = ui.select(POLICIES, value="auto", label="When a UAV is lost").props("dense outlined")
+            with ui.element("div").classes("sf-row"):
+                self._start = ui.button("Start: upload, arm, take off", on_click=self._begin).props(
+                    "unelevated autofocus"
+                )
+                ui.button("Cancel", on_click=self._dialog.close).props("flat")
+
+    def open(self, plan: Plan) -> None:
+        """Ask about this plan."""
+        self._plan = plan
+        self._rows.clear()
+        known = {uav: seen.vehicle.system_id for uav, seen in self._watch.seen.items()}
+        with self._rows:
+            self._systems = {
+                uav: ui.number(uav, value=known.get(uav, number), min=1, max=254, step=1).props("dense outlined")
+                for number, uav in enumerate(plan.scenario.uav_ids, start=1)
+            }
+        self._dialog.open()
+
+    async def _begin(self) -> None:
+        plan = self._plan
+        if plan is None:
+            return
+        systems: Mapping[str, int] = {uav: int(number.value or 0) for uav, number in self._systems.items()}
+
+        async def begin() -> None:
+            operation = await self._watch.feed.start(plan.id, systems, str(self._policy.value))
+            self._watch.show(operation.id)
+
+        self._start.props("loading")
+        started = await attempt(begin)
+        self._start.props(remove="loading")
+        if started:
+            self._dialog.close()
+            ui.navigate.to("/")

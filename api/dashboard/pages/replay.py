@@ -1,0 +1,199 @@
+"""Any stored operation again, from the event log and the recorded tracks, at any speed."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from nicegui import events, ui
+
+from api.dashboard import charts, picture
+from api.dashboard.elements import attempt, text
+from api.dashboard.recording import Recording, placed
+from api.dashboard.report import lost_at
+from api.dashboard.shell import Shell
+from api.dashboard.situation import Situation, achieved_line, stats_line
+from api.dashboard.views import Happening
+from api.dashboard.watch import Watch
+
+SPEEDS = (1, 2, 5, 10, 20, 50)
+TICK_S = 0.2
+
+
+class ReplayPage:
+    """One open player."""
+
+    def __init__(self, watch: Watch, tile_url: str | None) -> None:
+        self._watch, self._feed, self._tile_url = watch, watch.feed, tile_url
+        self._recording: Recording | None = None
+        self._at_s = 0.0
+        self._playing = False
+        self._last = time.monotonic()
+        self._drawn: dict[str, Any] = {}
+        self._told = 0
+        Shell(watch, "Replay")
+        with ui.element("div").classes("sf-player").props('role="group" aria-label="player"'):
+            self._choice = ui.select({}, label="Operation", on_change=self._chosen).props("dense outlined")
+            self._play = ui.button("Play", on_click=self._toggle).props("unelevated")
+            self._speed = ui.select({one: f"{one} times" for one in SPEEDS}, value=10, label="Speed").props(
+                "dense outlined"
+            )
+            self._bar = ui.slider(min=0, max=1, step=0.5, value=0, on_change=self._dragged)
+            self._bar.props('aria-label="time in the operation, seconds"').classes("sf-grow")
+            self._clock = text("span", "", "sf-slotno")
+        self._setting = False
+        self._situation = Situation(self._to_slot, live_word="START")
+        self._say("Reading stored operations", "", spinner=True)
+        ui.timer(0.1, self._load, once=True)
+        ui.timer(TICK_S, self._tick)
+
+    async def _load(self) -> None:
+        found: dict[str, str] = {}
+
+        async def read() -> None:
+            for line in await self._feed.operations():
+                began = time.strftime("%Y-%m-%d %H:%M:%S", time.gmtime(line.created_at))
+                found[line.id] = f"{began} UTC, {line.id}, {line.state}"
+
+        if not await attempt(read):
+            return
+        if not found:
+            self._say("No operation is stored yet", "Fly one, or a drill; then it can be looked at again here.")
+            return
+        self._choice.set_options(found, value=next(iter(found)))
+
+    async def _chosen(self, event: events.ValueChangeEventArguments[str | None]) -> None:
+        if event.value:
+            await attempt(lambda: self._open(str(event.value)))
+
+    async def _open(self, operation_id: str) -> None:
+        operation = await self._feed.operation(operation_id)
+        plans = {plan_id: await self._feed.plan(plan_id) for plan_id in operation.plan_ids}
+        happenings = await self._history(operation_id)
+        track = await self._feed.track(operation_id)
+        self._recording = Recording(operation, plans, track, placed(happenings, operation_id, self._watch.time_scale))
+        self._drawn.clear()
+        self._playing = False
+        self._play.set_text("Play")
+        self._situation.overlay.set_visibility(False)
+        self._situation.set_slots(self._recording.first.scenario.slots)
+        self._bar.props(f"min={self._recording.begins_s:.1f} max={self._recording.ends_s:.1f}")
+        self._go(max(self._recording.begins_s, 0.0))
+
+    async def _history(self, operation_id: str) -> list[Happening]:
+        """The stored events, from the first one that speaks of the operation."""
+        found: list[Happening] = []
+        after = 0
+        while page := await self._feed.log(after):
+            found += [one for one in page if one.data.get("operation_id") == operation_id]
+            after = page[-1].id
+        return found
+
+    # --- playing ---
+
+    def _toggle(self) -> None:
+        recording = self._recording
+        if recording is None:
+            return
+        self._playing = not self._playing
+        self._play.set_text("Stop" if self._playing else "Play")
+        self._last = time.monotonic()
+        if self._playing and self._at_s >= recording.ends_s:
+            self._go(recording.begins_s)
+
+    def _tick(self) -> None:
+        now = time.monotonic()
+        passed, self._last = now - self._last, now
+        recording = self._recording
+        if not self._playing or recording is None:
+            return
+        self._go(min(self._at_s + passed * float(self._speed.value or 1), recording.ends_s))
+        if self._at_s >= recording.ends_s:
+            self._toggle()
+
+    def _dragged(self, event: events.ValueChangeEventArguments[float | None]) -> None:
+        if not self._setting and event.value is not None:
+            self._go(float(event.value))
+
+    def _to_slot(self, slot: int | None) -> None:
+        recording = self._recording
+        if recording is not None:
+            self._go(0.0 if slot is None else slot * recording.first.scenario.slot_duration_s)
+
+    def _go(self, at_s: float) -> None:
+        """Show this moment."""
+        recording = self._recording
+        if recording is None:
+            return
+        back, self._at_s = at_s < self._at_s, at_s
+        self._setting = True
+        self._bar.set_value(round(at_s, 1))
+        self._setting = False
+        self._clock.set_text(f"{at_s:.0f} s")
+        slot = recording.slot(at_s)
+        self._draw_scene(recording, at_s, moved_back=back)
+        self._situation.map.set_frame(recording.frame(at_s))
+        self._situation.fleet.set_rows(recording.rows(at_s))
+        self._situation.show_slot(slot or 0, "" if slot is None else f"slot {slot}")
+        self._draw_timeline(recording, slot)
+        self._draw_events(recording, at_s, moved_back=back)
+        known = tuple(one for one in recording.operation.transactions if (one.declared_at_s or 0.0) <= at_s)
+        if self._changed("answers", known):
+            self._situation.show_answers(known)
+
+    def _changed(self, name: str, value: object) -> bool:
+        if name in self._drawn and self._drawn[name] == value:
+            return False
+        self._drawn[name] = value
+        return True
+
+    def _draw_scene(self, recording: Recording, at_s: float, *, moved_back: bool) -> None:
+        plan, first = recording.in_force(at_s), recording.first
+        flown = recording.tracks(at_s)
+        if (
+            not self._changed("scene", (plan.id, recording.lost(at_s), len(next(iter(flown.values()), []))))
+            and not moved_back
+        ):
+            return
+        plans = [("former", first), ("current", plan)] if plan.id != first.id else [("current", first)]
+        taken = picture.reserved(first, recording.lost(at_s), recording.slot(at_s) or 0)
+        self._situation.map.set_scene(picture.scene(first.scenario, plans, reserved=taken, tiles=self._tile_url), flown)
+
+    def _draw_timeline(self, recording: Recording, slot: int | None) -> None:
+        if not self._changed("timeline", slot):
+            return
+        operation, first = recording.operation, recording.first
+        n = first.scenario.slots
+        lines: dict[str, Any] = {
+            "planned": charts.total(first.user_rates_bps, n),
+            "achieved": charts.total(operation.user_rates_bps, n),
+        }
+        stats = [stats_line("planned", first), achieved_line(operation.user_rates_bps)]
+        last = recording.in_force(recording.ends_s)
+        if last.id != first.id:
+            begun: list[float | None] = [None] * last.first_slot
+            lines["after replan"] = [*begun, *charts.total(last.user_rates_bps, last.scenario.slots)]
+            stats.append(stats_line("after replan", last))
+        users = {user: operation.user_rates_bps.get(user, []) for user in first.scenario.user_ids}
+        lost = lost_at(operation, first.scenario.slot_duration_s)
+        self._situation.draw_timeline(n, lines, users, cursor=slot, lost=lost)
+        self._situation.set_stats("σ² in (kbit/s)², Jain:  " + "   ".join(one for one in stats if one))
+
+    def _draw_events(self, recording: Recording, at_s: float, *, moved_back: bool) -> None:
+        if moved_back or self._changed("events of", recording.operation.id):
+            self._situation.clear_events()
+            self._told = 0
+        due = [one for at, one in recording.happenings if at <= at_s]
+        if len(due) > self._told:
+            self._situation.add_events(due[self._told :])
+            self._told = len(due)
+
+    def _say(self, title: str, body: str, *, spinner: bool = False) -> None:
+        overlay = self._situation.overlay
+        overlay.clear()
+        overlay.set_visibility(True)
+        with overlay:
+            if spinner:
+                ui.spinner(size="lg")
+            text("h2", title)
+            text("p", body)

@@ -1,0 +1,232 @@
+"""The right side of the plan editor: what plans are worth, mu and its trade-off, comparing, what-if, export, flying."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from nicegui import events, ui
+
+from api.dashboard import charts, worth
+from api.dashboard.elements import attempt, figures, panel, say_refusal, text
+from api.dashboard.pages.fly_dialog import FlyDialog
+from api.dashboard.rest import RestError
+from api.dashboard.watch import Watch
+from planner import Plan, Scenario
+
+TRADE_OFF_MUS = (0.0, -0.02, -0.05, -0.1, -0.2, -0.5, -1.0, -2.0)
+
+
+@dataclass(frozen=True)
+class Kept:
+    """A plan made on this page, and what it was made for."""
+
+    title: str
+    plan: Plan
+
+
+class Results:
+    """Plans of one open editor. `on_show(plan, other)` hears what the map shall show; `on_mu` a chosen mu."""
+
+    def __init__(
+        self, watch: Watch, on_show: Callable[[Plan | None, Plan | None], None], on_mu: Callable[[float], None]
+    ) -> None:
+        self._watch, self._feed = watch, watch.feed
+        self._on_show, self._on_mu = on_show, on_mu
+        self._kept: dict[str, Kept] = {}
+        self._current: str | None = None
+        self._tried: dict[float, Plan] = {}
+        self._scenario: Scenario | None = None
+        with ui.element("div").classes("sf-col sf-scroll"):
+            self._worth_panel()
+            self._trade_off_panel()
+            self._what_if_panel()
+        self._fly = FlyDialog(watch)
+        self._refresh()
+
+    def _worth_panel(self) -> None:
+        with panel("Plan", "sf-noshrink"), ui.element("div").classes("sf-body"):
+            self._choice = ui.select({}, label="Plan", on_change=self._chosen).props("dense outlined")
+            self._other = ui.select({}, label="Compare with", on_change=self._show, clearable=True)
+            self._other.props("dense outlined")
+            with ui.element("div").classes("sf-row"):
+                self._fly_button = ui.button("Fly it", on_click=self._open_fly).props("unelevated")
+                self._export_uav = ui.select([], label="UAV").props("dense outlined").classes("sf-short")
+                self._export = ui.button("Export .plan", on_click=self._export_plan).props("outline")
+            self._worth = ui.element("div").props('aria-live="polite"')
+            self._sums = ui.echart(charts.sums({}, 1)).classes("sf-chart sf-sums")
+
+    def _trade_off_panel(self) -> None:
+        with panel("Steadiness against rate", "sf-noshrink"), ui.element("div").classes("sf-body"):
+            text("p", "Each point is a plan with another mu. Click one to use it.", "sf-sub")
+            self._curve = ui.echart(charts.trade_off([], None), on_point_click=self._curve_clicked).classes(
+                "sf-chart sf-curve"
+            )
+            self._sweep = ui.button("Draw the curve", on_click=self._draw_curve).props("outline")
+
+    def _what_if_panel(self) -> None:
+        with panel("What if", "sf-noshrink"), ui.element("div").classes("sf-row sf-body"):
+            self._lose = ui.select([], label="Lose").props("dense outlined")
+            self._at_slot = ui.number("at slot", min=0, step=1, value=10).props("dense outlined")
+            self._ask = ui.button("Show", on_click=self._what_if).props("outline")
+            self._ask_all = ui.button("Compare all UAVs", on_click=self._what_if_any).props("outline")
+            self._any = ui.element("div").classes("sf-all").props('aria-live="polite"')
+
+    # --- what the editor calls ---
+
+    async def make(self, scenario: Scenario) -> None:
+        """Plan the scenario and show the result."""
+        plan = await self._plan(scenario)
+        if plan is not None:
+            self._scenario = scenario
+            self._tried = {scenario.utility.mu_per_kbps: plan}
+            self._keep(worth.title(scenario), plan)
+
+    def forget_current(self) -> None:
+        """The scenario has changed: no plan is shown until the next one is made."""
+        if self._current is not None:
+            self._current = None
+            self._tried = {}
+            self._refresh()
+
+    # --- plans ---
+
+    async def _plan(self, scenario: Scenario) -> Plan | None:
+        try:
+            return await self._feed.make_plan(scenario)
+        except RestError as error:
+            say_refusal(error)
+            return None
+
+    def _keep(self, title: str, plan: Plan) -> None:
+        self._kept[plan.id] = Kept(f"{len(self._kept) + 1}: {title}", plan)
+        self._current = plan.id
+        self._refresh()
+
+    def _chosen(self, event: events.ValueChangeEventArguments[str | None]) -> None:
+        if event.value and event.value != self._current:
+            self._current = event.value
+            self._refresh()
+
+    def _refresh(self) -> None:
+        options = {plan_id: kept.title for plan_id, kept in self._kept.items()}
+        self._choice.set_options(options, value=self._current)
+        others = {plan_id: title for plan_id, title in options.items() if plan_id != self._current}
+        self._other.set_options(others, value=self._other.value if self._other.value in others else None)
+        plan = self._kept[self._current].plan if self._current else None
+        uavs = list(plan.scenario.uav_ids) if plan else []
+        for select in (self._export_uav, self._lose):
+            select.set_options(uavs, value=select.value if select.value in uavs else (uavs[0] if uavs else None))
+        for button in (self._export, self._ask, self._ask_all, self._sweep):
+            button.set_enabled(plan is not None)
+        self._fly_button.set_enabled(plan is not None and plan.parent is None)
+        self._show()
+
+    def _show(self) -> None:
+        plan = self._kept[self._current].plan if self._current else None
+        chosen = self._other.value
+        other = self._kept[chosen].plan if chosen in self._kept else None
+        self._worth.clear()
+        with self._worth:
+            if plan is None:
+                text("p", "No plan of this scenario yet: press “Plan it”.", "sf-sub")
+            else:
+                figures(*worth.rows(plan, other))
+        self._draw_sums(plan, other)
+        self._draw_trade_off()
+        self._on_show(plan, other)
+
+    def _draw_sums(self, plan: Plan | None, other: Plan | None) -> None:
+        self._sums.set_visibility(plan is not None)
+        if plan is None:
+            return
+        n = max(each.first_slot + each.scenario.slots for each in (plan, other) if each)
+        lines = {"this": worth.sums(plan, n)} | ({"other": worth.sums(other, n)} if other else {})
+        _redraw(self._sums, charts.sums(lines, n))
+
+    # --- mu ---
+
+    async def _draw_curve(self) -> None:
+        scenario = self._scenario
+        if scenario is None:
+            return
+        self._sweep.props("loading")
+        try:
+            for mu in TRADE_OFF_MUS:
+                if mu not in self._tried:
+                    plan = await self._plan(worth.with_mu(scenario, mu))
+                    if plan is None or scenario is not self._scenario:
+                        return
+                    self._tried[mu] = plan
+                    self._draw_trade_off()
+                    await asyncio.sleep(0)
+        finally:
+            self._sweep.props(remove="loading")
+
+    def _draw_trade_off(self) -> None:
+        points = worth.trade_off(self._tried)
+        current = self._kept[self._current].plan.scenario.utility.mu_per_kbps if self._current else None
+        _redraw(self._curve, charts.trade_off(points, current))
+
+    def _curve_clicked(self, event: events.EChartPointClickEventArguments) -> None:
+        mu = worth.trade_off(self._tried)[event.data_index][0]
+        plan = self._tried[mu]
+        self._on_mu(mu)
+        if plan.id in self._kept:
+            self._current = plan.id
+            self._refresh()
+        else:
+            self._keep(worth.title(plan.scenario), plan)
+
+    # --- what if, export, fly ---
+
+    async def _what_if(self) -> None:
+        base, uav, slot = self._current, self._lose.value, self._at_slot.value
+        if base is None or uav is None or slot is None:
+            return
+
+        async def ask() -> None:
+            plan = await self._feed.what_if(base, str(uav), int(slot))
+            self._keep(f"{uav} lost at slot {int(slot)}", plan)
+            self._other.set_value(base)
+
+        await attempt(ask)
+
+    async def _what_if_any(self) -> None:
+        base, slot = self._current, self._at_slot.value
+        if base is None or slot is None:
+            return
+
+        async def ask() -> None:
+            found = await self._feed.contingencies(base, int(slot))
+            self._any.clear()
+            with self._any:
+                figures(worth.losses(found), (f"lost at slot {int(slot)}", "replanned", "not"))
+                text("p", f"mean sum rate from then on, kbit/s; as planned {worth.planned(found)}", "sf-sub")
+
+        self._ask_all.props("loading")
+        await attempt(ask)
+        self._ask_all.props(remove="loading")
+
+    async def _export_plan(self) -> None:
+        plan_id, uav = self._current, self._export_uav.value
+        if plan_id is None or uav is None:
+            return
+
+        async def export() -> None:
+            document = await self._feed.mission_file(plan_id, str(uav))
+            ui.download.content(json.dumps(document, indent=4), f"{plan_id}-{uav}.plan", "application/json")
+
+        await attempt(export)
+
+    def _open_fly(self) -> None:
+        if self._current is not None:
+            self._fly.open(self._kept[self._current].plan)
+
+
+def _redraw(chart: ui.echart, options: charts.Json) -> None:
+    chart.options.clear()
+    chart.options.update(options)
+    chart.update()

@@ -1,0 +1,125 @@
+"""The frame of every page: navigation, what is flying, and the three controls that are always there."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+
+from nicegui import ui
+
+from api.dashboard.elements import attempt, text
+from api.dashboard.watch import Watch
+
+PAGES = (("Fly", "./"), ("Plan", "plan"), ("Drill", "drill"), ("Replay", "replay"))
+REFRESH_S = 0.5
+THEME = """
+const kept = localStorage.getItem("skyfolio-theme");
+const dark = kept ? kept === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
+Quasar.Dark.set(dark);
+"""
+TOGGLE = "Quasar.Dark.toggle(); localStorage.setItem('skyfolio-theme', Quasar.Dark.isActive ? 'dark' : 'light')"
+
+
+class Shell:
+    """Header and banner of one open page."""
+
+    def __init__(self, watch: Watch, active: str) -> None:
+        self._watch = watch
+        ui.page_title(f"{active} · skyfolio")
+        ui.colors(primary="#0072b2", positive="#00795a", negative="#b3400a", warning="#c98500")
+        ui.run_javascript(THEME)
+        with ui.element("header").classes("sf-head"):
+            text("span", "skyfolio", "sf-brand")
+            with ui.element("nav").classes("sf-nav").props('aria-label="pages"'):
+                for name, target in PAGES:
+                    link = text("a", name).props(f'href="{target}"')
+                    if name == active:
+                        link.props('aria-current="page"')
+            with ui.element("div").classes("sf-status").props('role="status" aria-live="polite"'):
+                self._what = text("span", "connecting", "sf-what")
+            theme = ui.button(icon="contrast").props('flat dense color="white" aria-label="light or dark"')
+            theme.on("click", js_handler=f"() => {{ {TOGGLE} }}")
+            self._controls()
+        self._banner = text("div", "", "sf-banner").props('role="alert"')
+        self._banner.set_visibility(False)
+        ui.keyboard(on_key=self._on_key, ignore=["input", "select", "textarea"])
+        ui.timer(REFRESH_S, self._refresh)
+
+    def _controls(self) -> None:
+        with ui.element("div").classes("sf-controls").props('role="group" aria-label="fleet control"'):
+            self._pause = ui.button("PAUSE", on_click=self._toggle_pause, color=None).classes("sf-act-pause")
+            self._hold = ui.button("HOLD ALL", on_click=self._hold_all, color=None).classes("sf-act-hold")
+            self._rtl = ui.button("RTL ALL", on_click=self._ask_rtl, color=None).classes("sf-act-rtl")
+            for button, key, what in (
+                (self._pause, "Shift+P", "hold where they are, to go on later"),
+                (self._hold, "Shift+H", "end the operation: every vehicle holds"),
+                (self._rtl, "Shift+R", "end the operation: every vehicle returns home"),
+            ):
+                button.props(f'unelevated title="{what} ({key})"')
+        with ui.dialog() as self._confirm, ui.card():
+            text("h2", "Return the whole fleet home?")
+            ui.label("The operation ends. Every vehicle that answers flies home and lands.")
+            with ui.element("div").classes("sf-row"):
+                ui.button("RTL ALL", on_click=self._rtl_all, color=None).props("unelevated autofocus").classes(
+                    "sf-act-rtl sf-confirm-rtl"
+                ).style("background:#b84a00;color:#fff")
+                ui.button("Keep flying", on_click=self._confirm.close).props("flat")
+
+    def _refresh(self) -> None:
+        operation = self._watch.operation
+        under_way = operation is not None and not operation.ended
+        self._what.set_text(self._words())
+        for button in (self._pause, self._hold, self._rtl):
+            button.set_enabled(under_way)
+        self._pause.set_text("RESUME" if operation and operation.state == "paused" else "PAUSE")
+        self._banner.set_text(
+            f"The service does not answer as it should: {self._watch.error}" if self._watch.error else ""
+        )
+        self._banner.set_visibility(bool(self._watch.error))
+
+    def _words(self) -> str:
+        operation = self._watch.operation
+        if operation is None:
+            return "no operation" if self._watch.loaded else "connecting"
+        plan = self._watch.first_plan()
+        words = [f"{operation.id} {operation.state.upper()}"]
+        if operation.slot is not None and plan is not None:
+            words.append(f"slot {operation.slot} of {plan.scenario.slots - 1}")
+        if operation.lost:
+            words.append(f"lost: {', '.join(operation.lost)}")
+        words.append(f"replans: {operation.policy}")
+        return " · ".join(words)
+
+    async def _on_operation(self, action: Callable[[str], Awaitable[None]], done: str) -> None:
+        operation = self._watch.operation
+        if operation is not None and not operation.ended:
+            await attempt(lambda: action(operation.id), done)
+
+    async def _toggle_pause(self) -> None:
+        operation = self._watch.operation
+        if operation is not None and operation.state == "paused":
+            await self._on_operation(self._watch.feed.resume, "Operation resumed")
+        else:
+            await self._on_operation(self._watch.feed.pause, "Paused: every vehicle holds where it is")
+
+    async def _hold_all(self) -> None:
+        await self._on_operation(lambda one: self._watch.feed.abort(one, "hold"), "Every vehicle was told to hold")
+
+    def _ask_rtl(self) -> None:
+        self._confirm.open()
+
+    async def _rtl_all(self) -> None:
+        self._confirm.close()
+        await self._on_operation(
+            lambda one: self._watch.feed.abort(one, "return"), "Every vehicle was told to return home"
+        )
+
+    async def _on_key(self, event: object) -> None:
+        key, action, modifiers = (getattr(event, name) for name in ("key", "action", "modifiers"))
+        if not (action.keydown and not action.repeat and modifiers.shift):
+            return
+        if key == "P":
+            await self._toggle_pause()
+        elif key == "H":
+            await self._hold_all()
+        elif key == "R":
+            self._ask_rtl()

@@ -1,0 +1,164 @@
+"""The situation: map, fleet, timeline, events and the answer to a loss. Fly and Replay show it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from nicegui import events, ui
+
+from api.dashboard import charts
+from api.dashboard.elements import FleetTable, MapView, panel, text
+from api.dashboard.picture import Json
+from api.dashboard.views import Happening, Transaction
+from api.dashboard.words import words
+from planner import Plan
+
+SHOWN_EVENTS = 120
+Row = Sequence[float | None]
+
+
+class Situation:
+    """Builds the elements; the page feeds them. `on_slot` hears a slot number, or None for live."""
+
+    def __init__(self, on_slot: Callable[[int | None], None], *, live_word: str = "LIVE") -> None:
+        self._on_slot = on_slot
+        self._selected: str | None = None
+        self._setting = False
+        with ui.element("main").classes("sf-situation"):
+            with ui.element("section").classes("sf-panel sf-mapbox").props('aria-label="map"'):
+                self.map = MapView("Map of the fleet. Arrow keys move, plus and minus zoom, 0 shows everything.")
+                self.map.on("pick", lambda event: self._pick(event.args))
+                self.overlay = ui.element("div").classes("sf-overlay")
+            with ui.element("div").classes("sf-side"):
+                with panel("Fleet", "sf-fleetbox"), ui.element("div").classes("sf-scroll"):
+                    self.fleet = FleetTable()
+                    self.fleet.on("pick", lambda event: self._pick(event.args))
+                self._answers_panel = panel("Answer to the loss", "sf-txbox")
+                with (
+                    self._answers_panel,
+                    ui.element("div").classes("sf-scroll").props('aria-live="polite"') as self._answers,
+                ):
+                    pass
+                self._answers_panel.set_visibility(False)
+                with panel("Events", "sf-feedbox"), ui.element("div").classes("sf-scroll"):
+                    self._events = ui.element("ol").classes("sf-events").props('aria-label="events, newest first"')
+            self._timeline(live_word)
+
+    def _timeline(self, live_word: str) -> None:
+        with ui.element("section").classes("sf-panel sf-time").props('aria-label="timeline"'):
+            with ui.element("div").classes("sf-timehead"):
+                text("h2", "Timeline", "sf-title")
+                self._stats = text("div", "", "sf-stats")
+                self._slot_label = text("span", "slot", "sf-slotno")
+                self._live = ui.button(live_word, on_click=self.go_live).props("dense unelevated").classes("sf-live")
+            self._chart = ui.echart(charts.timeline(1, {}, {}), on_point_click=self._clicked).classes("sf-chart")
+            with ui.element("div").classes("sf-scrub") as self._scrub:
+                self._slider = ui.slider(min=0, max=1, step=1, value=0, on_change=self._slid)
+                self._slider.props('aria-label="slot" markers snap')
+
+    # --- what the page calls ---
+
+    def set_slots(self, n_slots: int) -> None:
+        """How many slots the operation has."""
+        self._slider.props(f"max={max(n_slots - 1, 1)}")
+        self._scrub.style(f"--sf-slots: {n_slots}")
+
+    def show_slot(self, slot: int, label: str) -> None:
+        """Move the scrubber without asking for that slot."""
+        self._setting = True
+        self._slider.set_value(slot)
+        self._setting = False
+        self._slot_label.set_text(label)
+
+    def mark_live(self, live: bool) -> None:
+        """Whether the newest is shown."""
+        self._live.props(f"color={'positive' if live else 'grey-7'} aria-pressed={'true' if live else 'false'}")
+
+    def draw_timeline(self, n_slots: int, lines: Mapping[str, Row], users: Mapping[str, Row], **more: object) -> None:
+        """Sum rates and user rates over the slots, bit/s; more: as for `charts.timeline`."""
+        options = charts.timeline(n_slots, lines, users, **more)  # type: ignore[arg-type]
+        self._chart.options.clear()
+        self._chart.options.update(options)
+        self._chart.update()
+
+    def set_stats(self, stats: str) -> None:
+        """Variance and fairness, in words."""
+        self._stats.set_text(stats)
+
+    def add_events(self, happenings: Sequence[Happening]) -> None:
+        """Put new events on top."""
+        with self._events:
+            for happening in happenings:
+                said, level = words(happening)
+                with ui.element("li").classes(level).props(f'data-kind="{happening.kind}"') as line:
+                    text("time", happening.at[11:19])
+                    text("span", said)
+                line.move(target_index=0)
+        children = list(self._events.default_slot.children)
+        for old in children[SHOWN_EVENTS:]:
+            old.delete()
+
+    def clear_events(self) -> None:
+        """Begin anew."""
+        self._events.clear()
+
+    def show_answers(self, answers: Sequence[Transaction]) -> None:
+        """The answers to losses, newest first, with their steps."""
+        self._answers_panel.set_visibility(bool(answers))
+        self._answers.clear()
+        with self._answers:
+            for one in reversed(answers):
+                answer(one)
+
+    def go_live(self) -> None:
+        """Show the newest again."""
+        self._on_slot(None)
+
+    def select(self, uav_id: str | None) -> None:
+        """Bring one UAV out on the map and in the table."""
+        self._selected = uav_id
+        self.map.select(uav_id)
+        self.fleet.select(uav_id)
+
+    def _pick(self, args: Json) -> None:
+        if args.get("kind") == "uav":
+            chosen = args.get("id")
+            self.select(None if chosen == self._selected else chosen)
+
+    def _slid(self, event: events.ValueChangeEventArguments[float | None]) -> None:
+        if not self._setting and event.value is not None:
+            self._on_slot(int(event.value))
+
+    def _clicked(self, event: events.EChartPointClickEventArguments) -> None:
+        cell = event.value
+        self._on_slot(int(cell[0] if isinstance(cell, list) else event.data_index))
+
+
+def answer(one: Transaction) -> None:
+    """One answer to a loss: its steps, and how long each took."""
+    with ui.element("div").classes("sf-tx").props(f'data-phase="{one.phase}"'):
+        text("h3", one.title)
+        with ui.element("ol").classes("sf-steps"):
+            for step in one.steps:
+                with ui.element("li").classes(step.state):
+                    text("span", step.name)
+                    text("span", step.took, "sf-took")
+                    if step.detail:
+                        text("span", step.detail, "sf-detail")
+
+
+def stats_line(name: str, plan: Plan) -> str:
+    """What a plan promises of steadiness and fairness."""
+    return f"{name} {plan.summary.sum_rate_variance_kbps2:.1f}, {plan.summary.jain:.3f}"
+
+
+def achieved_line(table: Mapping[str, Row]) -> str | None:
+    """The same of what users got, from the slots in which all are known; None before the second."""
+    rows = np.array([[np.nan if x is None else x for x in row] for row in table.values()], dtype=float)
+    known = rows[:, ~np.isnan(rows).any(axis=0)] / 1e3 if rows.size else rows
+    if known.size == 0 or known.shape[1] < 2:
+        return None
+    means = known.mean(axis=1)
+    jain = float(means.sum() ** 2 / (len(means) * (means**2).sum())) if means.any() else 0.0
+    return f"achieved {float(known.sum(axis=0).var()):.1f}, {jain:.3f}"

@@ -1,0 +1,89 @@
+"""Events in an operator's words. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from api.dashboard.views import Happening
+
+Data = Mapping[str, Any]
+SKIP = {"operation_id", "plan_id"}
+
+
+def words(happening: Happening) -> tuple[str, str]:
+    """(what happened, level): the level is ok, warn, alarm or empty."""
+    known = WORDS.get(happening.kind)
+    if known is not None:
+        return known(happening.data)
+    rest = ", ".join(
+        f"{name} {value}" for name, value in happening.data.items() if name not in SKIP and value is not None
+    )
+    return f"{happening.kind.replace('_', ' ')} {rest}".strip(), ""
+
+
+def _operation(data: Data) -> tuple[str, str]:
+    state, error = str(data.get("state")), data.get("error")
+    text = f"operation {state}" + (f": {error}" if error else "")
+    return text, {"failed": "alarm", "aborted": "warn", "completed": "ok"}.get(state, "")
+
+
+def _link(data: Data) -> tuple[str, str]:
+    after = str(data.get("after"))
+    text = f"{data.get('uav_id')} link {data.get('before')} → {after}"
+    if after != "live":
+        text += f", silent for {data.get('silent_for_s', 0):.1f} s"
+    return text, {"lost": "alarm", "stale": "warn", "live": "ok"}.get(after, "")
+
+
+def _lost(data: Data) -> tuple[str, str]:
+    return f"{data.get('uav_id')} declared LOST after {data.get('silent_for_s', 0):.1f} s of silence", "alarm"
+
+
+def _recovery(data: Data) -> tuple[str, str]:
+    if data.get("outcome") == "flying":
+        solved = data.get("replan_ms") or 0.0
+        return f"survivors fly {data.get('plan_id')} (replanned in {solved:.0f} ms)", "ok"
+    return f"answer to the loss: {str(data.get('outcome')).replace('_', ' ')}: {data.get('error')}", "alarm"
+
+
+def _plan_ended(data: Data) -> tuple[str, str]:
+    error = data.get("error")
+    return f"{data.get('plan_id')} {data.get('status')}" + (f": {error}" if error else ""), "warn" if error else ""
+
+
+def _uploaded(data: Data) -> tuple[str, str]:
+    return f"{data.get('uavs')} missions uploaded and verified in {data.get('upload_s', 0):.2f} s", "ok"
+
+
+def _incident(data: Data) -> tuple[str, str]:
+    step, uav = str(data.get("step")), data.get("uav_id")
+    text = f"answer {data.get('incident')}: {step}" + (f" {uav}" if uav else "")
+    return text, "warn" if step in {"refused", "proposed"} else ""
+
+
+def _drill(data: Data) -> tuple[str, str]:
+    return f"drill: {data.get('fault')} of {data.get('uav_id')} {data.get('state')}", "warn"
+
+
+def _returned(data: Data) -> tuple[str, str]:
+    return f"{data.get('uav_id')} is heard again, and offered", "ok"
+
+
+def _registered(data: Data) -> tuple[str, str]:
+    simulated = ", simulated" if data.get("simulated") else ""
+    return f"{data.get('uav_id')} is system {data.get('system_id')}{simulated}", ""
+
+
+WORDS: Mapping[str, Callable[[Data], tuple[str, str]]] = {
+    "operation": _operation,
+    "link": _link,
+    "uav_lost": _lost,
+    "recovery": _recovery,
+    "plan_ended": _plan_ended,
+    "missions_uploaded": _uploaded,
+    "incident": _incident,
+    "drill": _drill,
+    "uav_returned": _returned,
+    "vehicle_registered": _registered,
+}

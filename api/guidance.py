@@ -1,0 +1,218 @@
+"""Guidance of one flight: missions kept on the slot clock, or a stream of setpoints with the missions behind it."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Literal
+
+from api.clock import FleetClock
+from api.fleet import Fleet
+from mavlink_bridge import Mission, compile_mission, east_north_to_geodetic
+from mavlink_bridge.ghosts import DEADLINE_S, Airspace, Ghost
+from mavlink_bridge.guidance import FallBack, Kept, Stream, Streamed, keep
+from mavlink_bridge.keeper import Keeper, Slip
+from mavlink_bridge.pace import Point
+from mavlink_bridge.preflight import Finding, audit
+from mavlink_bridge.route import Route
+from mavlink_bridge.stream import Streamer
+from planner import Plan
+
+Mode = Literal["mission", "stream"]
+GHOST_CLEARANCE_M = 5.0
+"""Whoever must cross the air of a UAV we lost flies at least this much higher: heights are worse known than places."""
+
+
+@dataclass(frozen=True)
+class Compiled:
+    """A mission and the plan it was made from; slot 0 of `path_m` is slot `first_slot` of the operation."""
+
+    mission: Mission
+    plan: Plan
+    path_m: list[Point]
+    first_slot: int
+
+
+class FlightGuidance:
+    """What is done between start and landing, beside waiting. `elapsed_s()`: fleet seconds since slot 0 began.
+
+    `mode` "stream" guides by setpoints until a mission is swapped or the flight is paused; the missions on board are
+    flown from then on. What every UAV is off its schedule is an event, `slip`, for each slot.
+    """
+
+    def __init__(
+        self,
+        systems: Mapping[str, int],
+        fleet: Fleet,
+        clock: FleetClock,
+        *,
+        elapsed_s: Callable[[], float],
+        mode: Mode = "mission",
+        fall_back: FallBack = FallBack.MISSION,
+    ) -> None:
+        self.mode = mode
+        self._systems, self._fleet, self._clock = systems, fleet, clock
+        self._elapsed_s = elapsed_s
+        self._fall_back = fall_back
+        self._compiled: dict[str, Compiled] = {}
+        self._homes_m: dict[str, Point] = {}
+        self._keeping: dict[str, asyncio.Task[None]] = {}
+        self.airspace = Airspace()
+        """Air that UAVs we lost may still fly in."""
+        self._streaming: asyncio.Task[None] | None = None
+        self._stream: Stream | None = None
+
+    def compile(
+        self, plan: Plan, uav: str, *, from_m: Point | None = None, first_leg_s: float | None = None
+    ) -> Mission:
+        """The mission for this UAV's own autopilot and model; `from_m`: it is in flight there. Raises CompileError."""
+        system, airborne = self._systems[uav], from_m is not None
+        path = list(plan.trajectories_m[uav])
+        if from_m is not None:
+            path[0] = from_m
+            plan = plan.model_copy(update={"trajectories_m": {**plan.trajectories_m, uav: path}})
+            plan = self._above_ghosts(plan, uav, path)
+        mission = compile_mission(
+            plan,
+            uav,
+            airborne=airborne,
+            first_leg_s=first_leg_s,
+            autopilot=self._fleet.link.autopilot(system),
+            model=self._fleet.link.model(system),
+        )
+        self._compiled[uav] = Compiled(mission, plan, path, plan.first_slot)
+        if not airborne:
+            self._homes_m[uav] = path[0]
+        return mission
+
+    def lost(self, uav: str, last_seen_m: Point) -> None:
+        """A UAV is gone from the link: its old route and its way home stay reserved."""
+        one = self._compiled.get(uav)
+        self._leave(uav)
+        if one is None:
+            return
+        slot_s, now_s = one.plan.scenario.slot_duration_s, self._elapsed_s()
+        self.airspace.reserve(
+            Ghost(
+                uav_id=uav,
+                lost_at_s=now_s,
+                last_seen_m=last_seen_m,
+                route=Route(one.path_m, slot_s),
+                route_began_s=one.first_slot * slot_s,
+                home_m=self._homes_m.get(uav),
+                deadline_s=now_s + DEADLINE_S,
+            )
+        )
+
+    def found(self, uav: str) -> None:
+        """It was seen on the ground, or is heard again."""
+        self.airspace.release(uav)
+
+    def _above_ghosts(self, plan: Plan, uav: str, path: list[Point]) -> Plan:
+        """The plan for this UAV, flown higher if its way would come too close to that of a UAV we lost."""
+        scenario, now_s = plan.scenario, self._elapsed_s()
+        self.airspace.expire(now_s)
+        first_s = max((plan.first_slot + 1) * scenario.slot_duration_s, now_s + 0.1)
+        times = [now_s, *(first_s + n * scenario.slot_duration_s for n in range(len(path) - 1))]
+        conflicts = self.airspace.conflicts({uav: path}, times, scenario.min_separation_m)
+        if not conflicts:
+            return plan
+        higher_m = max(scenario.min_separation_m, GHOST_CLEARANCE_M)
+        self._fleet.note("ghost_avoided", uav_id=uav, higher_m=higher_m, because=[str(one) for one in conflicts])
+        uavs = tuple(
+            one.model_copy(update={"altitude_m": scenario.altitude_of(one) + higher_m}) if one.id == uav else one
+            for one in scenario.uavs
+        )
+        return plan.model_copy(update={"scenario": scenario.model_copy(update={"uavs": uavs})})
+
+    async def get_ready(self) -> dict[int, str | None]:
+        """In stream mode: put everybody into the mode that follows setpoints; what went wrong with each."""
+        if self.mode != "stream":
+            return {}
+        self._stream = Stream(
+            {self._systems[uav]: self._streamed(uav, one) for uav, one in self._compiled.items()},
+            scale=self._clock.scale,
+            fall_back=self._fall_back,
+        )
+        return await self._stream.begin()
+
+    def begin(self) -> None:
+        """Slot 0 begins: guide."""
+        if self._stream is not None:
+            self._streaming = asyncio.create_task(self._stream.run(self._elapsed_s), name="stream")
+        for uav, one in self._compiled.items():
+            self.follow(uav, one.mission)
+
+    def audit(self) -> dict[str, list[Finding]]:
+        """The preflight audit of each vehicle that was heard against the mission it is to be given."""
+        link = self._fleet.link
+        found = {}
+        for uav, one in self._compiled.items():
+            if self._systems[uav] not in link.heard_systems:
+                continue  # the upload tells
+            items = len(one.mission.items)
+            facts, needs = link.facts(self._systems[uav], one.plan, uav, items=items, stream=self.mode == "stream")
+            found[uav] = audit(facts, needs)
+        return found
+
+    def follow(self, uav: str, mission: Mission) -> None:
+        """From now on this UAV flies this mission, which `compile` made."""
+        one = self._compiled.get(uav)
+        if one is None or one.mission is not mission:
+            return
+        self._leave(uav)
+        system = self._systems[uav]
+        keeper = Keeper(one.path_m, one.plan.scenario.slot_duration_s, mission, self._fleet.link.model(system))
+        began_s = one.first_slot * one.plan.scenario.slot_duration_s
+        kept = Kept(vehicle=self._fleet.link.vehicle(system), keeper=keeper, origin=one.plan.scenario.origin)
+        self._keeping[uav] = asyncio.create_task(
+            keep(
+                {system: kept},
+                elapsed_s=lambda: self._elapsed_s() - began_s,
+                now_s=self._clock.now,
+                scale=self._clock.scale,
+                on_slip=lambda _system, slip: self._note(uav, slip, one.first_slot),
+            ),
+            name=f"keep-{uav}",
+        )
+
+    async def missions_only(self) -> None:
+        """End the stream: the missions on board are flown from here, by policy."""
+        streaming, self._streaming, self._stream = self._streaming, None, None
+        if streaming is not None:
+            streaming.cancel()
+            with suppress(asyncio.CancelledError):
+                await streaming
+
+    async def end(self) -> None:
+        """Guide nobody any more."""
+        await self.missions_only()
+        for uav in list(self._keeping):
+            self._leave(uav)
+
+    def _leave(self, uav: str) -> None:
+        task = self._keeping.pop(uav, None)
+        if task is not None:
+            task.cancel()
+
+    def _streamed(self, uav: str, one: Compiled) -> Streamed:
+        scenario, system = one.plan.scenario, self._systems[uav]
+        streamer = Streamer(
+            system,
+            one.path_m,
+            scenario.slot_duration_s,
+            scenario.altitude_of(scenario.uav(uav)),
+            lambda point: east_north_to_geodetic(scenario.origin, *point),
+        )
+        return Streamed(vehicle=self._fleet.link.vehicle(system), streamer=streamer, mission=one.mission)
+
+    def _note(self, uav: str, slip: Slip, first_slot: int) -> None:
+        self._fleet.note(
+            "slip",
+            uav_id=uav,
+            slot=first_slot + slip.slot,
+            distance_m=round(slip.distance_m, 2),
+            late_s=round(slip.late_s, 2),
+        )

@@ -1,0 +1,102 @@
+"""What a UAV can be in, when that counts, and how a change of it is told. Pure values, used by `classifier`."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+from math import isfinite
+
+
+class Condition(StrEnum):
+    """The state of one UAV, gravest first."""
+
+    CRASHED = "crashed"
+    LANDED = "landed"
+    REBOOTED = "rebooted"
+    AUTOPILOT_SILENT = "autopilot_silent"
+    """Nothing from component 1, though another component of the same system is heard: the link works."""
+    LINK_LOST = "link_lost"
+    HUMAN = "human_took_over"
+    FAILSAFE = "in_failsafe"
+    BACK = "back"
+    """Heard again after a loss, and not yet for long enough to count on."""
+    STALE = "stale"
+    LOW_BATTERY = "low_battery"
+    LIVE = "live"
+
+    @property
+    def serves(self) -> bool:
+        """Whether a plan may count on this UAV."""
+        return self in (Condition.LIVE, Condition.STALE, Condition.LOW_BATTERY, Condition.BACK)
+
+    @property
+    def in_the_air(self) -> bool:
+        """Whether it may still be flying where its last mission takes it."""
+        return self not in (Condition.CRASHED, Condition.LANDED)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Timing:
+    """When something counts, in fleet seconds; see `Condition`.
+
+    lost_after_s is a little more than five heartbeats of a 1 Hz stream: only five lost in a row look like a loss.
+    low_battery, full_again: share of charge (0..1) at which the battery counts as low, and as not low any more.
+    crash_descent_mps: sinking faster than this for crash_after_s, other than by a landing, is falling. crash_height_m:
+    disarmed higher than this above home is falling too.
+    """
+
+    stale_after_s: float = 3.0
+    lost_after_s: float = 5.5
+    recovered_after_s: float = 2.0
+    other_component_s: float = 2.5
+    takeover_after_s: float = 1.0
+    failsafe_after_s: float = 0.5
+    clear_after_s: float = 3.0
+    landed_after_s: float = 1.0
+    rebooted_for_s: float = 10.0
+    low_battery: float = 0.2
+    full_again: float = 0.25
+    battery_after_s: float = 3.0
+    crash_descent_mps: float = 6.0
+    crash_height_m: float = 2.0
+    crash_after_s: float = 0.5
+    expected_for_s: float = 3.0
+
+    def __post_init__(self) -> None:
+        for name, value in asdict(self).items():
+            if not (isfinite(value) and value > 0):
+                raise ValueError(f"{name}: {value} must be a finite number above 0")
+        if not self.stale_after_s < self.lost_after_s:
+            raise ValueError(f"lost_after_s: {self.lost_after_s} must be above stale_after_s {self.stale_after_s}")
+        if not self.low_battery < self.full_again <= 1:
+            raise ValueError(f"full_again: {self.full_again} must lie in ({self.low_battery}, 1]")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Change:
+    """A change of condition at `at_s`; `cause` says what was seen, with numbers."""
+
+    system_id: int
+    before: Condition
+    after: Condition
+    cause: str
+    at_s: float
+
+
+class Lasting:
+    """Something that is true once it was so for `on_s`, and false again once it was not for `off_s`."""
+
+    def __init__(self, on_s: float, off_s: float) -> None:
+        self.on = False
+        self._on_s, self._off_s = on_s, off_s
+        self._raw = False
+        self._since_s: float | None = None
+
+    def update(self, raw: bool | None, now_s: float) -> bool:
+        """Take in what is seen now (None: as before) and tell what counts."""
+        if raw is not None and raw != self._raw:
+            self._raw, self._since_s = raw, now_s
+        if self._since_s is not None and self._raw != self.on:
+            needed = self._on_s if self._raw else self._off_s
+            self.on = self._raw if now_s - self._since_s >= needed else self.on
+        return self.on

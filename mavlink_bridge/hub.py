@@ -1,0 +1,145 @@
+"""Between MAVSDK and the world: all links, signing, the forward port, the telemetry log, and our own heartbeat.
+
+    vehicles <--endpoints--> Hub <--raw bytes--> MAVSDK
+                              |--> watchers (QGroundControl, MAVProxy)
+                              '--> .tlog
+
+MAVSDK has one connection, `raw://`, and knows nothing of any of this. Lives on the event loop; `to_vehicles` may be
+called from MAVSDK's threads. Our heartbeat is a dead man's switch: MAVSDK makes it, but it passes through the event
+loop and only while `healthy()`; vehicles whose failsafe watches ground stations notice when we are not.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+from mavlink_bridge.endpoints import Endpoint, endpoint_of
+from mavlink_bridge.framing import Frame, Framer
+from mavlink_bridge.routing import Routes
+from mavlink_bridge.signing import Signing
+from mavlink_bridge.tlog import TelemetryLog
+from mavlink_bridge.watchers import Watchers
+
+_HEARTBEAT = 0
+_LOGGER = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinkOptions:
+    """How the links work. `forward`: udpout:// URL of who watches; `forward_commands`: whether they may command too.
+
+    `signing`: keys on both ends; then MAVLink 1, unsigned and forged frames are dropped. `healthy`: whether vehicles
+    may count on us; our heartbeat is only sent while it says so.
+    """
+
+    signing: Signing | None = None
+    forward: str | None = None
+    forward_commands: bool = False
+    healthy: Callable[[], bool] = lambda: True
+
+
+class Hub:
+    """Carries frames. `to_mavsdk(data)` gets what vehicles said; `on_heard(frame)` each frame of it, unsigned."""
+
+    def __init__(
+        self, options: LinkOptions, *, to_mavsdk: Callable[[bytes], None], on_heard: Callable[[Frame], None]
+    ) -> None:
+        self._options = options
+        self._to_mavsdk, self._on_heard = to_mavsdk, on_heard
+        self._loop = asyncio.get_running_loop()
+        self._endpoints: dict[str, Endpoint] = {}
+        self._framer = Framer()
+        self._routes = Routes()
+        self._watchers: Watchers | None = None
+        self._logs: set[TelemetryLog] = set()
+        self._closed = False
+
+    async def connect(self, url: str) -> None:
+        """Open a further link; the earlier ones are preferred. Raises ConnectionFailed."""
+        if self._options.forward is not None and self._watchers is None:
+            self._watchers = Watchers(
+                self._options.forward, self._from_watcher if self._options.forward_commands else None
+            )
+            await self._watchers.open()
+        endpoint = endpoint_of(url, self._received)
+        await endpoint.open()
+        self._endpoints[url] = endpoint
+        self._routes.add(url)
+
+    def links_of(self, system_id: int) -> list[str]:
+        """The URL a vehicle is reached on now."""
+        return self._routes.links_of(system_id, self._loop.time())
+
+    def record(self, log: TelemetryLog) -> None:
+        """Write all frames, both ways, into this log too, until it is given to `stop_recording`."""
+        self._logs.add(log)
+
+    def stop_recording(self, log: TelemetryLog) -> None:
+        """Close the log."""
+        self._logs.discard(log)
+        log.close()
+
+    def to_vehicles(self, data: bytes) -> None:
+        """What MAVSDK sends; from any thread."""
+        if not self._closed:
+            self._loop.call_soon_threadsafe(self._send, data)
+
+    def close(self) -> None:
+        """Close everything."""
+        self._closed = True
+        for endpoint in self._endpoints.values():
+            endpoint.close()
+        if self._watchers is not None:
+            self._watchers.close()
+        for log in list(self._logs):
+            self.stop_recording(log)
+
+    def _received(self, endpoint: Endpoint, frames: list[Frame]) -> None:
+        now = self._loop.time()
+        heard = []
+        for frame in frames:
+            data: bytes | None = frame.data
+            if self._options.signing is not None:
+                data = self._options.signing.accept(frame)
+            if data is None or not self._routes.heard(endpoint.url, frame, now):
+                continue
+            heard.append(data)
+            self._on_heard(frame)
+        if not heard or self._closed:
+            return
+        self._log(heard)
+        together = b"".join(heard)
+        self._to_mavsdk(together)
+        if self._watchers is not None:
+            self._watchers.send(together)
+
+    def _send(self, data: bytes) -> None:
+        if not self._closed:
+            for frame in self._framer.feed(data):
+                if frame.message_id != _HEARTBEAT or self._options.healthy():
+                    self._send_frame(frame)
+
+    def _send_frame(self, frame: Frame) -> None:
+        self._log([frame.data])
+        data = frame.data
+        if self._options.signing is not None:
+            try:
+                data = self._options.signing.sign(data)
+            except ValueError as error:
+                _LOGGER.warning("not sent: %s", error)
+                return
+        target = frame.target
+        for url in self._routes.links_of(target, self._loop.time()):
+            self._endpoints[url].send(data, target)
+
+    def _from_watcher(self, frames: Iterable[Frame]) -> None:
+        for frame in frames:
+            self._send_frame(frame)
+
+    def _log(self, frames: Iterable[bytes]) -> None:
+        for log in self._logs:
+            for frame in frames:
+                log.write(frame)

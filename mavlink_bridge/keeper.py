@@ -1,0 +1,178 @@
+"""The schedule keeper: in flight, compare where a UAV is with the slot clock, and have it catch up or wait. Pure.
+
+There is no mission item that says when to arrive. So while a mission is flown, the keeper looks at the next point of
+the plan, what is left of the way and of the time, and at the vehicle's limits, and asks for the ground speed that meets
+both (MAV_CMD_DO_CHANGE_SPEED). A hold that would last past its slot is cut short by making the next item current.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import hypot
+
+from mavlink_bridge.items import Command, Mission
+from mavlink_bridge.pace import Point, VehicleModel, cruise_speed, lateness
+from mavlink_bridge.route import Route
+from mavlink_bridge.schedule import SAME_PLACE_M
+
+EVERY_S = 0.5
+"""Between two orders to one vehicle, fleet seconds: a command takes a while to show."""
+WORTH_MPS = 0.15
+"""A smaller change of speed is not worth a command."""
+LEAST_TIME_S = 0.6
+"""With less time left to a point the one after it is what counts."""
+
+
+LEAD_S = 0.2
+"""Orders are given this early: until they are flown, about so long passes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """What a vehicle is told: fly this fast, or go on with this item. `late_s`: how far behind the clock it is."""
+
+    late_s: float
+    speed_mps: float | None = None
+    item: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Slip:
+    """How far a UAV is from its plan when slot `slot` begins: metres, and seconds late (early: negative)."""
+
+    slot: int
+    distance_m: float
+    late_s: float
+
+
+class Keeper:
+    """Keeps one UAV on schedule. Times are fleet seconds since slot 0 of its plan began.
+
+    `mission` is what it flies, compiled from `path_m` ((n_slots, 2) metres east/north, slot n begins at n * slot_s).
+    """
+
+    def __init__(self, path_m: list[Point], slot_s: float, mission: Mission, model: VehicleModel) -> None:
+        self._route = Route(path_m, slot_s)
+        self._mission, self._model = mission, model
+        self._stops = sorted(mission.slot_of_item.items())
+        self._ordered_s = -EVERY_S
+        self._ordered_item = -1
+        self._speed_mps: float | None = None
+        self._next_slot = 1
+
+    def advise(self, now_s: float, point_m: Point, velocity_mps: Point, current_item: int) -> Order | None:
+        """The order to give now, if any. `current_item`: the seq of MISSION_CURRENT."""
+        if now_s - self._ordered_s < EVERY_S or now_s >= self._route.due_s(self._route.last):
+            return None
+        number = next((n for n, (seq, _) in enumerate(self._stops) if seq >= current_item), None)
+        if number is None:
+            return None
+        order = self._leave(number, now_s, point_m) or self._fly(number, now_s, point_m, velocity_mps)
+        if order is not None:
+            self._ordered_s = now_s
+        return order
+
+    def slip(self, now_s: float, point_m: Point) -> Slip | None:
+        """The record of a slot that has just begun, once each."""
+        slot = self._next_slot
+        if slot > self._route.last or now_s < self._route.due_s(slot):
+            return None
+        self._next_slot += 1
+        planned = self._route.path_m[slot]
+        return Slip(slot, hypot(point_m[0] - planned[0], point_m[1] - planned[1]), self._late_s(slot, point_m))
+
+    def _late_s(self, slot: int, point_m: Point) -> float:
+        """Seconds the missing way would take at the pace of the leg that ends here (or begins, at the start)."""
+        (e0, n0), (e1, n1) = self._route.path_m[slot - 1], self._route.path_m[slot]
+        leg_m = hypot(e1 - e0, n1 - n0)
+        if leg_m < 0.1:
+            return 0.0
+        along_m = ((e1 - point_m[0]) * (e1 - e0) + (n1 - point_m[1]) * (n1 - n0)) / leg_m
+        return along_m / (leg_m / self._route.slot_s)
+
+    def _leave(self, number: int, now_s: float, point_m: Point) -> Order | None:
+        """End a hold whose time is over: the vehicle began it late."""
+        seq, slot = self._stops[number]
+        if number + 1 >= len(self._stops) or self._mission.items[seq].param1 <= 0 or seq == self._ordered_item:
+            return None
+        at = self._route.path_m[slot]
+        leaves_s = self._route.due_s(self._departs(number))
+        near = hypot(point_m[0] - at[0], point_m[1] - at[1]) <= max(2.0, self._model.acceptance_radius_m)
+        if not near or now_s + LEAD_S < leaves_s:
+            return None
+        self._ordered_item = seq
+        self._speed_mps = None
+        return Order(late_s=now_s - leaves_s, item=self._next_item(seq))
+
+    def _departs(self, number: int) -> int:
+        """The last slot spent at a stop: the leg that follows begins with it."""
+        slot = self._stops[number][1]
+        following = self._stops[number + 1][1] if number + 1 < len(self._stops) else self._route.last + 1
+        while slot + 1 < following and self._route.way_m(slot, slot + 1) < SAME_PLACE_M:
+            slot += 1
+        return slot
+
+    def _compiled_speed(self, seq: int) -> float:
+        """What the mission itself says for the leg to an item: it looks further ahead."""
+        speeds = [item.param2 for item in self._mission.items[:seq] if item.command == Command.DO_CHANGE_SPEED]
+        return speeds[-1] if speeds else 0.0
+
+    def _next_item(self, seq: int) -> int:
+        """The item after a waypoint: the speed of the next leg, or the next waypoint."""
+        return seq + 1
+
+    def _fly(self, number: int, now_s: float, point_m: Point, velocity_mps: Point) -> Order | None:
+        """The speed that meets the next point of the plan in time."""
+        seq, slot = self._stops[number]
+        if seq < self._mission.start_item or self._waits(number, point_m):
+            return None
+        target = self._target(number, now_s)
+        corner = self._route.path_m[min(slot, target)]
+        left_m = hypot(corner[0] - point_m[0], corner[1] - point_m[1])
+        distance_m = left_m + (self._route.way_m(slot, target) if target > slot else 0.0)
+        left_s = max(self._route.due_s(target) - now_s - LEAD_S, LEAST_TIME_S / 2)
+        along = 0.0
+        if left_m > 0.1:
+            east, north = corner[0] - point_m[0], corner[1] - point_m[1]
+            along = (velocity_mps[0] * east + velocity_mps[1] * north) / left_m
+        cruise = distance_m / left_s
+        leg = {
+            "entry_mps": min(along, cruise),
+            "leave_mps": 0.0 if self._rests_at(target) else min(cruise, self._pace(target)),
+        }
+        speed = cruise_speed(distance_m, left_s, model=self._model, **leg)
+        if lateness(distance_m, left_s, model=self._model, **leg) > 0:
+            speed = max(speed, self._compiled_speed(seq))
+        speed = min(max(speed, self._model.min_speed_mps), self._model.max_speed_mps)
+        if self._speed_mps is not None and abs(speed - self._speed_mps) < max(WORTH_MPS, 0.05 * speed):
+            return None
+        self._speed_mps = speed
+        return Order(late_s=left_m / max(self._pace(slot), 0.5) - left_s, speed_mps=round(speed, 2))
+
+    def _waits(self, number: int, point_m: Point) -> bool:
+        """Whether it is at a stop that it should not leave yet, or close to the end of the leg anyway."""
+        _, slot = self._stops[number]
+        at = self._route.path_m[slot]
+        near = hypot(point_m[0] - at[0], point_m[1] - at[1]) <= self._model.acceptance_radius_m
+        return near and self._rests_at(slot)
+
+    def _target(self, number: int, now_s: float) -> int:
+        """The slot whose point is aimed at: the next one that is far enough in time, and on this leg or after it."""
+        before = self._departs(number - 1) if number else 0
+        slot = int((now_s + LEAST_TIME_S) // self._route.slot_s) + 1
+        return min(max(slot, before + 1), self._route.last)
+
+    def _rests_at(self, slot: int) -> bool:
+        """Whether the plan stays at this slot's point for a while."""
+        if slot >= self._route.last:
+            return True
+        return self._route.way_m(slot, slot + 1) < SAME_PLACE_M
+
+    def _pace(self, slot: int) -> float:
+        """Mean speed of the leg that begins at a slot."""
+        return self._route.way_m(slot, min(slot + 1, self._route.last)) / self._route.slot_s
+
+
+def ends_in_landing(mission: Mission) -> bool:
+    """Whether the last item lands or returns, so that nothing has to be said after the last slot."""
+    return mission.items[-1].command in (Command.NAV_LAND, Command.NAV_RETURN_TO_LAUNCH)

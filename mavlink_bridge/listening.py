@@ -1,0 +1,298 @@
+"""The listening half of the fleet link: MAVSDK behind the hub, who is there, what they say, what happened to them."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncGenerator, Callable, Collection, Coroutine
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self, TypeVar
+
+from mavsdk import ComponentType, Configuration, ForwardingOption, Mavsdk
+
+from mavlink_bridge.autopilots import Autopilot, FlightMode
+from mavlink_bridge.classifier import Classifier
+from mavlink_bridge.conditions import Change
+from mavlink_bridge.errors import ConnectionFailed, LinkClosed, VehiclesMissing
+from mavlink_bridge.framing import Frame
+from mavlink_bridge.geodesy import geodetic_to_east_north
+from mavlink_bridge.heartbeat import AUTOPILOT, HeartbeatMonitor, LinkEvent
+from mavlink_bridge.hub import Hub, LinkOptions
+from mavlink_bridge.items import MAX_ITEMS
+from mavlink_bridge.mavsdk_log import to_python_logging
+from mavlink_bridge.models import DEFAULTS
+from mavlink_bridge.pace import VehicleModel
+from mavlink_bridge.preflight import Facts, Needs
+from mavlink_bridge.telemetry import Telemetry
+from mavlink_bridge.tlog import TelemetryLog
+from mavlink_bridge.vehicle import Clock, Vehicle
+from planner.plans import Plan
+
+Outcome = TypeVar("Outcome")
+Event = TypeVar("Event")
+
+POLL_S = 0.05
+"""Wall seconds between looks at the monitor: detection is late by at most this, times the speed-up, in fleet time."""
+STALL_S = 0.2
+"""When the event loop itself was stuck for longer, what arrived meanwhile is taken in before anyone is suspected."""
+DISCOVERY_S = 0.1
+MAX_THREADS = 64
+"""Blocking calls at once: one a vehicle, and threads that wait cost next to nothing."""
+
+
+class ListeningLink:
+    """One MAVSDK object, one pool of threads for its blocking calls, one classifier; `FleetLink` adds commands.
+
+    `clock` tells fleet seconds and is read from MAVSDK's threads too. Time-outs named `timeout_s` are wall seconds.
+    """
+
+    def __init__(self, *, clock: Clock, monitor: HeartbeatMonitor, options: LinkOptions | None = None) -> None:
+        self.monitor = monitor
+        self.classifier = Classifier(links=monitor)
+        self.models: dict[int, VehicleModel] = {}
+        """What `prepare` made of each vehicle's own parameters."""
+        self.parameters: dict[int, dict[str, float]] = {}
+        self._options = options or LinkOptions()
+        self._hub: Hub | None = None
+        self._clock = clock
+        self._mavsdk: Mavsdk | None = None
+        self._closed = False
+        self._pool = ThreadPoolExecutor(MAX_THREADS, thread_name_prefix="mavsdk")
+        self._vehicles: dict[int, Vehicle] = {}
+        self._awaited: set[int] = set()
+        self._listeners: list[asyncio.Queue[LinkEvent | None]] = []
+        self._change_listeners: list[asyncio.Queue[Change | None]] = []
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    # -- life ---------------------------------------------------------------------------------------------------
+
+    async def __aenter__(self) -> Self:
+        self._begin()
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self.close()
+
+    async def close(self) -> None:
+        """End all waiting, let running MAVSDK calls time out, and free the ports. Ends every `events` iterator."""
+        self._closed = True
+        mavsdk, self._mavsdk = self._mavsdk, None
+        if self._hub is not None:
+            self._hub.close()
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        for queue in self._listeners:
+            queue.put_nowait(None)
+        for listener in self._change_listeners:
+            listener.put_nowait(None)
+        if mavsdk is not None:
+            await asyncio.to_thread(self._pool.shutdown)
+            await asyncio.to_thread(mavsdk.destroy)
+        self._vehicles.clear()
+
+    async def connect(self, url: str) -> None:
+        """Open a further link (see `endpoints`), such as `udpin://127.0.0.1:14540`; raises ConnectionFailed.
+
+        A vehicle heard on several is spoken to on the first that works. Without `async with`, the first success begins
+        the link and `close` ends it.
+        """
+        entered = self._mavsdk is not None
+        try:
+            await self._begin().connect(url)
+        except ConnectionFailed:
+            if not entered:
+                await self.close()
+            raise
+
+    async def wait_for(self, system_ids: Collection[int], timeout_s: float) -> None:
+        """Wait until the autopilot of each was heard, and watch its heartbeats from then on.
+
+        Raises VehiclesMissing naming who never answered within `timeout_s` wall seconds, and who did.
+        """
+        self._open()
+        self._awaited |= set(system_ids)
+        for system_id in self.heard_systems & self._awaited:
+            self.classifier.watch(system_id, self._clock.now())
+        try:
+            async with asyncio.timeout(timeout_s):
+                while not self.heard_systems >= set(system_ids):
+                    await self._discover()
+                    await asyncio.sleep(DISCOVERY_S)
+        except TimeoutError:
+            heard = self.heard_systems
+            raise VehiclesMissing(set(system_ids) - heard, heard, timeout_s) from None
+
+    # -- hearing ------------------------------------------------------------------------------------------------
+
+    @property
+    def heard_systems(self) -> frozenset[int]:
+        """System ids whose autopilot has sent a heartbeat since the link was opened."""
+        return frozenset(system_id for system_id, vehicle in self._vehicles.items() if vehicle.heard)
+
+    def telemetry(self, system_id: int) -> Telemetry | None:
+        """Latest snapshot of one autopilot (component 1), however old: see `heard_at_s`. None before the first."""
+        vehicle = self._vehicles.get(system_id)
+        return None if vehicle is None else vehicle.state.snapshot()
+
+    def events(self) -> AsyncGenerator[LinkEvent, None]:
+        """Changes of link state from this call on, until the link closes. Each caller gets all of them."""
+        self._open()
+        queue: asyncio.Queue[LinkEvent | None] = asyncio.Queue()
+        self._listeners.append(queue)
+        return _drain(queue, self._listeners)
+
+    def changes(self) -> AsyncGenerator[Change, None]:
+        """Changes of condition from this call on, until the link closes. Each caller gets all of them."""
+        self._open()
+        queue: asyncio.Queue[Change | None] = asyncio.Queue()
+        self._change_listeners.append(queue)
+        return _drain(queue, self._change_listeners)
+
+    def vehicle(self, system_id: int) -> Vehicle:
+        """One vehicle, for `guidance`. Raises KeyError if it was never heard."""
+        return self._vehicles[system_id]
+
+    def autopilot(self, system_id: int) -> Autopilot:
+        """Which autopilot a vehicle has; PX4 until it was heard."""
+        vehicle = self._vehicles.get(system_id)
+        return (vehicle.state.autopilot if vehicle is not None else None) or Autopilot.PX4
+
+    def model(self, system_id: int) -> VehicleModel:
+        """How a vehicle flies: from its parameters if `prepare` read them, else its autopilot's defaults."""
+        return self.models.get(system_id) or DEFAULTS[self.autopilot(system_id)]
+
+    def facts(
+        self, system_id: int, plan: Plan, uav_id: str, *, items: int, stream: bool = False
+    ) -> tuple[Facts, Needs]:
+        """What the preflight audit compares: the vehicle as it was heard, and what the plan needs of it.
+
+        Raises KeyError if it was never heard.
+        """
+        vehicle, scenario = self._vehicles[system_id], plan.scenario
+        uav, said, home = scenario.uav(uav_id), vehicle.state.snapshot(), vehicle.state.home_deg
+        facts = Facts(
+            autopilot=self.autopilot(system_id),
+            parameters=self.parameters.get(system_id, {}),
+            model=self.model(system_id),
+            at_m=None if said is None else geodetic_to_east_north(scenario.origin, said.lat_deg, said.lon_deg),
+            home_m=None if home is None else geodetic_to_east_north(scenario.origin, *home),
+            gps_fix=vehicle.state.gps_fix,
+            satellites=vehicle.state.satellites,
+            battery=vehicle.state.battery,
+        )
+        needs = Needs(
+            path_m=list(plan.trajectories_m[uav_id]),
+            slot_s=scenario.slot_duration_s,
+            altitude_m=scenario.altitude_of(uav),
+            max_speed_mps=uav.max_speed_mps,
+            items=items,
+            max_items=MAX_ITEMS,
+            stream=stream,
+            lost_after_s=self.monitor.lost_after_s,
+        )
+        return facts, needs
+
+    def record(self, path: Path) -> TelemetryLog:
+        """Write all traffic to a .tlog until `stop_recording`."""
+        log = TelemetryLog(path)
+        self._begin().record(log)
+        return log
+
+    def stop_recording(self, log: TelemetryLog) -> None:
+        """End a log that `record` began."""
+        if self._hub is not None:
+            self._hub.stop_recording(log)
+
+    # -- inside -------------------------------------------------------------------------------------------------
+
+    def _begin(self) -> Hub:
+        """MAVSDK behind the hub, made on first use; a closed link stays closed."""
+        if self._mavsdk is None and not self._closed:
+            to_python_logging()
+            loop = asyncio.get_running_loop()
+            mavsdk = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
+            mavsdk.add_any_connection_with_handle_and_forwarding("raw://", ForwardingOption.OFF)
+            self._hub = Hub(self._options, to_mavsdk=mavsdk.pass_received_raw_bytes, on_heard=self._frame_heard)
+            mavsdk.subscribe_raw_bytes_to_be_sent(self._hub.to_vehicles)
+            mavsdk.subscribe_on_new_system(lambda _user_data: loop.call_soon_threadsafe(self._look_around))
+            self._mavsdk = mavsdk
+            self._spawn(self._watch())
+        self._open()
+        assert self._hub is not None  # noqa: S101
+        return self._hub
+
+    def _open(self) -> Mavsdk:
+        if self._mavsdk is None:
+            raise LinkClosed(
+                "the fleet link is closed" if self._closed else "the fleet link was not opened: connect it first"
+            )
+        return self._mavsdk
+
+    async def _call(self, blocking: Callable[..., Outcome], *arguments: Any) -> Outcome:
+        return await asyncio.get_running_loop().run_in_executor(self._pool, blocking, *arguments)
+
+    def _look_around(self) -> None:
+        if self._mavsdk is not None:
+            self._spawn(self._discover())
+
+    def _spawn(self, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def _discover(self) -> None:
+        systems = await self._call(self._open().get_systems)
+        for system in systems:
+            system_id = int(system.get_system_id())
+            if system_id not in self._vehicles:
+                vehicle = self._vehicles[system_id] = Vehicle(
+                    system,
+                    clock=self._clock,
+                    pool=self._pool,
+                    loop=asyncio.get_running_loop(),
+                    on_message=self._message,
+                )
+                vehicle.announce = partial(self._announce, system_id)
+
+    def _announce(self, system_id: int, mode: FlightMode) -> None:
+        self.classifier.expect(system_id, frozenset({mode}), self._clock.now())
+
+    def _frame_heard(self, frame: Frame) -> None:
+        """Whatever component 1 sends shows that autopilot and link are alive."""
+        self.classifier.alive(frame.system_id, frame.component_id, self._clock.now())
+
+    def _message(self, vehicle: Vehicle, name: str, fields: dict[str, Any], heard_s: float) -> None:
+        if name == "HEARTBEAT" and vehicle.system_id in self._awaited:
+            self.classifier.watch(vehicle.system_id, heard_s)
+        self.classifier.hear(vehicle.system_id, AUTOPILOT, name, fields, heard_s)
+
+    async def _watch(self) -> None:
+        """Ask the monitor, forever; after a stall of our own, first take in what arrived meanwhile."""
+        loop = asyncio.get_running_loop()
+        while True:
+            asked = loop.time()
+            await asyncio.sleep(POLL_S)
+            if loop.time() - asked > POLL_S + STALL_S:
+                continue
+            changes = self.classifier.poll(self._clock.now())
+            for event in self.classifier.link_events:
+                for queue in self._listeners:
+                    queue.put_nowait(event)
+            for change in changes:
+                for listener in self._change_listeners:
+                    listener.put_nowait(change)
+
+
+async def _drain(
+    queue: asyncio.Queue[Event | None], listeners: list[asyncio.Queue[Event | None]]
+) -> AsyncGenerator[Event, None]:
+    try:
+        while (event := await queue.get()) is not None:
+            yield event
+    finally:
+        listeners.remove(queue)

@@ -1,0 +1,299 @@
+"""The ground station's side of the MAVLink mission protocol, without I/O: messages and time in, messages out.
+
+`Upload` offers items with MISSION_COUNT and sends each when it is asked for; `Download` reads them back. Both serve all
+mission types (0 mission, 1 geofence, 2 rally points) and measure the link's round trip, so that a lost message costs
+little more than that. They speak to one vehicle: the caller hands in only what that autopilot (component 1) sent.
+
+When an item is followed neither by the next request nor by an acknowledgement, either the item was lost or the next
+request. The item and the next (then the next two) are sent together: PX4 ignores what it has already, ArduPilot says
+INVALID_SEQUENCE to it and goes on, and both take the one they wait for. So nobody waits for the vehicle's own timer,
+250 ms on PX4 and a second on ArduPilot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from math import inf
+from typing import Any
+
+from mavlink_bridge.items import MissionItem
+from mavlink_bridge.mission_messages import (
+    AUTOPILOT_COMPONENT,
+    GROUND,
+    PASSING,
+    SILENCE_S,
+    Ack,
+    Ended,
+    Message,
+    MissionType,
+    RoundTrip,
+)
+
+MOST_AHEAD = 2
+"""Items sent beyond the one that was asked for."""
+
+
+class _Transfer:
+    """What uploads and downloads share: the question that is open, its timer, and the end."""
+
+    def __init__(
+        self, system_id: int, mission_type: MissionType, round_trip: RoundTrip | None, silence_s: float
+    ) -> None:
+        self.ended: Ended | None = None
+        self._silence_s = silence_s
+        self._type = mission_type
+        self._address = {"target_system": system_id, "target_component": AUTOPILOT_COMPONENT}
+        self._round_trip = round_trip or RoundTrip()
+        self._question: Message | None = None
+        self._asked_s = self._heard_s = 0.0
+        self._times = 0
+        self._handlers: dict[str, Callable[[dict[str, Any], float], list[Message]]] = {}
+
+    @property
+    def due_s(self) -> float:
+        """When `tick` has something to do."""
+        return inf if self.ended else min(self._asked_s + self._round_trip.timeout_s, self._heard_s + self._silence_s)
+
+    def start(self, now_s: float) -> list[Message]:
+        """Begin; times are seconds of one steady clock."""
+        self._heard_s = now_s
+        return self._ask(self._opening(), now_s)
+
+    def handle(self, name: str, fields: dict[str, Any], now_s: float) -> list[Message]:
+        """Take in one message of the vehicle; what is not addressed to us or of another mission type is ignored."""
+        handler = self._handlers.get(name)
+        if handler is None or self.ended or not self._is_ours(fields):
+            return []
+        self._heard_s = now_s
+        self._round_trip.heard()
+        return handler(fields, now_s)
+
+    def tick(self, now_s: float) -> list[Message]:
+        """Repeat the open question when its time has come; end after a long silence."""
+        if self.ended or self._question is None:
+            return []
+        if now_s - self._heard_s >= self._silence_s:
+            self.ended = Ended(
+                error=f"{self._question.name}: no answer for {self._silence_s:g} s", perhaps_done=self._all_sent()
+            )
+            return []
+        timeout_s = self._round_trip.timeout_s
+        if now_s - self._asked_s < timeout_s:
+            return []
+        self._round_trip.missed()
+        return self._repeat(now_s, timeout_s)
+
+    def _opening(self) -> Message:
+        raise NotImplementedError
+
+    def _all_sent(self) -> bool:
+        return False
+
+    def _repeat(self, now_s: float, timeout_s: float) -> list[Message]:
+        """Ask again what has not been answered for `timeout_s`."""
+        del timeout_s
+        assert self._question is not None  # noqa: S101
+        self._asked_s = now_s
+        self._times += 1
+        return [self._question]
+
+    def _ask(self, question: Message, now_s: float) -> list[Message]:
+        self._question, self._asked_s, self._times = question, now_s, 1
+        return [question]
+
+    def _answered(self, now_s: float) -> None:
+        """The open question was answered: take its round trip if it is clear which asking was meant."""
+        if self._times == 1:
+            self._round_trip.measured(now_s - self._asked_s)
+
+    def _is_ours(self, fields: dict[str, Any]) -> bool:
+        to = (int(fields.get("target_system", 0)), int(fields.get("target_component", 0)))
+        mine = to[0] in (0, GROUND[0]) and to[1] in (0, GROUND[1])
+        return mine and int(fields.get("mission_type", 0)) == self._type
+
+    def _message(self, name: str, **fields: Any) -> Message:
+        return Message(name, {**self._address, "mission_type": int(self._type), **fields})
+
+
+class Upload(_Transfer):
+    """Offers `items` until the vehicle has acknowledged them; no items: clears what it has."""
+
+    def __init__(
+        self,
+        items: Sequence[MissionItem],
+        system_id: int,
+        *,
+        mission_type: MissionType = MissionType.MISSION,
+        round_trip: RoundTrip | None = None,
+        silence_s: float = SILENCE_S,
+    ) -> None:
+        super().__init__(system_id, mission_type, round_trip, silence_s)
+        self._items = items
+        self._asked_for = -1
+        self._ahead = 0
+        self._handlers = {
+            "MISSION_REQUEST_INT": self._request,
+            "MISSION_REQUEST": self._request,
+            "MISSION_ACK": self._ack,
+        }
+
+    def cancel(self) -> Message:
+        """Tells PX4 to forget a transfer that was given up; else it would go on with the items of the next one."""
+        return self._message("MISSION_ACK", type=int(Ack.OPERATION_CANCELLED))
+
+    def _opening(self) -> Message:
+        if not self._items:
+            return self._message("MISSION_CLEAR_ALL")
+        return self._message("MISSION_COUNT", count=len(self._items))
+
+    def _all_sent(self) -> bool:
+        return self._asked_for + self._ahead == len(self._items) - 1
+
+    def _request(self, fields: dict[str, Any], now_s: float) -> list[Message]:
+        seq = int(fields["seq"])
+        if not 0 <= seq < len(self._items):
+            return []
+        if seq == self._asked_for + 1:
+            self._answered(now_s)
+        times = self._times if seq == self._asked_for else 0
+        self._asked_for, self._ahead = seq, 0
+        sent = self._ask(self._item(self._items[seq]), now_s)
+        self._times += times
+        return sent
+
+    def _repeat(self, now_s: float, timeout_s: float) -> list[Message]:
+        """The item again, and with it the one or two after it: see above."""
+        repeated = super()._repeat(now_s, timeout_s)
+        if self._asked_for < 0:
+            return repeated
+        self._ahead = min(self._ahead + 1, MOST_AHEAD, len(self._items) - 1 - self._asked_for)
+        following = self._items[self._asked_for + 1 : self._asked_for + 1 + self._ahead]
+        return repeated + [self._item(item) for item in following]
+
+    def _ack(self, fields: dict[str, Any], now_s: float) -> list[Message]:
+        del now_s
+        result = Ack(int(fields["type"]))
+        started = self._asked_for >= 0
+        if result is Ack.ACCEPTED:
+            if self._all_sent():  # else it acknowledges another transfer
+                self.ended = Ended(opaque_id=int(fields.get("opaque_id", 0)))
+        elif self._all_sent() and self._times > 1 and result is Ack.ERROR:  # ArduPilot, which waits for nothing more
+            self.ended = Ended(error="the final acknowledgement was lost", perhaps_done=True)
+        elif started and result is Ack.INVALID_SEQUENCE:
+            pass  # it has what was repeated: the timer goes on
+        elif started and result is Ack.DENIED:
+            pass  # another station was refused, or we were while the transfer goes on: the timer decides
+        else:
+            at = f" at item {self._asked_for}" if started else ""
+            self.ended = Ended(error=f"refused with {result.name}{at}", passing=result in PASSING)
+        return []
+
+    def _item(self, item: MissionItem) -> Message:
+        values = {name: getattr(item, name) for name in _ITEM_FIELDS}
+        values |= {"frame": int(item.frame), "command": int(item.command)}
+        return self._message("MISSION_ITEM_INT", **values)
+
+
+class Download(_Transfer):
+    """Reads all items of one type; `items` is complete once it has `ended` without an error.
+
+    `window`: items asked for at once. PX4 answers only the next one; ArduPilot has no state and answers any.
+    """
+
+    def __init__(
+        self,
+        system_id: int,
+        *,
+        mission_type: MissionType = MissionType.MISSION,
+        round_trip: RoundTrip | None = None,
+        silence_s: float = SILENCE_S,
+        window: int = 1,
+    ) -> None:
+        super().__init__(system_id, mission_type, round_trip, silence_s)
+        self._window = window
+        self._read: dict[int, MissionItem] = {}
+        self._open: dict[int, tuple[float, int]] = {}
+        self._count: int | None = None
+        self._opaque_id = 0
+        self._handlers = {
+            "MISSION_COUNT": self._counted,
+            "MISSION_ITEM_INT": self._item,
+            "MISSION_ACK": self._ack,
+        }
+
+    @property
+    def items(self) -> list[MissionItem]:
+        """What was read, in order."""
+        return [self._read[seq] for seq in sorted(self._read)]
+
+    def _opening(self) -> Message:
+        return self._message("MISSION_REQUEST_LIST")
+
+    def _counted(self, fields: dict[str, Any], now_s: float) -> list[Message]:
+        if self._count is not None:
+            return []
+        self._answered(now_s)
+        self._count = int(fields["count"])
+        self._opaque_id = int(fields.get("opaque_id", 0))
+        return self._go_on(now_s)
+
+    def _item(self, fields: dict[str, Any], now_s: float) -> list[Message]:
+        seq = int(fields["seq"])
+        if seq not in self._open:
+            return []
+        asked_s, times = self._open.pop(seq)
+        if times == 1:
+            self._round_trip.measured(now_s - asked_s)
+        self._read[seq] = item_from(fields)
+        return self._go_on(now_s)
+
+    def _go_on(self, now_s: float) -> list[Message]:
+        """Keep `window` questions open; the timer is for the oldest of them."""
+        assert self._count is not None  # noqa: S101
+        if len(self._read) == self._count:
+            self.ended = Ended(opaque_id=self._opaque_id)
+            return [self._message("MISSION_ACK", type=int(Ack.ACCEPTED))]
+        asked = []
+        while len(self._open) < self._window and len(self._read) + len(self._open) < self._count:
+            seq = len(self._read) + len(self._open)
+            self._open[seq] = (now_s, 1)
+            asked.append(self._request(seq))
+        self._asked_s = min(at_s for at_s, _ in self._open.values())
+        return asked
+
+    def _repeat(self, now_s: float, timeout_s: float) -> list[Message]:
+        if self._count is None:
+            return super()._repeat(now_s, timeout_s)
+        overdue = [seq for seq, (asked_s, _) in self._open.items() if now_s - asked_s >= timeout_s]
+        for seq in overdue:
+            self._open[seq] = (now_s, self._open[seq][1] + 1)
+        self._asked_s = min(at_s for at_s, _ in self._open.values())
+        return [self._request(seq) for seq in overdue]
+
+    def _request(self, seq: int) -> Message:
+        return self._message("MISSION_REQUEST_INT", seq=seq)
+
+    def _ack(self, fields: dict[str, Any], now_s: float) -> list[Message]:
+        """A refusal ends it; other acknowledgements are late ones of the upload before."""
+        del now_s
+        result = Ack(int(fields["type"]))
+        if result not in (Ack.ACCEPTED, Ack.INVALID_SEQUENCE, Ack.ERROR):
+            self.ended = Ended(error=f"read-back refused with {result.name}", passing=result in PASSING)
+        return []
+
+
+_ITEM_FIELDS = (
+    *("seq", "frame", "command", "current", "autocontinue"),
+    *("param1", "param2", "param3", "param4", "x", "y", "z"),
+)
+
+
+_FLOATS = ("param1", "param2", "param3", "param4", "z")
+
+
+def item_from(fields: dict[str, Any]) -> MissionItem:
+    """A received MISSION_ITEM_INT as an item; a parameter that is NaN comes as None from JSON."""
+    whole = {name: int(fields[name]) for name in _ITEM_FIELDS if name not in _FLOATS}
+    floats = {name: float("nan") if fields[name] is None else float(fields[name]) for name in _FLOATS}
+    values: dict[str, Any] = {**whole, **floats}
+    return MissionItem(**values)

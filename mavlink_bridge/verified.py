@@ -1,0 +1,177 @@
+"""Put items on board and know what is there: upload, read back, compare, try again, or put the old ones back.
+
+An accepting MISSION_ACK is not proof (it may have been meant for somebody else, or come too early); a read-back that
+compares equal is. ArduPilot writes into the mission it flies, so an upload that cannot be finished leaves parts of
+both: then the mission that was there before is restored and proven the same way. Without I/O, like the protocol.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import StrEnum
+from math import inf
+from typing import Any
+
+from mavlink_bridge.compare import mission_differences
+from mavlink_bridge.items import MissionItem
+from mavlink_bridge.mission_messages import SILENCE_S, Ended, Message, MissionType, RoundTrip
+from mavlink_bridge.mission_protocol import Download, Upload
+
+ATTEMPTS = 3
+_STATELESS_WINDOW = 4
+"""Items of ArduPilot that are read at once."""
+_PAUSE_S = 0.2
+"""Before the second attempt; doubles with each further one."""
+
+
+class OnBoard(StrEnum):
+    """What the vehicle is known to have."""
+
+    NEW = "new"
+    """The whole new mission, read back and equal."""
+    OLD = "old"
+    """The whole mission it had before, read back and equal."""
+    UNKNOWN = "unknown"
+    """Not proven: do not fly it."""
+
+
+class VerifiedUpload:
+    """One upload with its proof and its retries; the same face as the transfers it is made of.
+
+    `old`: what is on board now, as far as known; None: unknown, then a failure is not repaired. `home_first`: item 0 is
+    home and not compared. `error` tells what went wrong with the new items, None when they are on board.
+    """
+
+    def __init__(
+        self,
+        items: Sequence[MissionItem],
+        system_id: int,
+        *,
+        old: Sequence[MissionItem] | None = None,
+        mission_type: MissionType = MissionType.MISSION,
+        home_first: bool = False,
+        attempts: int = ATTEMPTS,
+        silence_s: float = SILENCE_S,
+    ) -> None:
+        self.on_board: OnBoard | None = None
+        self.error: str | None = "not tried"
+        self.attempts = 0
+        self.opaque_id = 0
+        self._new, self._old = items, old
+        self._system_id, self._type, self._home_first = system_id, mission_type, home_first
+        self._limit = attempts
+        self._silence_s = silence_s
+        self._tries = 0
+        self._restoring = False
+        self._failure: str | None = None
+        self._round_trip = RoundTrip()
+        self._transfer: Upload | Download | None = None
+        self._resume_s = 0.0
+
+    @property
+    def ended(self) -> bool:
+        """Whether `on_board` tells the result."""
+        return self.on_board is not None
+
+    @property
+    def due_s(self) -> float:
+        """When `tick` has something to do."""
+        if self.ended:
+            return inf
+        return self._resume_s if self._transfer is None else self._transfer.due_s
+
+    def start(self, now_s: float) -> list[Message]:
+        """Begin the first attempt."""
+        return self._upload(now_s)
+
+    def handle(self, name: str, fields: dict[str, Any], now_s: float) -> list[Message]:
+        """Take in one message of the vehicle."""
+        if self._transfer is None:
+            return []
+        return self._go_on(self._transfer.handle(name, fields, now_s), now_s)
+
+    def tick(self, now_s: float) -> list[Message]:
+        """Let time pass."""
+        if self.ended:
+            return []
+        if self._transfer is None:
+            return self._upload(now_s) if now_s >= self._resume_s else []
+        return self._go_on(self._transfer.tick(now_s), now_s)
+
+    def give_up(self) -> None:
+        """Stop here: the link is gone. What is on board is unknown unless it was proven."""
+        if self.on_board is None:
+            self.on_board = OnBoard.UNKNOWN
+            self.error = self._failure or "given up: the link was declared lost"
+
+    def _upload(self, now_s: float) -> list[Message]:
+        self._tries += 1
+        self._failure = None
+        if not self._restoring:
+            self.attempts = self._tries
+        self._transfer = Upload(self._wanted, self._system_id, **self._how)
+        return self._transfer.start(now_s)
+
+    @property
+    def _how(self) -> dict[str, Any]:
+        return {"mission_type": self._type, "round_trip": self._round_trip, "silence_s": self._silence_s}
+
+    @property
+    def _wanted(self) -> Sequence[MissionItem]:
+        return (self._old or ()) if self._restoring else self._new
+
+    def _go_on(self, messages: list[Message], now_s: float) -> list[Message]:
+        """After each step: does the transfer that is going on end, and what follows from it?"""
+        transfer = self._transfer
+        if transfer is None or transfer.ended is None:
+            return messages
+        if isinstance(transfer, Download):
+            return messages + self._proved(transfer, transfer.ended, now_s)
+        return messages + self._uploaded(transfer, transfer.ended, now_s)
+
+    def _uploaded(self, upload: Upload, ended: Ended, now_s: float) -> list[Message]:
+        if ended.error is None:
+            self.opaque_id = ended.opaque_id
+            return self._read_back(now_s)
+        if ended.perhaps_done:
+            return self._read_back(now_s)
+        self._failure = ended.error
+        return [upload.cancel(), *self._failed(now_s, again=ended.passing)]
+
+    def _read_back(self, now_s: float) -> list[Message]:
+        window = _STATELESS_WINDOW if self._home_first else 1
+        self._transfer = Download(self._system_id, window=window, **self._how)
+        return self._transfer.start(now_s)
+
+    def _proved(self, download: Download, ended: Ended, now_s: float) -> list[Message]:
+        if ended.error is not None:
+            self._failure = ended.error
+            return self._failed(now_s, again=True)
+        differences = mission_differences(self._wanted, download.items, home_first=self._home_first)
+        if differences:
+            self._failure = f"read-back differs: {'; '.join(differences[:3])}"
+            return self._failed(now_s, again=True)
+        self.opaque_id = ended.opaque_id or self.opaque_id
+        self.on_board = OnBoard.OLD if self._restoring else OnBoard.NEW
+        if not self._restoring:
+            self.error = None
+        return []
+
+    def _failed(self, now_s: float, *, again: bool) -> list[Message]:
+        """Try again after a pause; then put the old mission back; then admit that nothing is known."""
+        if not self._restoring:
+            self.error = self._failure
+        if again and self._tries < self._limit:
+            self._pause(now_s)
+        elif self._restoring or self._old is None:
+            self.on_board = OnBoard.UNKNOWN
+        else:
+            self._restoring, self._tries = True, 0
+            if not again:  # refused at once: most likely the old mission was never touched
+                return self._read_back(now_s)
+            self._pause(now_s)
+        return []
+
+    def _pause(self, now_s: float) -> None:
+        self._transfer = None
+        self._resume_s = now_s + _PAUSE_S * 2 ** max(self._tries - 1, 0)

@@ -1,0 +1,256 @@
+"""The dashboard in a real headless Chromium, on a real service and simulated vehicles: what an operator does."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from selenium.webdriver.common.by import By
+
+from planner import EXAMPLES
+from tests.dashboard.stack import Page, Service, environment, missing_browser
+
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.skipif(missing_browser() is not None, reason=missing_browser() or ""),
+    pytest.mark.filterwarnings("default"),
+]
+SPEEDUP = 8.0
+PATIENT = {"SKYFOLIO_HEARTBEAT_STALE_S": "8", "SKYFOLIO_HEARTBEAT_LOST_S": "16"}
+"""Two wall seconds until a UAV is declared lost: a loaded machine must not lose one by itself."""
+LOST = "uav-3"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("dashboard")
+
+
+@pytest.fixture(scope="module")
+def browser(folder: Path) -> Iterator[Page]:
+    made = Page(folder)
+    yield made
+    made.close()
+
+
+@pytest.fixture(scope="module")
+def idle(folder: Path) -> Iterator[Service]:
+    """A service without vehicles, to plan with."""
+    made = Service(folder, SPEEDUP)
+    yield made
+    made.stop()
+
+
+@pytest.fixture
+def flying(folder: Path) -> Iterator[Service]:
+    """A service with a simulated fleet of its own; a fleet that has lost a UAV is not used again."""
+    made = Service(folder, SPEEDUP, "--simulate", "paper", **PATIENT)
+    yield made
+    made.stop()
+
+
+@pytest.fixture
+def page(browser: Page) -> Iterator[Page]:
+    """Ask for it after the service, so that it is left before the service ends."""
+    browser.prefer("light")
+    browser.complaints()
+    yield browser
+    assert browser.complaints() == []
+    browser.leave()
+
+
+def key_for(folder: Path, role: str) -> tuple[str, str]:
+    """A database with one key of this role: its URL, and the key."""
+    url = f"sqlite+aiosqlite:///{folder / role}.db"
+    command = [sys.executable, "-m", "api", "keys", "create", "tower", "--role", role, "--json", "--database-url", url]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment(), cwd=folder)
+    return url, json.loads(done.stdout)["key"]
+
+
+def slot_of(page: Page) -> int:
+    words = page.text(".sf-slotno").split()
+    return int(words[-1]) if words and words[-1].isdigit() else -1
+
+
+def fair(folder: Path) -> Path:
+    """The letter's scenario, with something for every user, as a file."""
+    paper = EXAMPLES["paper"]()
+    users = tuple(user.model_copy(update={"min_rate_bps": 2_000.0}) for user in paper.users)
+    file = folder / "fair.json"
+    file.write_text(paper.with_changes(users=users).model_dump_json())
+    return file
+
+
+def plan_and_fly(page: Page, service: Service, folder: Path, after_a_loss: str) -> None:
+    """As an operator does it: the Plan page, a scenario file, the dialog, and back on the live map."""
+    page.open(service.url, "/ui/plan")
+    page.see(".sf-sub", "3 UAVs, 9 users")
+    page.upload(fair(folder))
+    page.see(".sf-sub", "3 UAVs, 9 users")
+    page.see(".q-notification", "loaded")
+    page.press("Plan it")
+    page.see(".sf-figures th", "Jain index")
+    page.press("Fly it")
+    if after_a_loss != "replan and fly it":
+        page.choose("When a UAV is lost", after_a_loss)
+    page.press("Start: upload, arm, take off")
+    page.see(".sf-what", "FLYING")
+
+
+def test_before_anything_flies_the_page_says_what_to_do(page: Page, idle: Service) -> None:
+    page.open(idle.url)
+    page.see(".sf-overlay h2", "No operation yet")
+    page.see(".sf-fleet .sf-empty", "No vehicle is registered")
+    for label in ("PAUSE", "HOLD ALL", "RTL ALL"):
+        assert not page.button(label).is_enabled()
+    page.press("Make a plan")
+    page.see('nav a[aria-current="page"]', "Plan")
+
+
+@pytest.mark.parametrize("path", ["/ui/", "/ui/plan", "/ui/drill", "/ui/replay"])
+def test_every_control_has_a_name_and_is_reached_by_keyboard(page: Page, idle: Service, path: str) -> None:
+    page.open(idle.url, path)
+    page.until(lambda: page.unreachable_controls() == [], f"names and tab stops: {page.unreachable_controls()}", 10)
+
+
+def test_a_plan_is_made_weighed_compared_and_exported(page: Page, idle: Service, folder: Path) -> None:
+    page.open(idle.url, "/ui/plan")
+    page.see(".sf-sub", "3 UAVs, 9 users")
+    page.press("Plan it")
+    page.see(".sf-figures th", "Jain index")
+    page.press("Draw the curve")
+    page.until(lambda: page.points(".sf-curve") >= 8, "eight plans on the trade-off curve")
+    page.press("Show")
+    page.see(".sf-figures thead th", "other")
+    page.until(lambda: page.map_says("lost") == "uav-1", "a ghost")
+    page.run("document.querySelector('.sf-work > .sf-scroll').scrollTop = 0")
+    page.shot("plan")
+    page.press("Export .plan")
+    saved = page.until(lambda: next(iter(folder.glob("*.plan")), None), "the download")
+    assert json.loads(saved.read_text())["fileType"] == "Plan"
+
+
+def test_users_and_uavs_are_placed_by_click_and_broken_rules_are_named(page: Page, idle: Service) -> None:
+    page.open(idle.url, "/ui/plan")
+    page.see(".sf-sub", "3 UAVs, 9 users")
+    page.press("+ User")
+    page.click_map(0.5, 0.55)
+    page.see(".sf-sub", "3 UAVs, 10 users")
+    page.press("+ UAV")
+    page.click_map(0.45, 0.45)
+    page.see(".sf-sub", "4 UAVs, 10 users")
+    page.click_map(0.02, 0.5)  # west of the area
+    page.see(".sf-fail", "lies outside area_m")
+    assert not page.button("Plan it").is_enabled()
+    page.press("Remove")
+    page.click_map(0.02, 0.5)
+    page.see(".sf-sub", "4 UAVs, 10 users")
+    page.until(lambda: page.button("Plan it").is_enabled(), "a good scenario again")
+
+
+def test_a_scenario_file_is_loaded_and_a_bad_one_refused(page: Page, idle: Service, folder: Path) -> None:
+    good, bad = folder / "minimal.json", folder / "bad.json"
+    good.write_text(EXAMPLES["minimal"]().model_dump_json())
+    bad.write_text("{}")
+    page.open(idle.url, "/ui/plan")
+    page.see(".sf-sub", "3 UAVs, 9 users")
+    page.upload(bad)
+    page.see(".sf-fail", "bad.json: origin: Field required")
+    page.upload(good)
+    page.see(".sf-sub", "2 UAVs, 4 users")
+
+
+def test_a_viewer_signs_in_sees_and_may_not_plan(page: Page, folder: Path) -> None:
+    url, key = key_for(folder, "viewer")
+    service = Service(folder, SPEEDUP, "--database-url", url)
+    try:
+        page.driver.get(f"{service.url}/")
+        page.see("h1", "skyfolio")
+        page.driver.find_element(By.ID, "k").send_keys(key)
+        page.press("Sign in")
+        page.see(".sf-overlay h2", "No operation yet")
+        page.open(service.url, "/ui/plan")
+        page.see(".sf-sub", "3 UAVs, 9 users")
+        page.press("Plan it")
+        page.see(".q-notification", "this needs a planner")
+    finally:
+        page.leave()
+        service.stop()
+
+
+def test_an_operation_is_paused_loses_a_uav_recovers_and_is_held(flying: Service, page: Page, folder: Path) -> None:
+    plan_and_fly(page, flying, folder, "replan and fly it")
+    page.until(lambda: slot_of(page) >= 1, "slot 1")
+    page.keys("SHIFT+P")
+    page.see(".sf-what", "PAUSED")
+    page.press("RESUME")
+    page.see(".sf-what", "FLYING")
+    assert page.map_says("uavs") == "3"
+    page.shot("fly")
+    operation = flying.call("GET", "/v1/operations")["items"][0]["id"]
+    flying.call("POST", "/v1/drills", json={"operation_id": operation, "uav_id": LOST, "fault": "kill"})
+    page.see(f'tr[data-uav="{LOST}"][data-lost="true"]', "LOST")
+    page.see('[data-kind="uav_lost"]', f"{LOST} declared LOST")
+    page.until(lambda: page.map_says("lost") == LOST, "the ghost")
+    for step in ("Loss detected", "Replan", "Upload", "Verified on board", "Survivors fly the new plan"):
+        page.see(".sf-tx .sf-steps", step)
+    page.see(".sf-stats", "after replan")
+    page.shot("loss")
+    page.run("document.querySelector('.sf-scrub [tabindex]').focus()")
+    page.keys("ARROW_LEFT", 3)
+    page.until(lambda: page.button("LIVE").get_attribute("aria-pressed") == "false", "the past")
+    page.press("LIVE")
+    page.prefer("dark")
+    page.open(flying.url)
+    page.see(".sf-tx .sf-steps", "Survivors fly the new plan")
+    page.shot("loss-dark")
+    page.resize(820, 1180)
+    page.shot("loss-tablet")
+    page.resize(1280, 800)
+    page.press("RTL ALL")
+    page.see(".q-dialog h2", "Return the whole fleet home?")
+    page.press("Keep flying")
+    page.until(lambda: not page.text(".q-dialog h2"), "the dialog gone")
+    page.keys("SHIFT+H")
+    page.see(".sf-what", "ABORTED")
+    modes = {row["uav_id"]: row["mode"] for row in flying.call("GET", "/v1/fleet/vehicles")}
+    assert {mode for uav, mode in modes.items() if uav != LOST} == {"hold"}
+
+
+def test_a_drill_is_approved_reported_and_replayed(flying: Service, page: Page, folder: Path) -> None:
+    page.open(flying.url, "/ui/drill")
+    page.see(".sf-panel", "When this slot begins")
+    page.type("When this slot begins", "4")
+    page.choose("When a UAV is lost", "replan, then ask me")
+    page.press("Start the drill")
+    page.see(".sf-panel", f"kill of {LOST} when slot 4 begins: struck")
+    page.open(flying.url)
+    page.see(".sf-decide", "fly the new plan from slot")
+    page.see(".sf-decide .sf-figures", "if approved")
+    page.shot("approve")
+    page.press("Approve")
+    page.see(".sf-tx .sf-steps", "Survivors fly the new plan")
+    page.open(flying.url, "/ui/drill")
+    page.see(".sf-report", f"Recovered: {LOST} was lost")
+    page.shot("drill")
+    page.press("Keep the report (HTML)")
+    report = page.until(lambda: next(iter(folder.glob("drill-*.html")), None), "the download").read_text()
+    assert report.count("<svg") == 2
+    assert "<script" not in report
+    replay(page, flying)
+
+
+def replay(page: Page, service: Service) -> None:
+    page.open(service.url, "/ui/replay")
+    page.see(".sf-fleet .sf-state", "RECORDED")
+    assert page.map_says("lost") == ""
+    page.choose("Speed", "20 times")
+    page.press("Play")
+    page.until(lambda: page.map_says("lost") == LOST, "the loss again")
+    page.see(".sf-events .alarm", f"{LOST} declared LOST")
+    page.see(".sf-tx .sf-steps", "Survivors fly the new plan")
+    page.shot("replay")

@@ -1,0 +1,50 @@
+"""Chart options."""
+
+import json
+
+import pytest
+
+from api.dashboard import charts
+
+
+def test_a_sum_is_unknown_where_any_user_is() -> None:
+    assert charts.total({"a": [1.0, 2.0, None], "b": [3.0, None]}, 4) == [4.0, None, None, None]
+    assert charts.total({}, 2) == [None, None]
+
+
+def test_the_timeline_shows_sums_users_losses_and_the_slot() -> None:
+    made = charts.timeline(
+        3,
+        {"planned": [3e3, 3e3, 3e3], "achieved": [3e3, 1e3, None]},
+        {"user-1": [3e3, 1e3, None]},
+        cursor=1,
+        lost={"uav-3": 1.4},
+    )
+    planned, achieved, users = made["series"]
+    assert planned["data"] == [3.0, 3.0, 3.0]
+    assert achieved["data"] == [3.0, 1.0, None]
+    assert users["data"] == [[0, 0, 3.0], [1, 0, 1.0]]
+    marks = planned["markLine"]["data"]
+    assert [mark["xAxis"] for mark in marks] == [1, 1]
+    assert "uav-3 lost" in marks[0]["label"]["formatter"]
+    json.dumps(made)
+
+
+def test_a_loss_after_the_last_slot_is_marked_at_its_end() -> None:
+    made = charts.timeline(3, {"planned": [1.0] * 3}, {}, lost={"uav-1": 7.0})
+    assert made["series"][0]["markLine"]["data"][0]["xAxis"] == 2
+
+
+def test_plans_that_are_alike_share_one_label_on_the_trade_off() -> None:
+    made = charts.trade_off([(-1.0, 0.0, 90.0), (-0.1, 3.0, 110.0), (0.0, 3.0, 110.0)], chosen=0.0)
+    dots = made["series"][0]["data"]
+    assert [dot["label"]["show"] for dot in dots] == [True, True, False]
+    assert dots[1]["label"]["formatter"] == "-0.1 … 0"
+    assert dots[2]["symbolSize"] > dots[1]["symbolSize"]
+
+
+@pytest.mark.parametrize("n", [1, 3])
+def test_compared_sums_have_one_line_each(n: int) -> None:
+    made = charts.sums({"this": [1e3] * n, "other": [2e3] * n}, n)
+    assert [one["name"] for one in made["series"]] == ["this", "other"]
+    assert "visualMap" not in made

@@ -1,0 +1,82 @@
+"""The facade on the real service, in process: what the pages can do without a browser."""
+
+import asyncio
+from collections.abc import AsyncIterator
+
+import pytest
+import pytest_asyncio
+
+from api.app import create_app
+from api.dashboard.feed import Feed
+from api.dashboard.rest import Rest, RestError
+from api.dashboard.watch import Watch
+from api.settings import Settings
+from planner import Scenario
+
+pytestmark = pytest.mark.asyncio(loop_scope="module")
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def feed() -> AsyncIterator[Feed]:
+    app = create_app(Settings())
+    async with app.router.lifespan_context(app):
+        yield Feed(Rest(app))
+
+
+async def test_plans_what_ifs_and_missions_come_through_the_facade(feed: Feed, minimal: Scenario) -> None:
+    assert "paper" in await feed.examples()
+    assert "kill" in await feed.faults()
+    assert (await feed.example("minimal")).uav_ids == minimal.uav_ids
+    plan = await feed.make_plan(minimal)
+    assert plan.scenario == minimal
+    assert await feed.plan(plan.id) == plan
+    without = await feed.what_if(plan.id, "uav-2", 2)
+    assert without.scenario.uav_ids == ("uav-1",)
+    assert without.parent == plan.id
+    document = await feed.mission_file(plan.id, "uav-1")
+    assert document["fileType"] == "Plan"
+    assert await feed.vehicles() == []
+
+
+async def test_refusals_carry_the_services_own_words(feed: Feed, minimal: Scenario) -> None:
+    with pytest.raises(RestError, match="'plan-0' does not exist") as caught:
+        await feed.plan("plan-0")
+    assert caught.value.status == 404
+    plan = await feed.make_plan(minimal)
+    with pytest.raises(RestError, match="at_slot"):
+        await feed.what_if(plan.id, "uav-2", 99)
+
+
+async def test_events_stream_in_process_and_can_be_resumed(feed: Feed, minimal: Scenario) -> None:
+    plans = {(await feed.make_plan(minimal)).id for _ in range(2)}
+    heard = []
+    async with asyncio.timeout(20):
+        async for happening in feed.happenings(0):
+            heard.append(happening)
+            if {each.data.get("plan_id") for each in heard} >= plans:
+                break
+        async for happening in feed.happenings(heard[0].id):
+            assert happening.id == heard[1].id
+            break
+
+
+def complaint(watch: Watch) -> str:
+    return watch.error or ""
+
+
+async def test_the_watch_keeps_what_happens_and_tells_when_the_service_refuses(feed: Feed, minimal: Scenario) -> None:
+    watch = Watch(feed)
+    watch.start()
+    watch.join()
+    try:
+        await feed.make_plan(minimal)
+        async with asyncio.timeout(20):
+            while not (watch.happenings and watch.loaded):
+                await watch.changed()
+            assert complaint(watch) == ""
+            watch.show("op-0")
+            while not complaint(watch):
+                await watch.changed()
+        assert "op-0" in complaint(watch)
+    finally:
+        await watch.stop()

@@ -1,0 +1,25 @@
+"""Events in an operator's words."""
+
+import pytest
+
+from api.dashboard.views import Happening
+from api.dashboard.words import words
+
+
+@pytest.mark.parametrize(
+    ("kind", "data", "said", "level"),
+    [
+        ("uav_lost", {"uav_id": "uav-3", "silent_for_s": 5.2}, "uav-3 declared LOST after 5.2 s of silence", "alarm"),
+        ("link", {"uav_id": "uav-3", "before": "live", "after": "stale", "silent_for_s": 3.0}, "stale", "warn"),
+        ("operation", {"state": "failed", "error": "no"}, "operation failed: no", "alarm"),
+        ("recovery", {"outcome": "flying", "plan_id": "plan-1", "replan_ms": 12.3}, "replanned in 12 ms", "ok"),
+        ("recovery", {"outcome": "too_late", "error": "no slot"}, "too late: no slot", "alarm"),
+        ("plan_ended", {"plan_id": "plan-1", "status": "failed", "error": "x"}, "plan-1 failed: x", "warn"),
+        ("missions_uploaded", {"uavs": 3, "upload_s": 0.02}, "3 missions uploaded and verified in 0.02 s", "ok"),
+        ("wind_changed", {"operation_id": "op-1", "to_mps": 7}, "wind changed to_mps 7", ""),
+    ],
+)
+def test_events_are_told_in_words(kind: str, data: dict[str, object], said: str, level: str) -> None:
+    found, worth = words(Happening(id=1, at="2030-01-01T00:00:00Z", kind=kind, data=data))
+    assert said in found
+    assert worth == level

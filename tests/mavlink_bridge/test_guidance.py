@@ -1,0 +1,162 @@
+"""Keeper and stream over the link, and what vehicles do when their stream ends."""
+
+from __future__ import annotations
+
+import asyncio
+import subprocess
+import sys
+from collections.abc import Callable
+from math import hypot
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mavlink_bridge import Autopilot, compile_mission, east_north_to_geodetic, geodetic_to_east_north
+from mavlink_bridge.guidance import FallBack, Kept, Stream, Streamed, keep
+from mavlink_bridge.keeper import Keeper, Order, Slip
+from mavlink_bridge.stream import Streamer
+from planner.plans import Plan
+from sim import Fleet, Mode, ScaledClock
+
+Open = Callable[..., Any]
+PlanOf = Callable[..., Plan]
+BOTH = pytest.mark.parametrize("autopilot", list(Autopilot))
+PATH = [(0.0, 0.0), (0.0, 12.0), (0.0, 30.0), (0.0, 30.0), (10.0, 40.0), (25.0, 40.0)]
+SERVICE = Path(__file__).with_name("streaming_service.py")
+
+
+async def airborne(field: Any, plan: Plan, autopilot: Autopilot) -> Any:
+    """At altitude with the mission on board."""
+    mission = compile_mission(plan, "uav-1", autopilot=autopilot, model=field.link.model(1))
+    (uploaded,) = (await field.link.upload({1: mission})).values()
+    assert uploaded.verified, uploaded.error
+    (launched,) = (await field.link.launch({1: plan.scenario.altitude_m}, timeout_s=30)).values()
+    assert launched.ok, launched.error
+    return mission
+
+
+def distance_m(field: Any, plan: Plan, slot: int) -> float:
+    lat, lon, _ = field.fleet.vehicles[1].position
+    east, north = geodetic_to_east_north(plan.scenario.origin, lat, lon)
+    planned = plan.trajectories_m["uav-1"][slot]
+    return hypot(east - planned[0], north - planned[1])
+
+
+def stream_of(field: Any, plan: Plan, mission: Any, fall_back: FallBack) -> Stream:
+    streamer = Streamer(
+        1,
+        plan.trajectories_m["uav-1"],
+        plan.scenario.slot_duration_s,
+        plan.scenario.altitude_m,
+        lambda point: east_north_to_geodetic(plan.scenario.origin, *point),
+    )
+    streamed = Streamed(vehicle=field.link.vehicle(1), streamer=streamer, mission=mission)
+    return Stream({1: streamed}, scale=field.clock.speedup, fall_back=fall_back)
+
+
+@BOTH
+async def test_the_keeper_gives_orders_and_tells_of_every_slot(
+    airfield: Open, plan_of: PlanOf, autopilot: Autopilot
+) -> None:
+    plan = plan_of({"uav-1": PATH}, altitude_m=8.0)
+    async with airfield(plan, autopilot=autopilot, speedup=5.0) as field:
+        mission = await airborne(field, plan, autopilot)
+        slips: list[Slip] = []
+        orders: list[Order] = []
+        keeper = Keeper(PATH, 5.0, mission, field.link.model(1))
+        kept = Kept(vehicle=field.link.vehicle(1), keeper=keeper, origin=plan.scenario.origin)
+        began = field.clock.now()
+        await field.link.start({1})
+        keeping = asyncio.create_task(
+            keep(
+                {1: kept},
+                elapsed_s=lambda: field.clock.now() - began,
+                now_s=field.clock.now,
+                scale=5.0,
+                on_slip=lambda _system, slip: slips.append(slip),
+                on_order=lambda _system, order: orders.append(order),
+            )
+        )
+        await field.fly_for(26.0)
+        keeping.cancel()
+        await asyncio.gather(keeping, return_exceptions=True)
+        assert [slip.slot for slip in slips] == [1, 2, 3, 4, 5]
+        assert orders
+        assert max(slip.distance_m for slip in slips) < 12.0  # at five times real time, on a loaded machine
+
+
+@BOTH
+@pytest.mark.parametrize("fall_back", list(FallBack))
+async def test_when_the_stream_ends_the_vehicle_goes_on_from_its_mission_or_holds(
+    airfield: Open, plan_of: PlanOf, autopilot: Autopilot, fall_back: FallBack
+) -> None:
+    plan = plan_of({"uav-1": PATH}, altitude_m=8.0)
+    async with airfield(plan, autopilot=autopilot, speedup=5.0) as field:
+        mission = await airborne(field, plan, autopilot)
+        stream = stream_of(field, plan, mission, fall_back)
+        assert (await stream.begin()) == {1: None}
+        began = field.clock.now()
+        running = asyncio.create_task(stream.run(lambda: field.clock.now() - began))
+        await field.fly_for(10.0)
+        assert field.fleet.vehicles[1].autopilot.mode is Mode.GUIDED
+        assert distance_m(field, plan, 2) < 6.0
+        running.cancel()
+        await asyncio.gather(running, return_exceptions=True)
+        holding = Mode.HOLD if autopilot is Autopilot.PX4 else Mode.GUIDED
+        wanted = Mode.MISSION if fall_back is FallBack.MISSION else holding
+        assert field.fleet.vehicles[1].autopilot.mode is wanted
+
+
+@BOTH
+async def test_a_vehicle_a_human_took_from_the_stream_is_left_to_the_human(
+    airfield: Open, plan_of: PlanOf, autopilot: Autopilot
+) -> None:
+    plan = plan_of({"uav-1": PATH}, altitude_m=8.0)
+    async with airfield(plan, autopilot=autopilot, speedup=5.0) as field:
+        mission = await airborne(field, plan, autopilot)
+        stream = stream_of(field, plan, mission, FallBack.MISSION)
+        await stream.begin()
+        began = field.clock.now()
+        running = asyncio.create_task(stream.run(lambda: field.clock.now() - began))
+        field.fleet.vehicles[1].autopilot.set_mode(Mode.POSITION)
+        await field.fly_for(6.0)
+        running.cancel()
+        await asyncio.gather(running, return_exceptions=True)
+        assert field.fleet.vehicles[1].autopilot.mode is Mode.POSITION
+
+
+@pytest.mark.e2e
+@BOTH
+async def test_a_vehicle_whose_service_is_killed_stops_and_hovers(
+    plan_of: PlanOf, free_port: int, autopilot: Autopilot
+) -> None:
+    from tests.mavlink_bridge.conftest import specs_at  # noqa: PLC0415
+
+    plan = plan_of({"uav-1": [(0.0, 0.0)] * 2}, altitude_m=8.0)
+    fleet = Fleet(specs_at(plan, autopilot), clock=ScaledClock(1.0), endpoint=f"udpout://127.0.0.1:{free_port}")
+    async with fleet:
+        vehicle = fleet.vehicles[1].autopilot
+        service = subprocess.Popen(  # noqa: ASYNC220
+            [sys.executable, str(SERVICE), f"udpin://127.0.0.1:{free_port}", autopilot.value],
+            cwd=Path(__file__).parents[2],
+            env={"PYTHONPATH": str(Path(__file__).parents[2]), "PATH": ""},
+        )
+        try:
+            async with asyncio.timeout(90):
+                while vehicle.mode is not Mode.GUIDED or vehicle.body.north_m < 10.0:  # noqa: ASYNC110
+                    await asyncio.sleep(0.1)
+        finally:
+            service.kill()
+            service.wait()
+        resting = 0
+        async with asyncio.timeout(30):
+            while resting < 20:  # two seconds: it brakes, and comes back to its last setpoint
+                resting = resting + 1 if vehicle.body.ground_speed_mps < 0.3 else 0
+                await asyncio.sleep(0.1)
+        stopped_m = vehicle.body.north_m
+        await asyncio.sleep(3.0)
+        assert abs(vehicle.body.north_m - stopped_m) < 1.0
+        assert vehicle.armed
+        assert vehicle.body.up_m > 6.0
+        assert vehicle.mode is (Mode.HOLD if autopilot is Autopilot.PX4 else Mode.GUIDED)

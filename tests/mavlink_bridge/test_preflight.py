@@ -1,0 +1,185 @@
+"""The audit, the model it reads, and the parameters both are made of."""
+
+from __future__ import annotations
+
+import random
+import struct
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from api.virtual_wire import fields_of, incoming
+from mavlink_bridge import Autopilot, model_from_parameters
+from mavlink_bridge.models import ARDUCOPTER, PX4
+from mavlink_bridge.parameters import ParameterRead, parameter_value
+from mavlink_bridge.preflight import Facts, Level, Needs, audit, parameter_names
+from sim import VehicleSpec
+from sim.autopilot import Autopilot as SimAutopilot
+
+NEEDS = Needs(
+    path_m=[(0.0, 0.0), (20.0, 0.0), (40.0, 0.0)],
+    slot_s=5.0,
+    altitude_m=60.0,
+    max_speed_mps=5.0,
+    items=20,
+    max_items=200,
+)
+GOOD_PX4 = {"COM_DL_LOSS_T": 10, "NAV_DLL_ACT": 2, "COM_LOW_BAT_ACT": 3, "GF_ACTION": 2, "COM_OBL_RC_ACT": 5}
+GOOD_ARDUPILOT = {
+    "SYSID_MYGCS": 245, "FS_GCS_ENABLE": 1, "FS_GCS_TIMEOUT": 5, "FS_OPTIONS": 2, "MIS_RESTART": 0,
+    "BATT_FS_LOW_ACT": 2, "FENCE_ENABLE": 1, "FENCE_RADIUS": 300, "FENCE_ALT_MAX": 100,
+}  # fmt: skip
+
+
+def facts(autopilot: Autopilot, **changes: Any) -> Facts:
+    """A vehicle that is ready in every way, changed."""
+    good = Facts(
+        autopilot=autopilot,
+        parameters=GOOD_PX4 if autopilot is Autopilot.PX4 else GOOD_ARDUPILOT,
+        model=PX4 if autopilot is Autopilot.PX4 else replace(ARDUCOPTER, jerk_mps3=5.0),
+        at_m=(0.0, 0.0),
+        home_m=(0.0, 0.0),
+        gps_fix=3,
+        satellites=14,
+        battery=0.9,
+    )
+    return replace(good, **changes)
+
+
+def with_parameter(autopilot: Autopilot, name: str, value: float) -> Facts:
+    good = facts(autopilot)
+    return replace(good, parameters={**good.parameters, name: value})
+
+
+@pytest.mark.parametrize("autopilot", list(Autopilot))
+def test_a_vehicle_that_is_ready_has_no_findings(autopilot: Autopilot) -> None:
+    assert audit(facts(autopilot), NEEDS) == []
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "name", "value", "level"),
+    [
+        (Autopilot.PX4, "COM_DL_LOSS_T", 5, Level.WARNING),
+        (Autopilot.PX4, "NAV_DLL_ACT", 5, Level.BLOCKER),
+        (Autopilot.PX4, "COM_LOW_BAT_ACT", 0, Level.WARNING),
+        (Autopilot.PX4, "GF_ACTION", 0, Level.WARNING),
+        (Autopilot.PX4, "GF_MAX_HOR_DIST", 30, Level.BLOCKER),
+        (Autopilot.PX4, "GF_MAX_VER_DIST", 50, Level.BLOCKER),
+        (Autopilot.ARDUPILOT, "SYSID_MYGCS", 255, Level.WARNING),
+        (Autopilot.ARDUPILOT, "FS_GCS_ENABLE", 0, Level.WARNING),
+        (Autopilot.ARDUPILOT, "FS_GCS_TIMEOUT", 3, Level.WARNING),
+        (Autopilot.ARDUPILOT, "FS_OPTIONS", 16, Level.WARNING),
+        (Autopilot.ARDUPILOT, "MIS_RESTART", 1, Level.BLOCKER),
+        (Autopilot.ARDUPILOT, "BATT_FS_LOW_ACT", 0, Level.WARNING),
+        (Autopilot.ARDUPILOT, "FENCE_RADIUS", 30, Level.BLOCKER),
+        (Autopilot.ARDUPILOT, "FENCE_ALT_MAX", 50, Level.BLOCKER),
+    ],
+)
+def test_each_parameter_is_named_with_what_to_set(autopilot: Autopilot, name: str, value: float, level: Level) -> None:
+    (finding,) = audit(with_parameter(autopilot, name, value), NEEDS)
+    assert (finding.name, finding.level) == (name, level)
+    assert finding.should
+    assert finding.why
+
+
+def test_stream_rules_only_count_for_streams() -> None:
+    alone = with_parameter(Autopilot.PX4, "COM_OBL_RC_ACT", 0)
+    assert audit(alone, NEEDS) == []
+    (finding,) = audit(alone, replace(NEEDS, stream=True))
+    assert (finding.name, finding.level, finding.should) == ("COM_OBL_RC_ACT", Level.BLOCKER, "5 (hold)")
+    (late,) = audit(with_parameter(Autopilot.ARDUPILOT, "GUID_TIMEOUT", 5), replace(NEEDS, stream=True))
+    assert late.name == "GUID_TIMEOUT"
+
+
+@pytest.mark.parametrize(
+    ("changes", "name", "level"),
+    [
+        ({"gps_fix": 2}, "GPS fix", Level.BLOCKER),
+        ({"gps_fix": None}, "GPS fix", Level.BLOCKER),
+        ({"satellites": 6}, "GPS satellites", Level.WARNING),
+        ({"home_m": None}, "home position", Level.BLOCKER),
+        ({"battery": 0.2}, "battery", Level.BLOCKER),
+        ({"battery": 0.5}, "battery", Level.WARNING),
+        ({"battery": None}, "battery", Level.WARNING),
+        ({"at_m": (30.0, 0.0)}, "place", Level.WARNING),
+    ],
+)
+def test_measurements_count_too(changes: dict[str, Any], name: str, level: Level) -> None:
+    (finding,) = audit(facts(Autopilot.PX4, **changes), NEEDS)
+    assert (finding.name, finding.level) == (name, level)
+
+
+def test_a_mission_that_does_not_fit_is_a_blocker() -> None:
+    (finding,) = audit(facts(Autopilot.PX4), replace(NEEDS, items=201))
+    assert (finding.name, finding.found) == ("mission", "201 items")
+
+
+def test_a_speed_the_vehicle_does_not_reach_inside_a_slot_is_reported() -> None:
+    slow = replace(PX4, max_speed_mps=4.0)
+    (too_fast,) = audit(facts(Autopilot.PX4, model=slow), NEEDS)
+    assert (too_fast.level, too_fast.name) == (Level.BLOCKER, "max_speed_mps")
+    lazy = replace(PX4, acceleration_mps2=0.8)
+    (never,) = audit(facts(Autopilot.PX4, model=lazy), NEEDS)
+    assert (never.level, never.found) == (Level.BLOCKER, "5 m/s takes 6.2 s to reach")
+    (late,) = audit(facts(Autopilot.ARDUPILOT, model=ARDUCOPTER), NEEDS)
+    assert late.level is Level.WARNING
+    assert late.should.endswith("WPNAV_JERK (WP_JERK) of at least 3.2")
+
+
+def test_blockers_come_first() -> None:
+    findings = audit(facts(Autopilot.PX4, satellites=5, home_m=None), NEEDS)
+    assert [finding.level for finding in findings] == [Level.BLOCKER, Level.WARNING]
+
+
+@pytest.mark.parametrize("autopilot", list(Autopilot))
+@pytest.mark.parametrize("loss", [0.0, 0.3])
+def test_parameters_are_read_by_name_over_a_bad_link_and_unknown_ones_left_out(
+    autopilot: Autopilot, loss: float
+) -> None:
+    chance = random.Random(4)
+    vehicle = SimAutopilot(
+        VehicleSpec(1, 47.0, 8.0, autopilot=autopilot.value), protocol_clock=lambda: 0.0, on_event=lambda *_: None
+    )
+    reading = ParameterRead([*parameter_names(autopilot), "NO_SUCH"], 1, autopilot)
+    now_s, messages = 0.0, reading.start(0.0)
+    while not reading.ended:
+        for message in messages:
+            if chance.random() >= loss:
+                for answer in vehicle.handle(incoming(message)):
+                    reading.handle(answer.get_type(), fields_of(answer), now_s)
+        now_s += 0.1
+        messages = reading.tick(now_s)
+    if loss == 0.0:
+        known = "COM_DL_LOSS_T" if autopilot is Autopilot.PX4 else "FS_GCS_TIMEOUT"
+        assert reading.values[known] == vehicle.parameters[known]
+    assert "NO_SUCH" not in reading.values
+    assert len(reading.values) > 5
+    assert model_from_parameters(autopilot, reading.values).acceleration_mps2 > 1.0
+
+
+def test_px4_sends_integers_bytewise() -> None:
+    def wire(value: int) -> float:
+        return float(struct.unpack("<f", struct.pack("<i", value))[0])
+
+    assert parameter_value({"param_value": wire(10), "param_type": 6}, Autopilot.PX4) == 10
+    assert parameter_value({"param_value": None, "param_type": 6}, Autopilot.PX4) == -1  # NaN in JSON
+    assert parameter_value({"param_value": 10.0, "param_type": 6}, Autopilot.ARDUPILOT) == 10
+    assert parameter_value({"param_value": 0.5, "param_type": 9}, Autopilot.PX4) == 0.5
+
+
+def test_old_and_new_names_of_arducopter_mean_the_same() -> None:
+    old = model_from_parameters(
+        Autopilot.ARDUPILOT, {"WPNAV_ACCEL": 250.0, "WPNAV_SPEED": 1000.0, "WPNAV_RADIUS": 200.0, "WPNAV_JERK": 1.0}
+    )
+    new = model_from_parameters(
+        Autopilot.ARDUPILOT, {"WP_ACC": 2.5, "WP_SPD": 10.0, "WP_RADIUS_M": 2.0, "WP_JERK": 1.0}
+    )
+    assert old == new
+    assert model_from_parameters(Autopilot.ARDUPILOT, {}) == ARDUCOPTER
+    assert model_from_parameters(Autopilot.PX4, {}) == PX4
+
+
+def test_a_parameter_that_makes_no_sense_is_refused_by_name() -> None:
+    with pytest.raises(ValueError, match="max_speed_mps"):
+        model_from_parameters(Autopilot.PX4, {"MPC_XY_VEL_MAX": 0.0})

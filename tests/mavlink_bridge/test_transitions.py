@@ -1,0 +1,105 @@
+"""Separation while changing over: live positions, and the reserved air of UAVs we lost."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mavlink_bridge.errors import TransitionTooClose
+from mavlink_bridge.ghosts import Airspace, Ghost
+from mavlink_bridge.route import Route
+from mavlink_bridge.transitions import check_transition
+
+HOW: Any = {"now_s": 2.0, "first_due_s": 5.0, "slot_s": 5.0, "required_m": 4.0}
+Point = tuple[float, float]
+
+
+def ghost(*, path: list[Point], last: Point = (500.0, 500.0), home: Point | None = None) -> Ghost:
+    return Ghost(
+        uav_id="uav-3",
+        lost_at_s=0.0,
+        last_seen_m=last,
+        route=Route(path, 5.0),
+        route_began_s=0.0,
+        home_m=home,
+        deadline_s=600.0,
+    )
+
+
+def test_two_that_swap_places_are_refused_with_distance_and_time() -> None:
+    live = {"uav-1": (0.0, 0.0), "uav-2": (30.0, 1.0)}
+    with pytest.raises(TransitionTooClose, match=r"'uav-1' and 'uav-2' would come within 1.00 m at 3.5 s"):
+        check_transition(live, {"uav-1": [(30.0, 0.0)], "uav-2": [(0.0, 1.0)]}, **HOW)
+
+
+def test_one_that_does_not_fly_the_new_plan_is_where_it_is() -> None:
+    live = {"uav-1": (0.0, 0.0), "uav-2": (15.0, 0.0)}
+    with pytest.raises(TransitionTooClose, match="uav-2"):
+        check_transition(live, {"uav-1": [(30.0, 0.0)]}, **HOW)
+    check_transition(live, {"uav-1": [(0.0, 30.0)]}, **HOW)
+
+
+def test_live_positions_count_even_without_any_path() -> None:
+    with pytest.raises(TransitionTooClose, match=r"within 3\.00 m"):
+        check_transition({"uav-1": (0.0, 0.0), "uav-2": (3.0, 0.0)}, {}, **HOW)
+
+
+@given(
+    ends=st.lists(st.tuples(st.floats(-50, 50), st.floats(-50, 50)), min_size=4, max_size=4),
+    later=st.lists(st.tuples(st.floats(-50, 50), st.floats(-50, 50)), min_size=2, max_size=2),
+)
+def test_what_is_let_through_keeps_apart_at_every_moment(ends: list[Point], later: list[Point]) -> None:
+    live = {"uav-1": ends[0], "uav-2": ends[1]}
+    paths = {"uav-1": [ends[2], later[0]], "uav-2": [ends[3], later[1]]}
+    try:
+        check_transition(live, paths, **HOW)
+    except TransitionTooClose:
+        return
+    times = [2.0, 5.0, 10.0]
+    for step in range(81):
+        now = 2.0 + step * 0.1
+        one, two = (place_at(now, times, [live[uav], *paths[uav]]) for uav in live)
+        assert ((one[0] - two[0]) ** 2 + (one[1] - two[1]) ** 2) ** 0.5 >= 4.0 - 1e-9
+
+
+def place_at(now: float, times: list[float], way: list[Point]) -> Point:
+    leg = 0 if now < times[1] else 1
+    share = (now - times[leg]) / (times[leg + 1] - times[leg])
+    (e0, n0), (e1, n1) = way[leg], way[leg + 1]
+    return e0 + share * (e1 - e0), n0 + share * (n1 - n0)
+
+
+@pytest.mark.parametrize(
+    ("lost", "because"),
+    [
+        (ghost(path=[(30.0, 0.0), (0.0, 0.0), (0.0, 0.0)]), "the old route"),
+        (ghost(path=[(500.0, 500.0)] * 3, last=(10.0, 1.0)), "the last place"),
+        (ghost(path=[(500.0, 500.0)] * 3, home=(-480.0, -480.0)), "the way home"),
+    ],
+    ids=["flies on", "hovers", "returns"],
+)
+def test_the_air_of_a_lost_uav_is_taken_however_it_behaves(lost: Ghost, because: str) -> None:
+    airspace = Airspace()
+    airspace.reserve(lost)
+    live, paths = {"uav-1": (0.0, 0.0)}, {"uav-1": [(20.0, 0.0)]}
+    with pytest.raises(TransitionTooClose, match=f"{because} of 'uav-3'"):
+        check_transition(live, paths, airspace=airspace, **HOW)
+    airspace.release("uav-3")  # seen on the ground
+    check_transition(live, paths, airspace=airspace, **HOW)
+
+
+def test_a_ghost_is_reserved_until_its_deadline_and_no_longer() -> None:
+    airspace = Airspace()
+    airspace.reserve(ghost(path=[(0.0, 0.0)] * 2))
+    assert airspace.expire(599.0) == []
+    assert airspace.expire(600.0) == ["uav-3"]
+    assert airspace.ghosts == {}
+
+
+def test_at_another_time_the_old_route_is_free() -> None:
+    airspace = Airspace()
+    airspace.reserve(ghost(path=[(0.0, 0.0), (100.0, 0.0), (200.0, 0.0), (200.0, 300.0)]))
+    check_transition({"uav-1": (0.0, 0.0)}, {"uav-1": [(20.0, 0.0)]}, airspace=airspace, **HOW)

@@ -1,0 +1,192 @@
+"""The flight tests against a real autopilot that somebody has running: see docs/sitl.md.
+
+SITL_URL=tcp://127.0.0.1:5760 make test-sitl
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import time
+from collections.abc import AsyncIterator
+from dataclasses import dataclass
+from math import hypot
+
+import pytest
+
+from mavlink_bridge import (
+    FleetLink,
+    FlightMode,
+    HeartbeatMonitor,
+    Mission,
+    compile_mission,
+    east_north_to_geodetic,
+    geodetic_to_east_north,
+    mission_differences,
+)
+from mavlink_bridge.fence import fence_items
+from mavlink_bridge.guidance import FallBack, Kept, Stream, Streamed, keep
+from mavlink_bridge.keeper import Keeper, Slip
+from mavlink_bridge.preflight import audit
+from mavlink_bridge.stream import Streamer
+from planner import EXAMPLES, Plan, plan
+from planner.scenario import Origin, Uav
+
+URL = os.environ.get("SITL_URL", "")
+SYSTEM = int(os.environ.get("SITL_SYSTEM_ID", "1"))
+ALTITUDE_M, SLOT_S, SPEED_MPS = 15.0, 5.0, 4.0
+SQUARE = [(0.0, 0.0), (0.0, 15.0), (0.0, 30.0), (0.0, 30.0), (12.0, 30.0), (24.0, 30.0), (24.0, 15.0), (24.0, 0.0)]
+
+pytestmark = [
+    pytest.mark.skipif(not URL, reason="SITL_URL is not set: no autopilot to fly"),
+    pytest.mark.timeout(400),
+    pytest.mark.filterwarnings("default"),
+]
+
+
+class WallClock:
+    """A real aircraft lives in real time."""
+
+    def now(self) -> float:
+        return time.monotonic()
+
+
+@dataclass
+class Ready:
+    """The vehicle, heard and asked for its telemetry and parameters."""
+
+    link: FleetLink
+    origin: Origin
+
+    def plan_of(self, path: list[tuple[float, float]]) -> Plan:
+        """A plan that begins where the vehicle stood when the test began."""
+        scenario = EXAMPLES["paper"]().with_changes(
+            origin=self.origin,
+            area_m=((-200.0, -200.0), (200.0, 200.0)),
+            slots=len(path),
+            slot_duration_s=SLOT_S,
+            altitude_m=ALTITUDE_M,
+            uavs=(Uav(id="uav-1", start_m=path[0], max_speed_mps=SPEED_MPS),),
+        )
+        made = plan(EXAMPLES["paper"]())
+        return made.model_copy(update={"scenario": scenario, "trajectories_m": {"uav-1": path}})
+
+    def compiled(self, path: list[tuple[float, float]], *, airborne: bool = False) -> Mission:
+        """The mission for this very vehicle."""
+        link = self.link
+        return compile_mission(
+            self.plan_of(path), "uav-1", airborne=airborne, autopilot=link.autopilot(SYSTEM), model=link.model(SYSTEM)
+        )
+
+    def at_m(self) -> tuple[float, float]:
+        """Where it is, metres east/north of where it stood."""
+        said = self.link.telemetry(SYSTEM)
+        assert said is not None
+        return geodetic_to_east_north(self.origin, said.lat_deg, said.lon_deg)
+
+    async def climb(self) -> None:
+        """Take off, and hover over the slot-0 point."""
+        (launched,) = (await self.link.launch({SYSTEM: ALTITUDE_M}, timeout_s=120)).values()
+        assert launched.ok, launched.error
+        await asyncio.sleep(3.0)
+
+    async def come_back(self) -> None:
+        """Land and wait until it is disarmed."""
+        await self.link.land({SYSTEM})
+        async with asyncio.timeout(120):
+            while (said := self.link.telemetry(SYSTEM)) is None or said.armed:  # noqa: ASYNC110
+                await asyncio.sleep(0.5)
+
+
+@pytest.fixture
+async def ready() -> AsyncIterator[Ready]:
+    async with FleetLink(clock=WallClock(), monitor=HeartbeatMonitor()) as link:
+        await link.connect(URL)
+        await link.wait_for({SYSTEM}, timeout_s=60)
+        (prepared,) = (await link.prepare({SYSTEM})).values()
+        assert prepared.ok, prepared.error
+        async with asyncio.timeout(60):
+            while (said := link.telemetry(SYSTEM)) is None or said.lat_deg == 0:  # noqa: ASYNC110
+                await asyncio.sleep(0.2)
+        one = Ready(link, Origin(lat_deg=said.lat_deg, lon_deg=said.lon_deg))
+        try:
+            yield one
+        finally:
+            if (last := link.telemetry(SYSTEM)) is not None and last.armed:
+                await one.come_back()
+
+
+async def test_the_vehicle_tells_its_model_and_the_audit_reads_it(ready: Ready) -> None:
+    model = ready.link.model(SYSTEM)
+    assert 0.1 < model.acceleration_mps2 < 20
+    findings = audit(*ready.link.facts(SYSTEM, ready.plan_of(SQUARE), "uav-1", items=20))
+    for finding in findings:
+        print(f"{finding.level:8} {finding.name}: {finding.found}, should be {finding.should} ({finding.why})")  # noqa: T201
+
+
+async def test_a_mission_and_a_fence_are_on_board_and_proven(ready: Ready) -> None:
+    mission = ready.compiled(SQUARE)
+    (uploaded,) = (await ready.link.upload({SYSTEM: mission})).values()
+    assert uploaded.verified, uploaded.error
+    fence = fence_items(ready.plan_of(SQUARE).scenario)
+    (fenced,) = (await ready.link.upload_fence({SYSTEM: fence})).values()
+    assert fenced.verified, fenced.error
+    (cleared,) = (await ready.link.upload_fence({SYSTEM: ()})).values()
+    assert cleared.verified, cleared.error
+    assert mission_differences(mission.items, mission.items) == ()
+
+
+async def test_a_plan_is_flown_on_the_slot_clock_and_swapped_in_flight(ready: Ready) -> None:
+    flown = ready.compiled(SQUARE)
+    (uploaded,) = (await ready.link.upload({SYSTEM: flown})).values()
+    assert uploaded.verified, uploaded.error
+    await ready.climb()
+    slips: list[Slip] = []
+    keeper = Keeper(SQUARE, SLOT_S, flown, ready.link.model(SYSTEM))
+    kept = Kept(vehicle=ready.link.vehicle(SYSTEM), keeper=keeper, origin=ready.origin)
+    began = time.monotonic()
+    (started,) = (await ready.link.start({SYSTEM})).values()
+    assert started.ok, started.error
+    keeping = asyncio.create_task(
+        keep(
+            {SYSTEM: kept},
+            elapsed_s=lambda: time.monotonic() - began,
+            now_s=time.monotonic,
+            scale=1.0,
+            on_slip=lambda _system, slip: slips.append(slip),
+        )
+    )
+    await asyncio.sleep(5 * SLOT_S + 0.5)
+    keeping.cancel()
+    print([round(slip.distance_m, 1) for slip in slips])  # noqa: T201
+    assert len(slips) == 5
+    assert max(slip.distance_m for slip in slips) < 15.0
+    home = [ready.at_m(), (10.0, 10.0), (0.0, 0.0)]
+    (swapped,) = (await ready.link.swap({SYSTEM: ready.compiled(home, airborne=True)})).values()
+    assert swapped.ok, swapped.error
+    print(f"swapped in {swapped.seconds:.2f} s")  # noqa: T201
+    await asyncio.sleep(3 * SLOT_S)
+    assert hypot(*ready.at_m()) < 10.0
+
+
+async def test_a_stream_is_followed_and_its_end_leaves_the_mission(ready: Ready) -> None:
+    mission = ready.compiled(SQUARE)
+    (uploaded,) = (await ready.link.upload({SYSTEM: mission})).values()
+    assert uploaded.verified, uploaded.error
+    await ready.climb()
+    streamer = Streamer(SYSTEM, SQUARE, SLOT_S, ALTITUDE_M, lambda point: east_north_to_geodetic(ready.origin, *point))
+    streamed = Streamed(vehicle=ready.link.vehicle(SYSTEM), streamer=streamer, mission=mission)
+    stream = Stream({SYSTEM: streamed}, scale=1.0, fall_back=FallBack.MISSION)
+    assert (await stream.begin())[SYSTEM] is None
+    began = time.monotonic()
+    running = asyncio.create_task(stream.run(lambda: time.monotonic() - began))
+    distances = []
+    for slot in range(1, 4):
+        await asyncio.sleep(began + slot * SLOT_S - time.monotonic())
+        east, north = ready.at_m()
+        distances.append(hypot(east - SQUARE[slot][0], north - SQUARE[slot][1]))
+    print([round(distance, 1) for distance in distances])  # noqa: T201
+    assert max(distances) < 4.0
+    running.cancel()
+    await asyncio.gather(running, return_exceptions=True)
+    assert ready.link.vehicle(SYSTEM).state.mode is FlightMode.MISSION
