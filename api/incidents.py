@@ -235,6 +235,6 @@ class Incidents:
     def settled(self, report: Recovery) -> None:
         """A restart has found out how an interrupted answer ended."""
         self.reports.append(report)
-        if report.outcome == "flying":
-            self.pending.clear()
-            self._wanted = None
+        if report.outcome not in {"interrupted", "superseded"}:
+            self.pending = {uav: silent for uav, silent in self.pending.items() if uav not in report.lost}
+            self._wanted = self._wanted if self.pending else None

@@ -78,7 +78,8 @@ async def _give_up(operation: Operation, state: State, why: str) -> None:
 
 async def _settle_flight(operation: Operation) -> None:
     entries = last_incident(await operation.journal.of(operation.id))
-    if entries and entries[-1].step is not Step.CLOSED:
+    told = {report.incident for report in operation.incidents.reports}
+    if entries and entries[0].incident not in told:  # it was going on, or just over
         await _settle_incident(operation, entries)
     waiting = [uav for uav in operation.flight.still_up() if _holds(operation, uav)]
     if waiting and operation.state == State.FLYING and not operation.incidents.has_work:
@@ -96,9 +97,10 @@ async def _settle_incident(operation: Operation, entries: list[Entry]) -> None:
     if took and plan_id is not None:
         await _into_force(operation, entries, plan_id, took)
     done = bool(sent) and set(sent) & survivors == flies & survivors and bool(flies)
-    first = entries[0]
+    first, closed = entries[0], entries[-1] if entries[-1].step is Step.CLOSED else None
+    outcome = closed.data["outcome"] if closed else "flying" if done else "interrupted"
     report = Recovery(
-        outcome="flying" if done else "interrupted",
+        outcome=outcome,
         incident=first.incident,
         cause=first.data.get("cause", "heartbeat_lost"),
         lost=first.data.get("lost", {}),
@@ -107,11 +109,12 @@ async def _settle_incident(operation: Operation, entries: list[Entry]) -> None:
         plan_id=plan_id,
         in_force_at_s=operation.flight.timeline[-1].from_s if took else None,
         vehicles={uav: None if uav in flies else "in doubt when the service was stopped" for uav in sent},
-        error=None if done else "the service was stopped before the answer was complete",
+        error=None if outcome == "flying" else "the service was stopped before the answer was complete",
     )
-    if done:
+    if done and not any(entry.step is Step.FLYING for entry in entries):
         await _write(operation, first.incident, Step.FLYING, {"plan_id": plan_id, "vehicles": report.vehicles})
-    await _write(operation, first.incident, Step.CLOSED, {"outcome": report.outcome, "error": report.error})
+    if closed is None:
+        await _write(operation, first.incident, Step.CLOSED, {"outcome": report.outcome, "error": report.error})
     operation.incidents.settled(report)
     await operation.save()
 

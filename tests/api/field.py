@@ -51,6 +51,8 @@ class Field:
             fleet_url=f"udpin://{self.endpoint}",
             time_scale=speedup,
             plan_ahead=False,
+            heartbeat_stale_s=10.0,  # a machine at its limits is late by more than a sped-up fleet's seconds
+            heartbeat_lost_s=20.0,
         )
         self.log = folder / "service.log"
         self.client = httpx2.AsyncClient(base_url=f"http://127.0.0.1:{self.settings.port}", timeout=150.0)
