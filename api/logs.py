@@ -8,6 +8,18 @@ import sys
 import structlog
 
 
+class StandardError:
+    """Whatever standard error is when a line is written, not when logging was configured."""
+
+    def write(self, text: str) -> int:
+        """Write to standard error."""
+        return sys.stderr.write(text)
+
+    def flush(self) -> None:
+        """Flush standard error."""
+        sys.stderr.flush()
+
+
 def configure_logging(*, as_json: bool) -> None:
     """Human-readable lines, or one JSON object a line."""
     render = structlog.processors.JSONRenderer() if as_json else structlog.dev.ConsoleRenderer(colors=False)
@@ -19,6 +31,6 @@ def configure_logging(*, as_json: bool) -> None:
             structlog.processors.dict_tracebacks if as_json else structlog.processors.format_exc_info,
             render,
         ],
-        logger_factory=structlog.PrintLoggerFactory(file=sys.stderr),
+        logger_factory=structlog.WriteLoggerFactory(file=StandardError()),  # type: ignore[arg-type]
     )
     logging.basicConfig(stream=sys.stderr, level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
