@@ -12,7 +12,7 @@ from typing import Any
 
 import httpx2
 
-START_LIMIT_S = 60.0
+START_LIMIT_S = 240.0
 
 
 class DemoError(Exception):
