@@ -140,12 +140,14 @@ class PlanBook:
 
     # -- making and ending them -----------------------------------------------------------------------------------
 
-    async def submit(self, scenario: Scenario, creation: Creation, deadline_s: float | None = None) -> PlanRecord:
+    async def submit(
+        self, scenario: Scenario, creation: Creation, deadline_s: float | None = None, starts: int | None = None
+    ) -> PlanRecord:
         """Queue a plan for `scenario`. Raises BusyError; returns the same resource for the same Idempotency-Key."""
         if found := await self._made_before(creation):
             return found
         text = scenario.model_dump_json()
-        job = Job(scenario=text, deadline_s=deadline_s or self._deadline_s)
+        job = Job(scenario=text, deadline_s=deadline_s or self._deadline_s, starts=starts)
         return self._start(job, creation, LaneName.REQUESTS, cause=Cause(), revision=1, parent=None, scenario=text)
 
     async def submit_replan(

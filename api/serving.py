@@ -25,8 +25,8 @@ def serve(given: dict[str, Any], *, as_json: bool, ui: bool = True) -> None:
     if "database_url" not in given and "SKYFOLIO_DATABASE_URL" not in os.environ:
         given = {**given, "database_url": default_database_url()}
     settings = Settings(**given)
-    configure_logging(as_json=as_json)
     require_safe(settings)
+    configure_logging(as_json=as_json)
     config = uvicorn.Config(
         create_app(settings, ui=ui),
         host=settings.host,

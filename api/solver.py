@@ -74,13 +74,17 @@ class Progress(BaseModel):
 
 @dataclass(frozen=True, kw_only=True)
 class Job:
-    """One solve, as JSON: a scenario to plan, or a previous plan to replan with `request` (as `planner.replan`)."""
+    """One solve, as JSON: a scenario to plan, or a previous plan to replan with `request` (as `planner.replan`).
+
+    `starts`: how many the optimiser climbs from; None lets it choose by size.
+    """
 
     scenario: str | None = None
     previous: str | None = None
     request: dict[str, Any] = field(default_factory=dict)
     identity: dict[str, Any] = field(default_factory=dict)
     deadline_s: float = 60.0
+    starts: int | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,7 +143,13 @@ def _solve(job: Job, token: int) -> Plan:
         converged(), StopToken(lambda: bool(_stop_flags[token])), Deadline(job.deadline_s, clock=time.monotonic)
     )
     identity = {**job.identity, "cause": Cause.model_validate(job.identity.get("cause", {}))}
-    options = {"stop": stop, "clock": time.perf_counter, "observer": _observer(token), **identity}
+    options = {
+        "stop": stop,
+        "n_starts": job.starts,
+        "clock": time.perf_counter,
+        "observer": _observer(token),
+        **identity,
+    }
     if job.previous is not None:
         return replan(Plan.model_validate_json(job.previous), **job.request, **options)
     assert job.scenario is not None  # noqa: S101 - one of the two is always given

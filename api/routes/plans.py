@@ -23,6 +23,10 @@ planner_only = [requires(Role.PLANNER)]
 DeadlineS = Annotated[
     float | None, Query(gt=0, le=3600, description="Return the best plan found after this many seconds of solving.")
 ]
+Starts = Annotated[
+    int | None,
+    Query(ge=1, le=64, description="Starts the optimiser climbs from: fewer is faster. Default: by size, at most 32."),
+]
 NewPlan = Annotated[Creation, Depends(creates("plan"))]
 ANSWERS: dict[int | str, dict[str, Any]] = {
     200: {"description": "The plan has ended.", "model": Plan | UnfinishedPlan},
@@ -66,11 +70,16 @@ class PlanPage(BaseModel):
 
 @router.post("/plans", responses=ANSWERS, response_model=None, dependencies=planner_only, openapi_extra=PLAN_EXAMPLES)
 async def create_plan(
-    scenario: Scenario, service: ServiceDep, creation: NewPlan, wait_s: WaitS = 0, deadline_s: DeadlineS = None
+    scenario: Scenario,
+    service: ServiceDep,
+    creation: NewPlan,
+    wait_s: WaitS = 0,
+    deadline_s: DeadlineS = None,
+    starts: Starts = None,
 ) -> Response:
     """Plan a scenario. Answers 200 with the plan when it is done within `wait_s`, else 202 and a `Location`."""
     require_within_limits(scenario, service.settings)
-    return await _created(service, await service.plans.submit(scenario, creation, deadline_s), wait_s)
+    return await _created(service, await service.plans.submit(scenario, creation, deadline_s, starts), wait_s)
 
 
 @router.get("/plans")
