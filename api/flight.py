@@ -14,6 +14,7 @@ import numpy as np
 from api.clock import FleetClock
 from api.fleet import HEARD_WITHIN_S, Fleet
 from api.guidance import FlightGuidance, Mode
+from api.losses import Loss, seen, silent
 from api.rates import InForce, Point, Sample, rates_by_slot
 from mavlink_bridge import (
     BridgeError,
@@ -45,6 +46,8 @@ class Flight:
         self.systems = systems
         self.timeline = [InForce(0.0, plan)]
         self.lost: dict[str, float] = {}
+        self.losses: dict[str, Loss] = {}
+        """Why each that is lost is."""
         self._fleet, self._clock = fleet, clock
         self._uavs = {system: uav for uav, system in systems.items()}
         self.guidance = FlightGuidance(systems, fleet, clock, elapsed_s=self.now_s, mode=guidance)
@@ -176,17 +179,19 @@ class Flight:
     async def swap(self, missions: Mapping[str, Mission]) -> dict[str, str | None]:
         """Replace missions in flight; for each UAV None when it verifiably flies the new one, else what went wrong."""
         await self.guidance.missions_only()
-        results = await self._fleet.link.swap({self.systems[uav]: mission for uav, mission in missions.items()})
-        for uav, mission in missions.items():
-            if results[self.systems[uav]].ok:
+        ours = {uav: mission for uav, mission in missions.items() if self._may_command(uav)}
+        results = await self._fleet.link.swap({self.systems[uav]: mission for uav, mission in ours.items()})
+        told: dict[str, str | None] = dict.fromkeys(missions.keys() - ours.keys(), "lost, and left alone")
+        for uav, mission in ours.items():
+            result = results[self.systems[uav]]
+            told[uav] = None if result.ok else result.error or "failed"
+            if result.ok and uav not in self.lost:
                 self.guidance.follow(uav, mission)
-        return {
-            self._uavs[system]: None if result.ok else result.error or "failed" for system, result in results.items()
-        }
+        return told
 
     async def stop_where_it_is(self, action: Literal["hold", "land", "return"]) -> dict[str, str | None]:
         """Hold, land or return every vehicle that still answers; what went wrong with each, None when it does."""
-        systems = {self.systems[uav] for uav in self.still_up()}
+        systems = {self.systems[uav] for uav in self.still_up() if self._may_command(uav)}
         await self.guidance.missions_only()
         link = self._fleet.link
         act = {"hold": link.hold, "land": link.land, "return": link.return_home}[action]
@@ -201,7 +206,7 @@ class Flight:
 
     async def resume(self) -> None:
         """Fly on from the item each vehicle was at. Raises FlightError with each vehicle that does not."""
-        await self.fly_on(self.still_up())
+        await self.fly_on([uav for uav in self.still_up() if self._may_command(uav)])
 
     async def fly_on(self, uavs: Collection[str]) -> None:
         """Enter mission mode at the item that is current on board. Raises FlightError."""
@@ -259,26 +264,61 @@ class Flight:
         """Stop receiving them."""
         self._fleet.unfollow(queue)
 
-    def newly_lost(self, queue: asyncio.Queue[LinkEvent]) -> dict[str, float]:
-        """UAVs that were declared lost since the last call and still fly: {uav: seconds silent}."""
+    def newly_lost(self, queue: asyncio.Queue[LinkEvent]) -> dict[str, Loss]:
+        """UAVs that are lost since the last call, and why: fallen silent in flight, or seen in no state to serve."""
         found = {}
         while not queue.empty():
             event = queue.get_nowait()
             uav = self._uavs.get(event.system_id)
-            if uav in self.lost and event.after == LinkState.LIVE:
+            if uav is None:
+                continue
+            if event.after == LinkState.LIVE and uav in self.losses and self.losses[uav].may_return:
                 self.returned.add(uav)
                 self.guidance.found(uav)
-            if uav is None or event.after != LinkState.LOST or self._down(uav):
+            if event.after == LinkState.LOST and not self._down(uav):
+                self.returned.discard(uav)
+                if uav not in self.lost:
+                    found[uav] = self._lose(uav, silent(event.silent_for_s))
+        return found | self._seen_lost()
+
+    def _seen_lost(self) -> dict[str, Loss]:
+        """UAVs newly seen crashed, landed off plan, flown by a human or in failsafe; who is lost gets a cause."""
+        found = {}
+        for uav in self.systems:
+            loss = self._seen(uav)
+            if loss is None:
                 continue
-            self.returned.discard(uav)
-            if uav in self.lost:
-                continue
-            self.lost[uav] = self.now_s() - event.silent_for_s
-            where = self.positions_m().get(uav)
-            if where is not None:
-                self.guidance.lost(uav, where)
-            found[uav] = event.silent_for_s
+            if uav not in self.lost:
+                found[uav] = self._lose(uav, loss)
+            elif self.losses[uav].kind != loss.kind:
+                self.losses[uav] = loss
+                self.returned.discard(uav)
         return found
+
+    def _lose(self, uav: str, loss: Loss) -> Loss:
+        """From now on it is neither counted on nor commanded."""
+        self.lost[uav] = self.now_s() - loss.silent_for_s
+        self.losses[uav] = loss
+        self.guidance.leave(uav, setpoints_too=not loss.may_return)
+        where = self.positions_m().get(uav)
+        if loss.in_the_air and where is not None:
+            self.guidance.reserve(uav, where)
+        return loss
+
+    def readmit(self, uav: str) -> None:
+        """Count on a UAV again that has returned."""
+        self.returned.discard(uav)
+        self.lost.pop(uav)
+        self.losses.pop(uav)
+
+    def _may_command(self, uav: str) -> bool:
+        """Whether it is ours: a human, a failsafe or a crash is never overruled, not even before it is declared."""
+        return uav not in self.lost and self._seen(uav) is None
+
+    def _seen(self, uav: str) -> Loss | None:
+        """What it is seen in that ends its service. Once no slot can be flown differently, missions end as planned."""
+        flown = uav in self.lost or self.now_s() < (self.n_slots - 2) * self.slot_s
+        return seen(self._fleet.condition(self.systems[uav]), plan_is_flown=flown)
 
     def positions_m(self) -> dict[str, Point]:
         """Where each UAV was last heard, metres east/north of the scenario's origin."""

@@ -7,7 +7,7 @@ import json
 import time
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 import structlog
@@ -268,6 +268,7 @@ class Operation:
             "slot0_at": self._slot0_at(elapsed),
             "paused_s": elapsed if flight.paused else None,
             "lost": flight.lost,
+            "losses": {uav: asdict(loss) for uav, loss in flight.losses.items()},
             "returned": sorted(flight.returned),
             "launch_itself": self.head.launch_itself,
             "error": self.error,

@@ -20,6 +20,7 @@ from api.contingencies import Contingencies
 from api.creation import fresh
 from api.flight import Flight
 from api.journal import IncidentLog, Step
+from api.losses import LossKind
 from api.metrics import Metrics
 from api.plan_book import PlanBook
 from api.problems import ServiceError
@@ -62,7 +63,7 @@ class Incident:
     """What has to be answered, and how far the answer is. `approval`: set when the operator has decided."""
 
     log: IncidentLog
-    cause: Literal["heartbeat_lost", "uav_returned", "retuned"]
+    cause: LossKind | Literal["uav_returned", "retuned"]
     lost: dict[str, float]
     ask: bool = False
     readmitted: tuple[str, ...] = ()
@@ -169,7 +170,7 @@ class Answer:
 
     async def _plan(self, at_slot: int, *, use_ready: bool) -> Plan:
         flight, incident = self._flight, self._incident
-        detail = ", ".join(f"{uav} silent for {silent:.1f} s" for uav, silent in incident.lost.items())
+        detail = ", ".join(f"{uav} {flight.losses[uav].detail}" for uav in incident.lost if uav in flight.losses)
         cause = Cause(
             kind=incident.cause,
             uav_ids=tuple(incident.lost) or incident.readmitted,
