@@ -27,7 +27,7 @@ from api.problems import ServiceError
 from api.settings import Settings
 from api.solver import LaneName
 from api.swapping import Swap
-from api.transition import achieved, expected_position, require_in_reach, require_separated
+from api.transition import Present, achieved, expected_position, require_in_reach, require_separated
 from mavlink_bridge import BridgeError
 from planner import Cause, Plan, ReplanError, remaining
 
@@ -237,7 +237,7 @@ class Answer:
             raise ReplanError(f"positions_m: nothing was heard of {', '.join(missing)}")
         if not self._in_time(plan):
             raise ReplanError(f"at_slot: slot {plan.first_slot} is over before its plan could be flown")
-        require_separated(plan, live)
+        require_separated(dict.fromkeys(plan.scenario.uav_ids, plan), Present.of(self._flight))
         require_in_reach(plan, live, (plan.first_slot + 1) * self._flight.slot_s - self._flight.now_s())
 
     def _in_time(self, plan: Plan) -> bool:
