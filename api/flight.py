@@ -25,6 +25,7 @@ from mavlink_bridge import (
     VehiclesMissing,
     geodetic_to_east_north,
 )
+from mavlink_bridge.fence import fence_items
 from planner import Plan
 
 SAMPLE_EVERY_S = 0.5
@@ -131,12 +132,29 @@ class Flight:
         await self._fleet.link.prepare(self.systems.values())
         missions = {uav: self.guidance.compile(self.plan, uav) for uav in self.systems}
         self._audit()
+        await self._fence()
         results = await self._fleet.link.upload({self.systems[uav]: mission for uav, mission in missions.items()})
         bad = {self._uavs[system]: result.error for system, result in results.items() if not result.verified}
         if bad:
             good = sorted(self._uavs[system] for system, result in results.items() if result.verified)
             raise FlightError(f"upload failed for {_each(bad)}; verified on board of {', '.join(good) or 'nobody'}")
         return max((result.seconds for result in results.values()), default=0.0)
+
+    async def _fence(self) -> None:
+        """Give each vehicle the plan's area as its geofence; one that takes none flies all the same, with a warning.
+
+        Before the missions: PX4 measures a mission against the fence that is on board, and that may be an older one.
+        """
+        items = fence_items(self.plan.scenario)
+        results = await self._fleet.link.upload_fence(dict.fromkeys(self._uavs, items))
+        for system, result in sorted(results.items()):
+            self._fleet.note(
+                "geofence",
+                uav_id=self._uavs[system],
+                level="ok" if result.verified else "warning",
+                corners=len(items),
+                error=result.error,
+            )
 
     def _audit(self) -> None:
         """Report what the preflight audit finds; with `preflight` "enforce" a blocker keeps everybody on the ground."""
