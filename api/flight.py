@@ -291,8 +291,7 @@ class Flight:
             if uav is None:
                 continue
             if event.after == LinkState.LIVE and uav in self.losses and self.losses[uav].may_return:
-                self.returned.add(uav)
-                self.guidance.found(uav)
+                self.returned.add(uav)  # its air stays reserved: nobody knows yet what it flies
             if event.after == LinkState.LOST and not self._down(uav):
                 self.returned.discard(uav)
                 if uav not in self.lost:
@@ -311,6 +310,8 @@ class Flight:
             elif self.losses[uav].kind != loss.kind:
                 self.losses[uav] = loss
                 self.returned.discard(uav)
+            if not loss.in_the_air and self.guidance.found(uav):
+                self._fleet.note("ghost_released", uav_id=uav, because=loss.detail)
         return found
 
     def _lose(self, uav: str, loss: Loss) -> Loss:
@@ -328,6 +329,7 @@ class Flight:
         self.returned.discard(uav)
         self.lost.pop(uav)
         self.losses.pop(uav)
+        self.guidance.found(uav)
 
     def _may_command(self, uav: str) -> bool:
         """Whether it is ours: a human, a failsafe or a crash is never overruled, not even before it is declared."""

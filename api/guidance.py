@@ -113,9 +113,11 @@ class FlightGuidance:
             )
         )
 
-    def found(self, uav: str) -> None:
-        """It was seen on the ground, or is heard again."""
+    def found(self, uav: str) -> bool:
+        """It was seen on the ground, or is guided again; whether air was reserved for it until now."""
+        reserved = uav in self.airspace.ghosts
         self.airspace.release(uav)
+        return reserved
 
     def _above_ghosts(self, plan: Plan, uav: str, path: list[Point]) -> Plan:
         """The plan for this UAV, flown higher if its way would come too close to that of a UAV we lost."""

@@ -205,9 +205,13 @@ def test_a_uav_that_a_human_took_over_is_planned_around_and_never_commanded_agai
     assert set(report.vehicles) == {"uav-1", "uav-2"}
     with pytest.raises(ApiError, match="409"):
         flown.client.command(operation_id, "readmit", uav_id="uav-3")
+    assert events_of(flown, operation_id, "ghost_released") == []
+    flown.fleet.inject(sim.ModeChange(3, "LAND"))
+    flown.until(operation_id, lambda _: events_of(flown, operation_id, "ghost_released"))
     flown.client.command(operation_id, "abort", action="land")
     assert missions_taken(flown, 3) == 1
-    assert flown.fleet.fleet.vehicles[3].mode is sim.Mode.POSITION
+    modes = [event.detail["mode"] for event in flown.fleet.fleet.truth.happened("mode", 3)]
+    assert modes[modes.index("POSITION") :] == ["POSITION", "LAND"]
     conditions = events_of(flown, operation_id, "condition")
     assert {("uav-1", "low_battery"), ("uav-3", "human_took_over")} <= {
         (event["uav_id"], event["after"]) for event in conditions
