@@ -14,16 +14,13 @@ import numpy as np
 from api.clock import FleetClock
 from api.fleet import HEARD_WITHIN_S, Fleet
 from api.guidance import FlightGuidance, Mode
-from api.losses import Loss, seen, silent
 from api.rates import InForce, Point, Sample, rates_by_slot
+from api.roster import Roster
 from mavlink_bridge import (
     BridgeError,
-    LinkEvent,
-    LinkState,
     Mission,
     Telemetry,
     VehiclesMissing,
-    geodetic_to_east_north,
 )
 from mavlink_bridge.fence import fence_items
 from planner import Plan
@@ -46,14 +43,17 @@ class Flight:
     ) -> None:
         self.systems = systems
         self.timeline = [InForce(0.0, plan)]
-        self.lost: dict[str, float] = {}
-        self.losses: dict[str, Loss] = {}
-        """Why each that is lost is."""
         self._fleet, self._clock = fleet, clock
         self._uavs = {system: uav for uav, system in systems.items()}
         self.guidance = FlightGuidance(systems, fleet, clock, elapsed_s=self.now_s, mode=guidance)
-        self.returned: set[str] = set()
-        """UAVs that were lost and are heard again: offered to the operator, not commanded."""
+        self.roster = Roster(
+            systems,
+            plan.scenario.origin,
+            fleet,
+            self.guidance,
+            now_s=self.now_s,
+            last_change_s=(plan.scenario.slots - 2) * plan.scenario.slot_duration_s,
+        )
         self._began: float | None = None
         self._frozen_s: float | None = None
         self._record: list[tuple[float, dict[str, Point]]] = []
@@ -197,7 +197,7 @@ class Flight:
     async def swap(self, missions: Mapping[str, Mission]) -> dict[str, str | None]:
         """Replace missions in flight; for each UAV None when it verifiably flies the new one, else what went wrong."""
         await self.guidance.missions_only()
-        ours = {uav: mission for uav, mission in missions.items() if self._may_command(uav)}
+        ours = {uav: mission for uav, mission in missions.items() if self.roster.may_command(uav)}
         results = await self._fleet.link.swap({self.systems[uav]: mission for uav, mission in ours.items()})
         told: dict[str, str | None] = dict.fromkeys(missions.keys() - ours.keys(), "lost, and left alone")
         for uav, mission in ours.items():
@@ -209,7 +209,7 @@ class Flight:
 
     async def stop_where_it_is(self, action: Literal["hold", "land", "return"]) -> dict[str, str | None]:
         """Hold, land or return every vehicle that still answers; what went wrong with each, None when it does."""
-        systems = {self.systems[uav] for uav in self.still_up() if self._may_command(uav)}
+        systems = {self.systems[uav] for uav in self.still_up() if self.roster.may_command(uav)}
         await self.guidance.missions_only()
         link = self._fleet.link
         act = {"hold": link.hold, "land": link.land, "return": link.return_home}[action]
@@ -224,7 +224,7 @@ class Flight:
 
     async def resume(self) -> None:
         """Fly on from the item each vehicle was at. Raises FlightError with each vehicle that does not."""
-        await self.fly_on([uav for uav in self.still_up() if self._may_command(uav)])
+        await self.fly_on([uav for uav in self.still_up() if self.roster.may_command(uav)])
 
     async def fly_on(self, uavs: Collection[str]) -> None:
         """Enter mission mode at the item that is current on board. Raises FlightError."""
@@ -274,85 +274,23 @@ class Flight:
         """UAVs not declared lost, in the order of the first plan."""
         return [uav for uav in self.systems if uav not in self.lost]
 
-    def follow_losses(self) -> asyncio.Queue[LinkEvent]:
-        """Begin to receive link events."""
-        return self._fleet.follow()
+    @property
+    def lost(self) -> dict[str, float]:
+        """UAVs that are lost, and since when."""
+        return self.roster.lost
 
-    def unfollow_losses(self, queue: asyncio.Queue[LinkEvent]) -> None:
-        """Stop receiving them."""
-        self._fleet.unfollow(queue)
-
-    def newly_lost(self, queue: asyncio.Queue[LinkEvent]) -> dict[str, Loss]:
-        """UAVs that are lost since the last call, and why: fallen silent in flight, or seen in no state to serve."""
-        found = {}
-        while not queue.empty():
-            event = queue.get_nowait()
-            uav = self._uavs.get(event.system_id)
-            if uav is None:
-                continue
-            if event.after == LinkState.LIVE and uav in self.losses and self.losses[uav].may_return:
-                self.returned.add(uav)  # its air stays reserved: nobody knows yet what it flies
-            if event.after == LinkState.LOST and not self._down(uav):
-                self.returned.discard(uav)
-                if uav not in self.lost:
-                    found[uav] = self._lose(uav, silent(event.silent_for_s))
-        return found | self._seen_lost()
-
-    def _seen_lost(self) -> dict[str, Loss]:
-        """UAVs newly seen crashed, landed off plan, flown by a human or in failsafe; who is lost gets a cause."""
-        found = {}
-        for uav in self.systems:
-            loss = self._seen(uav)
-            if loss is None:
-                continue
-            if uav not in self.lost:
-                found[uav] = self._lose(uav, loss)
-            elif self.losses[uav].kind != loss.kind:
-                self.losses[uav] = loss
-                self.returned.discard(uav)
-            if not loss.in_the_air and self.guidance.found(uav):
-                self._fleet.note("ghost_released", uav_id=uav, because=loss.detail)
-        return found
-
-    def _lose(self, uav: str, loss: Loss) -> Loss:
-        """From now on it is neither counted on nor commanded."""
-        self.lost[uav] = self.now_s() - loss.silent_for_s
-        self.losses[uav] = loss
-        self.guidance.leave(uav, setpoints_too=not loss.may_return)
-        where = self.positions_m().get(uav)
-        if loss.in_the_air and where is not None:
-            self.guidance.reserve(uav, where)
-        return loss
-
-    def readmit(self, uav: str) -> None:
-        """Count on a UAV again that has returned."""
-        self.returned.discard(uav)
-        self.lost.pop(uav)
-        self.losses.pop(uav)
-        self.guidance.found(uav)
-
-    def _may_command(self, uav: str) -> bool:
-        """Whether it is ours: a human, a failsafe or a crash is never overruled, not even before it is declared."""
-        return uav not in self.lost and self._seen(uav) is None
-
-    def _seen(self, uav: str) -> Loss | None:
-        """What it is seen in that ends its service. Once no slot can be flown differently, missions end as planned."""
-        flown = uav in self.lost or self.now_s() < (self.n_slots - 2) * self.slot_s
-        return seen(self._fleet.condition(self.systems[uav]), plan_is_flown=flown)
+    @property
+    def returned(self) -> set[str]:
+        """UAVs that were lost and are heard again."""
+        return self.roster.returned
 
     def positions_m(self) -> dict[str, Point]:
         """Where each UAV was last heard, metres east/north of the scenario's origin."""
-        found = {}
-        for uav, system in self.systems.items():
-            said = self._fleet.link.telemetry(system)
-            if said is not None:
-                origin = self.first_plan.scenario.origin
-                found[uav] = geodetic_to_east_north(origin, said.lat_deg, said.lon_deg)
-        return found
+        return self.roster.positions_m()
 
     def still_up(self) -> list[str]:
         """Surviving UAVs that have not landed."""
-        return [uav for uav in self.surviving() if not self._down(uav)]
+        return [uav for uav in self.surviving() if not self.roster.is_down(uav)]
 
     def all_down(self) -> bool:
         """Whether at least one UAV survived and all that did have landed."""
@@ -361,10 +299,6 @@ class Flight:
     def over(self, landing_limit_s: float) -> bool:
         """Whether there is nothing left to wait for."""
         return not self.still_up() or self.now_s() > self.n_slots * self.slot_s + landing_limit_s
-
-    def _down(self, uav: str) -> bool:
-        said = self._fleet.link.telemetry(self.systems[uav])
-        return said is not None and not said.armed
 
     # --- the record ---
 

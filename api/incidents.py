@@ -142,7 +142,7 @@ class Incidents:
             raise ConflictError(f"uav_id: {uav_id!r} has not returned")
         if self._task is not None or self._wanted is not None:
             raise ConflictError("an incident is being answered; wait until it is closed")
-        self._flight.readmit(uav_id)
+        self._flight.roster.readmit(uav_id)
         self._offered.discard(uav_id)
         self.want("uav_returned", (uav_id,))
         await self.save()
@@ -177,7 +177,7 @@ class Incidents:
         """What was last known of a lost UAV."""
         said = self._flight.on_board(uav)
         seen = {} if said is None else {"mode": said.mode.value, "relative_alt_m": said.relative_alt_m}
-        loss = self._flight.losses.get(uav)
+        loss = self._flight.roster.losses.get(uav)
         verdict = {} if loss is None else {"verdict": loss.kind, "detail": loss.detail}
         return {**verdict, "since_s": round(self._flight.lost.get(uav, 0.0), 3), **seen}
 

@@ -170,7 +170,9 @@ class Answer:
 
     async def _plan(self, at_slot: int, *, use_ready: bool) -> Plan:
         flight, incident = self._flight, self._incident
-        detail = ", ".join(f"{uav} {flight.losses[uav].detail}" for uav in incident.lost if uav in flight.losses)
+        detail = ", ".join(
+            f"{uav} {flight.roster.losses[uav].detail}" for uav in incident.lost if uav in flight.roster.losses
+        )
         cause = Cause(
             kind=incident.cause,
             uav_ids=tuple(incident.lost) or incident.readmitted,
