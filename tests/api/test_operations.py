@@ -104,6 +104,7 @@ def test_both_autopilots_fly_by_mission_or_stream_and_tell_their_slip(autopilot:
             path = client.post("/v1/operations", json=order).headers["Location"]
             ended = follow(client, path, "completed", "failed", limit_s=150)
             assert ended["error"] is None
+            assert ended["lost"] == []  # a return and a landing at the end are as planned
             log = client.get("/v1/events/log", params={"limit": 500}).json()["items"]
             slips = [event["data"] for event in log if event["kind"] == "slip"]
             assert {slip["uav_id"] for slip in slips} == {"uav-1", "uav-2"}
