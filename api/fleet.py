@@ -18,9 +18,14 @@ from api.settings import Settings
 from api.store import Database
 from api.store.tables import vehicles as table
 from mavlink_bridge import FleetLink, HeartbeatMonitor, LinkEvent, LinkOptions, Signing, VehiclesMissing
+from mavlink_bridge.conditions import Change, Condition
 
 HEARD_WITHIN_S = 5.0
 """Wall seconds a vehicle may take to be heard before an upload, or the watch of its heartbeats, goes on without it."""
+_TOLD_AS_LINK = frozenset(
+    {Condition.LIVE, Condition.STALE, Condition.BACK, Condition.LINK_LOST, Condition.AUTOPILOT_SILENT}
+)
+"""Changes between these are told by `link` events."""
 
 
 class VehicleView(BaseModel):
@@ -58,7 +63,8 @@ class Fleet:
             stale_after_s=settings.heartbeat_stale_s, lost_after_s=settings.heartbeat_lost_s
         )
         self._followers: set[asyncio.Queue[LinkEvent]] = set()
-        self._watcher: asyncio.Task[None] | None = None
+        self._changes: dict[int, Change] = {}
+        self._watchers: list[asyncio.Task[None]] = []
         self._opening = asyncio.Lock()
         self._finding: asyncio.Task[None] | None = None
 
@@ -107,7 +113,9 @@ class Fleet:
         """Forget a vehicle. Raises NotFoundError. The caller has seen to it that it flies nothing."""
         if uav_id not in self._systems:
             raise NotFoundError(f"vehicle {uav_id!r} does not exist")
-        self.link.classifier.unwatch(self._systems.pop(uav_id))
+        system_id = self._systems.pop(uav_id)
+        self.link.classifier.unwatch(system_id)
+        self._changes.pop(system_id, None)
         self._simulated.discard(uav_id)
         await self._database.write(delete(table).where(table.c.uav_id == uav_id))
         self._events.add("vehicle_removed", uav_id=uav_id)
@@ -182,6 +190,10 @@ class Fleet:
             if log is not None:
                 self.link.stop_recording(log)
 
+    def condition(self, system_id: int) -> Change | None:
+        """What its autopilot was last seen to be in, and how that was seen; None while it has always been live."""
+        return self._changes.get(system_id)
+
     def note(self, kind: str, **data: Any) -> None:
         """Add an event about a vehicle to the log."""
         self._events.add(kind, **data)
@@ -198,7 +210,7 @@ class Fleet:
 
     async def close(self) -> None:
         """Close the link; the vehicles keep what they have on board."""
-        for task in (self._finding, self._watcher):
+        for task in (self._finding, *self._watchers):
             if task is not None:
                 task.cancel()
                 with suppress(asyncio.CancelledError):
@@ -218,7 +230,10 @@ class Fleet:
                         await link.connect(url.strip())
                     opening.pop_all()  # it stays open: `close` ends it
                 self._link = link
-                self._watcher = asyncio.create_task(self._watch(link))
+                self._watchers = [
+                    asyncio.create_task(self._watch(link), name="fleet-links"),
+                    asyncio.create_task(self._watch_conditions(link), name="fleet-conditions"),
+                ]
 
     def _options(self) -> LinkOptions:
         """Signing and the forward port, as the settings have them."""
@@ -244,3 +259,18 @@ class Fleet:
             )
             for queue in self._followers:
                 queue.put_nowait(event)
+
+    async def _watch_conditions(self, link: FleetLink) -> None:
+        async for change in link.changes():
+            names = {system: uav for uav, system in self._systems.items()}
+            if change.system_id not in names:
+                continue
+            self._changes[change.system_id] = change
+            if not {change.before, change.after} <= _TOLD_AS_LINK:
+                self._events.add(
+                    "condition",
+                    uav_id=names[change.system_id],
+                    before=change.before.value,
+                    after=change.after.value,
+                    cause=change.cause,
+                )

@@ -15,15 +15,14 @@ from api.clock import FleetClock
 from api.fleet import HEARD_WITHIN_S, Fleet
 from api.guidance import FlightGuidance, Mode
 from api.rates import InForce, Point, Sample, rates_by_slot
+from api.roster import Roster
 from mavlink_bridge import (
     BridgeError,
-    LinkEvent,
-    LinkState,
     Mission,
     Telemetry,
     VehiclesMissing,
-    geodetic_to_east_north,
 )
+from mavlink_bridge.fence import fence_items
 from planner import Plan
 
 SAMPLE_EVERY_S = 0.5
@@ -44,12 +43,17 @@ class Flight:
     ) -> None:
         self.systems = systems
         self.timeline = [InForce(0.0, plan)]
-        self.lost: dict[str, float] = {}
         self._fleet, self._clock = fleet, clock
         self._uavs = {system: uav for uav, system in systems.items()}
         self.guidance = FlightGuidance(systems, fleet, clock, elapsed_s=self.now_s, mode=guidance)
-        self.returned: set[str] = set()
-        """UAVs that were lost and are heard again: offered to the operator, not commanded."""
+        self.roster = Roster(
+            systems,
+            plan.scenario.origin,
+            fleet,
+            self.guidance,
+            now_s=self.now_s,
+            last_change_s=(plan.scenario.slots - 2) * plan.scenario.slot_duration_s,
+        )
         self._began: float | None = None
         self._frozen_s: float | None = None
         self._record: list[tuple[float, dict[str, Point]]] = []
@@ -128,12 +132,29 @@ class Flight:
         await self._fleet.link.prepare(self.systems.values())
         missions = {uav: self.guidance.compile(self.plan, uav) for uav in self.systems}
         self._audit()
+        await self._fence()
         results = await self._fleet.link.upload({self.systems[uav]: mission for uav, mission in missions.items()})
         bad = {self._uavs[system]: result.error for system, result in results.items() if not result.verified}
         if bad:
             good = sorted(self._uavs[system] for system, result in results.items() if result.verified)
             raise FlightError(f"upload failed for {_each(bad)}; verified on board of {', '.join(good) or 'nobody'}")
         return max((result.seconds for result in results.values()), default=0.0)
+
+    async def _fence(self) -> None:
+        """Give each vehicle the plan's area as its geofence; one that takes none flies all the same, with a warning.
+
+        Before the missions: PX4 measures a mission against the fence that is on board, and that may be an older one.
+        """
+        items = fence_items(self.plan.scenario)
+        results = await self._fleet.link.upload_fence(dict.fromkeys(self._uavs, items))
+        for system, result in sorted(results.items()):
+            self._fleet.note(
+                "geofence",
+                uav_id=self._uavs[system],
+                level="ok" if result.verified else "warning",
+                corners=len(items),
+                error=result.error,
+            )
 
     def _audit(self) -> None:
         """Report what the preflight audit finds; with `preflight` "enforce" a blocker keeps everybody on the ground."""
@@ -176,17 +197,19 @@ class Flight:
     async def swap(self, missions: Mapping[str, Mission]) -> dict[str, str | None]:
         """Replace missions in flight; for each UAV None when it verifiably flies the new one, else what went wrong."""
         await self.guidance.missions_only()
-        results = await self._fleet.link.swap({self.systems[uav]: mission for uav, mission in missions.items()})
-        for uav, mission in missions.items():
-            if results[self.systems[uav]].ok:
+        ours = {uav: mission for uav, mission in missions.items() if self.roster.may_command(uav)}
+        results = await self._fleet.link.swap({self.systems[uav]: mission for uav, mission in ours.items()})
+        told: dict[str, str | None] = dict.fromkeys(missions.keys() - ours.keys(), "lost, and left alone")
+        for uav, mission in ours.items():
+            result = results[self.systems[uav]]
+            told[uav] = None if result.ok else result.error or "failed"
+            if result.ok and uav not in self.lost:
                 self.guidance.follow(uav, mission)
-        return {
-            self._uavs[system]: None if result.ok else result.error or "failed" for system, result in results.items()
-        }
+        return told
 
     async def stop_where_it_is(self, action: Literal["hold", "land", "return"]) -> dict[str, str | None]:
         """Hold, land or return every vehicle that still answers; what went wrong with each, None when it does."""
-        systems = {self.systems[uav] for uav in self.still_up()}
+        systems = {self.systems[uav] for uav in self.still_up() if self.roster.may_command(uav)}
         await self.guidance.missions_only()
         link = self._fleet.link
         act = {"hold": link.hold, "land": link.land, "return": link.return_home}[action]
@@ -201,7 +224,7 @@ class Flight:
 
     async def resume(self) -> None:
         """Fly on from the item each vehicle was at. Raises FlightError with each vehicle that does not."""
-        await self.fly_on(self.still_up())
+        await self.fly_on([uav for uav in self.still_up() if self.roster.may_command(uav)])
 
     async def fly_on(self, uavs: Collection[str]) -> None:
         """Enter mission mode at the item that is current on board. Raises FlightError."""
@@ -251,48 +274,23 @@ class Flight:
         """UAVs not declared lost, in the order of the first plan."""
         return [uav for uav in self.systems if uav not in self.lost]
 
-    def follow_losses(self) -> asyncio.Queue[LinkEvent]:
-        """Begin to receive link events."""
-        return self._fleet.follow()
+    @property
+    def lost(self) -> dict[str, float]:
+        """UAVs that are lost, and since when."""
+        return self.roster.lost
 
-    def unfollow_losses(self, queue: asyncio.Queue[LinkEvent]) -> None:
-        """Stop receiving them."""
-        self._fleet.unfollow(queue)
-
-    def newly_lost(self, queue: asyncio.Queue[LinkEvent]) -> dict[str, float]:
-        """UAVs that were declared lost since the last call and still fly: {uav: seconds silent}."""
-        found = {}
-        while not queue.empty():
-            event = queue.get_nowait()
-            uav = self._uavs.get(event.system_id)
-            if uav in self.lost and event.after == LinkState.LIVE:
-                self.returned.add(uav)
-                self.guidance.found(uav)
-            if uav is None or event.after != LinkState.LOST or self._down(uav):
-                continue
-            self.returned.discard(uav)
-            if uav in self.lost:
-                continue
-            self.lost[uav] = self.now_s() - event.silent_for_s
-            where = self.positions_m().get(uav)
-            if where is not None:
-                self.guidance.lost(uav, where)
-            found[uav] = event.silent_for_s
-        return found
+    @property
+    def returned(self) -> set[str]:
+        """UAVs that were lost and are heard again."""
+        return self.roster.returned
 
     def positions_m(self) -> dict[str, Point]:
         """Where each UAV was last heard, metres east/north of the scenario's origin."""
-        found = {}
-        for uav, system in self.systems.items():
-            said = self._fleet.link.telemetry(system)
-            if said is not None:
-                origin = self.first_plan.scenario.origin
-                found[uav] = geodetic_to_east_north(origin, said.lat_deg, said.lon_deg)
-        return found
+        return self.roster.positions_m()
 
     def still_up(self) -> list[str]:
         """Surviving UAVs that have not landed."""
-        return [uav for uav in self.surviving() if not self._down(uav)]
+        return [uav for uav in self.surviving() if not self.roster.is_down(uav)]
 
     def all_down(self) -> bool:
         """Whether at least one UAV survived and all that did have landed."""
@@ -301,10 +299,6 @@ class Flight:
     def over(self, landing_limit_s: float) -> bool:
         """Whether there is nothing left to wait for."""
         return not self.still_up() or self.now_s() > self.n_slots * self.slot_s + landing_limit_s
-
-    def _down(self, uav: str) -> bool:
-        said = self._fleet.link.telemetry(self.systems[uav])
-        return said is not None and not said.armed
 
     # --- the record ---
 

@@ -87,10 +87,17 @@ class FlightGuidance:
             self._homes_m[uav] = path[0]
         return mission
 
-    def lost(self, uav: str, last_seen_m: Point) -> None:
-        """A UAV is gone from the link: its old route and its way home stay reserved."""
+    def leave(self, uav: str, *, setpoints_too: bool = False) -> None:
+        """Correct this UAV no more. One that is only silent may still hear its setpoints, and is safest with them."""
+        if setpoints_too and self._stream is not None:
+            self._stream.leave(self._systems[uav])
+        task = self._keeping.pop(uav, None)
+        if task is not None:
+            task.cancel()
+
+    def reserve(self, uav: str, last_seen_m: Point) -> None:
+        """A UAV that is lost may still fly: its old route and its way home stay reserved."""
         one = self._compiled.get(uav)
-        self._leave(uav)
         if one is None:
             return
         slot_s, now_s = one.plan.scenario.slot_duration_s, self._elapsed_s()
@@ -106,9 +113,11 @@ class FlightGuidance:
             )
         )
 
-    def found(self, uav: str) -> None:
-        """It was seen on the ground, or is heard again."""
+    def found(self, uav: str) -> bool:
+        """It was seen on the ground, or is guided again; whether air was reserved for it until now."""
+        reserved = uav in self.airspace.ghosts
         self.airspace.release(uav)
+        return reserved
 
     def _above_ghosts(self, plan: Plan, uav: str, path: list[Point]) -> Plan:
         """The plan for this UAV, flown higher if its way would come too close to that of a UAV we lost."""
@@ -162,7 +171,7 @@ class FlightGuidance:
         one = self._compiled.get(uav)
         if one is None or one.mission is not mission:
             return
-        self._leave(uav)
+        self.leave(uav)
         system = self._systems[uav]
         keeper = Keeper(one.path_m, one.plan.scenario.slot_duration_s, mission, self._fleet.link.model(system))
         began_s = one.first_slot * one.plan.scenario.slot_duration_s
@@ -190,12 +199,7 @@ class FlightGuidance:
         """Guide nobody any more."""
         await self.missions_only()
         for uav in list(self._keeping):
-            self._leave(uav)
-
-    def _leave(self, uav: str) -> None:
-        task = self._keeping.pop(uav, None)
-        if task is not None:
-            task.cancel()
+            self.leave(uav)
 
     def _streamed(self, uav: str, one: Compiled) -> Streamed:
         scenario, system = one.plan.scenario, self._systems[uav]

@@ -12,13 +12,14 @@ import structlog
 from api.events import EventLog
 from api.flight import Flight
 from api.journal import IncidentLog, Journal, Step
+from api.losses import LOSS_KINDS, Loss, LossKind
 from api.operation_views import Policy
 from api.problems import ConflictError, NotFoundError
 from api.resilience import Answer, Incident, Parts, Recovery
 from planner import Plan
 
 log = structlog.get_logger()
-Cause = Literal["heartbeat_lost", "uav_returned", "retuned"]
+Cause = LossKind | Literal["uav_returned", "retuned"]
 
 
 async def _nowhere() -> None:
@@ -65,21 +66,27 @@ class Incidents:
 
     # -- what happens ---------------------------------------------------------------------------------------------
 
-    async def note(self, lost: dict[str, float]) -> None:
+    async def note(self, lost: dict[str, Loss]) -> None:
         """Take in new losses, and who came back."""
-        for uav, silent_for_s in lost.items():
-            self._parts.metrics.losses.labels("heartbeat_lost").inc()
+        for uav, loss in lost.items():
+            self._parts.metrics.losses.labels(loss.kind).inc()
             self._events.add(
-                "uav_lost", operation_id=self._operation_id, uav_id=uav, silent_for_s=round(silent_for_s, 3)
+                "uav_lost",
+                operation_id=self._operation_id,
+                uav_id=uav,
+                cause=loss.kind,
+                detail=loss.detail,
+                silent_for_s=round(loss.silent_for_s, 3),
             )
+            if self._policy != "off":
+                self.pending[uav] = loss.silent_for_s
+                self._wanted = loss.kind
         for uav in sorted(self._flight.returned - self._offered):
             self._parts.metrics.returns.inc()
             self._events.add("uav_returned", operation_id=self._operation_id, uav_id=uav)
         changed = self._flight.returned != self._offered
         self._offered = set(self._flight.returned)
         if lost and self._policy != "off":
-            self.pending |= lost
-            self._wanted = "heartbeat_lost"
             self._parts.ahead.yield_to_flight()
         if lost or changed:
             await self.save()
@@ -135,8 +142,7 @@ class Incidents:
             raise ConflictError(f"uav_id: {uav_id!r} has not returned")
         if self._task is not None or self._wanted is not None:
             raise ConflictError("an incident is being answered; wait until it is closed")
-        self._flight.returned.discard(uav_id)
-        self._flight.lost.pop(uav_id)
+        self._flight.roster.readmit(uav_id)
         self._offered.discard(uav_id)
         self.want("uav_returned", (uav_id,))
         await self.save()
@@ -150,7 +156,7 @@ class Incidents:
             return
         self.number += 1
         steps = IncidentLog(self._journal, self._operation_id, self.number, self._flight.now_s)
-        ask = self._policy == "approve" and cause == "heartbeat_lost"
+        ask = self._policy == "approve" and cause in LOSS_KINDS
         self._incident = Incident(steps, cause, dict(self.pending), ask=ask, readmitted=self._readmitted)
         self._readmitted = ()
         await self.save()
@@ -171,7 +177,9 @@ class Incidents:
         """What was last known of a lost UAV."""
         said = self._flight.on_board(uav)
         seen = {} if said is None else {"mode": said.mode.value, "relative_alt_m": said.relative_alt_m}
-        return {"verdict": "heartbeat_lost", "since_s": round(self._flight.lost.get(uav, 0.0), 3), **seen}
+        loss = self._flight.roster.losses.get(uav)
+        verdict = {} if loss is None else {"verdict": loss.kind, "detail": loss.detail}
+        return {**verdict, "since_s": round(self._flight.lost.get(uav, 0.0), 3), **seen}
 
     async def _collect(self, report: Recovery) -> None:
         for uav in report.lost:

@@ -7,7 +7,7 @@ import json
 import time
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 import structlog
@@ -156,13 +156,13 @@ class Operation:
 
     async def _fly(self) -> None:
         flight = self.flight
-        news = flight.follow_losses()
+        news = flight.roster.follow()
         try:
             while not flight.over(LANDING_LIMIT_S):
                 await self._tick(news)
                 await asyncio.sleep(TICK_S)
         finally:
-            flight.unfollow_losses(news)
+            flight.roster.unfollow(news)
             await flight.guidance.end()
             await self.incidents.end()
             self._write_track()
@@ -182,7 +182,7 @@ class Operation:
         if self.state == State.FLYING and flight.past_last_slot():
             await self.enter(State.LANDING)
         async with self._busy:  # a command of the operator comes before or after, never between
-            await self.incidents.note(flight.newly_lost(news))
+            await self.incidents.note(flight.roster.newly_lost(news))
             await self.incidents.go_on(may_start=self.state == State.FLYING)
 
     # -- what an operator says ------------------------------------------------------------------------------------
@@ -268,6 +268,7 @@ class Operation:
             "slot0_at": self._slot0_at(elapsed),
             "paused_s": elapsed if flight.paused else None,
             "lost": flight.lost,
+            "losses": {uav: asdict(loss) for uav, loss in flight.roster.losses.items()},
             "returned": sorted(flight.returned),
             "launch_itself": self.head.launch_itself,
             "error": self.error,

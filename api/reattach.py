@@ -17,6 +17,7 @@ from sqlalchemy import Row, select
 from api.fleet import Fleet
 from api.flight import Flight
 from api.journal import Entry, Step, last_incident
+from api.losses import Loss
 from api.operation import Books, Head, Operation
 from api.operation_views import State
 from api.rates import InForce, Point
@@ -34,7 +35,9 @@ async def restored(row: Row[Any], parts: Parts, books: Books, fleet: Fleet) -> O
     said = json.loads(row.document)
     timeline = [InForce(entry["from_s"], await parts.plans.finished(entry["plan_id"])) for entry in said["timeline"]]
     flight = Flight(timeline[0].plan, said["vehicles"], fleet, parts.clock)
-    flight.timeline, flight.lost, flight.returned = timeline, said["lost"], set(said["returned"])
+    flight.timeline = timeline
+    why = {uav: Loss(**loss) for uav, loss in said.get("losses", {}).items()}
+    flight.roster.recall(said["lost"], why, set(said["returned"]))
     if said["paused_s"] is not None:
         flight.go_on_from(said["paused_s"], paused=True)
     elif said["slot0_at"] is not None:

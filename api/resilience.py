@@ -20,13 +20,14 @@ from api.contingencies import Contingencies
 from api.creation import fresh
 from api.flight import Flight
 from api.journal import IncidentLog, Step
+from api.losses import LossKind
 from api.metrics import Metrics
 from api.plan_book import PlanBook
 from api.problems import ServiceError
 from api.settings import Settings
 from api.solver import LaneName
 from api.swapping import Swap
-from api.transition import achieved, expected_position, require_in_reach, require_separated
+from api.transition import Present, achieved, expected_position, require_in_reach, require_separated
 from mavlink_bridge import BridgeError
 from planner import Cause, Plan, ReplanError, remaining
 
@@ -62,7 +63,7 @@ class Incident:
     """What has to be answered, and how far the answer is. `approval`: set when the operator has decided."""
 
     log: IncidentLog
-    cause: Literal["heartbeat_lost", "uav_returned", "retuned"]
+    cause: LossKind | Literal["uav_returned", "retuned"]
     lost: dict[str, float]
     ask: bool = False
     readmitted: tuple[str, ...] = ()
@@ -169,7 +170,9 @@ class Answer:
 
     async def _plan(self, at_slot: int, *, use_ready: bool) -> Plan:
         flight, incident = self._flight, self._incident
-        detail = ", ".join(f"{uav} silent for {silent:.1f} s" for uav, silent in incident.lost.items())
+        detail = ", ".join(
+            f"{uav} {flight.roster.losses[uav].detail}" for uav in incident.lost if uav in flight.roster.losses
+        )
         cause = Cause(
             kind=incident.cause,
             uav_ids=tuple(incident.lost) or incident.readmitted,
@@ -236,7 +239,7 @@ class Answer:
             raise ReplanError(f"positions_m: nothing was heard of {', '.join(missing)}")
         if not self._in_time(plan):
             raise ReplanError(f"at_slot: slot {plan.first_slot} is over before its plan could be flown")
-        require_separated(plan, live)
+        require_separated(dict.fromkeys(plan.scenario.uav_ids, plan), Present.of(self._flight))
         require_in_reach(plan, live, (plan.first_slot + 1) * self._flight.slot_s - self._flight.now_s())
 
     def _in_time(self, plan: Plan) -> bool:

@@ -10,7 +10,7 @@ from typing import Any
 from api.flight import Flight
 from api.journal import IncidentLog, Step
 from api.metrics import Metrics
-from api.transition import require_separated
+from api.transition import Present, require_separated
 from mavlink_bridge import BridgeError, Mission
 from planner import Plan, ReplanError
 
@@ -99,10 +99,9 @@ class Swap:
         rest = rest_of(last, int(flight.now_s() // flight.slot_s))
         if rest is None:
             return
-        others = {uav: path for uav, path in new.trajectories_m.items() if uav not in uavs}
-        mixed = new.model_copy(update={"trajectories_m": {**others, **{uav: rest.trajectories_m[uav] for uav in uavs}}})
+        flown = dict.fromkeys(new.scenario.uav_ids, new) | dict.fromkeys(uavs, rest)
         try:
-            require_separated(mixed, flight.positions_m())
+            require_separated(flown, Present.of(flight))
         except ReplanError:
             return  # they hold: the swap has seen to that
         await self._try(rest, uavs, attempt=self._attempts + 1)

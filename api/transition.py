@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import combinations
+from dataclasses import dataclass
 from math import hypot
-
-import numpy as np
 
 from api.flight import Flight
 from api.rates import Point
-from planner import Plan, ReplanError, closest_approach
+from mavlink_bridge.errors import TransitionTooClose
+from mavlink_bridge.ghosts import Airspace, Conflict
+from mavlink_bridge.transitions import check_transition
+from planner import Plan, ReplanError
 
 SPEED_TOLERANCE = 1.25
 """A first leg may ask for this share of the maximum speed before it is called out of reach: it begins in mid-slot."""
+ROUNDING_M = 0.01
+"""Separation that a stored plan may miss by rounding; positions are not known to the centimetre anyway."""
 
 
 def expected_position(plan: Plan, uav_id: str, live_m: Point, now_s: float, at_slot: int) -> Point:
@@ -52,15 +55,83 @@ def begun_at(plan: Plan, uav_id: str, live_m: Point) -> Plan:
     return plan.model_copy(update={"trajectories_m": {**plan.trajectories_m, uav_id: path}})
 
 
-def require_separated(plan: Plan, live: dict[str, Point]) -> None:
-    """Refuse a transition in which two survivors come closer than `D_min` on their first legs."""
-    legs = {
-        uav: [live[uav], plan.trajectories_m[uav][min(1, plan.scenario.slots - 1)]] for uav in plan.scenario.uav_ids
-    }
-    for a, b in combinations(legs, 2):
-        apart = closest_approach(np.array([legs[a], legs[b]]))
-        if apart < plan.scenario.min_separation_m:
-            raise ReplanError(f"transition: {a!r} and {b!r} would come within {apart:.1f} m on the way to the new plan")
+def way_into(plan: Plan, uav_id: str, live_m: Point, now_s: float, *, first_slot: int, slots: int) -> list[Point]:
+    """Where a UAV that flies from `live_m` into `plan` is at the beginnings of `slots` slots from `first_slot` on.
+
+    Metres east/north. Its first leg is straight and even, and ends when the slot after the plan's first begins; after
+    the plan's end it stays.
+    """
+    path, slot_s = plan.trajectories_m[uav_id], plan.scenario.slot_duration_s
+    joins = min(1, len(path) - 1)
+    due_s = (plan.first_slot + joins) * slot_s
+    way = []
+    for slot in range(first_slot, first_slot + slots):
+        at = slot - plan.first_slot
+        if at >= joins:
+            way.append(path[min(at, len(path) - 1)])
+            continue
+        share = (slot * slot_s - now_s) / (due_s - now_s)
+        (e0, n0), (e1, n1) = live_m, path[joins]
+        way.append((e0 + share * (e1 - e0), n0 + share * (n1 - n0)))
+    return way
+
+
+@dataclass(frozen=True)
+class Present:
+    """The moment from which everybody changes over: fleet seconds since slot 0, places in metres east/north.
+
+    `plan`: what the missions on board fly. `airspace`: air that UAVs we lost may still be in.
+    """
+
+    now_s: float
+    positions_m: Mapping[str, Point]
+    plan: Plan
+    airspace: Airspace
+
+    @classmethod
+    def of(cls, flight: Flight) -> Present:
+        """As of now."""
+        return cls(flight.now_s(), flight.positions_m(), flight.plan, flight.guidance.airspace)
+
+
+def require_separated(plans: Mapping[str, Plan], present: Present) -> None:
+    """Refuse a change in which UAVs come too close, from where they are now to the end; `plans` has the plan of each.
+
+    Between them `D_min` holds at every moment. A UAV that is lost keeps the air it may still be in: whoever meets it
+    later flies above (`FlightGuidance.compile`), but on the first leg, on which one climbs, nobody may enter air that
+    the mission now on board stays out of. Raises ReplanError naming who, how close and when.
+    """
+    now_s, live = present.now_s, {uav: present.positions_m[uav] for uav in plans}
+    slot_s = present.plan.scenario.slot_duration_s
+    first = int(now_s // slot_s) + 1
+    slots = max(1, *(plan.first_slot + plan.scenario.slots - first for plan in plans.values()))
+    ways = {uav: way_into(plan, uav, live[uav], now_s, first_slot=first, slots=slots) for uav, plan in plans.items()}
+    required_m = max(plan.scenario.min_separation_m for plan in plans.values())
+    try:
+        check_transition(
+            live, ways, now_s=now_s, first_due_s=first * slot_s, slot_s=slot_s, required_m=required_m - ROUNDING_M
+        )
+    except TransitionTooClose as error:
+        raise ReplanError(str(error)) from error
+    for uav, plan in plans.items():
+        _require_clear_of_ghosts(uav, plan, present, required_m)
+
+
+def _require_clear_of_ghosts(uav: str, plan: Plan, present: Present, required_m: float) -> None:
+    now_s, live = present.now_s, present.positions_m[uav]
+    slot_s = plan.scenario.slot_duration_s
+    due = max(plan.first_slot + 1, int(now_s // slot_s) + 1)
+
+    def entered(there: Point) -> dict[tuple[str, str], Conflict]:
+        found = present.airspace.conflicts({uav: [live, there]}, [now_s, due * slot_s], required_m)
+        return {(one.ghost_id, one.because): one for one in found}
+
+    new = entered(way_into(plan, uav, live, now_s, first_slot=due, slots=1)[0])
+    flies_on = uav in present.plan.trajectories_m
+    old = entered(scheduled_at(present.plan, uav, due * slot_s) if flies_on else live) if new else {}
+    for air, conflict in new.items():
+        if air not in old:
+            raise ReplanError(f"transition: {conflict}")
 
 
 def require_in_reach(plan: Plan, live: Mapping[str, Point], left_s: float) -> None:

@@ -34,7 +34,6 @@ class _Evidence:
         self.mode = self.judged_mode = FlightMode.OTHER
         self.announced = False
         self.armed = False
-        self.flew = False
         self.up_m = 0.0
         self.sinking_mps = 0.0
         self.charge: float | None = None
@@ -50,8 +49,13 @@ class _Evidence:
         self.boot_ms: int | None = None
         self.human = Lasting(timing.takeover_after_s, clear)
         self.failsafe = Lasting(timing.failsafe_after_s, clear)
-        self.landed = Lasting(timing.landed_after_s, clear)
         self.battery = Lasting(timing.battery_after_s, timing.battery_after_s)
+        self.begin_flight(timing)
+
+    def begin_flight(self, timing: Timing) -> None:
+        """It was armed: how the flight before ended is history."""
+        self.flew = False
+        self.landed = Lasting(timing.landed_after_s, timing.clear_after_s)
         self.falling = Lasting(timing.crash_after_s, float("inf"))
 
     def is_strange(self, now_s: float) -> bool:
@@ -234,7 +238,10 @@ class Classifier:
     def _heartbeat(self, known: _Evidence, fields: dict[str, Any]) -> None:
         known.autopilot = autopilot_of(int(fields["autopilot"]))
         known.mode = mode_of(known.autopilot, int(fields["custom_mode"]))
-        known.armed = bool(int(fields["base_mode"]) & _ARMED)
+        armed = bool(int(fields["base_mode"]) & _ARMED)
+        if armed and not known.armed:
+            known.begin_flight(self.timing)
+        known.armed = armed
         known.system_status = int(fields.get("system_status", 0))
         known.flew = known.flew or (known.armed and known.up_m > self.timing.crash_height_m)
 

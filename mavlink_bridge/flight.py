@@ -154,9 +154,9 @@ async def swap(vehicle: Vehicle, mission: Mission, given_up: Callable[[], bool])
     """
     loop = asyncio.get_running_loop()
     started = loop.time()
-    mode, autopilot = vehicle.state.mode, vehicle.state.autopilot
-    if autopilot is None or mode not in OURS[autopilot]:
-        return _refused(vehicle, f"not ours to command: it is in mode '{mode}'")
+    autopilot = vehicle.state.autopilot
+    if not _is_ours(vehicle):
+        return _refused(vehicle, _not_ours(vehicle))
     upload = UploadResult(system_id=vehicle.system_id, seconds=0.0, error="not tried")
     error: str | None = None
     if autopilot is Autopilot.ARDUPILOT:
@@ -164,7 +164,7 @@ async def swap(vehicle: Vehicle, mission: Mission, given_up: Callable[[], bool])
     if error is None:
         upload = await _upload_or_hold(vehicle, mission, given_up)
         error = upload.error or await error_of(_fly_new(vehicle, mission, upload.mission_id))
-    held = error is not None and await error_of(hold(vehicle)) is None
+    held = error is not None and _is_ours(vehicle) and await error_of(hold(vehicle)) is None
     return SwapResult(system_id=vehicle.system_id, seconds=loop.time() - started, error=error, upload=upload, held=held)
 
 
@@ -175,11 +175,20 @@ async def _upload_or_hold(vehicle: Vehicle, mission: Mission, given_up: Callable
     )
     try:
         await asyncio.wait({upload}, timeout=PROOF_S)
-        if not upload.done() and vehicle.state.mode is FlightMode.MISSION:
+        if not upload.done() and vehicle.state.mode is FlightMode.MISSION:  # not over a human or a failsafe
             await error_of(hold(vehicle))
         return await upload
     finally:
         upload.cancel()
+
+
+def _is_ours(vehicle: Vehicle) -> bool:
+    """Whether it is in a mode of ours; in any other a human or a failsafe flies it, and is not overruled."""
+    return vehicle.state.autopilot is not None and vehicle.state.mode in OURS[vehicle.state.autopilot]
+
+
+def _not_ours(vehicle: Vehicle) -> str:
+    return f"not ours to command: it is in mode '{vehicle.state.mode}'"
 
 
 def _refused(vehicle: Vehicle, reason: str) -> SwapResult:
@@ -196,8 +205,12 @@ async def _fly_new(vehicle: Vehicle, mission: Mission, mission_id: int) -> None:
     told = mission_id != 0 and vehicle.autopilot is Autopilot.PX4
     if told and await _ask_until(vehicle, lambda: _flies_new(vehicle, mission, mission_id, -1), 2 * ASK_AGAIN_S):
         return
+    if not _is_ours(vehicle):
+        raise NotDone(_not_ours(vehicle))
     reports = vehicle.state.mission_reports
     await set_current(vehicle, mission.start_item)
+    if not _is_ours(vehicle):
+        raise NotDone(_not_ours(vehicle))
     if vehicle.state.mode is not FlightMode.MISSION:
         await set_mode(vehicle, FlightMode.MISSION)
     if not await _ask_until(vehicle, lambda: _flies_new(vehicle, mission, mission_id, reports)):

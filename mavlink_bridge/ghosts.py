@@ -8,7 +8,7 @@ that moment, to where it was last seen, or to any point of the straight way from
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import hypot
 
@@ -72,6 +72,12 @@ class Airspace:
     def reserve(self, ghost: Ghost) -> None:
         """From now on its air is taken."""
         self._ghosts.setdefault(ghost.uav_id, ghost)
+
+    def seen(self, uav_id: str, at_m: Point) -> None:
+        """One whose air is reserved is still heard, or again: the last place is there now, metres east/north."""
+        ghost = self._ghosts.get(uav_id)
+        if ghost is not None:
+            self._ghosts[uav_id] = replace(ghost, last_seen_m=at_m)
 
     def release(self, uav_id: str) -> None:
         """It was seen on the ground, or is back."""

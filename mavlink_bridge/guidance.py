@@ -127,7 +127,7 @@ class Stream:
     """
 
     def __init__(self, streamed: Mapping[int, Streamed], *, scale: float, fall_back: FallBack) -> None:
-        self._streamed = streamed
+        self._streamed = dict(streamed)
         self._scale = scale
         self._fall_back = fall_back
 
@@ -155,6 +155,10 @@ class Stream:
         finally:
             await asyncio.shield(self._hand_over(elapsed_s(), slot_s, last))
 
+    def leave(self, system_id: int) -> None:
+        """Send it nothing any more, and leave its mode to whoever flies it now."""
+        self._streamed.pop(system_id, None)
+
     async def _hand_over(self, elapsed_s: float, slot_s: float, last: int) -> None:
         slot = min(int(elapsed_s // slot_s) + 1, last)
         await asyncio.gather(*(self._let_go(one, slot) for one in self._streamed.values()))
@@ -177,7 +181,7 @@ class Stream:
         await flight.error_of(flight.hold(one.vehicle))
 
     def _send(self, elapsed_s: float) -> None:
-        for one in self._streamed.values():
+        for one in list(self._streamed.values()):
             try:
                 one.vehicle.send(one.streamer.setpoint(elapsed_s, one.vehicle.state.boot_ms or 0))
             except MavlinkDirectError:

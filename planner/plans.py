@@ -25,7 +25,18 @@ class PlanStatus(StrEnum):
 class Cause(Frozen):
     """Why a plan was made: stored with the plan, shown to the operator."""
 
-    kind: Literal["requested", "heartbeat_lost", "battery", "users_changed", "uav_returned", "retuned"] = "requested"
+    kind: Literal[
+        "requested",
+        "heartbeat_lost",
+        "crashed",
+        "landed",
+        "human_took_over",
+        "in_failsafe",
+        "battery",
+        "users_changed",
+        "uav_returned",
+        "retuned",
+    ] = "requested"
     uav_ids: tuple[str, ...] = ()
     detail: str = ""
     silent_for_s: float | None = None

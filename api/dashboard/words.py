@@ -39,7 +39,22 @@ def _link(data: Data) -> tuple[str, str]:
 
 
 def _lost(data: Data) -> tuple[str, str]:
+    cause = data.get("cause", "heartbeat_lost")
+    if cause != "heartbeat_lost":
+        return f"{data.get('uav_id')} declared LOST: {cause.replace('_', ' ')} ({data.get('detail')})", "alarm"
     return f"{data.get('uav_id')} declared LOST after {data.get('silent_for_s', 0):.1f} s of silence", "alarm"
+
+
+def _geofence(data: Data) -> tuple[str, str]:
+    if data.get("error"):
+        return f"{data.get('uav_id')} flies without a geofence: {data.get('error')}", "warn"
+    return f"{data.get('uav_id')} has the plan's area as its geofence", "ok"
+
+
+def _condition(data: Data) -> tuple[str, str]:
+    after = str(data.get("after"))
+    level = {"live": "ok", "low_battery": "warn", "landed": "", "rebooted": "warn", "stale": "warn"}.get(after, "alarm")
+    return f"{data.get('uav_id')} {after.replace('_', ' ')}: {data.get('cause')}", level
 
 
 def _recovery(data: Data) -> tuple[str, str]:
@@ -94,6 +109,8 @@ WORDS: Mapping[str, Callable[[Data], tuple[str, str]]] = {
     "operation": _operation,
     "link": _link,
     "uav_lost": _lost,
+    "condition": _condition,
+    "geofence": _geofence,
     "recovery": _recovery,
     "plan_ended": _plan_ended,
     "missions_uploaded": _uploaded,

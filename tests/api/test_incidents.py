@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
@@ -164,6 +165,58 @@ def test_a_uav_that_comes_back_is_offered_and_flies_again_only_when_asked_to(flo
     plan = flown.client.read_plan(again.plan_id)
     assert plan.scenario is not None
     assert plan.scenario.uav_ids == SCENARIO.uav_ids
+
+
+def events_of(flown: Flight, operation_id: str, kind: str) -> list[dict[str, Any]]:
+    """Data of the events of a kind since this operation was made."""
+    log = flown.http.get("/v1/events/log", params={"limit": 500}).json()
+    found = list(log["items"])
+    while log["next"] is not None:
+        log = flown.http.get("/v1/events/log", params={"limit": 500, "after": log["next"]}).json()
+        found += log["items"]
+    first = next(event["id"] for event in found if event["data"].get("operation_id") == operation_id)
+    return [event["data"] for event in found if event["kind"] == kind and event["id"] >= first]
+
+
+def test_a_uav_seen_falling_is_lost_at_once_with_that_cause(flown: Flight) -> None:
+    operation_id = flown.take_off()
+    flown.fleet.inject(sim.MotorFailure(3))
+    answered = flown.until(operation_id, lambda view: view.recoveries)
+    report = answered.recoveries[0]
+    assert (report.outcome, answered.lost) == ("flying", ["uav-3"])
+    assert report.cause in {"crashed", "landed"}  # a fall of 8 m may be over before it is seen
+    assert report.lost == {"uav-3": 0.0}  # it was heard all the while
+    lost = events_of(flown, operation_id, "uav_lost")
+    assert [(event["uav_id"], event["cause"]) for event in lost] == [("uav-3", report.cause)]
+    assert "above home" in lost[0]["detail"]
+    assert report.plan_id is not None
+    cause = flown.client.read_plan(report.plan_id).cause
+    assert (cause.kind, cause.uav_ids) == (report.cause, ("uav-3",))
+    assert "above home" in cause.detail
+
+
+def test_a_uav_that_a_human_took_over_is_planned_around_and_never_commanded_again(flown: Flight) -> None:
+    operation_id = flown.take_off()
+    flown.fleet.inject(sim.LowBattery(1, 0.18))
+    flown.fleet.inject(sim.ModeChange(3, "POSITION"))
+    answered = flown.until(operation_id, lambda view: view.recoveries)
+    report = answered.recoveries[0]
+    assert (report.cause, report.outcome) == ("human_took_over", "flying")
+    assert set(report.vehicles) == {"uav-1", "uav-2"}
+    with pytest.raises(ApiError, match="409"):
+        flown.client.command(operation_id, "readmit", uav_id="uav-3")
+    assert events_of(flown, operation_id, "ghost_released") == []
+    flown.fleet.inject(sim.ModeChange(3, "LAND"))
+    flown.until(operation_id, lambda _: events_of(flown, operation_id, "ghost_released"))
+    flown.client.command(operation_id, "abort", action="land")
+    assert missions_taken(flown, 3) == 1
+    modes = [event.detail["mode"] for event in flown.fleet.fleet.truth.happened("mode", 3)]
+    assert modes[modes.index("POSITION") :] == ["POSITION", "LAND"]
+    conditions = events_of(flown, operation_id, "condition")
+    assert {("uav-1", "low_battery"), ("uav-3", "human_took_over")} <= {
+        (event["uav_id"], event["after"]) for event in conditions
+    }
+    assert "nobody commanded" in events_of(flown, operation_id, "uav_lost")[0]["detail"]
 
 
 def test_a_drill_strikes_only_what_the_service_simulates_and_a_plan_made_ahead_answers_it() -> None:

@@ -104,6 +104,7 @@ def test_both_autopilots_fly_by_mission_or_stream_and_tell_their_slip(autopilot:
             path = client.post("/v1/operations", json=order).headers["Location"]
             ended = follow(client, path, "completed", "failed", limit_s=150)
             assert ended["error"] is None
+            assert ended["lost"] == []  # a return and a landing at the end are as planned
             log = client.get("/v1/events/log", params={"limit": 500}).json()["items"]
             slips = [event["data"] for event in log if event["kind"] == "slip"]
             assert {slip["uav_id"] for slip in slips} == {"uav-1", "uav-2"}
@@ -114,6 +115,29 @@ def test_both_autopilots_fly_by_mission_or_stream_and_tell_their_slip(autopilot:
             assert any(event["kind"] == "preflight" for event in log)
         finally:
             fleet.stop()
+
+
+def test_the_area_is_on_board_as_geofence_before_take_off_and_who_takes_none_is_named(
+    service: tuple[TestClient, str],
+) -> None:
+    client, endpoint = service
+    fleet = simulated(endpoint)
+    try:
+        fleet.inject(sim.RejectMission(2, uploads=3))
+        path = client.post("/v1/operations", json={"plan_id": ready(client)}).headers["Location"]
+        begun = follow(client, path, "flying", "failed")
+        assert begun["error"] is None
+        truth = fleet.fleet.truth
+        (accepted,) = truth.happened("fence_accepted")
+        assert (accepted.system_id, len(accepted.detail["items"])) == (1, 4)
+        assert accepted.t_s < truth.happened("takeoff", 1)[0].t_s
+        log = client.get("/v1/events/log", params={"limit": 500}).json()["items"]
+        told = {event["data"]["uav_id"]: event["data"] for event in log if event["kind"] == "geofence"}
+        assert [told[uav]["level"] for uav in ("uav-1", "uav-2")] == ["ok", "warning"]
+        assert "ERROR" in told["uav-2"]["error"]
+        client.post(f"{path}:abort", json={"action": "land"})
+    finally:
+        fleet.stop()
 
 
 def test_an_aborted_operation_leaves_vehicles_holding(service: tuple[TestClient, str]) -> None:

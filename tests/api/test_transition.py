@@ -2,8 +2,10 @@
 
 import pytest
 
-from api.transition import begun_at, expected_position
-from planner import EXAMPLES, Plan, plan
+from api.transition import Present, begun_at, expected_position, require_separated, way_into
+from mavlink_bridge.ghosts import Airspace, Ghost
+from mavlink_bridge.route import Route
+from planner import EXAMPLES, Plan, ReplanError, plan
 
 
 @pytest.fixture(scope="module")
@@ -33,3 +35,58 @@ def test_no_time_left_means_no_way_to_go(eastward: Plan) -> None:
 def test_a_mission_begins_where_the_uav_really_is(eastward: Plan) -> None:
     assert begun_at(eastward, "uav-1", (51.0, 52.0)).trajectories_m["uav-1"][0] == (51.0, 52.0)
     assert eastward.trajectories_m["uav-1"][0] == (50.0, 50.0)
+
+
+def moved(made: Plan, first_slot: int = 0, **paths: list[tuple[float, float]]) -> Plan:
+    """The plan with other paths, in 5 s slots from `first_slot` of the operation on; 4 m apart is asked for."""
+    slots = len(next(iter(paths.values())))
+    scenario = made.scenario.model_copy(update={"slots": slots})
+    named = {uav.replace("_", "-"): path for uav, path in paths.items()}
+    return made.model_copy(update={"trajectories_m": named, "scenario": scenario, "first_slot": first_slot})
+
+
+def test_the_way_into_a_plan_is_straight_and_even_and_then_the_plan(eastward: Plan) -> None:
+    later = moved(eastward, 1, uav_1=[(0.0, 0.0), (30.0, 0.0), (50.0, 0.0)])
+    way = way_into(later, "uav-1", (0.0, 0.0), 4.0, first_slot=1, slots=4)
+    assert way == [pytest.approx((5.0, 0.0)), (30.0, 0.0), (50.0, 0.0), (50.0, 0.0)]
+
+
+def test_a_change_that_keeps_apart_now_and_crosses_later_is_refused(eastward: Plan) -> None:
+    live = {"uav-1": (0.0, 0.0), "uav-2": (0.0, 20.0)}
+    now = Present(1.0, live, eastward, Airspace())
+    along = moved(
+        eastward, uav_1=[(0.0, 0.0), (20.0, 0.0), (40.0, 0.0)], uav_2=[(0.0, 20.0), (20.0, 20.0), (40.0, 20.0)]
+    )
+    require_separated(dict.fromkeys(live, along), now)
+    across = moved(
+        eastward, uav_1=[(0.0, 0.0), (20.0, 0.0), (40.0, 20.0)], uav_2=[(0.0, 20.0), (20.0, 20.0), (40.0, 0.0)]
+    )
+    with pytest.raises(ReplanError, match=r"'uav-1' and 'uav-2' would come within 0.00 m at 7.5 s"):
+        require_separated(dict.fromkeys(live, across), now)
+    with pytest.raises(ReplanError, match="'uav-1' and 'uav-2' would come within"):  # one keeps its old plan
+        require_separated({"uav-1": along, "uav-2": moved(eastward, uav_2=[(0.0, 20.0), (20.0, 2.0)])}, now)
+
+
+def test_nobody_is_sent_into_the_air_of_a_lost_uav_that_it_would_stay_out_of(eastward: Plan) -> None:
+    air = Airspace()
+    rests = Route([(20.0, 30.0), (20.0, 30.0)], 5.0)
+    air.reserve(
+        Ghost(
+            uav_id="uav-2",
+            lost_at_s=0.0,
+            last_seen_m=(20.0, 30.0),
+            route=rests,
+            route_began_s=0.0,
+            home_m=None,
+            deadline_s=600.0,
+        )
+    )
+    live = {"uav-1": (0.0, 0.0)}
+    away = moved(eastward, uav_1=[(0.0, 0.0), (20.0, 0.0), (20.0, 30.0)])
+    through = moved(eastward, uav_1=[(0.0, 0.0), (20.0, 30.0), (20.0, 30.0)])
+    require_separated({"uav-1": away}, Present(1.0, live, away, air))  # later it flies above
+    with pytest.raises(ReplanError, match=r"of 'uav-2' at"):
+        require_separated({"uav-1": through}, Present(1.0, live, away, air))
+    require_separated({"uav-1": through}, Present(1.0, live, through, air))  # no worse than flying on
+    air.release("uav-2")
+    require_separated({"uav-1": through}, Present(1.0, live, away, air))

@@ -10,6 +10,18 @@ from api.dashboard.words import words
     ("kind", "data", "said", "level"),
     [
         ("uav_lost", {"uav_id": "uav-3", "silent_for_s": 5.2}, "uav-3 declared LOST after 5.2 s of silence", "alarm"),
+        (
+            "uav_lost",
+            {"uav_id": "uav-3", "cause": "human_took_over", "detail": "in mode 'position'", "silent_for_s": 0.0},
+            "uav-3 declared LOST: human took over (in mode 'position')",
+            "alarm",
+        ),
+        (
+            "condition",
+            {"uav_id": "uav-1", "after": "low_battery", "cause": "18% of charge left"},
+            "uav-1 low battery: 18% of charge left",
+            "warn",
+        ),
         ("link", {"uav_id": "uav-3", "before": "live", "after": "stale", "silent_for_s": 3.0}, "stale", "warn"),
         ("operation", {"state": "failed", "error": "no"}, "operation failed: no", "alarm"),
         ("recovery", {"outcome": "flying", "plan_id": "plan-1", "replan_ms": 12.3}, "replanned in 12 ms", "ok"),

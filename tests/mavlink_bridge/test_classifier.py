@@ -111,6 +111,15 @@ def test_a_vehicle_whose_clock_is_set_back_was_not_restarted() -> None:
     assert story.tell(10) == []
 
 
+def test_how_one_flight_ended_is_history_when_the_next_begins() -> None:
+    story = Story()
+    assert story.tell(3, base_mode=DISARMED) == [Condition.CRASHED]
+    assert story.tell(30, relative_alt=0) == []
+    assert story.tell(5, base_mode=ARMED) == [Condition.LIVE]
+    assert story.tell(5, relative_alt=60_000) == []
+    assert story.tell(3, base_mode=DISARMED) == [Condition.CRASHED]
+
+
 @pytest.mark.parametrize(("autopilot", "mode"), [(12, PX4_POSITION), (3, COPTER_STABILIZE)])
 def test_a_mode_nobody_commanded_is_a_human(autopilot: int, mode: int) -> None:
     story = Story(autopilot=autopilot, mode=PX4_MISSION if autopilot == 12 else COPTER_AUTO)

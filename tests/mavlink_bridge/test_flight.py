@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 from math import hypot
 from typing import Any
@@ -191,6 +192,25 @@ async def test_a_vehicle_somebody_else_took_over_is_left_alone(airfield: Open, l
         assert (result.ok, result.held) == (False, False)
         assert result.error == "not ours to command: it is in mode 'return'"
         assert (mode_of(field, 1), mission_id_of(field, 1)) == (Mode.RTL, before)
+
+
+async def test_a_human_who_takes_over_in_the_middle_of_a_swap_is_not_overruled(
+    airfield: Open, relay_to: Callable[[int], Any], line_and_hover: Plan, free_port: int
+) -> None:
+    plan = low(line_and_hover)
+    async with (
+        relay_to(free_port) as relay,
+        airfield(plan, endpoint=f"udpout://127.0.0.1:{relay.port}", port=free_port) as field,
+    ):
+        await flying(field, plan)
+        relay.to_ground = lambda datagram: [] if datagram[7] == MISSION_COUNT else [datagram]  # no download begins
+        swapping = asyncio.create_task(field.link.swap(missions_of(moved(plan, 8.0), airborne=True)))
+        while mode_of(field, 1) is not Mode.HOLD:  # until the new mission is proven
+            await field.fly_for(0.1)
+        field.fleet.vehicles[1].autopilot.set_mode(Mode.POSITION)
+        (result,) = (await swapping).values()
+        assert (result.ok, result.held) == (False, False)
+        assert mode_of(field, 1) is Mode.POSITION
 
 
 async def test_vehicles_hold_and_land_on_command(airfield: Open, trio: Plan) -> None:

@@ -91,6 +91,17 @@ def test_the_air_of_a_lost_uav_is_taken_however_it_behaves(lost: Ghost, because:
     check_transition(live, paths, airspace=airspace, **HOW)
 
 
+def test_the_last_place_of_a_lost_uav_that_is_still_heard_is_where_it_is_now() -> None:
+    airspace = Airspace()
+    airspace.reserve(ghost(path=[(500.0, 500.0)] * 3, last=(10.0, 1.0)))
+    airspace.seen("uav-3", (10.0, 41.0))  # a human flies it
+    check_transition({"uav-1": (0.0, 0.0)}, {"uav-1": [(20.0, 0.0)]}, airspace=airspace, **HOW)
+    with pytest.raises(TransitionTooClose, match="the last place of 'uav-3'"):
+        check_transition({"uav-1": (0.0, 40.0)}, {"uav-1": [(20.0, 40.0)]}, airspace=airspace, **HOW)
+    airspace.seen("uav-2", (0.0, 0.0))  # whose air is not reserved
+    assert set(airspace.ghosts) == {"uav-3"}
+
+
 def test_a_ghost_is_reserved_until_its_deadline_and_no_longer() -> None:
     airspace = Airspace()
     airspace.reserve(ghost(path=[(0.0, 0.0)] * 2))

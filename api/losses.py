@@ -1,0 +1,59 @@
+"""Why a UAV of an operation no longer counts: silent, down, or no longer ours to command. Pure.
+
+Silence is judged by the heartbeat monitor, everything else by the classifier of what the autopilot says.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from mavlink_bridge.conditions import Change, Condition
+
+LossKind = Literal["heartbeat_lost", "crashed", "landed", "human_took_over", "in_failsafe"]
+LOSS_KINDS: tuple[LossKind, ...] = get_args(LossKind)
+
+_SEEN: dict[Condition, LossKind] = {
+    Condition.CRASHED: "crashed",
+    Condition.LANDED: "landed",
+    Condition.HUMAN: "human_took_over",
+    Condition.FAILSAFE: "in_failsafe",
+}
+_ENDS_A_PLAN_TOO = frozenset({Condition.LANDED, Condition.FAILSAFE})
+"""A mission ends with a return and a landing: after the plan these are as planned."""
+
+
+@dataclass(frozen=True)
+class Loss:
+    """One UAV that is lost to the operation, and what was seen of it, with numbers. `silent_for_s`: fleet seconds."""
+
+    kind: LossKind
+    detail: str
+    silent_for_s: float = 0.0
+
+    @property
+    def in_the_air(self) -> bool:
+        """Whether it may still fly, so that its air stays reserved."""
+        return self.kind not in {"crashed", "landed"}
+
+    @property
+    def may_return(self) -> bool:
+        """Whether being heard again makes it ours again; who is down, or flown by somebody else, is left alone."""
+        return self.kind == "heartbeat_lost"
+
+
+def silent(silent_for_s: float) -> Loss:
+    """Declared lost by the heartbeat monitor."""
+    return Loss("heartbeat_lost", f"silent for {silent_for_s:.1f} s", silent_for_s)
+
+
+def seen(change: Change | None, *, plan_is_flown: bool) -> Loss | None:
+    """What a UAV's present condition, if any is known, means for an operation; None when it still counts.
+
+    plan_is_flown: whether its mission should still be flying the plan, so that a return or a landing is none of ours.
+    """
+    if change is None or change.after not in _SEEN:
+        return None
+    if change.after in _ENDS_A_PLAN_TOO and not plan_is_flown:
+        return None
+    return Loss(_SEEN[change.after], change.cause)

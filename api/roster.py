@@ -1,0 +1,128 @@
+"""Who still flies for an operation: who is lost and why, who is back, and who may be commanded."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Mapping
+
+from api.fleet import Fleet
+from api.guidance import FlightGuidance
+from api.losses import Loss, seen, silent
+from api.rates import Point
+from mavlink_bridge import LinkEvent, LinkState, geodetic_to_east_north
+from planner import Origin
+
+
+class Roster:
+    """The UAVs of one flight. `now_s()`: fleet seconds since slot 0 began.
+
+    last_change_s: until then slots can be flown differently; later, missions return and land as planned.
+    """
+
+    def __init__(
+        self,
+        systems: Mapping[str, int],
+        origin: Origin,
+        fleet: Fleet,
+        guidance: FlightGuidance,
+        *,
+        now_s: Callable[[], float],
+        last_change_s: float,
+    ) -> None:
+        self.lost: dict[str, float] = {}
+        """Since when each that is lost was not heard, or was seen lost."""
+        self.losses: dict[str, Loss] = {}
+        """Why each that is lost is."""
+        self.returned: set[str] = set()
+        """UAVs that were lost and are heard again: offered to the operator, not commanded."""
+        self._systems, self._origin = systems, origin
+        self._uavs = {system: uav for uav, system in systems.items()}
+        self._fleet, self._guidance = fleet, guidance
+        self._now_s, self._last_change_s = now_s, last_change_s
+
+    def recall(self, lost: dict[str, float], losses: dict[str, Loss], returned: set[str]) -> None:
+        """Take over what was known before a restart."""
+        self.lost, self.returned = lost, returned
+        self.losses = {uav: losses.get(uav, silent(0.0)) for uav in lost}
+
+    def follow(self) -> asyncio.Queue[LinkEvent]:
+        """Begin to receive link events."""
+        return self._fleet.follow()
+
+    def unfollow(self, queue: asyncio.Queue[LinkEvent]) -> None:
+        """Stop receiving them."""
+        self._fleet.unfollow(queue)
+
+    def newly_lost(self, queue: asyncio.Queue[LinkEvent]) -> dict[str, Loss]:
+        """UAVs that are lost since the last call, and why: fallen silent in flight, or seen in no state to serve."""
+        found = {}
+        while not queue.empty():
+            event = queue.get_nowait()
+            uav = self._uavs.get(event.system_id)
+            if uav is None:
+                continue
+            if event.after == LinkState.LIVE and uav in self.losses and self.losses[uav].may_return:
+                self.returned.add(uav)  # its air stays reserved: nobody knows yet what it flies
+            if event.after == LinkState.LOST and not self.is_down(uav):
+                self.returned.discard(uav)
+                if uav not in self.lost:
+                    found[uav] = self._lose(uav, silent(event.silent_for_s))
+        for uav, at_m in self.positions_m().items():
+            self._guidance.airspace.seen(uav, at_m)
+        return found | self._seen_lost()
+
+    def _seen_lost(self) -> dict[str, Loss]:
+        """UAVs newly seen crashed, landed off plan, flown by a human or in failsafe; who is lost gets a cause."""
+        found = {}
+        for uav in self._systems:
+            loss = self._seen(uav)
+            if loss is None:
+                continue
+            if uav not in self.lost:
+                found[uav] = self._lose(uav, loss)
+            elif self.losses[uav].kind != loss.kind:
+                self.losses[uav] = loss
+                self.returned.discard(uav)
+            if not loss.in_the_air and self._guidance.found(uav):
+                self._fleet.note("ghost_released", uav_id=uav, because=loss.detail)
+        return found
+
+    def _lose(self, uav: str, loss: Loss) -> Loss:
+        """From now on it is neither counted on nor commanded."""
+        self.lost[uav] = self._now_s() - loss.silent_for_s
+        self.losses[uav] = loss
+        self._guidance.leave(uav, setpoints_too=not loss.may_return)
+        where = self.positions_m().get(uav)
+        if loss.in_the_air and where is not None:
+            self._guidance.reserve(uav, where)
+        return loss
+
+    def readmit(self, uav: str) -> None:
+        """Count on a UAV again that has returned."""
+        self.returned.discard(uav)
+        self.lost.pop(uav)
+        self.losses.pop(uav)
+        self._guidance.found(uav)
+
+    def may_command(self, uav: str) -> bool:
+        """Whether it is ours: a human, a failsafe or a crash is never overruled, not even before it is declared."""
+        return uav not in self.lost and self._seen(uav) is None
+
+    def _seen(self, uav: str) -> Loss | None:
+        """What it is seen in that ends its service. Once no slot can be flown differently, missions end as planned."""
+        flown = uav in self.lost or self._now_s() < self._last_change_s
+        return seen(self._fleet.condition(self._systems[uav]), plan_is_flown=flown)
+
+    def positions_m(self) -> dict[str, Point]:
+        """Where each UAV was last heard, metres east/north of the scenario's origin."""
+        found = {}
+        for uav, system in self._systems.items():
+            said = self._fleet.link.telemetry(system)
+            if said is not None:
+                found[uav] = geodetic_to_east_north(self._origin, said.lat_deg, said.lon_deg)
+        return found
+
+    def is_down(self, uav: str) -> bool:
+        """Whether it last said that it is disarmed."""
+        said = self._fleet.link.telemetry(self._systems[uav])
+        return said is not None and not said.armed
