@@ -56,7 +56,7 @@ def test_no_input_ends_in_a_server_error_and_answers_are_as_described(case: Any,
         if case.path.endswith("/contingencies"):
             case.query["wait_s"] = 0
     if case.path == "/v1/fleet/vehicles" and case.method == "POST":
-        pytest.skip("opens a real link; its input is tested in test_fleet")
+        pytest.skip("opens a real link; test_operations and test_hostile send it")
     response = case.call(base_url=base_url)
     case.validate_response(response, checks=[not_a_server_error, response_schema_conformance, content_type_conformance])
 
