@@ -10,6 +10,9 @@ from sim.vehicle import Body, Guidance, fall, step
 if TYPE_CHECKING:
     from sim.autopilot import Autopilot
 
+SOFT_TOUCHDOWN_MPS = 1.5
+"""A frozen vehicle that sinks or slides no faster than this when it touches the ground has landed, not crashed."""
+
 
 class Dynamics:
     """`body` is the truth, `seen` what the autopilot steers by. `powered`: the motors can turn."""
@@ -52,8 +55,10 @@ class Dynamics:
             up_m = max(0.0, body.up_m + body.up_mps * dt_s)
             east_m, north_m = body.east_m + body.east_mps * dt_s, body.north_m + body.north_mps * dt_s
             self.body = replace(body, east_m=east_m, north_m=north_m, up_m=up_m)
-            self.crashed = self.body.on_ground
-            self.powered = not self.crashed
+            if self.body.on_ground:
+                soft = max(-body.up_mps, math.hypot(body.east_mps, body.north_mps)) <= SOFT_TOUCHDOWN_MPS
+                self.body = replace(self.body, east_mps=0.0, north_mps=0.0, up_mps=0.0)
+                self.crashed, self.powered = not soft, soft
         self._drain(dt_s)
 
     def _fly(self, now_s: float, dt_s: float) -> None:

@@ -111,6 +111,18 @@ def test_a_frozen_vehicle_goes_on_as_its_motors_were_and_thaws() -> None:
     assert vehicle.autopilot.body.east_m < before
 
 
+def test_a_vehicle_frozen_while_it_lands_softly_has_landed_not_crashed() -> None:
+    fleet, vehicle = flying()
+    vehicle.autopilot.set_mode(Mode.LAND)
+    fleet.step_to(25.0)
+    assert -1.5 <= vehicle.autopilot.body.up_mps < 0
+    fleet.inject(Freeze(1, for_s=60.0))
+    fleet.step_to(100.0)
+    assert fleet.truth.happened("landed")
+    assert not fleet.truth.happened("crashed")
+    assert not vehicle.armed
+
+
 def test_a_low_battery_acts_as_its_parameter_says() -> None:
     fleet, vehicle = flying()
     vehicle.autopilot.parameters["COM_LOW_BAT_ACT"] = 3
