@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import asyncio
-import socket
 from collections.abc import Callable, Iterable
-from typing import cast
 
-from mavlink_bridge.endpoints import NETWORK, Address, Datagrams
+from mavlink_bridge.endpoints import NETWORK, Endpoint, UdpOut
 from mavlink_bridge.errors import ConnectionFailed
-from mavlink_bridge.framing import Frame, Framer
+from mavlink_bridge.framing import Frame
 
 
 class Watchers:
@@ -23,35 +20,21 @@ class Watchers:
         if network is None or network["scheme"] != "udpout":
             raise ConnectionFailed(url, "a forward port must look like udpout://HOST:PORT")
         self.url = url
-        self._at = (network["host"].strip("[]"), int(network["port"]))
         self._on_frames = on_frames
-        self._framer = Framer()
-        self._transport: asyncio.DatagramTransport | None = None
+        self._link = UdpOut(url, network["host"].strip("[]"), int(network["port"]), self._heard)
 
     async def open(self) -> None:
         """Open the socket; raises ConnectionFailed for an unknown host."""
-        loop = asyncio.get_running_loop()
-        try:
-            found = await loop.getaddrinfo(*self._at, type=socket.SOCK_DGRAM)
-            transport, _ = await loop.create_datagram_endpoint(
-                lambda: Datagrams(self._received), remote_addr=cast("tuple[str, int]", found[0][4][:2])
-            )
-        except OSError as error:
-            raise ConnectionFailed(self.url, str(error)) from error
-        self._transport = transport
+        await self._link.open()
 
     def send(self, data: bytes) -> None:
         """What vehicles said, frames in a row."""
-        if self._transport is not None:
-            self._transport.sendto(data)
+        self._link.send(data, 0)
 
     def close(self) -> None:
         """Close the socket."""
-        transport, self._transport = self._transport, None
-        if transport is not None:
-            transport.close()
+        self._link.close()
 
-    def _received(self, data: bytes, _address: Address) -> None:
-        frames = self._framer.feed(data)
-        if frames and self._on_frames is not None:
+    def _heard(self, _endpoint: Endpoint, frames: Iterable[Frame]) -> None:
+        if self._on_frames is not None:
             self._on_frames(frames)

@@ -12,15 +12,20 @@ from planner.scenario import Channel, Origin, Scenario, Uav, User, Utility
 ZURICH = Origin(lat_deg=47.397742, lon_deg=8.545594)
 STARTS_M = ((125.0, 375.0), (375.0, 375.0), (250.0, 125.0))
 USERS_PER_UAV = 3
+NOISE_DBM = -80.0
+USER_RADIUS_M: float | None = 75.0
+FADING: Literal["mean", "sampled"] = "mean"
+LAYOUT_SEED = 13
+"""What the letter omits, as the calibration found it (`skyfolio reproduce --calibrate`)."""
 
 
 def letter(
     *,
-    noise_dbm: float = -80.0,
-    user_radius_m: float | None = 75.0,
-    layout_seed: int = 13,
-    fading: Literal["mean", "sampled"] = "mean",
-    fading_seed: int = 13,
+    noise_dbm: float = NOISE_DBM,
+    user_radius_m: float | None = USER_RADIUS_M,
+    layout_seed: int = LAYOUT_SEED,
+    fading: Literal["mean", "sampled"] = FADING,
+    fading_seed: int = LAYOUT_SEED,
     utility: Utility | None = None,
 ) -> Scenario:
     """Section IV of the letter: three UAVs, nine users, twenty slots.

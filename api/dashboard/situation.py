@@ -59,6 +59,16 @@ class Situation:
 
     # --- what the page calls ---
 
+    def show_overlay(self, title: str, body: str, *, spinner: bool = False) -> None:
+        """Words over the map, in place of a picture that is not there (yet)."""
+        self.overlay.clear()
+        self.overlay.set_visibility(True)
+        with self.overlay:
+            if spinner:
+                ui.spinner(size="lg")
+            text("h2", title)
+            text("p", body)
+
     def set_slots(self, n_slots: int) -> None:
         """How many slots the operation has."""
         self._slider.props(f"max={max(n_slots - 1, 1)}")

@@ -7,11 +7,11 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from api.reproduce.courses import FAILURE_SLOT, Choices, Course, fly, table, utility_of
-from planner import Utility, plan
-from planner.channel import spectral_efficiency, squared_distances
+from planner import Utility, fast, plan
+from planner.baselines import nearest_uav
+from planner.channel import spectral_efficiency
 from planner.problem import Problem, problem_of
 
 Array = NDArray[np.float64]
@@ -96,19 +96,13 @@ def mean_rows(found: list[dict[str, float]]) -> list[dict[str, Any]]:
 def _nearest(problem: Problem, paths: Array, rule: Rule) -> float:
     """Each user at its nearest UAV, which splits its band equally or gives it whole to its best user."""
     efficiency = spectral_efficiency(problem, paths)
-    nearest = squared_distances(paths, problem.user_m, problem.altitude_m).argmin(axis=0)  # (K, N)
-    total = 0.0
-    for u in range(problem.n_uavs):
-        mine = nearest == u
-        counts = mine.sum(axis=0)
-        rates = np.where(mine, efficiency[u], 0.0)
-        per_slot = rates.max(axis=0) if rule == "best" else rates.sum(axis=0) / np.maximum(counts, 1)
-        total += float(problem.bandwidth_hz[u] * per_slot.mean()) / 1e3
-    return total
+    mine = nearest_uav(problem, paths) == np.arange(problem.n_uavs)[:, None, None]  # (U, K, N)
+    rates = np.where(mine, efficiency, 0.0)
+    of_band = rates.max(axis=1) if rule == "best" else rates.sum(axis=1) / np.maximum(mine.sum(axis=1), 1)
+    return float((problem.bandwidth_hz[:, None] * of_band).sum(axis=0).mean()) / 1e3
 
 
 def _joint(problem: Problem, paths: Array) -> float:
     """Whole bands to distinct users, the best pairing of each slot."""
-    rates = spectral_efficiency(problem, paths) * problem.bandwidth_hz[:, None, None] / 1e3
-    slots = range(problem.n_slots)
-    return float(np.mean([rates[:, :, n][linear_sum_assignment(rates[:, :, n], maximize=True)].sum() for n in slots]))
+    rates_bps = fast.served_rates_bps(problem, fast.linked(problem, paths))
+    return float(rates_bps.sum(axis=0).mean()) / 1e3

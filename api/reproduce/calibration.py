@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from api.reproduce.batch import Batch
-from api.reproduce.courses import COMPARED, READINGS, Choices, Course, Job, compute
+from api.reproduce.courses import COMPARED, FAILED, READINGS, Choices, Course, Job, compute
 
 TARGETS: Mapping[tuple[str, str], float] = {
     ("SR-Max", "period_1"): 128.8,
@@ -23,11 +23,10 @@ TARGETS: Mapping[tuple[str, str], float] = {
 
 NOISE_DBM = (-80.0, -62.5, -60.0, -57.5, -55.0, -52.5, -50.0)
 RADIUS_M: tuple[float | None, ...] = (60.0, 75.0, 90.0, 105.0, 120.0, None)
-FADING = ("mean", "sampled")
+FADING: tuple[Literal["mean", "sampled"], ...] = ("mean", "sampled")
 LAYOUTS_TRIED = 40
 MATCHED = 0.1
 """A number counts as matched within 10 %."""
-FAILED = ("uav-1", "uav-2", "uav-3")
 
 
 def misfit(measured: Mapping[str, Mapping[str, float]]) -> tuple[int, float, str]:

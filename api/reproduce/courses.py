@@ -3,38 +3,35 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from planner import Plan, Scenario, Utility, letter, plan, replan
+from planner.examples import FADING, LAYOUT_SEED, NOISE_DBM, USER_RADIUS_M
 from planner.utility import jain_index, utility_kbps
 
 Array = NDArray[np.float64]
+FAILED = tuple(uav.id for uav in letter().uavs)
+"""Each UAV fails in turn; the letter does not say which."""
 FAILURE_SLOT = 10
 """Slot 11 of the letter: here slots count from 0."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Choices:
-    """What the letter leaves out. Units as in `planner.letter`."""
+    """What the letter leaves out, by default as in the `paper` example. Units as in `planner.letter`."""
 
-    noise_dbm: float
-    user_radius_m: float | None
-    fading: str
-    layout_seed: int
-    fading_seed: int = 13
+    noise_dbm: float = NOISE_DBM
+    user_radius_m: float | None = USER_RADIUS_M
+    fading: Literal["mean", "sampled"] = FADING
+    layout_seed: int = LAYOUT_SEED
+    fading_seed: int = LAYOUT_SEED
 
     def scenario(self, utility: Utility) -> Scenario:
         """The letter's scenario under these choices."""
-        return letter(
-            noise_dbm=self.noise_dbm,
-            user_radius_m=self.user_radius_m,
-            layout_seed=self.layout_seed,
-            fading="sampled" if self.fading == "sampled" else "mean",
-            fading_seed=self.fading_seed,
-            utility=utility,
-        )
+        return letter(**vars(self), utility=utility)
 
 
 @dataclass(frozen=True)

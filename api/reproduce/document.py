@@ -7,8 +7,8 @@ from textwrap import fill
 from typing import Any
 
 from api.reproduce.claims import KINDS, MUS, Judged, Verdict
-from api.reproduce.courses import COMPARED, READINGS, pro_alg
-from api.reproduce.study import FAILED, Study
+from api.reproduce.courses import COMPARED, FAILED, READINGS, pro_alg
+from api.reproduce.study import Study
 
 
 def document(study: Study) -> str:

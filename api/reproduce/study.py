@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import json
-import os
-import platform
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from api.bench.measure import machine
 from api.reproduce import ablation, figures
 from api.reproduce.batch import Advance, Batch, silent
 from api.reproduce.claims import KINDS, MUS, Judged, along_mu, judged
 from api.reproduce.courses import (
     COMPARED,
+    FAILED,
     Choices,
     Course,
     Job,
@@ -26,14 +26,13 @@ from api.reproduce.courses import (
     compute,
     pro_alg,
 )
-from planner import EXAMPLES, MaxIterations, Utility, plan
+from planner import MaxIterations, Utility, plan
 
 Array = NDArray[np.float64]
 Study = dict[str, Any]
 FIGURES = ("2", "3", "5a", "5b", "all")
 CONVERGENCE_MUS = (0.0, -0.01, -0.1, -1.0, -10.0)
 SHOWN_MUS = (-0.03, -0.3, -10.0)
-FAILED = ("uav-1", "uav-2", "uav-3")
 ITERATIONS = 8
 
 
@@ -46,20 +45,11 @@ class StudyConfig:
     workers: int | None = None
 
 
-def calibrated() -> Choices:
-    """The choices behind the `paper` example."""
-    scenario = EXAMPLES["paper"]()
-    return Choices(**CALIBRATED, fading=scenario.channel.fading, noise_dbm=scenario.channel.noise_dbm)
-
-
-CALIBRATED: dict[str, Any] = {"user_radius_m": 75.0, "layout_seed": 13, "fading_seed": 13}
-
-
 def run_study(config: StudyConfig, advance: Advance = silent) -> Study:
     """Everything that `config.figure` needs, as plain JSON data. Takes minutes; `advance` is told of every job done."""
     began = time.monotonic()
     everything = config.figure == "all"
-    study: Study = {"figure": config.figure, "choices": vars(calibrated()), "machine": machine()}
+    study: Study = {"figure": config.figure, "choices": vars(Choices()), "machine": machine()}
     with Batch(advance, config.workers) as batch:
         if everything or config.figure == "2":
             study["convergence"] = _convergence(batch)
@@ -78,21 +68,9 @@ def claims(study: Study, measured: Mapping[str, Mapping[str, Array]]) -> list[Ju
     return judged(measured, {mu: row["utility_kbps"] for mu, row in study["convergence"].items()})
 
 
-def machine() -> dict[str, Any]:
-    """What the study ran on."""
-    model = platform.processor() or platform.machine()
-    info = Path("/proc/cpuinfo")
-    if info.exists():
-        names = [
-            line.split(":", 1)[1].strip() for line in info.read_text().splitlines() if line.startswith("model name")
-        ]
-        model = names[0] if names else model
-    return {"cpu": model, "cores": os.cpu_count(), "python": platform.python_version()}
-
-
 def cases(config: StudyConfig) -> list[tuple[Choices, str]]:
     """Layout x failing UAV; the first layout is the calibrated one."""
-    first = calibrated()
+    first = Choices()
     layouts = [first, *(replace(first, layout_seed=100 + i, fading_seed=100 + i) for i in range(config.layouts - 1))]
     return [(choices, failed) for choices in layouts for failed in FAILED]
 
@@ -149,7 +127,7 @@ class Convergence:
 
 def iterate(job: Convergence) -> dict[str, list[float]]:
     """Utility and mean sum rate after each iteration, kbit/s."""
-    scenario = calibrated().scenario(Utility(kind="sum", mu_per_kbps=job.mu_per_kbps))
+    scenario = Choices().scenario(Utility(kind="sum", mu_per_kbps=job.mu_per_kbps))
     history = plan(scenario, method="paper", stop=MaxIterations(ITERATIONS)).history
     return {
         "utility_kbps": [step.utility_bps / 1e3 for step in history],
@@ -164,14 +142,14 @@ def _convergence(batch: Batch) -> dict[str, dict[str, list[float]]]:
 
 def _sensitivity(batch: Batch) -> list[dict[str, Any]]:
     """Each omitted choice varied alone; three layouts with each UAV failing, means of the letter's numbers."""
-    base = calibrated()
+    base = Choices()
     variants: list[tuple[str, Choices]] = [("calibrated", base)]
     variants += [(f"noise {noise:g} dBm", replace(base, noise_dbm=noise)) for noise in (-60.0, -55.0, -50.0)]
     variants += [
         (f"users within {radius:g} m" if radius else "users anywhere", replace(base, user_radius_m=radius))
         for radius in (60.0, 90.0, 120.0, None)
     ]
-    other = "sampled" if base.fading == "mean" else "mean"
+    other: Literal["mean", "sampled"] = "sampled" if base.fading == "mean" else "mean"
     variants.append((f"{other} fading", replace(base, fading=other)))
     schemes = [*COMPARED, *(pro_alg(kind, MUS[-1]) for kind in KINDS)]
     jobs = {

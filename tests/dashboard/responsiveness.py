@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from planner import EXAMPLES, Scenario, Uav, User
-from tests.dashboard.stack import Page, Service, Vehicles
+from tests.api.flying import FleetThread
+from tests.dashboard.stack import Page, Service
 
 OBSERVE = """
 window.seen = {long: [], raf: 0, began: performance.now(), frames: +document.querySelector(".sf-map").dataset.frames};
@@ -62,7 +63,7 @@ def measure(folder: Path, watch_s: float = 20.0) -> dict[str, Any]:
     """Fly 50 UAVs in real time and look at the page for a while."""
     scenario = many()
     service = Service(folder, 1.0)
-    vehicles = Vehicles(scenario, service.endpoint, 1.0)
+    vehicles = FleetThread(scenario, service.endpoint, 1.0)
     page = Page(folder)
     try:
         body = scenario.model_dump(mode="json")

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import os
 import shutil
 import socket
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -29,10 +27,7 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.remote.webelement import WebElement
 
-import sim
 from api.demo.client import free_port
-from api.simulate import specs_at_starts
-from planner import Scenario
 
 CHROMIUM, CHROMEDRIVER = shutil.which("chromium"), shutil.which("chromedriver")
 LIMIT_S = 60.0
@@ -46,30 +41,6 @@ NOT_YET = (
     StaleElementReferenceException,
 )
 Result = TypeVar("Result")
-
-
-class Vehicles:
-    """A simulated fleet with an event loop of its own, as another process would be."""
-
-    def __init__(self, scenario: Scenario, endpoint: str, speedup: float) -> None:
-        self.fleet = sim.Fleet(specs_at_starts(scenario), clock=sim.ScaledClock(speedup), endpoint=endpoint)
-        self._loop = asyncio.new_event_loop()
-        self._until = asyncio.Event()
-        self._thread = threading.Thread(target=self._run)
-        self._thread.start()
-
-    def _run(self) -> None:
-        self._loop.run_until_complete(sim.serve(self.fleet, until=self._until))
-        self._loop.close()
-
-    def inject(self, fault: sim.Fault) -> None:
-        """Make something go wrong now."""
-        self._loop.call_soon_threadsafe(self.fleet.inject, fault)
-
-    def stop(self) -> None:
-        """Switch all vehicles off."""
-        self._loop.call_soon_threadsafe(self._until.set)
-        self._thread.join()
 
 
 class Service:

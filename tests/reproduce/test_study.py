@@ -8,26 +8,26 @@ import numpy as np
 import pytest
 
 from api.reproduce.claims import KINDS, MUS, rank_agreement
-from api.reproduce.courses import COMPARED, Job, Scheme, compute, fly, pro_alg
+from api.reproduce.courses import COMPARED, Choices, Job, Scheme, compute, fly, pro_alg
 from api.reproduce.document import document
-from api.reproduce.study import calibrated, pictures
+from api.reproduce.study import pictures
 from planner import EXAMPLES
 
 DOCS = Path(__file__).parents[2] / "docs"
-CASES = [(seed, failed) for seed in (calibrated().layout_seed, 100) for failed in ("uav-1", "uav-3")]
+CASES = [(seed, failed) for seed in (Choices().layout_seed, 100) for failed in ("uav-1", "uav-3")]
 
 
 def mean_measure(scheme: Scheme, measure: str) -> float:
     found = []
     for seed, lost in CASES:
-        scenario = replace(calibrated(), layout_seed=seed).scenario(scheme.utility)
+        scenario = replace(Choices(), layout_seed=seed).scenario(scheme.utility)
         found.append(fly(scenario, scheme.method, lost).measures()[measure])
     return float(np.mean(found))
 
 
 def test_the_calibrated_choices_are_the_paper_example() -> None:
     paper = EXAMPLES["paper"]()
-    assert calibrated().scenario(paper.utility) == paper
+    assert Choices().scenario(paper.utility) == paper
 
 
 def test_sr_max_beats_baseline_2_beats_baseline_1() -> None:
@@ -56,5 +56,5 @@ def test_the_document_is_what_the_data_say() -> None:
 
 
 def test_a_course_without_a_loss_is_the_plan() -> None:
-    job = Job(calibrated(), COMPARED[0], None)
+    job = Job(Choices(), COMPARED[0], None)
     assert compute(job).rates_kbps.shape == (9, 20)

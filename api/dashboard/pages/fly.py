@@ -8,7 +8,6 @@ from nicegui import ui
 
 from api.dashboard import charts, live, picture
 from api.dashboard.approval import Notices
-from api.dashboard.elements import text
 from api.dashboard.report import lost_at
 from api.dashboard.shell import Shell
 from api.dashboard.situation import Situation, achieved_line, stats_line
@@ -33,7 +32,7 @@ class FlyPage:
         Shell(watch, "Fly")
         self._notices = Notices(watch)
         self._situation = Situation(self._choose_slot)
-        self._show_overlay("Reading the fleet", "The service is being asked what flies.", spinner=True)
+        self._situation.show_overlay("Reading the fleet", "The service is being asked what flies.", spinner=True)
         self._situation.mark_live(True)
         ui.timer(0.2, self._tick)
 
@@ -124,21 +123,11 @@ class FlyPage:
         if not self._watch.loaded or self._watch.operation is not None:
             return
         if self._changed("overlay", "empty"):
-            self._show_overlay(
+            self._situation.show_overlay(
                 "No operation yet",
                 "Make a plan, say which vehicle flies which UAV, and start. Everything that flies is shown here.",
             )
-
-    def _show_overlay(self, title: str, body: str, *, spinner: bool = False) -> None:
-        overlay = self._situation.overlay
-        overlay.clear()
-        overlay.set_visibility(True)
-        with overlay:
-            if spinner:
-                ui.spinner(size="lg")
-            text("h2", title)
-            text("p", body)
-            if not spinner:
+            with self._situation.overlay:
                 ui.button("Make a plan", on_click=lambda: ui.navigate.to("/plan")).props("unelevated")
 
     def _past_frame(self, slot: int, operation: Operation, plan: Plan, first: Plan) -> picture.Json:

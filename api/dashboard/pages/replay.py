@@ -43,7 +43,7 @@ class ReplayPage:
             self._clock = text("span", "", "sf-slotno")
         self._setting = False
         self._situation = Situation(self._to_slot, live_word="START")
-        self._say("Reading stored operations", "", spinner=True)
+        self._situation.show_overlay("Reading stored operations", "", spinner=True)
         ui.timer(0.1, self._load, once=True)
         ui.timer(TICK_S, self._tick)
 
@@ -58,7 +58,9 @@ class ReplayPage:
         if not await attempt(read):
             return
         if not found:
-            self._say("No operation is stored yet", "Fly one, or a drill; then it can be looked at again here.")
+            self._situation.show_overlay(
+                "No operation is stored yet", "Fly one, or a drill; then it can be looked at again here."
+            )
             return
         self._choice.set_options(found, value=next(iter(found)))
 
@@ -187,13 +189,3 @@ class ReplayPage:
         if len(due) > self._told:
             self._situation.add_events(due[self._told :])
             self._told = len(due)
-
-    def _say(self, title: str, body: str, *, spinner: bool = False) -> None:
-        overlay = self._situation.overlay
-        overlay.clear()
-        overlay.set_visibility(True)
-        with overlay:
-            if spinner:
-                ui.spinner(size="lg")
-            text("h2", title)
-            text("p", body)
