@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from enum import IntEnum
 from math import isfinite
@@ -138,9 +138,11 @@ class Vehicle:
 
         Raises NotDone unless it is accepted.
         """
-        numbers = [*params, *[0.0] * (7 - len(params))]
-        fields = {f"param{n}": value for n, value in enumerate(numbers, start=1)}
-        await self._command("COMMAND_LONG", number, fields)
+        await self._command("COMMAND_LONG", number, _numbered(params))
+
+    def command_message(self, number: int, *params: float) -> Message:
+        """COMMAND_LONG as `command` sends it, to be sent unconfirmed."""
+        return Message("COMMAND_LONG", {"command": number, "confirmation": 0, **self._address, **_numbered(params)})
 
     async def command_int(self, number: int, *, frame: int, x: int, y: int, z: float, **params: float | None) -> None:
         """COMMAND_INT with a place (1e-7 degrees). Raises NotDone unless it is accepted."""
@@ -231,3 +233,8 @@ class Vehicle:
         self._on_message(self, name, fields, heard_s)
         changed, self._changed = self._changed, asyncio.Event()
         changed.set()
+
+
+def _numbered(params: Sequence[float | None]) -> dict[str, float | None]:
+    """param1 to param7; those not given are 0."""
+    return {f"param{n}": value for n, value in enumerate([*params, *[0.0] * (7 - len(params))], start=1)}
