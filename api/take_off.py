@@ -79,9 +79,11 @@ class TakeOff:
                 return silent(link.monitor.silent_for_s(system, now_s))
         change = self._fleet.condition(system)
         loss = seen(change, plan_is_flown=True)
-        if change is None or loss is None or (loss.is_over and change.at_s <= self._armed_s.get(uav, now_s)):
+        if change is None or loss is None:
             return None
-        return loss
+        happened = change.at_s > self._armed_s.get(uav, now_s)
+        goes_on = said is not None and said.armed
+        return loss if (happened if loss.is_over else goes_on) else None
 
     async def stand_down(self) -> None:
         """The launch has failed: who is armed and ours hovers where it is, or lands if it is low."""

@@ -28,7 +28,6 @@ class _Evidence:
     """What is known of one UAV."""
 
     def __init__(self, timing: Timing) -> None:
-        clear = timing.clear_after_s
         self.condition = Condition.LIVE
         self.autopilot: Autopilot | None = None
         self.mode = self.judged_mode = FlightMode.OTHER
@@ -47,14 +46,14 @@ class _Evidence:
         self.rebooted_s = float("-inf")
         self.was_lost = False
         self.boot_ms: int | None = None
-        self.human = Lasting(timing.takeover_after_s, clear)
-        self.failsafe = Lasting(timing.failsafe_after_s, clear)
         self.battery = Lasting(timing.battery_after_s, timing.battery_after_s)
         self.begin_flight(timing)
 
     def begin_flight(self, timing: Timing) -> None:
         """It was armed: how the flight before ended is history."""
         self.flew = False
+        self.human = Lasting(timing.takeover_after_s, timing.clear_after_s)
+        self.failsafe = Lasting(timing.failsafe_after_s, timing.clear_after_s)
         self.landed = Lasting(timing.landed_after_s, timing.clear_after_s)
         self.falling = Lasting(timing.crash_after_s, float("inf"))
 

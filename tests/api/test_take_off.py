@@ -164,6 +164,7 @@ def test_how_the_flight_before_ended_does_not_keep_a_uav_on_the_ground(
         for number in (1, 2):
             flown.fleet.inject(sim.ModeChange(number, "LAND"))
             until(lambda number=number: bool(flown.fleet.fleet.truth.happened("disarmed", number)))  # type: ignore[misc]
+        until(lambda: not any(vehicle.armed for vehicle in flown.client.vehicles()))
         again = flown.client.fly(flown.plan.id)
         flown.until(again.id, lambda view: view.state is State.FLYING)
         flown.client.command(again.id, "abort", action="land")

@@ -120,6 +120,13 @@ def test_how_one_flight_ended_is_history_when_the_next_begins() -> None:
     assert story.tell(3, base_mode=DISARMED) == [Condition.CRASHED]
 
 
+def test_a_failsafe_is_over_when_the_next_flight_begins() -> None:
+    story = Story()
+    assert story.tell(3, custom_mode=PX4_LAND) == [Condition.FAILSAFE]
+    assert story.tell(2, base_mode=DISARMED, relative_alt=0) == [Condition.LANDED]
+    assert story.tell(1, base_mode=ARMED, custom_mode=PX4_MISSION) == [Condition.LIVE]
+
+
 @pytest.mark.parametrize(("autopilot", "mode"), [(12, PX4_POSITION), (3, COPTER_STABILIZE)])
 def test_a_mode_nobody_commanded_is_a_human(autopilot: int, mode: int) -> None:
     story = Story(autopilot=autopilot, mode=PX4_MISSION if autopilot == 12 else COPTER_AUTO)
