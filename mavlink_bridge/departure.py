@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 from math import hypot, nan
 
-from mavlink_bridge.autopilots import OURS, Autopilot, FlightMode, mode_numbers
+from mavlink_bridge.autopilots import HOLD_MODE, OURS, Autopilot, FlightMode, mode_numbers
 from mavlink_bridge.flight import CONFIRM_S, CUSTOM_MODE, SET_MODE, ask_until, seen_of, set_mode
 from mavlink_bridge.geodesy import geodetic_to_east_north, to_e7
 from mavlink_bridge.items import Frame
@@ -40,7 +40,8 @@ async def launch(vehicle: Vehicle, altitude_m: float, timeout_s: float) -> None:
     else:
         await vehicle.command(_ARM, 1.0)
         home_amsl_m = now.altitude_amsl_m - now.relative_alt_m
-        await vehicle.command(_TAKEOFF, None, 0, 0, None, None, None, home_amsl_m + altitude_m)
+        with vehicle.commanding(FlightMode.TAKEOFF):
+            await vehicle.command(_TAKEOFF, None, 0, 0, None, None, None, home_amsl_m + altitude_m)
     climb = _Climb(vehicle, altitude_m)
     if not await vehicle.wait_until(climb.is_over, timeout_s):
         raise NotDone(f"at {climb.up_m:.1f} of {altitude_m:g} m after {timeout_s:g} s")
@@ -79,16 +80,17 @@ async def go_to(vehicle: Vehicle, lat_deg: float, lon_deg: float, relative_alt_m
     """Fly straight to a point (degrees, metres above home) and come to rest there."""
     if vehicle.state.snapshot() is None:
         raise NotDone("its position is not known yet")
-    await vehicle.command_int(
-        _REPOSITION,
-        frame=Frame.GLOBAL_RELATIVE_ALT_INT,
-        x=to_e7(lat_deg),
-        y=to_e7(lon_deg),
-        z=relative_alt_m,
-        param1=-1.0,
-        param2=_CHANGE_MODE,
-        param4=None,
-    )
+    with vehicle.commanding(HOLD_MODE[vehicle.autopilot]):
+        await vehicle.command_int(
+            _REPOSITION,
+            frame=Frame.GLOBAL_RELATIVE_ALT_INT,
+            x=to_e7(lat_deg),
+            y=to_e7(lon_deg),
+            z=relative_alt_m,
+            param1=-1.0,
+            param2=_CHANGE_MODE,
+            param4=None,
+        )
     if not await vehicle.wait_until(lambda: _is_at(vehicle, lat_deg, lon_deg, relative_alt_m), timeout_s):
         raise NotDone(f"{_distance(vehicle, lat_deg, lon_deg):.1f} m away after {timeout_s:g} s")
 

@@ -54,9 +54,9 @@ async def ask_for_streams(vehicle: Vehicle) -> None:
 async def set_mode(vehicle: Vehicle, mode: FlightMode) -> None:
     """Change the mode and see it in HEARTBEAT."""
     main, sub = mode_numbers(vehicle.autopilot, mode)
-    vehicle.announce(mode)
-    await vehicle.command(SET_MODE, CUSTOM_MODE, main, sub)
-    await _in_mode(vehicle, mode)
+    with vehicle.commanding(mode):
+        await vehicle.command(SET_MODE, CUSTOM_MODE, main, sub)
+        await _in_mode(vehicle, mode)
 
 
 async def set_current(vehicle: Vehicle, item: int) -> None:
