@@ -43,6 +43,7 @@ class TakeOff:
         self._plan, self._systems, self._fleet = plan, systems, fleet
         self._clock, self._guidance = clock, guidance
         self._uavs = {system: uav for uav, system in systems.items()}
+        self._made_s = clock.now()
         self._armed_s: dict[str, float] = {}
         self._was_heard: set[str] = set()
         self._launched = False
@@ -81,7 +82,8 @@ class TakeOff:
         loss = seen(change, plan_is_flown=True)
         if change is None or loss is None:
             return None
-        happened = change.at_s > self._armed_s.get(uav, now_s)
+        since_s = self._made_s if loss.kind == "rebooted" else self._armed_s.get(uav, now_s)
+        happened = change.at_s > since_s
         goes_on = said is not None and said.armed
         return loss if (happened if loss.is_over else goes_on) else None
 

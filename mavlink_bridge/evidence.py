@@ -54,7 +54,6 @@ class Evidence:
         self._mission: tuple[int, int | None, int, int] | None = None
         self._mode_s = self._mission_s = float("-inf")
         self.reboots = 0
-        self.rebooted_s = float("-inf")
         self._was_flying = False
         self._mission_before: tuple[int | None, int] | None = None
         self.begin_flight(timing)
@@ -62,6 +61,7 @@ class Evidence:
     def begin_flight(self, timing: Timing) -> None:
         """It was armed: how the flight before ended is history."""
         self.flew = False
+        self.rebooted_s = float("-inf")
         self.human = Lasting(timing.takeover_after_s, timing.clear_after_s)
         self.failsafe = Lasting(timing.failsafe_after_s, timing.clear_after_s)
         self.landed = Lasting(timing.landed_after_s, timing.clear_after_s)
