@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AsyncExitStack, contextmanager, suppress
 from typing import Any
 
@@ -51,9 +51,20 @@ class VehicleView(BaseModel):
 
 
 class Fleet:
-    """Registered vehicles, the link that reaches them, and news of lost and found ones."""
+    """Registered vehicles, the link that reaches them, and news of lost and found ones.
 
-    def __init__(self, settings: Settings, clock: FleetClock, events: EventLog, database: Database) -> None:
+    `healthy()`: whether vehicles may count on us; our HEARTBEAT is only sent while it says so.
+    """
+
+    def __init__(
+        self,
+        settings: Settings,
+        clock: FleetClock,
+        events: EventLog,
+        database: Database,
+        healthy: Callable[[], bool] = lambda: True,
+    ) -> None:
+        self._healthy = healthy
         self._settings, self._clock, self._events = settings, clock, events
         self._database = database
         self._simulated: set[str] = set()
@@ -236,13 +247,14 @@ class Fleet:
                 ]
 
     def _options(self) -> LinkOptions:
-        """Signing and the forward port, as the settings have them."""
+        """Signing and the forward port, as the settings have them, and the dead man's switch."""
         settings = self._settings
         key = settings.signing_key_file
         return LinkOptions(
             signing=Signing.from_file(key) if key is not None else None,
             forward=settings.forward_url,
             forward_commands=settings.forward_commands,
+            healthy=self._healthy,
         )
 
     async def _watch(self, link: FleetLink) -> None:

@@ -30,6 +30,7 @@ from planner import EXAMPLES
 log = structlog.get_logger()
 PULSE_S = 5.0
 TIDY_S = 60.0
+TEND_S = 0.5
 
 
 class Service:
@@ -45,7 +46,7 @@ class Service:
         self.contingencies = Contingencies(self.solver, database)
         self.journal = Journal(database)
         self.simulated, settings = _simulated(settings)
-        self.fleet = Fleet(settings, self.clock, events, database)
+        self.fleet = Fleet(settings, self.clock, events, database, healthy=self.can_replan)
         parts = Parts(settings, self.clock, self.plans, self.contingencies, self.metrics)
         self.operations = Operations(parts, Books(database, self.journal, events), self.fleet)
         self.drills = Drills(self.fleet, self.operations, events, database, self.simulated)
@@ -80,6 +81,7 @@ class Service:
             asyncio.create_task(self.metrics.watch_loop(), name="loop-watch"),
             asyncio.create_task(self._show_telemetry(), name="telemetry"),
             asyncio.create_task(self._tidy(), name="tidy"),
+            asyncio.create_task(self._tend_solver(), name="tend-solver"),
         ]
         await self.plans.start()
         await self.drills.start_up()
@@ -128,6 +130,10 @@ class Service:
             self._pulse = (now, (now - began) * 1e3)
             return self._pulse[1]
 
+    def can_replan(self) -> bool:
+        """Whether the workers that replan in flight answer: only then do vehicles hear our HEARTBEAT."""
+        return self.solver[LaneName.FLIGHT].answers
+
     async def readiness(self) -> dict[str, str]:
         """What is needed to serve requests, each 'ok' or what is wrong."""
         checks = {"service": "ok" if self.ready else "starting"}
@@ -137,7 +143,9 @@ class Service:
         except StoreError as error:
             checks["database"] = str(error)[:200]
         cold = self.settings.warm_up and len(self.solver.warm) < len(self.solver.lanes)
-        checks["solver"] = "warming up" if cold else "ok"
+        silent = [name.value for name, lane in self.solver.lanes.items() if not lane.answers]
+        checks["solver"] = f"no answer from {' and '.join(silent)}" if silent else "warming up" if cold else "ok"
+        checks["heartbeat"] = "ok" if self.can_replan() else "not sent to vehicles: nobody could replan"
         lane = self.solver[LaneName.REQUESTS]
         checks["queue"] = "ok" if lane.busy < self.settings.queue_limit else "full"
         return checks
@@ -146,6 +154,7 @@ class Service:
         """The metrics, with those that are only known when asked."""
         for name, lane in self.solver.lanes.items():
             self.metrics.solves_waiting.labels(name.value).set(lane.busy)
+            self.metrics.solver_answers.labels(name.value).set(lane.answers)
         for vehicle in self.fleet.views():
             if vehicle.silent_for_s is not None:
                 self.metrics.heartbeat_age.labels(vehicle.uav_id).set(vehicle.silent_for_s)
@@ -157,6 +166,8 @@ class Service:
 
     def _note_event(self, event: Event) -> None:
         self.metrics.events.labels(event.kind).inc()
+        if event.kind == "slip":
+            self.metrics.note_slip(event.data["uav_id"], event.data["distance_m"], event.data["late_s"])
 
     def _note_step(self, entry: Entry, stored: bool) -> None:
         if stored:
@@ -173,6 +184,16 @@ class Service:
             if self.events.followers and not self.fleet.empty:
                 vehicles = [view.model_dump(mode="json") for view in self.fleet.views()]
                 self.events.picture({"at": round(time.time(), 3), "vehicles": vehicles})
+
+    async def _tend_solver(self) -> None:
+        """Replace workers that do not answer, and tell when vehicles stop and begin to hear our HEARTBEAT."""
+        sent = True
+        while True:
+            await asyncio.sleep(TEND_S)
+            if sent != self.can_replan():
+                sent = not sent
+                self.events.add("gcs_heartbeat", sent=sent, because="" if sent else "the solver workers do not answer")
+            await asyncio.gather(*(lane.tend() for lane in self.solver.lanes.values()))
 
     async def _tidy(self) -> None:
         """Forget ended plans in time."""

@@ -24,6 +24,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from api.liveness import SILENT_S, Beats, beat
 from api.problems import BusyError
 from planner import (
     EXAMPLES,
@@ -102,9 +103,10 @@ class Solved:
 # --- in a worker ---
 
 
-def _begin_worker(flags: Any, board: Any) -> None:
+def _begin_worker(flags: Any, board: Any, *beats: Any) -> None:
     global _stop_flags, _board
     _stop_flags, _board = flags, board
+    threading.Thread(target=beat, args=beats, daemon=True).start()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C in a terminal reaches the group; the service ends workers
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
@@ -121,9 +123,7 @@ def _run(job: Job, token: int) -> Solved:
     _board[token * _FIELDS : token * _FIELDS + 2] = [os.getpid(), time.monotonic()]
     try:
         made = _solve(job, token)
-    except ReplanError as error:
-        return Solved(status=PlanStatus.INFEASIBLE, error=str(error))
-    except ValueError as error:
+    except (ReplanError, ValueError) as error:
         return Solved(status=PlanStatus.INFEASIBLE, error=str(error))
     except Exception as error:  # noqa: BLE001 - whatever it is, it must not break the pool
         return Solved(status=PlanStatus.FAILED, error=f"{type(error).__name__}: {error}")
@@ -148,8 +148,7 @@ def _solve(job: Job, token: int) -> Plan:
         "n_starts": job.starts,
         "clock": time.perf_counter,
         "observer": _observer(token),
-        **identity,
-    }
+    } | identity
     if job.previous is not None:
         return replan(Plan.model_validate_json(job.previous), **job.request, **options)
     assert job.scenario is not None  # noqa: S101 - one of the two is always given
@@ -157,8 +156,9 @@ def _solve(job: Job, token: int) -> Plan:
 
 
 def _observer(token: int) -> Callable[[Iteration], None]:
+    at = token * _FIELDS
+
     def note(iteration: Iteration) -> None:
-        at = token * _FIELDS
         _board[at + 2 : at + _FIELDS] = [iteration.iteration, iteration.utility_bps, iteration.mean_sum_rate_bps]
 
     return note
@@ -177,12 +177,34 @@ class Lane:
         self._free = list(range(queue_limit))
         self._limit = queue_limit
         self.workers = workers
+        self._broke = False
         self._pool = self._make_pool()
 
     def _make_pool(self) -> ProcessPoolExecutor:
-        return ProcessPoolExecutor(
-            self.workers, mp_context=self._context, initializer=_begin_worker, initargs=(self._flags, self._board)
-        )
+        self._beats = Beats(self._context, self.workers)
+        board = (self._flags, self._board, *self._beats.shared)
+        return ProcessPoolExecutor(self.workers, mp_context=self._context, initializer=_begin_worker, initargs=board)
+
+    @property
+    def answers(self) -> bool:
+        """Whether a worker shows that it is alive; one that was never needed yet has nothing to show."""
+        if not self._beats.begun:
+            return not self._broke
+        return self._beats.silent_for_s() < SILENT_S and not self._beats.gone()
+
+    async def tend(self) -> None:
+        """Replace workers that died or are stuck; jobs they had are tried once more."""
+        self._beats.kill_stuck()
+        if self._beats.begun and self._beats.gone():
+            self._renew(self._pool)
+            with suppress(SolveError, BusyError):
+                await self.warm_up()
+
+    def _renew(self, broken: ProcessPoolExecutor) -> None:
+        """Another pool in the place of this one, once."""
+        if self._pool is broken:
+            self._broke, self._pool = True, self._make_pool()
+            broken.shutdown(wait=False)
 
     @property
     def busy(self) -> int:
@@ -243,8 +265,7 @@ class Lane:
                     raise TimeoutError
             return future.result()
         except BrokenProcessPool:
-            if self._pool is pool:
-                self._pool = self._make_pool()
+            self._renew(pool)
             raise
 
     async def warm_up(self) -> None:

@@ -16,9 +16,10 @@ from api.clock import FleetClock
 from api.fleet import HEARD_WITHIN_S, Fleet
 from api.guidance import FlightGuidance
 from api.losses import Loss, seen, silent
-from mavlink_bridge import BridgeError, LinkState, VehiclesMissing
+from mavlink_bridge import BridgeError, LinkState, VehiclesMissing, geodetic_to_east_north
 from mavlink_bridge.autopilots import OURS
-from mavlink_bridge.fence import fence_items
+from mavlink_bridge.fence import fence_items, rally_items
+from mavlink_bridge.mission_messages import MissionType
 from planner import Plan
 
 LOOK_EVERY_S = 0.05
@@ -124,6 +125,7 @@ class TakeOff:
         missions = {uav: self._guidance.compile(self._plan, uav) for uav in self._systems}
         self._audit()
         await self._fence()
+        await self._rally()
         results = await link.upload({self._systems[uav]: mission for uav, mission in missions.items()})
         bad = {self._uavs[system]: result.error for system, result in results.items() if not result.verified}
         if bad:
@@ -180,6 +182,22 @@ class TakeOff:
                 corners=len(items),
                 error=result.error,
             )
+
+    async def _rally(self) -> None:
+        """Give each vehicle where it stands as its rally point, at the plan's altitude for it.
+
+        So a return ends there even if its home is set anew in the air. One that takes none gets a warning.
+        """
+        scenario, points = self._plan.scenario, {}
+        for uav, system in self._systems.items():
+            said = self._fleet.link.telemetry(system)
+            if said is not None and not said.armed:
+                stands_m = geodetic_to_east_north(scenario.origin, said.lat_deg, said.lon_deg)
+                points[system] = rally_items(scenario, [stands_m], scenario.altitude_of(scenario.uav(uav)))
+        results = await self._fleet.link.upload_fence(points, mission_type=MissionType.RALLY)
+        for system, result in sorted(results.items()):
+            level = "ok" if result.verified else "warning"
+            self._fleet.note("rally_point", uav_id=self._uavs[system], level=level, error=result.error)
 
     def _audit(self) -> None:
         """Report what the preflight audit finds; with `preflight` "enforce" a blocker keeps everybody on the ground."""

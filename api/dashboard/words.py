@@ -51,6 +51,22 @@ def _geofence(data: Data) -> tuple[str, str]:
     return f"{data.get('uav_id')} has the plan's area as its geofence", "ok"
 
 
+def _rally_point(data: Data) -> tuple[str, str]:
+    if data.get("error"):
+        return f"{data.get('uav_id')} flies without a rally point: {data.get('error')}", "warn"
+    return f"{data.get('uav_id')} has where it stands as its rally point", "ok"
+
+
+def _low(data: Data) -> tuple[str, str]:
+    return f"{data.get('uav_id')} is low on battery ({data.get('detail')}): it may be sent home", "warn"
+
+
+def _gcs_heartbeat(data: Data) -> tuple[str, str]:
+    if data.get("sent"):
+        return "vehicles hear the service again", "ok"
+    return f"vehicles hear the service no more: {data.get('because')}", "alarm"
+
+
 def _condition(data: Data) -> tuple[str, str]:
     after = str(data.get("after"))
     level = {"live": "ok", "low_battery": "warn", "landed": "", "rebooted": "warn", "stale": "warn"}.get(after, "alarm")
@@ -111,6 +127,9 @@ WORDS: Mapping[str, Callable[[Data], tuple[str, str]]] = {
     "uav_lost": _lost,
     "condition": _condition,
     "geofence": _geofence,
+    "rally_point": _rally_point,
+    "uav_low_on_battery": _low,
+    "gcs_heartbeat": _gcs_heartbeat,
     "recovery": _recovery,
     "plan_ended": _plan_ended,
     "missions_uploaded": _uploaded,

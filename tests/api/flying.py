@@ -92,6 +92,14 @@ class Flight:
         return self.until(operation_id, lambda view: view.state in {State.COMPLETED, State.ABORTED})
 
 
+def gone(client: Client) -> None:
+    """Wait until the service misses its vehicles: those of the next test have the same ids."""
+    deadline = time.monotonic() + 30
+    while any(vehicle.link != "lost" for vehicle in client.vehicles()):
+        assert time.monotonic() < deadline, client.vehicles()
+        time.sleep(0.05)
+
+
 @contextmanager
 def service(speedup: float, **settings: Any) -> Iterator[tuple[TestClient, str]]:
     """A service that waits for vehicles, and where they have to send to."""
@@ -113,3 +121,4 @@ def flight(http: TestClient, endpoint: str, scenario: Scenario, speedup: float) 
                 client.command(row.id, "abort")
     finally:
         fleet.stop()
+        gone(Client(http=http))

@@ -13,7 +13,7 @@ from api.client import ApiError
 from api.operation_views import OperationView, State
 from mavlink_bridge import Autopilot
 from planner import EXAMPLES
-from tests.api.flying import FleetThread, Flight, service
+from tests.api.flying import FleetThread, Flight, gone, service
 
 pytestmark = pytest.mark.e2e
 SCENARIO = EXAMPLES["paper"]().with_changes(slots=40, altitude_m=8.0)
@@ -54,10 +54,7 @@ def flying(served: tuple[TestClient, str], autopilot: Autopilot, **options: Any)
             flown.client.command(operation_id, "abort", action="hold")
     finally:
         fleet.stop()
-    deadline = time.monotonic() + 20
-    while any(vehicle.link != "lost" for vehicle in flown.client.vehicles()):  # none is taken for the next ones
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
+    gone(flown.client)
 
 
 def answered(flown: Flight, operation_id: str) -> OperationView:

@@ -3,6 +3,7 @@
 import socket
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import pytest
@@ -10,30 +11,44 @@ from fastapi.testclient import TestClient
 
 import sim
 from api.app import create_app
+from api.client import Client
 from api.demo.client import free_port
 from api.settings import Settings
 from planner import EXAMPLES
-from tests.api.flying import FleetThread
+from tests.api.flying import FleetThread, gone
 
 SPEEDUP = 20.0
 
 
-def simulated(endpoint: str, absent: tuple[int, ...] = ()) -> FleetThread:
-    return FleetThread(EXAMPLES["minimal"](), endpoint, SPEEDUP, absent)
+@contextmanager
+def simulated(service: tuple[TestClient, str], absent: tuple[int, ...] = ()) -> Iterator[FleetThread]:
+    """Vehicles for one test."""
+    client, _ = service
+    fleet = FleetThread(EXAMPLES["minimal"](), endpoint, SPEEDUP, absent)
+    try:
+        yield fleet
+    finally:
+        fleet.stop()
+        gone(Client(http=client))
 
 
 @pytest.fixture(scope="module")
 def service() -> Iterator[tuple[TestClient, str]]:
     port = free_port(socket.SOCK_DGRAM)
-    settings = Settings(fleet_url=f"udpin://127.0.0.1:{port}", time_scale=SPEEDUP)
+    silence = {"heartbeat_stale_s": 5.0, "heartbeat_lost_s": 12.0}  # a quarter of a wall second is not silence
+    settings = Settings(fleet_url=f"udpin://127.0.0.1:{port}", time_scale=SPEEDUP, **silence)
     with TestClient(create_app(settings)) as client:
         yield client, f"udpout://127.0.0.1:{port}"
 
 
-def ready(client: TestClient) -> str:
+def ready(client: TestClient, absent: tuple[str, ...] = ()) -> str:
     for system_id, uav in enumerate(EXAMPLES["minimal"]().uavs, start=1):
         body = {"uav_id": uav.id, "system_id": system_id}
         assert client.post("/v1/fleet/vehicles", json=body).status_code == 201
+    deadline = time.monotonic() + 30
+    while any(one.link != "live" for one in Client(http=client).vehicles() if one.uav_id not in absent):
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
     scenario = EXAMPLES["minimal"]().with_changes(slots=8).model_dump(mode="json")
     made: str = client.post("/v1/plans", params={"wait_s": 60}, json=scenario).json()["id"]
     return made
@@ -50,24 +65,20 @@ def follow(client: TestClient, path: str, *states: str, limit_s: float = 60.0) -
 
 
 def test_a_vehicle_that_never_answers_fails_the_upload_by_name(service: tuple[TestClient, str]) -> None:
-    client, endpoint = service
-    fleet = simulated(endpoint, absent=(2,))
-    try:
-        plan_id = ready(client)
+    client, _ = service
+    with simulated(service, absent=(2,)):
+        plan_id = ready(client, absent=("uav-2",))
         answer = client.post("/v1/operations", json={"plan_id": plan_id})
         assert answer.status_code == 202
         ended = follow(client, answer.headers["Location"], "failed", "completed")
         assert ended["state"] == "failed"
         assert "upload failed for 'uav-2'" in ended["error"]
         assert "verified on board of uav-1" in ended["error"]
-    finally:
-        fleet.stop()
 
 
 def test_a_loss_in_flight_is_answered_and_the_survivor_lands(service: tuple[TestClient, str]) -> None:
-    client, endpoint = service
-    fleet = simulated(endpoint)
-    try:
+    client, _ = service
+    with simulated(service) as fleet:
         answer = client.post("/v1/operations", json={"plan_id": ready(client)})
         path = answer.headers["Location"]
         assert client.post("/v1/operations", json={"plan_id": answer.json()["plan_id"]}).status_code == 409
@@ -89,8 +100,6 @@ def test_a_loss_in_flight_is_answered_and_the_survivor_lands(service: tuple[Test
         assert len(accepted) == 2
         kinds = [event["kind"] for event in client.get("/v1/events/log", params={"limit": 500}).json()["items"]]
         assert kinds.index("uav_lost") < kinds.index("recovery")
-    finally:
-        fleet.stop()
 
 
 @pytest.mark.e2e
@@ -109,6 +118,11 @@ def test_both_autopilots_fly_by_mission_or_stream_and_tell_their_slip(autopilot:
             slips = [event["data"] for event in log if event["kind"] == "slip"]
             assert {slip["uav_id"] for slip in slips} == {"uav-1", "uav-2"}
             assert {slip["slot"] for slip in slips} >= {1, 2, 3, 4, 5}
+            figures = client.get("/metrics").text
+            for uav in ("uav-1", "uav-2"):
+                told = float(sum(slip["uav_id"] == uav for slip in slips))
+                assert f'skyfolio_slot_distance_metres_count{{uav="{uav}"}} {told}' in figures
+                assert f'skyfolio_slot_lateness_seconds_count{{uav="{uav}"}} {told}' in figures
             modes = {event.detail["mode"] for event in fleet.fleet.truth.happened("mode")}
             assert ("GUIDED" in modes) == (guidance == "stream" or autopilot == "ardupilot")
             assert all(fleet.fleet.truth.happened("landed", system_id) for system_id in (1, 2))
@@ -120,9 +134,8 @@ def test_both_autopilots_fly_by_mission_or_stream_and_tell_their_slip(autopilot:
 def test_the_area_is_on_board_as_geofence_before_take_off_and_who_takes_none_is_named(
     service: tuple[TestClient, str],
 ) -> None:
-    client, endpoint = service
-    fleet = simulated(endpoint)
-    try:
+    client, _ = service
+    with simulated(service) as fleet:
         fleet.inject(sim.RejectMission(2, uploads=3))
         path = client.post("/v1/operations", json={"plan_id": ready(client)}).headers["Location"]
         begun = follow(client, path, "flying", "failed")
@@ -131,32 +144,43 @@ def test_the_area_is_on_board_as_geofence_before_take_off_and_who_takes_none_is_
         (accepted,) = truth.happened("fence_accepted")
         assert (accepted.system_id, len(accepted.detail["items"])) == (1, 4)
         assert accepted.t_s < truth.happened("takeoff", 1)[0].t_s
+        assert_each_may_return_to_where_it_stood(client, fleet)
         log = client.get("/v1/events/log", params={"limit": 500}).json()["items"]
         told = {event["data"]["uav_id"]: event["data"] for event in log if event["kind"] == "geofence"}
         assert [told[uav]["level"] for uav in ("uav-1", "uav-2")] == ["ok", "warning"]
         assert "ERROR" in told["uav-2"]["error"]
         client.post(f"{path}:abort", json={"action": "land"})
-    finally:
-        fleet.stop()
+
+
+def assert_each_may_return_to_where_it_stood(client: TestClient, fleet: FleetThread) -> None:
+    """A rally point for each vehicle, at its own start and the plan's altitude, with an event."""
+    for system_id, vehicle in fleet.fleet.vehicles.items():
+        (taken,) = fleet.fleet.truth.happened("rally_accepted", system_id)
+        (point,) = vehicle.autopilot.missions.plan(2).items
+        assert taken.t_s < fleet.fleet.truth.happened("takeoff", system_id)[0].t_s
+        assert (point.x / 1e7, point.y / 1e7) == pytest.approx(
+            (vehicle.spec.home_lat_deg, vehicle.spec.home_lon_deg), abs=2e-6
+        )
+        assert point.z == EXAMPLES["minimal"]().altitude_m
+    log = client.get("/v1/events/log", params={"limit": 500}).json()["items"]
+    levels = {event["data"]["uav_id"]: event["data"]["level"] for event in log if event["kind"] == "rally_point"}
+    assert levels == {"uav-1": "ok", "uav-2": "ok"}
 
 
 def test_an_aborted_operation_leaves_vehicles_holding(service: tuple[TestClient, str]) -> None:
-    client, endpoint = service
-    fleet = simulated(endpoint)
-    try:
+    client, _ = service
+    with simulated(service) as fleet:
         path = client.post("/v1/operations", json={"plan_id": ready(client)}).headers["Location"]
         follow(client, path, "flying", "failed")
         answer = client.post(f"{path}:abort", json={"action": "hold"})
         assert answer.json()["state"] == "aborted"
         assert {vehicle.mode for vehicle in fleet.fleet.vehicles.values()} == {sim.Mode.HOLD}
         assert client.post(f"{path}:abort").status_code == 409
-    finally:
-        fleet.stop()
 
 
 def test_operations_that_cannot_be_are_refused(service: tuple[TestClient, str]) -> None:
     client, _ = service
-    plan_id = ready(client)
+    plan_id = ready(client, absent=("uav-1", "uav-2"))
     assert client.post("/v1/operations", json={"plan_id": "plan-0"}).status_code == 404
     assert client.get("/v1/operations/op-0").status_code == 404
     paper = client.post("/v1/plans", params={"wait_s": 60}, json=EXAMPLES["paper"]().model_dump(mode="json")).json()

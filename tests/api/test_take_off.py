@@ -11,7 +11,7 @@ import sim
 from api.operation_views import OperationView, State
 from mavlink_bridge import Autopilot
 from planner import EXAMPLES
-from tests.api.flying import FleetThread, Flight, service
+from tests.api.flying import FleetThread, Flight, gone, service
 
 pytestmark = pytest.mark.e2e
 SPEEDUP = 4.0
@@ -45,7 +45,7 @@ def standing(served: tuple[TestClient, str], autopilot: Autopilot) -> Iterator[F
         yield flown
     finally:
         fleet.stop()
-    until(lambda: {vehicle.link for vehicle in flown.client.vehicles()} == {"lost"})  # none is taken for the next ones
+    gone(flown.client)
 
 
 def ended(flown: Flight, operation_id: str) -> tuple[OperationView, float]:

@@ -1,0 +1,161 @@
+"""The dead man's switch: vehicles hear us only while the workers that replan in flight answer."""
+
+import asyncio
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+from fastapi.testclient import TestClient
+
+from api.solver import Job, Lane, LaneName
+from planner import EXAMPLES, Scenario, Uav, User
+from tests.api.flying import FleetThread, Flight, service
+
+SCENARIO = EXAMPLES["minimal"]()
+
+
+def pids(lane: Lane) -> list[int]:
+    return list(lane._pool._processes)
+
+
+async def until(condition: Callable[[], bool], limit_s: float = 30.0) -> None:
+    async with asyncio.timeout(limit_s):
+        while not condition():  # noqa: ASYNC110
+            await asyncio.sleep(0.02)
+
+
+@pytest.fixture
+def lane() -> Iterator[Lane]:
+    made = Lane(1, 4)
+    yield made
+    for pid in pids(made):
+        os.kill(pid, signal.SIGCONT)
+    made.close()
+
+
+def large() -> Scenario:
+    """Ten UAVs, sixty users and a hundred slots: about a second of solving."""
+    uavs = [Uav(id=f"uav-{n}", start_m=(50 + n % 5 * 200, 50 + n // 5 * 200), max_speed_mps=5) for n in range(10)]
+    users = [User(id=f"user-{n}", position_m=(n * 37 % 1000, n * 91 % 1000)) for n in range(60)]
+    return EXAMPLES["paper"]().with_changes(slots=100, area_m=((0, 0), (1000, 1000)), uavs=uavs, users=users)
+
+
+async def test_a_worker_that_was_never_needed_is_not_missed_and_a_busy_one_answers(lane: Lane) -> None:
+    assert lane.answers
+    await lane.warm_up()
+    began, worst_s = time.monotonic(), 0.0
+    solving = asyncio.gather(*(lane.solve(Job(scenario=large().model_dump_json())) for _ in range(5)))
+    while not solving.done():
+        worst_s = max(worst_s, lane._beats.silent_for_s())
+        assert lane.answers
+        await asyncio.sleep(0.01)
+    assert time.monotonic() - began > 1.0  # it was busy
+    assert worst_s < 2.0, worst_s
+
+
+async def test_a_stopped_worker_does_not_answer_until_it_goes_on(lane: Lane) -> None:
+    await lane.warm_up()
+    (pid,) = pids(lane)
+    os.kill(pid, signal.SIGSTOP)
+    await until(lambda: not lane.answers)
+    os.kill(pid, signal.SIGCONT)
+    await until(lambda: lane.answers)
+
+
+async def test_a_worker_that_stays_stuck_is_killed_and_replaced(lane: Lane, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("api.liveness.STUCK_S", 1.0)
+    await lane.warm_up()
+    (pid,) = pids(lane)
+    os.kill(pid, signal.SIGSTOP)
+    await until(lambda: lane._beats.silent_for_s() > 1.2)
+    await lane.tend()
+    await until(lane._beats.gone)
+    await lane.tend()
+    assert lane.answers
+    assert pids(lane) != [pid]
+
+
+class Listener:
+    """HEARTBEATs of the service that a simulated vehicle has heard."""
+
+    def __init__(self, fleet: FleetThread) -> None:
+        self._fleet = fleet
+
+    def heard(self) -> int:
+        return sum(one.name == "HEARTBEAT" for one in list(self._fleet.fleet.truth.messages) if one.direction == "in")
+
+
+def wait(condition: Callable[[], bool], limit_s: float = 40.0) -> None:
+    deadline = time.monotonic() + limit_s
+    while not condition():
+        assert time.monotonic() < deadline, "not so in time"
+        time.sleep(0.05)
+
+
+@contextmanager
+def watched() -> Iterator[tuple[TestClient, Lane, Listener]]:
+    with service(1.0) as (http, endpoint):
+        fleet = FleetThread(SCENARIO, endpoint, 1.0)
+        try:
+            flown = Flight(http, fleet, SCENARIO)
+            wait(lambda: http.get("/ready").status_code == 200)
+            yield http, flown.service.solver[LaneName.FLIGHT], Listener(fleet)
+        finally:
+            fleet.stop()
+
+
+def beats_again(listener: Listener) -> None:
+    before = listener.heard()
+    wait(lambda: listener.heard() > before)
+
+
+def metric(http: TestClient, name: str) -> float:
+    (line,) = [line for line in http.get("/metrics").text.splitlines() if line.startswith(name)]
+    return float(line.rsplit(" ", 1)[1])
+
+
+def switches(http: TestClient) -> list[Any]:
+    log = http.get("/v1/events/log", params={"limit": 500}).json()["items"]
+    return [event["data"]["sent"] for event in log if event["kind"] == "gcs_heartbeat"]
+
+
+@pytest.mark.e2e
+def test_vehicles_hear_nothing_of_us_while_the_solver_is_stopped_and_hear_us_again_after() -> None:
+    with watched() as (http, lane, listener):
+        beats_again(listener)
+        (pid,) = pids(lane)
+        os.kill(pid, signal.SIGSTOP)
+        try:
+            wait(lambda: not lane.answers)
+            said = http.get("/ready")
+            assert said.status_code == 503
+            assert said.json()["checks"]["solver"] == "no answer from flight"
+            assert said.json()["checks"]["heartbeat"] == "not sent to vehicles: nobody could replan"
+            assert metric(http, 'skyfolio_solver_answers{lane="flight"}') == 0.0
+            time.sleep(0.5)  # what was on its way
+            before = listener.heard()
+            time.sleep(3.0)
+            assert listener.heard() == before
+        finally:
+            os.kill(pid, signal.SIGCONT)
+        beats_again(listener)
+        assert metric(http, 'skyfolio_solver_answers{lane="flight"}') == 1.0
+        wait(lambda: switches(http) == [False, True])
+        assert http.get("/ready").status_code == 200
+
+
+@pytest.mark.e2e
+def test_killed_workers_are_replaced_and_vehicles_hear_us_again_unasked() -> None:
+    with watched() as (http, lane, listener):
+        beats_again(listener)
+        (pid,) = pids(lane)
+        os.kill(pid, signal.SIGKILL)
+        wait(lambda: not lane.answers)
+        wait(lambda: lane.answers)
+        beats_again(listener)
+        assert pids(lane) != [pid]
+        assert http.get("/health").status_code == 200
