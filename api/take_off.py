@@ -75,10 +75,11 @@ class TakeOff:
         if said is not None and said.armed:
             self._armed_s.setdefault(uav, now_s)
         if system in link.heard_systems and system in link.monitor.watched:
+            silent_s = link.monitor.silent_for_s(system, now_s)
             if link.monitor.state(system) is not LinkState.LOST:
                 self._was_heard.add(uav)
-            elif uav in self._was_heard:
-                return silent(link.monitor.silent_for_s(system, now_s))
+            elif uav in self._was_heard and silent_s >= link.monitor.stale_after_s:  # not one that is coming back
+                return silent(silent_s)
         change = self._fleet.condition(system)
         loss = seen(change, plan_is_flown=True)
         if change is None or loss is None:

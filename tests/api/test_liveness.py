@@ -30,7 +30,7 @@ async def until(condition: Callable[[], bool], limit_s: float = 30.0) -> None:
 
 @pytest.fixture
 def lane() -> Iterator[Lane]:
-    made = Lane(1, 4)
+    made = Lane(1, 8)
     yield made
     for pid in pids(made):
         os.kill(pid, signal.SIGCONT)
@@ -48,7 +48,7 @@ async def test_a_worker_that_was_never_needed_is_not_missed_and_a_busy_one_answe
     assert lane.answers
     await lane.warm_up()
     began, worst_s = time.monotonic(), 0.0
-    solving = asyncio.gather(*(lane.solve(Job(scenario=large().model_dump_json())) for _ in range(5)))
+    solving = asyncio.gather(*(lane.solve(Job(scenario=large().model_dump_json())) for _ in range(6)))
     while not solving.done():
         worst_s = max(worst_s, lane._beats.silent_for_s())
         assert lane.answers

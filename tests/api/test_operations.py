@@ -17,13 +17,14 @@ from api.settings import Settings
 from planner import EXAMPLES
 from tests.api.flying import FleetThread, gone
 
-SPEEDUP = 20.0
+SPEEDUP = 10.0
+ALTITUDE_M = 20.0
 
 
 @contextmanager
 def simulated(service: tuple[TestClient, str], absent: tuple[int, ...] = ()) -> Iterator[FleetThread]:
     """Vehicles for one test."""
-    client, _ = service
+    client, endpoint = service
     fleet = FleetThread(EXAMPLES["minimal"](), endpoint, SPEEDUP, absent)
     try:
         yield fleet
@@ -35,8 +36,7 @@ def simulated(service: tuple[TestClient, str], absent: tuple[int, ...] = ()) -> 
 @pytest.fixture(scope="module")
 def service() -> Iterator[tuple[TestClient, str]]:
     port = free_port(socket.SOCK_DGRAM)
-    silence = {"heartbeat_stale_s": 5.0, "heartbeat_lost_s": 12.0}  # a quarter of a wall second is not silence
-    settings = Settings(fleet_url=f"udpin://127.0.0.1:{port}", time_scale=SPEEDUP, **silence)
+    settings = Settings(fleet_url=f"udpin://127.0.0.1:{port}", time_scale=SPEEDUP)
     with TestClient(create_app(settings)) as client:
         yield client, f"udpout://127.0.0.1:{port}"
 
@@ -49,7 +49,7 @@ def ready(client: TestClient, absent: tuple[str, ...] = ()) -> str:
     while any(one.link != "live" for one in Client(http=client).vehicles() if one.uav_id not in absent):
         assert time.monotonic() < deadline
         time.sleep(0.02)
-    scenario = EXAMPLES["minimal"]().with_changes(slots=8).model_dump(mode="json")
+    scenario = EXAMPLES["minimal"]().with_changes(slots=8, altitude_m=ALTITUDE_M).model_dump(mode="json")
     made: str = client.post("/v1/plans", params={"wait_s": 60}, json=scenario).json()["id"]
     return made
 
@@ -161,7 +161,7 @@ def assert_each_may_return_to_where_it_stood(client: TestClient, fleet: FleetThr
         assert (point.x / 1e7, point.y / 1e7) == pytest.approx(
             (vehicle.spec.home_lat_deg, vehicle.spec.home_lon_deg), abs=2e-6
         )
-        assert point.z == EXAMPLES["minimal"]().altitude_m
+        assert point.z == ALTITUDE_M
     log = client.get("/v1/events/log", params={"limit": 500}).json()["items"]
     levels = {event["data"]["uav_id"]: event["data"]["level"] for event in log if event["kind"] == "rally_point"}
     assert levels == {"uav-1": "ok", "uav-2": "ok"}
