@@ -13,7 +13,7 @@ import numpy as np
 
 from api.clock import FleetClock
 from api.fleet import HEARD_WITHIN_S, Fleet
-from api.guidance import FlightGuidance, Mode
+from api.guidance import FlightGuidance, Way
 from api.rates import InForce, Point, Sample, rates_by_slot
 from api.roster import Roster
 from mavlink_bridge import (
@@ -39,13 +39,13 @@ class Flight:
     """Vehicles that fly a plan, and the plans that replaced it. Times are fleet seconds since slot 0 began."""
 
     def __init__(
-        self, plan: Plan, systems: dict[str, int], fleet: Fleet, clock: FleetClock, guidance: Mode = "mission"
+        self, plan: Plan, systems: dict[str, int], fleet: Fleet, clock: FleetClock, way: Way | None = None
     ) -> None:
         self.systems = systems
         self.timeline = [InForce(0.0, plan)]
         self._fleet, self._clock = fleet, clock
         self._uavs = {system: uav for uav, system in systems.items()}
-        self.guidance = FlightGuidance(systems, fleet, clock, elapsed_s=self.now_s, mode=guidance)
+        self.guidance = FlightGuidance(systems, fleet, clock, elapsed_s=self.now_s, way=way)
         self.roster = Roster(
             systems,
             plan.scenario.origin,
@@ -132,6 +132,7 @@ class Flight:
         await self._fleet.link.prepare(self.systems.values())
         missions = {uav: self.guidance.compile(self.plan, uav) for uav in self.systems}
         self._audit()
+        await self.guidance.remember(missions)
         await self._fence()
         results = await self._fleet.link.upload({self.systems[uav]: mission for uav, mission in missions.items()})
         bad = {self._uavs[system]: result.error for system, result in results.items() if not result.verified}
@@ -159,7 +160,7 @@ class Flight:
     def _audit(self) -> None:
         """Report what the preflight audit finds; with `preflight` "enforce" a blocker keeps everybody on the ground."""
         blockers = {}
-        for uav, findings in self.guidance.audit().items():
+        for uav, findings in self.guidance.audit(self.plan).items():
             for finding in findings:
                 self._fleet.note("preflight", uav_id=uav, **asdict(finding))
             blocked = [
@@ -181,7 +182,7 @@ class Flight:
 
     async def start(self) -> None:
         """Begin slot 0 on all vehicles at once. Raises FlightError."""
-        if self.guidance.mode == "stream":
+        if self.guidance.way.mode == "stream":
             errors = await self.guidance.get_ready()
             began = self._clock.now()
         else:

@@ -15,6 +15,7 @@ from sqlalchemy import bindparam, insert, update
 
 from api.events import EventLog
 from api.flight import Flight
+from api.given import MissionBook
 from api.incidents import Incidents
 from api.journal import Journal
 from api.operation_views import ENDED, OperationView, Policy, Proposal, State, slip_m, uav_views
@@ -71,6 +72,7 @@ class Operation:
         self.error: str | None = None
         self.incidents = Incidents(head.id, head.policy, flight, parts, books.journal, books.events)
         self.incidents.save = self.save
+        flight.guidance.book = MissionBook(books.database, head.id)
         self.go = asyncio.Event()
         self._busy = asyncio.Lock()
         if head.launch_itself:
@@ -124,6 +126,7 @@ class Operation:
             await self.flight.reattach()
             await settle(self)
             if self.state in {State.FLYING, State.LANDING, State.PAUSED}:
+                self.flight.guidance.resume(self.flight.still_up())
                 await self._fly()
 
         await self._guarded(on)
@@ -270,6 +273,7 @@ class Operation:
             "lost": flight.lost,
             "losses": {uav: asdict(loss) for uav, loss in flight.roster.losses.items()},
             "returned": sorted(flight.returned),
+            "ghosts": flight.guidance.airspace.document(),
             "launch_itself": self.head.launch_itself,
             "error": self.error,
             **self.incidents.document(),

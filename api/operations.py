@@ -13,7 +13,7 @@ from sqlalchemy import Row, func, select
 from api.creation import Creation
 from api.fleet import Fleet
 from api.flight import Flight
-from api.guidance import Mode
+from api.guidance import Way
 from api.operation import Books, Head, Operation
 from api.operation_views import ENDED, OperationView, Policy, State
 from api.problems import ConflictError, InvalidError, NotFoundError, PreconditionError
@@ -52,7 +52,7 @@ class Operations:
         creation: Creation,
         *,
         launch_itself: bool = True,
-        guidance: Mode = "mission",
+        way: Way | None = None,
     ) -> Operation | OperationView:
         """Fly a finished plan. Raises NotFoundError, ConflictError, or InvalidError for unregistered UAVs."""
         async with self._starting:
@@ -69,7 +69,7 @@ class Operations:
                 fingerprint=creation.fingerprint,
                 launch_itself=launch_itself,
             )
-            flight = Flight(plan, systems, self._fleet, self._parts.clock, guidance)
+            flight = Flight(plan, systems, self._fleet, self._parts.clock, way)
             operation = Operation(head, flight, self._parts, self._books)
             await operation.create()
             self._run(operation, operation.run())

@@ -16,6 +16,7 @@ from sqlalchemy import Row, select
 
 from api.fleet import Fleet
 from api.flight import Flight
+from api.given import MissionBook
 from api.journal import Entry, Step, last_incident
 from api.losses import Loss
 from api.operation import Books, Head, Operation
@@ -43,6 +44,8 @@ async def restored(row: Row[Any], parts: Parts, books: Books, fleet: Fleet) -> O
     elif said["slot0_at"] is not None:
         flight.go_on_from((time.time() - said["slot0_at"]) * parts.clock.scale)
     flight.recall(await stored_track(row.id, books))
+    flight.guidance.book = MissionBook(books.database, row.id)
+    await flight.guidance.recall(flight.first_plan, said.get("ghosts", []))
     head = Head(
         id=row.id,
         number=row.number,
