@@ -31,6 +31,14 @@ class Loss:
     detail: str
     silent_for_s: float = 0.0
 
+    def __str__(self) -> str:
+        return f"{self.kind.replace('_', ' ')}: {self.detail}"
+
+    @property
+    def is_over(self) -> bool:
+        """Whether it is something that happened, rather than something that goes on."""
+        return self.kind in {"crashed", "landed"}
+
     @property
     def in_the_air(self) -> bool:
         """Whether it may still fly, so that its air stays reserved."""

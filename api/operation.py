@@ -127,7 +127,8 @@ class Operation:
             await settle(self)
             if self.state in {State.FLYING, State.LANDING, State.PAUSED}:
                 self.flight.guidance.resume(self.flight.still_up())
-                await self._fly()
+                with self.flight.roster.following() as news:
+                    await self._fly(news)
 
         await self._guarded(on)
 
@@ -143,7 +144,8 @@ class Operation:
                 await self._fail(f"{type(error).__name__}: {error}")
 
     async def _from_the_ground(self) -> None:
-        seconds = await self.flight.upload()
+        take_off = self.flight.take_off
+        seconds = await take_off.watched(take_off.upload())
         self._books.events.add(
             "missions_uploaded", operation_id=self.id, upload_s=round(seconds, 3), uavs=len(self.flight.systems)
         )
@@ -151,21 +153,20 @@ class Operation:
             await self.enter(State.READY)
             await self.go.wait()
         await self.enter(State.LAUNCHING)
-        await self.flight.launch(LAUNCH_LIMIT_S)
+        await take_off.watched(take_off.launch(LAUNCH_LIMIT_S))
         await self.enter(State.STARTING)
-        await self.flight.start()
-        await self.enter(State.FLYING)
-        await self._fly()
+        with self.flight.roster.following() as news:
+            self.flight.begin(await take_off.watched(take_off.start()))
+            await self.enter(State.FLYING)
+            await self._fly(news)
 
-    async def _fly(self) -> None:
+    async def _fly(self, news: asyncio.Queue[Any]) -> None:
         flight = self.flight
-        news = flight.roster.follow()
         try:
             while not flight.over(LANDING_LIMIT_S):
                 await self._tick(news)
                 await asyncio.sleep(TICK_S)
         finally:
-            flight.roster.unfollow(news)
             await flight.guidance.end()
             await self.incidents.end()
             self._write_track()
@@ -308,7 +309,10 @@ class Operation:
 
     async def _fail(self, reason: str) -> None:
         log.error("operation failed", reason=reason)
-        self.error = reason
+        self.error, before_slot_0 = reason, self.flight.elapsed_s() is None
         await self.enter(State.FAILED)
         with suppress(BridgeError):
-            await self.flight.stop_where_it_is("hold")
+            if before_slot_0:
+                await self.flight.take_off.stand_down()
+            else:
+                await self.flight.stop_where_it_is("hold")

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 
 from api.fleet import Fleet
 from api.guidance import FlightGuidance
@@ -45,13 +46,14 @@ class Roster:
         self.lost, self.returned = lost, returned
         self.losses = {uav: losses.get(uav, silent(0.0)) for uav in lost}
 
-    def follow(self) -> asyncio.Queue[LinkEvent]:
-        """Begin to receive link events."""
-        return self._fleet.follow()
-
-    def unfollow(self, queue: asyncio.Queue[LinkEvent]) -> None:
-        """Stop receiving them."""
-        self._fleet.unfollow(queue)
+    @contextmanager
+    def following(self) -> Iterator[asyncio.Queue[LinkEvent]]:
+        """A queue that gets every link event meanwhile."""
+        queue = self._fleet.follow()
+        try:
+            yield queue
+        finally:
+            self._fleet.unfollow(queue)
 
     def newly_lost(self, queue: asyncio.Queue[LinkEvent]) -> dict[str, Loss]:
         """UAVs that are lost since the last call, and why: fallen silent in flight, or seen in no state to serve."""

@@ -15,8 +15,8 @@ from enum import StrEnum
 
 from mavsdk.plugins.mavlink_direct import MavlinkDirectError
 
-from mavlink_bridge import flight
-from mavlink_bridge.autopilots import OURS, STREAM_MODE, FlightMode
+from mavlink_bridge import departure, flight
+from mavlink_bridge.autopilots import STREAM_MODE, FlightMode
 from mavlink_bridge.geodesy import geodetic_to_east_north
 from mavlink_bridge.items import Mission
 from mavlink_bridge.keeper import Keeper, Order, Slip
@@ -182,9 +182,8 @@ async def let_go(vehicle: Vehicle, item: int, fall_back: FallBack) -> str | None
     One that somebody else flies is left to them. One that hovers because its setpoints came late (PX4 leaves OFFBOARD
     then) is still ours.
     """
-    autopilot = vehicle.state.autopilot
-    if autopilot is None or vehicle.state.mode not in OURS[autopilot]:
-        return f"not ours to command: it is in mode '{vehicle.state.mode}'"
+    if not flight.is_ours(vehicle):
+        return flight.not_ours(vehicle)
     if fall_back is FallBack.HOLD:
         return await flight.error_of(flight.hold(vehicle))
     error = await flight.error_of(_fly_from(vehicle, item))
@@ -195,7 +194,7 @@ async def let_go(vehicle: Vehicle, item: int, fall_back: FallBack) -> str | None
 
 async def _fly_from(vehicle: Vehicle, item: int) -> None:
     await flight.set_current(vehicle, item)
-    await flight.start(vehicle, item)
+    await departure.start(vehicle, item)
 
 
 async def _mode_error(vehicle: Vehicle) -> str | None:

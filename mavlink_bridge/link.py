@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from typing import TypeVar
 
-from mavlink_bridge import flight
+from mavlink_bridge import departure, flight
 from mavlink_bridge.heartbeat import LinkState
 from mavlink_bridge.items import Mission, MissionItem
 from mavlink_bridge.listening import ListeningLink
@@ -68,7 +68,7 @@ class FleetLink(ListeningLink):
 
     async def launch(self, altitudes_m: Mapping[int, float], *, timeout_s: float) -> dict[int, CommandResult]:
         """Arm, take off, and wait within `timeout_s` until each is at its altitude (metres above its own home)."""
-        return await self._command(altitudes_m, lambda vehicle, up_m: flight.launch(vehicle, up_m, timeout_s))
+        return await self._command(altitudes_m, lambda vehicle, up_m: departure.launch(vehicle, up_m, timeout_s))
 
     async def go_to(
         self, places: Mapping[int, tuple[float, float, float]], *, timeout_s: float
@@ -77,7 +77,7 @@ class FleetLink(ListeningLink):
 
         For gathering at the slot-0 points before `start`. Nothing checks that the straight lines keep apart.
         """
-        return await self._command(places, lambda vehicle, place: flight.go_to(vehicle, *place, timeout_s))
+        return await self._command(places, lambda vehicle, place: departure.go_to(vehicle, *place, timeout_s))
 
     async def start(self, system_ids: Iterable[int], *, item: int | None = None) -> dict[int, CommandResult]:
         """Fly the missions on board, all together: every vehicle has its item set before the first one starts.
@@ -92,7 +92,7 @@ class FleetLink(ListeningLink):
         ready = await self._command(dict.fromkeys(ids), lambda vehicle, _: flight.set_current(vehicle, first(vehicle)))
         able = [system_id for system_id in ids if ready[system_id].ok]
         return ready | await self._command(
-            dict.fromkeys(able), lambda vehicle, _: flight.start(vehicle, first(vehicle))
+            dict.fromkeys(able), lambda vehicle, _: departure.start(vehicle, first(vehicle))
         )
 
     async def swap(self, missions: Mapping[int, Mission]) -> dict[int, SwapResult]:
