@@ -22,7 +22,7 @@ import httpx2
 from rich.table import Table
 
 import sim
-from api.bench_streams import streams_figures
+from api.bench.streams import streams_figures
 from api.demo.client import call, free_port, service_process
 from api.simulate import specs_at_starts
 from planner import EXAMPLES, Scenario, Uav, User
