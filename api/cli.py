@@ -14,8 +14,9 @@ from pydantic import ValidationError
 from rich.console import Console
 
 from api import remote_cli, show
+from api.errors import ServiceError
 from api.keys_cli import keys
-from api.problems import ServiceError, broken_rules
+from api.problems import broken_rules
 from api.reproduce.commands import reproduce, tune_mu
 from api.store import StoreError
 from mavlink_bridge import BridgeError

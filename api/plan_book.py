@@ -15,8 +15,8 @@ from pydantic import BaseModel
 from sqlalchemy import Row, bindparam, delete, func, select, update
 
 from api.creation import Creation
+from api.errors import ConflictError, NotFoundError
 from api.events import EventLog
-from api.problems import ConflictError, NotFoundError
 from api.solver import Job, LaneName, Progress, Solved, SolveError, Solver
 from api.store import Database
 from api.store.tables import operations

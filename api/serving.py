@@ -10,8 +10,8 @@ from typing import Any
 import uvicorn
 
 from api.app import create_app
+from api.errors import InvalidError
 from api.logs import configure_logging
-from api.problems import InvalidError
 from api.security import KeyRing
 from api.settings import Settings, default_database_url
 from api.store import Database

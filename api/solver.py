@@ -24,7 +24,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from api.problems import BusyError
+from api.errors import BusyError
 from planner import (
     EXAMPLES,
     AnyOf,

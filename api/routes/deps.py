@@ -10,7 +10,7 @@ from fastapi import Depends, Header, Query, Request, Security
 from fastapi.security import HTTPBearer
 
 from api.creation import Creation, fresh, keyed
-from api.problems import ForbiddenError, InvalidError
+from api.errors import ForbiddenError, InvalidError
 from api.security import Principal, Role
 from api.service import Service
 from api.settings import Settings
