@@ -41,7 +41,7 @@ class Service:
         self.metrics = Metrics()
         self.keys = KeyRing(database)
         self.solver = Solver(settings.workers, settings.queue_limit)
-        self.plans = PlanBook(self.solver, events, database, settings.solve_deadline_s)
+        self.plans = PlanBook(self.solver, events, database, settings)
         self.contingencies = Contingencies(self.solver, database)
         self.journal = Journal(database)
         self.simulated, settings = _simulated(settings)
