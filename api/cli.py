@@ -14,8 +14,9 @@ from pydantic import ValidationError
 from rich.console import Console
 
 from api import remote_cli, show
+from api.errors import ServiceError
 from api.keys_cli import keys
-from api.problems import ServiceError, broken_rules
+from api.problems import broken_rules
 from api.reproduce.commands import reproduce, tune_mu
 from api.store import StoreError
 from mavlink_bridge import BridgeError
@@ -259,7 +260,7 @@ def bench_bridge(
     as_json: Json = False,
 ) -> None:
     """Measure the bridge on simulated PX4 and ArduCopter: schedule, uploads, swaps, loss detection, load."""
-    from api.bench_bridge import bridge_figures, tables  # noqa: PLC0415
+    from api.bench.bridge import bridge_figures, tables  # noqa: PLC0415
 
     figures = bridge_figures(seeds=seeds, swaps=swaps, load_s=load_s)
     if as_json:
@@ -276,7 +277,7 @@ def bench_service(
     as_json: Json = False,
 ) -> None:
     """Measure the service from outside: plans, requests a second, event streams, recovery from a loss."""
-    from api.bench_service import service_figures, table  # noqa: PLC0415
+    from api.bench.service import service_figures, table  # noqa: PLC0415
 
     figures = service_figures(runs, set(only or []))
     if as_json:
@@ -294,7 +295,7 @@ def bench_simulator(
     as_json: Json = False,
 ) -> None:
     """Measure how much of a core a simulated fleet takes at real time."""
-    from api.bench_simulator import simulator_figures, table  # noqa: PLC0415
+    from api.bench.simulator import simulator_figures, table  # noqa: PLC0415
 
     figures = simulator_figures(vehicles, autopilot, position_hz, seconds)
     if as_json:

@@ -20,12 +20,13 @@ import httpx2
 from pydantic import BaseModel
 
 from api.drills import DrillView
+from api.errors import ServiceError
 from api.events import Event
 from api.fleet import VehicleView
 from api.journal import Entry
 from api.operation_views import OperationRow, OperationView, Policy
 from api.plan_book import PlanRow, UnfinishedPlan
-from api.problems import Problem, ServiceError
+from api.problems import Problem
 from api.routes.contingencies import ContingencyTable
 from planner import Plan, Scenario
 

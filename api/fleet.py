@@ -12,8 +12,8 @@ from pydantic import BaseModel
 from sqlalchemy import delete, insert, select
 
 from api.clock import FleetClock
+from api.errors import ConflictError, InvalidError, NotFoundError
 from api.events import EventLog
-from api.problems import ConflictError, InvalidError, NotFoundError
 from api.settings import Settings
 from api.store import Database
 from api.store.tables import vehicles as table

@@ -19,13 +19,8 @@ from starlette.exceptions import HTTPException
 from starlette.responses import RedirectResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from api.problems import (
-    ServiceError,
-    TooLargeError,
-    TooManyRequestsError,
-    UnauthorizedError,
-    answer_to,
-)
+from api.errors import ServiceError, TooLargeError, TooManyRequestsError, UnauthorizedError
+from api.problems import answer_to
 from api.security import LOCAL, Principal
 from api.service import Service
 from api.store import StoreError

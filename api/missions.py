@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
-from api.problems import InvalidError
+from api.errors import InvalidError
 from mavlink_bridge import compile_mission, to_qgc_plan, to_waypoints
 from planner import Plan
 

@@ -11,12 +11,12 @@ import structlog
 from sqlalchemy import Row, func, select
 
 from api.creation import Creation
+from api.errors import ConflictError, InvalidError, NotFoundError, PreconditionError
 from api.fleet import Fleet
 from api.flight import Flight
 from api.guidance import Way
 from api.operation import Books, Head, Operation
 from api.operation_views import ENDED, OperationView, Policy, State
-from api.problems import ConflictError, InvalidError, NotFoundError, PreconditionError
 from api.reattach import Record, restored, settle, stored_track
 from api.resilience import Parts
 from api.store.tables import operations as table

@@ -15,8 +15,9 @@ from pydantic import BaseModel
 from sqlalchemy import Row, bindparam, delete, func, select, update
 
 from api.creation import Creation
+from api.errors import ConflictError, NotFoundError
 from api.events import EventLog
-from api.problems import ConflictError, NotFoundError
+from api.settings import Settings
 from api.solver import Job, LaneName, Progress, Solved, SolveError, Solver
 from api.store import Database
 from api.store.tables import operations
@@ -95,9 +96,9 @@ class PlanRecord:
 class PlanBook:
     """All plans of this service."""
 
-    def __init__(self, solver: Solver, events: EventLog, database: Database, deadline_s: float) -> None:
+    def __init__(self, solver: Solver, events: EventLog, database: Database, settings: Settings) -> None:
         self._solver, self._events, self._database = solver, events, database
-        self._deadline_s = deadline_s
+        self._deadline_s, self._most_starts = settings.solve_deadline_s, settings.plan_starts
         self._active: dict[str, PlanRecord] = {}
         self._recent: OrderedDict[str, PlanRecord] = OrderedDict()
         self._tasks: set[asyncio.Task[None]] = set()
@@ -147,7 +148,9 @@ class PlanBook:
         if found := await self._made_before(creation):
             return found
         text = scenario.model_dump_json()
-        job = Job(scenario=text, deadline_s=deadline_s or self._deadline_s, starts=starts)
+        job = Job(
+            scenario=text, deadline_s=deadline_s or self._deadline_s, starts=starts, most_starts=self._most_starts
+        )
         return self._start(job, creation, LaneName.REQUESTS, cause=Cause(), revision=1, parent=None, scenario=text)
 
     async def submit_replan(

@@ -13,8 +13,8 @@ from rich.console import Console
 from rich.table import Table
 
 from api.client import Client
+from api.errors import InvalidError, ServiceError
 from api.operation_views import OperationView
-from api.problems import InvalidError, ServiceError
 from planner import EXAMPLES, Scenario
 
 ServiceUrl = Annotated[str, typer.Option(envvar="SKYFOLIO_SERVICE", help="Where the service is.")]

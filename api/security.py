@@ -16,7 +16,7 @@ from hashlib import sha256
 from pydantic import BaseModel
 from sqlalchemy import insert, select, update
 
-from api.problems import NotFoundError
+from api.errors import NotFoundError
 from api.store import Database
 from api.store.tables import api_keys as table
 

@@ -24,7 +24,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from api.problems import BusyError
+from api.errors import BusyError
 from planner import (
     EXAMPLES,
     AnyOf,
@@ -40,6 +40,8 @@ from planner import (
     plan,
     replan,
 )
+from planner.fast.optimise import default_starts
+from planner.problem import problem_of
 
 OVERRUN_S = 10.0
 """A worker that is so late beyond its deadline hangs, and is killed."""
@@ -76,7 +78,7 @@ class Progress(BaseModel):
 class Job:
     """One solve, as JSON: a scenario to plan, or a previous plan to replan with `request` (as `planner.replan`).
 
-    `starts`: how many the optimiser climbs from; None lets it choose by size.
+    `starts`: how many the optimiser climbs from; None lets it choose by size, a plan's then at most `most_starts`.
     """
 
     scenario: str | None = None
@@ -85,6 +87,7 @@ class Job:
     identity: dict[str, Any] = field(default_factory=dict)
     deadline_s: float = 60.0
     starts: int | None = None
+    most_starts: int = 64
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,15 +148,15 @@ def _solve(job: Job, token: int) -> Plan:
     identity = {**job.identity, "cause": Cause.model_validate(job.identity.get("cause", {}))}
     options = {
         "stop": stop,
-        "n_starts": job.starts,
         "clock": time.perf_counter,
         "observer": _observer(token),
         **identity,
     }
     if job.previous is not None:
-        return replan(Plan.model_validate_json(job.previous), **job.request, **options)
+        return replan(Plan.model_validate_json(job.previous), **job.request, n_starts=job.starts, **options)
     assert job.scenario is not None  # noqa: S101 - one of the two is always given
-    return plan(Scenario.model_validate_json(job.scenario), **options)
+    scenario = Scenario.model_validate_json(job.scenario)
+    return plan(scenario, n_starts=job.starts or min(job.most_starts, default_starts(problem_of(scenario))), **options)
 
 
 def _observer(token: int) -> Callable[[Iteration], None]:

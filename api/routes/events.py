@@ -9,8 +9,8 @@ from fastapi import APIRouter, Header, Query
 from fastapi.responses import StreamingResponse
 from pydantic import BaseModel
 
+from api.errors import BusyError
 from api.events import Event
-from api.problems import BusyError
 from api.routes.deps import KNOWN, ServiceDep, requires
 from api.security import Role
 from api.service import Service

@@ -9,11 +9,11 @@ from fastapi import APIRouter, Depends, Header, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from api.creation import Creation
+from api.errors import InvalidError, NotFoundError
 from api.guidance import Way
 from api.journal import Entry
 from api.operation import Operation
 from api.operation_views import OperationRow, OperationView, Policy, State
-from api.problems import InvalidError, NotFoundError
 from api.routes.deps import KNOWN, Before, Limit, ServiceDep, creates, requires
 from api.routes.examples import OPERATION_EXAMPLES
 from api.security import Role

@@ -25,7 +25,11 @@ DeadlineS = Annotated[
 ]
 Starts = Annotated[
     int | None,
-    Query(ge=1, le=64, description="Starts the optimiser climbs from: fewer is faster. Default: by size, at most 32."),
+    Query(
+        ge=1,
+        le=64,
+        description="Starts to climb from: fewer is faster. Default: by size, at most `plan_starts` of the settings.",
+    ),
 ]
 NewPlan = Annotated[Creation, Depends(creates("plan"))]
 ANSWERS: dict[int | str, dict[str, Any]] = {
