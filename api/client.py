@@ -23,6 +23,7 @@ from api.drills import DrillView
 from api.errors import ServiceError
 from api.events import Event
 from api.fleet import VehicleView
+from api.guidance import Mode
 from api.journal import Entry
 from api.operation_views import OperationRow, OperationView, Policy
 from api.plan_book import PlanRow, UnfinishedPlan
@@ -138,10 +139,20 @@ class Client:
         *,
         replanning: Policy = "auto",
         launch: Literal["auto", "manual"] = "auto",
+        guidance: Mode = "mission",
+        stream_fallback: Literal["mission", "hold"] = "mission",
+        at_end: Literal["land", "return"] = "land",
         key: str | None = None,
     ) -> OperationView:
         """Start an operation."""
-        body = {"plan_id": plan_id, "replanning": replanning, "launch": launch}
+        body = {
+            "plan_id": plan_id,
+            "replanning": replanning,
+            "launch": launch,
+            "guidance": guidance,
+            "stream_fallback": stream_fallback,
+            "at_end": at_end,
+        }
         return self._operation("POST", "/v1/operations", json=body, key=key)
 
     def operation(self, operation_id: str) -> OperationView:

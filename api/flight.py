@@ -34,7 +34,8 @@ class Flight:
         self.timeline = [InForce(0.0, plan)]
         self._fleet, self._clock = fleet, clock
         self._uavs = {system: uav for uav, system in systems.items()}
-        self.guidance = FlightGuidance(systems, fleet, clock, elapsed_s=self.now_s, way=way)
+        homes_m = {uav: path[0] for uav, path in plan.trajectories_m.items()}
+        self.guidance = FlightGuidance(systems, fleet, clock, elapsed_s=self.now_s, homes_m=homes_m, way=way)
         self.roster = Roster(
             systems,
             plan.scenario.origin,

@@ -13,7 +13,7 @@ from api.fleet import Fleet
 from api.given import Given, MissionBook
 from api.store import StoreError
 from api.streaming import Streaming
-from mavlink_bridge import Mission, compile_mission
+from mavlink_bridge import Mission, OnEnd, ReturnPathsTooClose, check_return_paths, compile_mission
 from mavlink_bridge.ghosts import DEADLINE_S, Airspace, Ghost
 from mavlink_bridge.guidance import FallBack, Kept, keep
 from mavlink_bridge.keeper import Keeper, Slip
@@ -29,10 +29,20 @@ GHOST_CLEARANCE_M = 5.0
 
 @dataclass(frozen=True)
 class Way:
-    """How a flight is guided; `fall_back` is for what follows a stream."""
+    """How a flight is guided, what follows a stream (`fall_back`), and what UAVs do after the last slot (`at_end`)."""
 
     mode: Mode = "mission"
     fall_back: FallBack = FallBack.MISSION
+    at_end: OnEnd = OnEnd.LAND
+
+    def document(self) -> dict[str, str]:
+        """As JSON values."""
+        return {"mode": self.mode, "fall_back": self.fall_back.value, "at_end": self.at_end.value}
+
+    @classmethod
+    def after_restart(cls, document: Mapping[str, str]) -> Way:
+        """As stored, but by missions: that is what UAVs fly after a stream has ended."""
+        return cls("mission", FallBack(document["fall_back"]), OnEnd(document["at_end"])) if document else cls()
 
 
 class FlightGuidance:
@@ -49,13 +59,14 @@ class FlightGuidance:
         clock: FleetClock,
         *,
         elapsed_s: Callable[[], float],
+        homes_m: Mapping[str, Point],
         way: Way | None = None,
     ) -> None:
         self.way = way or Way()
         self._systems, self._fleet, self._clock = systems, fleet, clock
         self._elapsed_s = elapsed_s
         self._given: dict[str, Given] = {}
-        self._homes_m: dict[str, Point] = {}
+        self._homes_m = homes_m
         self._keeping: dict[str, asyncio.Task[None]] = {}
         self.airspace = Airspace()
         """Air that UAVs we lost may still fly in."""
@@ -82,6 +93,7 @@ class FlightGuidance:
             first_leg_s=first_leg_s,
             autopilot=self._fleet.link.autopilot(system),
             model=self._fleet.link.model(system),
+            on_end=self._end_of(plan),
         )
         self._given[uav] = Given(
             mission=mission,
@@ -91,9 +103,17 @@ class FlightGuidance:
             origin=plan.scenario.origin,
             altitude_m=plan.scenario.altitude_of(plan.scenario.uav(uav)),
         )
-        if not airborne:
-            self._homes_m[uav] = path[0]
         return mission
+
+    def _end_of(self, plan: Plan) -> OnEnd:
+        """As wanted; but where ways home of this plan would meet, UAVs land where they are."""
+        if self.way.at_end is OnEnd.RETURN:
+            try:
+                check_return_paths(plan, self._homes_m)
+            except ReturnPathsTooClose as error:
+                self._fleet.note("lands_instead_of_returning", plan_id=plan.id, because=str(error))
+                return OnEnd.LAND
+        return self.way.at_end
 
     async def remember(self, uavs: Iterable[str]) -> None:
         """Store what these are about to be given. The flight goes on when the database refuses."""
@@ -101,9 +121,8 @@ class FlightGuidance:
             with suppress(StoreError):  # logged where it happened
                 await self.book.write({uav: self._given[uav] for uav in uavs})
 
-    async def recall(self, first: Plan, ghosts: list[dict[str, Any]]) -> None:
-        """Take over what the UAVs of the first plan were given, and whose air was reserved, before a restart."""
-        self._homes_m = {uav: path[0] for uav, path in first.trajectories_m.items()}
+    async def recall(self, ghosts: list[dict[str, Any]]) -> None:
+        """Take over what UAVs were given, and whose air was reserved, before a restart."""
         self.airspace.recall(ghosts)
         if self.book is not None:
             self._may_have = await self.book.read()

@@ -31,17 +31,31 @@ def fly(
     scenario: Annotated[Path | None, typer.Argument(help="Scenario as JSON.")] = None,
     example: Annotated[str | None, typer.Option(help=f"Fly a ready scenario: {', '.join(EXAMPLES)}.")] = None,
     replanning: Annotated[str, typer.Option(help="After a loss: auto, approve or off.")] = "auto",
+    guidance: Annotated[str, typer.Option(help="By mission, or by a stream of setpoints.")] = "mission",
+    stream_fallback: Annotated[str, typer.Option(help="When the stream ends: fly on by mission, or hold.")] = "mission",
+    at_end: Annotated[str, typer.Option(help="After the last slot: land or return.")] = "land",
     service: ServiceUrl = LOCAL,
     key: Key = None,
     as_json: Json = False,
 ) -> None:
     """Plan a scenario at the service and fly it with the vehicles registered there."""
-    if replanning not in {"auto", "approve", "off"}:
-        raise InvalidError(f"replanning: {replanning!r} must be auto, approve or off")
+    order = {
+        "replanning": _one_of("replanning", replanning, "auto", "approve", "off"),
+        "guidance": _one_of("guidance", guidance, "mission", "stream"),
+        "stream_fallback": _one_of("stream_fallback", stream_fallback, "mission", "hold"),
+        "at_end": _one_of("at_end", at_end, "land", "return"),
+    }
     wanted = _scenario(scenario, example)
     with _Asking(service, key) as client:
         plan = client.plan(wanted)
-        _show(client.fly(plan.id, replanning=replanning), as_json=as_json)  # type: ignore[arg-type]
+        _show(client.fly(plan.id, **order), as_json=as_json)  # type: ignore[arg-type]
+
+
+def _one_of(name: str, value: str, *allowed: str) -> str:
+    """Raises InvalidError naming the option and what it may be."""
+    if value not in allowed:
+        raise InvalidError(f"{name}: {value!r} must be one of {', '.join(allowed)}")
+    return value
 
 
 def status(

@@ -17,6 +17,7 @@ from api.operation_views import OperationRow, OperationView, Policy, State
 from api.routes.deps import KNOWN, Before, Limit, ServiceDep, creates, requires
 from api.routes.examples import OPERATION_EXAMPLES
 from api.security import Role
+from mavlink_bridge import OnEnd
 from mavlink_bridge.guidance import FallBack
 
 router = APIRouter(prefix="/v1", tags=["operations"], dependencies=[*KNOWN, requires(Role.VIEWER)])
@@ -43,6 +44,10 @@ class OperationRequest(BaseModel):
         FallBack,
         Field(description="What vehicles do when the stream of setpoints ends, also because the service is killed."),
     ] = FallBack.MISSION
+    at_end: Annotated[
+        Literal["land", "return"],
+        Field(description="After the last slot: land where it is, or return to the start; refused if ways home meet."),
+    ] = "land"
     launch: Annotated[
         Literal["auto", "manual"], Field(description="manual: upload, then wait for `operations/{id}:start`.")
     ] = "auto"
@@ -91,7 +96,7 @@ async def start_operation(
         body.replanning,
         creation,
         launch_itself=body.launch == "auto",
-        way=Way(body.guidance, body.stream_fallback),
+        way=Way(body.guidance, body.stream_fallback, OnEnd(body.at_end)),
     )
     view = made.view() if isinstance(made, Operation) else made
     response.headers["Location"] = f"/v1/operations/{view.id}"
