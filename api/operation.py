@@ -313,6 +313,7 @@ class Operation:
         self.error, before_slot_0 = reason, self.flight.elapsed_s() is None
         await self.enter(State.FAILED)
         with suppress(BridgeError):
+            await self.flight.guidance.end()
             if before_slot_0:
                 await self.flight.take_off.stand_down()
             else:
