@@ -14,10 +14,10 @@ from typing import Any, Self
 import httpx2
 
 import sim
-from api.demo.client import free_port
 from api.settings import Settings
 from api.simulate import specs_at_starts
 from planner import EXAMPLES
+from tests.ports import free_port
 
 SPEEDUP = 5.0
 SCENARIO = EXAMPLES["paper"]().with_changes(slots=28, altitude_m=8.0)
