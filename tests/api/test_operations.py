@@ -11,10 +11,10 @@ from fastapi.testclient import TestClient
 
 import sim
 from api.app import create_app
-from api.demo.client import free_port
 from api.settings import Settings
 from planner import EXAMPLES
 from tests.api.flying import FleetThread
+from tests.ports import free_port
 
 SPEEDUP = 20.0
 
