@@ -25,7 +25,7 @@ from api.events import Event
 from api.fleet import VehicleView
 from api.journal import Entry
 from api.operation_views import OperationRow, OperationView, Policy
-from api.plan_book import PlanRow, UnfinishedPlan
+from api.plan_records import PlanRow, UnfinishedPlan
 from api.problems import Problem
 from api.routes.contingencies import ContingencyTable
 from planner import Plan, Scenario

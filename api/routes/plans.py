@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from api import missions
 from api.creation import Creation
-from api.plan_book import ENDED, PlanRecord, PlanRow, UnfinishedPlan
+from api.plan_records import PlanRecord, PlanRow, UnfinishedPlan
 from api.routes.deps import KNOWN, Before, Limit, ServiceDep, WaitS, creates, require_within_limits, requires
 from api.routes.examples import PLAN_EXAMPLES, REPLAN_EXAMPLES
 from api.security import Role
@@ -91,7 +91,7 @@ async def list_plans(
     service: ServiceDep, limit: Limit = 50, cursor: Before = None, status: PlanStatus | None = None
 ) -> PlanPage:
     """Plans without their results, the newest first."""
-    rows = await service.plans.rows(limit + 1, cursor, status)
+    rows = await service.plans.store.rows(limit + 1, cursor, status)
     return PlanPage(
         items=[
             PlanRow(
@@ -142,15 +142,15 @@ async def cancel_plan(plan_id: str, service: ServiceDep, wait_s: WaitS = 0) -> R
     """Stop a plan; it ends as `cancelled` with the best feasible plan found so far. An ended plan stays as it is."""
     record = await service.plans.cancel(plan_id)
     await service.plans.wait(record, wait_s)
-    return _rendered(service, record)
+    return await _rendered(service, record)
 
 
 @router.get("/plans/{plan_id}", responses=ANSWERS, response_model=None)
 async def read_plan(plan_id: str, service: ServiceDep, wait_s: WaitS = 0) -> Response:
-    """A plan, or how far it is: while it runs, `progress` tells what its best feasible plan so far is worth."""
+    """A plan, or how far it is: while it runs, `progress` is what it has reached, `best` its best plan so far."""
     record = await service.plans.record(plan_id)
     await service.plans.wait(record, wait_s)
-    return _rendered(service, record)
+    return await _rendered(service, record)
 
 
 @router.get("/plans/{plan_id}/missions", response_model=None, responses=MISSION_ANSWERS)
@@ -172,13 +172,12 @@ async def read_missions(
 async def _created(service: Service, record: PlanRecord, wait_s: float) -> Response:
     await record.stored
     await service.plans.wait(record, wait_s)
-    answer = _rendered(service, record)
+    answer = await _rendered(service, record)
     answer.headers["Location"] = f"/v1/plans/{record.id}"
     return answer
 
 
-def _rendered(service: Service, record: PlanRecord) -> Response:
-    ended = record.status in ENDED
-    headers = {} if ended else {"Retry-After": "1"}
-    text = record.result or service.plans.view(record).model_dump_json()
-    return Response(text, status_code=200 if ended else 202, headers=headers, media_type="application/json")
+async def _rendered(service: Service, record: PlanRecord) -> Response:
+    text = await service.plans.text(record)
+    headers = {} if record.ended else {"Retry-After": "1"}
+    return Response(text, status_code=200 if record.ended else 202, headers=headers, media_type="application/json")

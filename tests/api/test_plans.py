@@ -5,7 +5,12 @@ from typing import Any
 import pytest
 from fastapi.testclient import TestClient
 
+from api.plan_records import UnfinishedPlan
 from planner import EXAMPLES, Plan, violations
+from planner.layouts import scattered
+
+LONG = {"starts": 64}
+"""From so many starts, a scenario that takes a second takes ten."""
 
 
 def planned(client: TestClient, scenario: dict[str, Any]) -> dict[str, Any]:
@@ -97,6 +102,39 @@ def test_a_cancelled_plan_ends_with_the_best_it_had(client: TestClient) -> None:
     assert ended["status"] == "cancelled"
     assert violations(Plan.model_validate(ended)) == []
     assert client.post(f"{location}:cancel").json()["status"] == "cancelled"
+
+
+def test_a_running_plan_shows_its_best_so_far_which_cancelling_returns_or_betters(client: TestClient) -> None:
+    scenario = scattered(12, 36, 200, seed=3)
+    location = client.post("/v1/plans", params=LONG, json=scenario.model_dump(mode="json")).headers["Location"]
+    while (seen := client.get(location, params={"wait_s": 0.05})).status_code == 202 and seen.json()["best"] is None:
+        pass
+    assert seen.status_code == 202
+    view = UnfinishedPlan.model_validate_json(seen.content)
+    assert view.best is not None
+    assert view.progress is not None
+    assert view.best.status == view.status == "running"
+    assert (view.best.id, view.best.scenario) == (view.id, scenario)
+    assert violations(view.best) == []
+    assert 0 < view.best.summary.utility_bps <= view.progress.utility_bps * (1 + 1e-9)
+    ended = Plan.model_validate_json(client.post(f"{location}:cancel", params={"wait_s": 60}).content)
+    assert ended.status == "cancelled"
+    assert violations(ended) == []
+    assert ended.summary.utility_bps >= view.best.summary.utility_bps * (1 - 1e-9)
+    assert "best" not in client.get(location).json()
+
+
+def test_a_plan_that_waits_has_no_best_and_never_that_of_the_job_before(client: TestClient) -> None:
+    long = scattered(12, 36, 200, seed=3).model_dump(mode="json")
+    running, waiting = (client.post("/v1/plans", params=LONG, json=long).headers["Location"] for _ in range(2))
+    while client.get(running, params={"wait_s": 0.05}).json()["best"] is None:
+        pass
+    seen = client.get(waiting).json()
+    assert (seen["status"], seen["best"], seen["progress"]) == ("queued", None, None)
+    client.post(f"{running}:cancel", params={"wait_s": 60})
+    seen = client.get(waiting, params={"wait_s": 0.01}).json()
+    assert seen["best"] is None or seen["best"]["id"] == seen["id"]
+    assert client.post(f"{waiting}:cancel", params={"wait_s": 60}).json()["status"] == "cancelled"
 
 
 def test_more_solves_than_the_queue_holds_are_told_to_come_back(client: TestClient) -> None:
