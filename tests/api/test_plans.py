@@ -5,10 +5,13 @@ from typing import Any
 import pytest
 from fastapi.testclient import TestClient
 
+from api.client import Client
 from api.plan_records import UnfinishedPlan
-from planner import EXAMPLES, Plan, violations
+from api.routes.examples import REPLAN_EXAMPLES
+from planner import EXAMPLES, Changes, Plan, Uav, violations
 from planner.layouts import scattered
 
+CROWD = [{"id": f"guest-{k}", "position_m": [1.0, 1.0]} for k in range(1000)]
 LONG = {"starts": 64}
 """From so many starts, a scenario that takes a second takes ten."""
 
@@ -81,6 +84,19 @@ def test_a_replan_has_parent_cause_and_survivors_only(client: TestClient, paper:
         ({"failed": ["uav-1"], "at_slot": 1, "achieved_rates_bps": {"user-1": [-1.0]}}, "achieved_rates_bps.user-1"),
         ({"failed": ["uav-1"], "at_slot": 1, "achieved_rates_bps": {"nobody": [1.0]}}, "achieved_rates_bps"),
         ({"failed": ["uav-1"], "at_slot": 1, "surprise": True}, "surprise"),
+        ({"at_slot": 1, "users_left": ["nobody"]}, "users_left"),
+        ({"at_slot": 1, "users_left": ["user-1", "user-2", "user-3", "user-4"]}, "users_left"),
+        ({"at_slot": 1, "users_joined": [{"id": "user-1", "position_m": [1.0, 1.0]}]}, "users_joined"),
+        ({"at_slot": 1, "users_joined": [{"id": "new", "position_m": [1.0, 1.0]}] * 2}, "users_joined"),
+        ({"at_slot": 1, "users_joined": [{"id": "new", "position_m": ["east", 1.0]}]}, "users_joined.0.position_m.0"),
+        ({"at_slot": 1, "users_joined": CROWD}, "users"),
+        ({"at_slot": 1, "returned": [{"id": "uav-1", "start_m": [50.0, 50.0]}]}, "returned"),
+        ({"at_slot": 1, "returned": [{"id": "uav-3", "start_m": [999.0, 50.0]}]}, "returned"),
+        ({"at_slot": 0, "returned": [{"id": "uav-3", "start_m": [51.0, 50.0]}]}, "returned"),
+        ({"at_slot": 1, "bandwidth_hz": {"uav-9": 5000.0}}, "bandwidth_hz"),
+        ({"at_slot": 1, "bandwidth_hz": {"uav-1": -1.0}}, "bandwidth_hz.uav-1"),
+        ({"at_slot": 1, "utility": {"kind": "sum", "mu_per_kbps": 1.0}}, "utility.mu_per_kbps"),
+        ({"at_slot": 1, "utility": {"kind": "applause"}}, "utility.kind"),
     ],
 )
 def test_a_replan_that_makes_no_sense_is_refused_by_field(
@@ -91,6 +107,52 @@ def test_a_replan_that_makes_no_sense_is_refused_by_field(
     assert answer.status_code == 422, answer.text
     assert answer.headers["content-type"] == "application/problem+json"
     assert [row["field"] for row in answer.json()["errors"]] == [field]
+
+
+def test_a_replan_takes_in_users_bands_and_another_utility_at_once(client: TestClient, paper: dict[str, Any]) -> None:
+    made = planned(client, paper)
+    body = {
+        "at_slot": 10,
+        "failed": ["uav-2"],
+        "users_left": ["user-1"],
+        "users_joined": [{"id": "newcomer", "position_m": [300.0, 300.0]}],
+        "utility": {"kind": "pooled", "mu_per_kbps": -0.3},
+        "bandwidth_hz": {"uav-1": 20_000.0},
+    }
+    answer = client.post(f"/v1/plans/{made['id']}/replans", params={"wait_s": 60}, json=body)
+    assert answer.status_code == 200, answer.text
+    again = Plan.model_validate(answer.json())
+    assert violations(again) == []
+    assert again.cause.uav_ids == ("uav-2",)
+    assert again.scenario.uav_ids == ("uav-1", "uav-3")
+    assert again.scenario.user_ids == (*(f"user-{k}" for k in range(2, 10)), "newcomer")
+    assert again.scenario.utility.kind == "pooled"
+    assert again.scenario.uav("uav-1").bandwidth_hz == 20_000.0
+    assert again.achieved_rates_bps["newcomer"] == []
+    assert "user-1" not in again.achieved_rates_bps
+
+
+def test_a_uav_that_comes_back_is_planned_for_from_where_it_is(client: TestClient) -> None:
+    service = Client(http=client)
+    made = service.plan(EXAMPLES["paper"]())
+    without = service.replan(made.id, failed=["uav-3"], at_slot=8)
+    assert (without.cause.kind, without.cause.uav_ids) == ("requested", ("uav-3",))
+    back = Uav(id="uav-3", start_m=(260.0, 130.0))
+    again = service.replan(without.id, at_slot=12, changes=Changes(returned=(back,)))
+    assert again.scenario.uav_ids == ("uav-1", "uav-2", "uav-3")
+    assert again.trajectories_m["uav-3"][0] == (260.0, 130.0)
+    assert (again.cause.kind, again.cause.uav_ids) == ("uav_returned", ("uav-3",))
+    assert service.replan(made.id, at_slot=8, changes=Changes(users_left=("user-1",))).cause.kind == "users_changed"
+
+
+@pytest.mark.parametrize("example", REPLAN_EXAMPLES["requestBody"]["content"]["application/json"]["examples"].values())
+def test_every_example_of_a_replan_is_one(client: TestClient, minimal: dict[str, Any], example: dict[str, Any]) -> None:
+    made = planned(client, minimal)
+    if "returned" in example["value"]:
+        path = f"/v1/plans/{made['id']}/replans"
+        made = client.post(path, params={"wait_s": 60}, json={"failed": ["uav-2"], "at_slot": 1}).json()
+    answer = client.post(f"/v1/plans/{made['id']}/replans", params={"wait_s": 60}, json=example["value"])
+    assert answer.status_code == 200, answer.text
 
 
 def test_a_cancelled_plan_ends_with_the_best_it_had(client: TestClient) -> None:
