@@ -26,10 +26,10 @@ from api.fleet import VehicleView
 from api.guidance import Mode
 from api.journal import Entry
 from api.operation_views import OperationRow, OperationView, Policy
-from api.plan_book import PlanRow, UnfinishedPlan
+from api.plan_records import PlanRow, UnfinishedPlan
 from api.problems import Problem
 from api.routes.contingencies import ContingencyTable
-from planner import Plan, Scenario
+from planner import Changes, Plan, Scenario
 
 Model = TypeVar("Model", bound=BaseModel)
 PAGE = 100
@@ -92,14 +92,17 @@ class Client:
         self,
         plan_id: str,
         *,
-        failed: Sequence[str],
+        failed: Sequence[str] = (),
         at_slot: int,
         positions_m: Mapping[str, tuple[float, float]] | None = None,
+        changes: Changes | None = None,
         wait_s: float = 60,
         key: str | None = None,
     ) -> Plan:
-        """A finished plan for the survivors from `at_slot` on."""
-        body = {"failed": list(failed), "at_slot": at_slot, "positions_m": positions_m}
+        """A finished plan from `at_slot` on: for the survivors, and for what else is different."""
+        gone = [*(changes.failed if changes else ()), *failed]
+        other = changes.model_dump(mode="json", exclude={"failed"}) if changes else {}
+        body = {**other, "failed": gone, "at_slot": at_slot, "positions_m": positions_m}
         path = f"/v1/plans/{plan_id}/replans"
         return self._finished(_plan(self._call("POST", path, json=body, params={"wait_s": wait_s}, key=key)))
 
