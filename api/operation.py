@@ -309,12 +309,14 @@ class Operation:
                 self.parts.metrics.slip.labels(uav).set(far)
 
     async def _fail(self, reason: str) -> None:
+        """Tell why at once, see to the vehicles, and only then be over: others may have them from then on."""
         log.error("operation failed", reason=reason)
-        self.error, before_slot_0 = reason, self.flight.elapsed_s() is None
-        await self.enter(State.FAILED)
+        self.error = reason
+        await self.enter(self.state)
         with suppress(BridgeError):
             await self.flight.guidance.end()
-            if before_slot_0:
+            if self.flight.elapsed_s() is None:
                 await self.flight.take_off.stand_down()
             else:
                 await self.flight.stop_where_it_is("hold")
+        await self.enter(State.FAILED)
