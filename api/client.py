@@ -169,7 +169,7 @@ class Client:
     def command(
         self,
         operation_id: str,
-        verb: Literal["start", "pause", "resume", "abort", "readmit"],
+        verb: Literal["start", "pause", "resume", "abort", "readmit", "retire"],
         *,
         version: int | None = None,
         **body: Any,

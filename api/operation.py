@@ -105,6 +105,7 @@ class Operation:
             uavs=uav_views(flight),
             lost=sorted(flight.lost),
             returned=sorted(flight.returned),
+            low_on_battery=[] if self.state in ENDED else sorted(flight.roster.low_on_battery),
             elapsed_s=flight.elapsed_s(),
             slot=flight.slot(),
             recoveries=incidents.reports,
@@ -151,7 +152,7 @@ class Operation:
         )
         if not self.go.is_set():
             await self.enter(State.READY)
-            await self.go.wait()
+            await take_off.watched(self.go.wait())
         await self.enter(State.LAUNCHING)
         await take_off.watched(take_off.launch(LAUNCH_LIMIT_S))
         await self.enter(State.STARTING)
@@ -210,6 +211,11 @@ class Operation:
         """Plan for a UAV again that was lost and is back. Raises ConflictError."""
         async with self._busy:
             await self.incidents.readmit(uav_id)
+
+    async def retire(self, uav_id: str) -> None:
+        """Send a UAV home and plan without it. Raises ConflictError."""
+        async with self._busy:
+            await self.incidents.retire(uav_id)
 
     async def abort(self, action: Literal["hold", "land", "return"]) -> None:
         """Tell every vehicle that still answers to hold or land where it is, or to return home."""

@@ -9,8 +9,10 @@ from contextlib import contextmanager
 from api.fleet import Fleet
 from api.guidance import FlightGuidance
 from api.losses import Loss, seen, silent
+from api.problems import ConflictError
 from api.rates import Point
 from mavlink_bridge import LinkEvent, LinkState, geodetic_to_east_north
+from mavlink_bridge.conditions import Condition
 from planner import Origin
 
 
@@ -105,6 +107,30 @@ class Roster:
         self.lost.pop(uav)
         self.losses.pop(uav)
         self._guidance.found(uav)
+
+    @property
+    def low_on_battery(self) -> dict[str, str]:
+        """UAVs that still count and whose battery is low, and how low: the operator may send them home."""
+        low = {}
+        for uav, system in self._systems.items():
+            change = self._fleet.condition(system)
+            if change is not None and change.after is Condition.LOW_BATTERY and self._may_retire(uav):
+                low[uav] = change.cause
+        return low
+
+    def _may_retire(self, uav: str) -> bool:
+        return self.may_command(uav) and not self.is_down(uav)
+
+    async def retire(self, uav: str) -> Loss:
+        """Send a UAV home; from then on it counts no more. Raises ConflictError when it is not ours, or does not go."""
+        if not self._may_retire(uav):
+            raise ConflictError(f"uav_id: {uav!r} is not in the air, or not ours to command")
+        because = self.low_on_battery.get(uav, "no low battery")
+        system = self._systems[uav]
+        error = (await self._fleet.link.return_home([system]))[system].error
+        if error is not None:
+            raise ConflictError(f"uav_id: {uav!r} does not return: {error}")
+        return self._lose(uav, Loss("battery", f"sent home by the operator: {because}"))
 
     def may_command(self, uav: str) -> bool:
         """Whether it is ours: a human, a failsafe or a crash is never overruled, not even before it is declared."""

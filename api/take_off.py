@@ -43,8 +43,10 @@ class TakeOff:
         self._plan, self._systems, self._fleet = plan, systems, fleet
         self._clock, self._guidance = clock, guidance
         self._uavs = {system: uav for uav, system in systems.items()}
-        self._history = {uav: fleet.condition(system) for uav, system in systems.items()}
+        self._made_s = clock.now()
+        self._armed_s: dict[str, float] = {}
         self._was_heard: set[str] = set()
+        self._launched = False
 
     # -- watching ---------------------------------------------------------------------------------------------------
 
@@ -67,23 +69,28 @@ class TakeOff:
 
         Silence counts for who was heard in this operation; the upload tells of the others.
         """
-        system, link = self._systems[uav], self._fleet.link
+        system, link, now_s = self._systems[uav], self._fleet.link, self._clock.now()
+        said = link.telemetry(system)
+        if said is not None and said.armed:
+            self._armed_s.setdefault(uav, now_s)
         if system in link.heard_systems and system in link.monitor.watched:
-            silent_s = link.monitor.silent_for_s(system, self._clock.now())
             if link.monitor.state(system) is not LinkState.LOST:
                 self._was_heard.add(uav)
             elif uav in self._was_heard:
-                return silent(silent_s)
+                return silent(link.monitor.silent_for_s(system, now_s))
         change = self._fleet.condition(system)
         loss = seen(change, plan_is_flown=True)
-        if loss is None or (loss.is_over and change is self._history[uav]):
+        if change is None or loss is None:
             return None
-        return loss
+        since_s = self._made_s if loss.kind == "rebooted" else self._armed_s.get(uav, now_s)
+        happened = change.at_s > since_s
+        goes_on = said is not None and said.armed
+        return loss if (happened if loss.is_over else goes_on) else None
 
     async def stand_down(self) -> None:
         """The launch has failed: who is armed and ours hovers where it is, or lands if it is low."""
         told: set[str] = set()
-        until = time.monotonic() + ONE_MORE_HEARTBEAT_S
+        until = time.monotonic() + (ONE_MORE_HEARTBEAT_S if self._launched else 0.0)
         while True:
             up = {uav: up_m for uav in self._systems if uav not in told and (up_m := self._height_m(uav)) is not None}
             if not up and time.monotonic() >= until:
@@ -127,7 +134,7 @@ class TakeOff:
 
     async def launch(self, timeout_s: float) -> None:
         """Arm, climb to the plan's altitude and wait there for each other. Raises FlightError for the first failure."""
-        scenario = self._plan.scenario
+        self._launched, scenario = True, self._plan.scenario
 
         async def one(uav: str, system: int) -> None:
             climb = {system: scenario.altitude_of(scenario.uav(uav))}
@@ -148,8 +155,11 @@ class TakeOff:
             errors = await self._guidance.get_ready()
             began = self._clock.now()
         else:
-            began = self._clock.now()
-            results = await self._fleet.link.start(self._systems.values())
+            told_s: list[float] = []
+            results = await self._fleet.link.start(
+                self._systems.values(), on_go=lambda: told_s.append(self._clock.now())
+            )
+            (began,) = told_s
             errors = {system: result.error for system, result in results.items()}
         bad = {self._uavs[system]: error for system, error in errors.items() if error}
         if bad:

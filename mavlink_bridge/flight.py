@@ -29,8 +29,9 @@ SWAP_SILENCE_S = 1.5
 PROOF_S = 2.0
 """A vehicle that flies on during its swap (PX4) is told to hold when the new mission is not proven by then."""
 
-_SET_MODE, _CHANGE_SPEED, _SET_CURRENT, _INTERVAL, _REQUEST = 176, 178, 224, 511, 512
-_CUSTOM_MODE = 1.0
+SET_MODE, _CHANGE_SPEED, _SET_CURRENT, _INTERVAL, _REQUEST = 176, 178, 224, 511, 512
+CUSTOM_MODE = 1.0
+"""param1 of SET_MODE (MAV_CMD_DO_SET_MODE): param2 and 3 are the autopilot's own numbers."""
 _GROUND_SPEED, _THROTTLE_UNCHANGED = 1.0, -1.0
 _MISSION_CURRENT, _HOME_POSITION = 42, 242
 
@@ -53,9 +54,9 @@ async def ask_for_streams(vehicle: Vehicle) -> None:
 async def set_mode(vehicle: Vehicle, mode: FlightMode) -> None:
     """Change the mode and see it in HEARTBEAT."""
     main, sub = mode_numbers(vehicle.autopilot, mode)
-    vehicle.announce(mode)
-    await vehicle.command(_SET_MODE, _CUSTOM_MODE, main, sub)
-    await _in_mode(vehicle, mode)
+    with vehicle.commanding(mode):
+        await vehicle.command(SET_MODE, CUSTOM_MODE, main, sub)
+        await _in_mode(vehicle, mode)
 
 
 async def set_current(vehicle: Vehicle, item: int) -> None:

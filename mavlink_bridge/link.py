@@ -17,6 +17,8 @@ from mavlink_bridge.results import CommandResult, Recognised, SwapResult, Upload
 from mavlink_bridge.transfer import ATTEMPTS, read_parameters, recognise, upload_items, upload_verified
 from mavlink_bridge.vehicle import Vehicle
 
+SET_ITEM_TIMES = 2
+"""Nobody starts before everybody has its item, so a link that loses a tenth gets a second chance."""
 Outcome = TypeVar("Outcome")
 Request = TypeVar("Request")
 
@@ -79,18 +81,27 @@ class FleetLink(ListeningLink):
         """
         return await self._command(places, lambda vehicle, place: departure.go_to(vehicle, *place, timeout_s))
 
-    async def start(self, system_ids: Iterable[int], *, item: int | None = None) -> dict[int, CommandResult]:
+    async def start(
+        self, system_ids: Iterable[int], *, item: int | None = None, on_go: Callable[[], None] = lambda: None
+    ) -> dict[int, CommandResult]:
         """Fly the missions on board, all together: every vehicle has its item set before the first one starts.
 
         They begin with `item`, or with what a vehicle flies that hovers at its slot-0 point (`Mission.start_item`).
+        `on_go()` is called when the first one is told to go: setting items takes longer on a bad link.
         """
 
         def first(vehicle: Vehicle) -> int:
             return vehicle.start_item if item is None else item
 
         ids = list(system_ids)
-        ready = await self._command(dict.fromkeys(ids), lambda vehicle, _: flight.set_current(vehicle, first(vehicle)))
+        ready: dict[int, CommandResult] = {}
+        for _ in range(SET_ITEM_TIMES):
+            left = [system_id for system_id in ids if system_id not in ready or not ready[system_id].ok]
+            ready |= await self._command(
+                dict.fromkeys(left), lambda vehicle, _: flight.set_current(vehicle, first(vehicle))
+            )
         able = [system_id for system_id in ids if ready[system_id].ok]
+        on_go()
         return ready | await self._command(
             dict.fromkeys(able), lambda vehicle, _: departure.start(vehicle, first(vehicle))
         )

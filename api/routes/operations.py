@@ -69,6 +69,14 @@ class ReadmitRequest(BaseModel):
     uav_id: Annotated[str, Field(max_length=64)]
 
 
+class RetireRequest(BaseModel):
+    """A UAV that shall fly home now, while the others fly on without it."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    uav_id: Annotated[str, Field(max_length=64)]
+
+
 class OperationPage(BaseModel):
     """Operations, the newest first. `next` is the `cursor` of the page after this one."""
 
@@ -200,6 +208,16 @@ async def readmit_uav(
     """Plan again with a UAV that was lost and is back: it is offered as `returned`, and never commanded unasked."""
     operation = await service.operations.commanded(operation_id, State.FLYING, version=_version(if_match))
     await operation.readmit(body.uav_id)
+    return _tagged(response, operation.view())
+
+
+@router.post("/operations/{operation_id}:retire", dependencies=pilot_only)
+async def retire_uav(
+    operation_id: str, body: RetireRequest, service: ServiceDep, response: Response, if_match: IfMatch = None
+) -> OperationView:
+    """Send a UAV home and plan without it; meant for those offered as `low_on_battery`, which nobody grabs unasked."""
+    operation = await service.operations.commanded(operation_id, State.FLYING, version=_version(if_match))
+    await operation.retire(body.uav_id)
     return _tagged(response, operation.view())
 
 

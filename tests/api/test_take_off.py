@@ -13,8 +13,9 @@ from mavlink_bridge import Autopilot
 from planner import EXAMPLES
 from tests.api.flying import FleetThread, Flight, service
 
+pytestmark = pytest.mark.e2e
 SPEEDUP = 4.0
-SCENARIO = EXAMPLES["minimal"]().with_changes(slots=8, altitude_m=20.0)
+SCENARIO = EXAMPLES["minimal"]().with_changes(slots=8, altitude_m=40.0)
 AT_ONCE_S = 8.0
 """Wall seconds, of 120 that a launch may take."""
 RETURNS_WHEN_LOW = {
@@ -39,9 +40,12 @@ def standing(served: tuple[TestClient, str], autopilot: Autopilot) -> Iterator[F
     for name, value in RETURNS_WHEN_LOW[autopilot].items():
         fleet.fleet.vehicles[2].autopilot.parameters[name] = value
     try:
-        yield Flight(http, fleet, SCENARIO)
+        flown = Flight(http, fleet, SCENARIO)
+        time.sleep(4.0 / SPEEDUP)  # until what the vehicles before were in is over
+        yield flown
     finally:
         fleet.stop()
+    until(lambda: {vehicle.link for vehicle in flown.client.vehicles()} == {"lost"})  # none is taken for the next ones
 
 
 def ended(flown: Flight, operation_id: str) -> tuple[OperationView, float]:
@@ -56,15 +60,21 @@ def ended(flown: Flight, operation_id: str) -> tuple[OperationView, float]:
 def until(condition: Callable[[], bool], limit_s: float = 30.0) -> None:
     deadline = time.monotonic() + limit_s
     while not condition():
-        assert time.monotonic() < deadline
+        assert time.monotonic() < deadline, "not so in time"
         time.sleep(0.01)
 
 
 def launched_to(flown: Flight, up_m: float) -> str:
     """An operation whose second vehicle has just climbed so high."""
     operation = flown.client.fly(flown.plan.id)
-    until(lambda: flown.fleet.fleet.vehicles[2].position[2] > up_m)
+    until(lambda: flown.fleet.fleet.vehicles[2].position[2] > up_m or is_over(flown, operation.id))
     return operation.id
+
+
+def is_over(flown: Flight, operation_id: str) -> bool:
+    view = flown.client.operation(operation_id)
+    assert view.state is not State.FAILED, view.error
+    return False
 
 
 def commands_to(flown: Flight, system_id: int, since_s: float) -> list[str]:
@@ -72,7 +82,10 @@ def commands_to(flown: Flight, system_id: int, since_s: float) -> list[str]:
     return [
         one.name
         for one in heard
-        if one.system_id == system_id and one.t_s > since_s and one.direction == "in" and one.name != "HEARTBEAT"
+        if one.system_id == system_id
+        and one.t_s > since_s
+        and one.direction == "in"
+        and one.name.startswith(("COMMAND", "MISSION", "SET_"))
     ]
 
 
@@ -104,9 +117,9 @@ def test_whoever_falls_out_of_the_climb_ends_it_at_once_by_name_and_the_other_ho
         hold = "HOLD" if autopilot is Autopilot.PX4 else "GUIDED"
         other = flown.fleet.fleet.vehicles[1]
         until(lambda: other.mode.name == hold)
-        time.sleep(1.0)  # four of the fleet's seconds: it would be at 20 m
+        time.sleep(1.0)  # four of the fleet's seconds: it would be at 40 m
         assert other.armed
-        assert 4.0 < other.position[2] < 14.0
+        assert 4.0 < other.position[2] < 36.0
         assert commands_to(flown, 2, struck_s) == []
 
 
@@ -130,7 +143,7 @@ def test_a_human_who_takes_one_that_waits_at_its_altitude_ends_the_launch(served
     with standing(served, Autopilot.PX4) as flown:
         slow = flown.fleet.fleet.vehicles[1].autopilot
         slow.parameters["MPC_Z_V_AUTO_UP"] = 0.5
-        operation_id = launched_to(flown, 19.5)
+        operation_id = launched_to(flown, 39.5)
         flown.until(operation_id, lambda view: view.state is State.LAUNCHING)
         until(lambda: flown.fleet.fleet.vehicles[2].mode.name == "HOLD")
         flown.fleet.inject(sim.ModeChange(2, "POSITION"))
@@ -151,6 +164,7 @@ def test_how_the_flight_before_ended_does_not_keep_a_uav_on_the_ground(
         for number in (1, 2):
             flown.fleet.inject(sim.ModeChange(number, "LAND"))
             until(lambda number=number: bool(flown.fleet.fleet.truth.happened("disarmed", number)))  # type: ignore[misc]
+        until(lambda: not any(vehicle.armed for vehicle in flown.client.vehicles()))
         again = flown.client.fly(flown.plan.id)
         flown.until(again.id, lambda view: view.state is State.FLYING)
         flown.client.command(again.id, "abort", action="land")
