@@ -12,14 +12,14 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from api.cli_files import Json, read_scenario
 from api.client import Client
 from api.errors import InvalidError, ServiceError
 from api.operation_views import OperationView
-from planner import EXAMPLES, Scenario
+from planner import EXAMPLES
 
 ServiceUrl = Annotated[str, typer.Option(envvar="SKYFOLIO_SERVICE", help="Where the service is.")]
 Key = Annotated[str | None, typer.Option(envvar="SKYFOLIO_KEY", help="API key, where one is needed.")]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON only.")]
 LOCAL = "http://127.0.0.1:8080"
 
 
@@ -45,7 +45,7 @@ def fly(
         "stream_fallback": _one_of("stream_fallback", stream_fallback, "mission", "hold"),
         "at_end": _one_of("at_end", at_end, "land", "return"),
     }
-    wanted = _scenario(scenario, example)
+    wanted = read_scenario(scenario, example)
     with _Asking(service, key) as client:
         plan = client.plan(wanted)
         _show(client.fly(plan.id, **order), as_json=as_json)  # type: ignore[arg-type]
@@ -101,19 +101,6 @@ class _Asking(Client):
         self.close()
         if isinstance(error, httpx2.TransportError):
             raise UnreachableError(f"service: nobody answers at {self._where} ({error})") from error
-
-
-def _scenario(file: Path | None, example: str | None) -> Scenario:
-    if (file is None) == (example is None):
-        raise InvalidError("scenario: give a FILE or --example NAME, one of them")
-    if file is not None:
-        try:
-            return Scenario.model_validate_json(file.read_text(encoding="utf-8"))
-        except OSError as error:
-            raise InvalidError(f"scenario: {error}") from error
-    if example not in EXAMPLES:
-        raise InvalidError(f"example: {example!r} must be one of {', '.join(EXAMPLES)}")
-    return EXAMPLES[example]()
 
 
 def _show(view: OperationView, *, as_json: bool) -> None:

@@ -9,8 +9,8 @@ from fastapi import APIRouter, Depends, Query, Response
 from fastapi.responses import JSONResponse, PlainTextResponse
 from pydantic import BaseModel, Field
 
-from api import missions
 from api.creation import Creation
+from api.missions import Missions
 from api.plan_records import PlanRecord, PlanRow, UnfinishedPlan
 from api.routes.deps import KNOWN, Before, Limit, ServiceDep, WaitS, creates, require_within_limits, requires
 from api.routes.examples import PLAN_EXAMPLES, REPLAN_EXAMPLES
@@ -192,15 +192,16 @@ async def read_missions(
     plan_id: str,
     service: ServiceDep,
     format: Literal["plan", "waypoints", "json"] = "json",  # noqa: A002 - the name is part of the contract
+    autopilot: Annotated[Literal["px4", "ardupilot"], Query(description="Which autopilot will fly them.")] = "px4",
     uav_id: str | None = None,
 ) -> Response:
     """The MAVLink missions of a plan: one per UAV as JSON, or one UAV's as a QGroundControl `.plan` or `.waypoints`."""
-    plan = await service.plans.finished(plan_id)
+    missions = Missions(await service.plans.finished(plan_id), autopilot)
     if format == "plan":
-        return JSONResponse(missions.qgc_plan(plan, uav_id))
+        return JSONResponse(missions.qgc_plan(uav_id))
     if format == "waypoints":
-        return PlainTextResponse(missions.waypoints(plan, uav_id))
-    return JSONResponse(missions.as_json(plan, uav_id))
+        return PlainTextResponse(missions.waypoints(uav_id))
+    return JSONResponse(missions.as_json(uav_id))
 
 
 async def _created(service: Service, record: PlanRecord, wait_s: float) -> Response:

@@ -1,13 +1,16 @@
 """Plans and replans over HTTP."""
 
+from dataclasses import asdict
 from typing import Any
 
+import httpx2
 import pytest
 from fastapi.testclient import TestClient
 
 from api.client import Client
 from api.plan_records import UnfinishedPlan
 from api.routes.examples import REPLAN_EXAMPLES
+from mavlink_bridge import Autopilot, compile_mission, from_qgc_plan, from_waypoints
 from planner import EXAMPLES, Changes, Plan, Uav, violations
 from planner.layouts import scattered
 
@@ -210,6 +213,24 @@ def test_more_solves_than_the_queue_holds_are_told_to_come_back(client: TestClie
         assert client.get(answer.headers["Location"], params={"wait_s": 60}).json()["status"] == "cancelled"
 
 
+def test_missions_for_ardupilot_begin_with_home_in_every_format(client: TestClient, minimal: dict[str, Any]) -> None:
+    made = planned(client, minimal)
+    path = f"/v1/plans/{made['id']}/missions"
+
+    def asked(**params: str) -> httpx2.Response:
+        return client.get(path, params={"autopilot": "ardupilot", **params})
+
+    plan = Plan.model_validate(made)
+    rows, file = asked().json(), asked(format="plan", uav_id="uav-2").json()
+    for uav in ("uav-1", "uav-2"):
+        assert rows[uav] == [asdict(item) for item in compile_mission(plan, uav, autopilot=Autopilot.ARDUPILOT).items]
+        assert [item["command"] for item in rows[uav][:2]] == [16, 22]  # home, then NAV_TAKEOFF
+    assert file["mission"]["firmwareType"] == 3
+    assert len(from_qgc_plan(file)) == len(rows["uav-2"])
+    assert len(from_waypoints(asked(format="waypoints", uav_id="uav-1").text)) == len(rows["uav-1"])
+    assert asked(autopilot="parrot").status_code == 422
+
+
 def test_a_plan_nobody_made_is_not_found(client: TestClient) -> None:
     for answer in (client.get("/v1/plans/plan-0"), client.post("/v1/plans/plan-0:cancel")):
         assert answer.status_code == 404
@@ -227,7 +248,11 @@ def test_missions_come_as_json_for_all_and_as_files_for_one(client: TestClient, 
     text = client.get(path, params={"format": "waypoints", "uav_id": "uav-1"})
     assert text.headers["content-type"].startswith("text/plain")
     assert text.text.startswith("QGC WPL 110\n")
-    for params in ({"format": "plan"}, {"format": "waypoints", "uav_id": "uav-9"}):
+    for params in (
+        {"format": "plan"},
+        {"format": "waypoints", "uav_id": "uav-9"},
+        {"format": "plan", "uav_id": "uav-9", "autopilot": "ardupilot"},
+    ):
         answer = client.get(path, params=params)
         assert answer.status_code == 422
         assert answer.json()["errors"][0]["field"] == "uav_id"
