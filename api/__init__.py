@@ -5,7 +5,7 @@
     fleet, flight, operation(s)                     vehicles, one flight and its slot clock, operations
     incidents, resilience, swapping, transition     what happens in flight and how it is answered
     journal, reattach, store/, events               what is kept, and how a restart goes on with it
-    client, cli, remote_cli, keys_cli               ways in; `demo/` is the drill that the command line shows
+    client, cli, remote_cli, keys_cli               ways in; `demo/` is the drill, `bench/` what measures all of this
 
 `service.py` puts the parts together, `app.py` the routes. A step that reaches a vehicle is in the journal before it is
 sent: whoever adds one keeps to that, and adds it to the kill matrix in the tests.

@@ -10,7 +10,7 @@ import secrets
 from dataclasses import dataclass
 from hashlib import sha256
 
-from api.problems import InvalidError
+from api.errors import InvalidError
 
 
 @dataclass(frozen=True, kw_only=True)

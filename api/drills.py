@@ -12,12 +12,12 @@ from pydantic import BaseModel
 from sqlalchemy import Row, func, insert, select, update
 
 from api.creation import Creation
+from api.errors import ConflictError, InvalidError, NotFoundError
 from api.events import EventLog
 from api.fleet import Fleet
 from api.operation import Operation
 from api.operation_views import State
 from api.operations import Operations
-from api.problems import ConflictError, InvalidError, NotFoundError
 from api.simulated import SimulatedFleet, fault_of
 from api.store import Database
 from api.store.tables import drills as table

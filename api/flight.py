@@ -12,7 +12,7 @@ import numpy as np
 
 from api.clock import FleetClock
 from api.fleet import HEARD_WITHIN_S, Fleet
-from api.guidance import FlightGuidance, Mode
+from api.guidance import FlightGuidance, Way
 from api.rates import InForce, Point, Sample, rates_by_slot
 from api.roster import Roster
 from api.take_off import LOOK_EVERY_S, FlightError, TakeOff, each
@@ -28,13 +28,14 @@ class Flight:
     """Vehicles that fly a plan, and the plans that replaced it. Times are fleet seconds since slot 0 began."""
 
     def __init__(
-        self, plan: Plan, systems: dict[str, int], fleet: Fleet, clock: FleetClock, guidance: Mode = "mission"
+        self, plan: Plan, systems: dict[str, int], fleet: Fleet, clock: FleetClock, way: Way | None = None
     ) -> None:
         self.systems = systems
         self.timeline = [InForce(0.0, plan)]
         self._fleet, self._clock = fleet, clock
         self._uavs = {system: uav for uav, system in systems.items()}
-        self.guidance = FlightGuidance(systems, fleet, clock, elapsed_s=self.now_s, mode=guidance)
+        homes_m = {uav: path[0] for uav, path in plan.trajectories_m.items()}
+        self.guidance = FlightGuidance(systems, fleet, clock, elapsed_s=self.now_s, homes_m=homes_m, way=way)
         self.roster = Roster(
             systems,
             plan.scenario.origin,

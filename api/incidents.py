@@ -9,12 +9,12 @@ from typing import Any, Literal
 
 import structlog
 
+from api.errors import ConflictError, NotFoundError
 from api.events import EventLog
 from api.flight import Flight
 from api.journal import IncidentLog, Journal, Step
 from api.losses import LOSS_KINDS, Loss, LossKind
 from api.operation_views import Policy
-from api.problems import ConflictError, NotFoundError
 from api.resilience import Answer, Incident, Parts, Recovery
 from planner import Plan
 

@@ -14,7 +14,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from api.problems import InvalidError
+from api.errors import InvalidError
 from api.security import KeyRing, KeyView, Role
 from api.settings import default_database_url
 from api.store import TEMPORARY, Database

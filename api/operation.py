@@ -15,6 +15,7 @@ from sqlalchemy import bindparam, insert, update
 
 from api.events import EventLog
 from api.flight import Flight
+from api.given import MissionBook
 from api.incidents import Incidents
 from api.journal import Journal
 from api.operation_views import ENDED, OperationView, Policy, Proposal, State, slip_m, uav_views
@@ -71,6 +72,7 @@ class Operation:
         self.error: str | None = None
         self.incidents = Incidents(head.id, head.policy, flight, parts, books.journal, books.events)
         self.incidents.save = self.save
+        flight.guidance.book = MissionBook(books.database, head.id)
         self.go = asyncio.Event()
         self._busy = asyncio.Lock()
         if head.launch_itself:
@@ -125,6 +127,7 @@ class Operation:
             await self.flight.reattach()
             await settle(self)
             if self.state in {State.FLYING, State.LANDING, State.PAUSED}:
+                self.flight.guidance.resume(self.flight.still_up())
                 with self.flight.roster.following() as news:
                     await self._fly(news)
 
@@ -277,6 +280,8 @@ class Operation:
             "lost": flight.lost,
             "losses": {uav: asdict(loss) for uav, loss in flight.roster.losses.items()},
             "returned": sorted(flight.returned),
+            "way": flight.guidance.way.document(),
+            "ghosts": flight.guidance.airspace.document(),
             "launch_itself": self.head.launch_itself,
             "error": self.error,
             **self.incidents.document(),
@@ -310,11 +315,14 @@ class Operation:
                 self.parts.metrics.slip.labels(uav).set(far)
 
     async def _fail(self, reason: str) -> None:
+        """Tell why at once, see to the vehicles, and only then be over: others may have them from then on."""
         log.error("operation failed", reason=reason)
-        self.error, before_slot_0 = reason, self.flight.elapsed_s() is None
-        await self.enter(State.FAILED)
+        self.error = reason
+        await self.enter(self.state)
         with suppress(BridgeError):
-            if before_slot_0:
+            await self.flight.guidance.end()
+            if self.flight.elapsed_s() is None:
                 await self.flight.take_off.stand_down()
             else:
                 await self.flight.stop_where_it_is("hold")
+        await self.enter(State.FAILED)

@@ -18,12 +18,12 @@ from pydantic import BaseModel
 from api.clock import FleetClock
 from api.contingencies import Contingencies
 from api.creation import fresh
+from api.errors import ServiceError
 from api.flight import Flight
 from api.journal import IncidentLog, Step
 from api.losses import LossKind
 from api.metrics import Metrics
 from api.plan_book import PlanBook
-from api.problems import ServiceError
 from api.settings import Settings
 from api.solver import LaneName
 from api.swapping import Swap

@@ -8,7 +8,7 @@ import threading
 from typing import Any
 
 import sim
-from api.problems import InvalidError
+from api.errors import InvalidError
 from api.simulate import specs_at_starts
 from planner import EXAMPLES, Scenario
 

@@ -125,6 +125,7 @@ class TakeOff:
         await link.prepare(self._systems.values())
         missions = {uav: self._guidance.compile(self._plan, uav) for uav in self._systems}
         self._audit()
+        await self._guidance.remember(missions)
         await self._fence()
         await self._rally()
         results = await link.upload({self._systems[uav]: mission for uav, mission in missions.items()})
@@ -153,7 +154,7 @@ class TakeOff:
 
     async def start(self) -> float:
         """Begin slot 0 on all vehicles at once; the fleet second when it began. Raises FlightError."""
-        if self._guidance.mode == "stream":
+        if self._guidance.way.mode == "stream":
             errors = await self._guidance.get_ready()
             began = self._clock.now()
         else:
@@ -203,7 +204,7 @@ class TakeOff:
     def _audit(self) -> None:
         """Report what the preflight audit finds; with `preflight` "enforce" a blocker keeps everybody on the ground."""
         blockers = {}
-        for uav, findings in self._guidance.audit().items():
+        for uav, findings in self._guidance.audit(self._plan).items():
             for finding in findings:
                 self._fleet.note("preflight", uav_id=uav, **asdict(finding))
             blocked = [

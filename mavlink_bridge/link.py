@@ -13,8 +13,8 @@ from mavlink_bridge.listening import ListeningLink
 from mavlink_bridge.mission_messages import MissionType
 from mavlink_bridge.models import model_from_parameters
 from mavlink_bridge.preflight import parameter_names
-from mavlink_bridge.results import CommandResult, SwapResult, UploadResult
-from mavlink_bridge.transfer import ATTEMPTS, read_parameters, upload_items, upload_verified
+from mavlink_bridge.results import CommandResult, Recognised, SwapResult, UploadResult
+from mavlink_bridge.transfer import ATTEMPTS, read_parameters, recognise, upload_items, upload_verified
 from mavlink_bridge.vehicle import Vehicle
 
 SET_ITEM_TIMES = 2
@@ -46,6 +46,12 @@ class FleetLink(ListeningLink):
                 vehicle, mission, attempts=attempts, given_up=self._given_up(vehicle)
             ),
             UploadResult,
+        )
+
+    async def recognise(self, missions: Mapping[int, Sequence[Mission]]) -> dict[int, Recognised]:
+        """Which of the missions it may have is on board of each vehicle, proven by reading it back."""
+        return await self._each(
+            missions, lambda vehicle, known: recognise(vehicle, known, self._given_up(vehicle)), Recognised
         )
 
     async def prepare(self, system_ids: Iterable[int]) -> dict[int, CommandResult]:

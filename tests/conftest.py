@@ -1,6 +1,17 @@
 """What all tests share."""
 
+import socket
+
+import pytest
 from hypothesis import settings
+
+from tests import ports
 
 settings.register_profile("skyfolio", deadline=None)  # a shared machine may be slow; time is measured in benchmarks
 settings.load_profile("skyfolio")
+
+
+@pytest.fixture
+def free_port() -> int:
+    """A UDP port nobody uses."""
+    return ports.free_port(socket.SOCK_DGRAM)

@@ -1,6 +1,8 @@
 """Imports go down only: api -> mavlink_bridge, sim -> planner."""
 
 import ast
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -66,3 +68,10 @@ def test_the_simulator_is_built_on_pymavlink_and_the_bridge_on_mavsdk() -> None:
             if package == "mavlink_bridge" and source.name in WIRE_FORMAT:
                 continue
             assert foreign not in reached, f"{source.relative_to(ROOT)}: two implementations must test each other"
+
+
+def test_a_process_that_only_solves_loads_no_web_framework_no_database_and_no_mavlink() -> None:
+    look = "import sys, api.solver; print(*{name.split('.')[0] for name in sys.modules})"
+    done = subprocess.run([sys.executable, "-c", look], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert {"planner", "api"} <= set(done.stdout.split())
+    assert not {"fastapi", "sqlalchemy", "mavsdk", "pymavlink", "mavlink_bridge"} & set(done.stdout.split())

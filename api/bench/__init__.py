@@ -1,8 +1,9 @@
-"""Benchmarks of the planner, on this machine, against its own reference path and against IPOPT.
+"""Benchmarks on this machine: `skyfolio bench planner`, `bridge`, `service`, `simulator`.
 
-`cases.py` says what is measured, `measure.py` how; each case runs alone in a process pinned to one core (`child.py`).
-`planner.py` starts them and compares, `report.py` turns the figures into tables. `ipopt.py` and `ablation.py` hold the
-yardsticks.
+Planner: `cases.py` says what is measured, `measure.py` how; each case runs alone in a process pinned to one core
+(`child.py`). `planner.py` starts them and compares, `report.py` turns the figures into tables. `ipopt.py` and
+`ablation.py` hold the yardsticks. Bridge: `bridge_virtual.py` in virtual time, `bridge_sockets.py` in real time, on
+`tracks.py`. Service: `service.py` from outside, `streams.py` its event streams under load.
 """
 
 from api.bench.planner import planner_figures

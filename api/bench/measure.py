@@ -1,4 +1,4 @@
-"""Warm timings, memory and the machine's name."""
+"""Warm timings, quantiles, memory and the machine's name."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ import platform
 import resource
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from math import ceil
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -32,6 +33,12 @@ def timed(call: Callable[[], Result], *, runs: int, budget_s: float) -> tuple[di
     p50, p99 = np.percentile(np.array(spent) * 1e3, [50, 99])
     figures = {"p50_ms": float(p50), "p99_ms": float(p99), "best_ms": min(spent) * 1e3}
     return figures | {"cpu_p50_ms": float(np.median(busy)) * 1e3, "runs": len(spent)}, result
+
+
+def quantile(values: Sequence[float], share: float) -> float:
+    """The value that this share of the values does not exceed."""
+    ordered = sorted(values)
+    return ordered[min(len(ordered) - 1, max(0, ceil(share * len(ordered)) - 1))]
 
 
 def peak_mb() -> float:

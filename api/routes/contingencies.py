@@ -9,7 +9,7 @@ from fastapi.responses import JSONResponse
 from pydantic import BaseModel
 
 from api.contingencies import Contingency
-from api.problems import InvalidError
+from api.errors import InvalidError
 from api.routes.deps import KNOWN, ServiceDep, requires
 from api.security import Role
 

@@ -8,8 +8,8 @@ from fastapi import APIRouter, Depends
 from pydantic import BaseModel, ConfigDict, Field
 
 from api.creation import Creation
+from api.errors import ConflictError
 from api.fleet import VehicleView
-from api.problems import ConflictError
 from api.routes.deps import KNOWN, ServiceDep, creates, requires
 from api.routes.examples import VEHICLE_EXAMPLES
 from api.security import Role

@@ -8,8 +8,8 @@ from fastapi import APIRouter, Response
 from fastapi.responses import HTMLResponse
 from pydantic import BaseModel, ConfigDict, Field
 
+from api.errors import UnauthorizedError
 from api.gate import COOKIE
-from api.problems import UnauthorizedError
 from api.routes.deps import ServiceDep
 
 router = APIRouter(tags=["service"])

@@ -9,13 +9,16 @@ from fastapi import APIRouter, Depends, Header, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from api.creation import Creation
+from api.errors import InvalidError, NotFoundError
+from api.guidance import Way
 from api.journal import Entry
 from api.operation import Operation
 from api.operation_views import OperationRow, OperationView, Policy, State
-from api.problems import InvalidError, NotFoundError
 from api.routes.deps import KNOWN, Before, Limit, ServiceDep, creates, requires
 from api.routes.examples import OPERATION_EXAMPLES
 from api.security import Role
+from mavlink_bridge import OnEnd
+from mavlink_bridge.guidance import FallBack
 
 router = APIRouter(prefix="/v1", tags=["operations"], dependencies=[*KNOWN, requires(Role.VIEWER)])
 pilot_only = [requires(Role.PILOT)]
@@ -37,6 +40,14 @@ class OperationRequest(BaseModel):
         Literal["mission", "stream"],
         Field(description="stream: guided by setpoints, for tight synchrony; the missions on board are the fallback."),
     ] = "mission"
+    stream_fallback: Annotated[
+        FallBack,
+        Field(description="What vehicles do when the stream of setpoints ends, also because the service is killed."),
+    ] = FallBack.MISSION
+    at_end: Annotated[
+        Literal["land", "return"],
+        Field(description="After the last slot: land where it is, or return to the start; refused if ways home meet."),
+    ] = "land"
     launch: Annotated[
         Literal["auto", "manual"], Field(description="manual: upload, then wait for `operations/{id}:start`.")
     ] = "auto"
@@ -89,7 +100,11 @@ async def start_operation(
 ) -> OperationView:
     """Upload the plan's missions, take off, and fly; poll `Location` or follow `/v1/events`."""
     made = await service.operations.start(
-        body.plan_id, body.replanning, creation, launch_itself=body.launch == "auto", guidance=body.guidance
+        body.plan_id,
+        body.replanning,
+        creation,
+        launch_itself=body.launch == "auto",
+        way=Way(body.guidance, body.stream_fallback, OnEnd(body.at_end)),
     )
     view = made.view() if isinstance(made, Operation) else made
     response.headers["Location"] = f"/v1/operations/{view.id}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from fastapi import APIRouter
 from pydantic import BaseModel
 
-from api.problems import NotFoundError
+from api.errors import NotFoundError
 from api.routes.deps import KNOWN, ServiceDep, require_within_limits, requires
 from api.routes.examples import PLAN_EXAMPLES
 from api.security import Role

@@ -1,6 +1,7 @@
 """A service that kills itself (SIGKILL) at one step of the journal: a program, run by the tests.
 
-usage: python dying_service.py SETTINGS_JSON STEP WHEN COUNT    WHEN: before or after the COUNT-th such entry is stored
+usage: python -c "from tests.api.dying_service import main; main()" SETTINGS_JSON STEP WHEN COUNT
+WHEN: before or after the COUNT-th such entry is stored
 """
 
 import os
@@ -48,7 +49,3 @@ def main() -> None:
     configure_logging(as_json=True)
     app = dying(settings, sys.argv[2], sys.argv[3], int(sys.argv[4]))
     uvicorn.run(app, host=settings.host, port=settings.port, log_config=None, access_log=False)
-
-
-if __name__ == "__main__":
-    main()

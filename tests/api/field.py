@@ -4,7 +4,7 @@ import asyncio
 import signal
 import socket
 import sys
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,14 +14,18 @@ from typing import Any, Self
 import httpx2
 
 import sim
-from api.demo.client import free_port
 from api.settings import Settings
 from api.simulate import specs_at_starts
 from planner import EXAMPLES
+from tests.ports import free_port
 
 SPEEDUP = 5.0
-SCENARIO = EXAMPLES["paper"]().with_changes(slots=40, altitude_m=8.0)
-DYING = Path(__file__).parent / "dying_service.py"
+SCENARIO = EXAMPLES["paper"]().with_changes(slots=28, altitude_m=8.0)
+ENDED = {"completed", "failed", "aborted", "interrupted"}
+POLL_S = 0.2
+ROOT = Path(__file__).resolve().parents[2]
+DYING = "from tests.api.dying_service import main; main()"
+"""Not run as a file: workers would import all of it, the service with it, before they can solve."""
 
 
 @dataclass(frozen=True)
@@ -70,11 +74,10 @@ class Field:
     @asynccontextmanager
     async def service(self, dies: Case | None = None) -> AsyncIterator[asyncio.subprocess.Process]:
         """A service process that answers; it dies by itself in a case, and is ended otherwise."""
-        command = [str(DYING), self.settings.model_dump_json(), "never", "after", "1"]
-        if dies is not None:
-            command = [str(DYING), self.settings.model_dump_json(), dies.step, dies.when, str(dies.count)]
+        dying = [dies.step, dies.when, str(dies.count)] if dies else ["never", "after", "1"]
+        command = [sys.executable, "-c", DYING, self.settings.model_dump_json(), *dying]
         with self.log.open("ab") as sink:
-            process = await asyncio.create_subprocess_exec(sys.executable, *command, stdout=sink, stderr=sink)
+            process = await asyncio.create_subprocess_exec(*command, stdout=sink, stderr=sink, cwd=ROOT)
             try:
                 async with asyncio.timeout(150):
                     await self._ready(process)
@@ -97,10 +100,10 @@ class Field:
         assert answer.status_code == 200, answer.text
         return answer.json()
 
-    async def take_off(self, until: str = "flying") -> str:
-        """Plan, register, fly; the operation's path once it is in that state."""
+    async def take_off(self, until: str = "flying", **order: str) -> str:
+        """Plan, register, fly as ordered; the operation's path once it is in that state."""
         plan_id = await self.planned_and_registered()
-        started = await self.client.post("/v1/operations", json={"plan_id": plan_id})
+        started = await self.client.post("/v1/operations", json={"plan_id": plan_id, **order})
         assert started.status_code == 202, started.text
         await self.until(started.headers["Location"], until, "failed")
         return str(started.headers["Location"])
@@ -114,13 +117,26 @@ class Field:
             assert (await self.client.post("/v1/fleet/vehicles", json=body)).status_code == 201
         return str(made["id"])
 
-    async def until(self, path: str, *states: str, limit_s: float = 150) -> dict[str, Any]:
-        async with asyncio.timeout(limit_s):
+    async def until(self, path: str, *states: str) -> dict[str, Any]:
+        """The operation once it is in one of these states."""
+        return await self._until(path, lambda operation: operation["state"] in states)
+
+    async def answered(self, path: str) -> None:
+        """Wait until survivors fly a new plan, or the operation is over without."""
+        await self._until(
+            path,
+            lambda operation: (
+                operation["state"] in ENDED or any(report["outcome"] == "flying" for report in operation["recoveries"])
+            ),
+        )
+
+    async def _until(self, path: str, is_so: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+        async with asyncio.timeout(150):
             while True:
                 operation: dict[str, Any] = await self.get(path)
-                if operation["state"] in states:
+                if is_so(operation):
                     return operation
-                await asyncio.sleep(0.05)
+                await asyncio.sleep(POLL_S)
 
 
 async def died(process: asyncio.subprocess.Process) -> None:

@@ -15,12 +15,12 @@ from fastapi.testclient import TestClient
 import sim
 from api.app import create_app
 from api.client import Client
-from api.demo.client import free_port
 from api.operation_views import OperationView, State
 from api.service import Service
 from api.settings import Settings
 from api.simulate import specs_at_starts
 from planner import Plan, Scenario
+from tests.ports import free_port
 
 
 class FleetThread:

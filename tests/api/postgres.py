@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from api.demo.client import free_port
+from tests.ports import free_port
 
 MISSING = "PostgreSQL is not installed (Debian: apt-get install postgresql; `make test` does it as root)"
 

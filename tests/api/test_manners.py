@@ -10,7 +10,7 @@ from fastapi.testclient import TestClient
 from api.app import create_app
 from api.client import ApiError, Client
 from api.creation import fresh
-from api.problems import NotFoundError
+from api.errors import NotFoundError
 from api.service import Service
 from api.settings import Settings
 from planner import EXAMPLES, Plan, plan, violations

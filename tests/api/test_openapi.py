@@ -14,9 +14,9 @@ from schemathesis.checks import not_a_server_error
 from schemathesis.specs.openapi.checks import content_type_conformance, response_schema_conformance
 
 from api.app import create_app
-from api.demo.client import free_port
 from api.settings import Settings
 from planner import Scenario
+from tests.ports import free_port
 
 EXAMPLES_EACH = 20
 APP = create_app(

@@ -4,6 +4,7 @@ import socket
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from math import hypot
 from typing import Any
 
 import pytest
@@ -12,10 +13,10 @@ from fastapi.testclient import TestClient
 import sim
 from api.app import create_app
 from api.client import Client
-from api.demo.client import free_port
 from api.settings import Settings
 from planner import EXAMPLES
 from tests.api.flying import FleetThread, gone
+from tests.ports import free_port
 
 SPEEDUP = 10.0
 ALTITUDE_M = 20.0
@@ -103,13 +104,17 @@ def test_a_loss_in_flight_is_answered_and_the_survivor_lands(service: tuple[Test
 
 
 @pytest.mark.e2e
-@pytest.mark.parametrize(("autopilot", "guidance"), [("px4", "stream"), ("ardupilot", "mission")])
-def test_both_autopilots_fly_by_mission_or_stream_and_tell_their_slip(autopilot: str, guidance: str) -> None:
+@pytest.mark.parametrize(
+    ("autopilot", "guidance", "at_end"), [("px4", "stream", "land"), ("ardupilot", "mission", "return")]
+)
+def test_both_autopilots_fly_by_mission_or_stream_tell_their_slip_and_end_as_ordered(
+    autopilot: str, guidance: str, at_end: str
+) -> None:
     port, speedup = free_port(socket.SOCK_DGRAM), 5.0  # a stream must not pause for a second of the fleet's time
     with TestClient(create_app(Settings(fleet_url=f"udpin://127.0.0.1:{port}", time_scale=speedup))) as client:
         fleet = FleetThread(EXAMPLES["minimal"](), f"udpout://127.0.0.1:{port}", speedup, autopilot=autopilot)
         try:
-            order = {"plan_id": ready(client), "guidance": guidance}
+            order = {"plan_id": ready(client), "guidance": guidance, "at_end": at_end}
             path = client.post("/v1/operations", json=order).headers["Location"]
             ended = follow(client, path, "completed", "failed", limit_s=150)
             assert ended["error"] is None
@@ -125,7 +130,13 @@ def test_both_autopilots_fly_by_mission_or_stream_and_tell_their_slip(autopilot:
                 assert f'skyfolio_slot_lateness_seconds_count{{uav="{uav}"}} {told}' in figures
             modes = {event.detail["mode"] for event in fleet.fleet.truth.happened("mode")}
             assert ("GUIDED" in modes) == (guidance == "stream" or autopilot == "ardupilot")
-            assert all(fleet.fleet.truth.happened("landed", system_id) for system_id in (1, 2))
+            for system_id, uav in enumerate(("uav-1", "uav-2"), start=1):
+                assert fleet.fleet.truth.happened("landed", system_id)
+                body, plan = fleet.fleet.vehicles[system_id].autopilot.body, client.get(f"/v1/plans/{order['plan_id']}")
+                (east_m, north_m), (end_east_m, end_north_m) = (plan.json()["trajectories_m"][uav][n] for n in (0, -1))
+                home_m = hypot(end_east_m - east_m, end_north_m - north_m)
+                assert home_m > 10.0
+                assert body.distance_to(0.0, 0.0) == pytest.approx(0.0 if at_end == "return" else home_m, abs=4.0)
             assert any(event["kind"] == "preflight" for event in log)
         finally:
             fleet.stop()
@@ -187,6 +198,13 @@ def test_operations_that_cannot_be_are_refused(service: tuple[TestClient, str]) 
     answer = client.post("/v1/operations", json={"plan_id": paper["id"]})
     assert answer.status_code == 422
     assert "'uav-3' is not registered" in answer.json()["detail"]
+    crossing = EXAMPLES["minimal"]().with_changes(slots=20).model_dump(mode="json")
+    for number, (start_m, end_m) in enumerate((((50.0, 50.0), (150.0, 60.0)), ((50.0, 60.0), (150.0, 50.0)))):
+        crossing["uavs"][number] |= {"start_m": start_m, "end_m": end_m, "max_speed_mps": 10.0}
+    made = client.post("/v1/plans", params={"wait_s": 60}, json=crossing).json()
+    answer = client.post("/v1/operations", json={"plan_id": made["id"], "at_end": "return"})
+    assert answer.status_code == 422, answer.text
+    assert answer.json()["detail"].startswith("at_end: ")
     again = client.post(
         f"/v1/plans/{plan_id}/replans", params={"wait_s": 60}, json={"failed": ["uav-1"], "at_slot": 1}
     ).json()

@@ -11,8 +11,8 @@ from fastapi.testclient import TestClient
 from sqlalchemy import select
 
 from api.app import create_app
+from api.errors import InvalidError
 from api.gate import OPEN_PATHS, Buckets
-from api.problems import InvalidError
 from api.security import KeyRing, Role
 from api.serving import require_safe
 from api.settings import Settings

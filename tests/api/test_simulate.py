@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from api.demo.client import free_port
 from api.simulate import SimulateConfig, SimulateError, begin_slots, fleet_of, run_fleet
 from planner import EXAMPLES, plan
 from sim import Impairments, Mission, MissionItem, Mode, Mute
+from tests.ports import free_port
 
 
 def test_options_reach_the_fleet() -> None:

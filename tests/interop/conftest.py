@@ -3,7 +3,6 @@
 import asyncio
 import json
 import math
-import socket
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import AbstractAsyncContextManager, aclosing, asynccontextmanager
 from dataclasses import dataclass, field
@@ -21,6 +20,7 @@ from mavsdk.component_type import ComponentType
 from mavsdk.plugins.mission_raw.mission_raw import MissionItem
 
 from sim import Fleet, ScaledClock, Vehicle, grid_of
+from tests.ports import free_ports
 
 HOME = (47.397742, 8.545594)
 FIELDS = (
@@ -80,21 +80,6 @@ def fields_of(items: list[MissionItem]) -> list[list[Any]]:
     return [[str(getattr(one, name)) for name in FIELDS] for one in items]
 
 
-def free_ports(count: int) -> list[int]:
-    """Return UDP ports nobody uses just now, next to each other."""
-    while True:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            probe.bind(("127.0.0.1", 0))
-            first = int(probe.getsockname()[1])
-        try:
-            for port in range(first, first + count):
-                with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-                    probe.bind(("127.0.0.1", port))
-        except OSError:
-            continue
-        return list(range(first, first + count))
-
-
 async def wait_until(condition: Callable[[], bool], within_s: float = 30.0) -> None:
     """Wait for something to become true; TimeoutError if it does not."""
     async with asyncio.timeout(within_s):
@@ -146,9 +131,3 @@ def clients_of() -> OpenClients:
 def until() -> Until:
     """Waits for a condition: `await until(lambda: ...)`."""
     return wait_until
-
-
-@pytest.fixture
-def free_port() -> int:
-    """A UDP port nobody uses just now."""
-    return free_ports(1)[0]

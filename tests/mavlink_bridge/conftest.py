@@ -16,6 +16,7 @@ from mavlink_bridge import Autopilot, FleetLink, HeartbeatMonitor, LinkOptions, 
 from planner.plans import Plan, Summary
 from planner.scenario import Origin, Scenario, Uav, User
 from sim import Fleet, ScaledClock, VehicleSpec
+from tests.ports import free_port
 
 Path = Sequence[tuple[float, float]]
 PlanOf = Callable[..., Plan]
@@ -132,13 +133,6 @@ class Airfield:
         await asyncio.sleep(fleet_seconds / self.clock.speedup)
 
 
-def free_port() -> int:
-    """A UDP port nobody listens on."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
 def specs_at(plan: Plan, autopilot: Autopilot = Autopilot.PX4) -> list[VehicleSpec]:
     """Vehicles 1, 2, ... standing at the slot-0 points of the plan's UAVs, in order."""
     origin = plan.scenario.origin
@@ -167,7 +161,7 @@ def airfield() -> OpenAirfield:
         wait_s: float = 10.0,
     ) -> AsyncIterator[Airfield]:
         clock = ScaledClock(speedup)
-        port = port or free_port()
+        port = port or free_port(socket.SOCK_DGRAM)
         specs = specs_at(plan, autopilot)
         fleet = Fleet(specs, clock=clock, endpoint=endpoint or f"udpout://127.0.0.1:{port}", signing_key=signing_key)
         async with fleet, FleetLink(clock=clock, monitor=HeartbeatMonitor(), options=options) as link:
@@ -183,11 +177,6 @@ def airfield() -> OpenAirfield:
 @pytest.fixture
 def relay_to() -> Callable[[int], Relay]:
     return Relay
-
-
-@pytest.fixture(name="free_port")
-def _free_port() -> int:
-    return free_port()
 
 
 @pytest.fixture

@@ -1,7 +1,6 @@
 """Vehicles on a bench: an autopilot without sockets, in virtual time, and a ground station that talks to it."""
 
 import asyncio
-import socket
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -258,13 +257,6 @@ class Listener(asyncio.DatagramProtocol):
         self.heard += [(message, addr) for message in decoder.decode(data)]
 
 
-def a_free_port() -> int:
-    """Return a UDP port nobody uses just now."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
 @pytest.fixture
 def bench() -> Bench:
     """An autopilot on the ground."""
@@ -315,12 +307,6 @@ def new_bench() -> Callable[..., Bench]:
 def new_station() -> Callable[..., GroundStation]:
     """A maker of ground stations with other ids."""
     return GroundStation
-
-
-@pytest.fixture
-def free_port() -> int:
-    """A UDP port nobody uses just now."""
-    return a_free_port()
 
 
 @pytest.fixture

@@ -1,0 +1,40 @@
+"""`skyfolio bench bridge`: the bridge on simulated PX4 and ArduCopter.
+
+Schedule, uploads and loss detection run in virtual time (`bridge_virtual.py`); swaps and load on real sockets in real
+time (`bridge_sockets.py`).
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from typing import Any
+
+from rich.table import Table
+
+from api.bench.bridge_sockets import load_row, swap_row
+from api.bench.bridge_virtual import loss_row, schedule_rows, upload_row
+from mavlink_bridge import Autopilot
+
+
+def bridge_figures(*, seeds: int = 100, swaps: int = 20, load_s: float = 10.0) -> dict[str, Any]:
+    """All figures, one list of rows a topic."""
+    return {
+        "schedule": schedule_rows(),
+        "upload": [upload_row(autopilot, seeds) for autopilot in Autopilot],
+        "swap": [asyncio.run(swap_row(autopilot, swaps)) for autopilot in Autopilot],
+        "loss": loss_row(),
+        "load": asyncio.run(load_row(load_s)),
+    }
+
+
+def tables(figures: dict[str, Any]) -> list[Table]:
+    """The figures for the eye."""
+    shown = []
+    for topic, rows in figures.items():
+        listed = rows if isinstance(rows, list) else [rows]
+        one = Table(*listed[0], title=topic)
+        for row in listed:
+            one.add_row(*(value if isinstance(value, str) else json.dumps(value) for value in row.values()))
+        shown.append(one)
+    return shown
