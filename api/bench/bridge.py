@@ -1,7 +1,7 @@
 """`skyfolio bench bridge`: the bridge on simulated PX4 and ArduCopter.
 
-Schedule, uploads and loss detection run in virtual time (`bridge_virtual.py`); swaps and load on real sockets in real
-time (`bridge_sockets.py`).
+Schedule, uploads and loss detection run in virtual time (`bridge_virtual.py`); swaps, starts and load on real sockets
+in real time (`bridge_sockets.py`, `bridge_start.py`).
 """
 
 from __future__ import annotations
@@ -13,16 +13,18 @@ from typing import Any
 from rich.table import Table
 
 from api.bench.bridge_sockets import load_row, swap_row
+from api.bench.bridge_start import start_row
 from api.bench.bridge_virtual import loss_row, schedule_rows, upload_row
 from mavlink_bridge import Autopilot
 
 
-def bridge_figures(*, seeds: int = 100, swaps: int = 20, load_s: float = 10.0) -> dict[str, Any]:
+def bridge_figures(*, seeds: int = 100, swaps: int = 20, starts: int = 10, load_s: float = 10.0) -> dict[str, Any]:
     """All figures, one list of rows a topic."""
     return {
         "schedule": schedule_rows(),
         "upload": [upload_row(autopilot, seeds) for autopilot in Autopilot],
         "swap": [asyncio.run(swap_row(autopilot, swaps)) for autopilot in Autopilot],
+        "start": [asyncio.run(start_row(autopilot, loss, starts)) for loss in (0.0, 0.1) for autopilot in Autopilot],
         "loss": loss_row(),
         "load": asyncio.run(load_row(load_s)),
     }
