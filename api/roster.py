@@ -6,10 +6,10 @@ import asyncio
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 
+from api.errors import ConflictError
 from api.fleet import Fleet
 from api.guidance import FlightGuidance
 from api.losses import Loss, seen, silent
-from api.problems import ConflictError
 from api.rates import Point
 from mavlink_bridge import LinkEvent, LinkState, geodetic_to_east_north
 from mavlink_bridge.conditions import Condition

@@ -76,7 +76,7 @@ class TakeOff:
         if system in link.heard_systems and system in link.monitor.watched:
             if link.monitor.state(system) is not LinkState.LOST:
                 self._was_heard.add(uav)
-            elif uav in self._was_heard:
+            elif uav in self._was_heard and link.monitor.silent_for_s(system, now_s) >= link.monitor.stale_after_s:
                 return silent(link.monitor.silent_for_s(system, now_s))
         change = self._fleet.condition(system)
         loss = seen(change, plan_is_flown=True)

@@ -12,30 +12,33 @@ from fastapi.testclient import TestClient
 import sim
 from api.app import create_app
 from api.settings import Settings
-from planner import EXAMPLES
+from planner import EXAMPLES, Scenario
 from tests.api.flying import FleetThread
 from tests.ports import free_port
 
-SPEEDUP = 20.0
+SPEEDUP = 10.0
+MINIMAL = EXAMPLES["minimal"]()
+LOW = MINIMAL.with_changes(altitude_m=8.0)
 
 
 def simulated(endpoint: str, absent: tuple[int, ...] = ()) -> FleetThread:
-    return FleetThread(EXAMPLES["minimal"](), endpoint, SPEEDUP, absent)
+    return FleetThread(MINIMAL, endpoint, SPEEDUP, absent)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def service() -> Iterator[tuple[TestClient, str]]:
+    """A service that has never heard of any vehicle, and where they have to send to."""
     port = free_port(socket.SOCK_DGRAM)
     settings = Settings(fleet_url=f"udpin://127.0.0.1:{port}", time_scale=SPEEDUP)
     with TestClient(create_app(settings)) as client:
         yield client, f"udpout://127.0.0.1:{port}"
 
 
-def ready(client: TestClient) -> str:
-    for system_id, uav in enumerate(EXAMPLES["minimal"]().uavs, start=1):
+def ready(client: TestClient, flown: Scenario = MINIMAL) -> str:
+    for system_id, uav in enumerate(flown.uavs, start=1):
         body = {"uav_id": uav.id, "system_id": system_id}
         assert client.post("/v1/fleet/vehicles", json=body).status_code == 201
-    scenario = EXAMPLES["minimal"]().with_changes(slots=8).model_dump(mode="json")
+    scenario = flown.with_changes(slots=8).model_dump(mode="json")
     made: str = client.post("/v1/plans", params={"wait_s": 60}, json=scenario).json()["id"]
     return made
 
@@ -103,9 +106,9 @@ def test_both_autopilots_fly_by_mission_or_stream_tell_their_slip_and_end_as_ord
 ) -> None:
     port, speedup = free_port(socket.SOCK_DGRAM), 5.0  # a stream must not pause for a second of the fleet's time
     with TestClient(create_app(Settings(fleet_url=f"udpin://127.0.0.1:{port}", time_scale=speedup))) as client:
-        fleet = FleetThread(EXAMPLES["minimal"](), f"udpout://127.0.0.1:{port}", speedup, autopilot=autopilot)
+        fleet = FleetThread(LOW, f"udpout://127.0.0.1:{port}", speedup, autopilot=autopilot)
         try:
-            order = {"plan_id": ready(client), "guidance": guidance, "at_end": at_end}
+            order = {"plan_id": ready(client, LOW), "guidance": guidance, "at_end": at_end}
             path = client.post("/v1/operations", json=order).headers["Location"]
             ended = follow(client, path, "completed", "failed", limit_s=150)
             assert ended["error"] is None
