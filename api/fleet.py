@@ -42,7 +42,8 @@ _TOLD_AS_LINK = frozenset(
 class VehicleView(BaseModel):
     """A registered vehicle and what it last said. Angles in degrees, altitude in metres above its own home.
 
-    `heading_deg`: where the nose points, clockwise from north. `mission_items`: how many the mission on board has.
+    `condition`: what it is in; `condition_cause`: what was last seen of it, with numbers. `heading_deg`: where the nose
+    points, clockwise from north. `mission_items`: how many the mission on board has.
     """
 
     uav_id: str
@@ -50,6 +51,8 @@ class VehicleView(BaseModel):
     simulated: bool = False
     link: str
     silent_for_s: float | None
+    condition: str | None = None
+    condition_cause: str | None = None
     lat_deg: float | None = None
     lon_deg: float | None = None
     relative_alt_m: float | None = None
@@ -188,13 +191,15 @@ class Fleet:
         """One vehicle as it was last heard."""
         system_id = self.system_of(uav_id)
         now, said = self._clock.now(), self.link.telemetry(system_id)
-        watched = system_id in self._monitor.watched
+        watched, change = system_id in self._monitor.watched, self._changes.get(system_id)
         view = VehicleView(
             uav_id=uav_id,
             system_id=system_id,
             simulated=uav_id in self._simulated,
             link=self._monitor.state(system_id).value if watched else "unheard",
             silent_for_s=self._monitor.silent_for_s(system_id, now) if watched else None,
+            condition=self.link.classifier.condition(system_id).value if watched else None,
+            condition_cause=None if change is None else change.cause,
         )
         if said is None:
             return view

@@ -3,7 +3,6 @@
 import socket
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from math import hypot
 from typing import Any
 
@@ -12,45 +11,34 @@ from fastapi.testclient import TestClient
 
 import sim
 from api.app import create_app
-from api.client import Client
 from api.settings import Settings
-from planner import EXAMPLES
-from tests.api.flying import FleetThread, gone
+from planner import EXAMPLES, Scenario
+from tests.api.flying import FleetThread
 from tests.ports import free_port
 
 SPEEDUP = 10.0
-ALTITUDE_M = 20.0
+MINIMAL = EXAMPLES["minimal"]()
+LOW = MINIMAL.with_changes(altitude_m=8.0)
 
 
-@contextmanager
-def simulated(service: tuple[TestClient, str], absent: tuple[int, ...] = ()) -> Iterator[FleetThread]:
-    """Vehicles for one test."""
-    client, endpoint = service
-    fleet = FleetThread(EXAMPLES["minimal"](), endpoint, SPEEDUP, absent)
-    try:
-        yield fleet
-    finally:
-        fleet.stop()
-        gone(Client(http=client))
+def simulated(endpoint: str, absent: tuple[int, ...] = ()) -> FleetThread:
+    return FleetThread(MINIMAL, endpoint, SPEEDUP, absent)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def service() -> Iterator[tuple[TestClient, str]]:
+    """A service that has never heard of any vehicle, and where they have to send to."""
     port = free_port(socket.SOCK_DGRAM)
     settings = Settings(fleet_url=f"udpin://127.0.0.1:{port}", time_scale=SPEEDUP)
     with TestClient(create_app(settings)) as client:
         yield client, f"udpout://127.0.0.1:{port}"
 
 
-def ready(client: TestClient, absent: tuple[str, ...] = ()) -> str:
-    for system_id, uav in enumerate(EXAMPLES["minimal"]().uavs, start=1):
+def ready(client: TestClient, flown: Scenario = MINIMAL) -> str:
+    for system_id, uav in enumerate(flown.uavs, start=1):
         body = {"uav_id": uav.id, "system_id": system_id}
         assert client.post("/v1/fleet/vehicles", json=body).status_code == 201
-    deadline = time.monotonic() + 30
-    while any(one.link != "live" for one in Client(http=client).vehicles() if one.uav_id not in absent):
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
-    scenario = EXAMPLES["minimal"]().with_changes(slots=8, altitude_m=ALTITUDE_M).model_dump(mode="json")
+    scenario = flown.with_changes(slots=8).model_dump(mode="json")
     made: str = client.post("/v1/plans", params={"wait_s": 60}, json=scenario).json()["id"]
     return made
 
@@ -66,20 +54,24 @@ def follow(client: TestClient, path: str, *states: str, limit_s: float = 60.0) -
 
 
 def test_a_vehicle_that_never_answers_fails_the_upload_by_name(service: tuple[TestClient, str]) -> None:
-    client, _ = service
-    with simulated(service, absent=(2,)):
-        plan_id = ready(client, absent=("uav-2",))
+    client, endpoint = service
+    fleet = simulated(endpoint, absent=(2,))
+    try:
+        plan_id = ready(client)
         answer = client.post("/v1/operations", json={"plan_id": plan_id})
         assert answer.status_code == 202
         ended = follow(client, answer.headers["Location"], "failed", "completed")
         assert ended["state"] == "failed"
         assert "upload failed for 'uav-2'" in ended["error"]
         assert "verified on board of uav-1" in ended["error"]
+    finally:
+        fleet.stop()
 
 
 def test_a_loss_in_flight_is_answered_and_the_survivor_lands(service: tuple[TestClient, str]) -> None:
-    client, _ = service
-    with simulated(service) as fleet:
+    client, endpoint = service
+    fleet = simulated(endpoint)
+    try:
         answer = client.post("/v1/operations", json={"plan_id": ready(client)})
         path = answer.headers["Location"]
         assert client.post("/v1/operations", json={"plan_id": answer.json()["plan_id"]}).status_code == 409
@@ -101,6 +93,8 @@ def test_a_loss_in_flight_is_answered_and_the_survivor_lands(service: tuple[Test
         assert len(accepted) == 2
         kinds = [event["kind"] for event in client.get("/v1/events/log", params={"limit": 500}).json()["items"]]
         assert kinds.index("uav_lost") < kinds.index("recovery")
+    finally:
+        fleet.stop()
 
 
 @pytest.mark.e2e
@@ -112,9 +106,9 @@ def test_both_autopilots_fly_by_mission_or_stream_tell_their_slip_and_end_as_ord
 ) -> None:
     port, speedup = free_port(socket.SOCK_DGRAM), 5.0  # a stream must not pause for a second of the fleet's time
     with TestClient(create_app(Settings(fleet_url=f"udpin://127.0.0.1:{port}", time_scale=speedup))) as client:
-        fleet = FleetThread(EXAMPLES["minimal"](), f"udpout://127.0.0.1:{port}", speedup, autopilot=autopilot)
+        fleet = FleetThread(LOW, f"udpout://127.0.0.1:{port}", speedup, autopilot=autopilot)
         try:
-            order = {"plan_id": ready(client), "guidance": guidance, "at_end": at_end}
+            order = {"plan_id": ready(client, LOW), "guidance": guidance, "at_end": at_end}
             path = client.post("/v1/operations", json=order).headers["Location"]
             ended = follow(client, path, "completed", "failed", limit_s=150)
             assert ended["error"] is None
@@ -145,8 +139,9 @@ def test_both_autopilots_fly_by_mission_or_stream_tell_their_slip_and_end_as_ord
 def test_the_area_is_on_board_as_geofence_before_take_off_and_who_takes_none_is_named(
     service: tuple[TestClient, str],
 ) -> None:
-    client, _ = service
-    with simulated(service) as fleet:
+    client, endpoint = service
+    fleet = simulated(endpoint)
+    try:
         fleet.inject(sim.RejectMission(2, uploads=3))
         path = client.post("/v1/operations", json={"plan_id": ready(client)}).headers["Location"]
         begun = follow(client, path, "flying", "failed")
@@ -161,6 +156,8 @@ def test_the_area_is_on_board_as_geofence_before_take_off_and_who_takes_none_is_
         assert [told[uav]["level"] for uav in ("uav-1", "uav-2")] == ["ok", "warning"]
         assert "ERROR" in told["uav-2"]["error"]
         client.post(f"{path}:abort", json={"action": "land"})
+    finally:
+        fleet.stop()
 
 
 def assert_each_may_return_to_where_it_stood(client: TestClient, fleet: FleetThread) -> None:
@@ -172,26 +169,29 @@ def assert_each_may_return_to_where_it_stood(client: TestClient, fleet: FleetThr
         assert (point.x / 1e7, point.y / 1e7) == pytest.approx(
             (vehicle.spec.home_lat_deg, vehicle.spec.home_lon_deg), abs=2e-6
         )
-        assert point.z == ALTITUDE_M
+        assert point.z == MINIMAL.altitude_m
     log = client.get("/v1/events/log", params={"limit": 500}).json()["items"]
     levels = {event["data"]["uav_id"]: event["data"]["level"] for event in log if event["kind"] == "rally_point"}
     assert levels == {"uav-1": "ok", "uav-2": "ok"}
 
 
 def test_an_aborted_operation_leaves_vehicles_holding(service: tuple[TestClient, str]) -> None:
-    client, _ = service
-    with simulated(service) as fleet:
+    client, endpoint = service
+    fleet = simulated(endpoint)
+    try:
         path = client.post("/v1/operations", json={"plan_id": ready(client)}).headers["Location"]
         follow(client, path, "flying", "failed")
         answer = client.post(f"{path}:abort", json={"action": "hold"})
         assert answer.json()["state"] == "aborted"
         assert {vehicle.mode for vehicle in fleet.fleet.vehicles.values()} == {sim.Mode.HOLD}
         assert client.post(f"{path}:abort").status_code == 409
+    finally:
+        fleet.stop()
 
 
 def test_operations_that_cannot_be_are_refused(service: tuple[TestClient, str]) -> None:
     client, _ = service
-    plan_id = ready(client, absent=("uav-1", "uav-2"))
+    plan_id = ready(client)
     assert client.post("/v1/operations", json={"plan_id": "plan-0"}).status_code == 404
     assert client.get("/v1/operations/op-0").status_code == 404
     paper = client.post("/v1/plans", params={"wait_s": 60}, json=EXAMPLES["paper"]().model_dump(mode="json")).json()

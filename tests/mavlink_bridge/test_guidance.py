@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import socket
 import subprocess
 import sys
 from collections.abc import Callable
@@ -18,6 +19,7 @@ from mavlink_bridge.keeper import Keeper, Order, Slip
 from mavlink_bridge.stream import Streamer
 from planner.plans import Plan
 from sim import Fleet, Mode, ScaledClock
+from tests.ports import free_port
 
 Open = Callable[..., Any]
 PlanOf = Callable[..., Plan]
@@ -127,18 +129,20 @@ async def test_a_vehicle_a_human_took_from_the_stream_is_left_to_the_human(
         assert field.fleet.vehicles[1].autopilot.mode is Mode.POSITION
 
 
-@BOTH
-async def test_vehicles_whose_service_is_killed_go_on_from_their_mission_or_hold_by_policy(
-    free_port: int, autopilot: Autopilot
-) -> None:
+async def test_vehicles_whose_service_is_killed_go_on_from_their_mission_or_hold_by_policy() -> None:
+    await asyncio.gather(*(stream_until_killed(autopilot) for autopilot in Autopilot))
+
+
+async def stream_until_killed(autopilot: Autopilot) -> None:
     from tests.mavlink_bridge.conftest import specs_at  # noqa: PLC0415
     from tests.mavlink_bridge.streaming_service import PLAN  # noqa: PLC0415
 
-    fleet = Fleet(specs_at(PLAN, autopilot), clock=ScaledClock(1.0), endpoint=f"udpout://127.0.0.1:{free_port}")
+    port = free_port(socket.SOCK_DGRAM)
+    fleet = Fleet(specs_at(PLAN, autopilot), clock=ScaledClock(1.0), endpoint=f"udpout://127.0.0.1:{port}")
     async with fleet:
         goes_on, holds = (fleet.vehicles[number].autopilot for number in (1, 2))
         service = subprocess.Popen(  # noqa: ASYNC220
-            [sys.executable, str(SERVICE), f"udpin://127.0.0.1:{free_port}", autopilot.value],
+            [sys.executable, str(SERVICE), f"udpin://127.0.0.1:{port}", autopilot.value],
             cwd=Path(__file__).parents[2],
             env={"PYTHONPATH": str(Path(__file__).parents[2]), "PATH": ""},
         )
