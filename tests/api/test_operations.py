@@ -16,8 +16,10 @@ from tests.api.flying import FleetThread
 from tests.ports import free_port
 
 SPEEDUP = 20.0
-MINIMAL = EXAMPLES["minimal"]()
+MINIMAL = EXAMPLES["minimal"]().with_changes(slots=8)
 LOW = MINIMAL.with_changes(altitude_m=8.0)
+LONG = LOW.with_changes(slots=24)
+"""With time for a new plan: the wall second in which one is made and uploaded is 20 s of this fleet's."""
 
 
 def simulated(endpoint: str, absent: tuple[int, ...] = ()) -> FleetThread:
@@ -36,7 +38,7 @@ def ready(client: TestClient, flown: Scenario = MINIMAL) -> str:
     for system_id, uav in enumerate(flown.uavs, start=1):
         body = {"uav_id": uav.id, "system_id": system_id}
         assert client.post("/v1/fleet/vehicles", json=body).status_code == 201
-    scenario = flown.with_changes(slots=8).model_dump(mode="json")
+    scenario = flown.model_dump(mode="json")
     made: str = client.post("/v1/plans", params={"wait_s": 60}, json=scenario).json()["id"]
     return made
 
@@ -70,7 +72,7 @@ def test_a_loss_in_flight_is_answered_and_the_survivor_lands(service: tuple[Test
     client, endpoint = service
     fleet = simulated(endpoint)
     try:
-        answer = client.post("/v1/operations", json={"plan_id": ready(client)})
+        answer = client.post("/v1/operations", json={"plan_id": ready(client, LONG)})
         path = answer.headers["Location"]
         assert client.post("/v1/operations", json={"plan_id": answer.json()["plan_id"]}).status_code == 409
         follow(client, path, "flying", "failed")
