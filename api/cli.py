@@ -5,22 +5,22 @@ from __future__ import annotations
 import asyncio
 import json
 import sys
-import time
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import typer
 from pydantic import ValidationError
 from rich.console import Console
 
-from api import remote_cli, show
+from api import planning_cli, remote_cli
+from api.cli_files import Json, Out, UsageError, read, read_as, read_scenario, write
 from api.errors import ServiceError
 from api.keys_cli import keys
 from api.problems import broken_rules
 from api.reproduce.commands import reproduce, tune_mu
 from api.store import StoreError
 from mavlink_bridge import BridgeError
-from planner import EXAMPLES, AnyOf, Deadline, Plan, ReplanError, Scenario, Utility, converged, plan, replan
+from planner import Plan, ReplanError, Utility
 
 cli = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, help=__doc__)
 bench = typer.Typer(no_args_is_help=True, help="Measure; figures as JSON.")
@@ -28,66 +28,13 @@ cli.add_typer(bench, name="bench")
 cli.add_typer(keys, name="keys")
 for _command in (remote_cli.fly, remote_cli.status, remote_cli.drill):
     cli.command()(_command)
+cli.command("plan")(planning_cli.plan_command)
+cli.command("replan")(planning_cli.replan_command)
+cli.command()(planning_cli.export)
+cli.command()(planning_cli.bound)
 cli.command("reproduce")(reproduce)
 cli.command("tune-mu")(tune_mu)
 errors = Console(stderr=True)
-
-Json = Annotated[bool, typer.Option("--json", help="Print JSON only.")]
-Out = Annotated[Path | None, typer.Option(help="Write the result here instead of printing it.")]
-DeadlineS = Annotated[float | None, typer.Option(min=0.001, help="Return the best plan after this many seconds.")]
-
-
-class UsageError(Exception):
-    """The command line or a file given on it is wrong; exit status 2."""
-
-
-@cli.command("plan")
-def plan_command(
-    file: Annotated[Path | None, typer.Argument(help="Scenario as JSON.")] = None,
-    example: Annotated[str | None, typer.Option(help=f"Plan a ready scenario: {', '.join(EXAMPLES)}.")] = None,
-    deadline_s: DeadlineS = None,
-    out: Out = None,
-    as_json: Json = False,
-) -> None:
-    """Plan a scenario."""
-    scenario = _scenario(file, example)
-    _deliver(plan(scenario, stop=_stop(deadline_s), clock=time.perf_counter), out, as_json)
-
-
-@cli.command("replan")
-def replan_command(
-    file: Annotated[Path, typer.Argument(help="Plan as JSON, as `skyfolio plan --json` prints it.")],
-    failed: Annotated[list[str], typer.Option(help="A UAV that is gone; may be given several times.")],
-    at_slot: Annotated[int, typer.Option(min=0, help="First slot to plan, counted from 0.")],
-    deadline_s: DeadlineS = None,
-    out: Out = None,
-    as_json: Json = False,
-) -> None:
-    """Plan the remaining slots for the survivors of a plan."""
-    previous = Plan.model_validate_json(_read(file))
-    made = replan(previous, failed=failed, at_slot=at_slot, stop=_stop(deadline_s), clock=time.perf_counter)
-    _deliver(made, out, as_json)
-
-
-@cli.command()
-def export(
-    file: Annotated[Path, typer.Argument(help="Plan as JSON.")],
-    uav_id: Annotated[str | None, typer.Option(help="Which UAV; not needed for --format json.")] = None,
-    format: Annotated[Literal["plan", "waypoints", "json"], typer.Option(help="File format.")] = "plan",  # noqa: A002
-    out: Out = None,
-    as_json: Json = False,
-) -> None:
-    """Write the MAVLink missions of a plan as QGroundControl `.plan`, `.waypoints` text or JSON."""
-    from api import missions  # noqa: PLC0415 - MAVSDK is only loaded where it is used
-
-    made = Plan.model_validate_json(_read(file))
-    if format == "json" or as_json:
-        text = json.dumps(missions.as_json(made, uav_id), indent=2)
-    elif format == "plan":
-        text = json.dumps(missions.qgc_plan(made, uav_id), indent=4)
-    else:
-        text = missions.waypoints(made, uav_id)
-    _write(text, out)
 
 
 @cli.command()
@@ -152,8 +99,8 @@ def simulate(
         speedup=speedup,
         autopilot=autopilot,
         endpoint=endpoint,
-        scenario=_scenario(None, example) if example else None,
-        plan=Plan.model_validate_json(_read(plan_file)) if plan_file else None,
+        scenario=read_scenario(None, example) if example else None,
+        plan=read_as(Plan, plan_file) if plan_file else None,
         duration_s=duration_s,
         faults=tuple(fault or ()),
         up=up,
@@ -200,7 +147,7 @@ def demo(
         errors.print(f"[red]the drill was not flown:[/] {error}", highlight=False)
         raise typer.Exit(1) from error
     if as_json:
-        _write(report.model_dump_json(indent=2), None)
+        write(report.model_dump_json(indent=2), None)
     raise typer.Exit(0 if report.passed else 1)
 
 
@@ -215,7 +162,7 @@ def bench_planner(
 
     figures = planner_figures(quick=quick)
     if as_json or out is not None:
-        _write(json.dumps(figures, indent=2), out)
+        write(json.dumps(figures, indent=2), out)
     if not as_json:
         Console().print(table(figures))
 
@@ -228,28 +175,7 @@ def bench_report(
     """Write the figures of a benchmark as Markdown."""
     from api.bench import markdown  # noqa: PLC0415
 
-    _write(markdown(json.loads(_read(file))), out)
-
-
-@cli.command("bound")
-def bound_command(
-    file: Annotated[Path | None, typer.Argument(help="Scenario as JSON.")] = None,
-    example: Annotated[str | None, typer.Option(help=f"A ready scenario: {', '.join(EXAMPLES)}.")] = None,
-    tolerance: Annotated[float, typer.Option(min=1e-6, max=1, help="Relative gap at which a slot is settled.")] = 0.005,
-    seconds: Annotated[float, typer.Option(min=0.001, help="Stop branching after this long; the bound holds.")] = 60.0,
-    as_json: Json = False,
-) -> None:
-    """Plan a scenario of up to three UAVs and prove by branch and bound how good the plan is."""
-    from api.certify import TooManyUavsError, certify, shown  # noqa: PLC0415
-
-    try:
-        figures = certify(_scenario(file, example), tolerance=tolerance, seconds=seconds)
-    except TooManyUavsError as error:
-        raise UsageError(str(error)) from error
-    if as_json:
-        _write(json.dumps(figures, indent=2), None)
-    else:
-        Console().print(shown(figures), highlight=False)
+    write(markdown(json.loads(read(file))), out)
 
 
 @bench.command("bridge")
@@ -264,7 +190,7 @@ def bench_bridge(
 
     figures = bridge_figures(seeds=seeds, swaps=swaps, load_s=load_s)
     if as_json:
-        _write(json.dumps(figures, indent=2), None)
+        write(json.dumps(figures, indent=2), None)
     else:
         for one in tables(figures):
             Console().print(one)
@@ -281,7 +207,7 @@ def bench_service(
 
     figures = service_figures(runs, set(only or []))
     if as_json:
-        _write(json.dumps(figures, indent=2), None)
+        write(json.dumps(figures, indent=2), None)
     else:
         Console().print(table(figures))
 
@@ -299,7 +225,7 @@ def bench_simulator(
 
     figures = simulator_figures(vehicles, autopilot, position_hz, seconds)
     if as_json:
-        _write(json.dumps(figures, indent=2), None)
+        write(json.dumps(figures, indent=2), None)
     else:
         Console().print(table(figures))
 
@@ -315,41 +241,3 @@ def main() -> None:
     except (UsageError, ReplanError, BridgeError, ServiceError, StoreError) as error:
         errors.print(f"[red]error:[/] {error}", highlight=False)
         sys.exit(2)
-
-
-def _scenario(file: Path | None, example: str | None) -> Scenario:
-    if (file is None) == (example is None):
-        raise UsageError("give a scenario FILE or --example NAME, one of them")
-    if file is not None:
-        return Scenario.model_validate_json(_read(file))
-    if example not in EXAMPLES:
-        raise UsageError(f"--example: {example!r} must be one of {', '.join(EXAMPLES)}")
-    return EXAMPLES[example]()
-
-
-def _stop(deadline_s: float | None) -> AnyOf:
-    if deadline_s is None:
-        return converged()
-    return AnyOf(converged(), Deadline(deadline_s, clock=time.monotonic))
-
-
-def _read(file: Path) -> str:
-    try:
-        return file.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise UsageError(f"{file}: {error}") from error
-
-
-def _deliver(made: Plan, out: Path | None, as_json: bool) -> None:
-    if as_json or out is not None:
-        _write(made.model_dump_json(indent=2), out)
-    if not as_json:
-        Console().print(show.plan_table(made))
-
-
-def _write(text: Any, out: Path | None) -> None:
-    if out is None:
-        sys.stdout.write(text.rstrip("\n") + "\n")
-        return
-    out.parent.mkdir(parents=True, exist_ok=True)
-    out.write_text(text, encoding="utf-8")

@@ -23,12 +23,13 @@ from api.drills import DrillView
 from api.errors import ServiceError
 from api.events import Event
 from api.fleet import VehicleView
+from api.guidance import Mode
 from api.journal import Entry
 from api.operation_views import OperationRow, OperationView, Policy
-from api.plan_book import PlanRow, UnfinishedPlan
+from api.plan_records import PlanRow, UnfinishedPlan
 from api.problems import Problem
 from api.routes.contingencies import ContingencyTable
-from planner import Plan, Scenario
+from planner import Changes, Plan, Scenario
 
 Model = TypeVar("Model", bound=BaseModel)
 PAGE = 100
@@ -91,14 +92,17 @@ class Client:
         self,
         plan_id: str,
         *,
-        failed: Sequence[str],
+        failed: Sequence[str] = (),
         at_slot: int,
         positions_m: Mapping[str, tuple[float, float]] | None = None,
+        changes: Changes | None = None,
         wait_s: float = 60,
         key: str | None = None,
     ) -> Plan:
-        """A finished plan for the survivors from `at_slot` on."""
-        body = {"failed": list(failed), "at_slot": at_slot, "positions_m": positions_m}
+        """A finished plan from `at_slot` on: for the survivors, and for what else is different."""
+        gone = [*(changes.failed if changes else ()), *failed]
+        other = changes.model_dump(mode="json", exclude={"failed"}) if changes else {}
+        body = {**other, "failed": gone, "at_slot": at_slot, "positions_m": positions_m}
         path = f"/v1/plans/{plan_id}/replans"
         return self._finished(_plan(self._call("POST", path, json=body, params={"wait_s": wait_s}, key=key)))
 
@@ -138,10 +142,20 @@ class Client:
         *,
         replanning: Policy = "auto",
         launch: Literal["auto", "manual"] = "auto",
+        guidance: Mode = "mission",
+        stream_fallback: Literal["mission", "hold"] = "mission",
+        at_end: Literal["land", "return"] = "land",
         key: str | None = None,
     ) -> OperationView:
         """Start an operation."""
-        body = {"plan_id": plan_id, "replanning": replanning, "launch": launch}
+        body = {
+            "plan_id": plan_id,
+            "replanning": replanning,
+            "launch": launch,
+            "guidance": guidance,
+            "stream_fallback": stream_fallback,
+            "at_end": at_end,
+        }
         return self._operation("POST", "/v1/operations", json=body, key=key)
 
     def operation(self, operation_id: str) -> OperationView:
@@ -155,7 +169,7 @@ class Client:
     def command(
         self,
         operation_id: str,
-        verb: Literal["start", "pause", "resume", "abort", "readmit"],
+        verb: Literal["start", "pause", "resume", "abort", "readmit", "retire"],
         *,
         version: int | None = None,
         **body: Any,

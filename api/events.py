@@ -12,14 +12,16 @@ import asyncio
 import json
 import time
 from collections import deque
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import suppress
 from datetime import UTC, datetime
-from typing import Any
+from typing import Any, TypeAlias
 
 from fastapi.sse import format_sse_event
 from pydantic import BaseModel
 from sqlalchemy import func, select
 
+from api.security import RECHECK_S
 from api.store import Database
 from api.store.tables import events as table
 
@@ -28,6 +30,7 @@ KEEP_TELEMETRY = 32
 PAGE = 500
 KEEP_ALIVE = b": keep-alive\n\n"
 KEEP_ALIVE_S = 15.0
+Allowed: TypeAlias = Callable[[], Awaitable[bool]]
 _INSERT = table.insert()
 
 
@@ -104,26 +107,37 @@ class EventLog:
             for row in rows
         ]
 
-    async def follow(self, last_id: int = 0, *, telemetry: bool = False, forever: bool = True) -> AsyncIterator[bytes]:
+    async def follow(
+        self, last_id: int = 0, *, telemetry: bool = False, forever: bool = True, allowed: Allowed | None = None
+    ) -> AsyncIterator[bytes]:
         """Server-sent events after `last_id`, then each new one as it comes; each item is one or more whole events.
 
-        telemetry: also pictures made from now on. forever: False ends after what is stored now.
+        telemetry: also pictures made from now on. forever: False ends after what is stored now. allowed: asked again
+        and again; the stream ends when the answer is no.
         """
         self._followers += 1
-        seen = self._picture
+        seen, asked_s, said_s = self._picture, time.monotonic(), time.monotonic()
         try:
             while True:
+                now_s = time.monotonic()
+                if allowed is not None and now_s - asked_s >= RECHECK_S:
+                    if not await allowed():
+                        return
+                    asked_s = now_s
                 news = self._news
                 last_id, wire = await self._since(last_id)
                 if telemetry:
                     wire += b"".join(frame.wire for frame in self._pictures if frame.number > seen)
                     seen = self._picture
-                if wire:
-                    yield wire
-                elif not forever:
+                if not wire and not forever:
                     return
+                if not wire and now_s - said_s >= KEEP_ALIVE_S:
+                    wire = KEEP_ALIVE
+                if wire:
+                    said_s = now_s
+                    yield wire
                 else:
-                    yield await _pause(news)
+                    await _pause(news)
         finally:
             self._followers -= 1
 
@@ -151,14 +165,11 @@ class EventLog:
         news.set()
 
 
-async def _pause(news: asyncio.Event) -> bytes:
-    """Wait for news; nothing, or a sign of life after a while without."""
-    try:
-        async with asyncio.timeout(KEEP_ALIVE_S):
+async def _pause(news: asyncio.Event) -> None:
+    """Wait for news, and not too long to look whether one may still wait."""
+    with suppress(TimeoutError):
+        async with asyncio.timeout(RECHECK_S):
             await news.wait()
-    except TimeoutError:
-        return KEEP_ALIVE
-    return b""
 
 
 def _encoded(event: Event) -> bytes:

@@ -17,11 +17,22 @@ from api.events import EventLog
 from api.settings import Settings
 from api.store import Database
 from api.store.tables import vehicles as table
-from mavlink_bridge import FleetLink, HeartbeatMonitor, LinkEvent, LinkOptions, Signing, VehiclesMissing
+from mavlink_bridge import (
+    ConnectionFailed,
+    FleetLink,
+    HeartbeatMonitor,
+    LinkEvent,
+    LinkOptions,
+    Signing,
+    VehiclesMissing,
+)
 from mavlink_bridge.conditions import Change, Condition
 
 HEARD_WITHIN_S = 5.0
 """Wall seconds a vehicle may take to be heard before an upload, or the watch of its heartbeats, goes on without it."""
+LINKS_FREE_S = 20.0
+"""Wall seconds that a restarted service waits for its links."""
+RETRY_S = 0.2
 _TOLD_AS_LINK = frozenset(
     {Condition.LIVE, Condition.STALE, Condition.BACK, Condition.LINK_LOST, Condition.AUTOPILOT_SILENT}
 )
@@ -31,7 +42,8 @@ _TOLD_AS_LINK = frozenset(
 class VehicleView(BaseModel):
     """A registered vehicle and what it last said. Angles in degrees, altitude in metres above its own home.
 
-    `heading_deg`: where the nose points, clockwise from north. `mission_items`: how many the mission on board has.
+    `condition`: what it is in; `condition_cause`: what was last seen of it, with numbers. `heading_deg`: where the nose
+    points, clockwise from north. `mission_items`: how many the mission on board has.
     """
 
     uav_id: str
@@ -39,6 +51,8 @@ class VehicleView(BaseModel):
     simulated: bool = False
     link: str
     silent_for_s: float | None
+    condition: str | None = None
+    condition_cause: str | None = None
     lat_deg: float | None = None
     lon_deg: float | None = None
     relative_alt_m: float | None = None
@@ -79,7 +93,7 @@ class Fleet:
         """Take over the registry of the last process. Simulated vehicles have ended with it."""
         await self._database.write(delete(table).where(table.c.simulated.is_(True)))
         for row in await self._database.rows(select(table)):
-            await self._open()
+            await self._open(patience_s=LINKS_FREE_S)
             self._systems[row.uav_id] = row.system_id
         if self._systems:
             self._finding = asyncio.create_task(self._find(), name="fleet-find")
@@ -130,6 +144,17 @@ class Fleet:
         return self._settings.preflight == "enforce"
 
     @property
+    def links(self) -> tuple[str, ...]:
+        """URLs of the links, the preferred first."""
+        return tuple(url.strip() for url in self._settings.fleet_url.split(","))
+
+    @property
+    def signing_key_file(self) -> str | None:
+        """Where the key of both ends is, when MAVLink is signed."""
+        key = self._settings.signing_key_file
+        return None if key is None else str(key)
+
+    @property
     def empty(self) -> bool:
         """Whether there is no vehicle."""
         return not self._systems
@@ -155,13 +180,15 @@ class Fleet:
         """One vehicle as it was last heard."""
         system_id = self.system_of(uav_id)
         now, said = self._clock.now(), self.link.telemetry(system_id)
-        watched = system_id in self._monitor.watched
+        watched, change = system_id in self._monitor.watched, self._changes.get(system_id)
         view = VehicleView(
             uav_id=uav_id,
             system_id=system_id,
             simulated=uav_id in self._simulated,
             link=self._monitor.state(system_id).value if watched else "unheard",
             silent_for_s=self._monitor.silent_for_s(system_id, now) if watched else None,
+            condition=self.link.classifier.condition(system_id).value if watched else None,
+            condition_cause=None if change is None else change.cause,
         )
         if said is None:
             return view
@@ -219,15 +246,17 @@ class Fleet:
             await self._link.close()
             self._link = None
 
-    async def _open(self) -> None:
+    async def _open(self, patience_s: float = 0.0) -> None:
+        """Open the link; after a restart a guard of the last process may have it for some seconds yet."""
+        until = time.monotonic() + patience_s
         async with self._opening:
             if self._link is None:
                 async with AsyncExitStack() as opening:
                     link = await opening.enter_async_context(
                         FleetLink(clock=self._clock, monitor=self._monitor, options=self._options())
                     )
-                    for url in self._settings.fleet_url.split(","):
-                        await link.connect(url.strip())
+                    for url in self.links:
+                        await _connect(link, url, until)
                     opening.pop_all()  # it stays open: `close` ends it
                 self._link = link
                 self._watchers = [
@@ -274,3 +303,14 @@ class Fleet:
                     after=change.after.value,
                     cause=change.cause,
                 )
+
+
+async def _connect(link: FleetLink, url: str, until: float) -> None:
+    """Raises ConnectionFailed when it still fails at that second of the monotonic clock."""
+    while True:
+        try:
+            return await link.connect(url)
+        except ConnectionFailed:
+            if time.monotonic() >= until:
+                raise
+            await asyncio.sleep(RETRY_S)

@@ -6,46 +6,36 @@ import asyncio
 import time
 from collections.abc import Collection, Mapping
 from contextlib import AbstractContextManager, suppress
-from dataclasses import asdict
 from typing import Literal
 
 import numpy as np
 
 from api.clock import FleetClock
 from api.fleet import HEARD_WITHIN_S, Fleet
-from api.guidance import FlightGuidance, Mode
+from api.guidance import FlightGuidance, Way
 from api.rates import InForce, Point, Sample, rates_by_slot
 from api.roster import Roster
-from mavlink_bridge import (
-    BridgeError,
-    Mission,
-    Telemetry,
-    VehiclesMissing,
-)
-from mavlink_bridge.fence import fence_items
+from api.take_off import LOOK_EVERY_S, FlightError, TakeOff, each
+from mavlink_bridge import Mission, Telemetry, VehiclesMissing
 from planner import Plan
 
 SAMPLE_EVERY_S = 0.5
-LOOK_EVERY_S = 0.05
 TOLD_WITHIN_S = 3.0
 """Wall seconds that a vehicle has to send a MISSION_CURRENT, which comes at 1 Hz."""
-
-
-class FlightError(BridgeError):
-    """Vehicles did not do what an operation needs; the message names them."""
 
 
 class Flight:
     """Vehicles that fly a plan, and the plans that replaced it. Times are fleet seconds since slot 0 began."""
 
     def __init__(
-        self, plan: Plan, systems: dict[str, int], fleet: Fleet, clock: FleetClock, guidance: Mode = "mission"
+        self, plan: Plan, systems: dict[str, int], fleet: Fleet, clock: FleetClock, way: Way | None = None
     ) -> None:
         self.systems = systems
         self.timeline = [InForce(0.0, plan)]
         self._fleet, self._clock = fleet, clock
         self._uavs = {system: uav for uav, system in systems.items()}
-        self.guidance = FlightGuidance(systems, fleet, clock, elapsed_s=self.now_s, mode=guidance)
+        homes_m = {uav: path[0] for uav, path in plan.trajectories_m.items()}
+        self.guidance = FlightGuidance(systems, fleet, clock, elapsed_s=self.now_s, homes_m=homes_m, way=way)
         self.roster = Roster(
             systems,
             plan.scenario.origin,
@@ -54,6 +44,7 @@ class Flight:
             now_s=self.now_s,
             last_change_s=(plan.scenario.slots - 2) * plan.scenario.slot_duration_s,
         )
+        self.take_off = TakeOff(plan, systems, fleet, clock, self.guidance)
         self._began: float | None = None
         self._frozen_s: float | None = None
         self._record: list[tuple[float, dict[str, Point]]] = []
@@ -122,76 +113,9 @@ class Flight:
 
     # --- commands ---
 
-    async def upload(self) -> float:
-        """Put the plan's missions on board and prove it; wall seconds of the slowest.
-
-        Each is compiled for what the vehicle says about itself. Raises FlightError with each failure.
-        """
-        with suppress(VehiclesMissing):  # the upload itself tells of each vehicle that is not there
-            await self._fleet.link.wait_for(set(self.systems.values()), timeout_s=HEARD_WITHIN_S)
-        await self._fleet.link.prepare(self.systems.values())
-        missions = {uav: self.guidance.compile(self.plan, uav) for uav in self.systems}
-        self._audit()
-        await self._fence()
-        results = await self._fleet.link.upload({self.systems[uav]: mission for uav, mission in missions.items()})
-        bad = {self._uavs[system]: result.error for system, result in results.items() if not result.verified}
-        if bad:
-            good = sorted(self._uavs[system] for system, result in results.items() if result.verified)
-            raise FlightError(f"upload failed for {_each(bad)}; verified on board of {', '.join(good) or 'nobody'}")
-        return max((result.seconds for result in results.values()), default=0.0)
-
-    async def _fence(self) -> None:
-        """Give each vehicle the plan's area as its geofence; one that takes none flies all the same, with a warning.
-
-        Before the missions: PX4 measures a mission against the fence that is on board, and that may be an older one.
-        """
-        items = fence_items(self.plan.scenario)
-        results = await self._fleet.link.upload_fence(dict.fromkeys(self._uavs, items))
-        for system, result in sorted(results.items()):
-            self._fleet.note(
-                "geofence",
-                uav_id=self._uavs[system],
-                level="ok" if result.verified else "warning",
-                corners=len(items),
-                error=result.error,
-            )
-
-    def _audit(self) -> None:
-        """Report what the preflight audit finds; with `preflight` "enforce" a blocker keeps everybody on the ground."""
-        blockers = {}
-        for uav, findings in self.guidance.audit().items():
-            for finding in findings:
-                self._fleet.note("preflight", uav_id=uav, **asdict(finding))
-            blocked = [
-                f"{one.name} is {one.found}, should be {one.should}" for one in findings if one.level == "blocker"
-            ]
-            if blocked:
-                blockers[uav] = ", ".join(blocked)
-        if blockers and self._fleet.enforces_preflight:
-            raise FlightError(f"preflight: {_each(blockers)}")
-
-    async def launch(self, timeout_s: float) -> None:
-        """Arm, climb to the plan's altitude and wait there for each other. Raises FlightError."""
-        scenario = self.first_plan.scenario
-        altitudes = {system: scenario.altitude_of(scenario.uav(uav)) for system, uav in self._uavs.items()}
-        results = await self._fleet.link.launch(altitudes, timeout_s=timeout_s)
-        bad = {self._uavs[system]: result.error for system, result in results.items() if not result.ok}
-        if bad:
-            raise FlightError(f"launch failed for {_each(bad)}")
-
-    async def start(self) -> None:
-        """Begin slot 0 on all vehicles at once. Raises FlightError."""
-        if self.guidance.mode == "stream":
-            errors = await self.guidance.get_ready()
-            began = self._clock.now()
-        else:
-            began = self._clock.now()
-            results = await self._fleet.link.start(set(self._uavs))
-            errors = {system: result.error for system, result in results.items()}
-        bad = {self._uavs[system]: error for system, error in errors.items() if error}
-        if bad:
-            raise FlightError(f"start failed for {_each(bad)}")
-        self._began = began
+    def begin(self, began_s: float) -> None:
+        """Slot 0 began at this fleet second: guide."""
+        self._began = began_s
         self.guidance.begin()
 
     async def swap(self, missions: Mapping[str, Mission]) -> dict[str, str | None]:
@@ -220,7 +144,7 @@ class Flight:
         """Hover. Raises FlightError with each vehicle that does not."""
         bad = {uav: error for uav, error in (await self.stop_where_it_is("hold")).items() if error}
         if bad:
-            raise FlightError(f"hold failed for {_each(bad)}")
+            raise FlightError(f"hold failed for {each(bad)}")
 
     async def resume(self) -> None:
         """Fly on from the item each vehicle was at. Raises FlightError with each vehicle that does not."""
@@ -238,7 +162,7 @@ class Flight:
         errors = dict(zip(uavs, await asyncio.gather(*map(one, uavs)), strict=True))
         bad = {uav: error for uav, error in errors.items() if error}
         if bad:
-            raise FlightError(f"start failed for {_each(bad)}")
+            raise FlightError(f"start failed for {each(bad)}")
 
     async def reattach(self) -> None:
         """After a restart: wait until those who should be there have told what they fly.
@@ -324,7 +248,3 @@ class Flight:
             user: [None if np.isnan(rate) else float(rate) for rate in row]
             for user, row in zip(users, table, strict=True)
         }
-
-
-def _each(errors: Mapping[str, str | None]) -> str:
-    return "; ".join(f"'{uav}': {error or 'no answer'}" for uav, error in sorted(errors.items()))

@@ -21,7 +21,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from api.errors import ServiceError, TooLargeError, TooManyRequestsError, UnauthorizedError
 from api.problems import answer_to
-from api.security import LOCAL, Principal
+from api.security import LOCAL, RECHECK_S, Principal
 from api.service import Service
 from api.store import StoreError
 from api.store.tables import audit as audit_table
@@ -71,9 +71,11 @@ class Gate:
     async def _pass(self, passage: Passage, scope: Scope, receive: Receive, send: Send) -> None:
         with structlog.contextvars.bound_contextvars(request_id=passage.request_id):
             try:
-                principal = await self._admit(passage)
-                scope.setdefault("state", {})["principal"] = passage.principal = principal
-                await self._app(scope, passage.limited(receive), passage.noting(send))
+                passage.principal = await self._admit(passage)
+                state = scope.setdefault("state", {})
+                state["principal"], state["still_admitted"] = passage.principal, passage.still_admitted
+                take = passage.limited(receive) if scope["type"] == "http" else passage.while_admitted(receive, send)
+                await self._app(scope, take, passage.noting(send))
             except (ServiceError, StoreError) as error:  # raised before any route was reached
                 if isinstance(error, UnauthorizedError) and passage.wants_page:
                     await RedirectResponse("/login", 303)(scope, receive, passage.noting(send))
@@ -91,9 +93,7 @@ class Gate:
         if not self._buckets.take(passage.client, time.monotonic()):
             raise TooManyRequestsError(f"rate: more than {service.settings.rate_per_s:g} requests a second")
         passage.require_small()
-        if passage.path in OPEN_PATHS or not (await service.keys.in_use() or not service.settings.on_loopback):
-            return LOCAL
-        principal = await service.keys.identify(passage.key) if passage.key else None
+        principal = await passage.identified()
         if principal is None:
             raise UnauthorizedError("Authorization: send 'Bearer <key>' with a key made by 'skyfolio keys create'")
         return principal
@@ -114,6 +114,7 @@ class Passage:
         self.status = 0
         self._began = time.monotonic()
         self._received = 0
+        self._over = False
 
     @property
     def key(self) -> str | None:
@@ -135,6 +136,46 @@ class Passage:
         dashboard = self.path == "/" or self.path.startswith("/ui")
         return self.method == "GET" and dashboard and "text/html" in self.headers.get("accept", "")
 
+    async def identified(self) -> Principal | None:
+        """Who asks; None when a key is needed and this one is not known, or no longer."""
+        keys = self.service.keys
+        if self.path in OPEN_PATHS or not (await keys.in_use() or not self.service.settings.on_loopback):
+            return LOCAL
+        return await keys.identify(self.key) if self.key else None
+
+    async def still_admitted(self) -> bool:
+        """Whether who was let in would be let in again."""
+        try:
+            return await self.identified() == self.principal
+        except StoreError:  # a database that does not answer revokes nothing
+            return True
+
+    def while_admitted(self, receive: Receive, send: Send) -> Receive:
+        """The receive channel of a websocket, which ends when its key is revoked."""
+        asked_s = time.monotonic()
+
+        async def revoked() -> bool:
+            nonlocal asked_s
+            if time.monotonic() - asked_s < RECHECK_S:
+                return False
+            asked_s = time.monotonic()
+            return not await self.still_admitted()
+
+        async def take() -> Message:
+            message = asyncio.ensure_future(receive())
+            try:
+                while not message.done():
+                    await asyncio.wait({message}, timeout=RECHECK_S)
+                    if await revoked():
+                        self._over = True
+                        await send({"type": "websocket.close", "code": 1008, "reason": "the API key was revoked"})
+                        return {"type": "websocket.disconnect", "code": 1008}
+                return message.result()
+            finally:
+                message.cancel()
+
+        return take
+
     def require_small(self) -> None:
         """Raises TooLargeError for a body that says it is too large."""
         length = self.headers.get("content-length", "0")
@@ -148,7 +189,7 @@ class Passage:
 
         async def take() -> Message:
             nonlocal complete
-            if complete or self.scope["type"] != "http":
+            if complete:
                 return await receive()
             try:
                 async with asyncio.timeout(max(0.0, until - time.monotonic())):
@@ -167,6 +208,8 @@ class Passage:
         """The send channel; notes the status and adds the headers that every answer carries."""
 
         async def give(message: Message) -> None:
+            if self._over:
+                return
             if message["type"] == "http.response.start":
                 self.status = message["status"]
                 message["headers"] = [

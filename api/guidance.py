@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from api.clock import FleetClock
 from api.fleet import Fleet
-from mavlink_bridge import Mission, compile_mission, east_north_to_geodetic
+from api.given import Given, MissionBook
+from api.store import StoreError
+from api.streaming import Streaming
+from mavlink_bridge import Mission, OnEnd, ReturnPathsTooClose, check_return_paths, compile_mission
 from mavlink_bridge.ghosts import DEADLINE_S, Airspace, Ghost
-from mavlink_bridge.guidance import FallBack, Kept, Stream, Streamed, keep
+from mavlink_bridge.guidance import FallBack, Kept, keep
 from mavlink_bridge.keeper import Keeper, Slip
 from mavlink_bridge.pace import Point
 from mavlink_bridge.preflight import Finding, audit
 from mavlink_bridge.route import Route
-from mavlink_bridge.stream import Streamer
 from planner import Plan
 
 Mode = Literal["mission", "stream"]
@@ -26,19 +28,27 @@ GHOST_CLEARANCE_M = 5.0
 
 
 @dataclass(frozen=True)
-class Compiled:
-    """A mission and the plan it was made from; slot 0 of `path_m` is slot `first_slot` of the operation."""
+class Way:
+    """How a flight is guided, what follows a stream (`fall_back`), and what UAVs do after the last slot (`at_end`)."""
 
-    mission: Mission
-    plan: Plan
-    path_m: list[Point]
-    first_slot: int
+    mode: Mode = "mission"
+    fall_back: FallBack = FallBack.MISSION
+    at_end: OnEnd = OnEnd.LAND
+
+    def document(self) -> dict[str, str]:
+        """As JSON values."""
+        return {"mode": self.mode, "fall_back": self.fall_back.value, "at_end": self.at_end.value}
+
+    @classmethod
+    def after_restart(cls, document: Mapping[str, str]) -> Way:
+        """As stored, but by missions: that is what UAVs fly after a stream has ended."""
+        return cls("mission", FallBack(document["fall_back"]), OnEnd(document["at_end"])) if document else cls()
 
 
 class FlightGuidance:
     """What is done between start and landing, beside waiting. `elapsed_s()`: fleet seconds since slot 0 began.
 
-    `mode` "stream" guides by setpoints until a mission is swapped or the flight is paused; the missions on board are
+    Way "stream" guides by setpoints until a mission is swapped or the flight is paused; the missions on board are
     flown from then on. What every UAV is off its schedule is an event, `slip`, for each slot.
     """
 
@@ -49,20 +59,22 @@ class FlightGuidance:
         clock: FleetClock,
         *,
         elapsed_s: Callable[[], float],
-        mode: Mode = "mission",
-        fall_back: FallBack = FallBack.MISSION,
+        homes_m: Mapping[str, Point],
+        way: Way | None = None,
     ) -> None:
-        self.mode = mode
+        self.way = way or Way()
         self._systems, self._fleet, self._clock = systems, fleet, clock
         self._elapsed_s = elapsed_s
-        self._fall_back = fall_back
-        self._compiled: dict[str, Compiled] = {}
-        self._homes_m: dict[str, Point] = {}
+        self._given: dict[str, Given] = {}
+        self._homes_m = homes_m
         self._keeping: dict[str, asyncio.Task[None]] = {}
         self.airspace = Airspace()
         """Air that UAVs we lost may still fly in."""
-        self._streaming: asyncio.Task[None] | None = None
-        self._stream: Stream | None = None
+        self._streaming = Streaming(systems, fleet, clock, elapsed_s=elapsed_s, fall_back=self.way.fall_back)
+        self._resuming: asyncio.Task[None] | None = None
+        self._may_have: dict[str, list[Given]] = {}
+        self.book: MissionBook | None = None
+        """Where it is stored what UAVs are given."""
 
     def compile(
         self, plan: Plan, uav: str, *, from_m: Point | None = None, first_leg_s: float | None = None
@@ -81,33 +93,84 @@ class FlightGuidance:
             first_leg_s=first_leg_s,
             autopilot=self._fleet.link.autopilot(system),
             model=self._fleet.link.model(system),
+            on_end=self._end_of(plan),
         )
-        self._compiled[uav] = Compiled(mission, plan, path, plan.first_slot)
-        if not airborne:
-            self._homes_m[uav] = path[0]
+        self._given[uav] = Given(
+            mission=mission,
+            path_m=path,
+            first_slot=plan.first_slot,
+            slot_s=plan.scenario.slot_duration_s,
+            origin=plan.scenario.origin,
+            altitude_m=plan.scenario.altitude_of(plan.scenario.uav(uav)),
+        )
         return mission
+
+    def _end_of(self, plan: Plan) -> OnEnd:
+        """As wanted; but where ways home of this plan would meet, UAVs land where they are."""
+        if self.way.at_end is OnEnd.RETURN:
+            try:
+                check_return_paths(plan, self._homes_m)
+            except ReturnPathsTooClose as error:
+                self._fleet.note("lands_instead_of_returning", plan_id=plan.id, because=str(error))
+                return OnEnd.LAND
+        return self.way.at_end
+
+    async def remember(self, uavs: Iterable[str]) -> None:
+        """Store what these are about to be given. The flight goes on when the database refuses."""
+        if self.book is not None:
+            with suppress(StoreError):  # logged where it happened
+                await self.book.write({uav: self._given[uav] for uav in uavs})
+
+    async def recall(self, ghosts: list[dict[str, Any]]) -> None:
+        """Take over what UAVs were given, and whose air was reserved, before a restart."""
+        self.airspace.recall(ghosts)
+        if self.book is not None:
+            self._may_have = await self.book.read()
+            self._given = {uav: given[0] for uav, given in self._may_have.items()}
+
+    def resume(self, uavs: Iterable[str]) -> None:
+        """After a restart: find out what is on board of each, and keep it on schedule, meanwhile and from then on."""
+        wanted = [uav for uav in uavs if uav in self._given]
+        self._resuming = asyncio.create_task(self._resume(wanted), name="resume-guidance")
+
+    async def _resume(self, uavs: list[str]) -> None:
+        link = self._fleet.link
+        await link.prepare(self._systems[uav] for uav in uavs)
+        newest = {uav: self._given[uav] for uav in uavs}
+        found = await link.recognise({self._systems[uav]: [one.mission for one in self._may_have[uav]] for uav in uavs})
+        for uav in uavs:
+            result = found[self._systems[uav]]
+            if self._given[uav] is not newest[uav]:
+                continue  # it was given another one meanwhile
+            flown = next((one for one in self._may_have[uav] if one.mission is result.mission), None)
+            self._fleet.note(
+                "guidance_resumed", uav_id=uav, level="warning" if flown is None else "ok", error=result.error
+            )
+            if flown is not None:
+                self._given[uav] = flown
+                self.follow(uav, flown.mission)
 
     def leave(self, uav: str, *, setpoints_too: bool = False) -> None:
         """Correct this UAV no more. One that is only silent may still hear its setpoints, and is safest with them."""
-        if setpoints_too and self._stream is not None:
-            self._stream.leave(self._systems[uav])
+        if setpoints_too:
+            self._streaming.leave(uav)
         task = self._keeping.pop(uav, None)
         if task is not None:
             task.cancel()
 
     def reserve(self, uav: str, last_seen_m: Point) -> None:
         """A UAV that is lost may still fly: its old route and its way home stay reserved."""
-        one = self._compiled.get(uav)
+        one = self._given.get(uav)
         if one is None:
             return
-        slot_s, now_s = one.plan.scenario.slot_duration_s, self._elapsed_s()
+        now_s = self._elapsed_s()
         self.airspace.reserve(
             Ghost(
                 uav_id=uav,
                 lost_at_s=now_s,
                 last_seen_m=last_seen_m,
-                route=Route(one.path_m, slot_s),
-                route_began_s=one.first_slot * slot_s,
+                route=Route(one.path_m, one.slot_s),
+                route_began_s=one.began_s,
                 home_m=self._homes_m.get(uav),
                 deadline_s=now_s + DEADLINE_S,
             )
@@ -138,48 +201,40 @@ class FlightGuidance:
 
     async def get_ready(self) -> dict[int, str | None]:
         """In stream mode: put everybody into the mode that follows setpoints; what went wrong with each."""
-        if self.mode != "stream":
-            return {}
-        self._stream = Stream(
-            {self._systems[uav]: self._streamed(uav, one) for uav, one in self._compiled.items()},
-            scale=self._clock.scale,
-            fall_back=self._fall_back,
-        )
-        return await self._stream.begin()
+        return await self._streaming.get_ready(self._given) if self.way.mode == "stream" else {}
 
     def begin(self) -> None:
         """Slot 0 begins: guide."""
-        if self._stream is not None:
-            self._streaming = asyncio.create_task(self._stream.run(self._elapsed_s), name="stream")
-        for uav, one in self._compiled.items():
+        self._streaming.begin()
+        for uav, one in self._given.items():
             self.follow(uav, one.mission)
 
-    def audit(self) -> dict[str, list[Finding]]:
-        """The preflight audit of each vehicle that was heard against the mission it is to be given."""
+    def audit(self, plan: Plan) -> dict[str, list[Finding]]:
+        """The preflight audit of each vehicle that was heard against the mission it is to be given for this plan."""
         link = self._fleet.link
         found = {}
-        for uav, one in self._compiled.items():
+        for uav, one in self._given.items():
             if self._systems[uav] not in link.heard_systems:
                 continue  # the upload tells
             items = len(one.mission.items)
-            facts, needs = link.facts(self._systems[uav], one.plan, uav, items=items, stream=self.mode == "stream")
+            facts, needs = link.facts(self._systems[uav], plan, uav, items=items, stream=self.way.mode == "stream")
             found[uav] = audit(facts, needs)
         return found
 
     def follow(self, uav: str, mission: Mission) -> None:
         """From now on this UAV flies this mission, which `compile` made."""
-        one = self._compiled.get(uav)
+        one = self._given.get(uav)
         if one is None or one.mission is not mission:
             return
         self.leave(uav)
         system = self._systems[uav]
-        keeper = Keeper(one.path_m, one.plan.scenario.slot_duration_s, mission, self._fleet.link.model(system))
-        began_s = one.first_slot * one.plan.scenario.slot_duration_s
-        kept = Kept(vehicle=self._fleet.link.vehicle(system), keeper=keeper, origin=one.plan.scenario.origin)
+        since_s = self._elapsed_s() - one.began_s
+        keeper = Keeper(one.path_m, one.slot_s, mission, self._fleet.link.model(system), since_s=since_s)
+        kept = Kept(vehicle=self._fleet.link.vehicle(system), keeper=keeper, origin=one.origin)
         self._keeping[uav] = asyncio.create_task(
             keep(
                 {system: kept},
-                elapsed_s=lambda: self._elapsed_s() - began_s,
+                elapsed_s=lambda: self._elapsed_s() - one.began_s,
                 now_s=self._clock.now,
                 scale=self._clock.scale,
                 on_slip=lambda _system, slip: self._note(uav, slip, one.first_slot),
@@ -189,28 +244,16 @@ class FlightGuidance:
 
     async def missions_only(self) -> None:
         """End the stream: the missions on board are flown from here, by policy."""
-        streaming, self._streaming, self._stream = self._streaming, None, None
-        if streaming is not None:
-            streaming.cancel()
-            with suppress(asyncio.CancelledError):
-                await streaming
+        await self._streaming.end()
 
     async def end(self) -> None:
         """Guide nobody any more."""
+        if self._resuming is not None:
+            self._resuming.cancel()
+            await asyncio.gather(self._resuming, return_exceptions=True)
         await self.missions_only()
         for uav in list(self._keeping):
             self.leave(uav)
-
-    def _streamed(self, uav: str, one: Compiled) -> Streamed:
-        scenario, system = one.plan.scenario, self._systems[uav]
-        streamer = Streamer(
-            system,
-            one.path_m,
-            scenario.slot_duration_s,
-            scenario.altitude_of(scenario.uav(uav)),
-            lambda point: east_north_to_geodetic(scenario.origin, *point),
-        )
-        return Streamed(vehicle=self._fleet.link.vehicle(system), streamer=streamer, mission=one.mission)
 
     def _note(self, uav: str, slip: Slip, first_slot: int) -> None:
         self._fleet.note(

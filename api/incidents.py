@@ -46,6 +46,7 @@ class Incidents:
         self._wanted: Cause | None = None
         self._readmitted: tuple[str, ...] = ()
         self._offered: set[str] = set()
+        self._low: set[str] = set()
         self._incident: Incident | None = None
         self._answer: Answer | None = None
         self._task: asyncio.Task[Recovery] | None = None
@@ -84,6 +85,12 @@ class Incidents:
         for uav in sorted(self._flight.returned - self._offered):
             self._parts.metrics.returns.inc()
             self._events.add("uav_returned", operation_id=self._operation_id, uav_id=uav)
+        low = self._flight.roster.low_on_battery
+        for uav in sorted(low.keys() - self._low):
+            self._events.add(
+                "uav_low_on_battery", operation_id=self._operation_id, uav_id=uav, detail=low[uav], offer="retire"
+            )
+        self._low |= low.keys()
         changed = self._flight.returned != self._offered
         self._offered = set(self._flight.returned)
         if lost and self._policy != "off":
@@ -146,6 +153,12 @@ class Incidents:
         self._offered.discard(uav_id)
         self.want("uav_returned", (uav_id,))
         await self.save()
+
+    async def retire(self, uav_id: str) -> None:
+        """Send a UAV home and plan without it, as after a loss. Raises ConflictError when it is not ours to command."""
+        if uav_id not in self._flight.systems:
+            raise ConflictError(f"uav_id: {uav_id!r} does not fly in this operation")
+        await self.note({uav_id: await self._flight.roster.retire(uav_id)})
 
     # -- inside ---------------------------------------------------------------------------------------------------
 

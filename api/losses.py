@@ -10,7 +10,7 @@ from typing import Literal, get_args
 
 from mavlink_bridge.conditions import Change, Condition
 
-LossKind = Literal["heartbeat_lost", "crashed", "landed", "human_took_over", "in_failsafe"]
+LossKind = Literal["heartbeat_lost", "crashed", "landed", "human_took_over", "in_failsafe", "rebooted", "battery"]
 LOSS_KINDS: tuple[LossKind, ...] = get_args(LossKind)
 
 _SEEN: dict[Condition, LossKind] = {
@@ -18,9 +18,10 @@ _SEEN: dict[Condition, LossKind] = {
     Condition.LANDED: "landed",
     Condition.HUMAN: "human_took_over",
     Condition.FAILSAFE: "in_failsafe",
+    Condition.REBOOTED: "rebooted",
 }
-_ENDS_A_PLAN_TOO = frozenset({Condition.LANDED, Condition.FAILSAFE})
-"""A mission ends with a return and a landing: after the plan these are as planned."""
+_ENDS_A_PLAN_TOO = frozenset({Condition.LANDED, Condition.FAILSAFE, Condition.REBOOTED})
+"""A mission ends with a return and a landing: after the plan these are as planned, or change nothing any more."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,14 @@ class Loss:
     kind: LossKind
     detail: str
     silent_for_s: float = 0.0
+
+    def __str__(self) -> str:
+        return f"{self.kind.replace('_', ' ')}: {self.detail}"
+
+    @property
+    def is_over(self) -> bool:
+        """Whether it is something that happened, rather than something that goes on."""
+        return self.kind in {"crashed", "landed", "rebooted"}
 
     @property
     def in_the_air(self) -> bool:
@@ -50,10 +59,12 @@ def silent(silent_for_s: float) -> Loss:
 def seen(change: Change | None, *, plan_is_flown: bool) -> Loss | None:
     """What a UAV's present condition, if any is known, means for an operation; None when it still counts.
 
+    A low battery is none: it is offered to the operator (`battery` is the loss of a UAV that was told to go home).
+    One that rebooted in the air counts only if it proves that it flies its mission on.
     plan_is_flown: whether its mission should still be flying the plan, so that a return or a landing is none of ours.
     """
     if change is None or change.after not in _SEEN:
         return None
-    if change.after in _ENDS_A_PLAN_TOO and not plan_is_flown:
+    if change.flies_on or (change.after in _ENDS_A_PLAN_TOO and not plan_is_flown):
         return None
     return Loss(_SEEN[change.after], change.cause)

@@ -3,36 +3,42 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import Any
+from typing import Any, Literal
 
 from api.errors import InvalidError
-from mavlink_bridge import compile_mission, to_qgc_plan, to_waypoints
+from mavlink_bridge import Autopilot, Mission, compile_mission, to_qgc_plan, to_waypoints
 from planner import Plan
 
 
-def as_json(plan: Plan, uav_id: str | None = None) -> dict[str, list[dict[str, Any]]]:
-    """MISSION_ITEM_INT rows of each UAV (or of one): degrees times 1e7, metres above home."""
-    ids = plan.scenario.uav_ids if uav_id is None else (_one(plan, uav_id),)
-    return {one: [asdict(item) for item in compile_mission(plan, one).items] for one in ids}
+class Missions:
+    """The missions of one plan, for this autopilot with its default parameters."""
 
+    def __init__(self, plan: Plan, autopilot: Literal["px4", "ardupilot"] = "px4") -> None:
+        self._plan, self._autopilot = plan, Autopilot(autopilot)
 
-def qgc_plan(plan: Plan, uav_id: str | None) -> dict[str, Any]:
-    """One UAV's mission as a QGroundControl `.plan`."""
-    return to_qgc_plan(compile_mission(plan, _one(plan, uav_id)))
+    def as_json(self, uav_id: str | None = None) -> dict[str, list[dict[str, Any]]]:
+        """MISSION_ITEM_INT rows of each UAV (or of one): degrees times 1e7, metres above home."""
+        ids = self._plan.scenario.uav_ids if uav_id is None else (self._one(uav_id),)
+        return {one: [asdict(item) for item in self._mission(one).items] for one in ids}
 
+    def qgc_plan(self, uav_id: str | None) -> dict[str, Any]:
+        """One UAV's mission as a QGroundControl `.plan`."""
+        return to_qgc_plan(self._mission(self._one(uav_id)))
 
-def waypoints(plan: Plan, uav_id: str | None) -> str:
-    """One UAV's mission as a `QGC WPL 110` text."""
-    return to_waypoints(compile_mission(plan, _one(plan, uav_id)))
+    def waypoints(self, uav_id: str | None) -> str:
+        """One UAV's mission as a `QGC WPL 110` text."""
+        return to_waypoints(self._mission(self._one(uav_id)))
 
+    def _mission(self, uav_id: str) -> Mission:
+        return compile_mission(self._plan, uav_id, autopilot=self._autopilot)
 
-def _one(plan: Plan, uav_id: str | None) -> str:
-    """These files hold one vehicle. Raises InvalidError for an unknown UAV, or none where there are several."""
-    ids = plan.scenario.uav_ids
-    if uav_id is None and len(ids) == 1:
-        return ids[0]
-    if uav_id is None:
-        raise InvalidError(f"uav_id: this format holds one vehicle; choose one of {', '.join(ids)}")
-    if uav_id not in ids:
-        raise InvalidError(f"uav_id: {uav_id!r} is not in the plan; it has {', '.join(ids)}")
-    return uav_id
+    def _one(self, uav_id: str | None) -> str:
+        """These files hold one vehicle. Raises InvalidError for an unknown UAV, or none where there are several."""
+        ids = self._plan.scenario.uav_ids
+        if uav_id is None and len(ids) == 1:
+            return ids[0]
+        if uav_id is None:
+            raise InvalidError(f"uav_id: this format holds one vehicle; choose one of {', '.join(ids)}")
+        if uav_id not in ids:
+            raise InvalidError(f"uav_id: {uav_id!r} is not in the plan; it has {', '.join(ids)}")
+        return uav_id

@@ -15,6 +15,7 @@ from sqlalchemy import bindparam, insert, update
 
 from api.events import EventLog
 from api.flight import Flight
+from api.given import MissionBook
 from api.incidents import Incidents
 from api.journal import Journal
 from api.operation_views import ENDED, OperationView, Policy, Proposal, State, slip_m, uav_views
@@ -71,6 +72,7 @@ class Operation:
         self.error: str | None = None
         self.incidents = Incidents(head.id, head.policy, flight, parts, books.journal, books.events)
         self.incidents.save = self.save
+        flight.guidance.book = MissionBook(books.database, head.id)
         self.go = asyncio.Event()
         self._busy = asyncio.Lock()
         if head.launch_itself:
@@ -103,6 +105,7 @@ class Operation:
             uavs=uav_views(flight),
             lost=sorted(flight.lost),
             returned=sorted(flight.returned),
+            low_on_battery=[] if self.state in ENDED else sorted(flight.roster.low_on_battery),
             elapsed_s=flight.elapsed_s(),
             slot=flight.slot(),
             recoveries=incidents.reports,
@@ -124,7 +127,9 @@ class Operation:
             await self.flight.reattach()
             await settle(self)
             if self.state in {State.FLYING, State.LANDING, State.PAUSED}:
-                await self._fly()
+                self.flight.guidance.resume(self.flight.still_up())
+                with self.flight.roster.following() as news:
+                    await self._fly(news)
 
         await self._guarded(on)
 
@@ -140,29 +145,29 @@ class Operation:
                 await self._fail(f"{type(error).__name__}: {error}")
 
     async def _from_the_ground(self) -> None:
-        seconds = await self.flight.upload()
+        take_off = self.flight.take_off
+        seconds = await take_off.watched(take_off.upload())
         self._books.events.add(
             "missions_uploaded", operation_id=self.id, upload_s=round(seconds, 3), uavs=len(self.flight.systems)
         )
         if not self.go.is_set():
             await self.enter(State.READY)
-            await self.go.wait()
+            await take_off.watched(self.go.wait())
         await self.enter(State.LAUNCHING)
-        await self.flight.launch(LAUNCH_LIMIT_S)
+        await take_off.watched(take_off.launch(LAUNCH_LIMIT_S))
         await self.enter(State.STARTING)
-        await self.flight.start()
-        await self.enter(State.FLYING)
-        await self._fly()
+        with self.flight.roster.following() as news:
+            self.flight.begin(await take_off.watched(take_off.start()))
+            await self.enter(State.FLYING)
+            await self._fly(news)
 
-    async def _fly(self) -> None:
+    async def _fly(self, news: asyncio.Queue[Any]) -> None:
         flight = self.flight
-        news = flight.roster.follow()
         try:
             while not flight.over(LANDING_LIMIT_S):
                 await self._tick(news)
                 await asyncio.sleep(TICK_S)
         finally:
-            flight.roster.unfollow(news)
             await flight.guidance.end()
             await self.incidents.end()
             self._write_track()
@@ -206,6 +211,11 @@ class Operation:
         """Plan for a UAV again that was lost and is back. Raises ConflictError."""
         async with self._busy:
             await self.incidents.readmit(uav_id)
+
+    async def retire(self, uav_id: str) -> None:
+        """Send a UAV home and plan without it. Raises ConflictError."""
+        async with self._busy:
+            await self.incidents.retire(uav_id)
 
     async def abort(self, action: Literal["hold", "land", "return"]) -> None:
         """Tell every vehicle that still answers to hold or land where it is, or to return home."""
@@ -270,6 +280,8 @@ class Operation:
             "lost": flight.lost,
             "losses": {uav: asdict(loss) for uav, loss in flight.roster.losses.items()},
             "returned": sorted(flight.returned),
+            "way": flight.guidance.way.document(),
+            "ghosts": flight.guidance.airspace.document(),
             "launch_itself": self.head.launch_itself,
             "error": self.error,
             **self.incidents.document(),
@@ -303,8 +315,14 @@ class Operation:
                 self.parts.metrics.slip.labels(uav).set(far)
 
     async def _fail(self, reason: str) -> None:
+        """Tell why at once, see to the vehicles, and only then be over: others may have them from then on."""
         log.error("operation failed", reason=reason)
         self.error = reason
-        await self.enter(State.FAILED)
+        await self.enter(self.state)
         with suppress(BridgeError):
-            await self.flight.stop_where_it_is("hold")
+            await self.flight.guidance.end()
+            if self.flight.elapsed_s() is None:
+                await self.flight.take_off.stand_down()
+            else:
+                await self.flight.stop_where_it_is("hold")
+        await self.enter(State.FAILED)

@@ -62,6 +62,8 @@ class Proposal(BaseModel):
 class OperationView(BaseModel):
     """An operation. `elapsed_s` counts fleet seconds since slot 0 began; `slot` counts from 0. Rates in bit/s.
 
+    `returned` and `low_on_battery` are offers, and unasked nothing happens to either: `:readmit` plans with the former
+    again, `:retire` sends the latter home and plans without them.
     `version` is the ETag: it counts changes of what can be commanded, not of what is measured.
     """
 
@@ -75,6 +77,7 @@ class OperationView(BaseModel):
     uavs: dict[str, UavView]
     lost: list[str]
     returned: list[str]
+    low_on_battery: list[str] = []
     elapsed_s: float | None
     slot: int | None
     recoveries: list[Recovery]

@@ -14,12 +14,13 @@ from api.creation import Creation
 from api.errors import ConflictError, InvalidError, NotFoundError, PreconditionError
 from api.fleet import Fleet
 from api.flight import Flight
-from api.guidance import Mode
+from api.guidance import Way
 from api.operation import Books, Head, Operation
 from api.operation_views import ENDED, OperationView, Policy, State
 from api.reattach import Record, restored, settle, stored_track
 from api.resilience import Parts
 from api.store.tables import operations as table
+from mavlink_bridge import OnEnd, ReturnPathsTooClose, check_return_paths
 from planner import Plan
 
 log = structlog.get_logger()
@@ -52,7 +53,7 @@ class Operations:
         creation: Creation,
         *,
         launch_itself: bool = True,
-        guidance: Mode = "mission",
+        way: Way | None = None,
     ) -> Operation | OperationView:
         """Fly a finished plan. Raises NotFoundError, ConflictError, or InvalidError for unregistered UAVs."""
         async with self._starting:
@@ -61,6 +62,7 @@ class Operations:
             plan = await self._parts.plans.finished(plan_id)
             systems = {uav: self._fleet.system_of(uav) for uav in plan.scenario.uav_ids}
             self._require_free(plan)
+            _require_ways_home(plan, way or Way())
             self._number += 1
             head = Head(
                 id=creation.id,
@@ -69,7 +71,7 @@ class Operations:
                 fingerprint=creation.fingerprint,
                 launch_itself=launch_itself,
             )
-            flight = Flight(plan, systems, self._fleet, self._parts.clock, guidance)
+            flight = Flight(plan, systems, self._fleet, self._parts.clock, way)
             operation = Operation(head, flight, self._parts, self._books)
             await operation.create()
             self._run(operation, operation.run())
@@ -168,3 +170,12 @@ class Operations:
             busy = set(operation.flight.systems) & set(plan.scenario.uav_ids)
             if busy:
                 raise ConflictError(f"vehicles: {', '.join(sorted(busy))} fly operation {operation.id}")
+
+
+def _require_ways_home(plan: Plan, way: Way) -> None:
+    """Whoever shall return does so at once and at one height. Raises InvalidError."""
+    if way.at_end is OnEnd.RETURN:
+        try:
+            check_return_paths(plan, {uav: path[0] for uav, path in plan.trajectories_m.items()})
+        except ReturnPathsTooClose as error:
+            raise InvalidError(f"at_end: {error}") from error

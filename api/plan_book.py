@@ -3,101 +3,33 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import time
 from collections import OrderedDict
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from typing import Any
 
 import structlog
-from pydantic import BaseModel
-from sqlalchemy import Row, bindparam, delete, func, select, update
 
 from api.creation import Creation
 from api.errors import ConflictError, NotFoundError
 from api.events import EventLog
-from api.solver import Job, LaneName, Progress, Solved, SolveError, Solver
-from api.store import Database
-from api.store.tables import operations
-from api.store.tables import plans as table
-from planner import Cause, Plan, PlanStatus, Scenario, Summary
+from api.plan_records import PlanRecord, UnfinishedPlan
+from api.plan_store import PlanStore
+from api.settings import Settings
+from api.solver import LaneName, SolveError, Solver
+from api.solving import Job
+from planner import Cause, Plan, PlanStatus, Scenario
 
 log = structlog.get_logger()
-ENDED = {PlanStatus.SUCCEEDED, PlanStatus.INFEASIBLE, PlanStatus.CANCELLED, PlanStatus.FAILED, PlanStatus.INTERRUPTED}
 KEEP_IN_MEMORY = 256
-_INSERT = table.insert()
-_END = (
-    update(table)
-    .where(table.c.id == bindparam("plan_id"))
-    .values({name: bindparam(f"new_{name}") for name in ("status", "ended_at", "summary", "result", "error")})
-)
-
-
-class UnfinishedPlan(BaseModel):
-    """A plan that has no result (yet): the fields of a plan that are known, how far it is, and why it failed."""
-
-    id: str
-    revision: int
-    status: PlanStatus
-    cause: Cause
-    parent: str | None
-    scenario: Scenario | None
-    progress: Progress | None = None
-    error: str | None = None
-
-
-class PlanRow(BaseModel):
-    """A line of the list of plans. Times are UTC seconds since 1970."""
-
-    id: str
-    status: PlanStatus
-    revision: int
-    parent: str | None
-    cause: Cause
-    created_at: float
-    ended_at: float | None
-    summary: Summary | None
-    error: str | None
-
-
-@dataclass
-class PlanRecord:
-    """One plan resource. `result` is the plan as JSON."""
-
-    id: str
-    number: int
-    created_at: float
-    owner: str
-    revision: int
-    cause: Cause
-    parent: str | None
-    scenario: str
-    fingerprint: str | None = None
-    status: PlanStatus = PlanStatus.QUEUED
-    result: str | None = None
-    error: str | None = None
-    lane: LaneName = LaneName.REQUESTS
-    token: int = -1
-    solved: Solved | None = None
-    stored: asyncio.Future[None] = field(default_factory=lambda: _already())  # noqa: PLW0108 - defined below
-    done: asyncio.Event = field(default_factory=asyncio.Event)
-    _plan: Plan | None = None
-
-    @property
-    def plan(self) -> Plan | None:
-        """The result, None while there is none."""
-        if self._plan is None and self.result is not None:
-            self._plan = Plan.model_validate_json(self.result)
-        return self._plan
 
 
 class PlanBook:
     """All plans of this service."""
 
-    def __init__(self, solver: Solver, events: EventLog, database: Database, deadline_s: float) -> None:
-        self._solver, self._events, self._database = solver, events, database
-        self._deadline_s = deadline_s
+    def __init__(self, solver: Solver, events: EventLog, store: PlanStore, settings: Settings) -> None:
+        self._solver, self._events, self.store = solver, events, store
+        self._deadline_s, self._most_starts = settings.solve_deadline_s, settings.plan_starts
         self._active: dict[str, PlanRecord] = {}
         self._recent: OrderedDict[str, PlanRecord] = OrderedDict()
         self._tasks: set[asyncio.Task[None]] = set()
@@ -107,12 +39,11 @@ class PlanBook:
 
     async def start(self) -> None:
         """Take over what the last process left: solves it did not finish are `interrupted`."""
-        self._number = (await self._database.rows(select(func.max(table.c.number))))[0][0] or 0
-        orphans = select(table.c.id).where(table.c.status.in_([PlanStatus.QUEUED, PlanStatus.RUNNING]))
-        for row in await self._database.rows(orphans):
+        self._number = await self.store.last_number()
+        for plan_id in await self.store.unended():
             said = "the service was stopped before the plan was finished"
-            await self._store_end(row.id, PlanStatus.INTERRUPTED, None, said)
-            self._events.add("plan_ended", plan_id=row.id, status=PlanStatus.INTERRUPTED.value, error=said)
+            await self.store.end(plan_id, PlanStatus.INTERRUPTED, result=None, summary=None, error=said)
+            self._events.add("plan_ended", plan_id=plan_id, status=PlanStatus.INTERRUPTED.value, error=said)
 
     async def record(self, plan_id: str) -> PlanRecord:
         """The resource. Raises NotFoundError."""
@@ -128,16 +59,6 @@ class PlanBook:
             raise ConflictError(f"plan {plan_id!r} is {record.status.value} and has no result to use")
         return record.plan
 
-    async def rows(self, limit: int, before: int | None = None, status: PlanStatus | None = None) -> list[Row[Any]]:
-        """The newest plans (older than number `before`), without their results."""
-        columns = [column for column in table.c if column.name not in {"scenario", "result"}]
-        wanted = select(*columns).order_by(table.c.number.desc()).limit(limit)
-        if before is not None:
-            wanted = wanted.where(table.c.number < before)
-        if status is not None:
-            wanted = wanted.where(table.c.status == status)
-        return list(await self._database.rows(wanted))
-
     # -- making and ending them -----------------------------------------------------------------------------------
 
     async def submit(
@@ -147,7 +68,9 @@ class PlanBook:
         if found := await self._made_before(creation):
             return found
         text = scenario.model_dump_json()
-        job = Job(scenario=text, deadline_s=deadline_s or self._deadline_s, starts=starts)
+        job = Job(
+            scenario=text, deadline_s=deadline_s or self._deadline_s, starts=starts, most_starts=self._most_starts
+        )
         return self._start(job, creation, LaneName.REQUESTS, cause=Cause(), revision=1, parent=None, scenario=text)
 
     async def submit_replan(
@@ -186,8 +109,7 @@ class PlanBook:
         )
         record.status, record.result = plan.status, plan.model_dump_json()
         record.done.set()
-        row = self._row(record) | {"ended_at": time.time(), "summary": plan.summary.model_dump_json()}
-        await self._database.write((_INSERT, row | {"result": record.result}))
+        await self.store.add_ended(record, plan.summary.model_dump_json())
         self._remember(record)
         self._events.add("plan_ended", plan_id=record.id, status=record.status.value, error=None)
         return plan
@@ -195,7 +117,7 @@ class PlanBook:
     async def cancel(self, plan_id: str) -> PlanRecord:
         """Ask a running plan to return the best it has; a finished one stays as it is."""
         record = await self.record(plan_id)
-        if record.status not in ENDED:
+        if not record.ended:
             self._solver[record.lane].stop(record.token)
         return record
 
@@ -210,34 +132,33 @@ class PlanBook:
             return False
         return True
 
-    def view(self, record: PlanRecord) -> UnfinishedPlan:
-        """What the client sees of a plan without a result."""
-        lane = self._solver[record.lane]
-        under_way = record.status not in ENDED
-        if under_way and lane.running(record.token):
-            record.status = PlanStatus.RUNNING
-        return UnfinishedPlan(
+    async def text(self, record: PlanRecord) -> str:
+        """The plan as JSON; without a result: what is known of it, and the best plan so far."""
+        best = await self._best_so_far(record)
+        if record.result is not None:
+            return record.result
+        known = UnfinishedPlan(
             id=record.id,
             revision=record.revision,
             status=record.status,
             cause=record.cause,
             parent=record.parent,
             scenario=Scenario.model_validate_json(record.scenario),
-            progress=lane.progress(record.token) if under_way else None,
+            progress=None if record.ended else self._solver[record.lane].progress(record.token),
             error=record.error,
         )
+        return f'{known.model_dump_json(exclude={"best"})[:-1]},"best":{best or "null"}}}'
+
+    async def _best_so_far(self, record: PlanRecord) -> str | None:
+        lane = self._solver[record.lane]
+        if record.ended or not lane.running(record.token):
+            return None
+        record.status = PlanStatus.RUNNING
+        return await lane.best(record.token, record.id)
 
     async def forget_ended(self, before: float) -> int:
         """Delete plans that ended before that UTC second and that no operation flew; how many."""
-        old = select(table.c.id).where(table.c.ended_at < before, table.c.id.not_in(select(operations.c.plan_id)))
-        flown = {
-            one
-            for row in await self._database.rows(select(operations.c.document))
-            for one in (entry["plan_id"] for entry in json.loads(row.document).get("timeline", []))
-        }
-        gone = [row.id for row in await self._database.rows(old) if row.id not in flown]
-        for start in range(0, len(gone), 500):
-            await self._database.write(delete(table).where(table.c.id.in_(gone[start : start + 500])))
+        gone = await self.store.forget_ended(before)
         for plan_id in gone:
             self._recent.pop(plan_id, None)
         return len(gone)
@@ -277,7 +198,7 @@ class PlanBook:
         record = self._new(creation, lane=lane, token=token, **fields)
         job.identity.update(id=record.id, cause=record.cause.model_dump(mode="json"))
         self._active[record.id] = record
-        record.stored = self._database.write_soon((_INSERT, self._row(record)))
+        record.stored = self.store.add(record)
         task = asyncio.create_task(self._solve(record, job))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
@@ -302,39 +223,13 @@ class PlanBook:
 
     async def _end(self, record: PlanRecord) -> None:
         try:
-            await self._store_end(record.id, record.status, record.solved, record.error)
+            summary = record.solved.summary if record.solved else None
+            await self.store.end(record.id, record.status, result=record.result, summary=summary, error=record.error)
         finally:
             self._active.pop(record.id, None)
             self._remember(record)
             record.done.set()
             self._events.add("plan_ended", plan_id=record.id, status=record.status.value, error=record.error)
-
-    def _store_end(
-        self, plan_id: str, status: PlanStatus, solved: Solved | None, error: str | None
-    ) -> asyncio.Future[None]:
-        row = {
-            "plan_id": plan_id,
-            "new_status": status.value,
-            "new_ended_at": time.time(),
-            "new_summary": solved.summary if solved else None,
-            "new_result": solved.plan if solved else None,
-            "new_error": error,
-        }
-        return self._database.write_soon((_END, row))
-
-    def _row(self, record: PlanRecord) -> dict[str, Any]:
-        return {
-            "id": record.id,
-            "number": record.number,
-            "created_at": record.created_at,
-            "owner": record.owner,
-            "fingerprint": record.fingerprint,
-            "status": record.status.value,
-            "revision": record.revision,
-            "parent": record.parent,
-            "cause": record.cause.model_dump_json(),
-            "scenario": record.scenario,
-        }
 
     def _remember(self, record: PlanRecord) -> None:
         self._recent[record.id] = record
@@ -342,31 +237,7 @@ class PlanBook:
             self._recent.popitem(last=False)
 
     async def _load(self, plan_id: str) -> PlanRecord | None:
-        rows = await self._database.rows(select(table).where(table.c.id == plan_id))
-        if not rows:
-            return None
-        row = rows[0]
-        record = PlanRecord(
-            id=row.id,
-            number=row.number,
-            created_at=row.created_at,
-            owner=row.owner,
-            fingerprint=row.fingerprint,
-            revision=row.revision,
-            cause=Cause.model_validate_json(row.cause),
-            parent=row.parent,
-            scenario=row.scenario,
-            status=PlanStatus(row.status),
-            result=row.result,
-            error=row.error,
-        )
-        record.done.set()
-        self._remember(record)
-        return record
-
-
-def _already() -> asyncio.Future[None]:
-    """The future of something that is stored."""
-    done: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-    done.set_result(None)
-    return done
+        found = await self.store.load(plan_id)
+        if found is not None:
+            self._remember(found)
+        return found

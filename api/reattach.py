@@ -16,6 +16,8 @@ from sqlalchemy import Row, select
 
 from api.fleet import Fleet
 from api.flight import Flight
+from api.given import MissionBook
+from api.guidance import Way
 from api.journal import Entry, Step, last_incident
 from api.losses import Loss
 from api.operation import Books, Head, Operation
@@ -34,7 +36,8 @@ async def restored(row: Row[Any], parts: Parts, books: Books, fleet: Fleet) -> O
     """An operation as it was last stored, with its slot clock where it is now."""
     said = json.loads(row.document)
     timeline = [InForce(entry["from_s"], await parts.plans.finished(entry["plan_id"])) for entry in said["timeline"]]
-    flight = Flight(timeline[0].plan, said["vehicles"], fleet, parts.clock)
+    way = Way.after_restart(said.get("way", {}))
+    flight = Flight(timeline[0].plan, said["vehicles"], fleet, parts.clock, way)
     flight.timeline = timeline
     why = {uav: Loss(**loss) for uav, loss in said.get("losses", {}).items()}
     flight.roster.recall(said["lost"], why, set(said["returned"]))
@@ -43,6 +46,8 @@ async def restored(row: Row[Any], parts: Parts, books: Books, fleet: Fleet) -> O
     elif said["slot0_at"] is not None:
         flight.go_on_from((time.time() - said["slot0_at"]) * parts.clock.scale)
     flight.recall(await stored_track(row.id, books))
+    flight.guidance.book = MissionBook(books.database, row.id)
+    await flight.guidance.recall(said.get("ghosts", []))
     head = Head(
         id=row.id,
         number=row.number,

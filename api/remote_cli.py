@@ -12,14 +12,14 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from api.cli_files import Json, read_scenario
 from api.client import Client
 from api.errors import InvalidError, ServiceError
 from api.operation_views import OperationView
-from planner import EXAMPLES, Scenario
+from planner import EXAMPLES
 
 ServiceUrl = Annotated[str, typer.Option(envvar="SKYFOLIO_SERVICE", help="Where the service is.")]
 Key = Annotated[str | None, typer.Option(envvar="SKYFOLIO_KEY", help="API key, where one is needed.")]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON only.")]
 LOCAL = "http://127.0.0.1:8080"
 
 
@@ -31,17 +31,31 @@ def fly(
     scenario: Annotated[Path | None, typer.Argument(help="Scenario as JSON.")] = None,
     example: Annotated[str | None, typer.Option(help=f"Fly a ready scenario: {', '.join(EXAMPLES)}.")] = None,
     replanning: Annotated[str, typer.Option(help="After a loss: auto, approve or off.")] = "auto",
+    guidance: Annotated[str, typer.Option(help="By mission, or by a stream of setpoints.")] = "mission",
+    stream_fallback: Annotated[str, typer.Option(help="When the stream ends: fly on by mission, or hold.")] = "mission",
+    at_end: Annotated[str, typer.Option(help="After the last slot: land or return.")] = "land",
     service: ServiceUrl = LOCAL,
     key: Key = None,
     as_json: Json = False,
 ) -> None:
     """Plan a scenario at the service and fly it with the vehicles registered there."""
-    if replanning not in {"auto", "approve", "off"}:
-        raise InvalidError(f"replanning: {replanning!r} must be auto, approve or off")
-    wanted = _scenario(scenario, example)
+    order = {
+        "replanning": _one_of("replanning", replanning, "auto", "approve", "off"),
+        "guidance": _one_of("guidance", guidance, "mission", "stream"),
+        "stream_fallback": _one_of("stream_fallback", stream_fallback, "mission", "hold"),
+        "at_end": _one_of("at_end", at_end, "land", "return"),
+    }
+    wanted = read_scenario(scenario, example)
     with _Asking(service, key) as client:
         plan = client.plan(wanted)
-        _show(client.fly(plan.id, replanning=replanning), as_json=as_json)  # type: ignore[arg-type]
+        _show(client.fly(plan.id, **order), as_json=as_json)  # type: ignore[arg-type]
+
+
+def _one_of(name: str, value: str, *allowed: str) -> str:
+    """Raises InvalidError naming the option and what it may be."""
+    if value not in allowed:
+        raise InvalidError(f"{name}: {value!r} must be one of {', '.join(allowed)}")
+    return value
 
 
 def status(
@@ -87,19 +101,6 @@ class _Asking(Client):
         self.close()
         if isinstance(error, httpx2.TransportError):
             raise UnreachableError(f"service: nobody answers at {self._where} ({error})") from error
-
-
-def _scenario(file: Path | None, example: str | None) -> Scenario:
-    if (file is None) == (example is None):
-        raise InvalidError("scenario: give a FILE or --example NAME, one of them")
-    if file is not None:
-        try:
-            return Scenario.model_validate_json(file.read_text(encoding="utf-8"))
-        except OSError as error:
-            raise InvalidError(f"scenario: {error}") from error
-    if example not in EXAMPLES:
-        raise InvalidError(f"example: {example!r} must be one of {', '.join(EXAMPLES)}")
-    return EXAMPLES[example]()
 
 
 def _show(view: OperationView, *, as_json: bool) -> None:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 
+from api.errors import ConflictError
 from api.fleet import Fleet
 from api.guidance import FlightGuidance
 from api.losses import Loss, seen, silent
 from api.rates import Point
 from mavlink_bridge import LinkEvent, LinkState, geodetic_to_east_north
+from mavlink_bridge.conditions import Condition
 from planner import Origin
 
 
@@ -45,13 +48,14 @@ class Roster:
         self.lost, self.returned = lost, returned
         self.losses = {uav: losses.get(uav, silent(0.0)) for uav in lost}
 
-    def follow(self) -> asyncio.Queue[LinkEvent]:
-        """Begin to receive link events."""
-        return self._fleet.follow()
-
-    def unfollow(self, queue: asyncio.Queue[LinkEvent]) -> None:
-        """Stop receiving them."""
-        self._fleet.unfollow(queue)
+    @contextmanager
+    def following(self) -> Iterator[asyncio.Queue[LinkEvent]]:
+        """A queue that gets every link event meanwhile."""
+        queue = self._fleet.follow()
+        try:
+            yield queue
+        finally:
+            self._fleet.unfollow(queue)
 
     def newly_lost(self, queue: asyncio.Queue[LinkEvent]) -> dict[str, Loss]:
         """UAVs that are lost since the last call, and why: fallen silent in flight, or seen in no state to serve."""
@@ -103,6 +107,30 @@ class Roster:
         self.lost.pop(uav)
         self.losses.pop(uav)
         self._guidance.found(uav)
+
+    @property
+    def low_on_battery(self) -> dict[str, str]:
+        """UAVs that still count and whose battery is low, and how low: the operator may send them home."""
+        low = {}
+        for uav, system in self._systems.items():
+            change = self._fleet.condition(system)
+            if change is not None and change.after is Condition.LOW_BATTERY and self._may_retire(uav):
+                low[uav] = change.cause
+        return low
+
+    def _may_retire(self, uav: str) -> bool:
+        return self.may_command(uav) and not self.is_down(uav)
+
+    async def retire(self, uav: str) -> Loss:
+        """Send a UAV home; from then on it counts no more. Raises ConflictError when it is not ours, or does not go."""
+        if not self._may_retire(uav):
+            raise ConflictError(f"uav_id: {uav!r} is not in the air, or not ours to command")
+        because = self.low_on_battery.get(uav, "no low battery")
+        system = self._systems[uav]
+        error = (await self._fleet.link.return_home([system]))[system].error
+        if error is not None:
+            raise ConflictError(f"uav_id: {uav!r} does not return: {error}")
+        return self._lose(uav, Loss("battery", f"sent home by the operator: {because}"))
 
     def may_command(self, uav: str) -> bool:
         """Whether it is ours: a human, a failsafe or a crash is never overruled, not even before it is declared."""

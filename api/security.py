@@ -20,8 +20,10 @@ from api.errors import NotFoundError
 from api.store import Database
 from api.store.tables import api_keys as table
 
-REMEMBER_S = 2.0
+REMEMBER_S = 1.0
 """A revoked key works at most this long; a new one is known after it."""
+RECHECK_S = 0.5
+"""How often what stays open looks whether its key still works."""
 MOST_REMEMBERED = 10_000
 
 

@@ -19,11 +19,13 @@ from api.metrics import Metrics
 from api.operation import Books
 from api.operations import Operations
 from api.plan_book import PlanBook
+from api.plan_store import PlanStore
 from api.resilience import Parts
 from api.security import KeyRing
 from api.settings import Settings
 from api.simulated import SimulatedFleet, own_endpoint, scenario_of
-from api.solver import Job, LaneName, SolveError, Solver
+from api.solver import LaneName, SolveError, Solver
+from api.solving import Job
 from api.store import Database, StoreError
 from planner import EXAMPLES
 
@@ -41,7 +43,7 @@ class Service:
         self.metrics = Metrics()
         self.keys = KeyRing(database)
         self.solver = Solver(settings.workers, settings.queue_limit)
-        self.plans = PlanBook(self.solver, events, database, settings.solve_deadline_s)
+        self.plans = PlanBook(self.solver, events, PlanStore(database), settings)
         self.contingencies = Contingencies(self.solver, database)
         self.journal = Journal(database)
         self.simulated, settings = _simulated(settings)

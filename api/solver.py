@@ -11,42 +11,21 @@ import asyncio
 import multiprocessing
 import os
 import signal
-import threading
+import tempfile
 import time
-from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
-from dataclasses import dataclass, field
 from enum import StrEnum
-from multiprocessing import connection
-from typing import Any
+from pathlib import Path
 
-from pydantic import BaseModel
-
+from api.board import Board, Progress
 from api.errors import BusyError
-from planner import (
-    EXAMPLES,
-    AnyOf,
-    Cause,
-    Deadline,
-    Iteration,
-    Plan,
-    PlanStatus,
-    ReplanError,
-    Scenario,
-    StopToken,
-    converged,
-    plan,
-    replan,
-)
+from api.solving import Job, Solved, begin_worker, run
+from planner import EXAMPLES, PlanStatus
 
 OVERRUN_S = 10.0
 """A worker that is so late beyond its deadline hangs, and is killed."""
-_FIELDS = 5  # of a job's board: worker's process id, when it began, iterations, utility, mean sum rate
-
-_stop_flags: Any = ()
-_board: Any = ()
 
 
 class LaneName(StrEnum):
@@ -64,116 +43,13 @@ class SolveError(Exception):
         self.status = status
 
 
-class Progress(BaseModel):
-    """How far a running solve is: the best feasible plan so far is worth this much. Rates in bit/s."""
-
-    iterations: int
-    utility_bps: float
-    mean_sum_rate_bps: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class Job:
-    """One solve, as JSON: a scenario to plan, or a previous plan to replan with `request` (as `planner.replan`).
-
-    `starts`: how many the optimiser climbs from; None lets it choose by size.
-    """
-
-    scenario: str | None = None
-    previous: str | None = None
-    request: dict[str, Any] = field(default_factory=dict)
-    identity: dict[str, Any] = field(default_factory=dict)
-    deadline_s: float = 60.0
-    starts: int | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class Solved:
-    """What a worker hands back: a plan as JSON with its status, or how it failed."""
-
-    status: PlanStatus
-    plan: str = ""
-    summary: str = ""
-    iterations: int = 0
-    solve_ms: float = 0.0
-    error: str | None = None
-
-
-# --- in a worker ---
-
-
-def _begin_worker(flags: Any, board: Any) -> None:
-    global _stop_flags, _board
-    _stop_flags, _board = flags, board
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C in a terminal reaches the group; the service ends workers
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    """A worker of a service that was killed would wait for jobs forever."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        connection.wait([parent.sentinel])
-        os._exit(1)
-
-
-def _run(job: Job, token: int) -> Solved:
-    _board[token * _FIELDS : token * _FIELDS + 2] = [os.getpid(), time.monotonic()]
-    try:
-        made = _solve(job, token)
-    except ReplanError as error:
-        return Solved(status=PlanStatus.INFEASIBLE, error=str(error))
-    except ValueError as error:
-        return Solved(status=PlanStatus.INFEASIBLE, error=str(error))
-    except Exception as error:  # noqa: BLE001 - whatever it is, it must not break the pool
-        return Solved(status=PlanStatus.FAILED, error=f"{type(error).__name__}: {error}")
-    finally:
-        _board[token * _FIELDS] = 0
-    return Solved(
-        status=made.status,
-        plan=made.model_dump_json(),
-        summary=made.summary.model_dump_json(),
-        iterations=len(made.history),
-        solve_ms=made.solve_ms or 0.0,
-    )
-
-
-def _solve(job: Job, token: int) -> Plan:
-    stop = AnyOf(
-        converged(), StopToken(lambda: bool(_stop_flags[token])), Deadline(job.deadline_s, clock=time.monotonic)
-    )
-    identity = {**job.identity, "cause": Cause.model_validate(job.identity.get("cause", {}))}
-    options = {
-        "stop": stop,
-        "n_starts": job.starts,
-        "clock": time.perf_counter,
-        "observer": _observer(token),
-        **identity,
-    }
-    if job.previous is not None:
-        return replan(Plan.model_validate_json(job.previous), **job.request, **options)
-    assert job.scenario is not None  # noqa: S101 - one of the two is always given
-    return plan(Scenario.model_validate_json(job.scenario), **options)
-
-
-def _observer(token: int) -> Callable[[Iteration], None]:
-    def note(iteration: Iteration) -> None:
-        at = token * _FIELDS
-        _board[at + 2 : at + _FIELDS] = [iteration.iteration, iteration.utility_bps, iteration.mean_sum_rate_bps]
-
-    return note
-
-
-# --- in the service ---
-
-
 class Lane:
-    """A pool of planner processes with a bounded queue; a stop flag and a progress board for each job."""
+    """A pool of planner processes with a bounded queue, and a board on which each job has a row."""
 
     def __init__(self, workers: int, queue_limit: int) -> None:
         self._context = multiprocessing.get_context("spawn")
-        self._flags = self._context.Array("b", queue_limit, lock=False)
-        self._board = self._context.Array("d", queue_limit * _FIELDS, lock=False)
+        self._folder = tempfile.TemporaryDirectory(prefix="skyfolio-plans-")
+        self._board = Board(self._context, queue_limit, Path(self._folder.name))
         self._free = list(range(queue_limit))
         self._limit = queue_limit
         self.workers = workers
@@ -181,7 +57,7 @@ class Lane:
 
     def _make_pool(self) -> ProcessPoolExecutor:
         return ProcessPoolExecutor(
-            self.workers, mp_context=self._context, initializer=_begin_worker, initargs=(self._flags, self._board)
+            self.workers, mp_context=self._context, initializer=begin_worker, initargs=(self._board,)
         )
 
     @property
@@ -194,24 +70,27 @@ class Lane:
         if not self._free:
             raise BusyError(f"queue: {self._limit} solves are already waiting or running")
         token = self._free.pop()
-        self._flags[token] = 0
-        self._board[token * _FIELDS : (token + 1) * _FIELDS] = [0.0] * _FIELDS
+        self._board.clear(token)
         return token
 
     def stop(self, token: int) -> None:
         """Ask the job with this token to return the best it has."""
-        self._flags[token] = 1
+        self._board.stop(token)
 
     def running(self, token: int) -> bool:
         """Whether a worker has begun with the job."""
-        return float(self._board[token * _FIELDS + 1]) > 0
+        return self._board.worker(token).began_s > 0
 
     def progress(self, token: int) -> Progress | None:
         """What the job has reached, None before its first iteration."""
-        _, _, iterations, utility, rate = self._board[token * _FIELDS : (token + 1) * _FIELDS]
-        if not iterations:
+        return self._board.progress(token)
+
+    async def best(self, token: int, plan_id: str) -> str | None:
+        """The best feasible plan of the job so far, as JSON; None while it has shown none, or is another plan's."""
+        if not self.running(token):
             return None
-        return Progress(iterations=int(iterations), utility_bps=utility, mean_sum_rate_bps=rate)
+        shown = await asyncio.to_thread(self._board.best, token)
+        return shown if shown is not None and shown.startswith(f'{{"id":"{plan_id}",') else None
 
     async def solve(self, job: Job, token: int | None = None) -> Solved:
         """Run the job in a worker. Raises SolveError; a job whose worker died is tried once more."""
@@ -234,12 +113,12 @@ class Lane:
     async def _submit(self, job: Job, token: int) -> Solved:
         pool = self._pool
         try:
-            future = asyncio.wrap_future(pool.submit(_run, job, token))
+            future = asyncio.wrap_future(pool.submit(run, job, token))
             while not (await asyncio.wait([future], timeout=OVERRUN_S))[0]:
-                pid, began = self._board[token * _FIELDS : token * _FIELDS + 2]
-                if pid and time.monotonic() > began + job.deadline_s + OVERRUN_S:
+                pid, began_s = self._board.worker(token)
+                if pid and time.monotonic() > began_s + job.deadline_s + OVERRUN_S:
                     with suppress(ProcessLookupError):
-                        os.kill(int(pid), signal.SIGKILL)
+                        os.kill(pid, signal.SIGKILL)
                     raise TimeoutError
             return future.result()
         except BrokenProcessPool:
@@ -255,8 +134,9 @@ class Lane:
     def close(self) -> None:
         """End the workers; jobs that wait are dropped, those that run are asked to stop."""
         for token in range(self._limit):
-            self._flags[token] = 1
+            self._board.stop(token)
         self._pool.shutdown(wait=True, cancel_futures=True)
+        self._folder.cleanup()
 
 
 class Solver:

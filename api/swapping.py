@@ -53,6 +53,7 @@ class Swap:
             missions = self._missions(plan, uavs)
         except (BridgeError, ReplanError) as error:
             return dict.fromkeys(uavs, str(error))
+        await self._flight.guidance.remember(missions)
         told = {uav: self._intent(plan, mission, attempt) for uav, mission in missions.items()}
         await self._steps.step_each(Step.UPLOADING, told)
         results = await asyncio.gather(*(self._one(plan, uav, mission) for uav, mission in missions.items()))

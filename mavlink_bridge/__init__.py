@@ -2,7 +2,8 @@
 
     plan --schedule, pace--> writer (px4, ardupilot) --compiler--> Mission --verified, transfer--> vehicle
     vehicle --endpoints, hub (routing, signing, watchers, tlog)--> MAVSDK --vehicle, telemetry--> classifier --> Change
-    flight: launch, go to, start, swap in flight, hold, land     guidance: keeper over missions, or stream of setpoints
+    departure: launch, go to, start together       flight: swap in flight, hold, land
+    guidance: keeper over missions, or stream of setpoints
     before take-off: models, parameters, preflight, fence        after a loss: ghosts, transitions
 
 Pure and testable without a socket: everything that plans, compares, judges or speaks a protocol (`mission_protocol`,
@@ -21,6 +22,7 @@ from mavlink_bridge.errors import (
     CompileError,
     ConnectionFailed,
     FormatError,
+    GuardFailed,
     LinkClosed,
     LinkError,
     ReturnPathsTooClose,
@@ -55,6 +57,7 @@ __all__ = [
     "FlightMode",
     "FormatError",
     "Frame",
+    "GuardFailed",
     "HeartbeatMonitor",
     "LandedState",
     "LinkClosed",

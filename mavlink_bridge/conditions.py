@@ -41,6 +41,7 @@ class Timing:
 
     lost_after_s is a little more than five heartbeats of a 1 Hz stream: only five lost in a row look like a loss.
     low_battery, full_again: share of charge (0..1) at which the battery counts as low, and as not low any more.
+    proof_s: in which a UAV that rebooted in the air may tell that it flies its mission on.
     crash_descent_mps: sinking faster than this for crash_after_s, other than by a landing, is falling. crash_height_m:
     disarmed higher than this above home is falling too.
     """
@@ -54,6 +55,7 @@ class Timing:
     clear_after_s: float = 3.0
     landed_after_s: float = 1.0
     rebooted_for_s: float = 10.0
+    proof_s: float = 2.5
     low_battery: float = 0.2
     full_again: float = 0.25
     battery_after_s: float = 3.0
@@ -74,13 +76,17 @@ class Timing:
 
 @dataclass(frozen=True, kw_only=True)
 class Change:
-    """A change of condition at `at_s`; `cause` says what was seen, with numbers."""
+    """A change of condition at `at_s`; `cause` says what was seen, with numbers.
+
+    flies_on: it rebooted in the air, and has told since that it flies the same mission on.
+    """
 
     system_id: int
     before: Condition
     after: Condition
     cause: str
     at_s: float
+    flies_on: bool = False
 
 
 class Lasting:

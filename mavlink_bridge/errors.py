@@ -87,6 +87,10 @@ class LinkClosed(LinkError):
     """The fleet link was used before it was opened or after it was closed."""
 
 
+class GuardFailed(LinkError):
+    """There is no guard process: vehicles hold when the process that streams to them dies."""
+
+
 class SigningKeyInvalid(LinkError):
     """The key messages are signed with cannot be used; the text never shows it."""
 

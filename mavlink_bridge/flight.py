@@ -1,4 +1,4 @@
-"""Fly one vehicle: launch, go to, start, swap in flight, hold, land. All waits are wall seconds.
+"""Command one vehicle in flight: modes, items, swap, hold, land. All waits are wall seconds.
 
 Every command is confirmed by what the vehicle reports afterwards, not by its acknowledgement alone. A vehicle whose
 mode is not one of ours (a pilot took over, a failsafe flies) is left alone.
@@ -8,20 +8,14 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable
-from math import hypot, nan
 
 from mavlink_bridge.autopilots import HOLD_MODE, OURS, Autopilot, FlightMode, mode_numbers
-from mavlink_bridge.geodesy import geodetic_to_east_north, to_e7
-from mavlink_bridge.items import Frame, Mission
+from mavlink_bridge.items import Mission
 from mavlink_bridge.mission_messages import Message
 from mavlink_bridge.results import CommandResult, SwapResult, UploadResult
 from mavlink_bridge.transfer import upload_verified
 from mavlink_bridge.vehicle import NotDone, Vehicle
-from planner.scenario import Origin
 
-ALTITUDE_TOLERANCE_M = 1.0
-ARRIVAL_TOLERANCE_M = 1.0
-ARRIVAL_SPEED_MPS = 0.5
 CONFIRM_S = 3.0
 """Wall seconds to report that it does what it acknowledged; HEARTBEAT and MISSION_CURRENT come at 1 Hz."""
 ASK_AGAIN_S = 0.1
@@ -35,11 +29,10 @@ SWAP_SILENCE_S = 1.5
 PROOF_S = 2.0
 """A vehicle that flies on during its swap (PX4) is told to hold when the new mission is not proven by then."""
 
-_SET_MODE, _ARM, _TAKEOFF, _LAND, _REPOSITION = 176, 400, 22, 21, 192
-_CHANGE_SPEED, _MISSION_START, _SET_CURRENT, _INTERVAL, _REQUEST = 178, 300, 224, 511, 512
-_CUSTOM_MODE = 1.0
+SET_MODE, _CHANGE_SPEED, _SET_CURRENT, _INTERVAL, _REQUEST = 176, 178, 224, 511, 512
+CUSTOM_MODE = 1.0
+"""param1 of SET_MODE (MAV_CMD_DO_SET_MODE): param2 and 3 are the autopilot's own numbers."""
 _GROUND_SPEED, _THROTTLE_UNCHANGED = 1.0, -1.0
-_CHANGE_MODE = 1.0
 _MISSION_CURRENT, _HOME_POSITION = 42, 242
 
 
@@ -61,44 +54,9 @@ async def ask_for_streams(vehicle: Vehicle) -> None:
 async def set_mode(vehicle: Vehicle, mode: FlightMode) -> None:
     """Change the mode and see it in HEARTBEAT."""
     main, sub = mode_numbers(vehicle.autopilot, mode)
-    vehicle.announce(mode)
-    await vehicle.command(_SET_MODE, _CUSTOM_MODE, main, sub)
-    await _in_mode(vehicle, mode)
-
-
-async def launch(vehicle: Vehicle, altitude_m: float, timeout_s: float) -> None:
-    """Arm, take off, and be within 1 m of `altitude_m` above home (or higher) in `timeout_s` wall seconds."""
-    now = vehicle.state.snapshot()
-    if now is None:
-        raise NotDone("its position is not known yet")
-    if vehicle.autopilot is Autopilot.ARDUPILOT:
-        await set_mode(vehicle, FlightMode.GUIDED)
-        await vehicle.command(_ARM, 1.0)
-        await vehicle.command(_TAKEOFF, 0, 0, 0, None, 0, 0, altitude_m)
-    else:
-        await vehicle.command(_ARM, 1.0)
-        home_amsl_m = now.altitude_amsl_m - now.relative_alt_m
-        await vehicle.command(_TAKEOFF, None, 0, 0, None, None, None, home_amsl_m + altitude_m)
-    if not await vehicle.wait_until(lambda: _altitude(vehicle) >= altitude_m - ALTITUDE_TOLERANCE_M, timeout_s):
-        raise NotDone(f"at {_altitude(vehicle):.1f} of {altitude_m:g} m after {timeout_s:g} s")
-
-
-async def go_to(vehicle: Vehicle, lat_deg: float, lon_deg: float, relative_alt_m: float, timeout_s: float) -> None:
-    """Fly straight to a point (degrees, metres above home) and come to rest there."""
-    if vehicle.state.snapshot() is None:
-        raise NotDone("its position is not known yet")
-    await vehicle.command_int(
-        _REPOSITION,
-        frame=Frame.GLOBAL_RELATIVE_ALT_INT,
-        x=to_e7(lat_deg),
-        y=to_e7(lon_deg),
-        z=relative_alt_m,
-        param1=-1.0,
-        param2=_CHANGE_MODE,
-        param4=None,
-    )
-    if not await vehicle.wait_until(lambda: _is_at(vehicle, lat_deg, lon_deg, relative_alt_m), timeout_s):
-        raise NotDone(f"{_distance(vehicle, lat_deg, lon_deg):.1f} m away after {timeout_s:g} s")
+    with vehicle.commanding(mode):
+        await vehicle.command(SET_MODE, CUSTOM_MODE, main, sub)
+        await _in_mode(vehicle, mode)
 
 
 async def set_current(vehicle: Vehicle, item: int) -> None:
@@ -111,19 +69,11 @@ async def set_current(vehicle: Vehicle, item: int) -> None:
         address = {"target_system": vehicle.system_id, "target_component": 1}
         vehicle.send(Message("MISSION_SET_CURRENT", {**address, "seq": item}))
     reports = vehicle.state.mission_reports
-    seen = await _ask_until(
+    seen = await ask_until(
         vehicle, lambda: vehicle.state.mission_reports > reports and vehicle.state.mission_current == item
     )
     if not seen:
-        raise NotDone(f"item {item} did not become current: {_seen(vehicle)}")
-
-
-async def start(vehicle: Vehicle, item: int) -> None:
-    """Enter mission mode and see it fly `item` or a later one (HEARTBEAT and MISSION_CURRENT)."""
-    reports = vehicle.state.mission_reports
-    await set_mode(vehicle, FlightMode.MISSION)
-    if not await _ask_until(vehicle, lambda: _flies_from(vehicle, item, reports)):
-        raise NotDone(f"not flying item {item} after {CONFIRM_S:g} s: {_seen(vehicle)}")
+        raise NotDone(f"item {item} did not become current: {seen_of(vehicle)}")
 
 
 async def change_speed(vehicle: Vehicle, speed_mps: float) -> None:
@@ -155,8 +105,8 @@ async def swap(vehicle: Vehicle, mission: Mission, given_up: Callable[[], bool])
     loop = asyncio.get_running_loop()
     started = loop.time()
     autopilot = vehicle.state.autopilot
-    if not _is_ours(vehicle):
-        return _refused(vehicle, _not_ours(vehicle))
+    if not is_ours(vehicle):
+        return _refused(vehicle, not_ours(vehicle))
     upload = UploadResult(system_id=vehicle.system_id, seconds=0.0, error="not tried")
     error: str | None = None
     if autopilot is Autopilot.ARDUPILOT:
@@ -164,7 +114,7 @@ async def swap(vehicle: Vehicle, mission: Mission, given_up: Callable[[], bool])
     if error is None:
         upload = await _upload_or_hold(vehicle, mission, given_up)
         error = upload.error or await error_of(_fly_new(vehicle, mission, upload.mission_id))
-    held = error is not None and _is_ours(vehicle) and await error_of(hold(vehicle)) is None
+    held = error is not None and is_ours(vehicle) and await error_of(hold(vehicle)) is None
     return SwapResult(system_id=vehicle.system_id, seconds=loop.time() - started, error=error, upload=upload, held=held)
 
 
@@ -182,12 +132,13 @@ async def _upload_or_hold(vehicle: Vehicle, mission: Mission, given_up: Callable
         upload.cancel()
 
 
-def _is_ours(vehicle: Vehicle) -> bool:
+def is_ours(vehicle: Vehicle) -> bool:
     """Whether it is in a mode of ours; in any other a human or a failsafe flies it, and is not overruled."""
     return vehicle.state.autopilot is not None and vehicle.state.mode in OURS[vehicle.state.autopilot]
 
 
-def _not_ours(vehicle: Vehicle) -> str:
+def not_ours(vehicle: Vehicle) -> str:
+    """Why it is not commanded, in words."""
     return f"not ours to command: it is in mode '{vehicle.state.mode}'"
 
 
@@ -203,18 +154,18 @@ async def _fly_new(vehicle: Vehicle, mission: Mission, mission_id: int) -> None:
     item would undo what it has flown since.
     """
     told = mission_id != 0 and vehicle.autopilot is Autopilot.PX4
-    if told and await _ask_until(vehicle, lambda: _flies_new(vehicle, mission, mission_id, -1), 2 * ASK_AGAIN_S):
+    if told and await ask_until(vehicle, lambda: _flies_new(vehicle, mission, mission_id, -1), 2 * ASK_AGAIN_S):
         return
-    if not _is_ours(vehicle):
-        raise NotDone(_not_ours(vehicle))
+    if not is_ours(vehicle):
+        raise NotDone(not_ours(vehicle))
     reports = vehicle.state.mission_reports
     await set_current(vehicle, mission.start_item)
-    if not _is_ours(vehicle):
-        raise NotDone(_not_ours(vehicle))
+    if not is_ours(vehicle):
+        raise NotDone(not_ours(vehicle))
     if vehicle.state.mode is not FlightMode.MISSION:
         await set_mode(vehicle, FlightMode.MISSION)
-    if not await _ask_until(vehicle, lambda: _flies_new(vehicle, mission, mission_id, reports)):
-        raise NotDone(f"not flying the new mission after {CONFIRM_S:g} s: {_seen(vehicle)}")
+    if not await ask_until(vehicle, lambda: _flies_new(vehicle, mission, mission_id, reports)):
+        raise NotDone(f"not flying the new mission after {CONFIRM_S:g} s: {seen_of(vehicle)}")
 
 
 def _flies_new(vehicle: Vehicle, mission: Mission, mission_id: int, reports: int) -> bool:
@@ -228,15 +179,7 @@ def _flies_new(vehicle: Vehicle, mission: Mission, mission_id: int, reports: int
     )
 
 
-def _flies_from(vehicle: Vehicle, item: int, reports: int) -> bool:
-    state = vehicle.state
-    current = state.mission_current
-    return (
-        state.mode is FlightMode.MISSION and state.mission_reports > reports and current is not None and current >= item
-    )
-
-
-async def _ask_until(vehicle: Vehicle, condition: Callable[[], bool], timeout_s: float = CONFIRM_S) -> bool:
+async def ask_until(vehicle: Vehicle, condition: Callable[[], bool], timeout_s: float = CONFIRM_S) -> bool:
     """Ask for MISSION_CURRENT every tenth of a second until the condition is true; it comes at 1 Hz by itself."""
     deadline = asyncio.get_running_loop().time() + timeout_s
     while not condition():
@@ -253,7 +196,7 @@ async def _in_mode(vehicle: Vehicle, mode: FlightMode) -> None:
     deadline = asyncio.get_running_loop().time() + CONFIRM_S
     while vehicle.state.mode is not mode:
         if asyncio.get_running_loop().time() >= deadline:
-            raise NotDone(f"acknowledged but not in mode '{mode}' after {CONFIRM_S:g} s: {_seen(vehicle)}")
+            raise NotDone(f"acknowledged but not in mode '{mode}' after {CONFIRM_S:g} s: {seen_of(vehicle)}")
         await error_of(vehicle.command(_REQUEST, 0.0))
         await vehicle.wait_until(lambda: vehicle.state.mode is mode, ASK_AGAIN_S)
 
@@ -267,29 +210,7 @@ async def error_of(done: Awaitable[None]) -> str | None:
     return None
 
 
-def _altitude(vehicle: Vehicle) -> float:
-    now = vehicle.state.snapshot()
-    return -1.0 if now is None else now.relative_alt_m
-
-
-def _distance(vehicle: Vehicle, lat_deg: float, lon_deg: float) -> float:
-    """Metres over ground between the vehicle and a point."""
-    now = vehicle.state.snapshot()
-    if now is None:
-        return nan
-    return hypot(*geodetic_to_east_north(Origin(lat_deg=lat_deg, lon_deg=lon_deg), now.lat_deg, now.lon_deg))
-
-
-def _is_at(vehicle: Vehicle, lat_deg: float, lon_deg: float, relative_alt_m: float) -> bool:
-    now = vehicle.state.snapshot()
-    return (
-        now is not None
-        and _distance(vehicle, lat_deg, lon_deg) <= ARRIVAL_TOLERANCE_M
-        and abs(now.relative_alt_m - relative_alt_m) <= ALTITUDE_TOLERANCE_M
-        and hypot(now.velocity_north_mps, now.velocity_east_mps) <= ARRIVAL_SPEED_MPS
-    )
-
-
-def _seen(vehicle: Vehicle) -> str:
+def seen_of(vehicle: Vehicle) -> str:
+    """Its mode and item, in words."""
     state = vehicle.state
     return f"mode '{state.mode}', item {state.mission_current} of {state.mission_total}"

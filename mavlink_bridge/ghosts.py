@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import hypot
+from typing import Any
 
 from mavlink_bridge.pace import Point
 from mavlink_bridge.returns import segment_distance_m
@@ -19,6 +20,7 @@ from mavlink_bridge.route import Route
 DEADLINE_S = 30 * 60.0
 """After this long in the air no battery of the class we fly lasts: the air is free again."""
 SAMPLE_S = 0.5
+_STORED = ("uav_id", "lost_at_s", "last_seen_m", "route_began_s", "home_m", "deadline_s")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,6 +91,22 @@ class Airspace:
         for uav in gone:
             self.release(uav)
         return gone
+
+    def document(self) -> list[dict[str, Any]]:
+        """The ghosts as JSON values, for `recall` after a restart."""
+        return [
+            {name: getattr(ghost, name) for name in _STORED}
+            | {"path_m": ghost.route.path_m, "slot_s": ghost.route.slot_s}
+            for ghost in self._ghosts.values()
+        ]
+
+    def recall(self, document: Iterable[Mapping[str, Any]]) -> None:
+        """Reserve again what `document` wrote."""
+        for said in document:
+            home = said["home_m"]
+            places = {"last_seen_m": tuple(said["last_seen_m"]), "home_m": None if home is None else tuple(home)}
+            route = Route([(east, north) for east, north in said["path_m"]], said["slot_s"])
+            self.reserve(Ghost(**{name: said[name] for name in _STORED} | places, route=route))
 
     def conflicts(
         self, paths_m: Mapping[str, Sequence[Point]], times_s: Sequence[float], required_m: float

@@ -2,8 +2,8 @@
 
 `keep` looks at each vehicle ten times a fleet second and gives the keeper's orders. `Stream` sends setpoints; when it
 ends, for whatever reason, the vehicles go on from the mission that is on board or hold, by policy. If this whole
-process dies, nobody is left to say so: then PX4 holds after COM_OF_LOSS_T (COM_OBL_RC_ACT) and ArduCopter after
-GUID_TIMEOUT, which is why the preflight audit insists on them.
+process dies, PX4 holds after COM_OF_LOSS_T (COM_OBL_RC_ACT) and ArduCopter after GUID_TIMEOUT, which is why the
+preflight audit insists on them; `guard` then says the rest.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from enum import StrEnum
 
 from mavsdk.plugins.mavlink_direct import MavlinkDirectError
 
-from mavlink_bridge import flight
-from mavlink_bridge.autopilots import OURS, STREAM_MODE, FlightMode
+from mavlink_bridge import departure, flight
+from mavlink_bridge.autopilots import STREAM_MODE, FlightMode
 from mavlink_bridge.geodesy import geodetic_to_east_north
 from mavlink_bridge.items import Mission
 from mavlink_bridge.keeper import Keeper, Order, Slip
@@ -161,24 +161,9 @@ class Stream:
 
     async def _hand_over(self, elapsed_s: float, slot_s: float, last: int) -> None:
         slot = min(int(elapsed_s // slot_s) + 1, last)
-        await asyncio.gather(*(self._let_go(one, slot) for one in self._streamed.values()))
-
-    async def _let_go(self, one: Streamed, slot: int) -> None:
-        """Fly the mission on board from the waypoint of this slot, or hold; not one that somebody else flies.
-
-        One that hovers because its setpoints came late (PX4 leaves OFFBOARD then) is still ours.
-        """
-        autopilot = one.vehicle.state.autopilot
-        if autopilot is None or one.vehicle.state.mode not in OURS[autopilot]:
-            return
-        try:
-            if self._fall_back is FallBack.MISSION:
-                await flight.set_current(one.vehicle, one.mission.item_of_slot(slot))
-                await flight.set_mode(one.vehicle, FlightMode.MISSION)
-                return
-        except NotDone:
-            pass  # then it holds
-        await flight.error_of(flight.hold(one.vehicle))
+        await asyncio.gather(
+            *(let_go(one.vehicle, one.mission.item_of_slot(slot), self._fall_back) for one in self._streamed.values())
+        )
 
     def _send(self, elapsed_s: float) -> None:
         for one in list(self._streamed.values()):
@@ -189,6 +174,27 @@ class Stream:
 
     async def _pause(self) -> None:
         await asyncio.sleep(max(1 / RATE_HZ / self._scale, SHORTEST_SLEEP_S))
+
+
+async def let_go(vehicle: Vehicle, item: int, fall_back: FallBack) -> str | None:
+    """Fly the mission on board from `item` on, or hold (by policy, or because it will not fly it); what went wrong.
+
+    One that somebody else flies is left to them. One that hovers because its setpoints came late (PX4 leaves OFFBOARD
+    then) is still ours.
+    """
+    if not flight.is_ours(vehicle):
+        return flight.not_ours(vehicle)
+    if fall_back is FallBack.HOLD:
+        return await flight.error_of(flight.hold(vehicle))
+    error = await flight.error_of(_fly_from(vehicle, item))
+    if error is not None:
+        await flight.error_of(flight.hold(vehicle))
+    return error
+
+
+async def _fly_from(vehicle: Vehicle, item: int) -> None:
+    await flight.set_current(vehicle, item)
+    await departure.start(vehicle, item)
 
 
 async def _mode_error(vehicle: Vehicle) -> str | None:

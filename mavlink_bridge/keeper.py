@@ -49,16 +49,19 @@ class Keeper:
     """Keeps one UAV on schedule. Times are fleet seconds since slot 0 of its plan began.
 
     `mission` is what it flies, compiled from `path_m` ((n_slots, 2) metres east/north, slot n begins at n * slot_s).
+    `since_s`: from when on it is kept; slots that began earlier have no slip.
     """
 
-    def __init__(self, path_m: list[Point], slot_s: float, mission: Mission, model: VehicleModel) -> None:
+    def __init__(
+        self, path_m: list[Point], slot_s: float, mission: Mission, model: VehicleModel, *, since_s: float = 0.0
+    ) -> None:
         self._route = Route(path_m, slot_s)
         self._mission, self._model = mission, model
         self._stops = sorted(mission.slot_of_item.items())
         self._ordered_s = -EVERY_S
         self._ordered_item = -1
         self._speed_mps: float | None = None
-        self._next_slot = 1
+        self._next_slot = int(max(since_s, 0.0) // slot_s) + 1
 
     def advise(self, now_s: float, point_m: Point, velocity_mps: Point, current_item: int) -> Order | None:
         """The order to give now, if any. `current_item`: the seq of MISSION_CURRENT."""

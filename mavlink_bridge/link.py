@@ -6,17 +6,19 @@ import asyncio
 from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from typing import TypeVar
 
-from mavlink_bridge import flight
+from mavlink_bridge import departure, flight
 from mavlink_bridge.heartbeat import LinkState
 from mavlink_bridge.items import Mission, MissionItem
 from mavlink_bridge.listening import ListeningLink
 from mavlink_bridge.mission_messages import MissionType
 from mavlink_bridge.models import model_from_parameters
 from mavlink_bridge.preflight import parameter_names
-from mavlink_bridge.results import CommandResult, SwapResult, UploadResult
-from mavlink_bridge.transfer import ATTEMPTS, read_parameters, upload_items, upload_verified
+from mavlink_bridge.results import CommandResult, Recognised, SwapResult, UploadResult
+from mavlink_bridge.transfer import ATTEMPTS, read_parameters, recognise, upload_items, upload_verified
 from mavlink_bridge.vehicle import Vehicle
 
+SET_ITEM_TIMES = 2
+"""Nobody starts before everybody has its item, so a link that loses a tenth gets a second chance."""
 Outcome = TypeVar("Outcome")
 Request = TypeVar("Request")
 
@@ -46,6 +48,12 @@ class FleetLink(ListeningLink):
             UploadResult,
         )
 
+    async def recognise(self, missions: Mapping[int, Sequence[Mission]]) -> dict[int, Recognised]:
+        """Which of the missions it may have is on board of each vehicle, proven by reading it back."""
+        return await self._each(
+            missions, lambda vehicle, known: recognise(vehicle, known, self._given_up(vehicle)), Recognised
+        )
+
     async def prepare(self, system_ids: Iterable[int]) -> dict[int, CommandResult]:
         """Ask each for its telemetry streams and read the parameters its model and the preflight audit need."""
         return await self._command(dict.fromkeys(system_ids), lambda vehicle, _: self._prepare(vehicle))
@@ -62,7 +70,7 @@ class FleetLink(ListeningLink):
 
     async def launch(self, altitudes_m: Mapping[int, float], *, timeout_s: float) -> dict[int, CommandResult]:
         """Arm, take off, and wait within `timeout_s` until each is at its altitude (metres above its own home)."""
-        return await self._command(altitudes_m, lambda vehicle, up_m: flight.launch(vehicle, up_m, timeout_s))
+        return await self._command(altitudes_m, lambda vehicle, up_m: departure.launch(vehicle, up_m, timeout_s))
 
     async def go_to(
         self, places: Mapping[int, tuple[float, float, float]], *, timeout_s: float
@@ -71,22 +79,31 @@ class FleetLink(ListeningLink):
 
         For gathering at the slot-0 points before `start`. Nothing checks that the straight lines keep apart.
         """
-        return await self._command(places, lambda vehicle, place: flight.go_to(vehicle, *place, timeout_s))
+        return await self._command(places, lambda vehicle, place: departure.go_to(vehicle, *place, timeout_s))
 
-    async def start(self, system_ids: Iterable[int], *, item: int | None = None) -> dict[int, CommandResult]:
+    async def start(
+        self, system_ids: Iterable[int], *, item: int | None = None, on_go: Callable[[], None] = lambda: None
+    ) -> dict[int, CommandResult]:
         """Fly the missions on board, all together: every vehicle has its item set before the first one starts.
 
         They begin with `item`, or with what a vehicle flies that hovers at its slot-0 point (`Mission.start_item`).
+        `on_go()` is called when the first one is told to go: setting items takes longer on a bad link.
         """
 
         def first(vehicle: Vehicle) -> int:
             return vehicle.start_item if item is None else item
 
         ids = list(system_ids)
-        ready = await self._command(dict.fromkeys(ids), lambda vehicle, _: flight.set_current(vehicle, first(vehicle)))
+        ready: dict[int, CommandResult] = {}
+        for _ in range(SET_ITEM_TIMES):
+            left = [system_id for system_id in ids if system_id not in ready or not ready[system_id].ok]
+            ready |= await self._command(
+                dict.fromkeys(left), lambda vehicle, _: flight.set_current(vehicle, first(vehicle))
+            )
         able = [system_id for system_id in ids if ready[system_id].ok]
+        on_go()
         return ready | await self._command(
-            dict.fromkeys(able), lambda vehicle, _: flight.start(vehicle, first(vehicle))
+            dict.fromkeys(able), lambda vehicle, _: departure.start(vehicle, first(vehicle))
         )
 
     async def swap(self, missions: Mapping[int, Mission]) -> dict[int, SwapResult]:

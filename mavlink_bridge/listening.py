@@ -6,6 +6,7 @@ import asyncio
 from collections.abc import AsyncGenerator, Callable, Collection, Coroutine
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
+from math import inf
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TypeVar
@@ -259,8 +260,9 @@ class ListeningLink:
                 )
                 vehicle.announce = partial(self._announce, system_id)
 
-    def _announce(self, system_id: int, mode: FlightMode) -> None:
-        self.classifier.expect(system_id, frozenset({mode}), self._clock.now())
+    def _announce(self, system_id: int, mode: FlightMode, going_on: bool) -> None:
+        """A mode is expected while its command goes on, and for a while after."""
+        self.classifier.expect(system_id, frozenset({mode}), self._clock.now(), inf if going_on else None)
 
     def _frame_heard(self, frame: Frame) -> None:
         """Whatever component 1 sends shows that autopilot and link are alive."""

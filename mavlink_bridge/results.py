@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from mavlink_bridge.items import Mission
 from mavlink_bridge.verified import OnBoard
 
 
@@ -32,6 +33,13 @@ class UploadResult(Outcome):
     on_board: OnBoard = OnBoard.UNKNOWN
     attempts: int = 0
     mission_id: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recognised(Outcome):
+    """`mission`: which of the missions it may have is on board, read back and equal; None: none of them."""
+
+    mission: Mission | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,12 +6,13 @@ import asyncio
 from collections.abc import Callable, Iterable, Sequence
 
 from mavlink_bridge.autopilots import Autopilot
+from mavlink_bridge.compare import mission_differences
 from mavlink_bridge.items import Mission, MissionItem
 from mavlink_bridge.mission_messages import SILENCE_S, MissionType
 from mavlink_bridge.parameters import ParameterRead
-from mavlink_bridge.results import UploadResult
+from mavlink_bridge.results import Recognised, UploadResult
 from mavlink_bridge.vehicle import NotDone, Vehicle
-from mavlink_bridge.verified import ATTEMPTS, OnBoard, VerifiedUpload
+from mavlink_bridge.verified import ATTEMPTS, OnBoard, ReadBack, VerifiedUpload
 
 
 def never() -> bool:
@@ -80,6 +81,23 @@ async def upload_items(
     )
 
 
+async def recognise(vehicle: Vehicle, missions: Sequence[Mission], given_up: Callable[[], bool] = never) -> Recognised:
+    """Read back what is on board and find it among `missions`; then it is known, as after an upload."""
+    loop = asyncio.get_running_loop()
+    started = loop.time()
+    ardupilot = vehicle.state.autopilot is Autopilot.ARDUPILOT
+    reading = ReadBack(vehicle.system_id, stateless=ardupilot)
+    await vehicle.converse(reading, given_up)
+    error, found = reading.error, None
+    if error is None:
+        read = reading.items
+        found = next((one for one in missions if not mission_differences(one.items, read, home_first=ardupilot)), None)
+        error = None if found is not None else f"{len(read)} items on board, and they are none of the known missions"
+    if found is not None:
+        vehicle.on_board, vehicle.start_item = found.items, found.start_item
+    return Recognised(system_id=vehicle.system_id, seconds=loop.time() - started, error=error, mission=found)
+
+
 async def read_parameters(vehicle: Vehicle, names: Iterable[str]) -> dict[str, float]:
     """The values of those parameters the vehicle knows. Raises NotDone for an autopilot nobody compiles for."""
     reading = ParameterRead(names, vehicle.system_id, vehicle.autopilot)
@@ -87,4 +105,4 @@ async def read_parameters(vehicle: Vehicle, names: Iterable[str]) -> dict[str, f
     return reading.values
 
 
-__all__ = ["ATTEMPTS", "NotDone", "read_parameters", "upload_items", "upload_verified"]
+__all__ = ["ATTEMPTS", "NotDone", "read_parameters", "recognise", "upload_items", "upload_verified"]

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
+from contextlib import contextmanager
 from enum import IntEnum
 from math import isfinite
 from typing import Any, Protocol, TypeVar
@@ -23,7 +24,8 @@ Result = TypeVar("Result")
 
 _ANSWERS = ("MISSION_REQUEST_INT", "MISSION_REQUEST", "MISSION_COUNT", "MISSION_ITEM_INT", "PARAM_VALUE")
 """Messages that only mean something to the conversation that is going on."""
-
+_NEWS = ("STATUSTEXT",)
+"""Messages no telemetry is made of, that `on_message` hears all the same."""
 
 _NAMES = {
     21: "land",
@@ -89,7 +91,7 @@ class Vehicle:
     """One system id. Lives on the event loop; MAVSDK's callbacks are handed over to it.
 
     `on_message(vehicle, name, fields, heard_s)` is called for each message of component 1 that telemetry is made of,
-    with fleet seconds.
+    and for STATUSTEXT, with fleet seconds.
     """
 
     def __init__(
@@ -105,8 +107,8 @@ class Vehicle:
         self.state = TelemetryState(self.system_id)
         self.heard = False
         """Whether its autopilot (component 1) has sent a heartbeat."""
-        self.announce: Callable[[FlightMode], None] = lambda _mode: None
-        """Told of each mode before it is commanded."""
+        self.announce: Callable[[FlightMode, bool], None] = lambda _mode, _going_on: None
+        """Told of each mode before it is commanded (True), and when the command has ended (False)."""
         self.start_item = 1
         """The item of the mission on board that a vehicle in the air begins with."""
         self.on_board: tuple[MissionItem, ...] | None = None
@@ -119,7 +121,7 @@ class Vehicle:
         self._talking = asyncio.Lock()
         self._inbox: asyncio.Queue[tuple[str, dict[str, Any]]] | None = None
         self._direct = MavlinkDirect(system)
-        for name in (*MESSAGES, *_ANSWERS):
+        for name in (*MESSAGES, *_ANSWERS, *_NEWS):
             self._direct.subscribe_message(name, self._receive)
 
     @property
@@ -128,6 +130,15 @@ class Vehicle:
         if self.state.autopilot is None:
             raise NotDone("its autopilot is neither PX4 nor ArduPilot")
         return self.state.autopilot
+
+    @contextmanager
+    def commanding(self, mode: FlightMode) -> Iterator[None]:
+        """Announce a mode that is commanded meanwhile, so that nobody else is taken to have chosen it."""
+        self.announce(mode, True)
+        try:
+            yield
+        finally:
+            self.announce(mode, False)
 
     def send(self, message: Message) -> None:
         """Send one message, unconfirmed."""
@@ -138,9 +149,11 @@ class Vehicle:
 
         Raises NotDone unless it is accepted.
         """
-        numbers = [*params, *[0.0] * (7 - len(params))]
-        fields = {f"param{n}": value for n, value in enumerate(numbers, start=1)}
-        await self._command("COMMAND_LONG", number, fields)
+        await self._command("COMMAND_LONG", number, _numbered(params))
+
+    def command_message(self, number: int, *params: float) -> Message:
+        """COMMAND_LONG as `command` sends it, to be sent unconfirmed."""
+        return Message("COMMAND_LONG", {"command": number, "confirmation": 0, **self._address, **_numbered(params)})
 
     async def command_int(self, number: int, *, frame: int, x: int, y: int, z: float, **params: float | None) -> None:
         """COMMAND_INT with a place (1e-7 degrees). Raises NotDone unless it is accepted."""
@@ -226,8 +239,14 @@ class Vehicle:
             self._inbox.put_nowait((name, fields))
         if name in _ANSWERS:
             return
-        self.state.fold(name, fields, heard_s)
+        if name not in _NEWS:
+            self.state.fold(name, fields, heard_s)
         self.heard = self.heard or name == "HEARTBEAT"
         self._on_message(self, name, fields, heard_s)
         changed, self._changed = self._changed, asyncio.Event()
         changed.set()
+
+
+def _numbered(params: Sequence[float | None]) -> dict[str, float | None]:
+    """param1 to param7; those not given are 0."""
+    return {f"param{n}": value for n, value in enumerate([*params, *[0.0] * (7 - len(params))], start=1)}

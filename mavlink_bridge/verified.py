@@ -18,7 +18,7 @@ from mavlink_bridge.mission_messages import SILENCE_S, Ended, Message, MissionTy
 from mavlink_bridge.mission_protocol import Download, Upload
 
 ATTEMPTS = 3
-_STATELESS_WINDOW = 4
+STATELESS_WINDOW = 4
 """Items of ArduPilot that are read at once."""
 _PAUSE_S = 0.2
 """Before the second attempt; doubles with each further one."""
@@ -139,7 +139,7 @@ class VerifiedUpload:
         return [upload.cancel(), *self._failed(now_s, again=ended.passing)]
 
     def _read_back(self, now_s: float) -> list[Message]:
-        window = _STATELESS_WINDOW if self._home_first else 1
+        window = STATELESS_WINDOW if self._home_first else 1
         self._transfer = Download(self._system_id, window=window, **self._how)
         return self._transfer.start(now_s)
 
@@ -175,3 +175,49 @@ class VerifiedUpload:
     def _pause(self, now_s: float) -> None:
         self._transfer = None
         self._resume_s = now_s + _PAUSE_S * 2 ** max(self._tries - 1, 0)
+
+
+class ReadBack:
+    """One reading of the mission on board, with the face of an upload; `items` once it ends without an `error`."""
+
+    def __init__(self, system_id: int, *, stateless: bool) -> None:
+        self._download = Download(system_id, window=STATELESS_WINDOW if stateless else 1)
+        self._given_up = False
+
+    @property
+    def items(self) -> list[MissionItem]:
+        """What was read, in order."""
+        return self._download.items
+
+    @property
+    def error(self) -> str | None:
+        """What went wrong."""
+        if self._download.ended is None:
+            return "given up: the link was declared lost" if self._given_up else "not read yet"
+        return self._download.ended.error
+
+    @property
+    def ended(self) -> bool:
+        """Whether there is nothing more to do."""
+        return self._given_up or self._download.ended is not None
+
+    @property
+    def due_s(self) -> float:
+        """When `tick` has something to do."""
+        return inf if self._given_up else self._download.due_s
+
+    def start(self, now_s: float) -> list[Message]:
+        """Begin."""
+        return self._download.start(now_s)
+
+    def handle(self, name: str, fields: dict[str, Any], now_s: float) -> list[Message]:
+        """Take in one message of the vehicle."""
+        return self._download.handle(name, fields, now_s)
+
+    def tick(self, now_s: float) -> list[Message]:
+        """Let time pass."""
+        return self._download.tick(now_s)
+
+    def give_up(self) -> None:
+        """Stop here: the link is gone."""
+        self._given_up = True

@@ -13,7 +13,7 @@ from planner.feasibility import InfeasiblePlanError, Violation, violations
 from planner.methods import METHODS
 from planner.plans import Cause, Iteration, Plan, PlanStatus, Summary
 from planner.problem import Past
-from planner.replanning import remaining, replan
+from planner.replanning import cause_of, remaining, replan
 from planner.scenario import Channel, Origin, Scenario, Uav, User, Utility
 from planner.separation import closest_approach
 from planner.solve import converged, plan
@@ -43,6 +43,7 @@ __all__ = [
     "User",
     "Utility",
     "Violation",
+    "cause_of",
     "closest_approach",
     "converged",
     "delivered_rates_bps",

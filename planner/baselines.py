@@ -9,6 +9,7 @@ flies home in time when the scenario has an end position for it. After a failure
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,7 +71,7 @@ def baseline2(
         if _utility(problem, candidate) >= _utility(problem, solution):
             solution = candidate
         history.append(_iteration(problem, solution, len(history) + 1))
-        observer(history[-1])
+        observer(history[-1], partial(replace, solution, history=list(history)))
     return replace(solution, history=history)
 
 
@@ -172,8 +173,9 @@ def _sum_rates(problem: Problem, gain: Array, placements_m: Array) -> Array:
 def _reported(problem: Problem, solution: Solution, observer: Observer) -> Solution:
     """The solution with its one iteration, which the observer has seen."""
     only = _iteration(problem, solution, 1)
-    observer(only)
-    return replace(solution, history=[only])
+    reported = replace(solution, history=[only])
+    observer(only, lambda: reported)
+    return reported
 
 
 def _iteration(problem: Problem, solution: Solution, number: int) -> Iteration:

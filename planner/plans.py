@@ -32,6 +32,7 @@ class Cause(Frozen):
         "landed",
         "human_took_over",
         "in_failsafe",
+        "rebooted",
         "battery",
         "users_changed",
         "uav_returned",

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ValidationError
 from shapely import Point as GeoPoint
 from shapely import Polygon
 
@@ -53,14 +54,15 @@ def replan(
         scenario,
         past=past,
         warm_start_m=np.array(warm),
-        cause=cause or _cause(failed, changes),
+        cause=cause or cause_of(changes, failed),
         parent=previous.id,
         revision=previous.revision + 1,
         **{"method": previous.method, **options},
     )
 
 
-def _cause(failed: Sequence[str], changes: Changes) -> Cause:
+def cause_of(changes: Changes, failed: Sequence[str] = ()) -> Cause:
+    """What the changes alone say about why a replan is wanted."""
     gone = tuple(dict.fromkeys([*failed, *changes.failed]))
     if gone:
         return Cause(uav_ids=gone)
@@ -103,10 +105,19 @@ def remaining(
         scenario = previous.scenario.with_changes(
             uavs=uavs, users=users, utility=utility, slots=previous.scenario.slots - begin
         )
-    except ValueError as error:
-        raise ReplanError(f"positions_m: {error}") from error
+    except ValidationError as error:
+        raise ReplanError(_whose_fault(error, changes)) from error
     past = _achieved(previous, begin, achieved_rates_bps)
     return scenario, Past(first_slot=at_slot, rates_bps=_for_users(scenario, changes, past))
+
+
+def _whose_fault(error: ValidationError, changes: Changes) -> str:
+    """The broken rule of the scenario that would be left, after the field of the request that broke it."""
+    said = str(error.errors()[0]["msg"]).removeprefix("Value error, ")
+    if said.startswith("users:"):
+        return f"users_joined: {said.removeprefix('users: ')}"
+    field = "returned" if any(f"'{uav.id}'" in said for uav in changes.returned) else "positions_m"
+    return f"{field}: {said}"
 
 
 def _check_request(

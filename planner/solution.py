@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from planner.plans import Iteration
 
 Array: TypeAlias = NDArray[np.float64]
-Observer: TypeAlias = Callable[[Iteration], None]
 
 
 @dataclass(frozen=True)
@@ -25,5 +24,9 @@ class Solution:
     history: list[Iteration]
 
 
-def ignore(iteration: Iteration) -> None:
+Observer: TypeAlias = Callable[[Iteration, Callable[[], Solution]], None]
+"""Told of each iteration that counts, with what gives the solution that it reached, then or later."""
+
+
+def ignore(iteration: Iteration, reached: Callable[[], Solution]) -> None:
     """The observer that does not look."""

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from planner.emit import emit
 from planner.methods import DEFAULT_METHOD, method_of
-from planner.plans import Plan, PlanStatus
+from planner.plans import Iteration, Plan, PlanStatus
 from planner.problem import Past, problem_of
 from planner.scenario import Scenario
-from planner.solution import Observer, ignore
+from planner.solution import Observer, Solution
 from planner.stopping import AnyOf, MaxIterations, RelativeGain, StoppingRule
 
 Array = NDArray[np.float64]
@@ -22,6 +22,10 @@ Array = NDArray[np.float64]
 def converged() -> AnyOf:
     """The default stopping rule: less than 0.01 % gained, or 50 iterations."""
     return AnyOf(MaxIterations(50), RelativeGain(1e-4))
+
+
+def _ignore(what: object) -> None:
+    """The observer that does not look."""
 
 
 def plan(
@@ -33,7 +37,8 @@ def plan(
     past: Past | None = None,
     warm_start_m: Array | None = None,
     stop: StoppingRule | None = None,
-    observer: Observer = ignore,
+    observer: Callable[[Iteration], None] = _ignore,
+    offer: Callable[[Callable[[], Plan]], None] = _ignore,
     clock: Callable[[], float] | None = None,
     **identity: Any,
 ) -> Plan:
@@ -42,7 +47,8 @@ def plan(
     method: a name in `METHODS`. n_starts: how many starts the fast path climbs from (default: by size, 32 at the
     letter's), drawn from `seed`: the same inputs give the same plan. past: rates achieved before slot 0 (they count
     in the utility). warm_start_m: (U, N, 2) paths to begin from, in metres. stop: when to return what has been found
-    (default: converged). observer: called after each iteration that counts. clock: fills `solve_ms`. identity: `id`,
+    (default: converged). observer: called after each iteration that counts. offer: called then with what makes
+    the plan reached so far, `running`, when it is wanted. clock: fills `solve_ms`. identity: `id`,
     `revision`, `cause`, `parent` of the plan; the id defaults to a digest of the inputs.
     Raises ValueError for an unknown method and for shapes that do not fit the scenario.
     """
@@ -50,11 +56,27 @@ def plan(
     past, stop = past or Past(), stop or converged()
     problem = problem_of(scenario, past)
     _check(problem.hover().shape, n_starts, warm_start_m)
-    solution = method_of(method)(problem, stop, warm_start_m, observer, n_starts=n_starts, seed=seed)
-    status = PlanStatus.CANCELLED if stop.interrupts else PlanStatus.SUCCEEDED
     inputs = (method, n_starts, seed, None if warm_start_m is None else warm_start_m.tobytes())
-    made = emit(scenario, past, problem, solution, inputs, method=method, status=status, **identity)
+
+    def emitted(solution: Solution, status: PlanStatus) -> Plan:
+        return emit(scenario, past, problem, solution, inputs, method=method, status=status, **identity)
+
+    told = _told(observer, offer, lambda solution: emitted(solution, PlanStatus.RUNNING))
+    solution = method_of(method)(problem, stop, warm_start_m, told, n_starts=n_starts, seed=seed)
+    made = emitted(solution, PlanStatus.CANCELLED if stop.interrupts else PlanStatus.SUCCEEDED)
     return made.model_copy(update={"solve_ms": (clock() - began) * 1e3}) if clock else made
+
+
+def _told(
+    observer: Callable[[Iteration], None],
+    offer: Callable[[Callable[[], Plan]], None],
+    emitted: Callable[[Solution], Plan],
+) -> Observer:
+    def told(iteration: Iteration, reached: Callable[[], Solution]) -> None:
+        observer(iteration)
+        offer(lambda: emitted(reached()))
+
+    return told
 
 
 def _check(shape: tuple[int, ...], n_starts: int | None, warm_start_m: Array | None) -> None:

@@ -33,6 +33,7 @@ class Failsafes:
         self._levels_passed = 0
         self._no_position_s: float | None = None
         self._outside = False
+        self._without_setpoints: Mode | None = None
         self.active = False
 
     @property
@@ -115,13 +116,16 @@ class Failsafes:
         self._outside = outside
 
     def _check_setpoints(self, now_s: float) -> None:
-        """PX4 leaves OFFBOARD when nobody streams any more."""
+        """PX4 leaves OFFBOARD when nobody streams any more, and is well again once it is told to do something else."""
+        if self._without_setpoints not in (None, self._autopilot.mode):
+            self.active, self._without_setpoints = False, None
         autopilot, tuning = self._autopilot, self._autopilot.parameters.tuning
         setpoint = autopilot.navigator.setpoint
         if autopilot.mode is not Mode.GUIDED or not autopilot.flavour.guided_needs_stream or setpoint is None:
             return
         if now_s - setpoint.at_s > tuning.setpoint_timeout_s:
             self._do(tuning.setpoint_loss, "Offboard control lost", "setpoints_lost")
+            self._without_setpoints = autopilot.mode if self.active else None
 
     @property
     def _flying(self) -> bool:

@@ -22,6 +22,10 @@ Array = NDArray[np.float64]
 PASSED_WITHIN_M = 3.0
 """A waypoint counts as flown when the true track passes this near: acceptance radius and cornering at 5 m/s."""
 
+ORDERED_WITHIN_S = 0.5
+"""A fault strikes this soon after its moment: the simulator's step, and how well slot 0 is known. Slots that begin
+later are surely after it."""
+
 UNSERVED_BPS = 1.0
 """A user with less than this has no service."""
 
@@ -141,7 +145,7 @@ def _rates(
     after_s = kill_s if in_force_s is None else in_force_s
     during = (at >= kill_s) & (at < after_s)
     per_slot = by_slot.sum(axis=0)
-    each_after = by_slot[:, ceil(after_s / scenario.slot_duration_s) :].mean(axis=1)
+    each_after = by_slot[:, ceil((after_s + ORDERED_WITHIN_S) / scenario.slot_duration_s) :].mean(axis=1)
     return Rates(
         mean_sum_rate_before_bps=float(sums[at < kill_s].mean()),
         mean_sum_rate_during_bps=float(sums[during].mean()) if during.any() else None,
@@ -203,7 +207,7 @@ def _check(name: str, passed: bool, detail: str) -> Check:
 
 def _fell(course: Course, uav: str, kill_s: float) -> Check:
     at = next((at for at, who, event in course.events if who == uav and event.kind == "killed"), None)
-    passed = at is not None and abs(at - kill_s) < 0.5
+    passed = at is not None and abs(at - kill_s) < ORDERED_WITHIN_S
     return _check(f"{uav} fell as ordered", passed, "never" if at is None else f"{at:.2f} s after slot 1 began")
 
 

@@ -28,7 +28,7 @@ Before = Annotated[
 WaitS = Annotated[float, Query(ge=0, le=60, description="Wait up to this many seconds for the result.")]
 
 
-def _service(request: Request) -> Service:
+async def _service(request: Request) -> Service:  # a plain function would be called in a thread
     service: Service = request.app.state.service
     return service
 
@@ -45,7 +45,7 @@ def principal_of(request: Request) -> Principal:
 def requires(role: Role) -> Any:
     """A dependency for a router or a route: only keys of this role or a higher one pass. Raises ForbiddenError."""
 
-    def check(request: Request) -> None:
+    async def check(request: Request) -> None:
         principal = principal_of(request)
         if not principal.role.covers(role):
             raise ForbiddenError(f"role: '{principal.name}' is a {principal.role.value}; this needs a {role.value}")

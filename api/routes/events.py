@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import AsyncIterator
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Header, Query
+from fastapi import APIRouter, Header, Query, Request
 from fastapi.responses import StreamingResponse
 from pydantic import BaseModel
 
@@ -44,6 +44,7 @@ class EventPage(BaseModel):
 
 @router.get("/events", responses=STREAM, response_class=StreamingResponse)
 async def stream_events(
+    request: Request,
     service: ServiceDep,
     last_event_id: LastEventId = 0,
     telemetry: Annotated[
@@ -51,10 +52,16 @@ async def stream_events(
     ] = False,
     follow: Annotated[bool, Query(description="False: end after what is stored now.")] = True,
 ) -> StreamingResponse:
-    """Server-sent events from the first one, or from the one after `Last-Event-ID`; none is ever left out."""
+    """Server-sent events from the first one, or from the one after `Last-Event-ID`; none is ever left out.
+
+    The stream ends when the API key it was opened with is revoked.
+    """
     if service.events.followers >= service.settings.max_subscribers:
         raise BusyError(f"events: {service.settings.max_subscribers} streams are open already")
-    stream = _counted(service, service.events.follow(last_event_id, telemetry=telemetry, forever=follow))
+    events = service.events.follow(
+        last_event_id, telemetry=telemetry, forever=follow, allowed=request.state.still_admitted
+    )
+    stream = _counted(service, events)
     return StreamingResponse(stream, media_type="text/event-stream", headers={"X-Accel-Buffering": "no"})
 
 

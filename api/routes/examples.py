@@ -22,6 +22,19 @@ REPLAN_EXAMPLES = _bodies(
         "uav-1 is not where the plan has it (metres east, north)",
         {"failed": ["uav-2"], "at_slot": 2, "positions_m": {"uav-1": [51.0, 48.5]}},
     ),
+    users=(
+        "A user leaves, one joins, and rates shall be steadier",
+        {
+            "at_slot": 2,
+            "users_left": ["user-1"],
+            "users_joined": [{"id": "user-5", "position_m": [70.0, 40.0]}],
+            "utility": {"kind": "sum", "mu_per_kbps": -0.1},
+        },
+    ),
+    returned=(
+        "uav-2 is back, where it is now, with half of its band",
+        {"at_slot": 3, "returned": [{"id": "uav-2", "start_m": [80.0, 60.0]}], "bandwidth_hz": {"uav-2": 5000.0}},
+    ),
 )
 VEHICLE_EXAMPLES = _bodies(first=("UAV 'uav-1' is MAVLink system 1", {"uav_id": "uav-1", "system_id": 1}))
 OPERATION_EXAMPLES = _bodies(

@@ -10,12 +10,15 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from api.creation import Creation
 from api.errors import InvalidError, NotFoundError
+from api.guidance import Way
 from api.journal import Entry
 from api.operation import Operation
 from api.operation_views import OperationRow, OperationView, Policy, State
 from api.routes.deps import KNOWN, Before, Limit, ServiceDep, creates, requires
 from api.routes.examples import OPERATION_EXAMPLES
 from api.security import Role
+from mavlink_bridge import OnEnd
+from mavlink_bridge.guidance import FallBack
 
 router = APIRouter(prefix="/v1", tags=["operations"], dependencies=[*KNOWN, requires(Role.VIEWER)])
 pilot_only = [requires(Role.PILOT)]
@@ -37,6 +40,14 @@ class OperationRequest(BaseModel):
         Literal["mission", "stream"],
         Field(description="stream: guided by setpoints, for tight synchrony; the missions on board are the fallback."),
     ] = "mission"
+    stream_fallback: Annotated[
+        FallBack,
+        Field(description="What vehicles do when the stream of setpoints ends, also because the service is killed."),
+    ] = FallBack.MISSION
+    at_end: Annotated[
+        Literal["land", "return"],
+        Field(description="After the last slot: land where it is, or return to the start; refused if ways home meet."),
+    ] = "land"
     launch: Annotated[
         Literal["auto", "manual"], Field(description="manual: upload, then wait for `operations/{id}:start`.")
     ] = "auto"
@@ -52,6 +63,14 @@ class AbortRequest(BaseModel):
 
 class ReadmitRequest(BaseModel):
     """A UAV that was lost, is heard again, and shall fly with the others."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    uav_id: Annotated[str, Field(max_length=64)]
+
+
+class RetireRequest(BaseModel):
+    """A UAV that shall fly home now, while the others fly on without it."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -81,7 +100,11 @@ async def start_operation(
 ) -> OperationView:
     """Upload the plan's missions, take off, and fly; poll `Location` or follow `/v1/events`."""
     made = await service.operations.start(
-        body.plan_id, body.replanning, creation, launch_itself=body.launch == "auto", guidance=body.guidance
+        body.plan_id,
+        body.replanning,
+        creation,
+        launch_itself=body.launch == "auto",
+        way=Way(body.guidance, body.stream_fallback, OnEnd(body.at_end)),
     )
     view = made.view() if isinstance(made, Operation) else made
     response.headers["Location"] = f"/v1/operations/{view.id}"
@@ -185,6 +208,16 @@ async def readmit_uav(
     """Plan again with a UAV that was lost and is back: it is offered as `returned`, and never commanded unasked."""
     operation = await service.operations.commanded(operation_id, State.FLYING, version=_version(if_match))
     await operation.readmit(body.uav_id)
+    return _tagged(response, operation.view())
+
+
+@router.post("/operations/{operation_id}:retire", dependencies=pilot_only)
+async def retire_uav(
+    operation_id: str, body: RetireRequest, service: ServiceDep, response: Response, if_match: IfMatch = None
+) -> OperationView:
+    """Send a UAV home and plan without it; meant for those offered as `low_on_battery`, which nobody grabs unasked."""
+    operation = await service.operations.commanded(operation_id, State.FLYING, version=_version(if_match))
+    await operation.retire(body.uav_id)
     return _tagged(response, operation.view())
 
 

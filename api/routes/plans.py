@@ -7,16 +7,17 @@ from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Depends, Query, Response
 from fastapi.responses import JSONResponse, PlainTextResponse
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, Field
 
-from api import missions
 from api.creation import Creation
-from api.plan_book import ENDED, PlanRecord, PlanRow, UnfinishedPlan
+from api.missions import Missions
+from api.plan_records import PlanRecord, PlanRow, UnfinishedPlan
 from api.routes.deps import KNOWN, Before, Limit, ServiceDep, WaitS, creates, require_within_limits, requires
 from api.routes.examples import PLAN_EXAMPLES, REPLAN_EXAMPLES
 from api.security import Role
 from api.service import Service
-from planner import Cause, Plan, PlanStatus, Scenario, remaining
+from planner import Cause, Changes, Plan, PlanStatus, Scenario, Uav, User, Utility, cause_of, remaining
+from planner.scenario import Identifier, Positive
 
 router = APIRouter(prefix="/v1", tags=["plans"], dependencies=[*KNOWN, requires(Role.VIEWER)])
 planner_only = [requires(Role.PLANNER)]
@@ -25,7 +26,11 @@ DeadlineS = Annotated[
 ]
 Starts = Annotated[
     int | None,
-    Query(ge=1, le=64, description="Starts the optimiser climbs from: fewer is faster. Default: by size, at most 32."),
+    Query(
+        ge=1,
+        le=64,
+        description="Starts to climb from: fewer is faster. Default: by size, at most `plan_starts` of the settings.",
+    ),
 ]
 NewPlan = Annotated[Creation, Depends(creates("plan"))]
 ANSWERS: dict[int | str, dict[str, Any]] = {
@@ -43,12 +48,25 @@ MISSION_ANSWERS: dict[int | str, dict[str, Any]] = {
 }
 
 
-class ReplanRequest(BaseModel):
-    """What changed. Slots are on the operation's grid, positions in metres east/north, rates in bit/s."""
+class ReplanRequest(Changes):
+    """What is different from `at_slot` on; all of it at once. Slots are on the operation's grid, positions in metres
+    east/north, rates in bit/s."""
 
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
-
-    failed: Annotated[list[str], Field(max_length=1000, description="UAVs that are gone.")]
+    failed: Annotated[tuple[Identifier, ...], Field(max_length=1000, description="UAVs that are gone.")] = ()
+    returned: Annotated[
+        tuple[Uav, ...],
+        Field(max_length=1000, description="UAVs that join or come back, whole; `start_m`: where they are then."),
+    ] = ()
+    users_joined: Annotated[
+        tuple[User, ...], Field(description="New users; slots before `at_slot` do not count for them.")
+    ] = ()
+    users_left: Annotated[
+        tuple[Identifier, ...], Field(description="Users that no longer count, nor what they got.")
+    ] = ()
+    utility: Annotated[Utility | None, Field(description="Another utility, or another mu; default: as it was.")] = None
+    bandwidth_hz: Annotated[
+        dict[Identifier, Positive], Field(default_factory=dict, description="The new bands of some UAVs, by id.")
+    ]
     at_slot: Annotated[int, Field(ge=0, le=1_000_000, strict=True, description="First slot to plan.")]
     positions_m: Annotated[
         dict[str, tuple[float, float]] | None,
@@ -58,7 +76,24 @@ class ReplanRequest(BaseModel):
         dict[str, list[float]] | None,
         Field(description="Rates each user got in every slot before `at_slot`; default: as planned."),
     ] = None
-    cause: Cause = Cause()
+    cause: Annotated[Cause | None, Field(description="Why; default: what the changes say.")] = None
+
+    def arguments(self) -> dict[str, Any]:
+        """As `planner.replan` takes them."""
+        return {
+            "failed": (),
+            "at_slot": self.at_slot,
+            "positions_m": self.positions_m,
+            "achieved_rates_bps": self.achieved_rates_bps,
+            "changes": Changes(**{name: getattr(self, name) for name in Changes.model_fields}),
+        }
+
+    def reason(self) -> Cause:
+        """The cause that was given, with the UAVs that it is about."""
+        own = cause_of(self)
+        if self.cause is None or self.cause.uav_ids:
+            return self.cause or own
+        return self.cause.model_copy(update={"uav_ids": own.uav_ids})
 
 
 class PlanPage(BaseModel):
@@ -87,7 +122,7 @@ async def list_plans(
     service: ServiceDep, limit: Limit = 50, cursor: Before = None, status: PlanStatus | None = None
 ) -> PlanPage:
     """Plans without their results, the newest first."""
-    rows = await service.plans.rows(limit + 1, cursor, status)
+    rows = await service.plans.store.rows(limit + 1, cursor, status)
     return PlanPage(
         items=[
             PlanRow(
@@ -122,12 +157,15 @@ async def create_replan(
     wait_s: WaitS = 0,
     deadline_s: DeadlineS = None,
 ) -> Response:
-    """Plan the remaining slots for the survivors of a plan; the result is a new plan whose `parent` is this one."""
-    request = body.model_dump(exclude={"cause"})
+    """Plan the remaining slots of a plan after a change: UAVs gone or back, users gone or new, another utility or band.
+
+    The result is a new plan whose `parent` is this one.
+    """
+    request = body.arguments()
     previous = await service.plans.finished(plan_id)
-    remaining(previous, **request)  # refuse at the door what cannot be replanned
-    cause = body.cause if body.cause.uav_ids else body.cause.model_copy(update={"uav_ids": tuple(body.failed)})
-    record = await service.plans.submit_replan(previous, request, cause, creation, deadline_s=deadline_s)
+    scenario, _ = remaining(previous, **request)  # refuse at the door what cannot be replanned
+    require_within_limits(scenario, service.settings)
+    record = await service.plans.submit_replan(previous, request, body.reason(), creation, deadline_s=deadline_s)
     return await _created(service, record, wait_s)
 
 
@@ -138,15 +176,15 @@ async def cancel_plan(plan_id: str, service: ServiceDep, wait_s: WaitS = 0) -> R
     """Stop a plan; it ends as `cancelled` with the best feasible plan found so far. An ended plan stays as it is."""
     record = await service.plans.cancel(plan_id)
     await service.plans.wait(record, wait_s)
-    return _rendered(service, record)
+    return await _rendered(service, record)
 
 
 @router.get("/plans/{plan_id}", responses=ANSWERS, response_model=None)
 async def read_plan(plan_id: str, service: ServiceDep, wait_s: WaitS = 0) -> Response:
-    """A plan, or how far it is: while it runs, `progress` tells what its best feasible plan so far is worth."""
+    """A plan, or how far it is: while it runs, `progress` is what it has reached, `best` its best plan so far."""
     record = await service.plans.record(plan_id)
     await service.plans.wait(record, wait_s)
-    return _rendered(service, record)
+    return await _rendered(service, record)
 
 
 @router.get("/plans/{plan_id}/missions", response_model=None, responses=MISSION_ANSWERS)
@@ -154,27 +192,27 @@ async def read_missions(
     plan_id: str,
     service: ServiceDep,
     format: Literal["plan", "waypoints", "json"] = "json",  # noqa: A002 - the name is part of the contract
+    autopilot: Annotated[Literal["px4", "ardupilot"], Query(description="Which autopilot will fly them.")] = "px4",
     uav_id: str | None = None,
 ) -> Response:
     """The MAVLink missions of a plan: one per UAV as JSON, or one UAV's as a QGroundControl `.plan` or `.waypoints`."""
-    plan = await service.plans.finished(plan_id)
+    missions = Missions(await service.plans.finished(plan_id), autopilot)
     if format == "plan":
-        return JSONResponse(missions.qgc_plan(plan, uav_id))
+        return JSONResponse(missions.qgc_plan(uav_id))
     if format == "waypoints":
-        return PlainTextResponse(missions.waypoints(plan, uav_id))
-    return JSONResponse(missions.as_json(plan, uav_id))
+        return PlainTextResponse(missions.waypoints(uav_id))
+    return JSONResponse(missions.as_json(uav_id))
 
 
 async def _created(service: Service, record: PlanRecord, wait_s: float) -> Response:
     await record.stored
     await service.plans.wait(record, wait_s)
-    answer = _rendered(service, record)
+    answer = await _rendered(service, record)
     answer.headers["Location"] = f"/v1/plans/{record.id}"
     return answer
 
 
-def _rendered(service: Service, record: PlanRecord) -> Response:
-    ended = record.status in ENDED
-    headers = {} if ended else {"Retry-After": "1"}
-    text = record.result or service.plans.view(record).model_dump_json()
-    return Response(text, status_code=200 if ended else 202, headers=headers, media_type="application/json")
+async def _rendered(service: Service, record: PlanRecord) -> Response:
+    text = await service.plans.text(record)
+    headers = {} if record.ended else {"Retry-After": "1"}
+    return Response(text, status_code=200 if record.ended else 202, headers=headers, media_type="application/json")

@@ -6,22 +6,17 @@ import asyncio
 import fcntl
 import tempfile
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
-from typing import IO, Any, TypeAlias
+from typing import IO, Any
 
-import structlog
-from sqlalchemy import Executable, Row, event, text
+from sqlalchemy import Executable, Row, create_engine, event, text
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine, create_async_engine
 
 from api.store.errors import StoreError
 from api.store.migrate import upgrade
-
-log = structlog.get_logger()
-Params: TypeAlias = dict[str, Any] | list[dict[str, Any]]
-Statement: TypeAlias = tuple[Executable, Params]
+from api.store.writer import InThread, OnLoop, Statement, Writer
 
 TEMPORARY = "temporary"
 """Database URL of a service that keeps nothing after it ends."""
@@ -31,7 +26,6 @@ _PRAGMAS = (
     "busy_timeout=5000",
     "foreign_keys=ON",
 )
-MOST_AT_ONCE = 500
 _LOCK = 0x5C1F0110
 """Number of the advisory lock that a service holds on PostgreSQL."""
 
@@ -41,11 +35,10 @@ class Database:
 
     def __init__(self, engine: AsyncEngine, folder: tempfile.TemporaryDirectory[str] | None) -> None:
         self._engine, self._folder = engine, folder
-        self._waiting: list[tuple[list[Statement], asyncio.Future[None]]] = []
-        self._news = asyncio.Event()
+        self._sink = _sink(engine)
+        self._writer = Writer(self._sink.commit)
         self._lock: IO[str] | None = None
         self._claim: AsyncConnection | None = None
-        self._writer = asyncio.create_task(self._write_all(), name="store-writer")
 
     @classmethod
     async def open(cls, url: str) -> Database:
@@ -76,11 +69,7 @@ class Database:
 
     def write_soon(self, *statements: Executable | Statement) -> asyncio.Future[None]:
         """As `write`, in the order of the calls, without waiting; await the future to know that it is durable."""
-        done: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-        rows = [one if isinstance(one, tuple) else (one, {}) for one in statements]
-        self._waiting.append((rows, done))
-        self._news.set()
-        return done
+        return self._writer.write_soon(*statements)
 
     async def rows(self, statement: Executable, params: dict[str, Any] | None = None) -> Sequence[Row[Any]]:
         """Read committed rows. Raises StoreError."""
@@ -112,11 +101,8 @@ class Database:
 
     async def close(self) -> None:
         """Finish what waits to be written, and let go of the database."""
-        while self._waiting and not self._writer.done():
-            await asyncio.wait([self._waiting[-1][1], self._writer], return_when=asyncio.FIRST_COMPLETED)
-        self._writer.cancel()
-        with suppress(asyncio.CancelledError):
-            await self._writer
+        await self._writer.close()
+        await self._sink.close()
         if self._claim is not None:
             await self._claim.close()
         await self._engine.dispose()
@@ -125,53 +111,13 @@ class Database:
         if self._folder is not None:
             self._folder.cleanup()
 
-    # -- the writer: one commit for all that came while the last one was made -------------------------------------
 
-    async def _write_all(self) -> None:
-        while True:
-            await self._news.wait()
-            self._news.clear()
-            while self._waiting:
-                batch, self._waiting = self._waiting[:MOST_AT_ONCE], self._waiting[MOST_AT_ONCE:]
-                await self._commit(batch)
-
-    async def _commit(self, batch: list[tuple[list[Statement], asyncio.Future[None]]]) -> None:
-        error = await self._execute([row for rows, _ in batch for row in rows])
-        if error is not None and len(batch) > 1:  # find out whose fault it is; the others' writes are good
-            for one in batch:
-                await self._commit([one])
-            return
-        for _, done in batch:
-            if done.cancelled():
-                continue
-            if error is None:
-                done.set_result(None)
-            else:
-                done.set_exception(StoreError(f"write: {error}"))
-                done.exception()  # seen: whoever does not await it finds it in the log
-        if error is not None:
-            log.error("write refused", error=str(error))
-
-    async def _execute(self, rows: list[Statement]) -> Exception | None:
-        try:
-            async with self._engine.begin() as connection:
-                for statement, params in _runs(rows):
-                    await connection.execute(statement, params or None)
-        except (SQLAlchemyError, OSError) as error:
-            return error
-        return None
-
-
-def _runs(rows: list[Statement]) -> list[Statement]:
-    """Neighbours with the very same statement become one call with many parameter sets."""
-    merged: list[tuple[Executable, Any]] = []
-    for statement, params in rows:
-        given = params if isinstance(params, list) else [params]
-        if merged and merged[-1][0] is statement and params:
-            merged[-1][1].extend(given)
-        else:
-            merged.append((statement, list(given) if params else {}))
-    return merged
+def _sink(engine: AsyncEngine) -> InThread | OnLoop:
+    if engine.dialect.name == "postgresql":
+        return OnLoop(engine)
+    own = create_engine(engine.url.set(drivername="sqlite"))
+    event.listen(own, "connect", _set_pragmas)
+    return InThread(own)
 
 
 def _engine(url: str) -> AsyncEngine:

@@ -118,6 +118,17 @@ track = Table(
     Index(None, "operation_id"),
 )
 
+given = Table(
+    "given",
+    metadata,
+    Column("id", _Number, primary_key=True, autoincrement=True),
+    Column("operation_id", String(64), nullable=False),
+    Column("uav_id", String(64), nullable=False),
+    Column("document", Text, nullable=False),
+    ForeignKeyConstraint(["operation_id"], ["operations.id"], ondelete="CASCADE"),
+    Index(None, "operation_id"),
+)
+
 drills = Table(
     "drills",
     metadata,

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -31,7 +32,7 @@ class UnreachableEndError(ValueError):
 
 @dataclass
 class Climb:
-    """One ascent: its paths (N, 2, U), its links, and what they are worth."""
+    """One ascent: its paths (N, 2, U), its links, and what they are worth. A pass makes new ones and keeps the old."""
 
     path: Array
     links: Links
@@ -84,7 +85,7 @@ def optimise(
                 if history and climb.utility_kbps * 1e3 < history[-1].utility_bps:
                     history.clear()  # more least rates are met now: another count begins
                 history.append(_iteration(len(history) + 1, climb))
-                observer(history[-1])
+                observer(history[-1], partial(_solution, problem, arena, replace(climb), list(history)))
         if best is None or climb.rank > best.rank:
             best = climb
         if stop.interrupts:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +41,7 @@ def algorithm_1(
         for subproblem in (_associated, _allocated, _steered):  # (a4), (a5), (a7)
             now = _improved(now, subproblem)
         history.append(now.iteration(len(history) + 1))
-        observer(history[-1])
+        observer(history[-1], partial(binary_solution, now, list(history)))
     return binary_solution(now, history)
 
 

@@ -100,10 +100,10 @@ class Field:
         assert answer.status_code == 200, answer.text
         return answer.json()
 
-    async def take_off(self, until: str = "flying") -> str:
-        """Plan, register, fly; the operation's path once it is in that state."""
+    async def take_off(self, until: str = "flying", **order: str) -> str:
+        """Plan, register, fly as ordered; the operation's path once it is in that state."""
         plan_id = await self.planned_and_registered()
-        started = await self.client.post("/v1/operations", json={"plan_id": plan_id})
+        started = await self.client.post("/v1/operations", json={"plan_id": plan_id, **order})
         assert started.status_code == 202, started.text
         await self.until(started.headers["Location"], until, "failed")
         return str(started.headers["Location"])

@@ -49,6 +49,21 @@ def test_replan_and_export_take_the_file_that_plan_wrote(
     assert json.loads(capsys.readouterr().out)["fileType"] == "Plan"
     assert run(monkeypatch, "export", str(file), "--format", "waypoints", "--uav-id", "uav-2") == 0
     assert capsys.readouterr().out.startswith("QGC WPL 110")
+    assert run(monkeypatch, "export", str(again), "--autopilot", "ardupilot") == 0
+    assert json.loads(capsys.readouterr().out)["mission"]["firmwareType"] == 3
+
+
+def test_replan_takes_changes_from_a_file(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    file, changes = tmp_path / "plan.json", tmp_path / "changes.json"
+    changes.write_text('{"users_left": ["user-1"], "bandwidth_hz": {"uav-2": 5000.0}}')
+    assert run(monkeypatch, "plan", "--example", "minimal", "--json", "--out", str(file)) == 0
+    capsys.readouterr()
+    assert run(monkeypatch, "replan", str(file), "--changes", str(changes), "--at-slot", "2", "--json") == 0
+    made = Plan.model_validate_json(capsys.readouterr().out)
+    assert made.scenario.user_ids == ("user-2", "user-3", "user-4")
+    assert made.scenario.uav("uav-2").bandwidth_hz == 5000.0
 
 
 @pytest.mark.parametrize(
@@ -58,6 +73,8 @@ def test_replan_and_export_take_the_file_that_plan_wrote(
         (["plan", "--example", "none"], "must be one of"),
         (["plan", "/no/such/file"], "No such file"),
         (["replan", "{plan}", "--failed", "uav-9", "--at-slot", "1"], "failed: 'uav-9' is not a UAV"),
+        (["replan", "{plan}", "--at-slot", "1"], "give --failed UAV or --changes FILE"),
+        (["replan", "{plan}", "--at-slot", "1", "--changes", "{plan}"], "Extra inputs are not permitted"),
         (["export", "{plan}", "--format", "waypoints"], "choose one of uav-1, uav-2"),
         (["plan", "{bad}"], "uavs.0.bandwidth_hz: Input should be greater than 0"),
     ],

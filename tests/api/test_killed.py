@@ -48,22 +48,38 @@ async def killed_at(case: Case, folder: Path, gate: asyncio.Semaphore) -> None:
         events = await events_of(field)
     assert_flown_on(field, ended)
     assert_books_closed(case, ended, journal, plans, events)
+    resumed = guidance_resumed(events)
+    assert set(resumed.values()) <= {"ok"}, "what is on board of a survivor is known"
+    if case.step in {"flying", "closed"}:  # else they may have been given new missions before it was read back
+        assert set(resumed) == {"uav-1", "uav-2"}
+
+
+def guidance_resumed(events: list[dict[str, Any]]) -> dict[str, str]:
+    """Whether the mission on board of each survivor was recognised after a restart."""
+    told = [event["data"] for event in events if event["kind"] == "guidance_resumed"]
+    return {said["uav_id"]: said["level"] for said in told if said["uav_id"] != LOST}
 
 
 async def killed_before_the_loss(folder: Path, gate: asyncio.Semaphore) -> None:
-    """A UAV that fell while no service ran is found lost by the next one."""
+    """A stream ends in missions without the service; a UAV that fell meanwhile is found lost by the next one."""
     field = Field(folder)
     async with field, AsyncExitStack() as stack:
         async with gate:
             async with field.service() as first:
-                path = await field.take_off()
+                path = await field.take_off(guidance="stream", stream_fallback="mission")
                 os.kill(first.pid, signal.SIGKILL)
                 await first.wait()
+            vehicles = [vehicle.autopilot for vehicle in field.fleet.vehicles.values()]
+            async with asyncio.timeout(60):
+                while {one.mode for one in vehicles} != {sim.Mode.MISSION}:  # noqa: ASYNC110
+                    await asyncio.sleep(0.05)
             field.fleet.inject(sim.Kill(3))
             await stack.enter_async_context(field.service())
             await field.answered(path)
         ended = await field.until(path, *ENDED)
+        events = await events_of(field)
     assert_flown_on(field, ended)
+    assert guidance_resumed(events) == {"uav-1": "ok", "uav-2": "ok"}
 
 
 def assert_flown_on(field: Field, ended: dict[str, Any]) -> None:

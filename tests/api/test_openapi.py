@@ -85,7 +85,7 @@ def test_every_creating_post_takes_an_idempotency_key() -> None:
 
 
 def test_every_command_of_an_operation_takes_an_etag() -> None:
-    verbs = {":start", ":pause", ":resume", ":abort", ":readmit"}
+    verbs = {":start", ":pause", ":resume", ":abort", ":readmit", ":retire"}
     for _, path, operation in operations():
         if any(path == f"/v1/operations/{{operation_id}}{verb}" for verb in verbs):
             assert "If-Match" in {one["name"] for one in operation["parameters"]}

@@ -3,6 +3,7 @@
 import socket
 import time
 from collections.abc import Iterator
+from math import hypot
 from typing import Any
 
 import pytest
@@ -15,19 +16,20 @@ from planner import EXAMPLES, Scenario
 from tests.api.flying import FleetThread
 from tests.ports import free_port
 
-SPEEDUP = 20.0
+SPEEDUP = 10.0
 MINIMAL = EXAMPLES["minimal"]().with_changes(slots=8)
 LOW = MINIMAL.with_changes(altitude_m=8.0)
-LONG = LOW.with_changes(slots=24)
-"""With time for a new plan: the wall second in which one is made and uploaded is 20 s of this fleet's."""
+LONG = LOW.with_changes(slots=16)
+"""With time for a new plan: the wall second in which one is made and uploaded is 10 s of this fleet's."""
 
 
 def simulated(endpoint: str, absent: tuple[int, ...] = ()) -> FleetThread:
     return FleetThread(MINIMAL, endpoint, SPEEDUP, absent)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def service() -> Iterator[tuple[TestClient, str]]:
+    """A service that has never heard of any vehicle, and where they have to send to."""
     port = free_port(socket.SOCK_DGRAM)
     settings = Settings(fleet_url=f"udpin://127.0.0.1:{port}", time_scale=SPEEDUP)
     with TestClient(create_app(settings)) as client:
@@ -98,13 +100,17 @@ def test_a_loss_in_flight_is_answered_and_the_survivor_lands(service: tuple[Test
 
 
 @pytest.mark.e2e
-@pytest.mark.parametrize(("autopilot", "guidance"), [("px4", "stream"), ("ardupilot", "mission")])
-def test_both_autopilots_fly_by_mission_or_stream_and_tell_their_slip(autopilot: str, guidance: str) -> None:
+@pytest.mark.parametrize(
+    ("autopilot", "guidance", "at_end"), [("px4", "stream", "land"), ("ardupilot", "mission", "return")]
+)
+def test_both_autopilots_fly_by_mission_or_stream_tell_their_slip_and_end_as_ordered(
+    autopilot: str, guidance: str, at_end: str
+) -> None:
     port, speedup = free_port(socket.SOCK_DGRAM), 5.0  # a stream must not pause for a second of the fleet's time
     with TestClient(create_app(Settings(fleet_url=f"udpin://127.0.0.1:{port}", time_scale=speedup))) as client:
         fleet = FleetThread(LOW, f"udpout://127.0.0.1:{port}", speedup, autopilot=autopilot)
         try:
-            order = {"plan_id": ready(client, LOW), "guidance": guidance}
+            order = {"plan_id": ready(client, LOW), "guidance": guidance, "at_end": at_end}
             path = client.post("/v1/operations", json=order).headers["Location"]
             ended = follow(client, path, "completed", "failed", limit_s=150)
             assert ended["error"] is None
@@ -115,7 +121,13 @@ def test_both_autopilots_fly_by_mission_or_stream_and_tell_their_slip(autopilot:
             assert {slip["slot"] for slip in slips} >= {1, 2, 3, 4, 5}
             modes = {event.detail["mode"] for event in fleet.fleet.truth.happened("mode")}
             assert ("GUIDED" in modes) == (guidance == "stream" or autopilot == "ardupilot")
-            assert all(fleet.fleet.truth.happened("landed", system_id) for system_id in (1, 2))
+            for system_id, uav in enumerate(("uav-1", "uav-2"), start=1):
+                assert fleet.fleet.truth.happened("landed", system_id)
+                body, plan = fleet.fleet.vehicles[system_id].autopilot.body, client.get(f"/v1/plans/{order['plan_id']}")
+                (east_m, north_m), (end_east_m, end_north_m) = (plan.json()["trajectories_m"][uav][n] for n in (0, -1))
+                home_m = hypot(end_east_m - east_m, end_north_m - north_m)
+                assert home_m > 10.0
+                assert body.distance_to(0.0, 0.0) == pytest.approx(0.0 if at_end == "return" else home_m, abs=4.0)
             assert any(event["kind"] == "preflight" for event in log)
         finally:
             fleet.stop()
@@ -167,6 +179,13 @@ def test_operations_that_cannot_be_are_refused(service: tuple[TestClient, str]) 
     answer = client.post("/v1/operations", json={"plan_id": paper["id"]})
     assert answer.status_code == 422
     assert "'uav-3' is not registered" in answer.json()["detail"]
+    crossing = EXAMPLES["minimal"]().with_changes(slots=20).model_dump(mode="json")
+    for number, (start_m, end_m) in enumerate((((50.0, 50.0), (150.0, 60.0)), ((50.0, 60.0), (150.0, 50.0)))):
+        crossing["uavs"][number] |= {"start_m": start_m, "end_m": end_m, "max_speed_mps": 10.0}
+    made = client.post("/v1/plans", params={"wait_s": 60}, json=crossing).json()
+    answer = client.post("/v1/operations", json={"plan_id": made["id"], "at_end": "return"})
+    assert answer.status_code == 422, answer.text
+    assert answer.json()["detail"].startswith("at_end: ")
     again = client.post(
         f"/v1/plans/{plan_id}/replans", params={"wait_s": 60}, json={"failed": ["uav-1"], "at_slot": 1}
     ).json()

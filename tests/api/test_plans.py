@@ -1,11 +1,22 @@
 """Plans and replans over HTTP."""
 
+from dataclasses import asdict
 from typing import Any
 
+import httpx2
 import pytest
 from fastapi.testclient import TestClient
 
-from planner import EXAMPLES, Plan, violations
+from api.client import Client
+from api.plan_records import UnfinishedPlan
+from api.routes.examples import REPLAN_EXAMPLES
+from mavlink_bridge import Autopilot, compile_mission, from_qgc_plan, from_waypoints
+from planner import EXAMPLES, Changes, Plan, Uav, violations
+from planner.layouts import scattered
+
+CROWD = [{"id": f"guest-{k}", "position_m": [1.0, 1.0]} for k in range(1000)]
+LONG = {"starts": 64}
+"""From so many starts, a scenario that takes a second takes ten."""
 
 
 def planned(client: TestClient, scenario: dict[str, Any]) -> dict[str, Any]:
@@ -76,6 +87,19 @@ def test_a_replan_has_parent_cause_and_survivors_only(client: TestClient, paper:
         ({"failed": ["uav-1"], "at_slot": 1, "achieved_rates_bps": {"user-1": [-1.0]}}, "achieved_rates_bps.user-1"),
         ({"failed": ["uav-1"], "at_slot": 1, "achieved_rates_bps": {"nobody": [1.0]}}, "achieved_rates_bps"),
         ({"failed": ["uav-1"], "at_slot": 1, "surprise": True}, "surprise"),
+        ({"at_slot": 1, "users_left": ["nobody"]}, "users_left"),
+        ({"at_slot": 1, "users_left": ["user-1", "user-2", "user-3", "user-4"]}, "users_left"),
+        ({"at_slot": 1, "users_joined": [{"id": "user-1", "position_m": [1.0, 1.0]}]}, "users_joined"),
+        ({"at_slot": 1, "users_joined": [{"id": "new", "position_m": [1.0, 1.0]}] * 2}, "users_joined"),
+        ({"at_slot": 1, "users_joined": [{"id": "new", "position_m": ["east", 1.0]}]}, "users_joined.0.position_m.0"),
+        ({"at_slot": 1, "users_joined": CROWD}, "users"),
+        ({"at_slot": 1, "returned": [{"id": "uav-1", "start_m": [50.0, 50.0]}]}, "returned"),
+        ({"at_slot": 1, "returned": [{"id": "uav-3", "start_m": [999.0, 50.0]}]}, "returned"),
+        ({"at_slot": 0, "returned": [{"id": "uav-3", "start_m": [51.0, 50.0]}]}, "returned"),
+        ({"at_slot": 1, "bandwidth_hz": {"uav-9": 5000.0}}, "bandwidth_hz"),
+        ({"at_slot": 1, "bandwidth_hz": {"uav-1": -1.0}}, "bandwidth_hz.uav-1"),
+        ({"at_slot": 1, "utility": {"kind": "sum", "mu_per_kbps": 1.0}}, "utility.mu_per_kbps"),
+        ({"at_slot": 1, "utility": {"kind": "applause"}}, "utility.kind"),
     ],
 )
 def test_a_replan_that_makes_no_sense_is_refused_by_field(
@@ -86,6 +110,52 @@ def test_a_replan_that_makes_no_sense_is_refused_by_field(
     assert answer.status_code == 422, answer.text
     assert answer.headers["content-type"] == "application/problem+json"
     assert [row["field"] for row in answer.json()["errors"]] == [field]
+
+
+def test_a_replan_takes_in_users_bands_and_another_utility_at_once(client: TestClient, paper: dict[str, Any]) -> None:
+    made = planned(client, paper)
+    body = {
+        "at_slot": 10,
+        "failed": ["uav-2"],
+        "users_left": ["user-1"],
+        "users_joined": [{"id": "newcomer", "position_m": [300.0, 300.0]}],
+        "utility": {"kind": "pooled", "mu_per_kbps": -0.3},
+        "bandwidth_hz": {"uav-1": 20_000.0},
+    }
+    answer = client.post(f"/v1/plans/{made['id']}/replans", params={"wait_s": 60}, json=body)
+    assert answer.status_code == 200, answer.text
+    again = Plan.model_validate(answer.json())
+    assert violations(again) == []
+    assert again.cause.uav_ids == ("uav-2",)
+    assert again.scenario.uav_ids == ("uav-1", "uav-3")
+    assert again.scenario.user_ids == (*(f"user-{k}" for k in range(2, 10)), "newcomer")
+    assert again.scenario.utility.kind == "pooled"
+    assert again.scenario.uav("uav-1").bandwidth_hz == 20_000.0
+    assert again.achieved_rates_bps["newcomer"] == []
+    assert "user-1" not in again.achieved_rates_bps
+
+
+def test_a_uav_that_comes_back_is_planned_for_from_where_it_is(client: TestClient) -> None:
+    service = Client(http=client)
+    made = service.plan(EXAMPLES["paper"]())
+    without = service.replan(made.id, failed=["uav-3"], at_slot=8)
+    assert (without.cause.kind, without.cause.uav_ids) == ("requested", ("uav-3",))
+    back = Uav(id="uav-3", start_m=(260.0, 130.0))
+    again = service.replan(without.id, at_slot=12, changes=Changes(returned=(back,)))
+    assert again.scenario.uav_ids == ("uav-1", "uav-2", "uav-3")
+    assert again.trajectories_m["uav-3"][0] == (260.0, 130.0)
+    assert (again.cause.kind, again.cause.uav_ids) == ("uav_returned", ("uav-3",))
+    assert service.replan(made.id, at_slot=8, changes=Changes(users_left=("user-1",))).cause.kind == "users_changed"
+
+
+@pytest.mark.parametrize("example", REPLAN_EXAMPLES["requestBody"]["content"]["application/json"]["examples"].values())
+def test_every_example_of_a_replan_is_one(client: TestClient, minimal: dict[str, Any], example: dict[str, Any]) -> None:
+    made = planned(client, minimal)
+    if "returned" in example["value"]:
+        path = f"/v1/plans/{made['id']}/replans"
+        made = client.post(path, params={"wait_s": 60}, json={"failed": ["uav-2"], "at_slot": 1}).json()
+    answer = client.post(f"/v1/plans/{made['id']}/replans", params={"wait_s": 60}, json=example["value"])
+    assert answer.status_code == 200, answer.text
 
 
 def test_a_cancelled_plan_ends_with_the_best_it_had(client: TestClient) -> None:
@@ -99,6 +169,39 @@ def test_a_cancelled_plan_ends_with_the_best_it_had(client: TestClient) -> None:
     assert client.post(f"{location}:cancel").json()["status"] == "cancelled"
 
 
+def test_a_running_plan_shows_its_best_so_far_which_cancelling_returns_or_betters(client: TestClient) -> None:
+    scenario = scattered(12, 36, 200, seed=3)
+    location = client.post("/v1/plans", params=LONG, json=scenario.model_dump(mode="json")).headers["Location"]
+    while (seen := client.get(location, params={"wait_s": 0.05})).status_code == 202 and seen.json()["best"] is None:
+        pass
+    assert seen.status_code == 202
+    view = UnfinishedPlan.model_validate_json(seen.content)
+    assert view.best is not None
+    assert view.progress is not None
+    assert view.best.status == view.status == "running"
+    assert (view.best.id, view.best.scenario) == (view.id, scenario)
+    assert violations(view.best) == []
+    assert 0 < view.best.summary.utility_bps <= view.progress.utility_bps * (1 + 1e-9)
+    ended = Plan.model_validate_json(client.post(f"{location}:cancel", params={"wait_s": 60}).content)
+    assert ended.status == "cancelled"
+    assert violations(ended) == []
+    assert ended.summary.utility_bps >= view.best.summary.utility_bps * (1 - 1e-9)
+    assert "best" not in client.get(location).json()
+
+
+def test_a_plan_that_waits_has_no_best_and_never_that_of_the_job_before(client: TestClient) -> None:
+    long = scattered(12, 36, 200, seed=3).model_dump(mode="json")
+    running, waiting = (client.post("/v1/plans", params=LONG, json=long).headers["Location"] for _ in range(2))
+    while client.get(running, params={"wait_s": 0.05}).json()["best"] is None:
+        pass
+    seen = client.get(waiting).json()
+    assert (seen["status"], seen["best"], seen["progress"]) == ("queued", None, None)
+    client.post(f"{running}:cancel", params={"wait_s": 60})
+    seen = client.get(waiting, params={"wait_s": 0.01}).json()
+    assert seen["best"] is None or seen["best"]["id"] == seen["id"]
+    assert client.post(f"{waiting}:cancel", params={"wait_s": 60}).json()["status"] == "cancelled"
+
+
 def test_more_solves_than_the_queue_holds_are_told_to_come_back(client: TestClient) -> None:
     scenario = EXAMPLES["paper"]().with_changes(slots=400).model_dump(mode="json")
     answers = [client.post("/v1/plans", json=scenario) for _ in range(5)]
@@ -108,6 +211,24 @@ def test_more_solves_than_the_queue_holds_are_told_to_come_back(client: TestClie
         client.post(f"{answer.headers['Location']}:cancel")
     for answer in answers[:-1]:
         assert client.get(answer.headers["Location"], params={"wait_s": 60}).json()["status"] == "cancelled"
+
+
+def test_missions_for_ardupilot_begin_with_home_in_every_format(client: TestClient, minimal: dict[str, Any]) -> None:
+    made = planned(client, minimal)
+    path = f"/v1/plans/{made['id']}/missions"
+
+    def asked(**params: str) -> httpx2.Response:
+        return client.get(path, params={"autopilot": "ardupilot", **params})
+
+    plan = Plan.model_validate(made)
+    rows, file = asked().json(), asked(format="plan", uav_id="uav-2").json()
+    for uav in ("uav-1", "uav-2"):
+        assert rows[uav] == [asdict(item) for item in compile_mission(plan, uav, autopilot=Autopilot.ARDUPILOT).items]
+        assert [item["command"] for item in rows[uav][:2]] == [16, 22]  # home, then NAV_TAKEOFF
+    assert file["mission"]["firmwareType"] == 3
+    assert len(from_qgc_plan(file)) == len(rows["uav-2"])
+    assert len(from_waypoints(asked(format="waypoints", uav_id="uav-1").text)) == len(rows["uav-1"])
+    assert asked(autopilot="parrot").status_code == 422
 
 
 def test_a_plan_nobody_made_is_not_found(client: TestClient) -> None:
@@ -127,7 +248,11 @@ def test_missions_come_as_json_for_all_and_as_files_for_one(client: TestClient, 
     text = client.get(path, params={"format": "waypoints", "uav_id": "uav-1"})
     assert text.headers["content-type"].startswith("text/plain")
     assert text.text.startswith("QGC WPL 110\n")
-    for params in ({"format": "plan"}, {"format": "waypoints", "uav_id": "uav-9"}):
+    for params in (
+        {"format": "plan"},
+        {"format": "waypoints", "uav_id": "uav-9"},
+        {"format": "plan", "uav_id": "uav-9", "autopilot": "ardupilot"},
+    ):
         answer = client.get(path, params=params)
         assert answer.status_code == 422
         assert answer.json()["errors"][0]["field"] == "uav_id"

@@ -37,7 +37,7 @@ def along(path: list[tuple[float, float]], slots: float) -> tuple[float, float]:
     return e0 + share * (e1 - e0), n0 + share * (n1 - n0)
 
 
-def flown(plans: list[Plan], *, obey: bool = True) -> sim.TruthLog:
+def flown(plans: list[Plan], *, obey: bool = True, falls_late_s: float = 0.0) -> sim.TruthLog:
     """Ground truth of a perfect flight; with obey=False the survivor stays on the first plan."""
     log = sim.TruthLog()
     first, second = plans
@@ -50,7 +50,7 @@ def flown(plans: list[Plan], *, obey: bool = True) -> sim.TruthLog:
             path, begun = (second, 4.0) if follows_new else (first, 0.0)
             where = along(path.trajectories_m[uav], max(at / 5 - begun, 0.0))
             lat, lon = east_north_to_geodetic(first.scenario.origin, *where)
-            alive = system == 1 or at < KILL_S
+            alive = system == 1 or at < KILL_S + falls_late_s
             log.samples.append(
                 sim.Sample(SLOT0_S + at, system, lat, lon, 30.0, 2.0, "MISSION", True, alive, alive, 7, 1)
             )
@@ -92,6 +92,20 @@ def test_a_flight_that_was_flown_passes_with_the_right_timings(plans: list[Plan]
     assert report.flown.user_rates_bps[served][1] > 1000.0
     assert report.flown.user_rates_bps[served][2] == pytest.approx(0.0)
     assert report.tracking["uav-1"].worst_m < 10.0
+
+
+@pytest.mark.parametrize("clock_error_s", [-1e-6, 0.0, 1e-6, 0.05])
+def test_a_user_is_unserved_after_the_loss_though_the_uav_served_an_instant_longer(
+    plans: list[Plan], clock_error_s: float
+) -> None:
+    said = outcome(plans[:1], recoveries=[])
+    said = replace(said, slot0_s=SLOT0_S + clock_error_s)
+    without = replace(CONFIG, replan=False)
+    log = flown(plans, obey=False, falls_late_s=0.15)
+    report = judge(without, plans[0].scenario, log, said, wall_s=1.0)
+    orphans = {user for user, row in plans[0].association.items() if set(row[2:]) == {"uav-2"}}
+    assert orphans
+    assert set(report.flown.unserved_after) >= orphans
 
 
 def test_a_survivor_that_stays_on_the_old_plan_fails(plans: list[Plan]) -> None:

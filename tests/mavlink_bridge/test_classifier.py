@@ -15,7 +15,8 @@ from mavlink_bridge.classifier import Classifier
 from mavlink_bridge.conditions import Change, Condition, Lasting, Timing
 
 PX4_MISSION, PX4_LAND, PX4_RETURN, PX4_POSITION = (4 << 16 | 4 << 24, 4 << 16 | 6 << 24, 4 << 16 | 5 << 24, 3 << 16)
-COPTER_AUTO, COPTER_RTL, COPTER_STABILIZE = 3, 6, 0
+PX4_HOLD, PX4_TAKEOFF, PX4_OFFBOARD = (4 << 16 | 3 << 24, 4 << 16 | 2 << 24, 6 << 16)
+COPTER_AUTO, COPTER_RTL, COPTER_STABILIZE, COPTER_GUIDED = 3, 6, 0, 4
 ARMED, DISARMED = 157, 29
 
 
@@ -29,6 +30,7 @@ class Story:
         self.values: dict[str, Any] = {
             "autopilot": autopilot, "custom_mode": mode, "base_mode": ARMED, "system_status": 4, "relative_alt": 60_000,
             "vz": 0, "landed_state": 2, "battery_remaining": 90,
+            "seq": 3, "total": 20, "mission_state": 3, "mission_id": 7,
         }  # fmt: skip
         self.boot_s = 0.0
         self.classifier.watch(1, 0.0)
@@ -39,11 +41,18 @@ class Story:
         self.values |= changes
         first = len(self.changes)
         for _ in range(round(seconds)):
-            for name in ("HEARTBEAT", "GLOBAL_POSITION_INT", "EXTENDED_SYS_STATE", "SYS_STATUS"):
+            for name in ("HEARTBEAT", "GLOBAL_POSITION_INT", "EXTENDED_SYS_STATE", "SYS_STATUS", "MISSION_CURRENT"):
                 fields = self.values | {"time_boot_ms": round((self.now_s - self.boot_s) * 1000)}
                 self.classifier.hear(1, 1, name, fields, self.now_s)
             self.silence(1)
         return [change.after for change in self.changes[first:]]
+
+    def say(self, words: str, severity: int = 2) -> None:
+        """A STATUSTEXT, by default MAV_SEVERITY_CRITICAL."""
+        self.classifier.hear(1, 1, "STATUSTEXT", {"text": words, "severity": severity}, self.now_s)
+
+    def order(self, mode: FlightMode, until_s: float | None = None) -> None:
+        self.classifier.expect(1, frozenset({mode}), self.now_s, until_s)
 
     def silence(self, seconds: float, *, companion: bool = False) -> list[Condition]:
         """Nothing from the autopilot for a while."""
@@ -87,8 +96,26 @@ def test_a_reboot_is_seen_by_the_boot_clock_and_passes() -> None:
     story = Story()
     story.tell(30)
     story.boot_s = story.now_s
-    changes = story.tell(14)
-    assert changes == [Condition.REBOOTED, Condition.LIVE]
+    assert story.tell(14, mission_id=8) == [Condition.REBOOTED, Condition.LIVE]
+    assert [change.flies_on for change in story.changes] == [False, False]
+
+
+def test_a_uav_that_rebooted_in_the_air_may_prove_that_it_flies_its_mission_on() -> None:
+    story = Story()
+    story.tell(30)
+    story.boot_s = story.now_s
+    assert story.tell(14) == [Condition.REBOOTED, Condition.LIVE]
+    assert story.changes[0].flies_on
+    assert "flies its mission on" in story.changes[0].cause
+
+
+def test_a_uav_that_reboots_on_the_ground_has_nothing_to_prove() -> None:
+    story = Story()
+    story.tell(5, base_mode=DISARMED, relative_alt=0)
+    story.tell(1, base_mode=ARMED)
+    story.boot_s = story.now_s
+    assert story.tell(2) == [Condition.REBOOTED]
+    assert not story.changes[-1].flies_on
 
 
 def test_a_clock_that_jumps_ahead_is_no_reboot_and_no_loss() -> None:
@@ -120,6 +147,13 @@ def test_how_one_flight_ended_is_history_when_the_next_begins() -> None:
     assert story.tell(3, base_mode=DISARMED) == [Condition.CRASHED]
 
 
+def test_a_failsafe_is_over_when_the_next_flight_begins() -> None:
+    story = Story()
+    assert story.tell(3, custom_mode=PX4_LAND) == [Condition.FAILSAFE]
+    assert story.tell(2, base_mode=DISARMED, relative_alt=0) == [Condition.LANDED]
+    assert story.tell(1, base_mode=ARMED, custom_mode=PX4_MISSION) == [Condition.LIVE]
+
+
 @pytest.mark.parametrize(("autopilot", "mode"), [(12, PX4_POSITION), (3, COPTER_STABILIZE)])
 def test_a_mode_nobody_commanded_is_a_human(autopilot: int, mode: int) -> None:
     story = Story(autopilot=autopilot, mode=PX4_MISSION if autopilot == 12 else COPTER_AUTO)
@@ -136,8 +170,64 @@ def test_a_return_nobody_commanded_is_a_failsafe(autopilot: int, mode: int) -> N
     assert story.tell(3, custom_mode=mode) == [Condition.FAILSAFE]
 
 
-def test_a_critical_system_status_is_a_failsafe_in_any_mode() -> None:
-    assert Story().tell(3, system_status=5) == [Condition.FAILSAFE]
+def test_a_critical_system_status_is_a_failsafe_in_any_mode_with_what_it_said() -> None:
+    story = Story()
+    story.say("Mission finished", severity=6)
+    story.say("Critical battery level")
+    assert story.tell(3, system_status=5, battery_remaining=6) == [Condition.FAILSAFE]
+    assert story.cause.startswith("in mode 'mission', system status 5, said 'Critical battery level' 0.")
+    assert story.cause.endswith("6% of charge left")
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "flies", "hold"),
+    [
+        (12, PX4_MISSION, PX4_HOLD),
+        (12, PX4_OFFBOARD, PX4_HOLD),
+        (12, PX4_POSITION, PX4_HOLD),
+        (3, COPTER_AUTO, COPTER_GUIDED),
+    ],
+)
+def test_a_hold_we_did_not_order_is_somebody_elses(autopilot: int, flies: int, hold: int) -> None:
+    story = Story(autopilot=autopilot, mode=flies)
+    story.order(FlightMode.MISSION)
+    story.tell(8)
+    assert story.tell(4, custom_mode=hold)[-1:] == ([] if flies == PX4_POSITION else [Condition.HUMAN])
+    assert story.classifier.condition(1) is Condition.HUMAN
+    story.classifier.poll(story.now_s)
+    if flies != PX4_POSITION:
+        assert "held by somebody else, not by us: our last order was 'mission' " in story.cause
+    assert story.tell(5, custom_mode=PX4_MISSION if autopilot == 12 else COPTER_AUTO) == [Condition.LIVE]
+
+
+def test_a_hold_of_ours_is_nobody_elses_however_long_its_command_takes() -> None:
+    story = Story()
+    story.order(FlightMode.HOLD, until_s=float("inf"))
+    story.tell(30)
+    assert story.tell(30, custom_mode=PX4_HOLD) == []
+    story.order(FlightMode.MISSION)
+    assert story.tell(10, custom_mode=PX4_MISSION) == []
+    assert story.tell(4, custom_mode=PX4_HOLD) == [Condition.HUMAN]  # the order of half a minute ago is used up
+
+
+@pytest.mark.parametrize(
+    "ending", [{"seq": 19}, {"mission_state": 5}, {"seq": 0, "mission_state": 5}, {"system_status": 5}]
+)
+def test_a_mission_that_ends_and_a_failsafe_that_holds_are_no_human(ending: dict[str, int]) -> None:
+    story = Story()
+    expected = [Condition.FAILSAFE] if "system_status" in ending else []
+    assert story.tell(20, custom_mode=PX4_HOLD, **ending) == expected
+
+
+def test_a_hold_that_its_autopilot_explains_is_no_human() -> None:
+    story = Story(mode=PX4_OFFBOARD)
+    story.say("Offboard control lost")
+    assert story.tell(20, custom_mode=PX4_HOLD) == []
+
+
+def test_a_hold_after_take_off_or_since_before_we_listened_is_no_human() -> None:
+    assert Story(mode=PX4_HOLD).tell(10) == []
+    assert Story(mode=PX4_TAKEOFF).tell(10, custom_mode=PX4_HOLD) == []
 
 
 def test_a_landing_we_announced_is_no_failsafe_and_ends_landed() -> None:

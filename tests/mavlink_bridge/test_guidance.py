@@ -129,18 +129,18 @@ async def test_a_vehicle_a_human_took_from_the_stream_is_left_to_the_human(
         assert field.fleet.vehicles[1].autopilot.mode is Mode.POSITION
 
 
-async def test_a_vehicle_whose_service_is_killed_stops_and_hovers(plan_of: PlanOf) -> None:
-    plan = plan_of({"uav-1": [(0.0, 0.0)] * 2}, altitude_m=8.0)
-    await asyncio.gather(*(stream_until_killed(plan, autopilot) for autopilot in Autopilot))
+async def test_vehicles_whose_service_is_killed_go_on_from_their_mission_or_hold_by_policy() -> None:
+    await asyncio.gather(*(stream_until_killed(autopilot) for autopilot in Autopilot))
 
 
-async def stream_until_killed(plan: Plan, autopilot: Autopilot) -> None:
+async def stream_until_killed(autopilot: Autopilot) -> None:
     from tests.mavlink_bridge.conftest import specs_at  # noqa: PLC0415
+    from tests.mavlink_bridge.streaming_service import PLAN  # noqa: PLC0415
 
     port = free_port(socket.SOCK_DGRAM)
-    fleet = Fleet(specs_at(plan, autopilot), clock=ScaledClock(1.0), endpoint=f"udpout://127.0.0.1:{port}")
+    fleet = Fleet(specs_at(PLAN, autopilot), clock=ScaledClock(1.0), endpoint=f"udpout://127.0.0.1:{port}")
     async with fleet:
-        vehicle = fleet.vehicles[1].autopilot
+        goes_on, holds = (fleet.vehicles[number].autopilot for number in (1, 2))
         service = subprocess.Popen(  # noqa: ASYNC220
             [sys.executable, str(SERVICE), f"udpin://127.0.0.1:{port}", autopilot.value],
             cwd=Path(__file__).parents[2],
@@ -148,19 +148,24 @@ async def stream_until_killed(plan: Plan, autopilot: Autopilot) -> None:
         )
         try:
             async with asyncio.timeout(90):
-                while vehicle.mode is not Mode.GUIDED or vehicle.body.north_m < 10.0:  # noqa: ASYNC110
+                while min(one.body.north_m if one.mode is Mode.GUIDED else 0.0 for one in (goes_on, holds)) < 10.0:  # noqa: ASYNC110
                     await asyncio.sleep(0.1)
         finally:
             service.kill()
             service.wait()
-        resting = 0
-        async with asyncio.timeout(30):
-            while resting < 20:  # two seconds: it brakes, and comes back to its last setpoint
-                resting = resting + 1 if vehicle.body.ground_speed_mps < 0.3 else 0
+        killed_m = goes_on.body.north_m
+        least_m, resting = killed_m, 0
+        async with asyncio.timeout(40):
+            while goes_on.body.north_m < killed_m + 40.0 or resting < 20:  # two seconds of rest
+                least_m = min(least_m, goes_on.body.north_m)
+                resting = resting + 1 if holds.body.ground_speed_mps < 0.3 else 0
                 await asyncio.sleep(0.1)
-        stopped_m = vehicle.body.north_m
+        assert goes_on.mode is Mode.MISSION
+        assert least_m > killed_m - 5.0, "the next waypoint, not one that was passed"
+        stopped_m = holds.body.north_m
         await asyncio.sleep(3.0)
-        assert abs(vehicle.body.north_m - stopped_m) < 1.0
-        assert vehicle.armed
-        assert vehicle.body.up_m > 6.0
-        assert vehicle.mode is (Mode.HOLD if autopilot is Autopilot.PX4 else Mode.GUIDED)
+        assert abs(holds.body.north_m - stopped_m) < 1.0
+        assert holds.mode is (Mode.HOLD if autopilot is Autopilot.PX4 else Mode.GUIDED)
+        for one in (goes_on, holds):
+            assert one.armed
+            assert one.body.up_m > 6.0

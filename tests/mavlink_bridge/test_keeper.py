@@ -38,6 +38,15 @@ def test_one_that_is_late_is_told_to_fly_faster_and_one_that_is_early_slower(pla
     assert speeds[0] > 5.0 > speeds[2]
 
 
+def test_one_that_is_kept_from_the_middle_of_a_flight_on_has_no_slip_of_the_slots_before(plan_of: PlanOf) -> None:
+    mission = compile_mission(plan_of({"uav-1": PATH}), "uav-1", on_end=OnEnd.HOLD)
+    keeper = Keeper(PATH, 5.0, mission, PX4, since_s=12.0)
+    assert keeper.slip(14.9, (0.0, 40.0)) is None
+    slip = keeper.slip(15.1, (0.0, 39.0))
+    assert slip is not None
+    assert (slip.slot, slip.distance_m) == (3, 1.0)
+
+
 def test_orders_stay_within_the_vehicles_limits(keeper: Keeper, plan_of: PlanOf) -> None:
     order = keeper.advise(9.5, (0.0, -400.0), (0.0, 0.0), item_at(plan_of, 1))
     assert order is not None

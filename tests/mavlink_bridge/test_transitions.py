@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import pytest
@@ -45,6 +46,16 @@ def test_one_that_does_not_fly_the_new_plan_is_where_it_is() -> None:
 def test_live_positions_count_even_without_any_path() -> None:
     with pytest.raises(TransitionTooClose, match=r"within 3\.00 m"):
         check_transition({"uav-1": (0.0, 0.0), "uav-2": (3.0, 0.0)}, {}, **HOW)
+
+
+def test_reserved_air_is_recalled_as_it_was() -> None:
+    air, again = Airspace(), Airspace()
+    air.reserve(ghost(path=[(0.0, 0.0), (10.0, 5.0)], home=(1.0, 2.0)))
+    air.seen("uav-3", (3.0, 4.0))
+    again.recall(json.loads(json.dumps(air.document())))
+    assert again.document() == air.document()
+    flown = {"uav-1": [(3.0, 0.0), (3.0, 8.0)]}
+    assert again.conflicts(flown, [0.0, 5.0], 4.0) == air.conflicts(flown, [0.0, 5.0], 4.0) != []
 
 
 @given(

@@ -1,9 +1,11 @@
 """The fast path against the exact solver, brute force and the independent checker."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
-from planner import EXAMPLES, Iteration, MaxIterations, Scenario, StopToken, Utility, plan, replan, violations
+from planner import EXAMPLES, Iteration, MaxIterations, Plan, Scenario, StopToken, Utility, plan, replan, violations
 from planner.fast import optimise
 from planner.problem import problem_of
 
@@ -33,6 +35,17 @@ def test_a_plan_stopped_at_once_hovers_and_is_feasible() -> None:
     assert made.status == "cancelled"
     assert violations(made) == []
     assert all(len(set(path)) == 1 for path in made.trajectories_m.values())
+
+
+def test_the_best_so_far_is_a_feasible_plan_whenever_it_is_asked_for() -> None:
+    offers: list[Callable[[], Plan]] = []
+    seen: list[Iteration] = []
+    made = plan(scenario(), n_starts=4, observer=seen.append, offer=offers.append)
+    sketches = [make() for make in offers]  # long after they were offered
+    assert [sketch.summary.utility_bps for sketch in sketches] == pytest.approx([one.utility_bps for one in seen])
+    assert [sketch.history for sketch in sketches] == [seen[: count + 1] for count in range(len(seen))]
+    assert all(sketch.status == "running" and violations(sketch) == [] for sketch in sketches)
+    assert sketches[-1].trajectories_m == made.trajectories_m
 
 
 def test_more_starts_are_never_worse() -> None:

@@ -112,7 +112,10 @@ def test_a_ceiling_brings_an_ardupilot_home(copter_up: "Bench") -> None:
     assert [d for _, kind, d in copter_up.events if kind == "failsafe"] == [{"cause": "fence", "action": "RETURN"}]
 
 
-def test_px4_leaves_offboard_when_the_setpoints_stop(airborne: "Bench") -> None:
+def test_px4_leaves_offboard_when_the_setpoints_stop_and_is_well_once_it_flies_a_mission(
+    airborne: "Bench", items: "Items"
+) -> None:
+    airborne.upload(items.waypoint(500.0, 0.0, current=1.0))
     mask = 0b0000_1111_1111_1000
     point = (0, 1, 1, 1, mask, 30.0, 0.0, -20.0, *[0.0] * 8)
     assert airborne.command(176, 1.0, 6.0) == 1
@@ -125,3 +128,8 @@ def test_px4_leaves_offboard_when_the_setpoints_stop(airborne: "Bench") -> None:
     assert airborne.autopilot.body.distance_to(0.0, 30.0) < 1.0
     airborne.fly(2.0)
     assert airborne.autopilot.mode.name != "GUIDED"
+    assert airborne.autopilot.failsafes.active
+    airborne.set_mode(4)
+    airborne.fly(1.0)
+    assert airborne.autopilot.mode is Mode.MISSION
+    assert not airborne.autopilot.failsafes.active

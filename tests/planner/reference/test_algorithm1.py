@@ -99,7 +99,7 @@ def test_the_objective_never_decreases_and_every_plan_is_feasible(kind: str) -> 
     scenario = scattered(2, 4, 5, seed=4, utility=Utility(kind=kind, mu_per_kbps=-0.3))
     seen: list[Iteration] = []
     problem = problem_of(scenario)
-    solution = algorithm_1(problem, MaxIterations(4), observer=seen.append)
+    solution = algorithm_1(problem, MaxIterations(4), observer=lambda iteration, _: seen.append(iteration))
     assert seen == solution.history
     utilities = [one.utility_bps for one in seen]
     assert utilities == sorted(utilities)

@@ -1,0 +1,53 @@
+"""What commands read and write: scenarios, plans, results; and how a user's mistake is told."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, TypeVar
+
+import typer
+from pydantic import BaseModel
+
+from planner import EXAMPLES, Scenario
+
+Model = TypeVar("Model", bound=BaseModel)
+Json = Annotated[bool, typer.Option("--json", help="Print JSON only.")]
+Out = Annotated[Path | None, typer.Option(help="Write the result here instead of printing it.")]
+
+
+class UsageError(Exception):
+    """The command line or a file given on it is wrong; exit status 2."""
+
+
+def read_scenario(file: Path | None, example: str | None) -> Scenario:
+    """The scenario in a file, or an example of this name. Raises UsageError, or ValidationError for a bad file."""
+    if (file is None) == (example is None):
+        raise UsageError("give a scenario FILE or --example NAME, one of them")
+    if file is not None:
+        return read_as(Scenario, file)
+    if example not in EXAMPLES:
+        raise UsageError(f"--example: {example!r} must be one of {', '.join(EXAMPLES)}")
+    return EXAMPLES[example]()
+
+
+def read_as(model: type[Model], file: Path) -> Model:
+    """The JSON file as this model. Raises UsageError, or ValidationError for a bad file."""
+    return model.model_validate_json(read(file))
+
+
+def read(file: Path) -> str:
+    """The text of a file. Raises UsageError."""
+    try:
+        return file.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise UsageError(f"{file}: {error}") from error
+
+
+def write(text: str, out: Path | None) -> None:
+    """Into the file, whose folder is made, or to standard output."""
+    if out is None:
+        sys.stdout.write(text.rstrip("\n") + "\n")
+        return
+    out.parent.mkdir(parents=True, exist_ok=True)
+    out.write_text(text, encoding="utf-8")

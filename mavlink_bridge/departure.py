@@ -1,0 +1,147 @@
+"""Bring one vehicle to where its mission begins: launch, go to, and start. All waits are wall seconds.
+
+As everything in `flight`, confirmed by what the vehicle reports afterwards.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from math import hypot, nan
+
+from mavlink_bridge.autopilots import HOLD_MODE, OURS, Autopilot, FlightMode, mode_numbers
+from mavlink_bridge.flight import CONFIRM_S, CUSTOM_MODE, SET_MODE, ask_until, seen_of, set_mode
+from mavlink_bridge.geodesy import geodetic_to_east_north, to_e7
+from mavlink_bridge.items import Frame
+from mavlink_bridge.vehicle import NotDone, Vehicle
+from planner.scenario import Origin
+
+ALTITUDE_TOLERANCE_M = 1.0
+ARRIVAL_TOLERANCE_M = 1.0
+ARRIVAL_SPEED_MPS = 0.5
+INSIST_EVERY_S, INSIST_TIMES = 0.04, 8
+"""Eight of a fleet start within 0.1 s of each other at 10 % loss each way, but for one launch in a hundred."""
+
+_ARM, _TAKEOFF, _REPOSITION = 400, 22, 192
+_CHANGE_MODE = 1.0
+
+
+async def launch(vehicle: Vehicle, altitude_m: float, timeout_s: float) -> None:
+    """Arm, take off, and be within 1 m of `altitude_m` above home (or higher) in `timeout_s` wall seconds.
+
+    It ends at once when the vehicle disarms on the way, or changes to a mode that is not ours.
+    """
+    now = vehicle.state.snapshot()
+    if now is None:
+        raise NotDone("its position is not known yet")
+    if vehicle.autopilot is Autopilot.ARDUPILOT:
+        await set_mode(vehicle, FlightMode.GUIDED)
+        await vehicle.command(_ARM, 1.0)
+        await vehicle.command(_TAKEOFF, 0, 0, 0, None, 0, 0, altitude_m)
+    else:
+        await vehicle.command(_ARM, 1.0)
+        home_amsl_m = now.altitude_amsl_m - now.relative_alt_m
+        with vehicle.commanding(FlightMode.TAKEOFF):
+            await vehicle.command(_TAKEOFF, None, 0, 0, None, None, None, home_amsl_m + altitude_m)
+    climb = _Climb(vehicle, altitude_m)
+    if not await vehicle.wait_until(climb.is_over, timeout_s):
+        raise NotDone(f"at {climb.up_m:.1f} of {altitude_m:g} m after {timeout_s:g} s")
+    if climb.broken_off is not None:
+        raise NotDone(f"{climb.broken_off} at {climb.up_m:.1f} of {altitude_m:g} m")
+
+
+class _Climb:
+    """A vehicle on its way up, and why it will not arrive."""
+
+    def __init__(self, vehicle: Vehicle, altitude_m: float) -> None:
+        self.broken_off: str | None = None
+        self._vehicle, self._altitude_m = vehicle, altitude_m
+        self._was_armed = self._was_ours = False
+
+    @property
+    def up_m(self) -> float:
+        """Metres above home, -1 before it told."""
+        now = self._vehicle.state.snapshot()
+        return -1.0 if now is None else now.relative_alt_m
+
+    def is_over(self) -> bool:
+        """Whether it has arrived or will not; HEARTBEAT lags, so what was never seen has not ended."""
+        state = self._vehicle.state
+        ours = state.mode in OURS[self._vehicle.autopilot]
+        if self._was_armed and not state.armed:
+            self.broken_off = "disarmed"
+        elif self._was_ours and not ours:
+            self.broken_off = f"in mode '{state.mode}', which nobody commanded,"
+        self._was_armed |= state.armed
+        self._was_ours |= state.armed and ours
+        return self.broken_off is not None or self.up_m >= self._altitude_m - ALTITUDE_TOLERANCE_M
+
+
+async def go_to(vehicle: Vehicle, lat_deg: float, lon_deg: float, relative_alt_m: float, timeout_s: float) -> None:
+    """Fly straight to a point (degrees, metres above home) and come to rest there."""
+    if vehicle.state.snapshot() is None:
+        raise NotDone("its position is not known yet")
+    with vehicle.commanding(HOLD_MODE[vehicle.autopilot]):
+        await vehicle.command_int(
+            _REPOSITION,
+            frame=Frame.GLOBAL_RELATIVE_ALT_INT,
+            x=to_e7(lat_deg),
+            y=to_e7(lon_deg),
+            z=relative_alt_m,
+            param1=-1.0,
+            param2=_CHANGE_MODE,
+            param4=None,
+        )
+    if not await vehicle.wait_until(lambda: _is_at(vehicle, lat_deg, lon_deg, relative_alt_m), timeout_s):
+        raise NotDone(f"{_distance(vehicle, lat_deg, lon_deg):.1f} m away after {timeout_s:g} s")
+
+
+async def start(vehicle: Vehicle, item: int) -> None:
+    """Enter mission mode and see it fly `item` or a later one (HEARTBEAT and MISSION_CURRENT).
+
+    The order is repeated until it is seen to be followed: the acknowledged one alone, lost, is half a second late.
+    """
+    reports = vehicle.state.mission_reports
+    insisting = asyncio.create_task(_insist(vehicle, FlightMode.MISSION))
+    try:
+        await set_mode(vehicle, FlightMode.MISSION)
+    finally:
+        insisting.cancel()
+    if not await ask_until(vehicle, lambda: _flies_from(vehicle, item, reports)):
+        raise NotDone(f"not flying item {item} after {CONFIRM_S:g} s: {seen_of(vehicle)}")
+
+
+async def _insist(vehicle: Vehicle, mode: FlightMode) -> None:
+    """Send DO_SET_MODE unacknowledged, every INSIST_EVERY_S, until HEARTBEAT shows the mode; it may come twice."""
+    main, sub = mode_numbers(vehicle.autopilot, mode)
+    order = vehicle.command_message(SET_MODE, CUSTOM_MODE, main, sub)
+    for _ in range(INSIST_TIMES):
+        await asyncio.sleep(INSIST_EVERY_S)
+        if vehicle.state.mode is mode:
+            return
+        vehicle.send(order)
+
+
+def _flies_from(vehicle: Vehicle, item: int, reports: int) -> bool:
+    state = vehicle.state
+    current = state.mission_current
+    return (
+        state.mode is FlightMode.MISSION and state.mission_reports > reports and current is not None and current >= item
+    )
+
+
+def _distance(vehicle: Vehicle, lat_deg: float, lon_deg: float) -> float:
+    """Metres over ground between the vehicle and a point."""
+    now = vehicle.state.snapshot()
+    if now is None:
+        return nan
+    return hypot(*geodetic_to_east_north(Origin(lat_deg=lat_deg, lon_deg=lon_deg), now.lat_deg, now.lon_deg))
+
+
+def _is_at(vehicle: Vehicle, lat_deg: float, lon_deg: float, relative_alt_m: float) -> bool:
+    now = vehicle.state.snapshot()
+    return (
+        now is not None
+        and _distance(vehicle, lat_deg, lon_deg) <= ARRIVAL_TOLERANCE_M
+        and abs(now.relative_alt_m - relative_alt_m) <= ALTITUDE_TOLERANCE_M
+        and hypot(now.velocity_north_mps, now.velocity_east_mps) <= ARRIVAL_SPEED_MPS
+    )

@@ -1,0 +1,197 @@
+"""The guard of a stream: a process of its own that puts vehicles onto their missions when the one that streams dies.
+
+No autopilot goes on from its mission by itself when setpoints end: PX4 holds after COM_OF_LOSS_T, ArduCopter stops
+after GUID_TIMEOUT. So while vehicles that shall go on are streamed to, a small process waits at the end of a pipe,
+which breaks however the other process ends. Then the guard opens the same links, makes the waypoint of the slot that
+lasts current in each vehicle that is still ours, sees it fly its mission, and ends. A service that is already back
+holds the links, and then the vehicles are its task.
+
+    python -m mavlink_bridge.guard      orders as JSON on standard input, one a line; `null`: nothing to guard
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import signal
+import sys
+import time
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from mavlink_bridge.errors import ConnectionFailed, GuardFailed, VehiclesMissing
+from mavlink_bridge.guidance import FallBack, let_go
+from mavlink_bridge.heartbeat import HeartbeatMonitor
+from mavlink_bridge.hub import LinkOptions
+from mavlink_bridge.link import FleetLink
+from mavlink_bridge.signing import Signing
+
+READY = b"guarding\n"
+"""What the process says once orders can be given."""
+LINKS_FREE_S = 3.0
+"""Wall seconds until the links of a killed process are free; later, somebody else has them."""
+HEARD_S = 5.0
+TRIES = 3
+_LOGGER = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Orders:
+    """What to do when the pipe breaks.
+
+    links: URLs (see `endpoints`). slot0_at: UTC seconds when slot 0 began. slot_s: fleet seconds a slot; scale: fleet
+    seconds a wall second. items: for each system id the seq of the waypoint at which it is when a slot begins, for
+    each slot (`Mission.item_of_slot`). signing_key_file: never the key itself.
+    """
+
+    links: tuple[str, ...]
+    slot0_at: float
+    scale: float
+    slot_s: float
+    items: Mapping[int, tuple[int, ...]]
+    signing_key_file: str | None = None
+
+    def item_at(self, system_id: int, now: float) -> int:
+        """The waypoint to fly to at UTC second `now`: that of the slot that begins next, at most the last."""
+        slot = int((now - self.slot0_at) * self.scale // self.slot_s) + 1
+        return self.items[system_id][min(max(slot, 0), len(self.items[system_id]) - 1)]
+
+    def line(self) -> bytes:
+        """As one line of JSON."""
+        return json.dumps(asdict(self)).encode() + b"\n"
+
+    @classmethod
+    def of_line(cls, line: bytes) -> Orders | None:
+        """What `line` wrote; None for `null`."""
+        said = json.loads(line)
+        if said is None:
+            return None
+        items = {int(system_id): tuple(seqs) for system_id, seqs in said["items"].items()}
+        return cls(**{**said, "links": tuple(said["links"]), "items": items})
+
+
+class Guard:
+    """This process's side of the pipe.
+
+    guard = Guard()
+    await guard.start()         # raises GuardFailed
+    guard.orders(Orders(...))   # from now on vehicles go on without us
+    guard.orders(None)          # nothing to guard
+    await guard.close()
+    """
+
+    def __init__(self) -> None:
+        self._process: asyncio.subprocess.Process | None = None
+
+    async def start(self, timeout_s: float = 20.0) -> None:
+        """Begin the process; it outlives a signal to this one's group. Raises GuardFailed."""
+        if self._process is not None and self._process.returncode is None:
+            return
+        pipe = asyncio.subprocess.PIPE
+        self._process = await asyncio.create_subprocess_exec(
+            sys.executable, "-m", __name__, stdin=pipe, stdout=pipe, start_new_session=True
+        )
+        assert self._process.stdout is not None  # noqa: S101
+        try:
+            async with asyncio.timeout(timeout_s):
+                said = await self._process.stdout.readline()
+        except TimeoutError:
+            said = b""
+        if said != READY:
+            await self.close()
+            raise GuardFailed(f"the guard process did not begin within {timeout_s:g} s")
+
+    def orders(self, orders: Orders | None) -> None:
+        """What to do when this process dies, from now on. Raises GuardFailed when the guard is gone."""
+        process = self._process
+        if process is None or process.returncode is not None or process.stdin is None:
+            raise GuardFailed("the guard process is gone")
+        process.stdin.write(b"null\n" if orders is None else orders.line())
+
+    async def close(self) -> None:
+        """End the process, without it doing anything."""
+        process, self._process = self._process, None
+        if process is None or process.stdin is None:
+            return
+        with suppress(ConnectionError):
+            process.stdin.write(b"null\n")
+            process.stdin.close()
+            await process.stdin.wait_closed()
+        await process.wait()
+
+
+class _Wall:
+    def now(self) -> float:
+        return time.monotonic()
+
+
+async def take_over(orders: Orders) -> dict[int, str | None]:
+    """Put every vehicle onto its mission; for each what went wrong, or None. Raises ConnectionFailed."""
+    key = orders.signing_key_file
+    options = LinkOptions(signing=Signing.from_file(Path(key)) if key is not None else None)
+    async with FleetLink(clock=_Wall(), monitor=HeartbeatMonitor(), options=options) as link:
+        for url in orders.links:
+            await _connect(link, url)
+        said = await asyncio.gather(*(_one(link, orders, system_id) for system_id in orders.items))
+    return dict(zip(orders.items, said, strict=True))
+
+
+async def _connect(link: FleetLink, url: str) -> None:
+    """A killed process frees its ports a moment after its pipe has broken. Raises ConnectionFailed."""
+    until = time.monotonic() + LINKS_FREE_S
+    while True:
+        try:
+            return await link.connect(url)
+        except ConnectionFailed:
+            if time.monotonic() >= until:
+                raise
+            await asyncio.sleep(0.1)
+
+
+async def _one(link: FleetLink, orders: Orders, system_id: int) -> str | None:
+    try:
+        await link.wait_for({system_id}, timeout_s=HEARD_S)
+    except VehiclesMissing:
+        return f"not heard within {HEARD_S:g} s"
+    error: str | None = None
+    for _ in range(TRIES):
+        error = await let_go(link.vehicle(system_id), orders.item_at(system_id, time.time()), FallBack.MISSION)
+        if error is None:
+            break
+    return error
+
+
+def last_of(lines: Iterable[bytes]) -> Orders | None:
+    """The last whole orders before the pipe broke."""
+    orders = None
+    for line in lines:
+        with suppress(ValueError, TypeError, KeyError):  # half a line: the process died as it wrote it
+            orders = Orders.of_line(line)
+    return orders
+
+
+def main() -> None:
+    """Wait until the pipe breaks, then do as ordered."""
+    for number in (signal.SIGINT, signal.SIGTERM):  # it ends with the pipe, and not before its task is done
+        signal.signal(number, signal.SIG_IGN)
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s")
+    sys.stdout.buffer.write(READY)
+    sys.stdout.buffer.flush()
+    orders = last_of(sys.stdin.buffer)
+    if orders is None:
+        return
+    _LOGGER.warning("the process that streamed is gone: %d vehicles go on from their missions", len(orders.items))
+    try:
+        said = asyncio.run(take_over(orders))
+    except ConnectionFailed as error:
+        _LOGGER.warning("left to whoever has the links now: %s", error)
+        return
+    for system_id, failure in said.items():
+        _LOGGER.warning("system %d: %s", system_id, failure or "flies its mission")
+
+
+if __name__ == "__main__":
+    main()

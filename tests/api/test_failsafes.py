@@ -1,0 +1,193 @@
+"""Vehicles that save themselves, that a human holds, or that run low: seen, told with numbers, and left alone."""
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+from fastapi.testclient import TestClient
+
+import sim
+from api.client import ApiError
+from api.operation_views import OperationView, State
+from mavlink_bridge import Autopilot
+from planner import EXAMPLES
+from tests.api.flying import FleetThread, Flight, service
+
+pytestmark = pytest.mark.e2e
+SCENARIO = EXAMPLES["paper"]().with_changes(slots=40, altitude_m=8.0)
+SPEEDUP = 4.0
+BOTH = pytest.mark.parametrize("autopilot", list(Autopilot))
+PARAMETERS = {
+    Autopilot.PX4: {"COM_LOW_BAT_ACT": 3.0, "NAV_DLL_ACT": 2.0, "COM_DL_LOSS_T": 5.0, "COM_FAIL_ACT_T": 1.0},
+    Autopilot.ARDUPILOT: {
+        "BATT_LOW_MAH": 500.0,
+        "BATT_FS_LOW_ACT": 2.0,
+        "FS_GCS_ENABLE": 1.0,
+        "FS_GCS_TIMEOUT": 5.0,
+        "SYSID_MYGCS": 245.0,
+    },
+}
+ORDERS = ("COMMAND", "MISSION", "SET_")
+
+
+@pytest.fixture(scope="module")
+def served() -> Iterator[tuple[TestClient, str]]:
+    with service(SPEEDUP, heartbeat_stale_s=8.0, heartbeat_lost_s=16.0) as made:  # what counts here is what is said
+        yield made
+
+
+@contextmanager
+def flying(served: tuple[TestClient, str], autopilot: Autopilot, **options: Any) -> Iterator[tuple[Flight, str]]:
+    """A fleet whose failsafes are set, in slot 0; it lands at the end."""
+    http, endpoint = served
+    fleet = FleetThread(SCENARIO, endpoint, SPEEDUP, autopilot=autopilot.value)
+    for vehicle in fleet.fleet.vehicles.values():
+        for name, value in PARAMETERS[autopilot].items():
+            vehicle.autopilot.parameters[name] = value
+    try:
+        flown = Flight(http, fleet, SCENARIO)
+        operation_id = flown.take_off(**options)
+        yield flown, operation_id
+        if flown.client.operation(operation_id).state in {State.FLYING, State.PAUSED}:
+            flown.client.command(operation_id, "abort", action="hold")
+    finally:
+        fleet.stop()
+    deadline = time.monotonic() + 20
+    while any(vehicle.link != "lost" for vehicle in flown.client.vehicles()):  # none is taken for the next ones
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+def answered(flown: Flight, operation_id: str) -> OperationView:
+    return flown.until(operation_id, lambda view: view.recoveries)
+
+
+def events_of(flown: Flight, operation_id: str, kind: str) -> list[dict[str, Any]]:
+    """Data of the events of a kind since this operation was made."""
+    found: list[Any] = []
+    after: int | None = 0
+    while after is not None:
+        page = flown.http.get("/v1/events/log", params={"limit": 500, "after": after}).json()
+        found, after = found + page["items"], page["next"]
+    first = next(event["id"] for event in found if event["data"].get("operation_id") == operation_id)
+    return [event["data"] for event in found if event["kind"] == kind and event["id"] >= first]
+
+
+def orders_to(flown: Flight, system_id: int, since_s: float) -> list[str]:
+    return [
+        one.name
+        for one in list(flown.fleet.fleet.truth.messages)
+        if one.system_id == system_id and one.t_s > since_s and one.direction == "in" and one.name.startswith(ORDERS)
+    ]
+
+
+def assert_left_alone_and_planned_around(
+    flown: Flight, operation_id: str, view: OperationView, kind: str, seen_s: float
+) -> None:
+    """UAV 3 is lost for that reason; the others fly a new plan, nobody commands it, and its air is kept."""
+    report = view.recoveries[0]
+    assert (report.cause, report.outcome, view.lost) == (kind, "flying", ["uav-3"])
+    assert set(report.vehicles) == {"uav-1", "uav-2"}
+    operation = flown.service.operations.active(operation_id)
+    assert operation is not None
+    assert "uav-3" in operation.flight.guidance.airspace.ghosts
+    time.sleep(1.0)
+    assert orders_to(flown, 3, seen_s) == []
+
+
+@BOTH
+def test_a_battery_failsafe_in_flight_is_told_with_its_words_and_numbers_and_left_alone(
+    served: tuple[TestClient, str], autopilot: Autopilot
+) -> None:
+    with flying(served, autopilot) as (flown, operation_id):
+        flown.fleet.inject(sim.LowBattery(3, 0.06))
+        view = answered(flown, operation_id)
+        seen_s = flown.fleet.fleet.now_s
+        (lost,) = events_of(flown, operation_id, "uav_lost")
+        words = "Critical battery level" if autopilot is Autopilot.PX4 else "Battery 1 is low"
+        assert lost["cause"] == "in_failsafe"
+        assert f"in mode 'return', system status 5, said '{words}'" in lost["detail"]
+        assert "% of charge left" in lost["detail"]
+        assert_left_alone_and_planned_around(flown, operation_id, view, "in_failsafe", seen_s)
+
+
+@BOTH
+def test_a_uav_that_hears_us_no_more_and_saves_itself_is_seen_and_left_alone(
+    served: tuple[TestClient, str], autopilot: Autopilot
+) -> None:
+    with flying(served, autopilot) as (flown, operation_id):
+        flown.fleet.inject(sim.Impair(3, up=sim.Impairments(cut=True)))
+        view = answered(flown, operation_id)
+        seen_s = flown.fleet.fleet.now_s
+        (lost,) = events_of(flown, operation_id, "uav_lost")
+        words = "Connection to ground station lost" if autopilot is Autopilot.PX4 else "GCS Failsafe"
+        assert (lost["cause"], f"system status 5, said '{words}'" in lost["detail"]) == ("in_failsafe", True), lost
+        flown.fleet.inject(sim.Impair(3, up=sim.Impairments()))  # it hears us again: PX4 flies its old mission on
+        time.sleep(1.5)
+        assert_left_alone_and_planned_around(flown, operation_id, view, "in_failsafe", seen_s)
+
+
+def test_a_px4_that_somebody_else_holds_is_seen_and_left_alone(served: tuple[TestClient, str]) -> None:
+    with flying(served, Autopilot.PX4) as (flown, operation_id):
+        flown.client.command(operation_id, "pause")
+        time.sleep(2.0)
+        assert flown.client.operation(operation_id).lost == []  # our own hold is nobody else's
+        flown.client.command(operation_id, "resume")
+        time.sleep(1.0)
+        flown.fleet.inject(sim.ModeChange(3, "HOLD"))
+        view = answered(flown, operation_id)
+        seen_s = flown.fleet.fleet.now_s
+        (lost,) = events_of(flown, operation_id, "uav_lost")
+        assert lost["cause"] == "human_took_over"
+        assert "held by somebody else, not by us: our last order was 'mission'" in lost["detail"]
+        assert_left_alone_and_planned_around(flown, operation_id, view, "human_took_over", seen_s)
+        assert flown.fleet.fleet.vehicles[3].mode is sim.Mode.HOLD
+
+
+def test_a_low_battery_is_offered_and_only_the_operator_sends_the_uav_home(served: tuple[TestClient, str]) -> None:
+    with flying(served, Autopilot.PX4) as (flown, operation_id):
+        flown.fleet.inject(sim.LowBattery(3, 0.18))
+        view = flown.until(operation_id, lambda view: view.low_on_battery)
+        time.sleep(1.0)
+        assert (view.low_on_battery, view.lost) == (["uav-3"], [])
+        assert flown.client.operation(operation_id).recoveries == []  # nobody is grabbed
+        (offer,) = events_of(flown, operation_id, "uav_low_on_battery")
+        assert (offer["uav_id"], offer["offer"]) == ("uav-3", "retire")
+        assert "18% of charge left" in offer["detail"]
+        with pytest.raises(ApiError, match="409"):
+            flown.client.command(operation_id, "retire", uav_id="uav-9")
+        flown.client.command(operation_id, "retire", uav_id="uav-3")
+        sent_s = flown.fleet.fleet.now_s
+        view = answered(flown, operation_id)
+        assert_left_alone_and_planned_around(flown, operation_id, view, "battery", sent_s)
+        assert flown.fleet.fleet.vehicles[3].mode is sim.Mode.RTL
+        with pytest.raises(ApiError, match="409"):
+            flown.client.command(operation_id, "retire", uav_id="uav-3")
+        flown.until(operation_id, lambda _: events_of(flown, operation_id, "ghost_released"))
+
+
+@BOTH
+def test_a_reboot_in_flight_is_a_loss(served: tuple[TestClient, str], autopilot: Autopilot) -> None:
+    with flying(served, autopilot) as (flown, operation_id):
+        flown.fleet.inject(sim.Reboot(3, for_s=1.0))
+        view = answered(flown, operation_id)
+        assert view.lost == ["uav-3"]
+        assert view.recoveries[0].cause in {"rebooted", "crashed", "landed"}  # its motors have stopped
+
+
+def test_a_uav_that_restarts_and_proves_that_it_flies_on_is_an_event_and_no_loss(
+    served: tuple[TestClient, str],
+) -> None:
+    with flying(served, Autopilot.PX4) as (flown, operation_id):
+        flown.fleet.inject(sim.ClockJump(3, -flown.fleet.fleet.now_s))
+        flown.until(
+            operation_id,
+            lambda _: [one for one in events_of(flown, operation_id, "condition") if one["after"] == "rebooted"],
+        )
+        time.sleep(1.0)
+        view = flown.client.operation(operation_id)
+        assert (view.lost, view.recoveries) == ([], [])
+        (event,) = [one for one in events_of(flown, operation_id, "condition") if one["after"] == "rebooted"]
+        assert "it flies its mission on" in event["cause"]

@@ -1,0 +1,18 @@
+"""How many starts a plan is climbed from: what the request says, else what the service is set to, at most by size."""
+
+import pytest
+from fastapi.testclient import TestClient
+
+from api.app import create_app
+from api.settings import Settings
+from planner import EXAMPLES, Plan, plan
+
+
+@pytest.mark.parametrize(("asked", "used"), [({}, 3), ({"starts": 1}, 1), ({"starts": 5}, 5)])
+def test_a_request_that_does_not_say_starts_gets_those_of_the_service(asked: dict[str, int], used: int) -> None:
+    scenario = EXAMPLES["paper"]()
+    with TestClient(create_app(Settings(plan_starts=3, warm_up=False))) as client:
+        answer = client.post("/v1/plans", params={"wait_s": 60, **asked}, json=scenario.model_dump(mode="json"))
+    paths = {starts: plan(scenario, n_starts=starts).trajectories_m for starts in (1, 3, 5)}
+    made = Plan.model_validate(answer.json()).trajectories_m
+    assert [starts for starts in paths if paths[starts] == made] == [used]

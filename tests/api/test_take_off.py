@@ -1,0 +1,170 @@
+"""What goes wrong before slot 0 ends the launch at once, for everybody, and says who and why."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import pytest
+from fastapi.testclient import TestClient
+
+import sim
+from api.operation_views import OperationView, State
+from mavlink_bridge import Autopilot
+from planner import EXAMPLES
+from tests.api.flying import FleetThread, Flight, service
+
+pytestmark = pytest.mark.e2e
+SPEEDUP = 4.0
+SCENARIO = EXAMPLES["minimal"]().with_changes(slots=8, altitude_m=40.0)
+AT_ONCE_S = 8.0
+"""Wall seconds, of 120 that a launch may take."""
+RETURNS_WHEN_LOW = {
+    Autopilot.PX4: {"COM_LOW_BAT_ACT": 3.0},
+    Autopilot.ARDUPILOT: {"BATT_LOW_MAH": 1000.0, "BATT_FS_LOW_ACT": 2.0},
+}
+
+BOTH = pytest.mark.parametrize("autopilot", list(Autopilot))
+
+
+@pytest.fixture(scope="module")
+def served() -> Iterator[tuple[TestClient, str]]:
+    with service(SPEEDUP) as made:
+        yield made
+
+
+@contextmanager
+def standing(served: tuple[TestClient, str], autopilot: Autopilot) -> Iterator[Flight]:
+    """A fleet on the ground whose second vehicle returns when its battery is low."""
+    http, endpoint = served
+    fleet = FleetThread(SCENARIO, endpoint, SPEEDUP, autopilot=autopilot.value)
+    for name, value in RETURNS_WHEN_LOW[autopilot].items():
+        fleet.fleet.vehicles[2].autopilot.parameters[name] = value
+    try:
+        flown = Flight(http, fleet, SCENARIO)
+        time.sleep(4.0 / SPEEDUP)  # until what the vehicles before were in is over
+        yield flown
+    finally:
+        fleet.stop()
+    until(lambda: {vehicle.link for vehicle in flown.client.vehicles()} == {"lost"})  # none is taken for the next ones
+
+
+def ended(flown: Flight, operation_id: str) -> tuple[OperationView, float]:
+    """The operation when it is over, and the wall seconds that took."""
+    began = time.monotonic()
+    while (view := flown.client.operation(operation_id)).state not in {State.FAILED, State.COMPLETED}:
+        assert time.monotonic() < began + 60, view
+        time.sleep(0.02)
+    return view, time.monotonic() - began
+
+
+def until(condition: Callable[[], bool], limit_s: float = 30.0) -> None:
+    deadline = time.monotonic() + limit_s
+    while not condition():
+        assert time.monotonic() < deadline, "not so in time"
+        time.sleep(0.01)
+
+
+def launched_to(flown: Flight, up_m: float) -> str:
+    """An operation whose second vehicle has just climbed so high."""
+    operation = flown.client.fly(flown.plan.id)
+    until(lambda: flown.fleet.fleet.vehicles[2].position[2] > up_m or is_over(flown, operation.id))
+    return operation.id
+
+
+def is_over(flown: Flight, operation_id: str) -> bool:
+    view = flown.client.operation(operation_id)
+    assert view.state is not State.FAILED, view.error
+    return False
+
+
+def commands_to(flown: Flight, system_id: int, since_s: float) -> list[str]:
+    heard = list(flown.fleet.fleet.truth.messages)
+    return [
+        one.name
+        for one in heard
+        if one.system_id == system_id
+        and one.t_s > since_s
+        and one.direction == "in"
+        and one.name.startswith(("COMMAND", "MISSION", "SET_"))
+    ]
+
+
+@BOTH
+@pytest.mark.parametrize(
+    ("fault", "cause"),
+    [
+        (sim.MotorFailure(2), ("crashed", "disarmed", "landed")),
+        (sim.ModeChange(2, "POSITION"), ("nobody commanded",)),
+        (sim.LowBattery(2, 0.06), ("in failsafe", "nobody commanded")),
+        (sim.Mute(2), ("silent for",)),
+    ],
+    ids=["crash", "human", "battery", "silence"],
+)
+def test_whoever_falls_out_of_the_climb_ends_it_at_once_by_name_and_the_other_hovers(
+    served: tuple[TestClient, str], autopilot: Autopilot, fault: sim.Fault, cause: tuple[str, ...]
+) -> None:
+    with standing(served, autopilot) as flown:
+        operation_id = launched_to(flown, 6.0)
+        flown.fleet.inject(fault)
+        view, seconds = ended(flown, operation_id)
+        struck_s = flown.fleet.fleet.now_s
+        assert view.state is State.FAILED
+        assert view.error is not None
+        assert "'uav-2'" in view.error
+        assert "'uav-1'" not in view.error
+        assert any(one in view.error for one in cause), view.error
+        assert seconds < AT_ONCE_S
+        hold = "HOLD" if autopilot is Autopilot.PX4 else "GUIDED"
+        other = flown.fleet.fleet.vehicles[1]
+        until(lambda: other.mode.name == hold)
+        time.sleep(1.0)  # four of the fleet's seconds: it would be at 40 m
+        assert other.armed
+        assert 4.0 < other.position[2] < 36.0
+        assert commands_to(flown, 2, struck_s) == []
+
+
+@BOTH
+def test_who_is_still_low_when_another_falls_out_lands(served: tuple[TestClient, str], autopilot: Autopilot) -> None:
+    with standing(served, autopilot) as flown:
+        first = flown.fleet.fleet.vehicles[1].autopilot
+        first.parameters["MPC_Z_V_AUTO_UP" if autopilot is Autopilot.PX4 else "WPNAV_SPEED_UP"] = (
+            0.3 if autopilot is Autopilot.PX4 else 30.0
+        )
+        operation_id = launched_to(flown, 3.0)
+        assert flown.fleet.fleet.vehicles[1].position[2] < 2.0
+        flown.fleet.inject(sim.ModeChange(2, "POSITION"))
+        view, _ = ended(flown, operation_id)
+        assert view.state is State.FAILED
+        until(lambda: bool(flown.fleet.fleet.truth.happened("disarmed", 1)))
+        assert [event.detail["mode"] for event in flown.fleet.fleet.truth.happened("mode", 1)][-1] == "LAND"
+
+
+def test_a_human_who_takes_one_that_waits_at_its_altitude_ends_the_launch(served: tuple[TestClient, str]) -> None:
+    with standing(served, Autopilot.PX4) as flown:
+        slow = flown.fleet.fleet.vehicles[1].autopilot
+        slow.parameters["MPC_Z_V_AUTO_UP"] = 0.5
+        operation_id = launched_to(flown, 39.5)
+        flown.until(operation_id, lambda view: view.state is State.LAUNCHING)
+        until(lambda: flown.fleet.fleet.vehicles[2].mode.name == "HOLD")
+        flown.fleet.inject(sim.ModeChange(2, "POSITION"))
+        view, seconds = ended(flown, operation_id)
+        assert view.error is not None
+        assert view.error.startswith("lost before slot 0: 'uav-2': human took over: in mode 'position'")
+        assert seconds < AT_ONCE_S
+
+
+def test_how_the_flight_before_ended_does_not_keep_a_uav_on_the_ground(
+    served: tuple[TestClient, str],
+) -> None:
+    with standing(served, Autopilot.PX4) as flown:
+        operation_id = launched_to(flown, 6.0)
+        flown.fleet.inject(sim.ModeChange(2, "LAND"))
+        view, _ = ended(flown, operation_id)
+        assert view.state is State.FAILED
+        for number in (1, 2):
+            flown.fleet.inject(sim.ModeChange(number, "LAND"))
+            until(lambda number=number: bool(flown.fleet.fleet.truth.happened("disarmed", number)))  # type: ignore[misc]
+        until(lambda: not any(vehicle.armed for vehicle in flown.client.vehicles()))
+        again = flown.client.fly(flown.plan.id)
+        flown.until(again.id, lambda view: view.state is State.FLYING)
+        flown.client.command(again.id, "abort", action="land")
