@@ -118,12 +118,9 @@ class Fleet:
 
     async def register(self, uav_id: str, system_id: int, *, simulated: bool = False) -> VehicleView:
         """Tie a UAV id to a MAVLink system id and open the link. Raises ConflictError when either is taken."""
-        if self._systems.get(uav_id, system_id) != system_id:
-            raise ConflictError(f"uav_id: {uav_id!r} is already system {self._systems[uav_id]}")
-        taken = {system: uav for uav, system in self._systems.items()}
-        if taken.get(system_id, uav_id) != uav_id:
-            raise ConflictError(f"system_id: {system_id} is already {taken[system_id]!r}")
+        self._require_free(uav_id, system_id)
         await self._open()
+        self._require_free(uav_id, system_id)  # others have registered while the link opened
         if uav_id not in self._systems:
             self._systems[uav_id] = system_id
             self.link.classifier.watch(system_id, self._clock.now())
@@ -133,6 +130,13 @@ class Fleet:
         if simulated:
             self._simulated.add(uav_id)
         return self.view(uav_id)
+
+    def _require_free(self, uav_id: str, system_id: int) -> None:
+        if self._systems.get(uav_id, system_id) != system_id:
+            raise ConflictError(f"uav_id: {uav_id!r} is already system {self._systems[uav_id]}")
+        taken = {system: uav for uav, system in self._systems.items()}
+        if taken.get(system_id, uav_id) != uav_id:
+            raise ConflictError(f"system_id: {system_id} is already {taken[system_id]!r}")
 
     async def remove(self, uav_id: str) -> None:
         """Forget a vehicle. Raises NotFoundError. The caller has seen to it that it flies nothing."""

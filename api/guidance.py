@@ -134,9 +134,8 @@ class FlightGuidance:
         self._resuming = asyncio.create_task(self._resume(wanted), name="resume-guidance")
 
     async def _resume(self, uavs: list[str]) -> None:
-        link = self._fleet.link
+        link, newest = self._fleet.link, {uav: self._given[uav] for uav in uavs}
         await link.prepare(self._systems[uav] for uav in uavs)
-        newest = {uav: self._given[uav] for uav in uavs}
         found = await link.recognise({self._systems[uav]: [one.mission for one in self._may_have[uav]] for uav in uavs})
         for uav in uavs:
             result = found[self._systems[uav]]

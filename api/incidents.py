@@ -225,8 +225,19 @@ class Incidents:
                     return
         await asyncio.sleep(0.2)
 
+    async def close(self, why: str) -> None:
+        """The operation is over: an answer that is not complete is closed as unanswered, and says why."""
+        task, answer = self._task, self._answer
+        if task is None or answer is None:
+            return
+        if not task.done():
+            await self.end()
+        if task.cancelled():
+            await answer.close(outcome="unanswered", error=f"not answered: {why}")
+        await self._collect(answer.report)
+
     async def end(self) -> None:
-        """The flight is over."""
+        """Stop answering. What is open stays open in the books, for `close`, or for the next service to go on with."""
         tasks = [task for task in (self._task, self._ahead) if task is not None]
         for task in tasks:
             task.cancel()

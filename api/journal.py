@@ -94,12 +94,15 @@ class IncidentLog:
         self._journal, self._operation_id, self.number, self._elapsed_s = journal, operation_id, number, elapsed_s
         self.sending = False
         """Whether anything may have reached a vehicle."""
+        self.closed = False
+        """Whether the last step is written, or is being written."""
         self.timings_s: dict[str, float] = {}
         self._last = (Step.DETECTED, time.monotonic())
 
     async def step(self, step: Step, **data: Any) -> None:
         """Store that `step` is about to be done."""
         self._time(step)
+        self.closed = self.closed or step is Step.CLOSED
         await self._journal.write(self._entry(step, None, data))
 
     async def step_each(self, step: Step, data: dict[str, dict[str, Any]]) -> None:

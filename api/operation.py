@@ -219,6 +219,7 @@ class Operation:
 
     async def abort(self, action: Literal["hold", "land", "return"]) -> None:
         """Tell every vehicle that still answers to hold or land where it is, or to return home."""
+        await self.incidents.close("the operation was aborted")
         await self.enter(State.ABORTING)
         failed = {uav: error for uav, error in (await self.flight.stop_where_it_is(action)).items() if error}
         if failed:
@@ -229,6 +230,8 @@ class Operation:
 
     async def enter(self, state: State) -> None:
         """Change the state; stored when it returns."""
+        if state in ENDED:
+            await self.incidents.close(self.error or f"the operation is {state.value}")
         self.state = state
         await self.save()
         self._books.events.add("operation", operation_id=self.id, state=state.value, error=self.error)

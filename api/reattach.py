@@ -23,7 +23,7 @@ from api.losses import Loss
 from api.operation import Books, Head, Operation
 from api.operation_views import State
 from api.rates import InForce, Point
-from api.resilience import Parts, Recovery
+from api.resilience import Outcome, Parts, Recovery
 from api.store.tables import track as track_table
 from planner import Plan
 
@@ -80,14 +80,47 @@ async def settle(operation: Operation) -> None:
 
 
 async def _give_up(operation: Operation, state: State, why: str) -> None:
+    entries = await _untold(operation)
+    if entries:
+        report = _told(entries, "unanswered", f"not answered: {why}")
+        await _close(operation, entries, report)
     operation.error = why
     await operation.enter(state)
 
 
-async def _settle_flight(operation: Operation) -> None:
+async def _untold(operation: Operation) -> list[Entry]:
+    """The entries of an incident that was going on, or just over, when the service was stopped."""
     entries = last_incident(await operation.journal.of(operation.id))
     told = {report.incident for report in operation.incidents.reports}
-    if entries and entries[0].incident not in told:  # it was going on, or just over
+    return entries if entries and entries[0].incident not in told else []
+
+
+def _told(entries: list[Entry], outcome: Outcome, error: str | None) -> Recovery:
+    """What the journal says of an incident; as it was closed, if it was."""
+    first, last = entries[0], entries[-1]
+    if last.step is Step.CLOSED:
+        outcome, error = last.data["outcome"], last.data.get("error")
+    return Recovery(
+        outcome=outcome,
+        incident=first.incident,
+        cause=first.data.get("cause", "heartbeat_lost"),
+        lost=first.data.get("lost", {}),
+        declared_at_s=first.elapsed_s or 0.0,
+        at_slot=max((entry.data.get("at_slot", 0) for entry in entries), default=0),
+        error=error,
+    )
+
+
+async def _close(operation: Operation, entries: list[Entry], report: Recovery) -> None:
+    """Write the last step, if it is not written, and remember the report."""
+    if entries[-1].step is not Step.CLOSED:
+        await _write(operation, report.incident, Step.CLOSED, {"outcome": report.outcome, "error": report.error})
+    operation.incidents.settled(report)
+
+
+async def _settle_flight(operation: Operation) -> None:
+    entries = await _untold(operation)
+    if entries:
         await _settle_incident(operation, entries)
     waiting = [uav for uav in operation.flight.still_up() if _holds(operation, uav)]
     if waiting and operation.state == State.FLYING and not operation.incidents.has_work:
@@ -105,25 +138,18 @@ async def _settle_incident(operation: Operation, entries: list[Entry]) -> None:
     if took and plan_id is not None:
         await _into_force(operation, entries, plan_id, took)
     done = bool(sent) and set(sent) & survivors == flies & survivors and bool(flies)
-    first, closed = entries[0], entries[-1] if entries[-1].step is Step.CLOSED else None
-    outcome = closed.data["outcome"] if closed else "flying" if done else "interrupted"
-    report = Recovery(
-        outcome=outcome,
-        incident=first.incident,
-        cause=first.data.get("cause", "heartbeat_lost"),
-        lost=first.data.get("lost", {}),
-        declared_at_s=first.elapsed_s or 0.0,
-        at_slot=max((entry.data.get("at_slot", 0) for entry in entries), default=0),
-        plan_id=plan_id,
-        in_force_at_s=operation.flight.timeline[-1].from_s if took else None,
-        vehicles={uav: None if uav in flies else "in doubt when the service was stopped" for uav in sent},
-        error=None if outcome == "flying" else "the service was stopped before the answer was complete",
+    stopped = "the service was stopped before the answer was complete"
+    told = _told(entries, "flying", None) if done else _told(entries, "interrupted", stopped)
+    report = told.model_copy(
+        update={
+            "plan_id": plan_id,
+            "in_force_at_s": operation.flight.timeline[-1].from_s if took else None,
+            "vehicles": {uav: None if uav in flies else "in doubt when the service was stopped" for uav in sent},
+        }
     )
     if done and not any(entry.step is Step.FLYING for entry in entries):
-        await _write(operation, first.incident, Step.FLYING, {"plan_id": plan_id, "vehicles": report.vehicles})
-    if closed is None:
-        await _write(operation, first.incident, Step.CLOSED, {"outcome": report.outcome, "error": report.error})
-    operation.incidents.settled(report)
+        await _write(operation, report.incident, Step.FLYING, {"plan_id": plan_id, "vehicles": report.vehicles})
+    await _close(operation, entries, report)
     await operation.save()
 
 

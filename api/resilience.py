@@ -35,14 +35,20 @@ log = structlog.get_logger()
 PLANNING_ATTEMPTS = 3
 
 
+Outcome = Literal[
+    "flying", "partly_flying", "too_late", "declined", "superseded", "interrupted", "unanswered", "failed"
+]
+
+
 class Recovery(BaseModel):
     """One answer to a change. `_s` of the flight are fleet seconds since slot 0; solve, upload, timings are wall time.
 
     `source`: whether the plan was ready ahead of the loss or solved for. `vehicles`: None for each UAV that flies the
-    new plan, else what went wrong. `timings_s`: wall seconds spent in each step of the journal.
+    new plan, else what went wrong. `timings_s`: wall seconds spent in each step of the journal. `unanswered`: the
+    operation ended before the answer was complete.
     """
 
-    outcome: Literal["flying", "partly_flying", "too_late", "declined", "superseded", "interrupted", "failed"]
+    outcome: Outcome
     incident: int = 0
     cause: str = "heartbeat_lost"
     lost: dict[str, float]
@@ -118,8 +124,10 @@ class Answer:
         return self.report
 
     async def close(self, **changes: Any) -> None:
-        """Write the last step and the figures."""
+        """Write the last step and the figures, once."""
         steps = self._incident.log
+        if steps.closed:
+            return
         self._update(**changes)
         await steps.step(Step.CLOSED, outcome=self.report.outcome, error=self.report.error)
         self._update(timings_s=dict(steps.timings_s))

@@ -28,7 +28,7 @@ class Settings(BaseSettings):
     simulate: fly this example's fleet in software inside the service, ready for drills.
     heartbeat_stale_s, heartbeat_lost_s: fleet seconds of silence. solve_deadline_s, replan_deadline_s: wall seconds a
     solve may take. warm_up: begin to serve when the workers have started; else they start with the first solve.
-    plan_starts: starts that the optimiser climbs from at most when a request for a plan does not say `starts`.
+    plan_starts: starts to climb from at most when a request for a plan does not say `starts`; by size, fewer.
     guidance_lead_s: wall seconds reserved for replan and upload; the new plan begins with the first
     slot after that. keep_ended_s: how long ended plans that no operation flew are kept. max_cells: UAVs times users
     times slots.

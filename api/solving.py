@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from math import sqrt
 from multiprocessing import connection, parent_process
 from typing import Any
 
@@ -34,6 +35,9 @@ from planner.problem import problem_of
 SHOW_EVERY_S = 0.25
 SOLVING_PER_SHOWING = 19.0
 """The best plan so far is shown at most four times a second, and in at most a twentieth of the time."""
+
+STARTS_PER_ROOT = 2.0
+"""Starts per square root of UAVs x users x slots: 11 for two UAVs, four users and four slots, 24 from size 144 on."""
 
 
 class _Here:
@@ -149,4 +153,10 @@ def _solve(job: Job, token: int) -> Plan:
         return replan(Plan.model_validate_json(job.previous), **job.request, n_starts=job.starts, **options)
     assert job.scenario is not None  # noqa: S101 - one of the two is always given
     scenario = Scenario.model_validate_json(job.scenario)
-    return plan(scenario, n_starts=job.starts or min(job.most_starts, default_starts(problem_of(scenario))), **options)
+    return plan(scenario, n_starts=job.starts or starts_of(scenario, job.most_starts), **options)
+
+
+def starts_of(scenario: Scenario, most: int) -> int:
+    """How many starts a plan is climbed from when nobody says: by size, few where a few already find the best."""
+    size = len(scenario.uavs) * len(scenario.users) * scenario.slots
+    return max(1, min(most, int(STARTS_PER_ROOT * sqrt(size)), default_starts(problem_of(scenario))))

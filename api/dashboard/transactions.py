@@ -29,6 +29,7 @@ ENDINGS = {
     "declined": "declined: the plan in force stays",
     "superseded": "overtaken by another change",
     "interrupted": "interrupted by a restart",
+    "unanswered": "not answered: the operation ended before",
     "failed": "failed: the plan in force stays",
 }
 PHASES = {

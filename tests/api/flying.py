@@ -63,6 +63,10 @@ class Flight:
             assert time.monotonic() < deadline, self.client.vehicles()
             time.sleep(0.05)
 
+    def reached_by(self, http: TestClient) -> None:
+        """Another service has taken over."""
+        self.http, self.client = http, Client(http=http)
+
     @property
     def service(self) -> Service:
         app = self.http.app
@@ -114,11 +118,11 @@ def flight(http: TestClient, endpoint: str, scenario: Scenario, speedup: float) 
     """A fleet at the scenario's starts, a plan, and registered vehicles; what still flies is aborted at the end."""
     fleet = FleetThread(scenario, endpoint, speedup)
     try:
-        yield Flight(http, fleet, scenario)
-        client = Client(http=http)
-        for row in client.operations():
+        flown = Flight(http, fleet, scenario)
+        yield flown
+        for row in flown.client.operations():
             if row.ended_at is None:
-                client.command(row.id, "abort")
+                flown.client.command(row.id, "abort")
     finally:
         fleet.stop()
         gone(Client(http=http))

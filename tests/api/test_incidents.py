@@ -1,7 +1,11 @@
 """What happens in flight and how it is answered: several losses, approval, pauses, returns, drills."""
 
+import socket
+import sqlite3
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack, closing
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -15,6 +19,7 @@ from api.operation_views import OperationView, State
 from api.settings import Settings
 from planner import EXAMPLES
 from tests.api.flying import Flight, flight, service
+from tests.ports import free_port
 
 pytestmark = pytest.mark.e2e
 SCENARIO = EXAMPLES["paper"]().with_changes(slots=24, altitude_m=8.0)
@@ -118,6 +123,67 @@ def test_with_approval_nothing_is_swapped_until_the_operator_says_so(flown: Flig
     ended = flown.until(operation_id, lambda view: len(view.recoveries) == 2)
     assert [report.outcome for report in ended.recoveries] == ["flying", "declined"]
     assert missions_taken(flown, 1) == 2
+
+
+def assert_unanswered(flown: Flight, operation_id: str, incident: int) -> None:
+    """The incident is closed once, with what became of it and why, in the journal and in the operation."""
+    entries = [entry for entry in flown.client.journal(operation_id) if entry.incident == incident]
+    assert [entry.step.value for entry in entries][-2:] == ["proposed", "closed"]
+    assert entries[-1].data["outcome"] == "unanswered"
+    assert entries[-1].data["error"].startswith("not answered: ")
+    reports = {report.incident: report for report in flown.client.operation(operation_id).recoveries}
+    assert (reports[incident].outcome, reports[incident].error) == ("unanswered", entries[-1].data["error"])
+
+
+def test_an_operation_that_is_aborted_while_a_proposal_waits_closes_the_incident(flown: Flight) -> None:
+    operation_id = flown.take_off(replanning="approve")
+    flown.fleet.inject(sim.Kill(3))
+    flown.until(operation_id, lambda view: view.proposal)
+    ended = flown.client.command(operation_id, "abort", action="land")
+    assert (ended.state, ended.proposal) == (State.ABORTED, None)
+    assert_unanswered(flown, operation_id, 1)
+
+
+def test_an_operation_that_lands_while_a_proposal_waits_closes_the_incident() -> None:
+    with service(SPEEDUP) as served, flight(*served, SCENARIO.with_changes(slots=8), SPEEDUP) as flown:
+        operation_id = flown.take_off(replanning="approve")
+        flown.fleet.inject(sim.Kill(3))
+        flown.until(operation_id, lambda view: view.proposal)
+        assert flown.ended(operation_id).state == State.COMPLETED
+        assert_unanswered(flown, operation_id, 1)
+
+
+def test_a_proposal_that_waited_when_the_service_stopped_is_closed_by_the_next_one(tmp_path: Path) -> None:
+    settings = Settings(
+        fleet_url=f"udpin://127.0.0.1:{(port := free_port(socket.SOCK_DGRAM))}",
+        database_url=f"sqlite+aiosqlite:///{tmp_path}/service.db",
+        time_scale=SPEEDUP,
+        heartbeat_stale_s=10.0,  # starting takes a sped-up fleet's seconds
+        heartbeat_lost_s=20.0,
+    )
+    with ExitStack() as stack:
+        with TestClient(create_app(settings)) as http:
+            flown = stack.enter_context(flight(http, f"udpout://127.0.0.1:{port}", SCENARIO, SPEEDUP))
+            operation_id = flown.take_off(replanning="approve")
+            flown.fleet.inject(sim.Kill(3))
+            flown.until(operation_id, lambda view: view.proposal)
+        with TestClient(create_app(settings)) as http:
+            flown.reached_by(http)
+            asked = flown.until(operation_id, lambda view: view.proposal)
+            assert asked.proposal is not None
+            assert asked.proposal.incident == 2
+            assert steps(flown, operation_id, 1)[-1] == "closed"
+            assert [(report.incident, report.outcome) for report in asked.recoveries] == [(1, "interrupted")]
+        with closing(sqlite3.connect(tmp_path / "service.db")) as database:  # as if it was killed while it aborted
+            database.execute("UPDATE operations SET state = 'aborting'")
+            database.commit()
+        with TestClient(create_app(settings)) as http:
+            flown.reached_by(http)
+            flown.until(operation_id, lambda view: view.state == State.INTERRUPTED)
+            assert_unanswered(flown, operation_id, 2)
+            flown.client.command(operation_id, "abort", action="land")
+            assert steps(flown, operation_id, 2).count("closed") == 1
+            stack.close()  # the fleet ends before the service does
 
 
 def test_a_pause_stops_vehicles_and_slot_clock_and_a_stale_tag_is_refused(flown: Flight) -> None:

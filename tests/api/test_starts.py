@@ -5,7 +5,9 @@ from fastapi.testclient import TestClient
 
 from api.app import create_app
 from api.settings import Settings
-from planner import EXAMPLES, Plan, plan
+from api.solving import starts_of
+from planner import EXAMPLES, Plan, Scenario, plan
+from planner.layouts import scattered
 
 
 @pytest.mark.parametrize(("asked", "used"), [({}, 3), ({"starts": 1}, 1), ({"starts": 5}, 5)])
@@ -16,3 +18,16 @@ def test_a_request_that_does_not_say_starts_gets_those_of_the_service(asked: dic
     paths = {starts: plan(scenario, n_starts=starts).trajectories_m for starts in (1, 3, 5)}
     made = Plan.model_validate(answer.json()).trajectories_m
     assert [starts for starts in paths if paths[starts] == made] == [used]
+
+
+@pytest.mark.parametrize(
+    ("scenario", "starts"),
+    [
+        (EXAMPLES["minimal"](), 11),
+        (scattered(1, 1, 1, seed=1), 2),
+        (EXAMPLES["paper"](), 24),
+        (scattered(12, 36, 200, seed=1), 11),
+    ],
+)
+def test_small_scenarios_need_fewer_starts_and_large_ones_get_fewer(scenario: Scenario, starts: int) -> None:
+    assert starts_of(scenario, most=24) == starts
