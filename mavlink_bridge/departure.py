@@ -8,8 +8,17 @@ from __future__ import annotations
 import asyncio
 from math import hypot, nan
 
-from mavlink_bridge.autopilots import HOLD_MODE, OURS, Autopilot, FlightMode, mode_numbers
-from mavlink_bridge.flight import CONFIRM_S, CUSTOM_MODE, SET_MODE, ask_until, seen_of, set_mode
+from mavlink_bridge.autopilots import HOLD_MODE, Autopilot, FlightMode, mode_numbers
+from mavlink_bridge.flight import (
+    CONFIRM_S,
+    CUSTOM_MODE,
+    SET_MODE,
+    ask_until,
+    heartbeat_until,
+    is_ours,
+    seen_of,
+    set_mode,
+)
 from mavlink_bridge.geodesy import geodetic_to_east_north, to_e7
 from mavlink_bridge.items import Frame
 from mavlink_bridge.vehicle import NotDone, Vehicle
@@ -42,6 +51,8 @@ async def launch(vehicle: Vehicle, altitude_m: float, timeout_s: float) -> None:
         home_amsl_m = now.altitude_amsl_m - now.relative_alt_m
         with vehicle.commanding(FlightMode.TAKEOFF):
             await vehicle.command(_TAKEOFF, None, 0, 0, None, None, None, home_amsl_m + altitude_m)
+    if not await heartbeat_until(vehicle, lambda: vehicle.state.armed and is_ours(vehicle)):
+        raise NotDone(f"told to take off, but {'armed' if vehicle.state.armed else 'not armed'}: {seen_of(vehicle)}")
     climb = _Climb(vehicle, altitude_m)
     if not await vehicle.wait_until(climb.is_over, timeout_s):
         raise NotDone(f"at {climb.up_m:.1f} of {altitude_m:g} m after {timeout_s:g} s")
@@ -50,12 +61,11 @@ async def launch(vehicle: Vehicle, altitude_m: float, timeout_s: float) -> None:
 
 
 class _Climb:
-    """A vehicle on its way up, and why it will not arrive."""
+    """A vehicle that was seen armed and ours, on its way up, and why it will not arrive."""
 
     def __init__(self, vehicle: Vehicle, altitude_m: float) -> None:
         self.broken_off: str | None = None
         self._vehicle, self._altitude_m = vehicle, altitude_m
-        self._was_armed = self._was_ours = False
 
     @property
     def up_m(self) -> float:
@@ -64,15 +74,11 @@ class _Climb:
         return -1.0 if now is None else now.relative_alt_m
 
     def is_over(self) -> bool:
-        """Whether it has arrived or will not; HEARTBEAT lags, so what was never seen has not ended."""
-        state = self._vehicle.state
-        ours = state.mode in OURS[self._vehicle.autopilot]
-        if self._was_armed and not state.armed:
+        """Whether it has arrived or will not."""
+        if not self._vehicle.state.armed:
             self.broken_off = "disarmed"
-        elif self._was_ours and not ours:
-            self.broken_off = f"in mode '{state.mode}', which nobody commanded,"
-        self._was_armed |= state.armed
-        self._was_ours |= state.armed and ours
+        elif not is_ours(self._vehicle):
+            self.broken_off = f"in mode '{self._vehicle.state.mode}', which nobody commanded,"
         return self.broken_off is not None or self.up_m >= self._altitude_m - ALTITUDE_TOLERANCE_M
 
 

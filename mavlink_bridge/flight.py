@@ -192,13 +192,19 @@ async def ask_until(vehicle: Vehicle, condition: Callable[[], bool], timeout_s: 
 
 
 async def _in_mode(vehicle: Vehicle, mode: FlightMode) -> None:
-    """HEARTBEAT comes once a second; it is asked for, so that a swap does not wait for it."""
+    if not await heartbeat_until(vehicle, lambda: vehicle.state.mode is mode):
+        raise NotDone(f"acknowledged but not in mode '{mode}' after {CONFIRM_S:g} s: {seen_of(vehicle)}")
+
+
+async def heartbeat_until(vehicle: Vehicle, condition: Callable[[], bool]) -> bool:
+    """Whether HEARTBEAT shows it within CONFIRM_S; it comes once a second, so it is asked for."""
     deadline = asyncio.get_running_loop().time() + CONFIRM_S
-    while vehicle.state.mode is not mode:
+    while not condition():
         if asyncio.get_running_loop().time() >= deadline:
-            raise NotDone(f"acknowledged but not in mode '{mode}' after {CONFIRM_S:g} s: {seen_of(vehicle)}")
+            return False
         await error_of(vehicle.command(_REQUEST, 0.0))
-        await vehicle.wait_until(lambda: vehicle.state.mode is mode, ASK_AGAIN_S)
+        await vehicle.wait_until(condition, ASK_AGAIN_S)
+    return True
 
 
 async def error_of(done: Awaitable[None]) -> str | None:
