@@ -85,7 +85,9 @@ class Fleet:
         self._systems: dict[str, int] = {}
         self._link: FleetLink | None = None
         self._monitor = HeartbeatMonitor(
-            stale_after_s=settings.heartbeat_stale_s, lost_after_s=settings.heartbeat_lost_s
+            stale_after_s=settings.heartbeat_stale_s,
+            lost_after_s=settings.heartbeat_lost_s,
+            recovered_after_s=settings.timing.recovered_after_s,
         )
         self._followers: set[asyncio.Queue[LinkEvent]] = set()
         self._changes: dict[int, Change] = {}
@@ -268,7 +270,12 @@ class Fleet:
             if self._link is None:
                 async with AsyncExitStack() as opening:
                     link = await opening.enter_async_context(
-                        FleetLink(clock=self._clock, monitor=self._monitor, options=self._options())
+                        FleetLink(
+                            clock=self._clock,
+                            monitor=self._monitor,
+                            options=self._options(),
+                            timing=self._settings.timing,
+                        )
                     )
                     for url in self.links:
                         await _connect(link, url, until)

@@ -11,6 +11,7 @@ from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from api.store import TEMPORARY
+from mavlink_bridge.conditions import Timing
 
 Seconds = Annotated[float, Field(gt=0)]
 Count = Annotated[int, Field(ge=1)]
@@ -26,9 +27,11 @@ class Settings(BaseSettings):
     (or 64 hexadecimal digits); MAVLink is then signed both ways. telemetry_log_dir: one .tlog an operation.
     preflight: whether a blocker of the audit only is an event, or keeps the fleet on the ground.
     simulate: fly this example's fleet in software inside the service, ready for drills.
-    heartbeat_stale_s, heartbeat_lost_s: fleet seconds of silence. solve_deadline_s, replan_deadline_s: wall seconds a
-    solve may take. warm_up: begin to serve when the workers have started; else they start with the first solve.
-    plan_starts: starts to climb from at most when a request for a plan does not say `starts`; by size, fewer.
+    heartbeat_stale_s, heartbeat_lost_s: fleet seconds of silence. timing: when everything else about a vehicle counts
+    (`mavlink_bridge.conditions.Timing`), as JSON: `{"takeover_after_s": 2, "proof_s": 4}`.
+    solve_deadline_s, replan_deadline_s: wall seconds a solve may take. warm_up: begin to serve when the workers have
+    started; else they start with the first solve. plan_starts: starts to climb from at most when a request for a plan
+    does not say `starts`; by size, fewer.
     guidance_lead_s: wall seconds reserved for replan and upload; the new plan begins with the first
     slot after that. keep_ended_s: how long ended plans that no operation flew are kept. max_cells: UAVs times users
     times slots.
@@ -55,6 +58,7 @@ class Settings(BaseSettings):
     solve_deadline_s: Annotated[float, Field(gt=0, le=3600)] = 60.0
     heartbeat_stale_s: Seconds = 3.0
     heartbeat_lost_s: Seconds = 5.0
+    timing: Timing = Timing()
     replan_deadline_s: Seconds = 2.0
     guidance_lead_s: Annotated[float, Field(ge=0)] = 1.0
     tile_url: Annotated[

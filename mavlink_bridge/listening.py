@@ -15,7 +15,7 @@ from mavsdk import ComponentType, Configuration, ForwardingOption, Mavsdk
 
 from mavlink_bridge.autopilots import Autopilot, FlightMode
 from mavlink_bridge.classifier import Classifier
-from mavlink_bridge.conditions import Change
+from mavlink_bridge.conditions import Change, Timing
 from mavlink_bridge.errors import ConnectionFailed, LinkClosed, VehiclesMissing
 from mavlink_bridge.framing import Frame
 from mavlink_bridge.geodesy import geodetic_to_east_north
@@ -49,9 +49,16 @@ class ListeningLink:
     `clock` tells fleet seconds and is read from MAVSDK's threads too. Time-outs named `timeout_s` are wall seconds.
     """
 
-    def __init__(self, *, clock: Clock, monitor: HeartbeatMonitor, options: LinkOptions | None = None) -> None:
+    def __init__(
+        self,
+        *,
+        clock: Clock,
+        monitor: HeartbeatMonitor,
+        options: LinkOptions | None = None,
+        timing: Timing | None = None,
+    ) -> None:
         self.monitor = monitor
-        self.classifier = Classifier(links=monitor)
+        self.classifier = Classifier(timing, links=monitor)
         self.models: dict[int, VehicleModel] = {}
         """What `prepare` made of each vehicle's own parameters."""
         self.parameters: dict[int, dict[str, float]] = {}

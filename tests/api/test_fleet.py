@@ -4,12 +4,35 @@ import asyncio
 import socket
 from pathlib import Path
 
+import pytest
+
 from api.app import create_app
 from api.errors import ConflictError
 from api.fleet import VehicleView
 from api.service import Service
 from api.settings import Settings
 from tests.ports import free_port
+
+
+async def test_when_something_counts_is_a_setting_that_reaches_the_classifier(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SKYFOLIO_TIMING", '{"low_battery": 0.4, "full_again": 0.5}')
+    settings = Settings(
+        database_url=f"sqlite+aiosqlite:///{tmp_path}/service.db",
+        fleet_url=f"udpin://127.0.0.1:{free_port(socket.SOCK_DGRAM)}",
+        heartbeat_lost_s=7.0,
+        warm_up=False,
+    )
+    app = create_app(settings)
+    async with app.router.lifespan_context(app):
+        service: Service = app.state.service
+        await service.fleet.register("uav-1", 7)
+        assert service.fleet.link.classifier.timing.low_battery == 0.4
+        assert service.fleet.link.monitor.lost_after_s == 7.0
+    monkeypatch.setenv("SKYFOLIO_TIMING", '{"low_battery": 0.4}')
+    with pytest.raises(ValueError, match=r"full_again: 0\.25 must lie in \(0\.4, 1\]"):
+        Settings()
 
 
 async def test_of_two_vehicles_that_claim_a_system_id_at_once_one_gets_it(tmp_path: Path) -> None:
