@@ -1,4 +1,4 @@
-"""What waits for the operator's word: a proposed replan with its before/after picture, and UAVs that came back."""
+"""What waits for the operator: a proposed replan with its before/after picture, and UAVs that are back or low."""
 
 from __future__ import annotations
 
@@ -26,7 +26,12 @@ class Notices:
         """Show what waits now."""
         proposal = operation.proposal
         ready = proposal is not None and proposal.plan_id in self._watch.plans
-        waiting = (operation.id, proposal.number if proposal and ready else None, operation.returned)
+        waiting = (
+            operation.id,
+            proposal.number if proposal and ready else None,
+            operation.returned,
+            operation.low_on_battery,
+        )
         if waiting == self._drawn:
             return
         self._drawn = waiting
@@ -37,6 +42,8 @@ class Notices:
                 self._banner(operation, proposal)
             for uav in operation.returned:
                 self._returned(operation, uav)
+            for uav in operation.low_on_battery:
+                self._low(operation, uav)
         if proposal is not None and ready:
             self._fill(operation, proposal)
             self._dialog.open()
@@ -54,6 +61,16 @@ class Notices:
         with ui.element("div").classes("sf-proposal"):
             text("span", f"{uav} is heard again. It is not commanded unless you take it back.", "sf-what")
             ui.button(f"Take {uav} back", on_click=back).props("unelevated")
+
+    def _low(self, operation: Operation, uav: str) -> None:
+        async def home() -> None:
+            await attempt(
+                lambda: self._watch.feed.retire(operation.id, uav), f"{uav} returns; the others are replanned"
+            )
+
+        with ui.element("div").classes("sf-proposal"):
+            text("span", f"{uav} is low on battery. It flies its plan on unless you send it home.", "sf-what")
+            ui.button(f"Send {uav} home", on_click=home).props("unelevated")
 
     def _buttons(self, operation: Operation, proposal: Transaction) -> None:
         async def decide(*, agreed: bool) -> None:

@@ -107,6 +107,10 @@ class Feed:
         """Plan again with a UAV that was lost and is back."""
         await self._rest.call("POST", f"/v1/operations/{operation_id}:readmit", json={"uav_id": uav_id})
 
+    async def retire(self, operation_id: str, uav_id: str) -> None:
+        """Send a UAV home and plan without it."""
+        await self._rest.call("POST", f"/v1/operations/{operation_id}:retire", json={"uav_id": uav_id})
+
     # --- drills ---
 
     async def faults(self) -> list[str]:

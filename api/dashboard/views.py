@@ -75,6 +75,7 @@ class Operation(View):
     vehicles: dict[str, int]
     lost: tuple[str, ...] = ()
     returned: tuple[str, ...] = ()
+    low_on_battery: tuple[str, ...] = ()
     elapsed_s: float | None = None
     slot: int | None = None
     user_rates_bps: dict[str, list[float | None]] = {}

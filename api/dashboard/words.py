@@ -103,6 +103,20 @@ def _returned(data: Data) -> tuple[str, str]:
     return f"{data.get('uav_id')} is heard again, and offered", "ok"
 
 
+def _resumed(data: Data) -> tuple[str, str]:
+    if data.get("error"):
+        return f"{data.get('uav_id')} flies on unguided: {data.get('error')}", "warn"
+    return f"{data.get('uav_id')} is kept on schedule again", "ok"
+
+
+def _guard(data: Data) -> tuple[str, str]:
+    return f"nobody guards the stream: UAVs would hold if the service died ({data.get('error')})", "warn"
+
+
+def _lands(data: Data) -> tuple[str, str]:
+    return f"UAVs land where they are, ways home would meet: {data.get('because')}", "warn"
+
+
 def _registered(data: Data) -> tuple[str, str]:
     simulated = ", simulated" if data.get("simulated") else ""
     return f"{data.get('uav_id')} is system {data.get('system_id')}{simulated}", ""
@@ -138,5 +152,8 @@ WORDS: Mapping[str, Callable[[Data], tuple[str, str]]] = {
     "slip": _slip,
     "preflight": _preflight,
     "uav_returned": _returned,
+    "guidance_resumed": _resumed,
+    "guard": _guard,
+    "lands_instead_of_returning": _lands,
     "vehicle_registered": _registered,
 }

@@ -36,6 +36,10 @@ from api.dashboard.words import words
         ),
         ("slip", {"uav_id": "uav-1", "late_s": -0.3, "distance_m": 1.0}, "", ""),
         ("preflight", {"uav_id": "uav-1", "level": "blocker", "name": "P", "found": 1, "should": 2}, "P is 1", "alarm"),
+        ("guidance_resumed", {"uav_id": "uav-1", "error": None}, "uav-1 is kept on schedule again", "ok"),
+        ("guidance_resumed", {"uav_id": "uav-1", "error": "4 items"}, "uav-1 flies on unguided: 4 items", "warn"),
+        ("guard", {"level": "warning", "error": "gone"}, "nobody guards the stream", "warn"),
+        ("lands_instead_of_returning", {"because": "'uav-1' and 'uav-2'"}, "'uav-1' and 'uav-2'", "warn"),
         ("wind_changed", {"operation_id": "op-1", "to_mps": 7}, "wind changed to_mps 7", ""),
     ],
 )
