@@ -97,9 +97,7 @@ async def test_eight_start_within_a_quarter_second_where_a_tenth_is_lost_each_wa
 
 
 @BOTH
-@pytest.mark.parametrize(
-    ("fault", "why"), [(ModeChange(1, "POSITION"), "mode 'position'"), (MotorFailure(1), "armed")]
-)
+@pytest.mark.parametrize(("fault", "why"), [(ModeChange(1, "POSITION"), "mode 'position'"), (MotorFailure(1), "armed")])
 async def test_a_climb_that_will_not_arrive_ends_at_once(
     airfield: Open, line_and_hover: Plan, autopilot: Autopilot, fault: Any, why: str
 ) -> None:
