@@ -3,62 +3,27 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import time
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from typing import Any, Literal
 
 import structlog
-from sqlalchemy import bindparam, insert, update
 
-from api.events import EventLog
 from api.flight import Flight
 from api.given import MissionBook
 from api.incidents import Incidents
 from api.journal import Journal
-from api.operation_views import ENDED, OperationView, Policy, Proposal, State, slip_m, uav_views
+from api.operation_rows import Books, Head, OperationRows
+from api.operation_views import ENDED, OperationView, Proposal, State, slip_m, uav_views
 from api.resilience import Parts
-from api.store import Database, StoreError
-from api.store.tables import operations as table
-from api.store.tables import track as track_table
 from mavlink_bridge import BridgeError
 
 log = structlog.get_logger()
 TICK_S = 0.1
-TRACK_EVERY_S = 0.5
 LANDING_LIMIT_S = 240.0
 LAUNCH_LIMIT_S = 120.0
-_INSERT = insert(table)
-_TRACK = insert(track_table)
-_COLUMNS = ("state", "version", "document", "ended_at")
-_UPDATE = (
-    update(table)
-    .where(table.c.id == bindparam("operation_id"))
-    .values({name: bindparam(f"new_{name}") for name in _COLUMNS})
-)
-
-
-@dataclass(kw_only=True)
-class Head:
-    """What identifies an operation and never changes."""
-
-    id: str
-    number: int
-    policy: Policy
-    created_at: float = field(default_factory=time.time)
-    fingerprint: str | None = None
-    launch_itself: bool = True
-
-
-@dataclass(frozen=True)
-class Books:
-    """Where operations write."""
-
-    database: Database
-    journal: Journal
-    events: EventLog
 
 
 class Operation:
@@ -67,6 +32,7 @@ class Operation:
     def __init__(self, head: Head, flight: Flight, parts: Parts, books: Books) -> None:
         self.head, self.flight, self.parts = head, flight, parts
         self._books = books
+        self._rows = OperationRows(books.database, head)
         self.state = State.UPLOADING
         self.version = 0
         self.error: str | None = None
@@ -77,8 +43,6 @@ class Operation:
         self._busy = asyncio.Lock()
         if head.launch_itself:
             self.go.set()
-        self._tracked = 0
-        self._tracked_at = 0.0
 
     @property
     def id(self) -> str:
@@ -170,7 +134,7 @@ class Operation:
         finally:
             await flight.guidance.end()
             await self.incidents.end()
-            self._write_track()
+            self._rows.write_track(flight.record)
         if not flight.surviving():
             raise BridgeError(f"lost: every vehicle is lost ({', '.join(sorted(flight.lost))})")
         if not flight.all_down():
@@ -181,8 +145,8 @@ class Operation:
         flight = self.flight
         if not flight.paused:
             flight.sample()
-        if time.monotonic() - self._tracked_at >= TRACK_EVERY_S:
-            self._write_track()
+        if self._rows.track_is_due:
+            self._rows.write_track(flight.record)
             self._measure()
         if self.state == State.FLYING and flight.past_last_slot():
             await self.enter(State.LANDING)
@@ -238,42 +202,15 @@ class Operation:
 
     async def create(self) -> None:
         """Store a new operation. Raises StoreError."""
-        row = self._row()
-        values = {name: row[f"new_{name}"] for name in _COLUMNS}
-        head = self.head
-        await self._books.database.write(
-            (
-                _INSERT,
-                {
-                    **values,
-                    "id": head.id,
-                    "number": head.number,
-                    "created_at": head.created_at,
-                    "fingerprint": head.fingerprint,
-                    "plan_id": self.flight.first_plan.id,
-                    "policy": head.policy,
-                },
-            )
-        )
+        await self._rows.create(self.flight.first_plan.id, self.state, self._document())
         self._books.events.add("operation", operation_id=self.id, state=self.state.value, error=None)
 
     async def save(self) -> None:
-        """Store everything that a restart needs. The flight goes on when the database refuses."""
+        """Store everything that a restart needs."""
         self.version += 1
-        with suppress(StoreError):  # logged where it happened; aircraft come before books
-            await self._books.database.write((_UPDATE, self._row()))
+        await self._rows.save(self.state, self.version, self._document())
 
-    def _row(self) -> dict[str, Any]:
-        ended = self.state in ENDED
-        return {
-            "operation_id": self.id,
-            "new_state": self.state.value,
-            "new_version": self.version,
-            "new_document": json.dumps(self._document(ended=ended)),
-            "new_ended_at": time.time() if ended else None,
-        }
-
-    def _document(self, *, ended: bool) -> dict[str, Any]:
+    def _document(self) -> dict[str, Any]:
         flight, elapsed = self.flight, self.flight.elapsed_s()
         return {
             "vehicles": flight.systems,
@@ -288,7 +225,7 @@ class Operation:
             "launch_itself": self.head.launch_itself,
             "error": self.error,
             **self.incidents.document(),
-            "view": self.view().model_dump(mode="json") if ended else None,
+            "view": self.view().model_dump(mode="json") if self.state in ENDED else None,
         }
 
     def _slot0_at(self, elapsed_s: float | None) -> float | None:
@@ -297,18 +234,9 @@ class Operation:
             return time.time() if self.state == State.STARTING else None
         return time.time() - elapsed_s / self.parts.clock.scale
 
-    def _write_track(self) -> None:
-        """Store where everyone was since the last time."""
-        self._tracked_at = time.monotonic()
-        new = self.flight.record[self._tracked :]
-        self._tracked += len(new)
-        if new:
-            rows = [{"operation_id": self.id, "elapsed_s": at, "positions": json.dumps(where)} for at, where in new]
-            self._books.database.write_soon((_TRACK, rows))
-
     def recalled(self) -> None:
         """The record of the flight is stored up to here."""
-        self._tracked = len(self.flight.record)
+        self._rows.has_track_of(self.flight.record)
 
     def _measure(self) -> None:
         positions = self.flight.positions_m()

@@ -15,7 +15,8 @@ from api.errors import ConflictError, InvalidError, NotFoundError, PreconditionE
 from api.fleet import Fleet
 from api.flight import Flight
 from api.guidance import Way
-from api.operation import Books, Head, Operation
+from api.operation import Operation
+from api.operation_rows import Books, Head
 from api.operation_views import ENDED, OperationView, Policy, State
 from api.reattach import Record, restored, settle, stored_track
 from api.resilience import Parts

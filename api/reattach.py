@@ -20,7 +20,8 @@ from api.given import MissionBook
 from api.guidance import Way
 from api.journal import Entry, Step, last_incident
 from api.losses import Loss
-from api.operation import Books, Head, Operation
+from api.operation import Operation
+from api.operation_rows import Books, Head
 from api.operation_views import State
 from api.rates import InForce, Point
 from api.resilience import Outcome, Parts, Recovery

@@ -16,7 +16,7 @@ from api.events import Event, EventLog
 from api.fleet import Fleet
 from api.journal import Entry, Journal
 from api.metrics import Metrics
-from api.operation import Books
+from api.operation_rows import Books
 from api.operations import Operations
 from api.plan_book import PlanBook
 from api.plan_store import PlanStore

@@ -1,0 +1,105 @@
+"""What is stored of one operation: its row, and the track of its flight."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Any
+
+from sqlalchemy import bindparam, insert, update
+
+from api.events import EventLog
+from api.journal import Journal
+from api.operation_views import ENDED, Policy, State
+from api.rates import Point
+from api.store import Database, StoreError
+from api.store.tables import operations as table
+from api.store.tables import track as track_table
+
+TRACK_EVERY_S = 0.5
+_INSERT = insert(table)
+_TRACK = insert(track_table)
+_COLUMNS = ("state", "version", "document", "ended_at")
+_UPDATE = (
+    update(table)
+    .where(table.c.id == bindparam("operation_id"))
+    .values({name: bindparam(f"new_{name}") for name in _COLUMNS})
+)
+
+
+@dataclass(kw_only=True)
+class Head:
+    """What identifies an operation and never changes."""
+
+    id: str
+    number: int
+    policy: Policy
+    created_at: float = field(default_factory=time.time)
+    fingerprint: str | None = None
+    launch_itself: bool = True
+
+
+@dataclass(frozen=True)
+class Books:
+    """Where operations write."""
+
+    database: Database
+    journal: Journal
+    events: EventLog
+
+
+class OperationRows:
+    """The row of one operation, written whole each time, and its track, of which only the new part is."""
+
+    def __init__(self, database: Database, head: Head) -> None:
+        self._database, self._head = database, head
+        self._tracked = 0
+        self._tracked_at = 0.0
+
+    async def create(self, plan_id: str, state: State, document: dict[str, Any]) -> None:
+        """Store a new operation. Raises StoreError."""
+        head = self._head
+        row = {
+            **{name: getattr(head, name) for name in ("id", "number", "created_at", "fingerprint", "policy")},
+            "plan_id": plan_id,
+            **_values(state, 0, document),
+        }
+        await self._database.write((_INSERT, row))
+
+    async def save(self, state: State, version: int, document: dict[str, Any]) -> None:
+        """Store how it is now. The flight goes on when the database refuses."""
+        row = {f"new_{name}": value for name, value in _values(state, version, document).items()}
+        with suppress(StoreError):  # logged where it happened; aircraft come before books
+            await self._database.write((_UPDATE, {"operation_id": self._head.id, **row}))
+
+    @property
+    def track_is_due(self) -> bool:
+        """Whether the track was last stored some time ago."""
+        return time.monotonic() - self._tracked_at >= TRACK_EVERY_S
+
+    def write_track(self, record: Sequence[tuple[float, dict[str, Point]]]) -> None:
+        """Store where everyone was since the last time; `record` is all of it, the oldest first."""
+        self._tracked_at = time.monotonic()
+        new = record[self._tracked :]
+        self.has_track_of(record)
+        if new:
+            rows = [
+                {"operation_id": self._head.id, "elapsed_s": at, "positions": json.dumps(where)} for at, where in new
+            ]
+            self._database.write_soon((_TRACK, rows))
+
+    def has_track_of(self, record: Sequence[tuple[float, dict[str, Point]]]) -> None:
+        """This record is stored already."""
+        self._tracked = len(record)
+
+
+def _values(state: State, version: int, document: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "state": state.value,
+        "version": version,
+        "document": json.dumps(document),
+        "ended_at": time.time() if state in ENDED else None,
+    }
