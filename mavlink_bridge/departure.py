@@ -28,7 +28,7 @@ ALTITUDE_TOLERANCE_M = 1.0
 ARRIVAL_TOLERANCE_M = 1.0
 ARRIVAL_SPEED_MPS = 0.5
 INSIST_EVERY_S, INSIST_TIMES = 0.04, 8
-"""Eight of a fleet start within 0.1 s of each other at 10 % loss each way, but for one launch in a hundred."""
+"""Eight start within 0.15 s of each other at 10 % loss each way, but for one launch in a hundred or so."""
 
 _ARM, _TAKEOFF, _REPOSITION = 400, 22, 192
 _CHANGE_MODE = 1.0
