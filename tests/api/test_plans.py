@@ -40,10 +40,9 @@ def test_a_plan_waited_for_is_a_feasible_plan_of_the_contract_s_shape(
     assert plan.summary.utility_bps <= plan.summary.upper_bound_bps
 
 
-def test_a_plan_not_waited_for_is_accepted_and_found_at_its_location(
-    client: TestClient, minimal: dict[str, Any]
-) -> None:
-    answer = client.post("/v1/plans", json=minimal)
+def test_a_plan_not_waited_for_is_accepted_and_found_at_its_location(client: TestClient) -> None:
+    long = EXAMPLES["paper"]().with_changes(slots=80).model_dump(mode="json")
+    answer = client.post("/v1/plans", params=LONG, json=long)
     assert answer.status_code == 202
     assert answer.json()["status"] in {"queued", "running"}
     assert answer.headers["Retry-After"]
