@@ -116,13 +116,14 @@ def service(speedup: float, **settings: Any) -> Iterator[tuple[TestClient, str]]
 @contextmanager
 def flight(http: TestClient, endpoint: str, scenario: Scenario, speedup: float) -> Iterator[Flight]:
     """A fleet at the scenario's starts, a plan, and registered vehicles; what still flies is aborted at the end."""
-    fleet = FleetThread(scenario, endpoint, speedup)
+    fleet, client = FleetThread(scenario, endpoint, speedup), Client(http=http)
     try:
         flown = Flight(http, fleet, scenario)
         yield flown
+        client = flown.client  # of the service that has them now
         for row in flown.client.operations():
             if row.ended_at is None:
                 flown.client.command(row.id, "abort")
     finally:
         fleet.stop()
-        gone(Client(http=http))
+        gone(client)
