@@ -5,7 +5,8 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from typing import Any
 
@@ -19,6 +20,7 @@ from api.operation_views import OperationView, State
 from api.service import Service
 from api.settings import Settings
 from api.simulate import specs_at_starts
+from mavlink_bridge import Autopilot
 from planner import Plan, Scenario
 from tests.ports import free_port
 
@@ -111,6 +113,27 @@ def service(speedup: float, **settings: Any) -> Iterator[tuple[TestClient, str]]
     chosen = Settings(fleet_url=f"udpin://127.0.0.1:{port}", time_scale=speedup, **settings)
     with TestClient(create_app(chosen)) as http:
         yield http, f"udpout://127.0.0.1:{port}"
+
+
+@contextmanager
+def two_services(speedup: float, **settings: Any) -> Iterator[dict[Autopilot, tuple[TestClient, str]]]:
+    """One for each autopilot, so that both can be flown side by side."""
+    with ExitStack() as stack:
+        yield {autopilot: stack.enter_context(service(speedup, **settings)) for autopilot in Autopilot}
+
+
+def side_by_side(check: Callable[[Autopilot], None]) -> None:
+    """Fly it with both autopilots at once, each in a thread: a flight mostly waits. Raises what went wrong."""
+    with ThreadPoolExecutor(len(Autopilot)) as pool:
+        flown = {autopilot: pool.submit(check, autopilot) for autopilot in Autopilot}
+    errors = []
+    for autopilot, one in flown.items():
+        error = one.exception()
+        if error is not None:
+            error.add_note(f"on {autopilot.value}")
+            errors.append(error)
+    if errors:
+        raise BaseExceptionGroup("side by side", errors)
 
 
 @contextmanager

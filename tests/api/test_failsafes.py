@@ -3,7 +3,7 @@
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeAlias
 
 import pytest
 from fastapi.testclient import TestClient
@@ -13,12 +13,12 @@ from api.client import ApiError
 from api.operation_views import OperationView, State
 from mavlink_bridge import Autopilot
 from planner import EXAMPLES
-from tests.api.flying import FleetThread, Flight, gone, service
+from tests.api.flying import FleetThread, Flight, gone, side_by_side, two_services
 
 pytestmark = pytest.mark.e2e
 SCENARIO = EXAMPLES["paper"]().with_changes(slots=40, altitude_m=8.0)
+Served: TypeAlias = dict[Autopilot, tuple[TestClient, str]]
 SPEEDUP = 4.0
-BOTH = pytest.mark.parametrize("autopilot", list(Autopilot))
 PARAMETERS = {
     Autopilot.PX4: {"COM_LOW_BAT_ACT": 3.0, "NAV_DLL_ACT": 2.0, "COM_DL_LOSS_T": 5.0, "COM_FAIL_ACT_T": 1.0},
     Autopilot.ARDUPILOT: {
@@ -33,15 +33,16 @@ ORDERS = ("COMMAND", "MISSION", "SET_")
 
 
 @pytest.fixture(scope="module")
-def served() -> Iterator[tuple[TestClient, str]]:
-    with service(SPEEDUP, heartbeat_stale_s=8.0, heartbeat_lost_s=16.0) as made:  # what counts here is what is said
+def served() -> Iterator[Served]:
+    patient = {"heartbeat_stale_s": 8.0, "heartbeat_lost_s": 16.0}  # what counts here is what is said
+    with two_services(SPEEDUP, **patient) as made:
         yield made
 
 
 @contextmanager
-def flying(served: tuple[TestClient, str], autopilot: Autopilot, **options: Any) -> Iterator[tuple[Flight, str]]:
+def flying(served: Served, autopilot: Autopilot, **options: Any) -> Iterator[tuple[Flight, str]]:
     """A fleet whose failsafes are set, in slot 0; it lands at the end."""
-    http, endpoint = served
+    http, endpoint = served[autopilot]
     fleet = FleetThread(SCENARIO, endpoint, SPEEDUP, autopilot=autopilot.value)
     for vehicle in fleet.fleet.vehicles.values():
         for name, value in PARAMETERS[autopilot].items():
@@ -94,39 +95,39 @@ def assert_left_alone_and_planned_around(
     assert orders_to(flown, 3, seen_s) == []
 
 
-@BOTH
-def test_a_battery_failsafe_in_flight_is_told_with_its_words_and_numbers_and_left_alone(
-    served: tuple[TestClient, str], autopilot: Autopilot
-) -> None:
-    with flying(served, autopilot) as (flown, operation_id):
-        flown.fleet.inject(sim.LowBattery(3, 0.06))
-        view = answered(flown, operation_id)
-        seen_s = flown.fleet.fleet.now_s
-        (lost,) = events_of(flown, operation_id, "uav_lost")
-        words = "Critical battery level" if autopilot is Autopilot.PX4 else "Battery 1 is low"
-        assert lost["cause"] == "in_failsafe"
-        assert f"in mode 'return', system status 5, said '{words}'" in lost["detail"]
-        assert "% of charge left" in lost["detail"]
-        assert_left_alone_and_planned_around(flown, operation_id, view, "in_failsafe", seen_s)
+def test_a_battery_failsafe_in_flight_is_told_with_its_words_and_numbers_and_left_alone(served: Served) -> None:
+    def check(autopilot: Autopilot) -> None:
+        with flying(served, autopilot) as (flown, operation_id):
+            flown.fleet.inject(sim.LowBattery(3, 0.06))
+            view = answered(flown, operation_id)
+            seen_s = flown.fleet.fleet.now_s
+            (lost,) = events_of(flown, operation_id, "uav_lost")
+            words = "Critical battery level" if autopilot is Autopilot.PX4 else "Battery 1 is low"
+            assert lost["cause"] == "in_failsafe"
+            assert f"in mode 'return', system status 5, said '{words}'" in lost["detail"]
+            assert "% of charge left" in lost["detail"]
+            assert_left_alone_and_planned_around(flown, operation_id, view, "in_failsafe", seen_s)
+
+    side_by_side(check)
 
 
-@BOTH
-def test_a_uav_that_hears_us_no_more_and_saves_itself_is_seen_and_left_alone(
-    served: tuple[TestClient, str], autopilot: Autopilot
-) -> None:
-    with flying(served, autopilot) as (flown, operation_id):
-        flown.fleet.inject(sim.Impair(3, up=sim.Impairments(cut=True)))
-        view = answered(flown, operation_id)
-        seen_s = flown.fleet.fleet.now_s
-        (lost,) = events_of(flown, operation_id, "uav_lost")
-        words = "Connection to ground station lost" if autopilot is Autopilot.PX4 else "GCS Failsafe"
-        assert (lost["cause"], f"system status 5, said '{words}'" in lost["detail"]) == ("in_failsafe", True), lost
-        flown.fleet.inject(sim.Impair(3, up=sim.Impairments()))  # it hears us again: PX4 flies its old mission on
-        time.sleep(1.5)
-        assert_left_alone_and_planned_around(flown, operation_id, view, "in_failsafe", seen_s)
+def test_a_uav_that_hears_us_no_more_and_saves_itself_is_seen_and_left_alone(served: Served) -> None:
+    def check(autopilot: Autopilot) -> None:
+        with flying(served, autopilot) as (flown, operation_id):
+            flown.fleet.inject(sim.Impair(3, up=sim.Impairments(cut=True)))
+            view = answered(flown, operation_id)
+            seen_s = flown.fleet.fleet.now_s
+            (lost,) = events_of(flown, operation_id, "uav_lost")
+            words = "Connection to ground station lost" if autopilot is Autopilot.PX4 else "GCS Failsafe"
+            assert (lost["cause"], f"system status 5, said '{words}'" in lost["detail"]) == ("in_failsafe", True), lost
+            flown.fleet.inject(sim.Impair(3, up=sim.Impairments()))  # it hears us again: PX4 flies its old mission on
+            time.sleep(1.5)
+            assert_left_alone_and_planned_around(flown, operation_id, view, "in_failsafe", seen_s)
+
+    side_by_side(check)
 
 
-def test_a_px4_that_somebody_else_holds_is_seen_and_left_alone(served: tuple[TestClient, str]) -> None:
+def test_a_px4_that_somebody_else_holds_is_seen_and_left_alone(served: Served) -> None:
     with flying(served, Autopilot.PX4) as (flown, operation_id):
         flown.client.command(operation_id, "pause")
         time.sleep(2.0)
@@ -143,7 +144,7 @@ def test_a_px4_that_somebody_else_holds_is_seen_and_left_alone(served: tuple[Tes
         assert flown.fleet.fleet.vehicles[3].mode is sim.Mode.HOLD
 
 
-def test_a_low_battery_is_offered_and_only_the_operator_sends_the_uav_home(served: tuple[TestClient, str]) -> None:
+def test_a_low_battery_is_offered_and_only_the_operator_sends_the_uav_home(served: Served) -> None:
     with flying(served, Autopilot.PX4) as (flown, operation_id):
         flown.fleet.inject(sim.LowBattery(3, 0.18))
         view = flown.until(operation_id, lambda view: view.low_on_battery)
@@ -165,17 +166,19 @@ def test_a_low_battery_is_offered_and_only_the_operator_sends_the_uav_home(serve
         flown.until(operation_id, lambda _: events_of(flown, operation_id, "ghost_released"))
 
 
-@BOTH
-def test_a_reboot_in_flight_is_a_loss(served: tuple[TestClient, str], autopilot: Autopilot) -> None:
-    with flying(served, autopilot) as (flown, operation_id):
-        flown.fleet.inject(sim.Reboot(3, for_s=1.0))
-        view = answered(flown, operation_id)
-        assert view.lost == ["uav-3"]
-        assert view.recoveries[0].cause in {"rebooted", "crashed", "landed"}  # its motors have stopped
+def test_a_reboot_in_flight_is_a_loss(served: Served) -> None:
+    def check(autopilot: Autopilot) -> None:
+        with flying(served, autopilot) as (flown, operation_id):
+            flown.fleet.inject(sim.Reboot(3, for_s=1.0))
+            view = answered(flown, operation_id)
+            assert view.lost == ["uav-3"]
+            assert view.recoveries[0].cause in {"rebooted", "crashed", "landed"}  # its motors have stopped
+
+    side_by_side(check)
 
 
 def test_a_uav_that_restarts_and_proves_that_it_flies_on_is_an_event_and_no_loss(
-    served: tuple[TestClient, str],
+    served: Served,
 ) -> None:
     with flying(served, Autopilot.PX4) as (flown, operation_id):
         flown.fleet.inject(sim.ClockJump(3, -flown.fleet.fleet.now_s))

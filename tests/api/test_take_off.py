@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import TypeAlias
 
 import pytest
 from fastapi.testclient import TestClient
@@ -11,9 +12,10 @@ import sim
 from api.operation_views import OperationView, State
 from mavlink_bridge import Autopilot
 from planner import EXAMPLES
-from tests.api.flying import FleetThread, Flight, gone, service
+from tests.api.flying import FleetThread, Flight, gone, side_by_side, two_services
 
 pytestmark = pytest.mark.e2e
+Served: TypeAlias = dict[Autopilot, tuple[TestClient, str]]
 SPEEDUP = 4.0
 SCENARIO = EXAMPLES["minimal"]().with_changes(slots=8, altitude_m=40.0)
 AT_ONCE_S = 8.0
@@ -23,19 +25,17 @@ RETURNS_WHEN_LOW = {
     Autopilot.ARDUPILOT: {"BATT_LOW_MAH": 1000.0, "BATT_FS_LOW_ACT": 2.0},
 }
 
-BOTH = pytest.mark.parametrize("autopilot", list(Autopilot))
-
 
 @pytest.fixture(scope="module")
-def served() -> Iterator[tuple[TestClient, str]]:
-    with service(SPEEDUP) as made:
+def served() -> Iterator[Served]:
+    with two_services(SPEEDUP) as made:
         yield made
 
 
 @contextmanager
-def standing(served: tuple[TestClient, str], autopilot: Autopilot) -> Iterator[Flight]:
+def standing(served: Served, autopilot: Autopilot) -> Iterator[Flight]:
     """A fleet on the ground whose second vehicle returns when its battery is low."""
-    http, endpoint = served
+    http, endpoint = served[autopilot]
     fleet = FleetThread(SCENARIO, endpoint, SPEEDUP, autopilot=autopilot.value)
     for name, value in RETURNS_WHEN_LOW[autopilot].items():
         fleet.fleet.vehicles[2].autopilot.parameters[name] = value
@@ -89,7 +89,6 @@ def commands_to(flown: Flight, system_id: int, since_s: float) -> list[str]:
     ]
 
 
-@BOTH
 @pytest.mark.parametrize(
     ("fault", "cause"),
     [
@@ -101,45 +100,50 @@ def commands_to(flown: Flight, system_id: int, since_s: float) -> list[str]:
     ids=["crash", "human", "battery", "silence"],
 )
 def test_whoever_falls_out_of_the_climb_ends_it_at_once_by_name_and_the_other_hovers(
-    served: tuple[TestClient, str], autopilot: Autopilot, fault: sim.Fault, cause: tuple[str, ...]
+    served: Served, fault: sim.Fault, cause: tuple[str, ...]
 ) -> None:
-    with standing(served, autopilot) as flown:
-        operation_id = launched_to(flown, 6.0)
-        flown.fleet.inject(fault)
-        view, seconds = ended(flown, operation_id)
-        struck_s = flown.fleet.fleet.now_s
-        assert view.state is State.FAILED
-        assert view.error is not None
-        assert "'uav-2'" in view.error
-        assert "'uav-1'" not in view.error
-        assert any(one in view.error for one in cause), view.error
-        assert seconds < AT_ONCE_S
-        hold = "HOLD" if autopilot is Autopilot.PX4 else "GUIDED"
-        other = flown.fleet.fleet.vehicles[1]
-        until(lambda: other.mode.name == hold)
-        time.sleep(1.0)  # four of the fleet's seconds: it would be at 40 m
-        assert other.armed
-        assert 4.0 < other.position[2] < 36.0
-        assert commands_to(flown, 2, struck_s) == []
+    def check(autopilot: Autopilot) -> None:
+        with standing(served, autopilot) as flown:
+            operation_id = launched_to(flown, 6.0)
+            flown.fleet.inject(fault)
+            view, seconds = ended(flown, operation_id)
+            struck_s = flown.fleet.fleet.now_s
+            assert view.state is State.FAILED
+            assert view.error is not None
+            assert "'uav-2'" in view.error
+            assert "'uav-1'" not in view.error
+            assert any(one in view.error for one in cause), view.error
+            assert seconds < AT_ONCE_S
+            hold = "HOLD" if autopilot is Autopilot.PX4 else "GUIDED"
+            other = flown.fleet.fleet.vehicles[1]
+            until(lambda: other.mode.name == hold)
+            time.sleep(1.0)  # four of the fleet's seconds: it would be at 40 m
+            assert other.armed
+            assert 4.0 < other.position[2] < 36.0
+            assert commands_to(flown, 2, struck_s) == []
+
+    side_by_side(check)
 
 
-@BOTH
-def test_who_is_still_low_when_another_falls_out_lands(served: tuple[TestClient, str], autopilot: Autopilot) -> None:
-    with standing(served, autopilot) as flown:
-        first = flown.fleet.fleet.vehicles[1].autopilot
-        first.parameters["MPC_Z_V_AUTO_UP" if autopilot is Autopilot.PX4 else "WPNAV_SPEED_UP"] = (
-            0.3 if autopilot is Autopilot.PX4 else 30.0
-        )
-        operation_id = launched_to(flown, 3.0)
-        assert flown.fleet.fleet.vehicles[1].position[2] < 2.0
-        flown.fleet.inject(sim.ModeChange(2, "POSITION"))
-        view, _ = ended(flown, operation_id)
-        assert view.state is State.FAILED
-        until(lambda: bool(flown.fleet.fleet.truth.happened("disarmed", 1)))
-        assert [event.detail["mode"] for event in flown.fleet.fleet.truth.happened("mode", 1)][-1] == "LAND"
+def test_who_is_still_low_when_another_falls_out_lands(served: Served) -> None:
+    def check(autopilot: Autopilot) -> None:
+        with standing(served, autopilot) as flown:
+            first = flown.fleet.fleet.vehicles[1].autopilot
+            first.parameters["MPC_Z_V_AUTO_UP" if autopilot is Autopilot.PX4 else "WPNAV_SPEED_UP"] = (
+                0.3 if autopilot is Autopilot.PX4 else 30.0
+            )
+            operation_id = launched_to(flown, 3.0)
+            assert flown.fleet.fleet.vehicles[1].position[2] < 2.0
+            flown.fleet.inject(sim.ModeChange(2, "POSITION"))
+            view, _ = ended(flown, operation_id)
+            assert view.state is State.FAILED
+            until(lambda: bool(flown.fleet.fleet.truth.happened("disarmed", 1)))
+            assert [event.detail["mode"] for event in flown.fleet.fleet.truth.happened("mode", 1)][-1] == "LAND"
+
+    side_by_side(check)
 
 
-def test_a_human_who_takes_one_that_waits_at_its_altitude_ends_the_launch(served: tuple[TestClient, str]) -> None:
+def test_a_human_who_takes_one_that_waits_at_its_altitude_ends_the_launch(served: Served) -> None:
     with standing(served, Autopilot.PX4) as flown:
         slow = flown.fleet.fleet.vehicles[1].autopilot
         slow.parameters["MPC_Z_V_AUTO_UP"] = 0.5
@@ -154,7 +158,7 @@ def test_a_human_who_takes_one_that_waits_at_its_altitude_ends_the_launch(served
 
 
 def test_how_the_flight_before_ended_does_not_keep_a_uav_on_the_ground(
-    served: tuple[TestClient, str],
+    served: Served,
 ) -> None:
     with standing(served, Autopilot.PX4) as flown:
         operation_id = launched_to(flown, 6.0)
