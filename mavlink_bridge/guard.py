@@ -35,7 +35,7 @@ LINKS_FREE_S = 3.0
 """Wall seconds until the links of a killed process are free; later, somebody else has them."""
 HEARD_S = 5.0
 TRIES = 3
-_LOGGER = logging.getLogger(__name__)
+_LOGGER = logging.getLogger("mavlink_bridge.guard")
 
 
 @dataclass(frozen=True, kw_only=True)
