@@ -17,7 +17,7 @@ demo: $(READY)
 test: lint
 	sh scripts/postgres.sh
 	$(BIN)/python -m pytest $(ARGS)
-	$(BIN)/python -m pytest -m "e2e or browser" $(ARGS)
+	sh scripts/end_to_end.sh $(BIN)/python -m pytest $(ARGS)
 
 test-sitl: $(READY)
 	$(BIN)/python -m pytest tests/sitl $(ARGS)

@@ -15,7 +15,7 @@ from mavlink_bridge import Autopilot
 from planner import EXAMPLES
 from tests.api.flying import FleetThread, Flight, gone, side_by_side, two_services
 
-pytestmark = pytest.mark.e2e
+pytestmark = [pytest.mark.e2e, pytest.mark.beside]
 SCENARIO = EXAMPLES["paper"]().with_changes(slots=40, altitude_m=8.0)
 Served: TypeAlias = dict[Autopilot, tuple[TestClient, str]]
 SPEEDUP = 4.0

@@ -21,7 +21,7 @@ from planner import EXAMPLES
 from tests.api.flying import Flight, flight, service
 from tests.ports import free_port
 
-pytestmark = pytest.mark.e2e
+pytestmark = [pytest.mark.e2e, pytest.mark.beside]
 SCENARIO = EXAMPLES["paper"]().with_changes(slots=24, altitude_m=8.0)
 SPEEDUP = 8.0
 

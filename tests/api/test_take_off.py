@@ -14,7 +14,7 @@ from mavlink_bridge import Autopilot
 from planner import EXAMPLES
 from tests.api.flying import FleetThread, Flight, gone, side_by_side, two_services
 
-pytestmark = pytest.mark.e2e
+pytestmark = [pytest.mark.e2e, pytest.mark.beside]
 Served: TypeAlias = dict[Autopilot, tuple[TestClient, str]]
 SPEEDUP = 4.0
 SCENARIO = EXAMPLES["minimal"]().with_changes(slots=8, altitude_m=40.0)

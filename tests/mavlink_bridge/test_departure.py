@@ -74,6 +74,7 @@ async def test_a_start_whose_first_orders_are_lost_is_not_half_a_second_late(
 
 
 @pytest.mark.e2e
+@pytest.mark.beside
 @BOTH
 async def test_eight_start_within_a_quarter_second_where_a_tenth_is_lost_each_way(
     airfield: Open, plan_of: PlanOf, autopilot: Autopilot
