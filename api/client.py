@@ -22,13 +22,13 @@ from pydantic import BaseModel
 from api.drills import DrillView
 from api.errors import ServiceError
 from api.events import Event
-from api.fleet import VehicleView
 from api.guidance import Mode
 from api.journal import Entry
 from api.operation_views import OperationRow, OperationView, Policy
 from api.plan_records import PlanRow, UnfinishedPlan
 from api.problems import Problem
 from api.routes.contingencies import ContingencyTable
+from api.vehicle_view import VehicleView
 from planner import Changes, Plan, Scenario
 
 Model = TypeVar("Model", bound=BaseModel)

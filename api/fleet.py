@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator
 from contextlib import AsyncExitStack, contextmanager, suppress
 from typing import Any
 
-from pydantic import BaseModel
 from sqlalchemy import delete, insert, select
 
 from api.clock import FleetClock
@@ -17,8 +16,8 @@ from api.events import EventLog
 from api.settings import Settings
 from api.store import Database
 from api.store.tables import vehicles as table
+from api.vehicle_view import VehicleView, view_of
 from mavlink_bridge import (
-    ConnectionFailed,
     FleetLink,
     HeartbeatMonitor,
     LinkEvent,
@@ -32,36 +31,10 @@ HEARD_WITHIN_S = 5.0
 """Wall seconds a vehicle may take to be heard before an upload, or the watch of its heartbeats, goes on without it."""
 LINKS_FREE_S = 20.0
 """Wall seconds that a restarted service waits for its links."""
-RETRY_S = 0.2
 _TOLD_AS_LINK = frozenset(
     {Condition.LIVE, Condition.STALE, Condition.BACK, Condition.LINK_LOST, Condition.AUTOPILOT_SILENT}
 )
 """Changes between these are told by `link` events."""
-
-
-class VehicleView(BaseModel):
-    """A registered vehicle and what it last said. Angles in degrees, altitude in metres above its own home.
-
-    `condition`: what it is in; `condition_cause`: what was last seen of it, with numbers. `heading_deg`: where the nose
-    points, clockwise from north. `mission_items`: how many the mission on board has.
-    """
-
-    uav_id: str
-    system_id: int
-    simulated: bool = False
-    link: str
-    silent_for_s: float | None
-    condition: str | None = None
-    condition_cause: str | None = None
-    lat_deg: float | None = None
-    lon_deg: float | None = None
-    relative_alt_m: float | None = None
-    heading_deg: float | None = None
-    battery_percent: float | None = None
-    armed: bool | None = None
-    mode: str | None = None
-    mission_item: int | None = None
-    mission_items: int | None = None
 
 
 class Fleet:
@@ -196,31 +169,14 @@ class Fleet:
     def view(self, uav_id: str) -> VehicleView:
         """One vehicle as it was last heard."""
         system_id = self.system_of(uav_id)
-        now, said = self._clock.now(), self.link.telemetry(system_id)
-        watched, change = system_id in self._monitor.watched, self._changes.get(system_id)
-        view = VehicleView(
-            uav_id=uav_id,
-            system_id=system_id,
+        change = self._changes.get(system_id)
+        return view_of(
+            self.link,
+            uav_id,
+            system_id,
+            now_s=self._clock.now(),
             simulated=uav_id in self._simulated,
-            link=self._monitor.state(system_id).value if watched else "unheard",
-            silent_for_s=self._monitor.silent_for_s(system_id, now) if watched else None,
-            condition=self.link.classifier.condition(system_id).value if watched else None,
             condition_cause=None if change is None else change.cause,
-        )
-        if said is None:
-            return view
-        return view.model_copy(
-            update={
-                "lat_deg": said.lat_deg,
-                "lon_deg": said.lon_deg,
-                "relative_alt_m": said.relative_alt_m,
-                "heading_deg": said.heading_deg,
-                "battery_percent": None if said.battery is None else round(said.battery * 100, 1),
-                "armed": said.armed,
-                "mode": said.mode,
-                "mission_item": said.mission_current,
-                "mission_items": said.mission_total,
-            }
         )
 
     @contextmanager
@@ -265,7 +221,6 @@ class Fleet:
 
     async def _open(self, patience_s: float = 0.0) -> None:
         """Open the link; after a restart a guard of the last process may have it for some seconds yet."""
-        until = time.monotonic() + patience_s
         async with self._opening:
             if self._link is None:
                 async with AsyncExitStack() as opening:
@@ -278,7 +233,7 @@ class Fleet:
                         )
                     )
                     for url in self.links:
-                        await _connect(link, url, until)
+                        await link.connect(url, patience_s=patience_s)
                     opening.pop_all()  # it stays open: `close` ends it
                 self._link = link
                 self._watchers = [
@@ -326,14 +281,3 @@ class Fleet:
                     after=change.after.value,
                     cause=change.cause,
                 )
-
-
-async def _connect(link: FleetLink, url: str, until: float) -> None:
-    """Raises ConnectionFailed when it still fails at that second of the monotonic clock."""
-    while True:
-        try:
-            return await link.connect(url)
-        except ConnectionFailed:
-            if time.monotonic() >= until:
-                raise
-            await asyncio.sleep(RETRY_S)

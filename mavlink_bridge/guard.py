@@ -134,21 +134,9 @@ async def take_over(orders: Orders) -> dict[int, str | None]:
     options = LinkOptions(signing=Signing.from_file(Path(key)) if key is not None else None)
     async with FleetLink(clock=_Wall(), monitor=HeartbeatMonitor(), options=options) as link:
         for url in orders.links:
-            await _connect(link, url)
+            await link.connect(url, patience_s=LINKS_FREE_S)
         said = await asyncio.gather(*(_one(link, orders, system_id) for system_id in orders.items))
     return dict(zip(orders.items, said, strict=True))
-
-
-async def _connect(link: FleetLink, url: str) -> None:
-    """A killed process frees its ports a moment after its pipe has broken. Raises ConnectionFailed."""
-    until = time.monotonic() + LINKS_FREE_S
-    while True:
-        try:
-            return await link.connect(url)
-        except ConnectionFailed:
-            if time.monotonic() >= until:
-                raise
-            await asyncio.sleep(0.1)
 
 
 async def _one(link: FleetLink, orders: Orders, system_id: int) -> str | None:

@@ -7,18 +7,21 @@ from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from typing import TypeVar
 
 from mavlink_bridge import departure, flight
+from mavlink_bridge.geodesy import geodetic_to_east_north
 from mavlink_bridge.heartbeat import LinkState
-from mavlink_bridge.items import Mission, MissionItem
+from mavlink_bridge.items import MAX_ITEMS, Mission, MissionItem
 from mavlink_bridge.listening import ListeningLink
 from mavlink_bridge.mission_messages import MissionType
 from mavlink_bridge.models import model_from_parameters
-from mavlink_bridge.preflight import parameter_names
+from mavlink_bridge.preflight import Facts, Needs, parameter_names
 from mavlink_bridge.results import CommandResult, Recognised, SwapResult, UploadResult
 from mavlink_bridge.transfer import ATTEMPTS, read_parameters, recognise, upload_items, upload_verified
 from mavlink_bridge.vehicle import Vehicle
+from planner.plans import Plan
 
 SET_ITEM_TIMES = 2
 """Nobody starts before everybody has its item, so a link that loses a tenth gets a second chance."""
+
 Outcome = TypeVar("Outcome")
 Request = TypeVar("Request")
 
@@ -125,6 +128,39 @@ class FleetLink(ListeningLink):
     async def land(self, system_ids: Iterable[int]) -> dict[int, CommandResult]:
         """Land where they are; returns when they descend."""
         return await self._command(dict.fromkeys(system_ids), lambda vehicle, _: flight.land(vehicle))
+
+    # -- before take-off ---------------------------------------------------------------------------------------------
+
+    def facts(
+        self, system_id: int, plan: Plan, uav_id: str, *, items: int, stream: bool = False
+    ) -> tuple[Facts, Needs]:
+        """What the preflight audit compares: the vehicle as it was heard, and what the plan needs of it.
+
+        Raises KeyError if it was never heard.
+        """
+        vehicle, scenario = self._vehicles[system_id], plan.scenario
+        uav, said, home = scenario.uav(uav_id), vehicle.state.snapshot(), vehicle.state.home_deg
+        facts = Facts(
+            autopilot=self.autopilot(system_id),
+            parameters=self.parameters.get(system_id, {}),
+            model=self.model(system_id),
+            at_m=None if said is None else geodetic_to_east_north(scenario.origin, said.lat_deg, said.lon_deg),
+            home_m=None if home is None else geodetic_to_east_north(scenario.origin, *home),
+            gps_fix=vehicle.state.gps_fix,
+            satellites=vehicle.state.satellites,
+            battery=vehicle.state.battery,
+        )
+        needs = Needs(
+            path_m=list(plan.trajectories_m[uav_id]),
+            slot_s=scenario.slot_duration_s,
+            altitude_m=scenario.altitude_of(uav),
+            max_speed_mps=uav.max_speed_mps,
+            items=items,
+            max_items=MAX_ITEMS,
+            stream=stream,
+            lost_after_s=self.monitor.lost_after_s,
+        )
+        return facts, needs
 
     # -- inside ------------------------------------------------------------------------------------------------------
 

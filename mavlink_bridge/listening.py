@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import AsyncGenerator, Callable, Collection, Coroutine
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
@@ -18,18 +19,14 @@ from mavlink_bridge.classifier import Classifier
 from mavlink_bridge.conditions import Change, Timing
 from mavlink_bridge.errors import ConnectionFailed, LinkClosed, VehiclesMissing
 from mavlink_bridge.framing import Frame
-from mavlink_bridge.geodesy import geodetic_to_east_north
 from mavlink_bridge.heartbeat import AUTOPILOT, HeartbeatMonitor, LinkEvent
 from mavlink_bridge.hub import Hub, LinkOptions
-from mavlink_bridge.items import MAX_ITEMS
 from mavlink_bridge.mavsdk_log import to_python_logging
 from mavlink_bridge.models import DEFAULTS
 from mavlink_bridge.pace import VehicleModel
-from mavlink_bridge.preflight import Facts, Needs
 from mavlink_bridge.telemetry import Telemetry
 from mavlink_bridge.tlog import TelemetryLog
 from mavlink_bridge.vehicle import Clock, Vehicle
-from planner.plans import Plan
 
 Outcome = TypeVar("Outcome")
 Event = TypeVar("Event")
@@ -39,6 +36,7 @@ POLL_S = 0.05
 STALL_S = 0.2
 """When the event loop itself was stuck for longer, what arrived meanwhile is taken in before anyone is suspected."""
 DISCOVERY_S = 0.1
+TRY_AGAIN_S = 0.1
 MAX_THREADS = 64
 """Blocking calls at once: one a vehicle, and threads that wait cost next to nothing."""
 
@@ -103,19 +101,23 @@ class ListeningLink:
             await asyncio.to_thread(mavsdk.destroy)
         self._vehicles.clear()
 
-    async def connect(self, url: str) -> None:
+    async def connect(self, url: str, *, patience_s: float = 0.0) -> None:
         """Open a further link (see `endpoints`), such as `udpin://127.0.0.1:14540`; raises ConnectionFailed.
 
         A vehicle heard on several is spoken to on the first that works. Without `async with`, the first success begins
-        the link and `close` ends it.
+        the link and `close` ends it. patience_s: wall seconds in which whoever still has the port may let go of it.
         """
-        entered = self._mavsdk is not None
-        try:
-            await self._begin().connect(url)
-        except ConnectionFailed:
-            if not entered:
-                await self.close()
-            raise
+        entered, until = self._mavsdk is not None, time.monotonic() + patience_s
+        while True:
+            try:
+                return await self._begin().connect(url)
+            except ConnectionFailed:
+                if time.monotonic() < until:
+                    await asyncio.sleep(TRY_AGAIN_S)
+                    continue
+                if not entered:
+                    await self.close()
+                raise
 
     async def wait_for(self, system_ids: Collection[int], timeout_s: float) -> None:
         """Wait until the autopilot of each was heard, and watch its heartbeats from then on.
@@ -173,37 +175,6 @@ class ListeningLink:
     def model(self, system_id: int) -> VehicleModel:
         """How a vehicle flies: from its parameters if `prepare` read them, else its autopilot's defaults."""
         return self.models.get(system_id) or DEFAULTS[self.autopilot(system_id)]
-
-    def facts(
-        self, system_id: int, plan: Plan, uav_id: str, *, items: int, stream: bool = False
-    ) -> tuple[Facts, Needs]:
-        """What the preflight audit compares: the vehicle as it was heard, and what the plan needs of it.
-
-        Raises KeyError if it was never heard.
-        """
-        vehicle, scenario = self._vehicles[system_id], plan.scenario
-        uav, said, home = scenario.uav(uav_id), vehicle.state.snapshot(), vehicle.state.home_deg
-        facts = Facts(
-            autopilot=self.autopilot(system_id),
-            parameters=self.parameters.get(system_id, {}),
-            model=self.model(system_id),
-            at_m=None if said is None else geodetic_to_east_north(scenario.origin, said.lat_deg, said.lon_deg),
-            home_m=None if home is None else geodetic_to_east_north(scenario.origin, *home),
-            gps_fix=vehicle.state.gps_fix,
-            satellites=vehicle.state.satellites,
-            battery=vehicle.state.battery,
-        )
-        needs = Needs(
-            path_m=list(plan.trajectories_m[uav_id]),
-            slot_s=scenario.slot_duration_s,
-            altitude_m=scenario.altitude_of(uav),
-            max_speed_mps=uav.max_speed_mps,
-            items=items,
-            max_items=MAX_ITEMS,
-            stream=stream,
-            lost_after_s=self.monitor.lost_after_s,
-        )
-        return facts, needs
 
     def record(self, path: Path) -> TelemetryLog:
         """Write all traffic to a .tlog until `stop_recording`."""

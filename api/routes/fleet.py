@@ -9,10 +9,10 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from api.creation import Creation
 from api.errors import ConflictError
-from api.fleet import VehicleView
 from api.routes.deps import KNOWN, ServiceDep, creates, requires
 from api.routes.examples import VEHICLE_EXAMPLES
 from api.security import Role
+from api.vehicle_view import VehicleView
 
 router = APIRouter(prefix="/v1", tags=["fleet"], dependencies=[*KNOWN, requires(Role.VIEWER)])
 

@@ -8,9 +8,9 @@ import pytest
 
 from api.app import create_app
 from api.errors import ConflictError
-from api.fleet import VehicleView
 from api.service import Service
 from api.settings import Settings
+from api.vehicle_view import VehicleView
 from tests.ports import free_port
 
 
