@@ -8,8 +8,9 @@ from typing import Any
 from api.dashboard.views import Happening
 
 Data = Mapping[str, Any]
-WORTH_TELLING_S = 2.0
-"""A UAV is late at the end of nearly every slot by a little; less than this is not told."""
+WORTH_TELLING_S, WORTH_TELLING_M = 2.0, 2.0
+"""A UAV is late at the end of nearly every slot by a little; less than this is not told. Nor is a way of less than
+this, however long it takes at the pace of a leg of a few metres."""
 SKIP = {"operation_id", "plan_id"}
 
 
@@ -123,11 +124,11 @@ def _registered(data: Data) -> tuple[str, str]:
 
 
 def _slip(data: Data) -> tuple[str, str]:
-    late = float(data.get("late_s") or 0.0)
-    if abs(late) < WORTH_TELLING_S:
+    late, far = float(data.get("late_s") or 0.0), float(data.get("distance_m") or 0.0)
+    if abs(late) < WORTH_TELLING_S or far < WORTH_TELLING_M:
         return "", ""
     way = "behind" if late > 0 else "ahead of"
-    return f"{data.get('uav_id')} is {abs(late):.1f} s {way} schedule, {data.get('distance_m', 0):.1f} m off", "warn"
+    return f"{data.get('uav_id')} is {abs(late):.1f} s {way} schedule, {far:.1f} m off", "warn"
 
 
 def _preflight(data: Data) -> tuple[str, str]:
