@@ -24,6 +24,7 @@ class Vehicle(View):
     simulated: bool = False
     link: str = "live"
     silent_for_s: float | None = None
+    condition_cause: str | None = None
     lat_deg: float | None = None
     lon_deg: float | None = None
     relative_alt_m: float | None = None

@@ -33,6 +33,13 @@ def test_states_are_named_as_ground_stations_do(said: Vehicle | None, lost: bool
     assert (found, worth) == (state, level)
 
 
+def test_one_that_is_lost_and_heard_says_what_was_seen_and_a_silent_one_for_how_long() -> None:
+    seen = "in mode 'return', system status 5"
+    assert picture.state_of(vehicle(condition_cause=seen), lost=True, flying=True)[1] == seen
+    silent = vehicle(link="lost", silent_for_s=7.2, condition_cause="stale")
+    assert picture.state_of(silent, lost=True, flying=True)[1] == "silent for 7.2 s"
+
+
 def test_the_table_puts_what_is_urgent_first(flying: Operation) -> None:
     spots = [Spot(uav_id="uav-1", at_m=(1.0, 2.0), vehicle=vehicle()), Spot(uav_id="uav-2", at_m=None, lost=True)]
     rows = picture.rows(spots, flying)
