@@ -119,7 +119,10 @@ def service(speedup: float, **settings: Any) -> Iterator[tuple[TestClient, str]]
 def two_services(speedup: float, **settings: Any) -> Iterator[dict[Autopilot, tuple[TestClient, str]]]:
     """One for each autopilot, so that both can be flown side by side."""
     with ExitStack() as stack:
-        yield {autopilot: stack.enter_context(service(speedup, **settings)) for autopilot in Autopilot}
+        made = {autopilot: stack.enter_context(service(speedup, **settings)) for autopilot in Autopilot}
+        for http, _ in made.values():  # routes are built by the first request, which two threads must not make at once
+            assert http.get("/openapi.json").status_code == 200
+        yield made
 
 
 def side_by_side(check: Callable[[Autopilot], None]) -> None:
