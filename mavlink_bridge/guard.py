@@ -23,7 +23,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from mavlink_bridge.errors import ConnectionFailed, GuardFailed, VehiclesMissing
-from mavlink_bridge.guidance import FallBack, let_go
+from mavlink_bridge.guidance import FallBack, let_go, next_slot
 from mavlink_bridge.heartbeat import HeartbeatMonitor
 from mavlink_bridge.hub import LinkOptions
 from mavlink_bridge.link import FleetLink
@@ -56,8 +56,8 @@ class Orders:
 
     def item_at(self, system_id: int, now: float) -> int:
         """The waypoint to fly to at UTC second `now`: that of the slot that begins next, at most the last."""
-        slot = int((now - self.slot0_at) * self.scale // self.slot_s) + 1
-        return self.items[system_id][min(max(slot, 0), len(self.items[system_id]) - 1)]
+        items = self.items[system_id]
+        return items[next_slot((now - self.slot0_at) * self.scale, self.slot_s, len(items) - 1)]
 
     def line(self) -> bytes:
         """As one line of JSON."""

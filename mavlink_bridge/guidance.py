@@ -160,7 +160,7 @@ class Stream:
         self._streamed.pop(system_id, None)
 
     async def _hand_over(self, elapsed_s: float, slot_s: float, last: int) -> None:
-        slot = min(int(elapsed_s // slot_s) + 1, last)
+        slot = next_slot(elapsed_s, slot_s, last)
         await asyncio.gather(
             *(let_go(one.vehicle, one.mission.item_of_slot(slot), self._fall_back) for one in self._streamed.values())
         )
@@ -174,6 +174,11 @@ class Stream:
 
     async def _pause(self) -> None:
         await asyncio.sleep(max(1 / RATE_HZ / self._scale, SHORTEST_SLEEP_S))
+
+
+def next_slot(elapsed_s: float, slot_s: float, last: int) -> int:
+    """The slot whose waypoint is flown to when missions take over: the one that begins next, at most the last."""
+    return min(max(int(elapsed_s // slot_s) + 1, 0), last)
 
 
 async def let_go(vehicle: Vehicle, item: int, fall_back: FallBack) -> str | None:

@@ -83,6 +83,10 @@ class _Transfer:
         self._round_trip.missed()
         return self._repeat(now_s, timeout_s)
 
+    def give_up(self) -> None:
+        """Stop here: the link is gone."""
+        self.ended = self.ended or Ended(error="given up: the link was declared lost")
+
     def _opening(self) -> Message:
         raise NotImplementedError
 

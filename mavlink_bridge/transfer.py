@@ -9,10 +9,11 @@ from mavlink_bridge.autopilots import Autopilot
 from mavlink_bridge.compare import mission_differences
 from mavlink_bridge.items import Mission, MissionItem
 from mavlink_bridge.mission_messages import SILENCE_S, MissionType
+from mavlink_bridge.mission_protocol import Download
 from mavlink_bridge.parameters import ParameterRead
 from mavlink_bridge.results import Recognised, UploadResult
 from mavlink_bridge.vehicle import NotDone, Vehicle
-from mavlink_bridge.verified import ATTEMPTS, OnBoard, ReadBack, VerifiedUpload
+from mavlink_bridge.verified import ATTEMPTS, STATELESS_WINDOW, OnBoard, VerifiedUpload
 
 
 def never() -> bool:
@@ -86,9 +87,10 @@ async def recognise(vehicle: Vehicle, missions: Sequence[Mission], given_up: Cal
     loop = asyncio.get_running_loop()
     started = loop.time()
     ardupilot = vehicle.state.autopilot is Autopilot.ARDUPILOT
-    reading = ReadBack(vehicle.system_id, stateless=ardupilot)
+    reading = Download(vehicle.system_id, window=STATELESS_WINDOW if ardupilot else 1)
     await vehicle.converse(reading, given_up)
-    error, found = reading.error, None
+    found = None
+    error = "not read" if reading.ended is None else reading.ended.error
     if error is None:
         read = reading.items
         found = next((one for one in missions if not mission_differences(one.items, read, home_first=ardupilot)), None)

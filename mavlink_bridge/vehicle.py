@@ -58,10 +58,10 @@ class Clock(Protocol):
 
 
 class Conversation(Protocol):
-    """A protocol without I/O: `VerifiedUpload`, `ParameterRead`."""
+    """A protocol without I/O: `VerifiedUpload`, `Download`, `ParameterRead`. `ended` is true once it is over."""
 
     @property
-    def ended(self) -> bool: ...
+    def ended(self) -> object: ...
 
     @property
     def due_s(self) -> float: ...
