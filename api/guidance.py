@@ -35,15 +35,6 @@ class Way:
     fall_back: FallBack = FallBack.MISSION
     at_end: OnEnd = OnEnd.LAND
 
-    def document(self) -> dict[str, str]:
-        """As JSON values."""
-        return {"mode": self.mode, "fall_back": self.fall_back.value, "at_end": self.at_end.value}
-
-    @classmethod
-    def after_restart(cls, document: Mapping[str, str]) -> Way:
-        """As stored, but by missions: that is what UAVs fly after a stream has ended."""
-        return cls("mission", FallBack(document["fall_back"]), OnEnd(document["at_end"])) if document else cls()
-
 
 class FlightGuidance:
     """What is done between start and landing, beside waiting. `elapsed_s()`: fleet seconds since slot 0 began.

@@ -220,7 +220,7 @@ class Operation:
             "lost": flight.lost,
             "losses": {uav: asdict(loss) for uav, loss in flight.roster.losses.items()},
             "returned": sorted(flight.returned),
-            "way": flight.guidance.way.document(),
+            "at_end": flight.guidance.way.at_end.value,
             "ghosts": flight.guidance.airspace.document(),
             "launch_itself": self.head.launch_itself,
             "error": self.error,

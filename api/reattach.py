@@ -16,7 +16,6 @@ from sqlalchemy import Row, select
 
 from api.fleet import Fleet
 from api.flight import Flight
-from api.given import MissionBook
 from api.guidance import Way
 from api.journal import Entry, Step, last_incident
 from api.losses import Loss
@@ -26,6 +25,7 @@ from api.operation_views import State
 from api.rates import InForce, Point
 from api.resilience import Outcome, Parts, Recovery
 from api.store.tables import track as track_table
+from mavlink_bridge import OnEnd
 from planner import Plan
 
 log = structlog.get_logger()
@@ -37,7 +37,7 @@ async def restored(row: Row[Any], parts: Parts, books: Books, fleet: Fleet) -> O
     """An operation as it was last stored, with its slot clock where it is now."""
     said = json.loads(row.document)
     timeline = [InForce(entry["from_s"], await parts.plans.finished(entry["plan_id"])) for entry in said["timeline"]]
-    way = Way.after_restart(said.get("way", {}))
+    way = Way(at_end=OnEnd(said.get("at_end", OnEnd.LAND)))  # by missions: the stream has ended
     flight = Flight(timeline[0].plan, said["vehicles"], fleet, parts.clock, way)
     flight.timeline = timeline
     why = {uav: Loss(**loss) for uav, loss in said.get("losses", {}).items()}
@@ -47,8 +47,6 @@ async def restored(row: Row[Any], parts: Parts, books: Books, fleet: Fleet) -> O
     elif said["slot0_at"] is not None:
         flight.go_on_from((time.time() - said["slot0_at"]) * parts.clock.scale)
     flight.recall(await stored_track(row.id, books))
-    flight.guidance.book = MissionBook(books.database, row.id)
-    await flight.guidance.recall(said.get("ghosts", []))
     head = Head(
         id=row.id,
         number=row.number,
@@ -60,6 +58,7 @@ async def restored(row: Row[Any], parts: Parts, books: Books, fleet: Fleet) -> O
     operation = Operation(head, flight, parts, books)
     operation.state, operation.version, operation.error = State(row.state), row.version, said["error"]
     operation.incidents.recall(said)
+    await flight.guidance.recall(said.get("ghosts", []))
     operation.recalled()
     return operation
 
