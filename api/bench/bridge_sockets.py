@@ -26,7 +26,9 @@ async def swap_row(autopilot: Autopilot, swaps: int) -> dict[str, Any]:
     flown = moving_plan(slots=60)
     low = flown.model_copy(update={"scenario": flown.scenario.with_changes(altitude_m=10.0)})
     results: list[SwapResult] = []
-    async with _in_flight(low, autopilot) as (link, ids):
+    async with hovering(low, autopilot) as (_, link, ids):
+        await link.start(ids)
+        await asyncio.sleep(5.0)
         for number in range(ceil(swaps / len(ids))):
             later = _from_slot(low, number + 2)
             new = {n: compile_mission(later, uav, airborne=True, autopilot=autopilot) for n, uav in ids.items()}
@@ -44,24 +46,21 @@ async def swap_row(autopilot: Autopilot, swaps: int) -> dict[str, Any]:
 
 
 @asynccontextmanager
-async def _in_flight(flown: Plan, autopilot: Autopilot) -> AsyncIterator[tuple[FleetLink, dict[int, str]]]:
-    """A fleet that has flown this plan for five seconds, and which vehicle (by system id) flies for which UAV."""
-    specs = [
-        sim.VehicleSpec(spec.system_id, spec.home_lat_deg, spec.home_lon_deg, autopilot=autopilot.value)
-        for spec in specs_at_starts(flown.scenario)
-    ]
+async def hovering(
+    flown: Plan, autopilot: Autopilot, *, speedup: float = 1.0
+) -> AsyncIterator[tuple[sim.Fleet, FleetLink, dict[int, str]]]:
+    """A fleet over its slot-0 points with the plan's missions on board, and which vehicle flies for which UAV."""
+    specs = specs_at_starts(flown.scenario, autopilot.value)
     ids = {spec.system_id: uav for spec, uav in zip(specs, flown.trajectories_m, strict=True)}
-    port, clock = free_port(socket.SOCK_DGRAM), sim.ScaledClock(1.0)
+    port, clock = free_port(socket.SOCK_DGRAM), sim.ScaledClock(speedup)
     fleet = sim.Fleet(specs, clock=clock, endpoint=f"udpout://127.0.0.1:{port}")
     async with fleet, FleetLink(clock=clock, monitor=HeartbeatMonitor()) as link:
         await link.connect(f"udpin://127.0.0.1:{port}")
         await link.wait_for(ids, timeout_s=10)
         await link.prepare(ids)
         await link.upload({n: compile_mission(flown, uav, autopilot=autopilot) for n, uav in ids.items()})
-        await link.launch(dict.fromkeys(ids, 10.0), timeout_s=60)
-        await link.start(ids)
-        await asyncio.sleep(5.0)
-        yield link, ids
+        await link.launch(dict.fromkeys(ids, flown.scenario.altitude_m), timeout_s=60)
+        yield fleet, link, ids
 
 
 def _from_slot(flown: Plan, first: int) -> Plan:

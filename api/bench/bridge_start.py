@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import asyncio
-import socket
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Any
 
 import sim
+from api.bench.bridge_sockets import hovering
 from api.bench.measure import quantile
 from api.bench.tracks import moving_plan
-from api.demo.client import free_port
-from api.simulate import specs_at_starts
-from mavlink_bridge import Autopilot, FleetLink, HeartbeatMonitor, compile_mission
+from mavlink_bridge import Autopilot, FleetLink
 
 VEHICLES, ALTITUDE_M, SPEEDUP = 8, 8.0, 2.0
 
@@ -56,19 +54,7 @@ async def _hovering(autopilot: Autopilot, loss: float) -> AsyncIterator[tuple[si
     """A fleet over its slot-0 points with the missions on board, and then on links that lose this share each way."""
     flown = moving_plan(uavs=VEHICLES, slots=60)
     low = flown.model_copy(update={"scenario": flown.scenario.with_changes(altitude_m=ALTITUDE_M)})
-    specs = [
-        sim.VehicleSpec(spec.system_id, spec.home_lat_deg, spec.home_lon_deg, autopilot=autopilot.value)
-        for spec in specs_at_starts(low.scenario)
-    ]
-    ids = {spec.system_id: uav for spec, uav in zip(specs, low.trajectories_m, strict=True)}
-    port, clock = free_port(socket.SOCK_DGRAM), sim.ScaledClock(SPEEDUP)
-    fleet = sim.Fleet(specs, clock=clock, endpoint=f"udpout://127.0.0.1:{port}")
-    async with fleet, FleetLink(clock=clock, monitor=HeartbeatMonitor()) as link:
-        await link.connect(f"udpin://127.0.0.1:{port}")
-        await link.wait_for(ids, timeout_s=10)
-        await link.prepare(ids)
-        await link.upload({n: compile_mission(low, uav, autopilot=autopilot) for n, uav in ids.items()})
-        await link.launch(dict.fromkeys(ids, ALTITUDE_M), timeout_s=60)
+    async with hovering(low, autopilot, speedup=SPEEDUP) as (fleet, link, ids):
         if loss > 0.0:
             bad = sim.Impairments(loss=loss)
             for system_id in ids:

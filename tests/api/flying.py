@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
 from typing import Any
 
 from fastapi import FastAPI
@@ -31,8 +30,7 @@ class FleetThread:
     def __init__(
         self, scenario: Scenario, endpoint: str, speedup: float, absent: tuple[int, ...] = (), autopilot: str = "px4"
     ) -> None:
-        standing = [replace(spec, autopilot=autopilot) for spec in specs_at_starts(scenario)]
-        specs = [spec for spec in standing if spec.system_id not in absent]
+        specs = [spec for spec in specs_at_starts(scenario, autopilot) if spec.system_id not in absent]
         self.fleet = sim.Fleet(specs, clock=sim.ScaledClock(speedup), endpoint=endpoint)
         self._loop = asyncio.new_event_loop()
         self._until = asyncio.Event()
