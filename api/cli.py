@@ -5,22 +5,24 @@ from __future__ import annotations
 import asyncio
 import json
 import sys
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NoReturn
 
 import typer
 from pydantic import ValidationError
 from rich.console import Console
+from rich.markup import escape
 
 from api import planning_cli, remote_cli
 from api.cli_files import Json, Out, UsageError, read, read_as, read_scenario, write
 from api.errors import ServiceError
 from api.keys_cli import keys
-from api.problems import broken_rules
 from api.reproduce.commands import reproduce, tune_mu
+from api.rules import broken_rules
 from api.store import StoreError
 from mavlink_bridge import BridgeError
-from planner import Plan, ReplanError, Utility
+from planner import Plan, ReplanError, UnreachableEndError, Utility
 
 cli = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, help=__doc__)
 bench = typer.Typer(no_args_is_help=True, help="Measure; figures as JSON.")
@@ -235,9 +237,13 @@ def main() -> None:
     try:
         cli()
     except ValidationError as error:
-        for row in broken_rules(error.errors(), ()):
-            errors.print(f"[red]error:[/] {row['field']}: {row['message']}", highlight=False)
-        sys.exit(2)
-    except (UsageError, ReplanError, BridgeError, ServiceError, StoreError) as error:
-        errors.print(f"[red]error:[/] {error}", highlight=False)
-        sys.exit(2)
+        _refuse(f"{row['field']}: {row['message']}" for row in broken_rules(error.errors(), ()))
+    except (UsageError, ReplanError, UnreachableEndError, BridgeError, ServiceError, StoreError) as error:
+        _refuse(str(error).splitlines())
+
+
+def _refuse(messages: Iterable[str]) -> NoReturn:
+    """Tell on standard error what is wrong, one message a line, and end with status 2."""
+    for message in messages:
+        errors.print(f"[red]error:[/] {escape(message)}", highlight=False, soft_wrap=True)
+    sys.exit(2)

@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Annotated, TypeVar
 
 import typer
-from pydantic import BaseModel
+from pydantic import BaseModel, ValidationError
 
+from api.rules import broken_rules
 from planner import EXAMPLES, Scenario
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -21,7 +22,7 @@ class UsageError(Exception):
 
 
 def read_scenario(file: Path | None, example: str | None) -> Scenario:
-    """The scenario in a file, or an example of this name. Raises UsageError, or ValidationError for a bad file."""
+    """Return the scenario in a file, or the example of this name. Raises UsageError."""
     if (file is None) == (example is None):
         raise UsageError("give a scenario FILE or --example NAME, one of them")
     if file is not None:
@@ -32,22 +33,29 @@ def read_scenario(file: Path | None, example: str | None) -> Scenario:
 
 
 def read_as(model: type[Model], file: Path) -> Model:
-    """The JSON file as this model. Raises UsageError, or ValidationError for a bad file."""
-    return model.model_validate_json(read(file))
+    """Return the JSON file as this model. Raises UsageError that names the file and each broken rule, one on a line."""
+    try:
+        return model.model_validate_json(read(file))
+    except ValidationError as error:
+        rows = broken_rules(error.errors(), ())
+        raise UsageError("\n".join(f"{file}: {row['field']}: {row['message']}" for row in rows)) from error
 
 
 def read(file: Path) -> str:
-    """The text of a file. Raises UsageError."""
+    """Return the text of a file, UTF-8 with or without a byte order mark. Raises UsageError."""
     try:
-        return file.read_text(encoding="utf-8")
+        return file.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise UsageError(f"{file}: {error}") from error
 
 
 def write(text: str, out: Path | None) -> None:
-    """Into the file, whose folder is made, or to standard output."""
+    """Write into the file, whose folder is made, or to standard output. Raises UsageError when it cannot be written."""
     if out is None:
         sys.stdout.write(text.rstrip("\n") + "\n")
         return
-    out.parent.mkdir(parents=True, exist_ok=True)
-    out.write_text(text, encoding="utf-8")
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        out.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise UsageError(f"--out: {out}: {error.strerror or error}") from error

@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 from api.errors import InvalidError
 from mavlink_bridge import Autopilot, Mission, compile_mission, to_qgc_plan, to_waypoints
+from mavlink_bridge.fence import fence_items, rally_items
 from planner import Plan
 
 
@@ -22,8 +23,13 @@ class Missions:
         return {one: [asdict(item) for item in self._mission(one).items] for one in ids}
 
     def qgc_plan(self, uav_id: str | None) -> dict[str, Any]:
-        """One UAV's mission as a QGroundControl `.plan`."""
-        return to_qgc_plan(self._mission(self._one(uav_id)))
+        """One UAV's mission as a QGroundControl `.plan`, with the geofence and rally point of its flight."""
+        scenario, uav = self._plan.scenario, self._plan.scenario.uav(self._one(uav_id))
+        return to_qgc_plan(
+            self._mission(uav.id),
+            fence=fence_items(scenario),
+            rally=rally_items(scenario, [uav.start_m], scenario.altitude_of(uav)),
+        )
 
     def waypoints(self, uav_id: str | None) -> str:
         """One UAV's mission as a `QGC WPL 110` text."""

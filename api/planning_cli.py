@@ -14,6 +14,9 @@ from api import show
 from api.cli_files import Json, Out, UsageError, read_as, read_scenario, write
 from planner import EXAMPLES, AnyOf, Changes, Deadline, Plan, converged, plan, replan
 
+UNMET_STATUS = 3
+"""Exit status of a plan that could not give every user its least rate: it was written, and flies."""
+
 DeadlineS = Annotated[float | None, typer.Option(min=0.001, help="Return the best plan after this many seconds.")]
 ScenarioFile = Annotated[Path | None, typer.Argument(help="Scenario as JSON.")]
 Example = Annotated[str | None, typer.Option(help=f"A ready scenario: {', '.join(EXAMPLES)}.")]
@@ -108,3 +111,7 @@ def _deliver(made: Plan, out: Path | None, as_json: bool) -> None:
         write(made.model_dump_json(indent=2), out)
     if not as_json:
         Console().print(show.plan_table(made))
+    if made.unmet_min_rate_slots:
+        for line in show.unmet(made):
+            Console(stderr=True).print(f"[yellow]not served:[/] {line}", highlight=False, soft_wrap=True)
+        raise typer.Exit(UNMET_STATUS)

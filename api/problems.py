@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from fastapi import FastAPI, Request
@@ -22,6 +22,7 @@ from api.errors import (
     TooManyRequestsError,
     UnauthorizedError,
 )
+from api.rules import broken_rules
 from api.store.errors import StoreError
 from mavlink_bridge import BridgeError
 from planner import InfeasiblePlanError, ReplanError
@@ -92,24 +93,6 @@ def problem(
     if status == 401:
         headers["WWW-Authenticate"] = 'Bearer realm="skyfolio"'
     return JSONResponse(body, status_code=status, media_type="application/problem+json", headers=headers)
-
-
-def broken_rules(errors: Iterable[Mapping[str, Any]], prefix: tuple[str, ...] = ("body",)) -> list[dict[str, str]]:
-    """Pydantic's errors as {field, rule, message, value}; the field is a dotted path into the request."""
-    rows = []
-    for error in errors:
-        loc = [str(part) for part in error["loc"]]
-        loc = loc[1:] if loc and loc[0] in prefix else loc
-        message = str(error["msg"]).removeprefix("Value error, ")
-        if not loc and ": " in message:  # a rule across fields names its field itself
-            field, message = message.split(": ", 1)
-            loc = [field]
-        given = error.get("input")
-        row = {"field": ".".join(loc) or "body", "rule": str(error["type"]), "message": message}
-        if isinstance(given, str | int | float | bool) or given is None:
-            row["value"] = repr(given)[:100]
-        rows.append(row)
-    return rows
 
 
 def _invalid(errors: list[dict[str, str]]) -> JSONResponse:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from rich.console import Group
 from rich.table import Table
 
@@ -27,3 +29,28 @@ def plan_table(plan: Plan) -> Group:
         serving = [uav for uav, rate in zip(plan.association[user], rates, strict=True) if rate > 0]
         users.add_row(user, f"{sum(rates) / len(rates) / 1e3:.2f}", ", ".join(sorted(set(serving))) or "-")
     return Group(summary, users)
+
+
+def unmet(plan: Plan) -> list[str]:
+    """Return a line for each user that does not get its least rate: which, how much of what, and in which slots.
+
+    Slots are counted on the operation's grid.
+    """
+    least = {user.id: user.min_rate_bps for user in plan.scenario.users}
+    return [
+        f"{user} gets less than its min_rate_bps {least[user]:g} in slots "
+        f"{ranges([plan.first_slot + slot for slot in slots])} "
+        f"(at least {min(plan.user_rates_bps[user][slot] for slot in slots) / 1e3:.2f} kbit/s)"
+        for user, slots in plan.unmet_min_rate_slots.items()
+    ]
+
+
+def ranges(slots: Sequence[int]) -> str:
+    """Return ascending slots as text, runs shortened: '0-4, 7'."""
+    runs: list[list[int]] = []
+    for slot in slots:
+        if runs and slot == runs[-1][-1] + 1:
+            runs[-1].append(slot)
+        else:
+            runs.append([slot])
+    return ", ".join(f"{run[0]}" if len(run) == 1 else f"{run[0]}-{run[-1]}" for run in runs)

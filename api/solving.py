@@ -23,8 +23,10 @@ from planner import (
     Deadline,
     Plan,
     PlanStatus,
+    ReplanError,
     Scenario,
     StopToken,
+    UnreachableEndError,
     converged,
     plan,
     replan,
@@ -118,7 +120,7 @@ def run(job: Job, token: int) -> Solved:
     _Here.board.begin(token)
     try:
         made = _solve(job, token)
-    except ValueError as error:
+    except (UnreachableEndError, ReplanError) as error:
         return Solved(status=PlanStatus.INFEASIBLE, error=str(error))
     except Exception as error:  # noqa: BLE001 - whatever it is, it must not break the pool
         return Solved(status=PlanStatus.FAILED, error=f"{type(error).__name__}: {error}")

@@ -39,6 +39,7 @@ from mavlink_bridge.items import MAX_ITEMS, Command, Frame, Mission, MissionItem
 from mavlink_bridge.link import FleetLink
 from mavlink_bridge.models import model_from_parameters
 from mavlink_bridge.pace import VehicleModel
+from mavlink_bridge.plan_extras import fence_from_qgc_plan, rally_from_qgc_plan
 from mavlink_bridge.results import CommandResult, SwapResult, UploadResult
 from mavlink_bridge.returns import check_return_paths
 from mavlink_bridge.signing import Signing
@@ -81,11 +82,13 @@ __all__ = [
     "check_return_paths",
     "compile_mission",
     "east_north_to_geodetic",
+    "fence_from_qgc_plan",
     "from_qgc_plan",
     "from_waypoints",
     "geodetic_to_east_north",
     "mission_differences",
     "model_from_parameters",
+    "rally_from_qgc_plan",
     "to_qgc_plan",
     "to_waypoints",
 ]

@@ -2,20 +2,21 @@
 
 Both hold degrees, so 1e-7 degree integers survive exactly (JSON at full precision, text at 8 decimals). Files use
 frame 3 where the wire uses 6: same datum, metres above the vehicle's own home. The home item an ArduPilot mission
-begins with is row 0 of a .waypoints file and `plannedHomePosition` of a .plan; a .plan may carry geofence and rally
-points too.
+begins with is row 0 of a .waypoints file and `plannedHomePosition` of a .plan; a .plan carries geofence and rally
+points too (`plan_extras`). A parameter that is null in a .plan is NaN on the wire: the vehicle keeps its own value.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import isfinite
+from math import isinf, isnan, nan
 from typing import Any
 
 from mavlink_bridge.autopilots import Autopilot
 from mavlink_bridge.errors import FormatError
 from mavlink_bridge.geodesy import from_e7, to_e7
 from mavlink_bridge.items import Command, Frame, Mission, MissionItem
+from mavlink_bridge.plan_extras import fence_to_json, rally_to_json
 
 _FIRMWARE = {Autopilot.PX4: 12, Autopilot.ARDUPILOT: 3}
 _VEHICLE_QUADROTOR = 2
@@ -35,8 +36,9 @@ def to_qgc_plan(
     """The mission as the JSON object of a QGroundControl .plan file.
 
     The planned home is the first position of the mission; home_alt_m is its height above mean sea level, which a
-    plan does not know and QGroundControl only draws with. `fence`: one inclusion polygon, `rally`: points to return to,
-    as `fence_items` and `rally_items` make them.
+    plan does not know and QGroundControl only draws with. `fence`: items of mission type 1 (polygons and circles),
+    `rally`: items of type 2, as `fence_items` and `rally_items` make them. Raises FormatError for a fence item that a
+    .plan cannot hold.
     """
     first = next(item for item in mission.items if item.has_position)
     flown = mission.items[int(mission.autopilot is Autopilot.ARDUPILOT) :]
@@ -54,8 +56,8 @@ def to_qgc_plan(
             "plannedHomePosition": [from_e7(first.x), from_e7(first.y), home_alt_m],
             "items": [_to_simple_item(number, item) for number, item in enumerate(flown, start=1)],
         },
-        "geoFence": {"version": 2, "circles": [], "polygons": [_to_polygon(fence)] if fence else []},
-        "rallyPoints": {"version": 2, "points": [[from_e7(item.x), from_e7(item.y), item.z] for item in rally]},
+        "geoFence": fence_to_json(fence),
+        "rallyPoints": rally_to_json(rally),
     }
 
 
@@ -72,50 +74,26 @@ def from_qgc_plan(plan: Mapping[str, Any]) -> tuple[MissionItem, ...]:
         raise FormatError(f"not a QGroundControl plan: {type(error).__name__} at {error}") from error
 
 
-def fence_from_qgc_plan(plan: Mapping[str, Any]) -> tuple[MissionItem, ...]:
-    """The first inclusion polygon of a .plan file as items of mission type 1; empty without one. Raises FormatError."""
-    try:
-        polygons = [polygon for polygon in plan["geoFence"]["polygons"] if polygon["inclusion"]]
-        corners = polygons[0]["polygon"] if polygons else []
-        count = float(len(corners))
-        return tuple(
-            _item(f"geoFence.{seq}", seq, Frame.GLOBAL, Command.NAV_FENCE_POLYGON_VERTEX_INCLUSION, 0, 1,
-                  [count, 0.0, 0.0, 0.0, float(lat), float(lon), 0.0])
-            for seq, (lat, lon) in enumerate(corners)
-        )  # fmt: skip
-    except (KeyError, TypeError, ValueError, IndexError) as error:
-        raise FormatError(f"not a QGroundControl plan: {type(error).__name__} at {error}") from error
-
-
-def rally_from_qgc_plan(plan: Mapping[str, Any]) -> tuple[MissionItem, ...]:
-    """The rally points of a .plan file as items of mission type 2. Raises FormatError."""
-    try:
-        return tuple(
-            _item(f"rallyPoints.{seq}", seq, Frame.GLOBAL_RELATIVE_ALT, Command.NAV_RALLY_POINT, 0, 1,
-                  [0.0, 0.0, 0.0, 0.0, *(float(value) for value in point)], wire=False)
-            for seq, point in enumerate(plan["rallyPoints"]["points"])
-        )  # fmt: skip
-    except (KeyError, TypeError, ValueError, IndexError) as error:
-        raise FormatError(f"not a QGroundControl plan: {type(error).__name__} at {error}") from error
-
-
 def to_waypoints(mission: Mission) -> str:
     """The mission as "QGC WPL 110" text: one tab-separated row an item, coordinates with 8 decimals."""
     return "\n".join([_HEADER, *(_to_row(item) for item in mission.items)]) + "\n"
 
 
 def from_waypoints(text: str) -> tuple[MissionItem, ...]:
-    """The items of a "QGC WPL 110" file; raises FormatError naming the line."""
-    lines = text.splitlines()
+    """The items of a "QGC WPL 110" file; raises FormatError naming the line.
+
+    Empty lines and comments (`#`) are passed over, and rows may be numbered from 0 or, as some tools do, from 1.
+    """
+    lines = text.removeprefix("\ufeff").splitlines()
     if not lines or lines[0].strip() != _HEADER:
         raise FormatError(f"line 1: must be '{_HEADER}'")
-    rows = [(number, line) for number, line in enumerate(lines[1:], start=2) if line.strip()]
-    return tuple(_from_row(seq, number, line.split()) for seq, (number, line) in enumerate(rows))
+    rows = [(number, line.split()) for number, line in enumerate(lines[1:], start=2) if _holds_data(line)]
+    first = 1 if rows and rows[0][1][0] == "1" else 0
+    return tuple(_from_row(seq, first, number, cells) for seq, (number, cells) in enumerate(rows))
 
 
-def _to_polygon(fence: Sequence[MissionItem]) -> dict[str, Any]:
-    corners = [[from_e7(item.x), from_e7(item.y)] for item in fence]
-    return {"inclusion": True, "polygon": corners, "version": 1}
+def _holds_data(line: str) -> bool:
+    return bool(line.strip()) and not line.lstrip().startswith("#")
 
 
 def _home_item(mission: Mapping[str, Any]) -> MissionItem:
@@ -131,7 +109,10 @@ def _to_simple_item(number: int, item: MissionItem) -> dict[str, Any]:
         "command": int(item.command),
         "doJumpId": number,
         "frame": _file_frame(item.frame),
-        "params": [item.param1, item.param2, item.param3, item.param4, from_e7(item.x), from_e7(item.y), item.z],
+        "params": [
+            *(None if isnan(value) else value for value in (item.param1, item.param2, item.param3, item.param4)),
+            *(from_e7(item.x), from_e7(item.y), item.z),
+        ],
     }
     if item.has_position:
         values |= {"Altitude": item.z, "AltitudeMode": _ALTITUDE_RELATIVE, "AMSLAltAboveTerrain": None}
@@ -141,12 +122,14 @@ def _to_simple_item(number: int, item: MissionItem) -> dict[str, Any]:
 def _from_simple_item(seq: int, item: Mapping[str, Any]) -> MissionItem:
     if item["type"] != "SimpleItem":
         raise FormatError(f"items.{seq}.type: {item['type']!r} must be 'SimpleItem'")
-    numbers = [0.0 if value is None else float(value) for value in item["params"]]
-    if len(numbers) != 7:
-        raise FormatError(f"items.{seq}.params: {len(numbers)} values, must be 7")
-    return _item(
-        f"items.{seq}", seq, int(item["frame"]), int(item["command"]), int(seq == 0), int(item["autoContinue"]), numbers
-    )
+    given, frame = item["params"], int(item["frame"])
+    if len(given) != 7:
+        raise FormatError(f"items.{seq}.params: {len(given)} values, must be 7")
+    if given[6] is None and frame != Frame.MISSION:
+        raise FormatError(f"items.{seq}.params.6: null, but an item with a place needs its altitude")
+    numbers = [nan if value is None else float(value) for value in given[:4]]
+    numbers += [0.0 if value is None else float(value) for value in given[4:]]  # no place: where the vehicle is
+    return _item(f"items.{seq}", seq, frame, int(item["command"]), int(seq == 0), int(item["autoContinue"]), numbers)
 
 
 def _to_row(item: MissionItem) -> str:
@@ -156,14 +139,14 @@ def _to_row(item: MissionItem) -> str:
     return "\t".join([*map(str, whole), *(f"{param:.8f}" for param in params), *place, str(item.autocontinue)])
 
 
-def _from_row(seq: int, number: int, cells: Sequence[str]) -> MissionItem:
+def _from_row(seq: int, first: int, number: int, cells: Sequence[str]) -> MissionItem:
     if len(cells) != _COLUMNS:
         raise FormatError(f"line {number}: {len(cells)} columns, must be {_COLUMNS}")
     try:
         frame, command = int(cells[2]), int(cells[3])
         numbers = [float(cell) for cell in cells[4:11]]
-        if int(cells[0]) != seq:
-            raise FormatError(f"line {number}: item {cells[0]}, must be {seq}")
+        if int(cells[0]) != seq + first:
+            raise FormatError(f"line {number}: item {cells[0]}, must be {seq + first}")
         return _item(f"line {number}", seq, frame, command, int(cells[1]), int(cells[11]), numbers)
     except ValueError as error:
         raise FormatError(f"line {number}: {error}") from error
@@ -177,18 +160,16 @@ def _item(
     current: int,
     autocontinue: int,
     numbers: Sequence[float],
-    *,
-    wire: bool = True,
 ) -> MissionItem:
-    """One item from param1..4, latitude, longitude (degrees), altitude (metres); `wire`: frame 6 for 3."""
-    if not all(isfinite(number) for number in numbers):
-        raise FormatError(f"{where}: {list(numbers)} must be finite")
+    """Make one item from param1..4 (NaN: not given), latitude, longitude (degrees), altitude (metres); frame 3 is 6."""
     *params, lat_deg, lon_deg, z = numbers
+    if any(map(isinf, numbers)) or any(map(isnan, (lat_deg, lon_deg, z))):
+        raise FormatError(f"{where}: {list(numbers)} must be finite (a parameter may be null)")
     if not (abs(lat_deg) <= 90 and abs(lon_deg) <= 180):
         raise FormatError(f"{where}: ({lat_deg}, {lon_deg}) is not a latitude and a longitude in degrees")
     return MissionItem(
         seq=seq,
-        frame=Frame.GLOBAL_RELATIVE_ALT_INT if wire and frame == Frame.GLOBAL_RELATIVE_ALT else frame,
+        frame=Frame.GLOBAL_RELATIVE_ALT_INT if frame == Frame.GLOBAL_RELATIVE_ALT else frame,
         command=Command(command) if command in set(Command) else command,
         current=current,
         autocontinue=autocontinue,

@@ -9,6 +9,7 @@ are passed in. `scenario.py` and `plans.py` are what goes in and comes out, `ref
 from planner.changes import Changes, ReplanError
 from planner.delivered import delivered_rates_bps
 from planner.examples import EXAMPLES, letter
+from planner.fast import UnreachableEndError
 from planner.feasibility import InfeasiblePlanError, Violation, violations
 from planner.methods import METHODS
 from planner.plans import Cause, Iteration, Plan, PlanStatus, Summary
@@ -40,6 +41,7 @@ __all__ = [
     "StopToken",
     "Summary",
     "Uav",
+    "UnreachableEndError",
     "User",
     "Utility",
     "Violation",

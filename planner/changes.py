@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from planner.scenario import Frozen, Identifier, Positive, Scenario, Uav, User, Utility
+from planner.scenario import Frozen, Hertz, Identifier, Scenario, Uav, User, Utility
 
 
 class ReplanError(ValueError):
@@ -25,7 +25,7 @@ class Changes(Frozen):
     users_joined: tuple[User, ...] = ()
     users_left: tuple[Identifier, ...] = ()
     utility: Utility | None = None
-    bandwidth_hz: dict[Identifier, Positive] = Field(default_factory=dict)
+    bandwidth_hz: dict[Identifier, Hertz] = Field(default_factory=dict)
 
 
 def users_after(scenario: Scenario, changes: Changes) -> tuple[User, ...]:

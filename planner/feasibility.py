@@ -18,6 +18,8 @@ from planner.scenario import Frozen, NoFlyDisc, NoFlyPolygon, Uav
 
 ROUNDING_M = 1e-9
 ROUNDING_HZ = 1e-6
+BAND_ROUNDING = 1e-14
+"""Relative: what adding up the shares of a very wide band is off by."""
 MIN_RATE_ROUNDING = 1e-9
 """Relative: a rate this little below `min_rate_bps` is that rate."""
 
@@ -102,7 +104,7 @@ def _bandwidth(plan: Plan) -> Iterator[Violation]:
             if key in used:
                 used[key] += hertz
     for (uav, n), hertz in used.items():
-        if hertz > limit[uav] + ROUNDING_HZ:
+        if hertz > limit[uav] * (1 + BAND_ROUNDING) + ROUNDING_HZ:
             yield Violation(constraint="6c", where=f"{uav} slot {n}", message=f"uses {hertz} of {limit[uav]} Hz")
 
 

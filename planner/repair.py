@@ -12,8 +12,23 @@ from planner.separation import closest_approach
 Array = NDArray[np.float64]
 SHRINK = 1.0 - 1e-9
 """Steps are kept this much below `D_max`, so that rounding never carries one over it."""
+ROUNDING_M = 2e-11
+"""How far adding up positions within 100 km of the origin may be off in one step."""
 INSIDE_M = 5e-10
 """A leg this little inside a no-fly zone touches its edge."""
+
+
+def step_limits_m(problem: Problem) -> Array:
+    """The longest step of each UAV, metres: (U,).
+
+    It is `D_max` less rounding, except where an end position lies just as far away as the UAV can fly: such an end is
+    in reach, and there the rounding of each step is allowed on top of what the straight way needs.
+    """
+    limit = problem.step_m * SHRINK
+    away = np.linalg.norm(problem.end_m - problem.start_m, axis=1)
+    needed = away / np.maximum(problem.n_flying - 1, 1)
+    exact: Array = np.where(needed > limit, np.minimum(needed, problem.step_m) + ROUNDING_M, limit)
+    return exact
 
 
 def within_limits(problem: Problem, paths_m: Array) -> Array:
@@ -25,12 +40,12 @@ def within_limits(problem: Problem, paths_m: Array) -> Array:
     fixed = paths_m.copy()
     fixed[:, 0] = problem.start_m
     last = problem.n_flying - 1
+    limit = step_limits_m(problem)
     for n in range(1, problem.n_slots):
         arriving = (last == n)[:, None]
         target = np.where(arriving & np.isfinite(problem.end_m), problem.end_m, paths_m[:, n])
         move = np.where((last < n)[:, None], 0.0, target - fixed[:, n - 1])
         length = np.linalg.norm(move, axis=1)
-        limit = problem.step_m * SHRINK
         reached = fixed[:, n - 1] + (limit / np.where(length > 0, length, 1.0))[:, None] * move
         fixed[:, n] = np.where((length > limit)[:, None], reached, np.where(move == 0.0, fixed[:, n - 1], target))
         fixed[:, n] = np.clip(fixed[:, n], problem.low_m, problem.high_m)

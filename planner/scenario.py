@@ -15,12 +15,16 @@ from shapely import Point as GeoPoint
 from shapely import Polygon
 
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
-Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
-NonNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0)]
 Coordinate = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-100_000, le=100_000)]
-Altitude = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=20_000)]
+Altitude = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0.1, le=20_000)]
+Hertz = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=1, le=1e11)]
+Watts = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=1e-12, le=1e6)]
+BitsPerSecond = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=1e15)]
 Point = tuple[Coordinate, Coordinate]
 """East, north in metres from the origin; beyond 100 km a flat local frame is no longer honest."""
+
+REACH_ROUNDING_M = 1e-10
+"""An end position this little further away than a UAV can fly is in reach: what adding up its steps is off by."""
 
 Identifier = Annotated[str, Field(strict=True, pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$")]
 
@@ -48,8 +52,8 @@ class Uav(Frozen):
     id: Identifier
     start_m: Point
     max_speed_mps: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=100)] = 5.0
-    bandwidth_hz: Positive = 10_000.0
-    transmit_power_w: Positive = 0.1
+    bandwidth_hz: Hertz = 10_000.0
+    transmit_power_w: Watts = 0.1
     altitude_m: Altitude | None = None
     end_m: Point | None = None
     leaves_at_slot: Annotated[int, Field(strict=True, ge=1)] | None = None
@@ -63,7 +67,7 @@ class User(Frozen):
 
     id: Identifier
     position_m: Point
-    min_rate_bps: NonNegative = 0.0
+    min_rate_bps: BitsPerSecond = 0.0
 
 
 class Channel(Frozen):
@@ -84,7 +88,7 @@ class NoFlyDisc(Frozen):
 
     kind: Literal["disc"] = "disc"
     center_m: Point
-    radius_m: Positive
+    radius_m: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=1_000_000)]
 
 
 class NoFlyPolygon(Frozen):
@@ -168,7 +172,7 @@ class Scenario(Frozen):
         assert uav.end_m is not None  # noqa: S101 - the caller has looked
         reach = uav.max_speed_mps * self.slot_duration_s * self.last_slot(uav)
         away = dist(uav.start_m, uav.end_m)
-        if away > reach * (1 - 1e-9):
+        if away > reach + REACH_ROUNDING_M:
             raise ValueError(
                 f"uavs.{index}.end_m: {uav.end_m} of '{uav.id}' is {away:.6g} m from its start, but it can fly only "
                 f"{reach:.6g} m until its last slot (eq. 6d)"

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.emit import emit
+from planner.fast import UnreachableEndError
 from planner.methods import DEFAULT_METHOD, method_of
 from planner.plans import Iteration, Plan, PlanStatus
 from planner.problem import Past, problem_of
@@ -50,7 +51,8 @@ def plan(
     (default: converged). observer: called after each iteration that counts. offer: called then with what makes
     the plan reached so far, `running`, when it is wanted. clock: fills `solve_ms`. identity: `id`,
     `revision`, `cause`, `parent` of the plan; the id defaults to a digest of the inputs.
-    Raises ValueError for an unknown method and for shapes that do not fit the scenario.
+    Raises UnreachableEndError, which names the UAVs, when no paths to all end positions are found, and ValueError for
+    an unknown method and for shapes that do not fit the scenario.
     """
     began = clock() if clock else 0.0
     past, stop = past or Past(), stop or converged()
@@ -62,7 +64,10 @@ def plan(
         return emit(scenario, past, problem, solution, inputs, method=method, status=status, **identity)
 
     told = _told(observer, offer, lambda solution: emitted(solution, PlanStatus.RUNNING))
-    solution = method_of(method)(problem, stop, warm_start_m, told, n_starts=n_starts, seed=seed)
+    try:
+        solution = method_of(method)(problem, stop, warm_start_m, told, n_starts=n_starts, seed=seed)
+    except UnreachableEndError as error:
+        raise error.named(scenario.uav_ids) from None
     made = emitted(solution, PlanStatus.CANCELLED if stop.interrupts else PlanStatus.SUCCEEDED)
     return made.model_copy(update={"solve_ms": (clock() - began) * 1e3}) if clock else made
 

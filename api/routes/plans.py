@@ -17,7 +17,7 @@ from api.routes.examples import PLAN_EXAMPLES, REPLAN_EXAMPLES
 from api.security import Role
 from api.service import Service
 from planner import Cause, Changes, Plan, PlanStatus, Scenario, Uav, User, Utility, cause_of, remaining
-from planner.scenario import Identifier, Positive
+from planner.scenario import Hertz, Identifier
 
 router = APIRouter(prefix="/v1", tags=["plans"], dependencies=[*KNOWN, requires(Role.VIEWER)])
 planner_only = [requires(Role.PLANNER)]
@@ -65,7 +65,7 @@ class ReplanRequest(Changes):
     ] = ()
     utility: Annotated[Utility | None, Field(description="Another utility, or another mu; default: as it was.")] = None
     bandwidth_hz: Annotated[
-        dict[Identifier, Positive], Field(default_factory=dict, description="The new bands of some UAVs, by id.")
+        dict[Identifier, Hertz], Field(default_factory=dict, description="The new bands of some UAVs, by id.")
     ]
     at_slot: Annotated[int, Field(ge=0, le=1_000_000, strict=True, description="First slot to plan.")]
     positions_m: Annotated[

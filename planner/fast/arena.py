@@ -14,7 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from planner.problem import Problem
-from planner.repair import SHRINK
+from planner.repair import step_limits_m
 
 Array: TypeAlias = NDArray[np.float64]
 Ints: TypeAlias = NDArray[np.int64]
@@ -120,7 +120,7 @@ def arena_of(problem: Problem) -> Arena:
         height2=problem.altitude_m**2,
         khz=problem.bandwidth_hz / 1e3,
         start_m=np.ascontiguousarray(problem.start_m.T),
-        step_m=problem.step_m * SHRINK,
+        step_m=step_limits_m(problem),
         last=np.minimum(problem.n_flying, problem.n_slots).astype(np.int64) - 1,
         end_m=np.ascontiguousarray(problem.end_m.T),
         low=problem.low_m,

@@ -9,6 +9,8 @@ import numpy as np
 from planner.fast.arena import SUM, Arena, Array, Ints, kernel
 
 SWEEPS = 4
+ROUNDING = 4e-15
+"""Relative: shares that add up to this much more than the band are scaled back to it."""
 THOROUGH = 16
 """Up to so many users, every move and exchange is tried."""
 UNMET = 1e9
@@ -316,7 +318,11 @@ def water_fill(decay: Array, first: Array, left: float, members: Ints, count: in
         level, active = (worth - left) / width, kept
         if settled:
             break
+    given = 0.0
+    for i in range(active):
+        given += max(0.0, (first[members[i]] - level) / decay[members[i]])
+    share = left / given if given > left * (1.0 + ROUNDING) else 1.0  # at tiny decays the differences cancel
     for i in range(active):
         k = members[i]
-        khz[k] += max(0.0, (first[k] - level) / decay[k])
+        khz[k] += share * max(0.0, (first[k] - level) / decay[k])
     return level

@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 
 from planner.fast.arena import Arena, Array, Links, arena_of, copy_of, links_of
+from planner.fast.blocked import UnreachableEndError, who_is_blocked
 from planner.fast.climb import climb as climb_on
 from planner.fast.climb import tables
 from planner.fast.routes import with_routes
@@ -21,13 +22,8 @@ STEPS = 30
 TOLERANCE = 3e-6
 HOPELESS = 3.0
 """A further climb is given up when so many passes as good as its last one would not reach the best."""
-UNREACHABLE = "uavs: no paths found that bring every UAV to its end_m in time"
 WORK_OF_ALL_STARTS = 1.0e6
 """By default as many starts as keep `starts x U K N` below this, at least 2 and at most 32."""
-
-
-class UnreachableEndError(ValueError):
-    """No path found that brings every UAV to its `end_m` by its last slot."""
 
 
 @dataclass
@@ -91,7 +87,7 @@ def optimise(
         if stop.interrupts:
             break
     if best is None:
-        raise UnreachableEndError(UNREACHABLE)
+        raise UnreachableEndError(who_is_blocked(problem))
     return _solution(problem, arena, best, history)
 
 
@@ -103,7 +99,7 @@ def flyable(problem: Problem, wanted_m: Array | None = None) -> Array:
     path = None if wanted_m is None else flown(arena, np.ascontiguousarray(wanted_m.transpose(1, 2, 0)), chase=True)
     path = hovering(arena) if path is None else path
     if path is None:
-        raise UnreachableEndError(UNREACHABLE)
+        raise UnreachableEndError(who_is_blocked(problem))
     return np.ascontiguousarray(path.transpose(2, 0, 1))
 
 

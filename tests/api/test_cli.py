@@ -76,7 +76,8 @@ def test_replan_takes_changes_from_a_file(
         (["replan", "{plan}", "--at-slot", "1"], "give --failed UAV or --changes FILE"),
         (["replan", "{plan}", "--at-slot", "1", "--changes", "{plan}"], "Extra inputs are not permitted"),
         (["export", "{plan}", "--format", "waypoints"], "choose one of uav-1, uav-2"),
-        (["plan", "{bad}"], "uavs.0.bandwidth_hz: Input should be greater than 0"),
+        (["plan", "{bad}"], "bad.json: uavs.0.bandwidth_hz: Input should be greater than or equal to 1"),
+        (["plan", "--example", "minimal", "--out", "/dev/null/plan.json"], "--out: /dev/null/plan.json: "),
     ],
 )
 def test_a_mistake_is_one_message_and_status_2(
@@ -138,3 +139,51 @@ def test_a_service_that_cannot_be_run_or_reached_is_one_message(
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     assert run(monkeypatch, *arguments) == 2
     assert said in " ".join(capsys.readouterr().err.split())
+
+
+def scenario_file(tmp_path: Path, encoding: str = "utf-8", **changes: Any) -> str:
+    file = tmp_path / "town.json"
+    document = {**EXAMPLES["minimal"]().model_dump(mode="json"), **changes}
+    file.write_text(json.dumps(document, ensure_ascii=False), encoding=encoding)
+    return str(file)
+
+
+def test_a_file_with_a_byte_order_mark_is_read(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    assert run(monkeypatch, "plan", scenario_file(tmp_path, "utf-8-sig"), "--json") == 0
+
+
+def test_an_invalid_user_is_one_error_that_names_file_field_and_value(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    file = scenario_file(tmp_path, users=[{"id": "müller", "position_m": [60.0, 200.0]}])
+    assert run(monkeypatch, "plan", file) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"error: {file}: users.0.id: 'müller': String should match pattern")
+
+
+def test_ends_that_cannot_be_flown_to_are_one_error_that_names_the_uavs(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    a, b = (10.0, 2.0), (290.0, 2.0)
+    uavs = [{"id": "a", "start_m": a, "end_m": b}, {"id": "b", "start_m": b, "end_m": a}]
+    corridor: dict[str, Any] = {
+        "area_m": [[0, 0], [300, 4]],
+        "min_separation_m": 5.0,
+        "slots": 30,
+        "slot_duration_s": 4.0,
+    }
+    file = scenario_file(tmp_path, uavs=uavs, **corridor)
+    assert run(monkeypatch, "plan", file) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "'a' and 'b' find no way past each other" in line
+
+
+def test_a_plan_that_leaves_a_least_rate_unmet_is_written_and_says_whose_with_status_3(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    users = [dict(user) for user in EXAMPLES["minimal"]().model_dump(mode="json")["users"]]
+    users[0]["min_rate_bps"] = 1e9
+    assert run(monkeypatch, "plan", scenario_file(tmp_path, users=users), "--json") == 3
+    printed = capsys.readouterr()
+    assert Plan.model_validate_json(printed.out).status == "infeasible"
+    assert "user-1 gets less than its min_rate_bps 1e+09 in slots 0-3" in printed.err

@@ -244,6 +244,8 @@ def test_missions_come_as_json_for_all_and_as_files_for_one(client: TestClient, 
     assert every["uav-1"][0]["command"] == 22
     file = client.get(path, params={"format": "plan", "uav_id": "uav-2"}).json()
     assert file["fileType"] == "Plan"
+    assert [len(polygon["polygon"]) for polygon in file["geoFence"]["polygons"]] == [4]  # as the service uploads it
+    assert len(file["rallyPoints"]["points"]) == 1
     text = client.get(path, params={"format": "waypoints", "uav_id": "uav-1"})
     assert text.headers["content-type"].startswith("text/plain")
     assert text.text.startswith("QGC WPL 110\n")

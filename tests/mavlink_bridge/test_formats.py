@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import replace
+from math import isnan
 from pathlib import Path
 
 import pytest
@@ -25,7 +26,8 @@ from mavlink_bridge import (
     to_waypoints,
 )
 from mavlink_bridge.fence import fence_items, rally_items
-from mavlink_bridge.formats import fence_from_qgc_plan, rally_from_qgc_plan
+from mavlink_bridge.items import Command
+from mavlink_bridge.plan_extras import fence_from_qgc_plan, fence_to_json, rally_from_qgc_plan
 from planner.plans import Plan
 
 places = st.builds(
@@ -136,7 +138,87 @@ def test_what_is_not_a_waypoints_file_is_refused_with_the_line(text: str, rule: 
         from_waypoints(text)
 
 
-def test_items_without_parameters_in_the_file_read_as_zero() -> None:
-    plan = mutated(lambda item: item.update(params=[None, None, None, None, 47.0, 8.0, 60.0]))
+def test_a_null_parameter_is_nan_and_survives_both_formats() -> None:
+    plan = mutated(lambda item: item.update(params=[0.0, 0.0, 0.0, None, 47.0, 8.0, 60.0]))
     (item,) = from_qgc_plan(plan)
-    assert item == replace(item, param1=0.0, param4=0.0, x=470000000, y=80000000)
+    assert isnan(item.param4)  # the heading is as the vehicle has it, not north
+    assert (item.param1, item.x, item.y, item.z) == (0.0, 470000000, 80000000, 60.0)
+    mission = Mission(uav_id="u", items=(item,), slot_of_item={0: 0}, duration_s=1.0)
+    written = json.dumps(to_qgc_plan(mission), allow_nan=False)
+    for read in (from_qgc_plan(json.loads(written)), from_waypoints(to_waypoints(mission))):
+        assert isnan(read[0].param4)
+        assert replace(read[0], param4=0.0) == replace(item, param4=0.0)
+
+
+def test_a_take_off_without_a_place_is_where_the_vehicle_is() -> None:
+    plan = mutated(lambda item: item.update(command=22, params=[0, 0, 0, None, None, None, 30]))
+    (item,) = from_qgc_plan(plan)
+    assert (item.x, item.y, item.z) == (0, 0, 30.0)
+
+
+def test_an_item_with_a_place_and_no_altitude_is_refused() -> None:
+    with pytest.raises(FormatError, match=r"items\.0\.params\.6: null"):
+        from_qgc_plan(mutated(lambda item: item.update(params=[0, 0, 0, 0, 47.0, 8.0, None])))
+
+
+ROWS = (
+    "0\t1\t0\t16\t0\t0\t0\t0\t-33.9\t151.2\t21.5\t1",
+    "1\t0\t3\t16\t2\t0\t0\t0\t-33.9001\t151.2001\t30\t1",
+)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "\n".join(["QGC WPL 110", "# home", ROWS[0], "  # a waypoint", ROWS[1]]),
+        "\n".join(["\ufeffQGC WPL 110", *ROWS]),
+        "\n".join(["QGC WPL 110", "1" + ROWS[0][1:], "2" + ROWS[1][1:]]),
+    ],
+    ids=["comments", "byte order mark", "rows from 1"],
+)
+def test_waypoint_files_of_other_tools_are_read(text: str) -> None:
+    items = from_waypoints(text)
+    assert [item.seq for item in items] == [0, 1]
+    assert [item.x for item in items] == [-339000000, -339001000]
+
+
+FENCE = {
+    "version": 2,
+    "circles": [{"version": 1, "inclusion": False, "circle": {"center": [-33.905, 151.204], "radius": 30}}],
+    "polygons": [
+        {"version": 1, "inclusion": True, "polygon": [[-33.9, 151.2], [-33.9, 151.21], [-33.91, 151.21]]},
+        {"version": 1, "inclusion": False, "polygon": [[-33.905, 151.205], [-33.905, 151.206], [-33.906, 151.206]]},
+    ],
+}
+
+
+def test_a_fence_keeps_every_polygon_and_circle() -> None:
+    items = fence_from_qgc_plan({"geoFence": FENCE})
+    assert [int(item.command) for item in items] == [5001] * 3 + [5002] * 3 + [5004]
+    assert [item.seq for item in items] == list(range(7))
+    assert (items[-1].param1, items[-1].x, items[-1].y) == (30.0, -339050000, 1512040000)
+    assert fence_to_json(items) == FENCE
+
+
+@pytest.mark.parametrize(
+    ("fence", "rule"),
+    [
+        ({"polygons": [{"inclusion": True, "polygon": [[0, 0], [1, 1]]}]}, "polygons.0.polygon: 2 vertices"),
+        ({"polygons": [{"inclusion": "yes", "polygon": [[0, 0], [1, 1], [0, 1]]}]}, "polygons.0.inclusion"),
+        ({"circles": [{"inclusion": True, "circle": {"center": [0, 0], "radius": 0}}]}, "circles.0.circle.radius"),
+        ({"circles": [{"inclusion": True, "circle": {"center": [91, 0], "radius": 5}}]}, "circles.0.circle.center"),
+        ({"polygons": [], "breachReturn": [47.0, 8.0, 30.0]}, "breachReturn"),
+        ({"circles": [{}]}, "KeyError"),
+    ],
+)
+def test_a_fence_that_cannot_be_taken_whole_is_refused_by_name(fence: dict[str, object], rule: str) -> None:
+    with pytest.raises(FormatError, match=rule):
+        fence_from_qgc_plan({"geoFence": fence})
+
+
+def test_items_that_are_no_fence_are_not_written_as_one() -> None:
+    vertex = MissionItem(seq=0, frame=0, command=Command.NAV_FENCE_POLYGON_VERTEX_INCLUSION, param1=3.0)
+    with pytest.raises(FormatError, match="of which not all follow"):
+        fence_to_json([vertex, replace(vertex, seq=1)])
+    with pytest.raises(FormatError, match=r"fence\.0\.command: 16"):
+        fence_to_json([replace(vertex, command=16)])

@@ -200,8 +200,48 @@ def test_a_uav_behind_a_wall_flies_home_around_it_in_time() -> None:
 def test_an_end_that_cannot_be_reached_around_a_wall_is_refused() -> None:
     wall = NoFlyPolygon(vertices_m=((50.0, 0.0), (70.0, 0.0), (70.0, 200.0), (50.0, 200.0)))
     left, right = field().uavs
-    with pytest.raises(UnreachableEndError, match="end_m"):
+    with pytest.raises(UnreachableEndError, match=r"uavs\.0\.end_m: 'uav-1' finds no way around the no_fly zones"):
         plan(field(no_fly=(wall,), uavs=(left.model_copy(update={"end_m": (20.0, 100.0)}), right)))
+
+
+def test_two_that_cannot_pass_each_other_in_a_corridor_are_named() -> None:
+    west, east = (30.0, 2.0), (220.0, 2.0)
+    left, right = field().uavs
+    third = left.model_copy(update={"id": "uav-3", "start_m": (125.0, 2.0), "end_m": None})
+    swap = (
+        left.model_copy(update={"start_m": west, "end_m": east}),
+        third,
+        right.model_copy(update={"start_m": east, "end_m": west}),
+    )
+    corridor = field(area_m=((0.0, 0.0), (250.0, 4.0)), uavs=swap, min_separation_m=5.0, slots=40)
+    with pytest.raises(UnreachableEndError, match=r"'uav-1' and 'uav-(2|3)' find no way past each other"):
+        plan(corridor)
+
+
+@settings(max_examples=60)
+@given(
+    east=st.floats(-90_000, 90_000),
+    north=st.floats(-90_000, 90_000),
+    angle=st.floats(0, 6.28),
+    speed=st.floats(0.5, 40.0),
+    slots=st.integers(2, 60),
+    share=st.floats(0.999999, 1.0),
+)
+def test_an_end_at_exactly_the_reach_is_reached_at_full_speed(
+    east: float, north: float, angle: float, speed: float, slots: int, share: float
+) -> None:
+    far = speed * 4.0 * (slots - 1) * share
+    end = (east + far * float(np.cos(angle)), north + far * float(np.sin(angle)))
+    uav = field().uavs[0].model_copy(update={"start_m": (east, north), "end_m": end, "max_speed_mps": speed})
+    try:
+        scenario = field(
+            area_m=((-100_000.0, -100_000.0), (100_000.0, 100_000.0)), uavs=(uav,), slots=slots, slot_duration_s=4.0
+        )
+    except ValueError:
+        return  # the rounding of `end` itself carried it out of reach
+    made = plan(scenario, n_starts=1)
+    assert violations(made) == []
+    assert made.trajectories_m["uav-1"][-1] == end
 
 
 def test_a_uav_that_leaves_serves_nobody_from_then_on_and_its_user_gets_another() -> None:
@@ -246,3 +286,44 @@ def test_a_deadline_ends_all_starts() -> None:
     assert made.status == "cancelled"
     assert len(made.history) <= 6
     assert plan(field(), n_starts=32, stop=converged()).status == "succeeded"
+
+
+def _extreme(least: float, most: float) -> st.SearchStrategy[float]:
+    return st.sampled_from([least, most]) | st.floats(least, most)
+
+
+@settings(max_examples=80)
+@given(
+    altitude_m=_extreme(0.1, 20_000),
+    bandwidth_hz=_extreme(1, 1e11),
+    power_w=_extreme(1e-12, 1e6),
+    noise_dbm=_extreme(-250, 100),
+    gain_db=_extreme(-200, 100),
+    mu=st.sampled_from([0.0, -1e-9, -0.3, -1e6]),
+    kind=st.sampled_from(["sum", "per_user", "pooled"]),
+    least_bps=st.sampled_from([0.0, 1e3, 1e15]),
+)
+def test_every_scenario_within_the_limits_is_planned_with_finite_numbers(
+    altitude_m: float,
+    bandwidth_hz: float,
+    power_w: float,
+    noise_dbm: float,
+    gain_db: float,
+    mu: float,
+    kind: Any,
+    least_bps: float,
+) -> None:
+    users = tuple(user.model_copy(update={"min_rate_bps": least_bps}) for user in field().users)
+    uavs = tuple(
+        uav.model_copy(update={"bandwidth_hz": bandwidth_hz, "transmit_power_w": power_w}) for uav in field().uavs
+    )
+    scenario = field(
+        altitude_m=altitude_m,
+        uavs=uavs,
+        users=users,
+        channel=Channel(noise_dbm=noise_dbm, reference_gain_db=gain_db),
+        utility=Utility(kind=kind, mu_per_kbps=mu),
+    )
+    made = plan(scenario, n_starts=4)
+    assert violations(made) == []
+    assert Plan.model_validate_json(made.model_dump_json()).summary == made.summary

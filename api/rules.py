@@ -1,0 +1,41 @@
+"""Broken rules of what a user gave, each with the field it is about: for REST and the command line alike."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+_CONSEQUENCES = frozenset({"too_short", "too_long"})
+"""Pydantic counts only the valid items of a list, so an invalid one breaks the rule about its length too."""
+
+
+def broken_rules(errors: Iterable[Mapping[str, Any]], prefix: tuple[str, ...] = ("body",)) -> list[dict[str, str]]:
+    """Return pydantic's errors as {field, rule, message, value}; the field is a dotted path into the request.
+
+    A list that is too short only because an item of it is invalid is told by the item's own error alone.
+    """
+    found = list(errors)
+    return [_row(error, prefix) for error in found if not _is_consequence(error, found)]
+
+
+def _is_consequence(error: Mapping[str, Any], errors: list[Mapping[str, Any]]) -> bool:
+    loc = tuple(error["loc"])
+    return error["type"] in _CONSEQUENCES and any(
+        len(other["loc"]) > len(loc) and tuple(other["loc"][: len(loc)]) == loc for other in errors
+    )
+
+
+def _row(error: Mapping[str, Any], prefix: tuple[str, ...]) -> dict[str, str]:
+    loc = [str(part) for part in error["loc"]]
+    loc = loc[1:] if loc and loc[0] in prefix else loc
+    message = str(error["msg"]).removeprefix("Value error, ")
+    if not loc and ": " in message:  # a rule across fields names its field itself
+        field, message = message.split(": ", 1)
+        loc = [field]
+    row = {"field": ".".join(loc) or "body", "rule": str(error["type"]), "message": message}
+    given = error.get("input")
+    if isinstance(given, str | int | float | bool) or given is None:
+        row["value"] = repr(given)[:100]
+        if error["type"] == "string_pattern_mismatch":
+            row["message"] = f"{row['value']}: {message}"
+    return row
