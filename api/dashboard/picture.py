@@ -95,8 +95,7 @@ def frame(
 
     promise: the plan whose rates users were promised (default `plan`): who gets next to nothing of it is cut off.
     """
-    users = plan.scenario.user_ids if plan else ()
-    known = [rates.get(user) for user in users]
+    known = {user: rates.get(user) for user in plan.scenario.user_ids} if plan else {}
     return {
         "uavs": [_drawn(spot) for spot in spots],
         "links": links(plan, slot) if plan and slot is not None else [],
@@ -108,25 +107,21 @@ def frame(
     }
 
 
-def links(plan: Plan, slot: int) -> list[tuple[int, str, float]]:
-    """(user's index, UAV, bandwidth in Hz) of every link of that slot of the operation's grid."""
+def links(plan: Plan, slot: int) -> list[tuple[str, str, float]]:
+    """Return (user, UAV, bandwidth in Hz) of every link of that slot of the operation's grid."""
     n = min(max(slot - plan.first_slot, 0), plan.scenario.slots - 1)
-    return [
-        (index, plan.association[user][n], plan.bandwidth_hz[user][n])
-        for index, user in enumerate(plan.scenario.user_ids)
-        if plan.association[user][n]
-    ]
+    return [(user, row[n], plan.bandwidth_hz[user][n]) for user, row in plan.association.items() if row[n]]
 
 
-def cut_off(plan: Plan, slot: int, rates: Sequence[float | None]) -> list[int]:
-    """Users (by index) that get next to nothing of what the plan promises them in that slot."""
+def cut_off(plan: Plan, slot: int, rates: Mapping[str, float | None]) -> list[str]:
+    """Return the users that get next to nothing of what the plan promises them in that slot; `rates` in bit/s by id."""
     n = min(max(slot - plan.first_slot, 0), plan.scenario.slots - 1)
-    promised = [plan.user_rates_bps[user][n] for user in plan.scenario.user_ids]
-    return [
-        index
-        for index, (rate, wanted) in enumerate(zip(rates, promised, strict=True))
-        if rate is not None and wanted > WORTH_BPS and rate < CUT_SHARE * wanted
-    ]
+    found = []
+    for user, promised in plan.user_rates_bps.items():
+        rate = rates.get(user)
+        if rate is not None and promised[n] > WORTH_BPS and rate < CUT_SHARE * promised[n]:
+            found.append(user)
+    return found
 
 
 def planned_frame(

@@ -7,7 +7,7 @@ import pytest
 from api.dashboard import picture
 from api.dashboard.picture import Spot
 from api.dashboard.views import Operation, Vehicle
-from planner import Plan
+from planner import Changes, Plan, replan
 
 
 def vehicle(**changes: object) -> Vehicle:
@@ -54,16 +54,25 @@ def test_links_carry_all_bandwidth_of_the_slot(small_plan: Plan) -> None:
         for uav in small_plan.scenario.uavs:
             used = sum(hz for _, served_by, hz in links if served_by == uav.id)
             assert used <= uav.bandwidth_hz * (1 + 1e-9)
-        assert {index for index, _, _ in links} == set(range(4))
+        assert {user for user, _, _ in links} == set(small_plan.scenario.user_ids)
 
 
 def test_a_user_that_gets_nothing_of_what_was_promised_is_cut_off(small_plan: Plan) -> None:
-    promised = [small_plan.user_rates_bps[user][1] for user in small_plan.scenario.user_ids]
-    served = [index for index, rate in enumerate(promised) if rate > picture.WORTH_BPS]
+    promised = {user: row[1] for user, row in small_plan.user_rates_bps.items()}
+    served = [user for user, rate in promised.items() if rate > picture.WORTH_BPS]
     assert served
     assert picture.cut_off(small_plan, 1, promised) == []
-    assert picture.cut_off(small_plan, 1, [0.0] * 4) == served
-    assert picture.cut_off(small_plan, 1, [None] * 4) == []
+    assert picture.cut_off(small_plan, 1, dict.fromkeys(promised, 0.0)) == served
+    assert picture.cut_off(small_plan, 1, dict.fromkeys(promised)) == []
+
+
+def test_a_plan_of_fewer_users_draws_its_links_and_rates_to_its_own_users(small_plan: Plan) -> None:
+    fewer = replan(small_plan, changes=Changes(users_left=("user-1",)), at_slot=1)
+    frame = picture.planned_frame(fewer, 2)
+    assert {user for user, _, _ in frame["links"]} == set(frame["rates"]) == {"user-2", "user-3", "user-4"}
+    assert frame["rates"] == {user: row[1] for user, row in fewer.user_rates_bps.items()}
+    beside_all = picture.frame([], fewer, 2, dict.fromkeys(fewer.user_rates_bps, 0.0), promise=small_plan)
+    assert "user-1" not in beside_all["cut"]
 
 
 def test_the_air_of_a_lost_uav_is_its_rest_of_the_route_and_the_way_home(small_plan: Plan) -> None:
@@ -76,7 +85,7 @@ def test_scene_and_frames_are_plain_json(small_plan: Plan) -> None:
     frame = picture.planned_frame(small_plan, 3, ghosts={"uav-7": (1.0, 2.0)})
     assert json.loads(json.dumps([scene, frame]))[1]["uavs"][-1]["lost"] is True
     assert [one["id"] for one in frame["uavs"]] == ["uav-1", "uav-2", "uav-7"]
-    assert frame["rates"] == [small_plan.user_rates_bps[user][3] for user in small_plan.scenario.user_ids]
+    assert frame["rates"] == {user: row[3] for user, row in small_plan.user_rates_bps.items()}
     assert picture.scene(small_plan.scenario)["rate_max"] is None
 
 

@@ -307,10 +307,11 @@ export default {
       const where = Object.fromEntries(this.frame.uavs.map((uav) => [uav.id, uav]));
       const widest = Math.max(...this.frame.links.map((link) => link[2]), 1);
       const write = this.frame.links.length <= 24;
-      for (const [index, id, hz] of this.frame.links) {
+      const places = Object.fromEntries(this.scene.users.map((user) => [user[0], user]));
+      for (const [served, id, hz] of this.frame.links) {
         const uav = where[id];
-        if (!uav || uav.e === null || hz < LEAST_HZ) continue;
-        const user = this.scene.users[index];
+        const user = places[served];
+        if (!uav || !user || uav.e === null || hz < LEAST_HZ) continue;
         const off = uav.lost;
         const dimmed = this.selected && this.selected !== id;
         const style = { colour: off ? this.colours.alarm : this.colour(id), width: 1 + (3 * hz) / widest, dash: off ? [2, 5] : [] };
@@ -324,13 +325,13 @@ export default {
       c.globalAlpha = 1;
     },
     paintUsers(c) {
-      const rates = this.frame?.rates ?? [];
+      const rates = this.frame?.rates ?? {};
       const cut = new Set(this.frame?.cut ?? []);
       const r = this.scene.users.length > 60 ? 5 : 7;
-      this.scene.users.forEach(([, e, n], index) => {
+      this.scene.users.forEach(([id, e, n]) => {
         const [x, y] = this.at(e, n);
-        const rate = rates[index] ?? null;
-        const off = cut.has(index);
+        const rate = rates[id] ?? null;
+        const off = cut.has(id);
         const idle = rate !== null && rate < LEAST_BPS && !off;
         c.beginPath();
         c.arc(x, y, r, 0, 2 * Math.PI);
@@ -349,14 +350,14 @@ export default {
     },
     nameUsers() {
       if (this.scene.users.length > 40 && this.view.zoom < 3) return;
-      const rates = this.frame?.rates ?? [];
+      const rates = this.frame?.rates ?? {};
       const cut = new Set(this.frame?.cut ?? []);
-      this.scene.users.forEach(([id, e, n], index) => {
+      this.scene.users.forEach(([id, e, n]) => {
         const [x, y] = this.at(e, n);
-        const rate = rates[index] ?? null;
+        const rate = rates[id] ?? null;
         const name = id.replace(/^user-/, "u");
-        const words = rate === null ? name : cut.has(index) ? `${name} NO SERVICE` : rate < LEAST_BPS ? name : `${name} ${(rate / 1e3).toFixed(1)}`;
-        const strong = cut.has(index) ? { colour: this.colours.alarm, weight: 700 } : {};
+        const words = rate === null ? name : cut.has(id) ? `${name} NO SERVICE` : rate < LEAST_BPS ? name : `${name} ${(rate / 1e3).toFixed(1)}`;
+        const strong = cut.has(id) ? { colour: this.colours.alarm, weight: 700 } : {};
         this.text(words, x, y + 19, { size: 10, align: "center", ...strong });
       });
     },
@@ -451,8 +452,8 @@ export default {
       };
       const uav = this.frame?.uavs.find((each) => each.e !== null && close(each.e, each.n, 15));
       if (uav) return { kind: "uav", id: uav.id, uav };
-      const index = this.scene?.users.findIndex((user) => close(user[1], user[2], 11)) ?? -1;
-      return index < 0 ? null : { kind: "user", id: this.scene.users[index][0], index };
+      const user = this.scene?.users.find((each) => close(each[1], each[2], 11));
+      return user ? { kind: "user", id: user[0] } : null;
     },
     onDown(event) {
       if (!this.view) return;
@@ -498,7 +499,7 @@ export default {
       tip.hidden = !found;
       this.canvas.style.cursor = found ? "pointer" : this.tool ? "crosshair" : "grab";
       if (!found) return;
-      tip.textContent = found.kind === "uav" ? this.uavTip(found.uav) : this.userTip(found.index);
+      tip.textContent = found.kind === "uav" ? this.uavTip(found.uav) : this.userTip(found.id);
       tip.style.left = `${Math.min(x + 14, this.size.w - 210)}px`;
       tip.style.top = `${Math.min(y + 14, this.size.h - 80)}px`;
     },
@@ -508,10 +509,9 @@ export default {
       if (uav.item !== null && uav.item !== undefined) lines.push(`mission item ${uav.item}`);
       return lines.join("\n");
     },
-    userTip(index) {
-      const id = this.scene.users[index][0];
-      const link = this.frame?.links.find((each) => each[0] === index);
-      const rate = this.frame?.rates[index];
+    userTip(id) {
+      const link = this.frame?.links.find((each) => each[0] === id);
+      const rate = this.frame?.rates[id];
       const lines = [id, rate === null || rate === undefined ? "rate not known" : `${(rate / 1e3).toFixed(2)} kbit/s`];
       if (link) lines.push(`served by ${link[1]} with ${(link[2] / 1e3).toFixed(2)} kHz`);
       return lines.join("\n");
