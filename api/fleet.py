@@ -181,9 +181,16 @@ class Fleet:
 
     @contextmanager
     def recorded(self, name: str) -> Iterator[None]:
-        """Write all traffic into `NAME.tlog`, if the settings name a folder for it."""
+        """Append all traffic to `NAME.tlog`, if the settings name a folder for it.
+
+        A log that cannot be written is one event `telemetry_log`; the flight goes on without it.
+        """
         folder = self._settings.telemetry_log_dir
-        log = None if folder is None else self.link.record(folder / f"{name}.tlog")
+
+        def failed(reason: str) -> None:
+            self.note("telemetry_log", operation_id=name, level="warning", error=reason)
+
+        log = None if folder is None else self.link.record(folder / f"{name}.tlog", failed)
         try:
             yield
         finally:

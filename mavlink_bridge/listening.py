@@ -6,6 +6,7 @@ import asyncio
 import time
 from collections.abc import AsyncGenerator, Callable, Collection, Coroutine
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from functools import partial
 from math import inf
 from pathlib import Path
@@ -176,9 +177,15 @@ class ListeningLink:
         """How a vehicle flies: from its parameters if `prepare` read them, else its autopilot's defaults."""
         return self.models.get(system_id) or DEFAULTS[self.autopilot(system_id)]
 
-    def record(self, path: Path) -> TelemetryLog:
-        """Write all traffic to a .tlog until `stop_recording`."""
-        log = TelemetryLog(path)
+    def record(self, path: Path, on_failure: Callable[[str], None] = lambda _reason: None) -> TelemetryLog:
+        """Append all traffic to a .tlog until `stop_recording`; why it cannot goes to `on_failure`, on the loop."""
+        loop = asyncio.get_running_loop()
+
+        def failed(reason: str) -> None:
+            with suppress(RuntimeError):  # the loop has ended: there is nobody to tell
+                loop.call_soon_threadsafe(on_failure, reason)
+
+        log = TelemetryLog(path, on_failure=failed)
         self._begin().record(log)
         return log
 

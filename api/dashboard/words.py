@@ -58,6 +58,10 @@ def _rally_point(data: Data) -> tuple[str, str]:
     return f"{data.get('uav_id')} has where it stands as its rally point", "ok"
 
 
+def _telemetry_log(data: Data) -> tuple[str, str]:
+    return f"the telemetry log is not written: {data.get('error')}", "warn"
+
+
 def _low(data: Data) -> tuple[str, str]:
     return f"{data.get('uav_id')} is low on battery ({data.get('detail')}): it may be sent home", "warn"
 
@@ -143,6 +147,7 @@ WORDS: Mapping[str, Callable[[Data], tuple[str, str]]] = {
     "condition": _condition,
     "geofence": _geofence,
     "rally_point": _rally_point,
+    "telemetry_log": _telemetry_log,
     "uav_low_on_battery": _low,
     "gcs_heartbeat": _gcs_heartbeat,
     "recovery": _recovery,

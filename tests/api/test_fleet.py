@@ -49,3 +49,24 @@ async def test_of_two_vehicles_that_claim_a_system_id_at_once_one_gets_it(tmp_pa
         assert isinstance(first, VehicleView)
         assert isinstance(second, ConflictError)
         assert [view.uav_id for view in service.fleet.views()] == ["uav-1"]
+
+
+async def test_a_telemetry_log_that_cannot_be_written_is_one_event_and_the_flight_goes_on(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    settings = Settings(
+        database_url=f"sqlite+aiosqlite:///{tmp_path}/service.db",
+        fleet_url=f"udpin://127.0.0.1:{free_port(socket.SOCK_DGRAM)}",
+        telemetry_log_dir=tmp_path / "file" / "logs",
+        warm_up=False,
+    )
+    app = create_app(settings)
+    async with app.router.lifespan_context(app):
+        service: Service = app.state.service
+        told: asyncio.Queue[dict[str, object]] = asyncio.Queue()
+        service.events.listeners.append(lambda event: told.put_nowait({"kind": event.kind, **event.data}))
+        await service.fleet.register("uav-1", 7)
+        with service.fleet.recorded("op-1"):
+            while (event := await asyncio.wait_for(told.get(), 10))["kind"] != "telemetry_log":
+                pass
+    assert event["operation_id"] == "op-1"
+    assert "Not a directory" in str(event["error"])

@@ -268,6 +268,7 @@ async def test_pymavlink_reads_the_log_of_an_upload(airfield: Open, line_and_hov
         log = field.link.record(file)
         await field.link.upload({1: compile_mission(line_and_hover, "uav-1")})
         field.link.stop_recording(log)
+    assert log.wait(10)
     reader = mavutil.mavlink_connection(str(file))
     read = []
     while (message := reader.recv_match()) is not None:
