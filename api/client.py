@@ -21,7 +21,7 @@ from pydantic import BaseModel
 
 from api.drills import DrillView
 from api.errors import ServiceError
-from api.events import Event
+from api.events import PROVISIONAL, Event
 from api.guidance import Mode
 from api.journal import Entry
 from api.operation_views import OperationRow, OperationView, Policy
@@ -204,7 +204,10 @@ class Client:
     # -- events ---------------------------------------------------------------------------------------------------
 
     def events(self, last_id: int = 0, *, follow: bool = True) -> Iterator[Event]:
-        """Events after `last_id`, then each new one as it comes; without `follow` until the last one stored."""
+        """Events after `last_id`, then each new one as it comes; without `follow` until the last one stored.
+
+        While the service cannot store events they come late here, each with its number (`provisional` is left out).
+        """
         headers = {**self._headers, "Last-Event-ID": str(last_id)}
         with self._http.stream(
             "GET", "/v1/events", headers=headers, params={"follow": follow}, timeout=httpx2.Timeout(70.0)
@@ -212,8 +215,11 @@ class Client:
             if stream.status_code >= 400:
                 stream.read()
                 _raise_for(stream, "GET", "/v1/events")
+            kind = ""
             for line in stream.iter_lines():
-                if line.startswith("data: "):
+                if line.startswith("event: "):
+                    kind = line.removeprefix("event: ")
+                elif line.startswith("data: ") and kind != PROVISIONAL:
                     yield Event.model_validate_json(line.removeprefix("data: "))
 
     # -- inside ---------------------------------------------------------------------------------------------------

@@ -1,6 +1,8 @@
 """The event log: everything that happened, in order, with a number each; a client can resume after any number.
 
-Events are stored before anyone hears of them, so that a number never means two things, whatever is killed when.
+Events are stored before anyone hears of them by number, so that a number never means two things, whatever is killed
+when. While the database does not answer, followers hear of an event at once all the same, as `provisional` and without
+a number; with its number it comes when it is stored.
 Telemetry is different: it is made ten times a second while somebody listens, has no number, and is not kept.
 No subscriber has a queue of its own: all read the same two bounded rings, each at its own pace. Who falls behind
 reads events from the database, and misses old telemetry, never an event.
@@ -27,6 +29,9 @@ from api.store.tables import events as table
 
 KEEP_EVENTS = 4096
 KEEP_TELEMETRY = 32
+KEEP_PROVISIONAL = 256
+PROVISIONAL = "provisional"
+"""SSE event of something that has happened and is not stored yet; its `id` is null, and so is that of the stream."""
 PAGE = 500
 KEEP_ALIVE = b": keep-alive\n\n"
 KEEP_ALIVE_S = 15.0
@@ -59,7 +64,8 @@ class EventLog:
         self._stored_id = last_id
         self._recent: deque[Frame] = deque(maxlen=KEEP_EVENTS)
         self._pictures: deque[Frame] = deque(maxlen=KEEP_TELEMETRY)
-        self._picture = 0
+        self._provisional: deque[Frame] = deque(maxlen=KEEP_PROVISIONAL)
+        self._picture = self._announced = 0
         self._news = asyncio.Event()
         self._followers = 0
         self.listeners: list[Callable[[Event], None]] = []
@@ -85,10 +91,19 @@ class EventLog:
         self._last_id += 1
         event = Event(id=self._last_id, at=datetime.fromtimestamp(time.time(), UTC), kind=kind, data=data)
         row = {"id": event.id, "at": event.at.timestamp(), "kind": kind, "data": json.dumps(data)}
-        stored = self._database.write_soon((_INSERT, row))
+        stored = self._database.write_soon((_INSERT, row), keep=True)
         frame = Frame(number=event.id, wire=_encoded(event))
-        stored.add_done_callback(lambda done: self._publish(event, frame, done))
+        stored.add_done_callback(lambda _done: self._publish(event, frame))
+        if self._database.trouble is not None:
+            self._announce(event)
         return event
+
+    def _announce(self, event: Event) -> None:
+        """Show an event that cannot be stored yet, without the number that it will have."""
+        self._announced += 1
+        data = json.dumps({**event.model_dump(mode="json"), "id": None})
+        self._provisional.append(Frame(number=self._announced, wire=format_sse_event(data_str=data, event=PROVISIONAL)))
+        self._wake()
 
     def picture(self, data: Any) -> None:
         """Show telemetry to those who listen now."""
@@ -116,7 +131,8 @@ class EventLog:
         and again; the stream ends when the answer is no.
         """
         self._followers += 1
-        seen, asked_s, said_s = self._picture, time.monotonic(), time.monotonic()
+        seen, announced = self._picture, self._announced
+        asked_s = said_s = time.monotonic()
         try:
             while True:
                 now_s = time.monotonic()
@@ -126,6 +142,8 @@ class EventLog:
                     asked_s = now_s
                 news = self._news
                 last_id, wire = await self._since(last_id)
+                wire += b"".join(frame.wire for frame in self._provisional if frame.number > announced)
+                announced = self._announced
                 if telemetry:
                     wire += b"".join(frame.wire for frame in self._pictures if frame.number > seen)
                     seen = self._picture
@@ -151,9 +169,8 @@ class EventLog:
         events = await self.after(last_id)
         return (events[-1].id if events else self._stored_id), b"".join(_encoded(event) for event in events)
 
-    def _publish(self, event: Event, frame: Frame, stored: asyncio.Future[None]) -> None:
-        """Show a stored event. One that could not be stored is shown all the same: the fleet flies on."""
-        del stored
+    def _publish(self, event: Event, frame: Frame) -> None:
+        """Show a stored event, or one that the database has refused for good: the fleet flies on."""
         self._stored_id = event.id
         self._recent.append(frame)
         for listener in self.listeners:

@@ -75,13 +75,13 @@ class MissionBook:
         self._database, self._operation_id = database, operation_id
 
     async def write(self, given: Mapping[str, Given]) -> None:
-        """Store that these UAVs are about to be given these. Raises StoreError."""
+        """Store that these UAVs are about to be given these; held while the database does not answer."""
         rows = [
             {"operation_id": self._operation_id, "uav_id": uav, "document": one.document()}
             for uav, one in given.items()
         ]
         if rows:
-            await self._database.write((_INSERT, rows))
+            await self._database.keep((_INSERT, rows))
 
     async def read(self) -> dict[str, list[Given]]:
         """For each UAV what it was given, the newest first. Raises StoreError."""

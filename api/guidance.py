@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Iterable, Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Literal
 
 from api.clock import FleetClock
 from api.fleet import Fleet
 from api.given import Given, MissionBook
-from api.store import StoreError
 from api.streaming import Streaming
 from mavlink_bridge import Mission, OnEnd, ReturnPathsTooClose, check_return_paths, compile_mission
 from mavlink_bridge.ghosts import DEADLINE_S, Airspace, Ghost
@@ -107,10 +105,9 @@ class FlightGuidance:
         return self.way.at_end
 
     async def remember(self, uavs: Iterable[str]) -> None:
-        """Store what these are about to be given. The flight goes on when the database refuses."""
+        """Store what these are about to be given. The flight goes on when the database does not answer."""
         if self.book is not None:
-            with suppress(StoreError):  # logged where it happened
-                await self.book.write({uav: self._given[uav] for uav in uavs})
+            await self.book.write({uav: self._given[uav] for uav in uavs})
 
     async def recall(self, ghosts: list[dict[str, Any]]) -> None:
         """Take over what UAVs were given, and whose air was reserved, before a restart."""

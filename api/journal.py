@@ -16,14 +16,12 @@ from datetime import UTC, datetime
 from enum import StrEnum
 from typing import Any
 
-import structlog
 from pydantic import BaseModel
 from sqlalchemy import insert, select
 
-from api.store import Database, StoreError
+from api.store import Database
 from api.store.tables import journal as table
 
-log = structlog.get_logger()
 _INSERT = insert(table)
 
 
@@ -60,7 +58,7 @@ Listener = Callable[[Entry, bool], None]
 
 
 class Journal:
-    """Append-only. If the database refuses, the flight goes on: aircraft come before books."""
+    """Append-only. If the database does not answer, entries are held and the flight goes on."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
@@ -70,10 +68,7 @@ class Journal:
         """Store entries in one transaction."""
         for entry in entries:
             self._tell(entry, stored=False)
-        try:
-            await self._database.write(*((_INSERT, _row(entry)) for entry in entries))
-        except StoreError as error:
-            log.critical("journal not written", step=entries[0].step.value, error=str(error))
+        await self._database.keep(*((_INSERT, _row(entry)) for entry in entries))
         for entry in entries:
             self._tell(entry, stored=True)
 

@@ -50,6 +50,11 @@ class Operation:
         return self.head.id
 
     @property
+    def saved(self) -> asyncio.Future[None] | None:
+        """When its newest state is durable; None before the first save."""
+        return self._rows.saved
+
+    @property
     def journal(self) -> Journal:
         """Where its incidents are written."""
         return self._books.journal

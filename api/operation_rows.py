@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import time
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,7 +15,7 @@ from api.events import EventLog
 from api.journal import Journal
 from api.operation_views import ENDED, Policy, State
 from api.rates import Point
-from api.store import Database, StoreError
+from api.store import Database
 from api.store.tables import operations as table
 from api.store.tables import track as track_table
 
@@ -56,6 +56,8 @@ class OperationRows:
 
     def __init__(self, database: Database, head: Head) -> None:
         self._database, self._head = database, head
+        self.saved: asyncio.Future[None] | None = None
+        """When the newest state is durable; None before the first save."""
         self._tracked = 0
         self._tracked_at = 0.0
 
@@ -70,10 +72,10 @@ class OperationRows:
         await self._database.write((_INSERT, row))
 
     async def save(self, state: State, version: int, document: dict[str, Any]) -> None:
-        """Store how it is now. The flight goes on when the database refuses."""
+        """Store how it is now. The flight goes on when the database does not answer."""
         row = {f"new_{name}": value for name, value in _values(state, version, document).items()}
-        with suppress(StoreError):  # logged where it happened; aircraft come before books
-            await self._database.write((_UPDATE, {"operation_id": self._head.id, **row}))
+        self.saved = self._database.write_soon((_UPDATE, {"operation_id": self._head.id, **row}), keep=True)
+        await self._database.kept(self.saved)
 
     @property
     def track_is_due(self) -> bool:
@@ -89,7 +91,7 @@ class OperationRows:
             rows = [
                 {"operation_id": self._head.id, "elapsed_s": at, "positions": json.dumps(where)} for at, where in new
             ]
-            self._database.write_soon((_TRACK, rows))
+            self._database.write_soon((_TRACK, rows), keep=True)
 
     def has_track_of(self, record: Sequence[tuple[float, dict[str, Point]]]) -> None:
         """This record is stored already."""

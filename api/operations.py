@@ -34,6 +34,8 @@ class Operations:
         self._parts, self._books, self._fleet = parts, books, fleet
         self._active: dict[str, Operation] = {}
         self._tasks: dict[str, asyncio.Task[None]] = {}
+        self._unsaved: dict[str, Operation] = {}
+        """Operations that have ended and whose end is not stored yet."""
         self._number = 0
         self._starting = asyncio.Lock()
 
@@ -84,7 +86,7 @@ class Operations:
 
     async def view(self, operation_id: str) -> OperationView:
         """What the client sees, of operations that ended too. Raises NotFoundError."""
-        operation = self._active.get(operation_id)
+        operation = self._active.get(operation_id) or self._unsaved.get(operation_id)
         if operation is not None:
             return operation.view()
         rows = await self._books.database.rows(select(table.c.document).where(table.c.id == operation_id))
@@ -114,7 +116,7 @@ class Operations:
         with suppress(asyncio.CancelledError):
             await task
         await operation.abort(action)
-        self._active.pop(operation_id, None)
+        self._end(operation)
         return operation
 
     async def rows(self, limit: int, before: int | None) -> list[Row[Any]]:
@@ -154,8 +156,16 @@ class Operations:
 
     def _over(self, operation: Operation, done: asyncio.Task[None]) -> None:
         if not done.cancelled() and operation.state in ENDED:
-            self._active.pop(operation.id, None)
-            self._tasks.pop(operation.id, None)
+            self._end(operation)
+
+    def _end(self, operation: Operation) -> None:
+        """It is active no more, and is remembered until its end is stored."""
+        self._active.pop(operation.id, None)
+        self._tasks.pop(operation.id, None)
+        saved = operation.saved
+        if saved is not None and not saved.done():
+            self._unsaved[operation.id] = operation
+            saved.add_done_callback(lambda _: self._unsaved.pop(operation.id, None))
 
     async def _made_before(self, creation: Creation) -> Operation | OperationView | None:
         rows = await self._books.database.rows(select(table.c.fingerprint).where(table.c.id == creation.id))

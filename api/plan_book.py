@@ -42,7 +42,7 @@ class PlanBook:
         self._number = await self.store.last_number()
         for plan_id in await self.store.unended():
             said = "the service was stopped before the plan was finished"
-            await self.store.end(plan_id, PlanStatus.INTERRUPTED, result=None, summary=None, error=said)
+            await self.store.interrupt(plan_id, said)
             self._events.add("plan_ended", plan_id=plan_id, status=PlanStatus.INTERRUPTED.value, error=said)
 
     async def record(self, plan_id: str) -> PlanRecord:
@@ -207,7 +207,7 @@ class PlanBook:
     async def _solve(self, record: PlanRecord, job: Job) -> None:
         try:
             solved = await self._solver[record.lane].solve(job, record.token)
-            await record.stored
+            await self.store.added(record, record.stored)
             record.status, record.result, record.solved = solved.status, solved.plan, solved
             self.on_solved("replan" if job.previous else "plan", solved.solve_ms / 1e3, solved.iterations)
         except SolveError as error:
@@ -224,7 +224,7 @@ class PlanBook:
     async def _end(self, record: PlanRecord) -> None:
         try:
             summary = record.solved.summary if record.solved else None
-            await self.store.end(record.id, record.status, result=record.result, summary=summary, error=record.error)
+            await self.store.end(record, summary)
         finally:
             self._active.pop(record.id, None)
             self._remember(record)

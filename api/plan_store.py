@@ -10,6 +10,7 @@ from typing import Any
 from sqlalchemy import Row, bindparam, delete, func, select, update
 
 from api.plan_records import PlanRecord
+from api.solver import LaneName
 from api.store import Database
 from api.store.tables import operations
 from api.store.tables import plans as table
@@ -40,27 +41,34 @@ class PlanStore:
         return [row.id for row in await self._database.rows(wanted)]
 
     def add(self, record: PlanRecord) -> asyncio.Future[None]:
-        """Store a new plan; the future says when it is durable."""
-        return self._database.write_soon((_INSERT, _row(record)))
+        """Store a new plan; `added` waits for it."""
+        return self._database.write_soon((_INSERT, _row(record)), keep=_is_a_flights(record))
+
+    async def added(self, record: PlanRecord, stored: asyncio.Future[None]) -> None:
+        """Wait until a new plan is durable. A flight's waits only while the database answers; others: StoreError."""
+        await (self._database.kept(stored) if _is_a_flights(record) else stored)
 
     async def add_ended(self, record: PlanRecord, summary: str) -> None:
-        """Store a plan that has its result already; durable when it returns."""
+        """Store a plan that a flight takes over, with its result; held while the database does not answer."""
         ended = {"ended_at": time.time(), "summary": summary, "result": record.result}
-        await self._database.write((_INSERT, _row(record) | ended))
+        await self._database.keep((_INSERT, _row(record) | ended))
 
-    def end(
-        self, plan_id: str, status: PlanStatus, *, result: str | None, summary: str | None, error: str | None
-    ) -> asyncio.Future[None]:
-        """Store how a plan ended; the future says when it is durable."""
+    async def interrupt(self, plan_id: str, error: str) -> None:
+        """Store that a plan was not finished, and why. Raises StoreError."""
+        row = {**dict.fromkeys(("new_summary", "new_result")), "new_status": PlanStatus.INTERRUPTED.value}
+        await self._database.write((_END, {**row, "plan_id": plan_id, "new_ended_at": time.time(), "new_error": error}))
+
+    async def end(self, record: PlanRecord, summary: str | None) -> None:
+        """Store how a plan ended; held while the database does not answer."""
         row = {
-            "plan_id": plan_id,
-            "new_status": status.value,
+            "plan_id": record.id,
+            "new_status": record.status.value,
             "new_ended_at": time.time(),
             "new_summary": summary,
-            "new_result": result,
-            "new_error": error,
+            "new_result": record.result,
+            "new_error": record.error,
         }
-        return self._database.write_soon((_END, row))
+        await self._database.keep((_END, row))
 
     async def load(self, plan_id: str) -> PlanRecord | None:
         """The plan as it was stored."""
@@ -108,6 +116,10 @@ class PlanStore:
             some = gone[start : start + FORGET_AT_ONCE]
             await self._database.write(delete(table).where(table.c.id.in_(some)))
         return gone
+
+
+def _is_a_flights(record: PlanRecord) -> bool:
+    return record.lane is LaneName.FLIGHT
 
 
 def _row(record: PlanRecord) -> dict[str, Any]:

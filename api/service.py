@@ -78,7 +78,7 @@ class Service:
         return service
 
     async def _start(self) -> None:
-        self.events.add("service_started")
+        self.events.add("service_started", taken_up=self.database.taken_up)
         self._tasks = [
             asyncio.create_task(self.metrics.watch_loop(), name="loop-watch"),
             asyncio.create_task(self._show_telemetry(), name="telemetry"),
@@ -141,7 +141,9 @@ class Service:
         checks = {"service": "ok" if self.ready else "starting"}
         try:
             await self.keys.all()
-            checks["database"] = "ok"
+            trouble = self.database.trouble
+            held = f"; {self.database.held} writes of flights are held" if trouble else ""
+            checks["database"] = "ok" if trouble is None else f"degraded: {trouble}{held}"
         except StoreError as error:
             checks["database"] = str(error)[:200]
         cold = self.settings.warm_up and len(self.solver.warm) < len(self.solver.lanes)

@@ -133,9 +133,9 @@ class Drill(View):
 
 
 class Happening(View):
-    """One line of the event log."""
+    """One line of the event log; `id` is None while the service cannot store it."""
 
-    id: int
+    id: int | None
     at: str
     kind: str
     data: dict[str, Any]

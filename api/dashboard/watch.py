@@ -53,6 +53,10 @@ class Watch:
         self.operation: Operation | None = None
         self.plans: dict[str, Plan] = {}
         self.happenings: deque[Happening] = deque(maxlen=KEEP_EVENTS)
+        self.told = 0
+        """How many happenings there have been, those that `happenings` no longer holds included."""
+        self._told_early: deque[Happening] = deque(maxlen=KEEP_EVENTS)
+        """What came while the service could not store it."""
         self._read_at = 0.0
         self._viewers = 0
         self._wanted = asyncio.Event()
@@ -194,7 +198,8 @@ class Watch:
                 if self._last_event is None:
                     self._last_event = max(await self.feed.last_event_id() - KEEP_EVENTS, 0)
                 async for happening in self.feed.happenings(self._last_event):
-                    self._last_event = happening.id
+                    if happening.id is not None:
+                        self._last_event = happening.id
                     self._take_in(happening)
             except RestError as error:
                 self.error = str(error)
@@ -208,8 +213,12 @@ class Watch:
             self.show(str(operation_id))
         if operation_id == self._current:
             self._ticks = 0  # something happened to it: read it on the next look
-        if words(happening)[0]:
+        told = happening.model_copy(update={"id": None})
+        if words(happening)[0] and told not in self._told_early:
             self.happenings.append(happening)
+            self.told += 1
+        if happening.id is None:
+            self._told_early.append(told)  # it comes again, with its number, when it is stored
         self._tell()
 
     def _tell(self) -> None:

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import IO, Any
 
+import structlog
 from sqlalchemy import Executable, Row, create_engine, event, text
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import SQLAlchemyError
@@ -16,8 +17,12 @@ from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine, create_async_en
 
 from api.store.errors import StoreError
 from api.store.migrate import upgrade
+from api.store.spill import Spill
 from api.store.writer import InThread, OnLoop, Statement, Writer
 
+log = structlog.get_logger()
+LOOK_EVERY_S = 0.1
+"""How often a flight that waits for its write looks whether the database still answers."""
 TEMPORARY = "temporary"
 """Database URL of a service that keeps nothing after it ends."""
 _PRAGMAS = (
@@ -36,7 +41,10 @@ class Database:
     def __init__(self, engine: AsyncEngine, folder: tempfile.TemporaryDirectory[str] | None) -> None:
         self._engine, self._folder = engine, folder
         self._sink = _sink(engine)
-        self._writer = Writer(self._sink.commit)
+        self._spill = Spill(engine.url)
+        self._writer = Writer(self._sink.commit, self._spill)
+        self.taken_up = 0
+        """Transactions that an earlier process could not store, and that were stored on opening."""
         self._lock: IO[str] | None = None
         self._claim: AsyncConnection | None = None
 
@@ -53,7 +61,28 @@ class Database:
                 await connection.run_sync(upgrade)
         except (SQLAlchemyError, OSError, ValueError) as error:
             raise StoreError(f"database_url: {_without_password(url)} cannot be opened: {error}") from error
-        return cls(engine, folder)
+        opened = cls(engine, folder)
+        await opened._take_up()
+        return opened
+
+    async def _take_up(self) -> None:
+        """Store what an earlier process could not. Raises StoreError when the database still takes nothing."""
+        try:
+            async with self._engine.begin() as connection:
+                self.taken_up = await connection.run_sync(self._spill.replay)
+        except (SQLAlchemyError, OSError) as error:
+            raise StoreError(f"database_url: what an earlier service held cannot be stored: {error}") from error
+        await self._spill.clear()
+
+    @property
+    def trouble(self) -> str | None:
+        """Why nothing can be stored at present (and what flights store is held), None while the database answers."""
+        return self._writer.trouble
+
+    @property
+    def held(self) -> int:
+        """How many transactions of flights wait to be stored."""
+        return self._writer.held
 
     @property
     def is_postgresql(self) -> bool:
@@ -67,9 +96,26 @@ class Database:
         """
         await self.write_soon(*statements)
 
-    def write_soon(self, *statements: Executable | Statement) -> asyncio.Future[None]:
-        """As `write`, in the order of the calls, without waiting; await the future to know that it is durable."""
-        return self._writer.write_soon(*statements)
+    def write_soon(self, *statements: Executable | Statement, keep: bool = False) -> asyncio.Future[None]:
+        """As `write`, in the order of the calls, without waiting; await the future to know that it is durable.
+
+        keep: it is a flight's; it is held, in order, while the database does not answer.
+        """
+        return self._writer.write_soon(*statements, keep=keep)
+
+    async def keep(self, *statements: Executable | Statement) -> None:
+        """Store what belongs to a flight: durable when it returns, or held if the database does not answer.
+
+        It waits for the database only as long as that answers: aircraft come before books. Never raises StoreError.
+        """
+        await self.kept(self.write_soon(*statements, keep=True))
+
+    async def kept(self, done: asyncio.Future[None]) -> None:
+        """Wait for a write of a flight as `keep` does."""
+        while not done.done() and self.trouble is None:
+            await asyncio.wait({done}, timeout=LOOK_EVERY_S)
+        if done.done() and not done.cancelled() and (error := done.exception()) is not None:
+            log.critical("not stored", error=str(error))
 
     async def rows(self, statement: Executable, params: dict[str, Any] | None = None) -> Sequence[Row[Any]]:
         """Read committed rows. Raises StoreError."""

@@ -1,14 +1,23 @@
-"""One writer for the whole service: one commit for all that came while the last one was made."""
+"""One writer for the whole service: one commit for all that came while the last one was made.
+
+Fly first: what a flight stores (`keep=True`) is never refused because the database does not answer. It is held in order
+and tried again until it is stored, and meanwhile a local file holds it too (`spill`), so that a restart can go on. What
+a client asks for is refused at once in that state: nothing is half done.
+"""
 
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, TypeAlias
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, Protocol, TypeAlias
 
 import structlog
 from sqlalchemy import Engine, Executable
+from sqlalchemy.exc import DataError, DBAPIError, IntegrityError, ProgrammingError
 from sqlalchemy.ext.asyncio import AsyncEngine
 
 from api.store.errors import StoreError
@@ -19,62 +28,181 @@ Statement: TypeAlias = tuple[Executable, Params]
 Commit: TypeAlias = Callable[[list[Statement]], Awaitable[None]]
 """Executes statements in one transaction; raises whatever the database says."""
 MOST_AT_ONCE = 500
+MOST_HELD = 50_000
+"""Transactions of flights that are held while the database does not answer, some 50 MB; those beyond are refused."""
+STUCK_AFTER_S = 1.0
+"""Wall seconds after which a commit that is not done counts as a database that does not answer."""
+AGAIN_S = (0.1, 0.3, 1.0)
+"""Pauses before the next tries; the last one repeats."""
+
+
+class Holds(Protocol):
+    """Keeps statements that the database does not take, so that they outlive the process (`spill.Spill`)."""
+
+    async def add(self, transactions: list[list[Statement]]) -> None: ...
+
+    async def clear(self) -> None: ...
+
+
+@dataclass(eq=False)
+class _Transaction:
+    """One call. `keep`: of a flight; `spilled`: it is in the local file too."""
+
+    statements: list[Statement]
+    done: asyncio.Future[None]
+    keep: bool
+    spilled: bool = False
 
 
 class Writer:
     """Keeps the order of the calls. Made on the event loop that it is used on."""
 
-    def __init__(self, commit: Commit) -> None:
-        self._commit_all = commit
-        self._waiting: list[tuple[list[Statement], asyncio.Future[None]]] = []
+    def __init__(self, commit: Commit, holds: Holds | None = None) -> None:
+        self._commit_all, self._holds = commit, holds
+        self._waiting: list[_Transaction] = []
         self._news = asyncio.Event()
         self._ending = False
+        self._trouble: str | None = None
+        self._began_s: float | None = None
         self._task = asyncio.create_task(self._write_all(), name="store-writer")
 
-    def write_soon(self, *statements: Executable | Statement) -> asyncio.Future[None]:
-        """Queue one transaction; the future ends when it is durable, or with StoreError when it is refused."""
+    @property
+    def trouble(self) -> str | None:
+        """Why nothing can be stored at present, None while the database answers."""
+        if self._trouble is not None:
+            return self._trouble
+        stuck = self._began_s is not None and time.monotonic() - self._began_s > STUCK_AFTER_S
+        return f"no answer for more than {STUCK_AFTER_S:g} s" if stuck else None
+
+    @property
+    def held(self) -> int:
+        """How many transactions of flights wait to be stored."""
+        return sum(one.keep for one in self._waiting)
+
+    def write_soon(self, *statements: Executable | Statement, keep: bool = False) -> asyncio.Future[None]:
+        """Queue one transaction; the future ends when it is durable, or with StoreError when it is refused.
+
+        keep: it is a flight's, and held while the database does not answer; another one is refused at once then.
+        """
         done: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-        self._waiting.append(([one if isinstance(one, tuple) else (one, {}) for one in statements], done))
+        rows = [one if isinstance(one, tuple) else (one, {}) for one in statements]
+        refusal = self._refusal(keep=keep)
+        if refusal is not None:
+            _refuse(done, refusal)
+            return done
+        self._waiting.append(_Transaction(rows, done, keep))
         self._news.set()
         return done
 
     async def close(self) -> None:
-        """Finish what waits."""
+        """Finish what waits; what the database still does not take stays in the local file for the next start."""
         self._ending = True
         self._news.set()
         await self._task
 
+    def _refusal(self, *, keep: bool) -> str | None:
+        if self._trouble is None or not self._waiting:
+            return None
+        if not keep:
+            return f"the database does not answer: {self._trouble}"
+        return f"more than {MOST_HELD} transactions wait: {self._trouble}" if self.held >= MOST_HELD else None
+
     async def _write_all(self) -> None:
+        tries = 0
         while self._waiting or not self._ending:
             await self._news.wait()
             self._news.clear()
             while self._waiting:
                 batch, self._waiting = self._waiting[:MOST_AT_ONCE], self._waiting[MOST_AT_ONCE:]
-                await self._commit(batch)
+                kept = await self._commit(batch)
+                if not kept:
+                    tries = 0
+                    await self._recovered()
+                    continue
+                self._waiting[:0] = kept
+                await self._spill()
+                if self._ending:
+                    log.critical("not stored", transactions=self.held, reason=self._trouble)
+                    return
+                await self._pause(AGAIN_S[min(tries, len(AGAIN_S) - 1)])
+                tries += 1
 
-    async def _commit(self, batch: list[tuple[list[Statement], asyncio.Future[None]]]) -> None:
-        error = await self._refusal([row for rows, _ in batch for row in rows])
-        if error is not None and len(batch) > 1:  # find out whose fault it is; the others' writes are good
+    async def _commit(self, batch: list[_Transaction]) -> list[_Transaction]:
+        """Store a batch; return those of flights that must be tried again, because the database does not answer."""
+        error = await self._error_of([row for one in batch for row in one.statements])
+        if error is not None and is_passing(error):
+            if self._trouble is None:
+                log.critical("the database does not answer", reason=str(error))
+            self._trouble = _first_line(error)
             for one in batch:
-                await self._commit([one])
-            return
-        for _, done in batch:
-            if done.cancelled():
-                continue
-            if error is None:
-                done.set_result(None)
-            else:
-                done.set_exception(StoreError(f"write: {error}"))
-                done.exception()  # seen: whoever does not await it finds it in the log
-        if error is not None:
-            log.error("write refused", error=str(error))
+                if not one.keep:
+                    _refuse(one.done, f"write: {error}")
+            return [one for one in batch if one.keep]
+        if error is not None and len(batch) > 1:  # find out whose fault it is; the others' writes are good
+            return [left for one in batch for left in await self._commit([one])]
+        for one in batch:
+            if error is not None:
+                log.error("write refused", error=str(error))
+                _refuse(one.done, f"write: {error}")
+            elif not one.done.cancelled():
+                one.done.set_result(None)
+        return []
 
-    async def _refusal(self, rows: list[Statement]) -> Exception | None:
+    async def _error_of(self, rows: list[Statement]) -> Exception | None:
+        self._began_s = time.monotonic()
         try:
             await self._commit_all(_runs(rows))
         except Exception as error:  # noqa: BLE001 - a row that cannot be stored must not end the writer
             return error
+        finally:
+            self._began_s = None
         return None
+
+    async def _recovered(self) -> None:
+        if self._trouble is not None:
+            self._trouble = None
+            log.warning("the database answers again", waiting=len(self._waiting))
+            for one in self._waiting:
+                one.spilled = False
+            if self._holds is not None:
+                await self._holds.clear()
+
+    async def _spill(self) -> None:
+        """Write into the local file what is held and not in there yet."""
+        new = [one for one in self._waiting if one.keep and not one.spilled]
+        if self._holds is not None and new:
+            await self._holds.add([one.statements for one in new])
+            for one in new:
+                one.spilled = True
+
+    async def _pause(self, seconds: float) -> None:
+        """Wait before the next try; the end of the service ends it."""
+        until = time.monotonic() + seconds
+        while not self._ending and (left_s := until - time.monotonic()) > 0:
+            self._news.clear()
+            with suppress(TimeoutError):
+                async with asyncio.timeout(left_s):
+                    await self._news.wait()
+
+
+def is_passing(error: Exception) -> bool:
+    """Return whether the database did not answer (locked, full, gone), rather than refuse what it was given."""
+    if isinstance(error, IntegrityError | ProgrammingError | DataError):
+        return False
+    if isinstance(error, DBAPIError):
+        return not any(words in str(error.orig) for words in ("no such", "syntax error", "has no column"))
+    return isinstance(error, OSError)
+
+
+def _refuse(done: asyncio.Future[None], reason: str) -> None:
+    if not done.done():
+        done.set_exception(StoreError(reason))
+        done.exception()  # seen: whoever does not await it finds it in the log
+
+
+def _first_line(error: Exception) -> str:
+    said = error.orig if isinstance(error, DBAPIError) and error.orig is not None else error
+    return str(said).splitlines()[0][:200] if str(said) else type(said).__name__
 
 
 class InThread:

@@ -55,7 +55,7 @@ async def test_events_stream_in_process_and_can_be_resumed(feed: Feed, minimal: 
             heard.append(happening)
             if {each.data.get("plan_id") for each in heard} >= plans:
                 break
-        async for happening in feed.happenings(heard[0].id):
+        async for happening in feed.happenings(heard[0].id or 0):
             assert happening.id == heard[1].id
             break
 

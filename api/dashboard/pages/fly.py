@@ -28,7 +28,7 @@ class FlyPage:
         self._drawn: dict[str, Any] = {}
         self._version = -1
         self._ticks = 0
-        self._event_id = 0
+        self._told = 0
         Shell(watch, "Fly")
         self._notices = Notices(watch)
         self._situation = Situation(self._choose_slot)
@@ -112,10 +112,10 @@ class FlyPage:
         self._situation.set_stats("σ² in (kbit/s)², Jain:  " + "   ".join(one for one in stats if one))
 
     def _draw_events(self) -> None:
-        news = [each for each in self._watch.happenings if each.id > self._event_id]
-        if news:
-            self._event_id = news[-1].id
-            self._situation.add_events(news)
+        new = min(self._watch.told - self._told, len(self._watch.happenings))
+        if new:
+            self._told = self._watch.told
+            self._situation.add_events(list(self._watch.happenings)[-new:])
 
     # --- before, and the past ---
 

@@ -88,7 +88,7 @@ class ReplayPage:
         after = 0
         while page := await self._feed.log(after):
             found += [one for one in page if one.data.get("operation_id") == operation_id]
-            after = page[-1].id
+            after = page[-1].id or after + 1  # stored ones all have a number
         return found
 
     # --- playing ---

@@ -1,0 +1,114 @@
+"""What the database does not take, in a local file: so that a restart knows it all the same.
+
+JSON lines of SQL text and its rows, in the order in which they were asked for, beside an SQLite database or, where that
+disk takes nothing either, in the system's folder for temporary files. A service that starts stores them first.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import json
+import os
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import structlog
+from sqlalchemy import Connection, Dialect, text
+from sqlalchemy.dialects import postgresql, sqlite
+from sqlalchemy.engine import URL
+from sqlalchemy.exc import IntegrityError
+
+from api.store.writer import Statement
+
+log = structlog.get_logger()
+_DIALECTS: dict[str, Dialect] = {
+    "sqlite": sqlite.dialect(paramstyle="named"),
+    "postgresql": postgresql.dialect(paramstyle="named"),  # type: ignore[no-untyped-call]
+}
+
+
+class Spill:
+    """The local file of one database. Blocking work is done in a thread."""
+
+    def __init__(self, url: URL, folders: Sequence[Path] | None = None) -> None:
+        self._dialect = _DIALECTS[url.get_backend_name()]
+        self._files = [folder / _name(url) for folder in (_folders(url) if folders is None else folders)]
+        self._file: Path | None = None
+        self.error: str | None = None
+        """Why the last lines could not be written anywhere, None while they could."""
+
+    async def add(self, transactions: list[list[Statement]]) -> None:
+        """Append transactions. Where no file can be written, that is logged, and they are held in memory alone."""
+        lines = "".join(f"{json.dumps([self._encoded(one) for one in statements])}\n" for statements in transactions)
+        await asyncio.to_thread(self._append, lines)
+
+    async def clear(self) -> None:
+        """Forget everything: it is stored."""
+        await asyncio.to_thread(self._remove)
+
+    def replay(self, connection: Connection) -> int:
+        """Store what an earlier process could not, in its order; how many transactions. What is stored already stays.
+
+        The caller commits, and calls `clear` after that.
+        """
+        count = 0
+        for transaction in self._stored():
+            count += 1
+            for sql, rows in transaction:
+                for row in rows:
+                    try:
+                        with connection.begin_nested():
+                            connection.execute(text(sql), row)
+                    except IntegrityError as error:  # most likely it was stored before the process ended
+                        log.warning("left out of what was held", reason=str(error.orig))
+        return count
+
+    def _append(self, lines: str) -> None:
+        candidates = self._files if self._file is None else [self._file]
+        for file in candidates:
+            try:
+                descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
+                with os.fdopen(descriptor, "a", encoding="utf-8") as opened:
+                    opened.write(lines)
+            except OSError as error:
+                self.error = f"{file}: {error.strerror or error}"
+                continue
+            self._file, self.error = file, None
+            return
+        log.critical("held in memory alone", reason=self.error)
+
+    def _remove(self) -> None:
+        self._file = None
+        for file in self._files:
+            file.unlink(missing_ok=True)
+
+    def _stored(self) -> Iterator[list[tuple[str, list[dict[str, Any]]]]]:
+        for file in self._files:
+            if not file.is_file() or file.stat().st_uid != os.getuid():
+                continue
+            for line in file.read_text(encoding="utf-8").splitlines():
+                try:
+                    yield json.loads(line)
+                except ValueError:
+                    log.error("an unfinished line of what was held is left out", file=str(file))
+
+    def _encoded(self, statement: Statement) -> tuple[str, list[dict[str, Any]]]:
+        executable, params = statement
+        rows = params if isinstance(params, list) else [params]
+        columns = list(rows[0]) if rows and rows[0] else None
+        compiled = executable.compile(dialect=self._dialect, column_keys=columns)  # type: ignore[attr-defined]
+        return str(compiled), [compiled.construct_params(row) for row in rows]
+
+
+def _folders(url: URL) -> list[Path]:
+    beside = [Path(str(url.database)).parent] if url.get_backend_name() == "sqlite" else []
+    return [*beside, Path(tempfile.gettempdir())]
+
+
+def _name(url: URL) -> str:
+    """A name of its own for each database, without anything secret."""
+    where = f"{url.host}:{url.port}/{url.database}" if url.host else str(Path(str(url.database)).absolute())
+    return f"skyfolio-held-{hashlib.sha256(where.encode()).hexdigest()[:16]}.jsonl"

@@ -1,0 +1,225 @@
+"""Fly first: what flights store outlives a database that does not answer, in order, in memory and in a file."""
+
+from __future__ import annotations
+
+import asyncio
+import sqlite3
+from collections.abc import AsyncIterator, Callable, Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pytest
+from sqlalchemy import insert, select
+from sqlalchemy.exc import IntegrityError, OperationalError
+
+from api.events import EventLog
+from api.journal import Entry, Journal, Step
+from api.store import Database, StoreError
+from api.store.spill import Spill
+from api.store.tables import events, journal, operations
+from api.store.writer import Statement, Writer, is_passing
+
+INSERT = insert(events)
+LOCKED = OperationalError("INSERT", {}, sqlite3.OperationalError("database is locked"))
+FULL = OperationalError("INSERT", {}, sqlite3.OperationalError("database or disk is full"))
+
+
+def row(number: int) -> dict[str, object]:
+    return {"id": number, "at": float(number), "kind": "test", "data": "{}"}
+
+
+class Disk:
+    """Stands between a writer and its database: `error` is what each commit meets; `commits` counts them."""
+
+    def __init__(self, writer: Writer) -> None:
+        self.error: Exception | None = None
+        self.commits = 0
+        self._commit, writer._commit_all = writer._commit_all, self.commit
+
+    async def commit(self, statements: list[Statement]) -> None:
+        self.commits += 1
+        if self.error is not None:
+            raise self.error
+        await self._commit(statements)
+
+
+@pytest.fixture
+def url(tmp_path: Path) -> str:
+    return f"sqlite+aiosqlite:///{tmp_path}/service.db"
+
+
+@pytest.fixture
+async def database(url: str) -> AsyncIterator[Database]:
+    made = await Database.open(url)
+    yield made
+    await made.close()
+
+
+@pytest.fixture
+def disk(database: Database) -> Iterator[Disk]:
+    made = Disk(database._writer)
+    yield made
+    made.error = None
+
+
+async def until(condition: Callable[[], bool]) -> None:
+    async with asyncio.timeout(20):
+        while not condition():  # noqa: ASYNC110
+            await asyncio.sleep(0.01)
+
+
+async def numbers(database: Database) -> list[int]:
+    return [found.id for found in await database.rows(select(events.c.id).order_by(events.c.id))]
+
+
+async def test_a_full_disk_holds_what_flights_store_in_order_and_refuses_clients(
+    database: Database, disk: Disk
+) -> None:
+    disk.error = FULL
+    async with asyncio.timeout(10):
+        await database.keep((INSERT, row(1)))  # returns: the flight goes on
+    assert str(database.trouble) == "database or disk is full"
+    kept = [database.write_soon((INSERT, row(number)), keep=True) for number in (2, 3)]
+    with pytest.raises(StoreError, match="disk is full"):
+        await database.write((INSERT, row(9)))
+    assert database.held == 3
+    disk.error = None
+    await asyncio.gather(*kept)
+    assert not database.trouble
+    assert await numbers(database) == [1, 2, 3]
+
+
+async def test_a_commit_that_hangs_holds_up_a_flight_once_and_not_at_each_step(
+    database: Database, disk: Disk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("api.store.writer.STUCK_AFTER_S", 0.05)
+    go_on = asyncio.Event()
+    commit = disk._commit
+
+    async def hanging(statements: list[Statement]) -> None:
+        await go_on.wait()
+        await commit(statements)
+
+    disk._commit = hanging
+    await database.keep((INSERT, row(1)))
+    waits = []
+    for number in range(2, 12):
+        kept = database.write_soon((INSERT, row(number)), keep=True)
+        await database.kept(kept)
+        waits.append(kept.done())
+    assert waits == [False] * 10
+    assert database.trouble is not None
+    go_on.set()
+    await kept
+    assert await numbers(database) == list(range(1, 12))
+
+
+async def test_a_killed_service_leaves_what_it_held_to_the_next_one(url: str, tmp_path: Path) -> None:
+    first = await Database.open(url)
+    operation = {"id": "op", "number": 1, "created_at": 0.0, "plan_id": "p", "policy": "auto", "state": "flying"}
+    await first.write((insert(operations), {**operation, "version": 0, "document": "{}"}))
+    disk = Disk(first._writer)
+    disk.error = FULL
+    books = Journal(first)
+    at = datetime(2026, 1, 1, tzinfo=UTC)
+    await books.write(Entry(operation_id="op", incident=1, step=Step.UPLOADING, at=at, data={"a": 'it\'s "é"'}))
+    first.write_soon((INSERT, [row(1), row(2)]), keep=True)
+    await until(lambda: len(held_in(tmp_path)) == 2)
+    assert modes_in(tmp_path) == [0o600]
+    first._writer._task.cancel()  # killed: nothing is finished
+    await first._engine.dispose()
+    second = await Database.open(url)
+    assert second.taken_up == 2
+    assert await numbers(second) == [1, 2]
+    (found,) = await second.rows(select(journal))
+    assert (found.step, found.data) == ("uploading", '{"a": "it\'s \\"\\u00e9\\""}')
+    assert held_in(tmp_path) == []
+    await second.close()
+
+
+def held_in(folder: Path) -> list[str]:
+    return [line for file in folder.glob("skyfolio-held-*") for line in file.read_text().splitlines()]
+
+
+def modes_in(folder: Path) -> list[int]:
+    return [file.stat().st_mode & 0o777 for file in folder.glob("skyfolio-held-*")]
+
+
+async def test_an_orderly_end_on_a_full_disk_loses_nothing(url: str) -> None:
+    first = await Database.open(url)
+    disk = Disk(first._writer)
+    disk.error = LOCKED
+    first.write_soon((INSERT, row(1)), keep=True)
+    await first.close()
+    second = await Database.open(url)
+    assert await numbers(second) == [1]
+    await second.close()
+
+
+async def test_what_had_reached_the_database_is_not_stored_twice(url: str, tmp_path: Path) -> None:
+    database = await Database.open(url)
+    spill = Spill(database._engine.url, [tmp_path])
+    await spill.add([[(INSERT, row(1))], [(INSERT, row(2))]])
+    await database.write((INSERT, row(1)))
+    await database.close()
+    again = await Database.open(url)
+    assert await numbers(again) == [1, 2]
+    await again.close()
+
+
+async def test_the_spill_goes_to_the_next_folder_where_the_first_takes_nothing(url: str, tmp_path: Path) -> None:
+    database = await Database.open(url)
+    spill = Spill(database._engine.url, [Path("/dev/null/no"), tmp_path / "b"])
+    await spill.add([[(INSERT, row(1))]])
+    assert str(spill.error).endswith("No such file or directory")  # neither folder is there
+    (tmp_path / "b").mkdir()
+    await spill.add([[(INSERT, row(1))]])
+    assert spill.error is None
+    assert len(list((tmp_path / "b").iterdir())) == 1
+    await database.close()
+
+
+async def test_an_event_that_waits_is_told_without_a_number_and_with_it_once_it_is_stored(
+    database: Database, disk: Disk
+) -> None:
+    log = await EventLog.open(database)
+    heard: asyncio.Queue[str] = asyncio.Queue()
+
+    async def listen() -> None:
+        async for wire in log.follow(0):
+            for block in wire.decode().split("\n\n"):
+                heard.put_nowait(block)
+
+    listener = asyncio.create_task(listen())
+    disk.error = FULL
+    log.add("before")
+    await until(lambda: database.trouble is not None)
+    log.add("uav_lost", uav_id="uav-3")
+    async with asyncio.timeout(10):
+        early = await heard.get()
+    assert "event: provisional" in early
+    assert "id: " not in early.replace('"id": ', "")
+    assert '"uav_lost"' in early
+    disk.error = None
+    told = ""
+    async with asyncio.timeout(10):
+        while "event: uav_lost" not in told:
+            told += await heard.get()
+    assert "id: 2" in told
+    listener.cancel()
+    await asyncio.gather(listener, return_exceptions=True)
+
+
+@pytest.mark.parametrize(
+    ("error", "passing"),
+    [
+        (LOCKED, True),
+        (FULL, True),
+        (OSError(28, "No space left on device"), True),
+        (IntegrityError("INSERT", {}, sqlite3.IntegrityError("UNIQUE constraint failed")), False),
+        (OperationalError("INSERT", {}, sqlite3.OperationalError("no such table: x")), False),
+        (ValueError("not a row"), False),
+    ],
+)
+def test_only_a_database_that_does_not_answer_is_worth_waiting_for(error: Exception, passing: bool) -> None:
+    assert is_passing(error) is passing
