@@ -13,7 +13,6 @@ from http.cookies import CookieError, SimpleCookie
 
 import structlog
 from fastapi import FastAPI
-from sqlalchemy import insert
 from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
 from starlette.responses import RedirectResponse
@@ -24,7 +23,6 @@ from api.problems import answer_to
 from api.security import LOCAL, RECHECK_S, Principal
 from api.service import Service
 from api.store import StoreError
-from api.store.tables import audit as audit_table
 
 log = structlog.get_logger()
 COOKIE = "skyfolio_key"
@@ -34,7 +32,6 @@ BODY_LIMIT_S = 30.0
 """Wall seconds in which a body must have arrived."""
 MOST_BUCKETS = 10_000
 _ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
-_INSERT = insert(audit_table)
 
 
 class Buckets:
@@ -246,4 +243,4 @@ class Passage:
             "request_id": self.request_id,
         }
         if self.method not in SAFE or self.status in {401, 403}:
-            self.service.database.write_soon((_INSERT, row))
+            self.service.audit.write(row)

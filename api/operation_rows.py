@@ -17,7 +17,9 @@ from api.operation_views import ENDED, Policy, State
 from api.rates import Point
 from api.store import Database
 from api.store.tables import operations as table
+from api.store.tables import plans as plans_table
 from api.store.tables import track as track_table
+from api.store.writer import Statement
 
 TRACK_EVERY_S = 0.5
 _INSERT = insert(table)
@@ -27,6 +29,9 @@ _UPDATE = (
     update(table)
     .where(table.c.id == bindparam("operation_id"))
     .values({name: bindparam(f"new_{name}") for name in _COLUMNS})
+)
+_MARK = (
+    update(plans_table).where(plans_table.c.id == bindparam("plan_id_")).values(operation_id=bindparam("operation_id_"))
 )
 
 
@@ -58,6 +63,7 @@ class OperationRows:
         self._database, self._head = database, head
         self.saved: asyncio.Future[None] | None = None
         """When the newest state is durable; None before the first save."""
+        self._marked: set[str] = set()
         self._tracked = 0
         self._tracked_at = 0.0
 
@@ -69,13 +75,20 @@ class OperationRows:
             "plan_id": plan_id,
             **_values(state, 0, document),
         }
-        await self._database.write((_INSERT, row))
+        await self._database.write((_INSERT, row), *self._flown([plan_id]))
 
     async def save(self, state: State, version: int, document: dict[str, Any]) -> None:
         """Store how it is now. The flight goes on when the database does not answer."""
         row = {f"new_{name}": value for name, value in _values(state, version, document).items()}
-        self.saved = self._database.write_soon((_UPDATE, {"operation_id": self._head.id, **row}), keep=True)
+        flown = self._flown([entry["plan_id"] for entry in document["timeline"]])
+        self.saved = self._database.write_soon((_UPDATE, {"operation_id": self._head.id, **row}), *flown, keep=True)
         await self._database.kept(self.saved)
+
+    def _flown(self, plan_ids: Sequence[str]) -> list[Statement]:
+        """Return statements that mark plans as flown by this operation, each once."""
+        new = [one for one in plan_ids if one not in self._marked]
+        self._marked.update(new)
+        return [(_MARK, {"operation_id_": self._head.id, "plan_id_": one}) for one in new]
 
     @property
     def track_is_due(self) -> bool:

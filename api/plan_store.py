@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import time
 from typing import Any
 
@@ -12,7 +11,6 @@ from sqlalchemy import Row, bindparam, delete, func, select, update
 from api.plan_records import PlanRecord
 from api.solver import LaneName
 from api.store import Database
-from api.store.tables import operations
 from api.store.tables import plans as table
 from planner import Cause, PlanStatus
 
@@ -105,13 +103,8 @@ class PlanStore:
 
     async def forget_ended(self, before: float) -> list[str]:
         """Delete plans that ended before that UTC second and that no operation flew; their ids."""
-        old = select(table.c.id).where(table.c.ended_at < before, table.c.id.not_in(select(operations.c.plan_id)))
-        flown = {
-            one
-            for row in await self._database.rows(select(operations.c.document))
-            for one in (entry["plan_id"] for entry in json.loads(row.document).get("timeline", []))
-        }
-        gone = [row.id for row in await self._database.rows(old) if row.id not in flown]
+        old = select(table.c.id).where(table.c.ended_at < before, table.c.operation_id.is_(None))
+        gone = [row.id for row in await self._database.rows(old)]
         for start in range(0, len(gone), FORGET_AT_ONCE):
             some = gone[start : start + FORGET_AT_ONCE]
             await self._database.write(delete(table).where(table.c.id.in_(some)))

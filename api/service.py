@@ -8,6 +8,7 @@ from contextlib import suppress
 
 import structlog
 
+from api.audit import AuditLog
 from api.clock import FleetClock
 from api.contingencies import Contingencies
 from api.drills import Drills
@@ -21,6 +22,7 @@ from api.operations import Operations
 from api.plan_book import PlanBook
 from api.plan_store import PlanStore
 from api.resilience import Parts
+from api.retention import Retention
 from api.security import KeyRing
 from api.settings import Settings
 from api.simulated import SimulatedFleet, own_endpoint, scenario_of
@@ -43,6 +45,7 @@ class Service:
         self.clock = FleetClock(settings.time_scale)
         self.metrics = Metrics()
         self.keys = KeyRing(database)
+        self.audit = AuditLog(database)
         self.solver = Solver(settings.workers, settings.queue_limit)
         self.plans = PlanBook(self.solver, events, PlanStore(database), settings)
         self.contingencies = Contingencies(self.solver, database)
@@ -200,13 +203,12 @@ class Service:
             await asyncio.gather(*(lane.tend() for lane in self.solver.lanes.values()))
 
     async def _tidy(self) -> None:
-        """Forget ended plans in time."""
+        """Forget in time what is kept only for a while."""
+        retention = Retention(self.database, self.settings)
         while True:
             await asyncio.sleep(min(TIDY_S, self.settings.keep_ended_s))
             with suppress(StoreError):
-                gone = await self.plans.forget_ended(time.time() - self.settings.keep_ended_s)
-                if gone:
-                    log.info("plans forgotten", count=gone)
+                await retention.tidy(self.plans.forget_ended)
 
 
 def _simulated(settings: Settings) -> tuple[SimulatedFleet | None, Settings]:

@@ -32,9 +32,10 @@ class Settings(BaseSettings):
     solve_deadline_s, replan_deadline_s: wall seconds a solve may take. warm_up: begin to serve when the workers have
     started; else they start with the first solve. plan_starts: starts to climb from at most when a request for a plan
     does not say `starts`; by size, fewer.
-    guidance_lead_s: wall seconds reserved for replan and upload; the new plan begins with the first
-    slot after that. keep_ended_s: how long ended plans that no operation flew are kept. max_cells: UAVs times users
-    times slots.
+    guidance_lead_s: wall seconds reserved for replan and upload; the new plan begins with the first slot after that.
+    keep_ended_s: how long ended plans that no operation flew are kept; keep_operations_s: ended operations with their
+    plans, journals and tracks; keep_events_s, keep_audit_s: events and audit rows, at most keep_events and keep_audit
+    of them. max_cells: UAVs times users times slots.
     tile_url: of a map server for the dashboard, with {z}, {x} and {y}; without one it draws a grid and asks nobody.
     rate_per_s, rate_burst: requests of one client. swap_attempts: tries of a mission swap before the last good plan.
     """
@@ -69,6 +70,11 @@ class Settings(BaseSettings):
     telemetry_hz: Annotated[float, Field(gt=0, le=50)] = 10.0
     plan_starts: Annotated[int, Field(ge=1, le=64)] = 24
     keep_ended_s: Seconds = 7 * 86_400.0
+    keep_operations_s: Seconds = 90 * 86_400.0
+    keep_events_s: Seconds = 90 * 86_400.0
+    keep_events: Count = 1_000_000
+    keep_audit_s: Seconds = 365 * 86_400.0
+    keep_audit: Count = 200_000
     max_body_bytes: Count = 2_000_000
     max_uavs: Count = 64
     max_users: Count = 1_000

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import fcntl
+import os
+import sqlite3
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -25,7 +27,9 @@ LOOK_EVERY_S = 0.1
 """How often a flight that waits for its write looks whether the database still answers."""
 TEMPORARY = "temporary"
 """Database URL of a service that keeps nothing after it ends."""
+SHRINK_PAGES = 2_000
 _PRAGMAS = (
+    "auto_vacuum=INCREMENTAL",  # takes effect in a new file
     "journal_mode=WAL",  # readers never wait for the writer
     "synchronous=NORMAL",  # a killed process loses nothing; a power cut at most the last commits
     "busy_timeout=5000",
@@ -125,6 +129,18 @@ class Database:
         except (SQLAlchemyError, OSError) as error:
             raise StoreError(f"read: {error}") from error
 
+    async def shrink(self) -> None:
+        """Give space that deleted rows have left back to the file system, a little at a time. Raises StoreError."""
+        if self.is_postgresql:
+            return
+        try:
+            async with self._engine.connect() as connection:
+                driver = (await connection.get_raw_connection()).driver_connection
+                assert driver is not None  # noqa: S101 - for the type checker
+                await driver.executescript(f"PRAGMA incremental_vacuum({SHRINK_PAGES})")  # a script runs to its end
+        except (SQLAlchemyError, sqlite3.Error, OSError) as error:
+            raise StoreError(f"shrink: {error}") from error
+
     async def claim(self) -> None:
         """Be the only service of this database: two services must not fly the same fleet. Raises StoreError."""
         if self.is_postgresql:
@@ -138,7 +154,9 @@ class Database:
 
     def _lock_file(self) -> bool:
         """Whether the file beside the SQLite database could be locked; the lock dies with the process."""
-        self._lock = Path(f"{self._engine.url.database}.lock").open("w")  # noqa: SIM115 - until `close`
+        lock = Path(f"{self._engine.url.database}.lock")
+        _make_private(lock)
+        self._lock = lock.open("w")
         try:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
@@ -171,13 +189,21 @@ def _engine(url: str) -> AsyncEngine:
     if parts.get_backend_name() == "sqlite":
         if parts.drivername != "sqlite+aiosqlite" or parts.database in {None, "", ":memory:"}:
             raise ValueError(f"must be '{TEMPORARY}', sqlite+aiosqlite:///FILE or postgresql+asyncpg://...")
-        Path(str(parts.database)).parent.mkdir(parents=True, exist_ok=True)
+        _make_private(Path(str(parts.database)))
         engine = create_async_engine(parts, pool_size=8, max_overflow=8)
         event.listen(engine.sync_engine, "connect", _set_pragmas)
         return engine
     if parts.drivername != "postgresql+asyncpg":
         raise ValueError(f"must be '{TEMPORARY}', sqlite+aiosqlite:///FILE or postgresql+asyncpg://...")
     return create_async_engine(parts, pool_size=8, max_overflow=8, pool_pre_ping=True)
+
+
+def _make_private(file: Path) -> None:
+    """Make the file, or the one that is there, readable by its owner alone; SQLite's -wal and -shm files follow it."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    os.close(os.open(file, os.O_CREAT | os.O_RDWR, 0o600))
+    if file.stat().st_uid == os.geteuid():
+        file.chmod(0o600)
 
 
 def _set_pragmas(connection: Any, _record: Any) -> None:

@@ -1,7 +1,8 @@
 """The tables. Change them together with a new file in `migrations/versions`; a test compares the two.
 
 `number` columns count creations and are the cursor of pagination; `fingerprint` is the digest of the request that
-made a resource under an `Idempotency-Key`. `events` and `journal` are append-only.
+made a resource under an `Idempotency-Key`. `events` and `journal` are append-only; `plans.operation_id` is the
+operation that flew the plan, if one did.
 """
 
 from __future__ import annotations
@@ -49,9 +50,11 @@ plans = Table(
     Column("summary", Text),
     Column("result", Text),
     Column("error", Text),
+    Column("operation_id", String(64)),
     Index(None, "status"),
     Index(None, "ended_at"),
     Index(None, "parent"),
+    Index(None, "operation_id"),
 )
 
 contingencies = Table(
@@ -90,6 +93,7 @@ operations = Table(
     Column("document", Text, nullable=False),
     Index(None, "state"),
     Index(None, "plan_id"),
+    Index(None, "ended_at"),
 )
 
 journal = Table(
@@ -148,6 +152,7 @@ events = Table(
     Column("at", Double, nullable=False),
     Column("kind", String(32), nullable=False),
     Column("data", Text, nullable=False),
+    Index(None, "at"),
 )
 
 api_keys = Table(
@@ -173,4 +178,5 @@ audit = Table(
     Column("path", String(256), nullable=False),
     Column("status", Integer, nullable=False),
     Column("request_id", String(64), nullable=False),
+    Index(None, "at"),
 )
