@@ -26,9 +26,12 @@ from mavlink_bridge import (
     VehiclesMissing,
 )
 from mavlink_bridge.conditions import Change, Condition
+from mavlink_bridge.senders import SenderKind, SenderNotice
 
 HEARD_WITHIN_S = 5.0
 """Wall seconds a vehicle may take to be heard before an upload, or the watch of its heartbeats, goes on without it."""
+LATER_S = 1.0
+"""Wall seconds after a loss would be declared, from when on a vehicle may be heard from another address."""
 LINKS_FREE_S = 20.0
 """Wall seconds that a restarted service waits for its links."""
 _TOLD_AS_LINK = frozenset(
@@ -81,6 +84,7 @@ class Fleet:
         for row in await self._database.rows(select(table)):
             await self._open(patience_s=LINKS_FREE_S)
             self._systems[row.uav_id] = row.system_id
+            self.link.expect({row.system_id})
         if self._systems:
             self._finding = asyncio.create_task(self._find(), name="fleet-find")
 
@@ -98,6 +102,7 @@ class Fleet:
         self._require_free(uav_id, system_id)  # others have registered while the link opened
         if uav_id not in self._systems:
             self._systems[uav_id] = system_id
+            self.link.expect({system_id})
             self.link.classifier.watch(system_id, self._clock.now())
             row = {"uav_id": uav_id, "system_id": system_id, "simulated": simulated, "registered_at": time.time()}
             await self._database.write((insert(table), row))
@@ -257,6 +262,22 @@ class Fleet:
             forward=settings.forward_url,
             forward_commands=settings.forward_commands,
             healthy=self._healthy,
+            on_sender=self._note_sender,
+            moves_after_s=settings.heartbeat_lost_s / self._clock.scale + LATER_S,
+        )
+
+    def _note_sender(self, notice: SenderNotice) -> None:
+        """Report who speaks for a vehicle: a move, a second sender, a second link. Unsigned, it is a warning."""
+        uav_id = next((uav for uav, system in self._systems.items() if system == notice.system_id), None)
+        self._events.add(
+            notice.kind.value,
+            uav_id=uav_id,
+            system_id=notice.system_id,
+            component_id=notice.component_id,
+            before=notice.before,
+            now=notice.now,
+            signed=notice.signed,
+            level="ok" if notice.signed and notice.kind is not SenderKind.CONTESTED else "warning",
         )
 
     async def _watch(self, link: FleetLink) -> None:

@@ -9,8 +9,9 @@ serial://DEVICE:BAUD    a telemetry radio or cable, opened again whenever it is 
 from __future__ import annotations
 
 import asyncio
+import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from contextlib import suppress
 from typing import Any, Protocol
 
@@ -18,14 +19,15 @@ import serial
 
 from mavlink_bridge.errors import ConnectionFailed
 from mavlink_bridge.framing import Frame, Framer
+from mavlink_bridge.heartbeat import AUTOPILOT
 
 OnFrames = Callable[["Endpoint", list[Frame]], None]
 Address = tuple[Any, ...]
 
 RETRY_S = 1.0
 """Before a broken connection is tried again."""
-MOVED_AFTER_S = 3.0
-"""A vehicle may come from a new address once it was silent this long at the old one: nobody takes its id before."""
+MOST_WAITING_BYTES = 16_384
+"""Bytes that may wait for a slow line; whole frames beyond are dropped: an old setpoint is worse than none."""
 MAX_PEERS = 256
 _READ_BYTES = 65536
 NETWORK = re.compile(r"(?P<scheme>udpin|udpout|tcpout|tcp)://(?P<host>\[[0-9a-fA-F:]+\]|[^:/\s]+):(?P<port>\d{1,5})")
@@ -42,7 +44,11 @@ class Endpoint(Protocol):
         ...
 
     def send(self, frame: bytes, system_id: int) -> None:
-        """Send one frame to a vehicle, or to all that were heard here (0). Silently nothing while it is broken."""
+        """Send one frame to a vehicle, or to all that were heard here (0); nothing while it is broken. Never waits."""
+        ...
+
+    def place(self, system_id: int, component_id: int, source: Hashable) -> None:
+        """Take in that a component is heard from this address, by a frame that passed every check."""
         ...
 
     def close(self) -> None:
@@ -59,14 +65,14 @@ class Datagrams(asyncio.DatagramProtocol):
 
 
 class UdpIn:
-    """Many vehicles on one port: a parser for each sender, and each system id tied to where it comes from."""
+    """Many vehicles on one port: a parser for each sender; a vehicle is answered where its autopilot is heard from."""
 
     def __init__(self, url: str, host: str, port: int, on_frames: OnFrames) -> None:
         self.url = url
         self._at = (host, port)
         self._on_frames = on_frames
         self._framers: dict[Address, Framer] = {}
-        self._places: dict[int, tuple[Address, float]] = {}
+        self._places: dict[int, dict[int, Address]] = {}
         self._transport: asyncio.DatagramTransport | None = None
         self._loop = asyncio.get_running_loop()
 
@@ -81,13 +87,21 @@ class UdpIn:
         self._transport = transport
 
     def send(self, frame: bytes, system_id: int) -> None:
-        """To where the vehicle was last heard from."""
+        """To where the vehicle is heard from: its autopilot, or else whatever of it is; to all of them for 0."""
         if self._transport is None:
             return
-        place = self._places.get(system_id)
-        places = {address for address, _ in self._places.values()} if place is None else {place[0]}
+        components = self._places.get(system_id)
+        if components is not None:
+            places = {components[AUTOPILOT]} if AUTOPILOT in components else set(components.values())
+        else:
+            places = {address for one in self._places.values() for address in one.values()}
         for address in places:
             self._transport.sendto(frame, address)
+
+    def place(self, system_id: int, component_id: int, source: Hashable) -> None:
+        """Answer this component there from now on."""
+        if isinstance(source, tuple):
+            self._places.setdefault(system_id, {})[component_id] = source
 
     def close(self) -> None:
         """Free the port."""
@@ -100,21 +114,20 @@ class UdpIn:
         if framer is None:
             if len(self._framers) >= MAX_PEERS:
                 self._framers.pop(next(iter(self._framers)))
-            framer = self._framers[address] = Framer()
-        frames = [frame for frame in framer.feed(data) if self._is_from(address, frame)]
+            framer = self._framers[address] = Framer(address)
+        frames = framer.feed(data)
         if frames:
             self._on_frames(self, frames)
 
-    def _is_from(self, address: Address, frame: Frame) -> bool:
-        now = self._loop.time()
-        place = self._places.get(frame.system_id)
-        if place is not None and place[0] != address and now - place[1] < MOVED_AFTER_S:
-            return False
-        self._places[frame.system_id] = (address, now)
-        return True
+
+class _OneEnd:
+    """A link with one other end: everybody is answered there."""
+
+    def place(self, system_id: int, component_id: int, source: Hashable) -> None:
+        """Nothing to learn."""
 
 
-class UdpOut:
+class UdpOut(_OneEnd):
     """One remote address; it learns of us by our heartbeats."""
 
     def __init__(self, url: str, host: str, port: int, on_frames: OnFrames) -> None:
@@ -152,13 +165,15 @@ class UdpOut:
             self._on_frames(self, frames)
 
 
-class TcpOut:
+class TcpOut(_OneEnd):
     """A connection that is made again whenever it breaks."""
 
     def __init__(self, url: str, host: str, port: int, on_frames: OnFrames) -> None:
         self.url = url
         self._at = (host, port)
         self._on_frames = on_frames
+        self.dropped = 0
+        """Frames that were not sent because the other end did not take those before."""
         self._writer: asyncio.StreamWriter | None = None
         self._task: asyncio.Task[None] | None = None
 
@@ -173,8 +188,13 @@ class TcpOut:
     def send(self, frame: bytes, system_id: int) -> None:
         """Into the stream, if it is up."""
         del system_id
-        if self._writer is not None and not self._writer.is_closing():
-            self._writer.write(frame)
+        writer = self._writer
+        if writer is None or writer.is_closing():
+            return
+        if writer.transport.get_write_buffer_size() + len(frame) > MOST_WAITING_BYTES:
+            self.dropped += 1
+            return
+        writer.write(frame)
 
     def close(self) -> None:
         """Hang up."""
@@ -206,7 +226,7 @@ class TcpOut:
                     self._on_frames(self, frames)
 
 
-class SerialLine:
+class SerialLine(_OneEnd):
     """A telemetry radio or a cable; opened again whenever it was unplugged."""
 
     def __init__(self, url: str, device: str, baud: int, on_frames: OnFrames) -> None:
@@ -215,6 +235,9 @@ class SerialLine:
         self._on_frames = on_frames
         self._framer = Framer()
         self._loop = asyncio.get_running_loop()
+        self.dropped = 0
+        """Frames that were not sent because too much waited."""
+        self._waiting = bytearray()
         self._port: serial.Serial | None = None
         self._again: asyncio.TimerHandle | None = None
 
@@ -226,13 +249,15 @@ class SerialLine:
             raise ConnectionFailed(self.url, str(error)) from error
 
     def send(self, frame: bytes, system_id: int) -> None:
-        """Into the line, if it is plugged in."""
+        """Into the line, if it is plugged in: whole, or not at all while too much waits for it."""
         del system_id
-        if self._port is not None:
-            try:
-                self._port.write(frame)
-            except OSError:
-                self._broken()
+        if self._port is None:
+            return
+        if len(self._waiting) + len(frame) > MOST_WAITING_BYTES:
+            self.dropped += 1
+            return
+        self._waiting += frame
+        self._flush()
 
     def close(self) -> None:
         """Close the device."""
@@ -242,7 +267,25 @@ class SerialLine:
 
     def _begin(self) -> None:
         self._port = serial.Serial(self._device, self._baud, timeout=0, write_timeout=0)
+        os.set_blocking(self._port.fileno(), False)
         self._loop.add_reader(self._port.fileno(), self._read)
+
+    def _flush(self) -> None:
+        """Write what the line takes now; the rest when it takes more."""
+        if self._port is None:
+            return
+        try:
+            written = os.write(self._port.fileno(), self._waiting) if self._waiting else 0
+        except BlockingIOError:
+            written = 0
+        except OSError:
+            self._broken()
+            return
+        del self._waiting[:written]
+        if self._waiting:
+            self._loop.add_writer(self._port.fileno(), self._flush)
+        else:
+            self._loop.remove_writer(self._port.fileno())
 
     def _read(self) -> None:
         if self._port is None:
@@ -258,8 +301,10 @@ class SerialLine:
 
     def _end(self) -> None:
         port, self._port = self._port, None
+        self._waiting.clear()
         if port is not None:
             self._loop.remove_reader(port.fileno())
+            self._loop.remove_writer(port.fileno())
             port.close()
 
     def _broken(self) -> None:

@@ -8,6 +8,7 @@ endian), payload, checksum (2 bytes), and 13 bytes of signature if incompat flag
 from __future__ import annotations
 
 import struct
+from collections.abc import Hashable
 from functools import cache
 from typing import NamedTuple
 
@@ -23,7 +24,9 @@ SIGNATURE = 13
 
 
 class Frame(NamedTuple):
-    """One frame as it came. `target` is the system it addresses, 0 for everybody."""
+    """One frame as it came. `target` is the system it addresses, 0 for everybody; `source`: the address it came from,
+    None where a link has one end only.
+    """
 
     data: bytes
     system_id: int
@@ -32,6 +35,7 @@ class Frame(NamedTuple):
     seq: int
     version: int
     signed: bool
+    source: Hashable = None
 
     @property
     def target(self) -> int:
@@ -44,10 +48,14 @@ class Frame(NamedTuple):
 
 
 class Framer:
-    """Cuts a byte stream into frames; what is no frame, or a damaged one, is skipped and counted in `damaged`."""
+    """Cuts a byte stream into frames; what is no frame, or a damaged one, is skipped and counted in `damaged`.
 
-    def __init__(self) -> None:
+    source: the address that the bytes come from.
+    """
+
+    def __init__(self, source: Hashable = None) -> None:
         self.damaged = 0
+        self._source = source
         self._rest = b""
 
     def feed(self, data: bytes) -> list[Frame]:
@@ -62,7 +70,7 @@ class Framer:
             length = _frame_length(buffer, at)
             if length is None or at + length > len(buffer):
                 break
-            frame = _frame(buffer[at : at + length])
+            frame = _frame(buffer[at : at + length], self._source)
             if frame is None:
                 self.damaged += 1
                 at += 1
@@ -93,7 +101,7 @@ def _frame_length(buffer: bytes, at: int) -> int | None:
     return HEADER + buffer[at + 1] + _CHECKSUM + (SIGNATURE if buffer[at + 2] & SIGNED else 0)
 
 
-def _frame(data: bytes) -> Frame | None:
+def _frame(data: bytes, source: Hashable) -> Frame | None:
     """The frame in these bytes, None if it is damaged."""
     if data[0] == V1:
         _, length, seq, system, component, message = data[:_HEADER_V1]
@@ -108,7 +116,7 @@ def _frame(data: bytes) -> Frame | None:
     right = checksum(data[1:end], message)
     if right is not None and right != int.from_bytes(data[end : end + _CHECKSUM], "little"):
         return None
-    return Frame(data, system, component, message, seq, version, signed)
+    return Frame(data, system, component, message, seq, version, signed, source)
 
 
 @cache

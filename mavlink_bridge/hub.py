@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from mavlink_bridge.endpoints import Endpoint, endpoint_of
 from mavlink_bridge.framing import Frame, Framer
 from mavlink_bridge.routing import Routes
+from mavlink_bridge.senders import SenderNotice, Senders
 from mavlink_bridge.signing import Signing
 from mavlink_bridge.tlog import TelemetryLog
 from mavlink_bridge.watchers import Watchers
@@ -32,23 +33,36 @@ class LinkOptions:
     """How the links work. `forward`: udpout:// URL of who watches; `forward_commands`: whether they may command too.
 
     `signing`: keys on both ends; then MAVLink 1, unsigned and forged frames are dropped. `healthy`: whether vehicles
-    may count on us; our heartbeat is only sent while it says so.
+    may count on us; our heartbeat is only sent while it says so. `on_sender`: told on the loop when a vehicle is heard
+    from elsewhere, from two places, or on a second link; `moves_after_s`: wall seconds of silence before it may be
+    heard from elsewhere, longer than a loss takes to be declared.
     """
 
     signing: Signing | None = None
     forward: str | None = None
     forward_commands: bool = False
     healthy: Callable[[], bool] = lambda: True
+    on_sender: Callable[[SenderNotice], None] = lambda _notice: None
+    moves_after_s: float = 6.0
 
 
 class Hub:
-    """Carries frames. `to_mavsdk(data)` gets what vehicles said; `on_heard(frame)` each frame of it, unsigned."""
+    """Carries frames. `to_mavsdk(data)` gets what vehicles said; `on_heard(frame)` each frame of it, unsigned.
+
+    is_wanted: which systems are heard at all. Each costs MAVSDK threads and memory for good, so strangers cost nothing.
+    """
 
     def __init__(
-        self, options: LinkOptions, *, to_mavsdk: Callable[[bytes], None], on_heard: Callable[[Frame], None]
+        self,
+        options: LinkOptions,
+        *,
+        to_mavsdk: Callable[[bytes], None],
+        on_heard: Callable[[Frame], None],
+        is_wanted: Callable[[int], bool] = lambda _system_id: True,
     ) -> None:
         self._options = options
-        self._to_mavsdk, self._on_heard = to_mavsdk, on_heard
+        self._to_mavsdk, self._on_heard, self._is_wanted = to_mavsdk, on_heard, is_wanted
+        self._senders = Senders(moves_after_s=options.moves_after_s)
         self._loop = asyncio.get_running_loop()
         self._endpoints: dict[str, Endpoint] = {}
         self._framer = Framer()
@@ -98,16 +112,15 @@ class Hub:
             self.stop_recording(log)
 
     def _received(self, endpoint: Endpoint, frames: list[Frame]) -> None:
-        now = self._loop.time()
+        """Take in what a link brought: genuine frames, each from where its sender is known to be, each once."""
         heard = []
         for frame in frames:
-            data: bytes | None = frame.data
-            if self._options.signing is not None:
-                data = self._options.signing.accept(frame)
-            if data is None or not self._routes.heard(endpoint.url, frame, now):
-                continue
-            heard.append(data)
-            self._on_heard(frame)
+            data = self._accepted(endpoint, frame)
+            if data is not None:
+                heard.append(data)
+                self._on_heard(frame)
+        for notice in self._senders.notices():
+            self._options.on_sender(notice)
         if not heard or self._closed:
             return
         self._log(heard)
@@ -115,6 +128,18 @@ class Hub:
         self._to_mavsdk(together)
         if self._watchers is not None:
             self._watchers.send(together)
+
+    def _accepted(self, endpoint: Endpoint, frame: Frame) -> bytes | None:
+        """Return the frame without its signature, None if it must be dropped. Checks come first, then claims."""
+        if not self._is_wanted(frame.system_id):
+            return None
+        now = self._loop.time()
+        data = frame.data if self._options.signing is None else self._options.signing.accept(frame)
+        if data is None or not self._senders.accepts(endpoint.url, frame, now):
+            return None
+        if frame.source is not None:
+            endpoint.place(frame.system_id, frame.component_id, frame.source)
+        return data if self._routes.heard(endpoint.url, frame, now) else None
 
     def _send(self, data: bytes) -> None:
         if not self._closed:

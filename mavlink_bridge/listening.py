@@ -120,13 +120,17 @@ class ListeningLink:
                     await self.close()
                 raise
 
+    def expect(self, system_ids: Collection[int]) -> None:
+        """Listen to these vehicles from now on: what others send costs nothing and is not kept."""
+        self._awaited |= set(system_ids)
+
     async def wait_for(self, system_ids: Collection[int], timeout_s: float) -> None:
         """Wait until the autopilot of each was heard, and watch its heartbeats from then on.
 
         Raises VehiclesMissing naming who never answered within `timeout_s` wall seconds, and who did.
         """
         self._open()
-        self._awaited |= set(system_ids)
+        self.expect(system_ids)
         for system_id in self.heard_systems & self._awaited:
             self.classifier.watch(system_id, self._clock.now())
         try:
@@ -142,7 +146,7 @@ class ListeningLink:
 
     @property
     def heard_systems(self) -> frozenset[int]:
-        """System ids whose autopilot has sent a heartbeat since the link was opened."""
+        """System ids of expected vehicles whose autopilot has sent a heartbeat since the link was opened."""
         return frozenset(system_id for system_id, vehicle in self._vehicles.items() if vehicle.heard)
 
     def telemetry(self, system_id: int) -> Telemetry | None:
@@ -203,7 +207,12 @@ class ListeningLink:
             loop = asyncio.get_running_loop()
             mavsdk = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
             mavsdk.add_any_connection_with_handle_and_forwarding("raw://", ForwardingOption.OFF)
-            self._hub = Hub(self._options, to_mavsdk=mavsdk.pass_received_raw_bytes, on_heard=self._frame_heard)
+            self._hub = Hub(
+                self._options,
+                to_mavsdk=mavsdk.pass_received_raw_bytes,
+                on_heard=self._frame_heard,
+                is_wanted=self._awaited.__contains__,
+            )
             mavsdk.subscribe_raw_bytes_to_be_sent(self._hub.to_vehicles)
             mavsdk.subscribe_on_new_system(lambda _user_data: loop.call_soon_threadsafe(self._look_around))
             self._mavsdk = mavsdk

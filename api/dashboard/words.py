@@ -140,6 +140,21 @@ def _preflight(data: Data) -> tuple[str, str]:
     return f"{text}: {data.get('why')}", "alarm" if data.get("level") == "blocker" else "warn"
 
 
+def _moved(data: Data) -> tuple[str, str]:
+    signed = "" if data.get("signed") else "; its frames are not signed, so check that it is the same aircraft"
+    return f"{data.get('uav_id')} is heard from {data.get('now')}, before from {data.get('before')}{signed}", "warn"
+
+
+def _two_senders(data: Data) -> tuple[str, str]:
+    uav, known, other = data.get("uav_id"), data.get("before"), data.get("now")
+    return f"two senders use the system id of {uav}: {known}, and {other}, which is not believed", "alarm"
+
+
+def _second_link(data: Data) -> tuple[str, str]:
+    signed = "" if data.get("signed") else "; unsigned, it may be another aircraft with the same system id"
+    return f"{data.get('uav_id')} is heard on a second link, {data.get('now')}{signed}", "warn" if signed else ""
+
+
 WORDS: Mapping[str, Callable[[Data], tuple[str, str]]] = {
     "operation": _operation,
     "link": _link,
@@ -148,6 +163,9 @@ WORDS: Mapping[str, Callable[[Data], tuple[str, str]]] = {
     "geofence": _geofence,
     "rally_point": _rally_point,
     "telemetry_log": _telemetry_log,
+    "link_moved": _moved,
+    "two_senders": _two_senders,
+    "second_link": _second_link,
     "uav_low_on_battery": _low,
     "gcs_heartbeat": _gcs_heartbeat,
     "recovery": _recovery,

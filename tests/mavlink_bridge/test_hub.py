@@ -7,6 +7,7 @@ import os
 import pty
 import tty
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,8 @@ import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from mavlink_bridge import ConnectionFailed, LinkOptions, compile_mission
+from mavlink_bridge import ConnectionFailed, LinkOptions, Signing, compile_mission
+from mavlink_bridge.endpoints import SerialLine
 from mavlink_bridge.framing import Frame, Framer
 from mavlink_bridge.hub import Hub
 from mavlink_bridge.routing import FRESH_S, STEADY_S, Routes
@@ -250,6 +252,67 @@ async def test_a_serial_line_carries_frames_both_ways() -> None:
     world.hub.close()
     os.close(radio)
     os.close(device)
+
+
+async def test_a_saturated_serial_line_takes_whole_frames_or_none_and_never_waits() -> None:
+    radio, device = pty.openpty()
+    tty.setraw(radio)
+    tty.setraw(device)
+    world = World()
+    url = f"serial://{os.ttyname(device)}:57600"
+    await world.hub.connect(url)
+    line = world.hub._endpoints[url]
+    assert isinstance(line, SerialLine)
+    sent = 3_000
+    for number in range(sent):  # nobody reads meanwhile: the line's own buffer is full after some
+        line.send(command_to(number % 250 + 1), 1)
+    assert line.dropped > 0
+    os.set_blocking(radio, False)
+    framer, frames = Framer(), list[Frame]()
+    while len(frames) < sent - line.dropped:
+        await asyncio.sleep(0)
+        with suppress(BlockingIOError):
+            frames += framer.feed(os.read(radio, 4096))
+    assert framer.damaged == 0
+    world.hub.close()
+    os.close(radio)
+    os.close(device)
+
+
+async def test_strangers_are_not_heard_and_cost_nothing(free_port: int) -> None:
+    heard: list[bytes] = []
+    hub = Hub(LinkOptions(), to_mavsdk=heard.append, on_heard=lambda _frame: None, is_wanted={1}.__contains__)
+    await hub.connect(f"udpin://127.0.0.1:{free_port}")
+    stranger, ours = await peer(to=free_port), await peer(to=free_port)
+    for system in range(2, 254):
+        stranger.transport.sendto(beat(system))
+    ours.transport.sendto(beat(1))
+    async with asyncio.timeout(5):
+        while not heard:  # noqa: ASYNC110
+            await asyncio.sleep(0.01)
+    assert heard == [beat(1)]
+    assert set(hub._senders._claims) == {(1, 1)}
+    assert set(hub._routes._ways) == {1}
+    hub.close()
+    stranger.transport.close()
+    ours.transport.close()
+
+
+async def test_with_signing_an_unsigned_forger_claims_no_id(free_port: int) -> None:
+    key = Signing(b"k" * 32)
+    world = World(LinkOptions(signing=Signing(b"k" * 32)))
+    await world.hub.connect(f"udpin://127.0.0.1:{free_port}")
+    forger, genuine = await peer(to=free_port), await peer(to=free_port)
+    forger.transport.sendto(beat())
+    await asyncio.sleep(0.05)
+    genuine.transport.sendto(key.sign(beat(seq=1)))
+    await world.until(lambda: world.heard == [beat(seq=1)])
+    world.hub.to_vehicles(command_to(1))
+    await world.until(lambda: len(genuine.got) == 1)
+    assert forger.got == []
+    world.hub.close()
+    forger.transport.close()
+    genuine.transport.close()
 
 
 @pytest.mark.parametrize(
