@@ -33,6 +33,8 @@ from planner import Cause, Plan, ReplanError, remaining
 
 log = structlog.get_logger()
 PLANNING_ATTEMPTS = 3
+DECIDED_S = 0.2
+"""Wall seconds between looks whether there is still time to wait for the operator."""
 
 
 Outcome = Literal[
@@ -259,7 +261,11 @@ class Answer:
         incident.proposed, incident.approval = plan, asyncio.get_running_loop().create_future()
         await incident.log.step(Step.PROPOSED, plan_id=plan.id)
         try:
-            agreed = await incident.approval
+            while not incident.approval.done():
+                if self._next_slot() >= self._flight.n_slots - 1:
+                    raise TooLateError("nobody decided while a slot was left to fly differently")
+                await asyncio.wait({incident.approval}, timeout=DECIDED_S)
+            agreed = incident.approval.result()
         finally:
             incident.proposed = incident.approval = None
         if agreed:

@@ -17,8 +17,10 @@ class Notices:
     def __init__(self, watch: Watch) -> None:
         self._watch = watch
         self._drawn: object = None
+        self._figures_of: object = None
         self._place = ui.element("div").props('role="region" aria-label="waiting for you" aria-live="assertive"')
-        with ui.dialog().props("full-width") as self._dialog, ui.card().classes("sf-decide"):
+        # seamless and at the bottom: the emergency controls in the header stay in sight and in reach
+        with ui.dialog().props("full-width seamless position=bottom") as self._dialog, ui.card().classes("sf-decide"):
             pass
         self._card = self._dialog.default_slot.children[0]
 
@@ -26,13 +28,11 @@ class Notices:
         """Show what waits now."""
         proposal = operation.proposal
         ready = proposal is not None and proposal.plan_id in self._watch.plans
-        waiting = (
-            operation.id,
-            proposal.number if proposal and ready else None,
-            operation.returned,
-            operation.low_on_battery,
-        )
+        number = proposal.number if proposal and ready else None
+        waiting = (operation.id, number, operation.returned, operation.low_on_battery)
         if waiting == self._drawn:
+            if proposal is not None and ready and (operation.slot, proposal.plan_id) != self._figures_of:
+                self._fill(operation, proposal)  # a slot later: other figures
             return
         self._drawn = waiting
         self._place.clear()
@@ -83,10 +83,11 @@ class Notices:
 
     def _fill(self, operation: Operation, proposal: Transaction) -> None:
         now, new = self._watch.plan_in_force(), self._watch.plans.get(proposal.plan_id or "")
+        self._figures_of = (operation.slot, proposal.plan_id)
         self._card.clear()
         if now is None or new is None:
             return
-        lost, slot = list(proposal.lost), new.first_slot
+        lost, slot = list(proposal.lost), max(new.first_slot, (operation.slot or 0) + 1)
         silent = comparison.without(now, lost, slot)
         with self._card:
             text("h2", f"{', '.join(lost)} lost: fly the new plan from slot {slot}?")
@@ -99,6 +100,7 @@ class Notices:
             figures(comparison.rows([comparison.course(one) for one in courses]), head)
             with ui.element("div").classes("sf-row"):
                 self._buttons(operation, proposal)
+                ui.button("Later", on_click=self._dialog.close).props("flat")
 
     def _map(
         self, title: str, plan: Plan, slot: int, lost: list[str], rates: dict[str, list[float]] | None, top: float

@@ -25,10 +25,17 @@ class Draft:
         self.data: dict[str, Any] = scenario.model_dump(mode="json")
 
     @classmethod
+    def of_data(cls, data: dict[str, Any]) -> Draft:
+        """A draft as it was kept, whether or not it makes a scenario."""
+        draft = cls.__new__(cls)
+        draft.data = deepcopy(data)
+        return draft
+
+    @classmethod
     def from_file(cls, content: bytes) -> Draft:
         """From a scenario as JSON, or from a plan, whose scenario it takes. Raises DraftError."""
         try:
-            given = json.loads(content)
+            given = json.loads(content.decode("utf-8-sig"))
         except (UnicodeDecodeError, ValueError) as error:
             raise DraftError(f"the file is not JSON: {error}") from error
         if not isinstance(given, dict):

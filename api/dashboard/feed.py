@@ -33,8 +33,15 @@ class Feed:
 
     async def make_plan(self, scenario: Scenario, wait_s: float = 60.0) -> Plan:
         """Plan a scenario and wait for the result."""
-        body = scenario.model_dump(mode="json")
-        return _finished(await self._rest.call("POST", "/v1/plans", json=body, wait_s=wait_s))
+        return await self.awaited_plan(await self.begin_plan(scenario), wait_s)
+
+    async def begin_plan(self, scenario: Scenario) -> str:
+        """Ask for a plan; its id."""
+        return str((await self._rest.call("POST", "/v1/plans", json=scenario.model_dump(mode="json")))["id"])
+
+    async def awaited_plan(self, plan_id: str, wait_s: float = 60.0) -> Plan:
+        """The plan once it is finished, within `wait_s`."""
+        return _finished(await self._rest.call("GET", f"/v1/plans/{plan_id}", wait_s=wait_s))
 
     async def what_if(self, plan_id: str, uav_id: str, at_slot: int, wait_s: float = 60.0) -> Plan:
         """The plan for the survivors if this UAV were lost when that slot (of the operation's grid) begins."""

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from api.dashboard import charts
 from api.dashboard.views import WhatIf
+from api.show import ranges
 from planner import Plan, Scenario
 
 
@@ -43,6 +44,20 @@ def rows(plan: Plan, other: Plan | None) -> tuple[list[tuple[str, ...]], tuple[s
         ("solved in", *("–" if each.solve_ms is None else f"{each.solve_ms:.0f} ms" for each in shown)),  # noqa: RUF001
     ]
     return rows, ("", "this", "other") if other else None
+
+
+def unmet(plan: Plan) -> list[tuple[str, ...]]:
+    """Rows of the users that do not get their least rate: what each asks for, gets at least, and when it is short."""
+    least = {user.id: user.min_rate_bps for user in plan.scenario.users}
+    return [
+        (
+            user,
+            f"{least[user] / 1e3:.2f}",
+            f"{min(plan.user_rates_bps[user][slot] for slot in slots) / 1e3:.2f}",
+            ranges([plan.first_slot + slot for slot in slots]),
+        )
+        for user, slots in plan.unmet_min_rate_slots.items()
+    ]
 
 
 def trade_off(tried: Mapping[float, Plan]) -> list[tuple[float, float, float]]:

@@ -122,8 +122,13 @@ class Page:
         self.driver.get(f"{url}{path}")
         self.see("header .sf-what")
 
+    def reload(self) -> None:
+        """Load the page anew, as F5 does."""
+        self.driver.refresh()
+
     def leave(self) -> None:
-        """Look at nothing: the service may end."""
+        """Look at nothing, in what counts as a new tab: the service may end."""
+        self.driver.execute_script("try { sessionStorage.clear(); } catch (_) {}")
         self.driver.get("about:blank")
 
     def resize(self, width: int, height: int) -> None:

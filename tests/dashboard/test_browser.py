@@ -164,6 +164,46 @@ def test_a_scenario_file_is_loaded_and_a_bad_one_refused(page: Page, idle: Servi
     page.see(".sf-sub", "2 UAVs, 4 users")
 
 
+def test_a_reload_loses_no_scenario_and_no_plan(page: Page, idle: Service) -> None:
+    page.open(idle.url, "/ui/plan")
+    page.see(".sf-sub", "3 UAVs, 9 users")
+    page.press("+ User")
+    page.click_map(0.5, 0.55)
+    page.see(".sf-sub", "3 UAVs, 10 users")
+    page.press("Plan it")
+    page.see(".sf-figures th", "Jain index")
+    page.reload()
+    page.see(".sf-sub", "3 UAVs, 10 users")
+    page.see(".sf-figures th", "Jain index")
+
+
+def test_least_rates_that_cannot_be_met_are_told_and_flown_only_when_asked(
+    page: Page, idle: Service, folder: Path
+) -> None:
+    paper = EXAMPLES["paper"]()
+    greedy = (paper.users[0].model_copy(update={"min_rate_bps": 1e9}), *paper.users[1:])
+    file = folder / "greedy.json"
+    file.write_text(paper.with_changes(users=greedy).model_dump_json())
+    page.open(idle.url, "/ui/plan")
+    page.see(".sf-sub", "3 UAVs, 9 users")
+    page.upload(file)
+    page.see(".q-notification", "loaded")
+    page.press("Plan it")
+    page.see(".sf-figures td", "0-19")
+    page.press("Fly it")
+    page.see(".sf-flycard .sf-fail", "Not always served as asked: user-1")
+    assert not page.button("Start: upload, arm, take off").is_enabled()
+    page.press("Cancel")
+
+
+def test_a_drill_without_a_simulated_fleet_begins_nothing(page: Page, idle: Service) -> None:
+    page.open(idle.url, "/ui/drill")
+    page.until(lambda: page.button("Start the drill").is_enabled(), "the form")
+    page.press("Start the drill")
+    page.see(".q-notification", "No simulated fleet")
+    assert idle.call("GET", "/v1/operations")["items"] == []
+
+
 def test_a_viewer_signs_in_sees_and_may_not_plan(page: Page, folder: Path) -> None:
     url, key = key_for(folder, "viewer")
     service = Service(folder, SPEEDUP, "--database-url", url)

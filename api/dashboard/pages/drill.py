@@ -9,11 +9,12 @@ from api.dashboard.elements import MapView, attempt, figures, panel, text
 from api.dashboard.pages.fly_dialog import POLICIES
 from api.dashboard.report import Report, report_of
 from api.dashboard.report_page import page
+from api.dashboard.rest import RestError
 from api.dashboard.shell import Shell
 from api.dashboard.situation import answer
 from api.dashboard.views import Drill, Operation
 from api.dashboard.watch import Watch
-from planner import Plan
+from planner import Plan, Scenario
 
 SLOT = 10
 
@@ -94,12 +95,11 @@ class DrillPage:
             self._begin.props(remove="loading")
 
     async def _fly(self) -> None:
-        self._say("planning")
         scenario = await self._feed.example(str(self._example.value))
+        systems = await self._simulated(scenario)
+        self._say("planning")
         plan = await self._feed.make_plan(scenario)
-        systems = {vehicle.uav_id: vehicle.system_id for vehicle in await self._feed.vehicles()}
-        wanted = {uav: systems.get(uav, number) for number, uav in enumerate(scenario.uav_ids, start=1)}
-        operation = await self._feed.start(plan.id, wanted, str(self._policy.value))
+        operation = await self._feed.start(plan.id, systems, str(self._policy.value))
         self._operation_id = operation.id
         self._watch.show(operation.id)
         slot = None if self._slot.value is None else int(self._slot.value)
@@ -108,6 +108,16 @@ class DrillPage:
         except BaseException:
             await self._feed.abort(operation.id, "hold")
             raise
+
+    async def _simulated(self, scenario: Scenario) -> dict[str, int]:
+        """The system id of each UAV. Raises RestError when one is not simulated: a drill never flies a real one."""
+        known = {vehicle.uav_id: vehicle for vehicle in await self._feed.vehicles() if vehicle.simulated}
+        missing = [uav for uav in scenario.uav_ids if uav not in known]
+        if missing:
+            self._say("No drill: this service simulates no fleet for this scenario.")
+            start = f"start the service with `skyfolio serve --simulate {self._example.value}`"
+            raise RestError(409, "No simulated fleet", f"{', '.join(missing)} are not simulated; {start}")
+        return {uav: known[uav].system_id for uav in scenario.uav_ids}
 
     async def _tick(self) -> None:
         operation, first = self._watch.operation, self._watch.first_plan()

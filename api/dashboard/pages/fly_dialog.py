@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from nicegui import ui
 
+from api.dashboard import worth
 from api.dashboard.elements import attempt, text
 from api.dashboard.watch import Watch
 from planner import Plan
@@ -23,6 +24,8 @@ class FlyDialog:
         with ui.dialog() as self._dialog, ui.card().classes("sf-flycard"):
             text("h2", "Fly this plan")
             text("p", "MAVLink system id of the vehicle that flies each UAV:", "sf-sub")
+            self._short = text("p", "", "sf-fail").props('role="alert"')
+            self._agreed = ui.checkbox("Fly it all the same", on_change=self._check)
             self._rows = ui.element("div").classes("sf-systems")
             self._policy = ui.select(POLICIES, value="auto", label="When a UAV is lost").props("dense outlined")
             with ui.element("div").classes("sf-row"):
@@ -34,6 +37,11 @@ class FlyDialog:
     def open(self, plan: Plan) -> None:
         """Ask about this plan."""
         self._plan = plan
+        short = worth.unmet(plan)
+        self._short.set_text(f"Not always served as asked: {', '.join(row[0] for row in short)}." if short else "")
+        self._agreed.set_value(not short)
+        self._agreed.set_visibility(bool(short))
+        self._check()
         self._rows.clear()
         known = {uav: seen.vehicle.system_id for uav, seen in self._watch.seen.items()}
         with self._rows:
@@ -42,6 +50,9 @@ class FlyDialog:
                 for number, uav in enumerate(plan.scenario.uav_ids, start=1)
             }
         self._dialog.open()
+
+    def _check(self) -> None:
+        self._start.set_enabled(bool(self._agreed.value))
 
     async def _begin(self) -> None:
         plan = self._plan

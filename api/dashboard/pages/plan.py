@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Coroutine
+from typing import Any
+
 from nicegui import events, ui
 
 from api.dashboard import picture
 from api.dashboard.draft import Draft, DraftError
 from api.dashboard.elements import MapView, attempt, panel, text
+from api.dashboard.pages.desk import Desk
 from api.dashboard.pages.results import Results
 from api.dashboard.shell import Shell
 from api.dashboard.watch import Watch
@@ -26,7 +30,7 @@ class PlanPage:
     """One open editor; its draft and its plans are its own."""
 
     def __init__(self, watch: Watch) -> None:
-        self._feed = watch.feed
+        self._feed, self._desk = watch.feed, Desk()
         self._draft: Draft | None = None
         self._shown: Plan | None = None
         self._other: Plan | None = None
@@ -43,8 +47,8 @@ class PlanPage:
                     self._slot_label = text("span", "slot 0", "sf-slotno")
                     self._slider = ui.slider(min=0, max=1, step=1, value=0, on_change=self._draw_frame)
                     self._slider.props('aria-label="slot"').classes("sf-grow")
-            self._results = Results(watch, self._plan_chosen, self._mu_chosen)
-        ui.timer(0.05, self._load_examples, once=True)
+            self._results = Results(watch, self._desk, self._plan_chosen, self._mu_chosen)
+        ui.timer(0.05, self._load, once=True)
 
     def _editor(self) -> None:
         with panel("Scenario", "sf-noshrink"), ui.element("div").classes("sf-body"):
@@ -74,14 +78,26 @@ class PlanPage:
 
     # --- loading ---
 
-    async def _load_examples(self) -> None:
+    async def _load(self) -> None:
+        """Take up what this tab had before a reload, or begin with an example."""
+        await self._desk.ready()
+        kept = self._desk.draft
+        await self._load_examples(choose=kept is None)
+        if kept is not None:
+            self._use(Draft.of_data(kept))
+        await self._results.recall()
+        if self._desk.running is not None:
+            await self._awaiting(self._results.resume_running())
+
+    async def _load_examples(self, *, choose: bool) -> None:
         names: list[str] = []
 
         async def read() -> None:
             names.extend(await self._feed.examples())
 
         if await attempt(read):
-            self._example.set_options(names, value=START_WITH if START_WITH in names else names[0])
+            first = START_WITH if START_WITH in names else names[0]
+            self._example.set_options(names, value=first if choose else None)
 
     async def _example_chosen(self, event: events.ValueChangeEventArguments[str | None]) -> None:
         if event.value:
@@ -151,6 +167,7 @@ class PlanPage:
         self._results.forget_current()
         if moved:
             self._list_positions(self._draft)
+        self._desk.keep_draft(self._draft.data)
         counts = f"{len(self._draft.ids('uav'))} UAVs, {len(self._draft.ids('user'))} users"
         self._counts.set_text(counts)
         self._shown = None
@@ -195,11 +212,14 @@ class PlanPage:
 
     async def _plan_it(self) -> None:
         if self._draft is not None:
-            self._run.props("loading")
-            try:
-                await self._results.make(self._draft.scenario())
-            finally:
-                self._run.props(remove="loading")
+            await self._awaiting(self._results.make(self._draft.scenario()))
+
+    async def _awaiting(self, work: Coroutine[Any, Any, None]) -> None:
+        self._run.props("loading")
+        try:
+            await work
+        finally:
+            self._run.props(remove="loading")
 
     def _mu_chosen(self, mu: float) -> None:
         self._setting = True
@@ -207,6 +227,7 @@ class PlanPage:
         self._setting = False
         if self._draft is not None:
             self._draft.set_mu(mu)
+            self._desk.keep_draft(self._draft.data)
 
     def _plan_chosen(self, plan: Plan | None, other: Plan | None) -> None:
         """The results chose what to show: draw it."""

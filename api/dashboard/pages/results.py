@@ -5,12 +5,14 @@ from __future__ import annotations
 import asyncio
 import json
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 
 from nicegui import events, ui
 
 from api.dashboard import charts, worth
 from api.dashboard.elements import attempt, figures, panel, say_refusal, text
+from api.dashboard.pages.desk import Desk
 from api.dashboard.pages.fly_dialog import FlyDialog
 from api.dashboard.rest import RestError
 from api.dashboard.watch import Watch
@@ -28,12 +30,19 @@ class Kept:
 
 
 class Results:
-    """Plans of one open editor. `on_show(plan, other)` hears what the map shall show; `on_mu` a chosen mu."""
+    """Plans of one open editor. `on_show(plan, other)` hears what the map shall show; `on_mu` a chosen mu.
+
+    desk: remembers them for a reload.
+    """
 
     def __init__(
-        self, watch: Watch, on_show: Callable[[Plan | None, Plan | None], None], on_mu: Callable[[float], None]
+        self,
+        watch: Watch,
+        desk: Desk,
+        on_show: Callable[[Plan | None, Plan | None], None],
+        on_mu: Callable[[float], None],
     ) -> None:
-        self._watch, self._feed = watch, watch.feed
+        self._watch, self._feed, self._desk = watch, watch.feed, desk
         self._on_show, self._on_mu = on_show, on_mu
         self._kept: dict[str, Kept] = {}
         self._current: str | None = None
@@ -78,11 +87,38 @@ class Results:
 
     async def make(self, scenario: Scenario) -> None:
         """Plan the scenario and show the result."""
-        plan = await self._plan(scenario)
-        if plan is not None:
-            self._scenario = scenario
-            self._tried = {scenario.utility.mu_per_kbps: plan}
-            self._keep(worth.title(scenario), plan)
+
+        async def begin() -> None:
+            self._desk.keep_running(await self._feed.begin_plan(scenario))
+
+        if await attempt(begin):
+            await self.resume_running()
+
+    async def resume_running(self) -> None:
+        """Wait for the plan that is being made, also one that was begun before a reload, and show it."""
+        running = self._desk.running
+        if running is None:
+            return
+        try:
+            plan = await self._feed.awaited_plan(running)
+        except RestError as error:
+            say_refusal(error)
+            return
+        finally:
+            self._desk.keep_running(None)
+        self._scenario = plan.scenario
+        self._tried = {plan.scenario.utility.mu_per_kbps: plan}
+        self._keep(worth.title(plan.scenario), plan)
+
+    async def recall(self) -> None:
+        """Show the plans that were made here before a reload; one that the service has forgotten is left out."""
+        for plan_id, title in self._desk.plans:
+            with suppress(RestError):
+                self._kept[plan_id] = Kept(title, await self._feed.plan(plan_id))
+        if self._kept:
+            self._current = next(reversed(self._kept))
+            self._scenario = self._kept[self._current].plan.scenario
+            self._refresh()
 
     def forget_current(self) -> None:
         """The scenario has changed: no plan is shown until the next one is made."""
@@ -102,6 +138,7 @@ class Results:
 
     def _keep(self, title: str, plan: Plan) -> None:
         self._kept[plan.id] = Kept(f"{len(self._kept) + 1}: {title}", plan)
+        self._desk.keep_plan(plan.id, self._kept[plan.id].title)
         self._current = plan.id
         self._refresh()
 
@@ -134,6 +171,9 @@ class Results:
                 text("p", "No plan of this scenario yet: press “Plan it”.", "sf-sub")
             else:
                 figures(*worth.rows(plan, other))
+                if unmet := worth.unmet(plan):
+                    text("p", f"{len(unmet)} users do not always get their least rate", "sf-fail").props('role="alert"')
+                    figures(unmet, ("user", "asks, kbit/s", "gets at least", "short in slots"))
         self._draw_sums(plan, other)
         self._draw_trade_off()
         self._on_show(plan, other)
