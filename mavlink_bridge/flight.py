@@ -144,6 +144,8 @@ async def swap(vehicle: Vehicle, mission: Mission, given_up: Callable[[], bool])
     error: str | None = None
     if vehicle.autopilot is Autopilot.ARDUPILOT:
         error = await error_of(set_mode(vehicle, FlightMode.GUIDED))
+    else:
+        await vehicle.request(_HEARTBEAT)  # so that the round trip is known, should the link have become slow
     if error is None:
         upload = await _upload_or_hold(vehicle, mission, given_up)
         error = upload.error or await _insist_on_new(vehicle, mission, upload.mission_id)
@@ -172,12 +174,13 @@ async def _insist_on_new(vehicle: Vehicle, mission: Mission, mission_id: int) ->
 
 
 async def _go_on(vehicle: Vehicle, at_item: int | None) -> None:
-    """Fly the mission from before the swap on from the item it was at."""
-    if vehicle.state.mode is FlightMode.MISSION:
-        return
-    if at_item is not None:
+    """Fly the mission from before the swap on, from the item it was at: putting it back may have begun it anew."""
+    now = vehicle.state.mission_current
+    flies = vehicle.state.mode is FlightMode.MISSION
+    if at_item is not None and not (flies and now is not None and now >= at_item):
         await set_current(vehicle, at_item)
-    await set_mode(vehicle, FlightMode.MISSION)
+    if vehicle.state.mode is not FlightMode.MISSION:
+        await set_mode(vehicle, FlightMode.MISSION)
 
 
 async def _upload_or_hold(vehicle: Vehicle, mission: Mission, given_up: Callable[[], bool]) -> UploadResult:

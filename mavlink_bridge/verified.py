@@ -65,7 +65,7 @@ class VerifiedUpload:
         self._limit = attempts
         self._silence_s = silence_s
         self._tries = 0
-        self._restoring = False
+        self._restoring = self._old_is_gone = False
         self._failure: str | None = None
         self._round_trip = round_trip or RoundTrip()
         self._transfer: Upload | Download | None = None
@@ -98,7 +98,7 @@ class VerifiedUpload:
         if self.ended:
             return []
         if self._transfer is None:
-            return self._upload(now_s) if now_s >= self._resume_s else []
+            return self._try_again(now_s) if now_s >= self._resume_s else []
         return self._go_on(self._transfer.tick(now_s), now_s)
 
     def give_up(self) -> None:
@@ -106,6 +106,13 @@ class VerifiedUpload:
         if self.on_board is None:
             self.on_board = OnBoard.UNKNOWN
             self.error = self._failure or "given up: the link was declared lost"
+
+    def _try_again(self, now_s: float) -> list[Message]:
+        """PX4 keeps the old mission whole until it has a new one: uploaded again it would begin from the start."""
+        if self._restoring and self._autopilot is Autopilot.PX4 and not self._old_is_gone:
+            self._tries += 1
+            return self._read_back(now_s)
+        return self._upload(now_s)
 
     def _upload(self, now_s: float) -> list[Message]:
         self._tries += 1
@@ -154,6 +161,7 @@ class VerifiedUpload:
             self._wanted, download.items, autopilot=self._autopilot, mission_type=self._type
         )
         if differences:
+            self._old_is_gone = self._restoring
             self._failure = f"read-back differs: {'; '.join(differences[:3])}"
             return self._failed(now_s, again=True)
         self.opaque_id = ended.opaque_id or self.opaque_id

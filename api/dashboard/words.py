@@ -136,6 +136,13 @@ def _preflight(data: Data) -> tuple[str, str]:
     return f"{text}: {data.get('why')}", "alarm" if data.get("level") == "blocker" else "warn"
 
 
+def _brought_down(data: Data) -> tuple[str, str]:
+    if data.get("error"):
+        return f"{data.get('uav_id')} still hovers and does not come down: {data.get('error')}", "alarm"
+    doing = "returns" if data.get("action") == "return" else "lands"
+    return f"{data.get('uav_id')} {doing}: {data.get('because')}", "warn"
+
+
 WORDS: Mapping[str, Callable[[Data], tuple[str, str]]] = {
     "operation": _operation,
     "link": _link,
@@ -156,5 +163,6 @@ WORDS: Mapping[str, Callable[[Data], tuple[str, str]]] = {
     "guidance_resumed": _resumed,
     "guard": _guard,
     "lands_instead_of_returning": _lands,
+    "brought_down": _brought_down,
     "vehicle_registered": _registered,
 }

@@ -126,7 +126,7 @@ def test_a_passing_refusal_in_the_middle_is_overcome(case: Case, result: Ack) ->
     assert case.ends_whole().on_board is OnBoard.NEW
 
 
-@pytest.mark.parametrize("result", [Ack.NO_SPACE, Ack.INVALID_PARAM1, Ack.UNSUPPORTED])
+@pytest.mark.parametrize("result", [Ack.NO_SPACE, Ack.INVALID_PARAM1, Ack.UNSUPPORTED, Ack(77)])
 def test_a_refused_mission_leaves_the_whole_old_one(case: Case, result: Ack) -> None:
     forge_answer(case, "MISSION_REQUEST_INT", 6, {"type": int(result)})
     ended = case.ends_whole()
