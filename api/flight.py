@@ -126,7 +126,9 @@ class Flight:
         told: dict[str, str | None] = dict.fromkeys(missions.keys() - ours.keys(), "lost, and left alone")
         for uav, mission in ours.items():
             result = results[self.systems[uav]]
-            told[uav] = None if result.ok else result.error or "failed"
+            told[uav] = (
+                None if result.ok else f"{result.error or 'failed'}{'; its old mission goes on' * result.went_on}"
+            )
             if result.ok and uav not in self.lost:
                 self.guidance.follow(uav, mission)
         return told

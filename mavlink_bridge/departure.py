@@ -112,6 +112,7 @@ async def start(vehicle: Vehicle, item: int) -> None:
         await set_mode(vehicle, FlightMode.MISSION)
     finally:
         insisting.cancel()
+        await asyncio.gather(insisting, return_exceptions=True)  # what it could not send, the order itself could not
     if not await ask_until(vehicle, lambda: _flies_from(vehicle, item, reports)):
         raise NotDone(f"not flying item {item} after {confirm_s(vehicle):.1f} s: {seen_of(vehicle)}")
 
