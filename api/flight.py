@@ -6,7 +6,7 @@ import asyncio
 import time
 from collections.abc import Collection, Mapping
 from contextlib import AbstractContextManager, suppress
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from api.guidance import FlightGuidance, Way
 from api.rates import InForce, Point, Sample, rates_by_slot
 from api.roster import Roster
 from api.take_off import LOOK_EVERY_S, FlightError, TakeOff, each
-from mavlink_bridge import Mission, Telemetry, VehiclesMissing
+from mavlink_bridge import Autopilot, Mission, Telemetry, VehiclesMissing
 from planner import Plan
 
 SAMPLE_EVERY_S = 0.5
@@ -126,7 +126,9 @@ class Flight:
         told: dict[str, str | None] = dict.fromkeys(missions.keys() - ours.keys(), "lost, and left alone")
         for uav, mission in ours.items():
             result = results[self.systems[uav]]
-            told[uav] = None if result.ok else result.error or "failed"
+            told[uav] = (
+                None if result.ok else f"{result.error or 'failed'}{'; its old mission goes on' * result.went_on}"
+            )
             if result.ok and uav not in self.lost:
                 self.guidance.follow(uav, mission)
         return told
@@ -138,6 +140,12 @@ class Flight:
         link = self._fleet.link
         act = {"hold": link.hold, "land": link.land, "return": link.return_home}[action]
         results = await act(systems)
+        return {self._uavs[system]: result.error for system, result in results.items()}
+
+    async def bring_down(self, uavs: Collection[str], *, home: bool) -> dict[str, str | None]:
+        """Land these where they are, or return them; what went wrong with each, None when it is on its way."""
+        link = self._fleet.link
+        results = await (link.return_home if home else link.land)(self.systems[uav] for uav in uavs)
         return {self._uavs[system]: result.error for system, result in results.items()}
 
     async def pause(self) -> None:
@@ -183,6 +191,14 @@ class Flight:
     def on_board(self, uav: str) -> Telemetry | None:
         """What the vehicle last said, its mission included."""
         return self._fleet.link.telemetry(self.systems[uav])
+
+    def autopilot(self, uav: str) -> Autopilot:
+        """Which autopilot it has."""
+        return self._fleet.link.autopilot(self.systems[uav])
+
+    def note(self, kind: str, **data: Any) -> None:
+        """Add an event about a vehicle to the log."""
+        self._fleet.note(kind, **data)
 
     def recorded(self, name: str) -> AbstractContextManager[None]:
         """Keep a telemetry log of this name meanwhile, if the service keeps logs."""

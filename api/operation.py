@@ -18,6 +18,7 @@ from api.journal import Journal
 from api.operation_rows import Books, Head, OperationRows
 from api.operation_views import ENDED, OperationView, Proposal, State, slip_m, uav_views
 from api.resilience import Parts
+from api.stragglers import Stragglers
 from mavlink_bridge import BridgeError
 
 log = structlog.get_logger()
@@ -39,6 +40,7 @@ class Operation:
         self.incidents = Incidents(head.id, head.policy, flight, parts, books.journal, books.events)
         self.incidents.save = self.save
         flight.guidance.book = MissionBook(books.database, head.id)
+        self._stragglers = Stragglers()
         self.go = asyncio.Event()
         self._busy = asyncio.Lock()
         if head.launch_itself:
@@ -158,6 +160,8 @@ class Operation:
         async with self._busy:  # a command of the operator comes before or after, never between
             await self.incidents.note(flight.roster.newly_lost(news))
             await self.incidents.go_on(may_start=self.state == State.FLYING)
+            if self.state == State.LANDING and not self.incidents.has_work:
+                await self._stragglers.look(flight)
 
     # -- what an operator says ------------------------------------------------------------------------------------
 

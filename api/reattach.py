@@ -26,6 +26,7 @@ from api.rates import InForce, Point
 from api.resilience import Outcome, Parts, Recovery
 from api.store.tables import track as track_table
 from mavlink_bridge import OnEnd
+from mavlink_bridge.autopilots import HOLD_MODE
 from planner import Plan
 
 log = structlog.get_logger()
@@ -202,7 +203,7 @@ def _in_mission(operation: Operation, uav: str) -> bool:
 
 def _holds(operation: Operation, uav: str) -> bool:
     said = operation.flight.on_board(uav)
-    return said is not None and said.mode.value == "hold"
+    return said is not None and said.mode is HOLD_MODE[operation.flight.autopilot(uav)]
 
 
 async def stored_track(operation_id: str, books: Books) -> Record:

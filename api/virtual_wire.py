@@ -7,16 +7,17 @@ import random
 from collections.abc import Callable
 from functools import partial
 from itertools import count
-from typing import Any
+from typing import Any, TypeVar
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 import sim.autopilot
 from mavlink_bridge import Autopilot
 from mavlink_bridge.mission_messages import GROUND, Message
-from mavlink_bridge.verified import VerifiedUpload
+from mavlink_bridge.vehicle import Conversation as Talk
 
 STEP_S = 0.01
+AnyTalk = TypeVar("AnyTalk", bound=Talk)
 Filter = Callable[[str, dict[str, Any]], int]
 """How many copies of a message arrive."""
 
@@ -46,7 +47,9 @@ def lossy(chance: random.Random, share: float) -> Filter:
 
 
 class Wire:
-    """Carries one upload to one autopilot. `up` and `down` say how many copies of each message arrive.
+    """Carries one conversation with one autopilot: an upload, a download, a command.
+
+    `up` and `down` say how many copies of each message arrive.
 
     `now_s` is the time both sides live in; make the autopilot with `protocol_clock=lambda: wire.now_s`.
     """
@@ -58,11 +61,11 @@ class Wire:
         self._latency_s = latency_s
         self._order = count()
         self._flying: list[tuple[float, int, Callable[[], None]]] = []
-        self._transfer: VerifiedUpload | None = None
+        self._talk: Talk | None = None
 
-    def run(self, transfer: VerifiedUpload, *, limit_s: float = 120.0) -> VerifiedUpload:
-        """Let it happen until the upload has ended."""
-        self._transfer = transfer
+    def run(self, transfer: AnyTalk, *, limit_s: float = 120.0) -> AnyTalk:
+        """Let it happen until it has ended."""
+        self._talk = transfer
         began_s = self.now_s
         self.send(transfer.start(self.now_s))
         while not transfer.ended and self.now_s - began_s < limit_s:
@@ -76,7 +79,7 @@ class Wire:
                 heard = incoming(message, sender)
                 self._later(partial(self._deliver, heard))
 
-    def _step(self, transfer: VerifiedUpload) -> None:
+    def _step(self, transfer: Talk) -> None:
         soonest = min(self.now_s + STEP_S, transfer.due_s, self._flying[0][0] if self._flying else float("inf"))
         self.now_s = max(soonest, self.now_s + 1e-6)
         while self._flying and self._flying[0][0] <= self.now_s:
@@ -95,8 +98,8 @@ class Wire:
         self._answer(self.autopilot.handle(message))
 
     def _heard(self, name: str, fields: dict[str, Any]) -> None:
-        if self._transfer is not None:
-            self.send(self._transfer.handle(name, fields, self.now_s))
+        if self._talk is not None:
+            self.send(self._talk.handle(name, fields, self.now_s))
 
     def _later(self, happen: Callable[[], None]) -> None:
         heapq.heappush(self._flying, (self.now_s + self._latency_s, next(self._order), happen))

@@ -10,10 +10,10 @@ from math import hypot, nan
 
 from mavlink_bridge.autopilots import HOLD_MODE, Autopilot, FlightMode, mode_numbers
 from mavlink_bridge.flight import (
-    CONFIRM_S,
     CUSTOM_MODE,
     SET_MODE,
     ask_until,
+    confirm_s,
     heartbeat_until,
     is_ours,
     seen_of,
@@ -112,8 +112,9 @@ async def start(vehicle: Vehicle, item: int) -> None:
         await set_mode(vehicle, FlightMode.MISSION)
     finally:
         insisting.cancel()
+        await asyncio.gather(insisting, return_exceptions=True)  # what it could not send, the order itself could not
     if not await ask_until(vehicle, lambda: _flies_from(vehicle, item, reports)):
-        raise NotDone(f"not flying item {item} after {CONFIRM_S:g} s: {seen_of(vehicle)}")
+        raise NotDone(f"not flying item {item} after {confirm_s(vehicle):.1f} s: {seen_of(vehicle)}")
 
 
 async def _insist(vehicle: Vehicle, mode: FlightMode) -> None:

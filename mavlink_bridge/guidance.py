@@ -13,8 +13,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
-from mavsdk.plugins.mavlink_direct import MavlinkDirectError
-
 from mavlink_bridge import departure, flight
 from mavlink_bridge.autopilots import STREAM_MODE, FlightMode
 from mavlink_bridge.geodesy import geodetic_to_east_north
@@ -169,7 +167,7 @@ class Stream:
         for one in list(self._streamed.values()):
             try:
                 one.vehicle.send(one.streamer.setpoint(elapsed_s, one.vehicle.state.boot_ms or 0))
-            except MavlinkDirectError:
+            except NotDone:
                 continue
 
     async def _pause(self) -> None:

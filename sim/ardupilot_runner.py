@@ -24,6 +24,7 @@ class ArdupilotRunner(MissionRunner):
     """AUTO mode's mission. `complete` is AP_Mission's MISSION_COMPLETE, `halted` a jump made after it."""
 
     first = 1
+    announces = False
     look_ahead = 2
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
@@ -39,6 +40,21 @@ class ArdupilotRunner(MissionRunner):
         if self._cut and self._flying is not None:
             return self._flying
         return super().item
+
+    @property
+    def told_index(self) -> int:
+        """The item that is flown: those that are done on the way are never told."""
+        ahead = (item.seq for item in self.mission.items[self.index :] if item.is_nav)
+        return next(ahead, self.index)
+
+    @property
+    def told_total(self) -> int:
+        """Home is not counted."""
+        return max(len(self.mission) - 1, 0)
+
+    def can_jump(self, seq: int) -> bool:
+        """Whether something is flown from item `seq` on."""
+        return super().can_jump(seq) and any(item.is_nav for item in self.mission.items[max(seq, self.first) :])
 
     def state(self, *, flying: bool) -> MissionState:
         """Return how far the mission is; a jump after its end leaves it stopped."""

@@ -136,6 +136,11 @@ class Autopilot:
         if message is not None:
             self._outbox.append(message)
 
+    def announce_progress(self) -> None:
+        """Send MISSION_CURRENT now, if that is this autopilot's way."""
+        if self.runner.announces:
+            self.announce(dialect.MAVLINK_MSG_ID_MISSION_CURRENT)
+
     # -- being commanded ----------------------------------------------------------------------------------------
 
     def arm(self) -> bool:
@@ -187,7 +192,7 @@ class Autopilot:
         if mode is not self.mode:
             self.mode = mode
             self.emit("mode", {"mode": mode.name})
-            self.announce(dialect.MAVLINK_MSG_ID_MISSION_CURRENT)
+            self.announce_progress()
         return True
 
     def _cannot_enter(self, mode: Mode) -> str | None:
@@ -220,11 +225,10 @@ class Autopilot:
             self.navigator.setpoint = setpoint
 
     def jump(self, seq: int) -> bool:
-        """Make mission item `seq` current; False if there is none."""
+        """Make mission item `seq` current, without a word; False if there is none."""
         if not self.runner.can_jump(seq):
             return False
         self.runner.jump(seq)
-        self.announce(dialect.MAVLINK_MSG_ID_MISSION_CURRENT)
         return True
 
     def start_mission(self) -> None:

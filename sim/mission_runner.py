@@ -62,6 +62,8 @@ class MissionRunner(MissionGeometry):
 
     first = 0
     """The item a mission begins with."""
+    announces = True
+    """Whether MISSION_CURRENT is sent at once when the item changes (PX4), or only as its stream has it."""
     look_ahead = 4
     """How many corners ahead are considered for the speed at the next one."""
 
@@ -94,6 +96,16 @@ class MissionRunner(MissionGeometry):
     def item(self) -> MissionItem:
         """The item being flown."""
         return self.mission.items[self.index]
+
+    @property
+    def told_index(self) -> int:
+        """The item MISSION_CURRENT tells."""
+        return self.index
+
+    @property
+    def told_total(self) -> int:
+        """How many items MISSION_CURRENT tells of; PX4 says that it does not know when there are none."""
+        return len(self.mission) or 0xFFFF
 
     @property
     def cruise_mps(self) -> float:

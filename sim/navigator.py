@@ -3,8 +3,6 @@
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from pymavlink.dialects.v20 import ardupilotmega as dialect
-
 from sim.mission_runner import Handover
 from sim.modes import Mode
 from sim.setpoints import Setpoint
@@ -103,7 +101,7 @@ class Navigator:
         index = runner.index
         result = runner.fly(body, now_s)
         if index != runner.index or isinstance(result, Handover):
-            autopilot.announce(dialect.MAVLINK_MSG_ID_MISSION_CURRENT)
+            autopilot.announce_progress()
         if isinstance(result, Guidance):
             self._hold = None
             return result

@@ -101,13 +101,13 @@ def _gps(autopilot: "Autopilot") -> Message:
     return message
 
 
-def _mission_current(autopilot: "Autopilot") -> Message:
+def mission_current(autopilot: "Autopilot", seq: int | None = None) -> Message:
+    """Return the MISSION_CURRENT of what is flown, or of item `seq`."""
     runner = autopilot.runner
     flying = autopilot.mode is Mode.MISSION
     state = runner.state(flying=flying and autopilot.armed).value
-    base = dialect.MAVLink_mission_current_message(
-        min(runner.index, 0xFFFF), len(runner.mission), state, 1 if flying else 2
-    )
+    told = runner.told_index if seq is None else seq
+    base = dialect.MAVLink_mission_current_message(min(told, 0xFFFF), runner.told_total, state, 1 if flying else 2)
     if not autopilot.flavour.mission_ids:
         message: Message = base
         return message
@@ -232,7 +232,7 @@ BUILDERS: dict[int, Callable[["Autopilot"], Message]] = {
     dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: _global_position,
     dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: _local_position,
     dialect.MAVLINK_MSG_ID_GPS_RAW_INT: _gps,
-    dialect.MAVLINK_MSG_ID_MISSION_CURRENT: _mission_current,
+    dialect.MAVLINK_MSG_ID_MISSION_CURRENT: mission_current,
     dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: _extended_state,
     dialect.MAVLINK_MSG_ID_SYS_STATUS: _sys_status,
     dialect.MAVLINK_MSG_ID_BATTERY_STATUS: _battery_status,

@@ -155,6 +155,13 @@ def _second_link(data: Data) -> tuple[str, str]:
     return f"{data.get('uav_id')} is heard on a second link, {data.get('now')}{signed}", "warn" if signed else ""
 
 
+def _brought_down(data: Data) -> tuple[str, str]:
+    if data.get("error"):
+        return f"{data.get('uav_id')} still hovers and does not come down: {data.get('error')}", "alarm"
+    doing = "returns" if data.get("action") == "return" else "lands"
+    return f"{data.get('uav_id')} {doing}: {data.get('because')}", "warn"
+
+
 WORDS: Mapping[str, Callable[[Data], tuple[str, str]]] = {
     "operation": _operation,
     "link": _link,
@@ -179,5 +186,6 @@ WORDS: Mapping[str, Callable[[Data], tuple[str, str]]] = {
     "guidance_resumed": _resumed,
     "guard": _guard,
     "lands_instead_of_returning": _lands,
+    "brought_down": _brought_down,
     "vehicle_registered": _registered,
 }

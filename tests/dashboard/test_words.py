@@ -41,6 +41,8 @@ from api.dashboard.words import words
         ("guidance_resumed", {"uav_id": "uav-1", "error": "4 items"}, "uav-1 flies on unguided: 4 items", "warn"),
         ("guard", {"level": "warning", "error": "gone"}, "nobody guards the stream", "warn"),
         ("lands_instead_of_returning", {"because": "'uav-1' and 'uav-2'"}, "'uav-1' and 'uav-2'", "warn"),
+        ("brought_down", {"uav_id": "uav-1", "action": "land", "because": "it hovered"}, "uav-1 lands: it hov", "warn"),
+        ("brought_down", {"uav_id": "uav-1", "action": "land", "error": "TIMEOUT"}, "not come down: TIMEOUT", "alarm"),
         ("wind_changed", {"operation_id": "op-1", "to_mps": 7}, "wind changed to_mps 7", ""),
     ],
 )
