@@ -17,6 +17,8 @@ _BEATS = 2
 """HEARTBEATs in a row that must say so before it is believed of a UAV in the air."""
 _ON_GROUND, _LANDING = 1, 4
 """MAV_LANDED_STATE."""
+_LANDING_MPS = 3.0
+"""No autopilot comes down to land faster than that all the way; a free fall of 2 m is faster on the average."""
 
 
 class Fate(Enum):
@@ -65,7 +67,7 @@ class Disarmed:
             down_s = self.since_s + self.up_m / timing.crash_descent_mps
             return Fate.FALLEN if now_s >= down_s else Fate.ALOFT
         if self.low_s is not None:
-            fell = self.up_m - height.up_m > timing.crash_descent_mps * (self.low_s - self.told_s)
+            fell = self.up_m - height.up_m > _LANDING_MPS * (self.low_s - self.told_s)
             return Fate.FALLEN if fell and not self.landing else Fate.LANDED
         if height.falling_mps > timing.crash_descent_mps:
             return Fate.FALLEN
@@ -76,5 +78,6 @@ class Disarmed:
         if height.heard_s < self.since_s:
             return f"disarmed at {self.up_m:.1f} m above home, where it was last heard"
         if self.low_s is not None:
-            return f"disarmed, and down from {self.up_m:.1f} to {height.up_m:.1f} m in {self.low_s - self.told_s:.1f} s"
+            took_s = self.low_s - self.told_s
+            return f"disarmed, and down from {self.up_m:.1f} to {height.up_m:.1f} m above home in {took_s:.1f} s"
         return f"disarmed at {height.up_m:.1f} m above home, sinking at {height.falling_mps:.1f} m/s"

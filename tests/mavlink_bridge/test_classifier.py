@@ -350,7 +350,7 @@ def test_a_restart_in_the_air_that_ends_on_the_ground_is_a_crash_and_no_landing(
     assert story.silence(3.5) == [Condition.STALE]
     story.tell(20, base_mode=DISARMED, custom_mode=COPTER_STABILIZE, landed_state=1, relative_alt=0)
     assert story.classifier.condition(1) is Condition.CRASHED
-    assert "down from 60.0 to 0.0 m" in story.cause
+    assert "down from 60.0 to 0.0 m above home" in story.cause
 
 
 def test_a_restart_in_the_air_without_positions_is_a_crash_when_it_must_be_down() -> None:

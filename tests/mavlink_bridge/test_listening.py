@@ -39,8 +39,9 @@ async def beat(link: ListeningLink) -> None:
 
 
 async def collect(link: ListeningLink, into: list[LinkEvent]) -> None:
+    take = into.append
     async for event in link.events():
-        into.append(event)
+        take(event)
 
 
 async def test_a_blocked_event_loop_loses_nobody(link: ListeningLink) -> None:
