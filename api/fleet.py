@@ -305,7 +305,7 @@ class Fleet:
                 queue.put_nowait(event)
 
     async def _ask(self, link: FleetLink) -> None:
-        """Ask whoever is heard for its telemetry, so that it shows before it flies for us: ArduCopter sends none unasked."""
+        """Ask whoever is heard for its telemetry, so that it shows before a flight: ArduCopter sends none unasked."""
         while True:
             new = link.heard_systems.intersection(self._systems.values()) - self._asked
             self._asked |= new

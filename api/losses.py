@@ -48,7 +48,7 @@ class Loss:
     @property
     def is_over(self) -> bool:
         """Whether it is something that happened, rather than something that goes on."""
-        return self.kind in {"crashed", "landed", "rebooted"}
+        return self.kind in {"crashed", "landed", "disarmed_in_air", "rebooted"}
 
     @property
     def in_the_air(self) -> bool:

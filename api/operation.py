@@ -145,7 +145,7 @@ class Operation:
 
     async def _tick(self, news: asyncio.Queue[Any]) -> None:
         flight = self.flight
-        if not flight.paused:
+        if not flight.paused and self.state != State.LINK_LOST:
             flight.sample()
         if self._rows.track_is_due:
             self._rows.write_track(flight.record)
