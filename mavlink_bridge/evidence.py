@@ -64,7 +64,7 @@ class Evidence:
         """When the system status became critical last."""
         self._was_critical = False
         """Whether the system status was critical before the mode changed, or with it."""
-        self._was_stopped = False
+        self._was_stopped = self._may_end_mission = False
         self._mission: tuple[int, int | None, int, int] | None = None
         self._mode_s = self._mission_s = float("-inf")
         self.reboots = 0
@@ -107,21 +107,25 @@ class Evidence:
             orders = list(self._announced)
             for overtaken in orders[: orders.index(self.mode)]:
                 del self._announced[overtaken]
-        elif before is FlightMode.MISSION and self.mode in _HOME_MODES and self._is_finished:
-            self._is_announced = not self.is_critical  # PX4 shows how its mission ends by its mode
+        self._may_end_mission = self.mode in _HOME_MODES and before in (FlightMode.MISSION, FlightMode.OTHER)
         self._was_stopped = self.autopilot is not None and self.mode is HOLD_MODE[self.autopilot] and before in _FLIES
 
     @property
     def is_taken(self) -> bool:
         """Whether somebody else decided what it does now, a human or a failsafe: not we, and not its mission's end."""
-        if self.autopilot is None or self._is_announced:
+        if self.autopilot is None or self._is_announced or self._ends_mission:
             return False
         return self.mode not in OURS[self.autopilot] or self._is_held
 
     @property
     def is_held(self) -> bool:
         """Whether somebody else made it hover in a mode that could be ours."""
-        return not self._is_announced and self._is_held
+        return self.is_taken and self._is_held
+
+    @property
+    def _ends_mission(self) -> bool:
+        """Whether it returns or lands as its mission's last item has it: PX4 shows that by its mode."""
+        return self._may_end_mission and self._is_finished and not self._was_critical
 
     @property
     def _is_held(self) -> bool:

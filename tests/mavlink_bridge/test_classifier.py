@@ -312,6 +312,11 @@ def test_a_mission_that_ends_in_a_return_of_px4_is_nobodys_doing() -> None:
     assert story.tell(30, custom_mode=PX4_RETURN) == []
 
 
+def test_a_return_at_a_missions_end_is_nobodys_doing_for_a_service_that_starts_meanwhile_too() -> None:
+    story = Story(mode=PX4_RETURN)
+    assert story.tell(30, seq=19) == []
+
+
 def test_falling_is_a_crash_and_stays_one() -> None:
     story = Story()
     assert story.fall(8) == [Condition.CRASHED]
