@@ -98,3 +98,14 @@ def test_a_single_uav_that_is_silent_is_waited_for() -> None:
         alone.until(operation_id, lambda view: view.state == State.LINK_LOST)
         ended = alone.ended(operation_id)
         assert (ended.state, ended.lost) == (State.COMPLETED, [])
+
+
+def test_a_vehicle_shows_where_it_is_before_it_flies_for_us_because_it_is_asked(flown: Flight) -> None:
+    deadline = time.monotonic() + 60
+    while True:
+        asked = [one for one in list(flown.fleet.fleet.truth.messages) if one.name == "COMMAND_LONG"]
+        shown = [one.uav_id for one in flown.client.vehicles() if one.lat_deg is not None and one.mode is not None]
+        if {one.system_id for one in asked} == {1, 2, 3} and len(shown) == len(SCENARIO.uav_ids):
+            return
+        assert time.monotonic() < deadline, (asked, shown)
+        time.sleep(0.1)
