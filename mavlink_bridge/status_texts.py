@@ -57,9 +57,10 @@ class StatusTexts:
             self._texts.append(_Text(said, int(fields["severity"]), now_s, identity, chunk))
 
     def about(self, at_s: float, before_s: float, after_s: float) -> list[str]:
-        """Texts that explain a failsafe of that time, in order: the failsafe's own, and the reasons told before it."""
+        """Texts that explain a failsafe of that time, in order: the latest reason, and the latest that names it."""
         near = [text for text in self._texts if at_s - before_s <= text.at_s <= at_s + after_s and text.explains]
-        return [text.words.strip() for text in near]
+        latest = {text.names_failsafe: text for text in near}
+        return [text.words.strip() for text in near if text is latest[text.names_failsafe]]
 
     def latest_failsafe(self, now_s: float, within_s: float) -> str | None:
         """What names a failsafe, the latest of the last `within_s`."""

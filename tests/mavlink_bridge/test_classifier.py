@@ -230,6 +230,7 @@ def test_an_emergency_is_a_failsafe_in_any_mode(status: int) -> None:
 def test_what_explains_a_failsafe_is_what_was_said_about_it() -> None:
     story = Story()
     story.say("Mission finished", severity=6)
+    story.say("Battery is getting low\t")
     story.say("Low battery\t")
     story.tell(2)
     story.say("Failsafe activated: entering Hold for 5 seconds\t")
