@@ -13,6 +13,7 @@ from sqlalchemy import delete, insert, select
 from api.clock import FleetClock
 from api.errors import ConflictError, InvalidError, NotFoundError
 from api.events import EventLog
+from api.own_link import Heard, OwnLink
 from api.settings import Settings
 from api.store import Database
 from api.store.tables import vehicles as table
@@ -22,18 +23,23 @@ from mavlink_bridge import (
     HeartbeatMonitor,
     LinkEvent,
     LinkOptions,
+    LinkState,
     Signing,
     VehiclesMissing,
 )
 from mavlink_bridge.conditions import Change, Condition
 from mavlink_bridge.senders import SenderKind, SenderNotice
 
+ASK_EVERY_S = 0.5
+"""Wall seconds between two looks for vehicles that were not asked for their telemetry yet."""
 HEARD_WITHIN_S = 5.0
 """Wall seconds a vehicle may take to be heard before an upload, or the watch of its heartbeats, goes on without it."""
 LATER_S = 1.0
 """Wall seconds after a loss would be declared, from when on a vehicle may be heard from another address."""
 LINKS_FREE_S = 20.0
 """Wall seconds that a restarted service waits for its links."""
+_FORGETS_STREAMS = frozenset({Condition.REBOOTED, Condition.DISARMED})
+"""A restarted ArduCopter streams nothing until it is asked again."""
 _TOLD_AS_LINK = frozenset(
     {Condition.LIVE, Condition.STALE, Condition.BACK, Condition.LINK_LOST, Condition.AUTOPILOT_SILENT}
 )
@@ -67,6 +73,8 @@ class Fleet:
         )
         self._followers: set[asyncio.Queue[LinkEvent]] = set()
         self._changes: dict[int, Change] = {}
+        self._asked: set[int] = set()
+        """Who was asked for its telemetry."""
         self._watchers: list[asyncio.Task[None]] = []
         self._opening = asyncio.Lock()
         self._finding: asyncio.Task[None] | None = None
@@ -125,6 +133,7 @@ class Fleet:
         system_id = self._systems.pop(uav_id)
         self.link.classifier.unwatch(system_id)
         self._changes.pop(system_id, None)
+        self._asked.discard(system_id)
         self._simulated.discard(uav_id)
         await self._database.write(delete(table).where(table.c.uav_id == uav_id))
         self._events.add("vehicle_removed", uav_id=uav_id)
@@ -206,6 +215,33 @@ class Fleet:
         """What its autopilot was last seen to be in, and how that was seen; None while it has always been live."""
         return self._changes.get(system_id)
 
+    def heard(self) -> dict[int, Heard]:
+        """How each registered vehicle is heard, those of which nothing is expected yet left out."""
+        monitor, now_s = self._monitor, self._clock.now()
+        return {
+            system_id: Heard(
+                silent_for_s=monitor.silent_for_s(system_id, now_s), lost=monitor.state(system_id) is LinkState.LOST
+            )
+            for system_id in self._systems.values()
+            if system_id in monitor.watched
+        }
+
+    def own_link(self) -> OwnLink:
+        """A judgement for one flight of who is silent and what is our link, by this fleet's limits."""
+        return OwnLink(stale_after_s=self._monitor.stale_after_s, lost_after_s=self._monitor.lost_after_s)
+
+    def now_s(self) -> float:
+        """Fleet seconds."""
+        return self._clock.now()
+
+    def is_aloft(self, system_id: int) -> bool:
+        """Whether it says that it is disarmed, and yet is not known to be down."""
+        return self.link.classifier.is_aloft(system_id, self._clock.now())
+
+    def warning(self, system_id: int) -> str | None:
+        """What it tells of a failsafe that changes nothing."""
+        return self.link.classifier.warning(system_id)
+
     def note(self, kind: str, **data: Any) -> None:
         """Add an event about a vehicle to the log."""
         self._events.add(kind, **data)
@@ -251,6 +287,7 @@ class Fleet:
                 self._watchers = [
                     asyncio.create_task(self._watch(link), name="fleet-links"),
                     asyncio.create_task(self._watch_conditions(link), name="fleet-conditions"),
+                    asyncio.create_task(self._ask(link), name="fleet-streams"),
                 ]
 
     def _options(self) -> LinkOptions:
@@ -295,12 +332,22 @@ class Fleet:
             for queue in self._followers:
                 queue.put_nowait(event)
 
+    async def _ask(self, link: FleetLink) -> None:
+        """Ask whoever is heard for its telemetry, so that it shows before a flight: ArduCopter sends none unasked."""
+        while True:
+            new = link.heard_systems.intersection(self._systems.values()) - self._asked
+            self._asked |= new
+            await link.ask_for_streams(new)
+            await asyncio.sleep(ASK_EVERY_S)
+
     async def _watch_conditions(self, link: FleetLink) -> None:
         async for change in link.changes():
             names = {system: uav for uav, system in self._systems.items()}
             if change.system_id not in names:
                 continue
             self._changes[change.system_id] = change
+            if change.after in _FORGETS_STREAMS:
+                self._asked.discard(change.system_id)
             if not {change.before, change.after} <= _TOLD_AS_LINK:
                 self._events.add(
                     "condition",

@@ -17,6 +17,7 @@ from api.rates import InForce, Point, Sample, rates_by_slot
 from api.roster import Roster
 from api.take_off import LOOK_EVERY_S, FlightError, TakeOff, each
 from mavlink_bridge import Autopilot, Mission, Telemetry, VehiclesMissing
+from mavlink_bridge.autopilots import HOLD_MODE, FlightMode
 from planner import Plan
 
 SAMPLE_EVERY_S = 0.5
@@ -199,6 +200,13 @@ class Flight:
     def note(self, kind: str, **data: Any) -> None:
         """Add an event about a vehicle to the log."""
         self._fleet.note(kind, **data)
+
+    def hovers(self, uav: str) -> bool:
+        """Whether it last said that it waits for orders. ArduCopter's mode for that also follows a stream."""
+        said = self.on_board(uav)
+        if said is None or (said.mode is FlightMode.GUIDED and self.guidance.way.mode == "stream"):
+            return False
+        return said.mode is HOLD_MODE[self._fleet.link.autopilot(self.systems[uav])]
 
     def recorded(self, name: str) -> AbstractContextManager[None]:
         """Keep a telemetry log of this name meanwhile, if the service keeps logs."""

@@ -132,6 +132,11 @@ class Incidents:
         await answer.close(outcome="superseded", error=f"superseded by {why}")
         await self._keep(answer.report)
 
+    async def link_lost(self) -> None:
+        """Nobody is heard: an answer that has sent nothing yet is begun anew when they are; one that sends runs out."""
+        if self._incident is not None and not self._incident.log.sending:
+            await self.supersede("our own link being lost")
+
     # -- what the operator says -----------------------------------------------------------------------------------
 
     def decide(self, incident: int, *, agreed: bool) -> None:

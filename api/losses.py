@@ -10,12 +10,22 @@ from typing import Literal, get_args
 
 from mavlink_bridge.conditions import Change, Condition
 
-LossKind = Literal["heartbeat_lost", "crashed", "landed", "human_took_over", "in_failsafe", "rebooted", "battery"]
+LossKind = Literal[
+    "heartbeat_lost",
+    "crashed",
+    "landed",
+    "disarmed_in_air",
+    "human_took_over",
+    "in_failsafe",
+    "rebooted",
+    "battery",
+]
 LOSS_KINDS: tuple[LossKind, ...] = get_args(LossKind)
 
 _SEEN: dict[Condition, LossKind] = {
     Condition.CRASHED: "crashed",
     Condition.LANDED: "landed",
+    Condition.DISARMED: "disarmed_in_air",
     Condition.HUMAN: "human_took_over",
     Condition.FAILSAFE: "in_failsafe",
     Condition.REBOOTED: "rebooted",
@@ -38,12 +48,17 @@ class Loss:
     @property
     def is_over(self) -> bool:
         """Whether it is something that happened, rather than something that goes on."""
-        return self.kind in {"crashed", "landed", "rebooted"}
+        return self.kind in {"crashed", "landed", "disarmed_in_air", "rebooted"}
 
     @property
     def in_the_air(self) -> bool:
         """Whether it may still fly, so that its air stays reserved."""
         return self.kind not in {"crashed", "landed"}
+
+    @property
+    def may_be_wrong(self) -> bool:
+        """Whether it is evidently wrong, and so taken back, when the UAV is seen to fly."""
+        return self.kind in {"crashed", "landed", "disarmed_in_air"}
 
     @property
     def may_return(self) -> bool:

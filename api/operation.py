@@ -16,7 +16,7 @@ from api.given import MissionBook
 from api.incidents import Incidents
 from api.journal import Journal
 from api.operation_rows import Books, Head, OperationRows
-from api.operation_views import ENDED, OperationView, Proposal, State, slip_m, uav_views
+from api.operation_views import ENDED, IN_THE_AIR, OperationView, Proposal, State, is_off_plan, slip_m, uav_views
 from api.resilience import Parts
 from api.stragglers import Stragglers
 from mavlink_bridge import BridgeError
@@ -97,7 +97,7 @@ class Operation:
         async def on() -> None:
             await self.flight.reattach()
             await settle(self)
-            if self.state in {State.FLYING, State.LANDING, State.PAUSED}:
+            if self.state in IN_THE_AIR:
                 self.flight.guidance.resume(self.flight.still_up())
                 with self.flight.roster.following() as news:
                     await self._fly(news)
@@ -142,6 +142,8 @@ class Operation:
             await flight.guidance.end()
             await self.incidents.end()
             self._rows.write_track(flight.record)
+        if flight.roster.own_link.is_lost:
+            raise BridgeError(f"link_lost: nobody was heard until {', '.join(flight.still_up())} must have landed")
         if not flight.surviving():
             raise BridgeError(f"lost: every vehicle is lost ({', '.join(sorted(flight.lost))})")
         if not flight.all_down():
@@ -150,7 +152,7 @@ class Operation:
 
     async def _tick(self, news: asyncio.Queue[Any]) -> None:
         flight = self.flight
-        if not flight.paused:
+        if not flight.paused and self.state != State.LINK_LOST:
             flight.sample()
         if self._rows.track_is_due:
             self._rows.write_track(flight.record)
@@ -158,10 +160,33 @@ class Operation:
         if self.state == State.FLYING and flight.past_last_slot():
             await self.enter(State.LANDING)
         async with self._busy:  # a command of the operator comes before or after, never between
-            await self.incidents.note(flight.roster.newly_lost(news))
+            lost = flight.roster.newly_lost(news)
+            await self._see_to_link()
+            await self.incidents.note(lost)
             await self.incidents.go_on(may_start=self.state == State.FLYING)
             if self.state == State.LANDING and not self.incidents.has_work:
                 await self._stragglers.look(flight)
+
+    async def _see_to_link(self) -> None:
+        """Hold judgement while nobody is heard; when somebody is, go on where the flight then is."""
+        is_lost = self.flight.roster.own_link.is_lost
+        if is_lost == (self.state == State.LINK_LOST) or self.state not in IN_THE_AIR:
+            return
+        if is_lost:
+            await self.incidents.link_lost()
+            await self.enter(State.LINK_LOST)
+            return
+        landing = State.LANDING if self.flight.past_last_slot() else State.FLYING
+        await self.enter(State.PAUSED if self.flight.paused else landing)
+        self.take_up()
+
+    def take_up(self) -> None:
+        """We were away: ask for a new plan if vehicles hover or are too far off to catch up within a slot."""
+        flight, positions = self.flight, self.flight.positions_m()
+        off = [uav for uav in flight.still_up() if flight.hovers(uav) or is_off_plan(flight, uav, positions.get(uav))]
+        if off and self.state == State.FLYING and not self.incidents.has_work:
+            log.info("vehicles do not fly the plan", uavs=off)
+            self.incidents.want("retuned")
 
     # -- what an operator says ------------------------------------------------------------------------------------
 

@@ -17,7 +17,10 @@ Policy = Literal["auto", "approve", "off"]
 
 
 class State(StrEnum):
-    """Life of an operation. `interrupted`: commands are in doubt after a restart; only `abort` goes on from there."""
+    """Life of an operation. `interrupted`: commands are in doubt after a restart; only `abort` goes on from there.
+
+    `link_lost`: nobody is heard, which is our own link: vehicles fly their missions, and it goes on when one is heard.
+    """
 
     UPLOADING = "uploading"
     READY = "ready"
@@ -26,6 +29,7 @@ class State(StrEnum):
     FLYING = "flying"
     PAUSED = "paused"
     LANDING = "landing"
+    LINK_LOST = "link_lost"
     ABORTING = "aborting"
     INTERRUPTED = "interrupted"
     COMPLETED = "completed"
@@ -33,6 +37,7 @@ class State(StrEnum):
     FAILED = "failed"
 
 
+IN_THE_AIR = {State.FLYING, State.LANDING, State.PAUSED, State.LINK_LOST}
 ENDED = {State.COMPLETED, State.ABORTED, State.FAILED}
 
 
@@ -110,6 +115,12 @@ def slip_m(flight: Flight, uav: str, here: tuple[float, float] | None) -> float 
         return None
     there = scheduled_at(flight.plan, uav, flight.now_s())
     return round(hypot(here[0] - there[0], here[1] - there[1]), 2)
+
+
+def is_off_plan(flight: Flight, uav: str, here: tuple[float, float] | None) -> bool:
+    """Whether a UAV is farther from where it should be than it flies in a slot."""
+    far = slip_m(flight, uav, here)
+    return far is not None and far > flight.plan.scenario.uav(uav).max_speed_mps * flight.slot_s
 
 
 def _uav(flight: Flight, uav: str, here: tuple[float, float] | None) -> UavView:

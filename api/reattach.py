@@ -21,17 +21,15 @@ from api.journal import Entry, Step, last_incident
 from api.losses import Loss
 from api.operation import Operation
 from api.operation_rows import Books, Head
-from api.operation_views import State
+from api.operation_views import IN_THE_AIR, State
 from api.rates import InForce, Point
 from api.resilience import Outcome, Parts, Recovery
 from api.store.tables import track as track_table
 from mavlink_bridge import OnEnd
-from mavlink_bridge.autopilots import HOLD_MODE
 from planner import Plan
 
 log = structlog.get_logger()
 Record: TypeAlias = list[tuple[float, dict[str, Point]]]
-IN_THE_AIR = {State.FLYING, State.LANDING, State.PAUSED}
 
 
 async def restored(row: Row[Any], parts: Parts, books: Books, fleet: Fleet) -> Operation:
@@ -123,10 +121,7 @@ async def _settle_flight(operation: Operation) -> None:
     entries = await _untold(operation)
     if entries:
         await _settle_incident(operation, entries)
-    waiting = [uav for uav in operation.flight.still_up() if _holds(operation, uav)]
-    if waiting and operation.state == State.FLYING and not operation.incidents.has_work:
-        log.info("vehicles hold after a restart", uavs=waiting)
-        operation.incidents.want("retuned")
+    operation.take_up()
 
 
 async def _settle_incident(operation: Operation, entries: list[Entry]) -> None:
@@ -199,11 +194,6 @@ def _all_started(operation: Operation) -> bool:
 def _in_mission(operation: Operation, uav: str) -> bool:
     said = operation.flight.on_board(uav)
     return said is not None and said.mode.value == "mission"
-
-
-def _holds(operation: Operation, uav: str) -> bool:
-    said = operation.flight.on_board(uav)
-    return said is not None and said.mode is HOLD_MODE[operation.flight.autopilot(uav)]
 
 
 async def stored_track(operation_id: str, books: Books) -> Record:

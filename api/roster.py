@@ -10,10 +10,14 @@ from api.errors import ConflictError
 from api.fleet import Fleet
 from api.guidance import FlightGuidance
 from api.losses import Loss, seen, silent
+from api.own_link import Heard
 from api.rates import Point
 from mavlink_bridge import LinkEvent, LinkState, geodetic_to_east_north
 from mavlink_bridge.conditions import Condition
 from planner import Origin
+
+LOW_M = 2.0
+"""Metres above home; who is armed and higher than this is in the air."""
 
 
 class Roster:
@@ -42,6 +46,9 @@ class Roster:
         self._uavs = {system: uav for uav, system in systems.items()}
         self._fleet, self._guidance = fleet, guidance
         self._now_s, self._last_change_s = now_s, last_change_s
+        self.own_link = fleet.own_link()
+        """Whether judgement is held because nobody at all is heard."""
+        self._warned: dict[str, str] = {}
 
     def recall(self, lost: dict[str, float], losses: dict[str, Loss], returned: set[str]) -> None:
         """Take over what was known before a restart."""
@@ -67,13 +74,37 @@ class Roster:
                 continue
             if event.after == LinkState.LIVE and uav in self.losses and self.losses[uav].may_return:
                 self.returned.add(uav)  # its air stays reserved: nobody knows yet what it flies
-            if event.after == LinkState.LOST and not self.is_down(uav):
+            if event.after == LinkState.LOST:
                 self.returned.discard(uav)
-                if uav not in self.lost:
-                    found[uav] = self._lose(uav, silent(event.silent_for_s))
+        for uav in self._newly_silent():
+            found[uav] = self._lose(uav, silent(self._heard()[uav].silent_for_s))
         for uav, at_m in self.positions_m().items():
             self._guidance.airspace.seen(uav, at_m)
+        self._warn()
         return found | self._seen_lost()
+
+    def _heard(self) -> dict[str, Heard]:
+        heard = self._fleet.heard()
+        return {uav: heard[system] for uav, system in self._systems.items() if system in heard}
+
+    def _newly_silent(self) -> list[str]:
+        """UAVs in the air that are silent while others, or the link at least, are not."""
+        counting = {
+            uav: heard for uav, heard in self._heard().items() if uav not in self.lost and not self.is_down(uav)
+        }
+        ours = {self._systems[uav] for uav in counting}
+        others = [heard for system, heard in self._fleet.heard().items() if system not in ours]
+        return self.own_link.judge(counting, others, self._fleet.now_s())
+
+    def _warn(self) -> None:
+        """Tell, once, what vehicles say of failsafes that change nothing."""
+        for uav, system in self._systems.items():
+            said = None if uav in self.lost else self._fleet.warning(system)
+            if said is None:
+                self._warned.pop(uav, None)
+            elif self._warned.get(uav) != said:
+                self._warned[uav] = said
+                self._fleet.note("uav_warning", uav_id=uav, detail=said)
 
     def _seen_lost(self) -> dict[str, Loss]:
         """UAVs newly seen crashed, landed off plan, flown by a human or in failsafe; who is lost gets a cause."""
@@ -81,25 +112,55 @@ class Roster:
         for uav in self._systems:
             loss = self._seen(uav)
             if loss is None:
+                self._take_back(uav)
                 continue
             if uav not in self.lost:
                 found[uav] = self._lose(uav, loss)
-            elif self.losses[uav].kind != loss.kind:
-                self.losses[uav] = loss
-                self.returned.discard(uav)
+            elif uav in self.returned or self.losses[uav].kind != loss.kind:
+                self._learn(uav, loss)
             if not loss.in_the_air and self._guidance.found(uav):
                 self._fleet.note("ghost_released", uav_id=uav, because=loss.detail)
         return found
+
+    def _learn(self, uav: str, loss: Loss) -> None:
+        """More is known of why it is lost; who may be in the air after all has its air again."""
+        was_down = not self.losses[uav].in_the_air
+        self.losses[uav] = loss
+        self.returned.discard(uav)
+        if was_down and loss.in_the_air:
+            self._reserve(uav)
+
+    def _take_back(self, uav: str) -> None:
+        """It was seen down, and evidently flies: its air is reserved, and it is offered to the operator."""
+        loss = self.losses.get(uav)
+        if loss is None or not loss.may_be_wrong or uav in self.returned:
+            return
+        change, said = self._fleet.condition(self._systems[uav]), self._fleet.link.telemetry(self._systems[uav])
+        if change is None or not change.after.serves or said is None or not said.armed or said.relative_alt_m <= LOW_M:
+            return
+        self._reserve(uav)
+        self.returned.add(uav)
+        self._fleet.note(
+            "verdict_withdrawn",
+            uav_id=uav,
+            verdict=loss.kind,
+            detail=loss.detail,
+            because=f"armed at {said.relative_alt_m:.1f} m above home, {change.cause}",
+        )
 
     def _lose(self, uav: str, loss: Loss) -> Loss:
         """From now on it is neither counted on nor commanded."""
         self.lost[uav] = self._now_s() - loss.silent_for_s
         self.losses[uav] = loss
         self._guidance.leave(uav, setpoints_too=not loss.may_return)
-        where = self.positions_m().get(uav)
-        if loss.in_the_air and where is not None:
-            self._guidance.reserve(uav, where)
+        if loss.in_the_air:
+            self._reserve(uav)
         return loss
+
+    def _reserve(self, uav: str) -> None:
+        where = self.positions_m().get(uav)
+        if where is not None:
+            self._guidance.reserve(uav, where)
 
     def readmit(self, uav: str) -> None:
         """Count on a UAV again that has returned."""
@@ -151,6 +212,6 @@ class Roster:
         return found
 
     def is_down(self, uav: str) -> bool:
-        """Whether it last said that it is disarmed."""
+        """Whether it last said that it is disarmed, and is not seen to be in the air all the same."""
         said = self._fleet.link.telemetry(self._systems[uav])
-        return said is not None and not said.armed
+        return said is not None and not said.armed and not self._fleet.is_aloft(self._systems[uav])

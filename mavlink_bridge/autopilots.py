@@ -6,7 +6,9 @@ number on ArduCopter. Here both are read into one `FlightMode`, and written back
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import StrEnum
+from typing import Any
 
 
 class Autopilot(StrEnum):
@@ -39,6 +41,14 @@ class FlightMode(StrEnum):
 _UNKNOWN_TOTAL = 65535
 
 _MAV_AUTOPILOT = {12: Autopilot.PX4, 3: Autopilot.ARDUPILOT}
+_NO_AUTOPILOT = 8
+"""MAV_AUTOPILOT_INVALID: the sender says itself that it is none."""
+_NO_AIRCRAFT = frozenset({5, 6, 18, 26, 27, *range(30, 35), *range(36, 43), 44, 48, 49})
+"""MAV_TYPE of what may be on board or on the ground and is no aircraft: antenna tracker, ground station, onboard
+controller, gimbal, ADS-B, camera, charging station, FLARM, servo, remote identification, battery, parachute, log,
+display, IMU, GPS, winch, illuminator, gripper, radio."""
+_SAME_FOR_S = 5.5
+"""Fleet seconds of silence after which another autopilot may have taken the system id over."""
 
 _PX4_MAIN = {
     1: FlightMode.MANUAL,
@@ -105,6 +115,34 @@ OURS = {
 def autopilot_of(mav_autopilot: int) -> Autopilot | None:
     """The autopilot HEARTBEAT.autopilot (MAV_AUTOPILOT) names; None for one nobody compiles for."""
     return _MAV_AUTOPILOT.get(mav_autopilot)
+
+
+def speaks_as_autopilot(mav_type: int, mav_autopilot: int) -> bool:
+    """Whether a HEARTBEAT of these (MAV_TYPE, MAV_AUTOPILOT) can be an aircraft's autopilot.
+
+    A ground station, camera or receiver that claims component 1 says nothing about the autopilot: neither what it does
+    nor that it is alive.
+    """
+    return mav_autopilot != _NO_AUTOPILOT and mav_type not in _NO_AIRCRAFT
+
+
+class Speaker:
+    """Which HEARTBEATs of a system's component 1 are its autopilot's: no aircraft changes its autopilot in flight."""
+
+    def __init__(self) -> None:
+        self.autopilot: Autopilot | None = None
+        self._heard_s = float("-inf")
+
+    def believes(self, fields: Mapping[str, Any], heard_s: float) -> bool:
+        """Whether this HEARTBEAT, heard at that fleet second, is the autopilot's own."""
+        number = int(fields["autopilot"])
+        if not speaks_as_autopilot(int(fields.get("type", 0)), number):
+            return False
+        said = autopilot_of(number)
+        if self.autopilot is not None and said is not self.autopilot and heard_s - self._heard_s < _SAME_FOR_S:
+            return False
+        self.autopilot, self._heard_s = said, heard_s
+        return True
 
 
 def mode_of(autopilot: Autopilot | None, custom_mode: int) -> FlightMode:

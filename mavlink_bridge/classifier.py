@@ -4,17 +4,18 @@ Evidence goes in message by message (`hear`), time by `poll`; out come changes o
 at once (its battery is low and the link is lost); the condition is the gravest of them, in the order of `Condition`.
 Everything needs to last before it counts, and longer before it is over, so that nothing flaps.
 
-    crashed > landed > rebooted > autopilot silent, link lost > human took over > in failsafe > back > stale
-            > low battery > live
+    crashed > landed > disarmed in the air > rebooted > autopilot silent, link lost > human took over > in failsafe
+            > back > stale > low battery > live
 """
 
 from __future__ import annotations
 
 from typing import Any
 
-from mavlink_bridge.autopilots import FlightMode
+from mavlink_bridge.autopilots import FlightMode, speaks_as_autopilot
 from mavlink_bridge.conditions import Change, Condition, Timing
-from mavlink_bridge.evidence import FAILSAFE_MODES, Evidence
+from mavlink_bridge.disarming import Fate
+from mavlink_bridge.evidence import Evidence
 from mavlink_bridge.heartbeat import AUTOPILOT, HeartbeatMonitor, LinkEvent, LinkState
 
 _LANDING = 4
@@ -56,9 +57,23 @@ class Classifier:
         """As of the last poll; KeyError if not watched."""
         return self._conditions[system_id]
 
+    def missed(self, now_s: float, for_s: float) -> None:
+        """We did not listen for so long until now; see `HeartbeatMonitor.missed`."""
+        self.links.missed(now_s, for_s)
+
     def silent_for_s(self, system_id: int, now_s: float) -> float:
         """Seconds since its autopilot was heard; KeyError if not watched."""
         return self.links.silent_for_s(system_id, now_s)
+
+    def warning(self, system_id: int) -> str | None:
+        """What it tells of a failsafe that changes nothing, such as one that continues its mission; None if nothing."""
+        known = self._known.get(system_id)
+        return None if known is None else known.warning
+
+    def is_aloft(self, system_id: int, now_s: float) -> bool:
+        """Whether it says that it is disarmed, and yet is not known to be down."""
+        known = self._known.get(system_id)
+        return known is not None and known.fate(now_s) in (Fate.UNKNOWN, Fate.ALOFT)
 
     def expect(self, system_id: int, modes: frozenset[FlightMode], now_s: float, until_s: float | None = None) -> None:
         """We command one of these modes now, or its mission ends in one; it counts as ours if entered by `until_s`.
@@ -75,17 +90,26 @@ class Classifier:
         if known is None:
             return
         if component_id == AUTOPILOT:
-            self.links.heard(system_id, AUTOPILOT, now_s, known.boot_ms)
+            self.links.heard(system_id, AUTOPILOT, now_s, known.height.boot_ms)
             if self.links.reboots(system_id) != known.reboots:
                 known.note_reboot(self.links.reboots(system_id), now_s)
         else:
             known.other_heard_s, known.other_component = now_s, component_id
 
     def hear(self, system_id: int, component_id: int, name: str, fields: dict[str, Any], now_s: float) -> None:
-        """A message arrived, fields as MAVLink names them. Unwatched systems are ignored."""
+        """A message arrived, fields as MAVLink names them. Unwatched systems are ignored.
+
+        A HEARTBEAT that no aircraft's autopilot sends says nothing, whatever component it claims, not even life.
+        """
+        if (
+            name == "HEARTBEAT"
+            and component_id == AUTOPILOT
+            and not speaks_as_autopilot(int(fields.get("type", 0)), int(fields["autopilot"]))
+        ):
+            return
         known = self._known.get(system_id)
         if known is not None and component_id == AUTOPILOT:
-            known.fold(name, fields, now_s, self.timing)
+            known.fold(name, fields, now_s)
         self.alive(system_id, component_id, now_s)
 
     def poll(self, now_s: float) -> list[Change]:
@@ -110,7 +134,7 @@ class Classifier:
         """The gravest thing that is true, and what was seen of it."""
         silent_s = self.links.silent_for_s(system_id, now_s)
         link = self.links.state(system_id)
-        self._update(known, link, now_s)
+        self._update(system_id, known, link, now_s)
         for found in (self._end, self._loss, self._doing):
             verdict = found(known, link, silent_s, now_s)
             if verdict is not None:
@@ -119,17 +143,18 @@ class Classifier:
             return Condition.LOW_BATTERY, f"{known.charge:.0%} of charge left, low below {self.timing.low_battery:.0%}"
         return Condition.LIVE, f"heard {silent_s:.1f} s ago, in mode '{known.mode}'"
 
-    def _update(self, known: Evidence, link: LinkState, now_s: float) -> None:
+    def _update(self, system_id: int, known: Evidence, link: LinkState, now_s: float) -> None:
         """Let time pass over what lasts; an autopilot that is not heard says nothing new."""
         heard = link is LinkState.LIVE
         known.judge_mode(now_s)
-        flying, failsafe_mode = known.armed and known.flew, known.mode in FAILSAFE_MODES
-        human = (known.is_strange and not failsafe_mode) or known.is_held
-        fails = known.is_critical or (known.is_strange and failsafe_mode)
-        known.human.update((flying and human) if heard else None, now_s)
-        known.failsafe.update((flying and fails) if heard else None, now_s)
-        known.landed.update((known.flew and not known.armed and not self._is_high(known)) if heard else None, now_s)
-        known.falling.update(self._is_falling(known) if heard else None, now_s)
+        flying, fate = known.armed and known.flew, known.fate(now_s)
+        fails, human = flying and known.fails, flying and known.is_taken_by_human
+        known.human.update(human if heard else None, now_s)
+        known.failsafe.update(fails if heard else None, now_s)
+        talks = self.links.silent_for_s(system_id, now_s) < self.links.stale_after_s
+        known.landed.update((fate is Fate.LANDED) if talks else None, now_s)
+        known.aloft.update((fate is Fate.ALOFT) if talks else None, now_s)
+        known.crashed.update(self._has_crashed(known, fate, now_s) if talks or known.crashed.on else None, now_s)
         known.battery.update(self._is_low(known) if heard else None, now_s)
         if link is LinkState.LOST:
             known.was_lost = True
@@ -138,17 +163,20 @@ class Classifier:
 
     def _end(self, known: Evidence, link: LinkState, silent_s: float, now_s: float) -> tuple[Condition, str] | None:
         del link, silent_s
-        if known.falling.on:
-            how = "disarmed" if not known.armed else f"sinking at {known.sinking_mps:.1f} m/s"
-            return Condition.CRASHED, f"{how} at {known.up_m:.1f} m above home"
+        height, disarmed = known.height, known.disarmed
+        if known.crashed.on:
+            falls = f"sinking at {height.sinking_mps:.1f} m/s at {height.up_m:.1f} m above home"
+            return Condition.CRASHED, falls if disarmed is None else disarmed.seen(height)
         if known.landed.on:
-            return Condition.LANDED, f"disarmed at {known.up_m:.1f} m above home after a flight"
+            return Condition.LANDED, f"disarmed at {height.up_m:.1f} m above home after a flight"
+        if known.aloft.on and disarmed is not None:
+            return Condition.DISARMED, disarmed.seen(height)
         since_s = now_s - known.rebooted_s
         if since_s < self.timing.rebooted_for_s and not known.may_prove(now_s, self.timing.proof_s):
             flies_on = ", and it flies its mission on" if known.flies_on else ""
             return (
                 Condition.REBOOTED,
-                f"its clock runs backwards, now at {(known.boot_ms or 0) / 1000:.1f} s since boot{flies_on}",
+                f"its clock runs backwards, now at {(known.height.boot_ms or 0) / 1000:.1f} s since boot{flies_on}",
             )
         return None
 
@@ -165,7 +193,7 @@ class Classifier:
         if known.human.on:
             return Condition.HUMAN, known.taken_over(now_s)
         if known.failsafe.on:
-            return Condition.FAILSAFE, known.failing(now_s)
+            return Condition.FAILSAFE, known.failing
         if link is LinkState.STALE:
             if known.was_lost:
                 steady_s = 2 * self.timing.recovered_after_s
@@ -173,16 +201,11 @@ class Classifier:
             return Condition.STALE, f"silent for {silent_s:.1f} s, stale after {self.links.stale_after_s:g} s"
         return None
 
-    def _is_high(self, known: Evidence) -> bool:
-        return known.up_m > self.timing.crash_height_m
-
-    def _is_falling(self, known: Evidence) -> bool:
-        """Disarmed in the air, or sinking as no landing does."""
-        if not known.flew:
-            return False
-        if not known.armed:
-            return self._is_high(known)
-        return known.sinking_mps > self.timing.crash_descent_mps and known.landed_state != _LANDING
+    def _has_crashed(self, known: Evidence, fate: Fate | None, now_s: float) -> bool:
+        """Whether it fell; once it counts as crashed only evident flight says otherwise."""
+        if known.crashed.on:
+            return not known.evidently_flies(now_s)
+        return fate is Fate.FALLEN or known.is_falling(_LANDING)
 
     def _is_low(self, known: Evidence) -> bool | None:
         if known.charge is None:

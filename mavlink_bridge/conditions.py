@@ -12,6 +12,8 @@ class Condition(StrEnum):
 
     CRASHED = "crashed"
     LANDED = "landed"
+    DISARMED = "disarmed_in_air"
+    """It says that it is disarmed, was high when it was last known to be armed, and is not seen to come down."""
     REBOOTED = "rebooted"
     AUTOPILOT_SILENT = "autopilot_silent"
     """Nothing from component 1, though another component of the same system is heard: the link works."""
@@ -43,7 +45,8 @@ class Timing:
     low_battery, full_again: share of charge (0..1) at which the battery counts as low, and as not low any more.
     proof_s: in which a UAV that rebooted in the air may tell that it flies its mission on.
     crash_descent_mps: sinking faster than this for crash_after_s, other than by a landing, is falling. crash_height_m:
-    disarmed higher than this above home is falling too.
+    who was higher than this above home when it was disarmed did not land. withdrawn_after_s: whoever was seen crashed
+    and then evidently flies for so long has not.
     """
 
     stale_after_s: float = 3.0
@@ -62,6 +65,7 @@ class Timing:
     crash_descent_mps: float = 6.0
     crash_height_m: float = 2.0
     crash_after_s: float = 0.5
+    withdrawn_after_s: float = 3.0
     expected_for_s: float = 3.0
 
     def __post_init__(self) -> None:

@@ -5,23 +5,38 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from mavlink_bridge.autopilots import HOLD_MODE, OURS, Autopilot, FlightMode, autopilot_of, items_on_board, mode_of
+from mavlink_bridge.autopilots import (
+    HOLD_MODE,
+    OURS,
+    Autopilot,
+    FlightMode,
+    Speaker,
+    items_on_board,
+    mode_of,
+)
 from mavlink_bridge.conditions import Lasting, Timing
+from mavlink_bridge.disarming import Disarmed, Fate
+from mavlink_bridge.height import Height
+from mavlink_bridge.status_texts import StatusTexts
 
-STATE_CRITICAL, STATE_EMERGENCY = 5, 6
-"""MAV_STATE of HEARTBEAT.system_status."""
-FAILSAFE_MODES = frozenset({FlightMode.RETURN, FlightMode.LAND})
+STATE_CRITICAL = 5
+"""MAV_STATE_CRITICAL of HEARTBEAT.system_status: a failsafe is on; what it makes of it, its mode tells."""
+_LAST_STATES = frozenset({6, 8})
+"""MAV_STATE_EMERGENCY and FLIGHT_TERMINATION: nobody flies a mission on like that."""
+_HOME_MODES = frozenset({FlightMode.RETURN, FlightMode.LAND})
 _ARMED = 128
 _UNKNOWN = -1
 _UNKNOWN_TOTAL = 65535
 _COMPLETE = 5
 """MISSION_STATE_COMPLETE of MISSION_CURRENT."""
-_SEVERE = 3
-"""MAV_SEVERITY_ERROR; critical, alert and emergency are lower numbers."""
-_WORDS_S = 10.0
-"""Fleet seconds for which what a STATUSTEXT said explains a failsafe."""
+_ON_GROUND = 1
+"""MAV_LANDED_STATE_ON_GROUND."""
+_REASONS_S = 10.0
+"""Fleet seconds before a change of mode in which a STATUSTEXT may tell its reason."""
 _TOLD_S = 3.0
-"""Fleet seconds between a change of mode and the STATUSTEXT that explains it."""
+"""Fleet seconds between a change of mode and the STATUSTEXT or the system status that explains it."""
+_WARNING_S = 60.0
+"""Fleet seconds for which a STATUSTEXT explains a failsafe that changes nothing."""
 _FLIES = frozenset(FlightMode) - {
     *(FlightMode.READY, FlightMode.TAKEOFF, FlightMode.HOLD, FlightMode.GUIDED),
     *(FlightMode.RETURN, FlightMode.LAND, FlightMode.OTHER),
@@ -33,39 +48,53 @@ class Evidence:
     """One UAV as its autopilot told of it; times are fleet seconds."""
 
     def __init__(self, timing: Timing) -> None:
-        self.autopilot: Autopilot | None = None
         self.mode = self.judged_mode = FlightMode.OTHER
         self.armed = False
-        self.up_m = 0.0
-        self.sinking_mps = 0.0
+        self.height = Height()
+        self.texts = StatusTexts()
         self.charge: float | None = None
         self.landed_state = 0
         self.system_status = 0
-        self.boot_ms: int | None = None
+        self.disarmed: Disarmed | None = None
+        """Set while it says that it is disarmed, once it has flown."""
         self.other_heard_s = float("-inf")
         self.other_component = 0
         self.was_lost = False
         self.battery = Lasting(timing.battery_after_s, timing.battery_after_s)
+        self._timing = timing
+        self._speaker = Speaker()
         self._announced: dict[FlightMode, float] = {}
         self._order: tuple[FlightMode, float] | None = None
         self._is_announced = False
-        self._held_at_s: float | None = None
-        self._words: tuple[str, float] | None = None
+        self._changed_s = float("-inf")
+        """When the mode changed last."""
+        self._critical_s = float("-inf")
+        """When the system status became critical last."""
+        self._was_critical = False
+        """Whether the system status was critical before the mode changed, or with it."""
+        self._was_stopped = self._may_end_mission = False
         self._mission: tuple[int, int | None, int, int] | None = None
         self._mode_s = self._mission_s = float("-inf")
         self.reboots = 0
         self._was_flying = False
         self._mission_before: tuple[int | None, int] | None = None
-        self.begin_flight(timing)
+        self.begin_flight()
 
-    def begin_flight(self, timing: Timing) -> None:
-        """It was armed: how the flight before ended is history."""
+    @property
+    def autopilot(self) -> Autopilot | None:
+        """Which autopilot flies it; None until it was heard, and for one nobody compiles for."""
+        return self._speaker.autopilot
+
+    def begin_flight(self) -> None:
+        """It was armed on the ground: how the flight before ended is history."""
+        timing = self._timing
         self.flew = False
         self.rebooted_s = float("-inf")
         self.human = Lasting(timing.takeover_after_s, timing.clear_after_s)
         self.failsafe = Lasting(timing.failsafe_after_s, timing.clear_after_s)
         self.landed = Lasting(timing.landed_after_s, timing.clear_after_s)
-        self.falling = Lasting(timing.crash_after_s, float("inf"))
+        self.aloft = Lasting(timing.crash_after_s, timing.clear_after_s)
+        self.crashed = Lasting(timing.crash_after_s, timing.withdrawn_after_s)
 
     # -- who flies it -------------------------------------------------------------------------------------------
 
@@ -80,34 +109,87 @@ class Evidence:
         """Take in a change of mode: whether it is the one we announced, and whether it stops a flight of ours."""
         if self.mode is self.judged_mode:
             return
-        before, self.judged_mode = self.judged_mode, self.mode
+        before, self.judged_mode, self._changed_s = self.judged_mode, self.mode, now_s
         self._is_announced = now_s < self._announced.get(self.mode, float("-inf"))
         if self._is_announced:
             orders = list(self._announced)
             for overtaken in orders[: orders.index(self.mode)]:
                 del self._announced[overtaken]
-        stopped = self.autopilot is not None and self.mode is HOLD_MODE[self.autopilot] and before in _FLIES
-        self._held_at_s = now_s if stopped and not self._is_announced and not self.is_critical else None
+        self._may_end_mission = self.mode in _HOME_MODES and before in (FlightMode.MISSION, FlightMode.OTHER)
+        self._was_stopped = self.autopilot is not None and self.mode is HOLD_MODE[self.autopilot] and before in _FLIES
 
     @property
-    def is_strange(self) -> bool:
-        """Whether it is in a mode that is not ours and that we did not announce; an announced one stays right."""
-        return self.autopilot is not None and self.mode not in OURS[self.autopilot] and not self._is_announced
+    def is_taken(self) -> bool:
+        """Whether somebody else decided what it does now, a human or a failsafe: not we, and not its mission's end."""
+        if self.autopilot is None or self._is_announced or self._ends_mission:
+            return False
+        return self.mode not in OURS[self.autopilot] or self._is_held
 
     @property
     def is_held(self) -> bool:
-        """Whether somebody else made it hover: not we, not a failsafe it told of, not the end of its mission."""
-        if self._held_at_s is None or self._mission is None:
+        """Whether somebody else made it hover in a mode that could be ours."""
+        return self.is_taken and self._is_held
+
+    @property
+    def _ends_mission(self) -> bool:
+        """Whether it returns or lands as its mission's last item has it: PX4 shows that by its mode."""
+        return self._may_end_mission and self._is_finished and not self._was_critical
+
+    @property
+    def _is_held(self) -> bool:
+        if not self._was_stopped:
+            return False
+        return self.is_critical or not (self._mission is None or self._is_finished)
+
+    @property
+    def _is_finished(self) -> bool:
+        """Return whether its mission has come to its last item."""
+        if self._mission is None:
             return False
         seq, total, state, _ = self._mission
-        finished = state == _COMPLETE or (total is not None and seq >= total - 1)
-        explained = self._words is not None and abs(self._words[1] - self._held_at_s) <= _TOLD_S
-        return not finished and not explained
+        items = items_on_board(self.autopilot, total)
+        return state == _COMPLETE or (items is not None and seq >= items - 1)
 
     @property
     def is_critical(self) -> bool:
         """Whether HEARTBEAT.system_status tells of a failsafe."""
-        return self.system_status in (STATE_CRITICAL, STATE_EMERGENCY)
+        return self.system_status == STATE_CRITICAL or self.system_status in _LAST_STATES
+
+    @property
+    def is_explained(self) -> bool:
+        """Whether its autopilot has said, in words, why it does something else now."""
+        return bool(self.texts.about(self._changed_s, _TOLD_S, _TOLD_S))
+
+    @property
+    def fails(self) -> bool:
+        """Whether a failsafe flies it: its mode is not what we or its mission wanted, and its autopilot says why.
+
+        A critical system status alone is none ("Continuing Auto Mode" has it too). A return alone is none: anybody may
+        order one.
+        """
+        if self.system_status in _LAST_STATES:
+            return True
+        if not self.is_taken:
+            return False
+        if abs(self._critical_s - self._changed_s) <= _TOLD_S:
+            return True
+        if self.mode in _HOME_MODES:
+            is_low = self.charge is not None and self.charge < self._timing.low_battery
+            return self._was_critical or is_low or self.is_explained
+        return self.is_explained and not self.is_held
+
+    @property
+    def is_taken_by_human(self) -> bool:
+        """Whether somebody flies it or stopped it, and no failsafe of its own."""
+        return self.is_taken and not self.fails and not (self.is_held and self.is_explained)
+
+    @property
+    def warning(self) -> str | None:
+        """What it tells of a failsafe that changes nothing: it goes on as it was told to."""
+        if not self.armed or not self.is_critical or self.is_taken or self.fails:
+            return None
+        said = self.texts.latest_failsafe(self._mode_s, _WARNING_S)
+        return f"in mode '{self.mode}', system status {self.system_status}" + (f", said '{said}'" if said else "")
 
     def taken_over(self, now_s: float) -> str:
         """What is seen of whoever flies it."""
@@ -116,13 +198,35 @@ class Evidence:
         order = "no order of ours" if self._order is None else _order_words(*self._order, now_s)
         return f"in mode '{self.mode}', held by somebody else, not by us: {order}"
 
-    def failing(self, now_s: float) -> str:
+    @property
+    def failing(self) -> str:
         """What is seen of its failsafe, with what it said about it."""
-        said = ""
-        if self._words is not None and now_s - self._words[1] <= _WORDS_S:
-            said = f", said '{self._words[0]}' {now_s - self._words[1]:.1f} s ago"
+        texts = self.texts.about(self._changed_s, _REASONS_S, _TOLD_S)
+        said = f", said {', '.join(repr(text) for text in texts)}" if texts else ""
         charge = "" if self.charge is None else f", {self.charge:.0%} of charge left"
         return f"in mode '{self.mode}', system status {self.system_status}{said}{charge}"
+
+    # -- what became of it --------------------------------------------------------------------------------------
+
+    def fate(self, now_s: float) -> Fate | None:
+        """What became of it if it is disarmed after a flight; None while it is armed, or was not in the air."""
+        return None if self.disarmed is None else self.disarmed.fate(self.height, self._timing, now_s)
+
+    def is_falling(self, landing: int) -> bool:
+        """Whether it sinks as no landing does, by its speed and by its height."""
+        if not self.flew or not self.armed or self.landed_state == landing:
+            return False
+        return self.height.falling_mps > self._timing.crash_descent_mps
+
+    def evidently_flies(self, now_s: float) -> bool:
+        """Whether it is armed, high, keeps up, and does not say that it is on the ground."""
+        return (
+            self.armed
+            and self.height.is_fresh(now_s)
+            and self.height.up_m > self._timing.crash_height_m
+            and self.height.falling_mps < self._timing.crash_descent_mps / 2
+            and self.landed_state != _ON_GROUND
+        )
 
     # -- after a reboot -----------------------------------------------------------------------------------------
 
@@ -148,27 +252,43 @@ class Evidence:
 
     # -- messages -----------------------------------------------------------------------------------------------
 
-    def fold(self, name: str, fields: Mapping[str, Any], now_s: float, timing: Timing) -> None:
+    def fold(self, name: str, fields: Mapping[str, Any], now_s: float) -> None:
         """Take in a message, fields as MAVLink names them; those it has no use for are ignored."""
         if name == "HEARTBEAT":
-            self._heartbeat(fields, now_s, timing)
+            self._heartbeat(fields, now_s)
         elif name in _READERS:
             _READERS[name](self, fields, now_s)
 
-    def _heartbeat(self, fields: Mapping[str, Any], now_s: float, timing: Timing) -> None:
-        self.autopilot = autopilot_of(int(fields["autopilot"]))
+    def _heartbeat(self, fields: Mapping[str, Any], now_s: float) -> None:
+        if not self._speaker.believes(fields, now_s):
+            return
         self.mode, self._mode_s = mode_of(self.autopilot, int(fields["custom_mode"])), now_s
-        armed = bool(int(fields["base_mode"]) & _ARMED)
-        if armed and not self.armed:
-            self.begin_flight(timing)
-        self.armed = armed
+        was_critical = self.is_critical
         self.system_status = int(fields.get("system_status", 0))
-        self.flew = self.flew or (self.armed and self.up_m > timing.crash_height_m)
+        if self.mode is not self.judged_mode:
+            self._was_critical = was_critical or self.is_critical
+        if self.is_critical and not was_critical:
+            self._critical_s = now_s
+        self._arming(bool(int(fields["base_mode"]) & _ARMED), now_s)
+        self.judge_mode(now_s)
 
-    def _position(self, fields: Mapping[str, Any], _now_s: float) -> None:
-        self.up_m = int(fields["relative_alt"]) / 1000
-        self.sinking_mps = int(fields.get("vz", 0)) / 100
-        self.boot_ms = int(fields["time_boot_ms"])
+    def _arming(self, armed: bool, now_s: float) -> None:
+        low = self.height.up_m <= self._timing.crash_height_m
+        if armed and not self.armed and (low or self.landed.on):
+            self.begin_flight()
+        if armed:
+            self.disarmed = None
+            self.flew = self.flew or not low
+        elif self.disarmed is not None:
+            self.disarmed.beats += 1
+        elif self.flew:
+            self.disarmed = Disarmed.now(self.height, self.landed_state, now_s)
+        self.armed = armed
+
+    def _position(self, fields: Mapping[str, Any], now_s: float) -> None:
+        self.height.hear(fields, now_s)
+        if self.disarmed is not None:
+            self.disarmed.see(self.height, self._timing)
 
     def _extended(self, fields: Mapping[str, Any], _now_s: float) -> None:
         self.landed_state = int(fields["landed_state"])
@@ -178,13 +298,12 @@ class Evidence:
         self.charge = None if remaining == _UNKNOWN else remaining / 100
 
     def _mission_current(self, fields: Mapping[str, Any], now_s: float) -> None:
-        told = items_on_board(self.autopilot, int(fields.get("total", _UNKNOWN_TOTAL)))
+        total = int(fields.get("total", _UNKNOWN_TOTAL))
         state, identity = int(fields.get("mission_state", 0)), int(fields.get("mission_id", 0))
-        self._mission, self._mission_s = (int(fields["seq"]), told, state, identity), now_s
+        self._mission, self._mission_s = (int(fields["seq"]), total, state, identity), now_s
 
     def _status_text(self, fields: Mapping[str, Any], now_s: float) -> None:
-        if int(fields["severity"]) <= _SEVERE:
-            self._words = (str(fields["text"]).rstrip("\0"), now_s)
+        self.texts.hear(fields, now_s)
 
 
 def _order_words(mode: FlightMode, at_s: float, now_s: float) -> str:

@@ -15,11 +15,15 @@ from typing import NamedTuple
 from fastcrc import crc16
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from mavlink_bridge.autopilots import speaks_as_autopilot
+
 V1, V2 = 0xFE, 0xFD
 SIGNED = 0x01
 HEADER = 10
 _HEADER_V1 = 6
 _CHECKSUM = 2
+_HEARTBEAT, _MAV_TYPE, _MAV_AUTOPILOT = 0, 4, 5
+"""HEARTBEAT, and where its type and autopilot are in the payload."""
 SIGNATURE = 13
 
 
@@ -117,6 +121,17 @@ def _frame(data: bytes, source: Hashable) -> Frame | None:
     if right is not None and right != int.from_bytes(data[end : end + _CHECKSUM], "little"):
         return None
     return Frame(data, system, component, message, seq, version, signed, source)
+
+
+def is_foreign_heartbeat(frame: Frame) -> bool:
+    """Whether it is a HEARTBEAT that no aircraft's autopilot sends, whatever component it claims."""
+    if frame.message_id != _HEARTBEAT:
+        return False
+    header = HEADER if frame.version == 2 else _HEADER_V1
+    payload = frame.data[header : header + frame.data[1]].ljust(
+        _MAV_AUTOPILOT + 1, b"\0"
+    )  # zeros at its end are not sent
+    return not speaks_as_autopilot(payload[_MAV_TYPE], payload[_MAV_AUTOPILOT])
 
 
 @cache

@@ -7,6 +7,10 @@ clock: every call brings the time, in fleet seconds. When it is asked does not c
     LOST -- heard for recovered_after_s --> STALE -- heard for another recovered_after_s --> LIVE
 
 "Heard for" counts from the first heartbeat after a silence to the latest one; a pause of stale_after_s starts it anew.
+
+Silence counts only while we listen. What a pause of our own (`missed`: a stopped process, a moved machine, a blocked
+loop) takes of it is left out, so that nobody is lost for what we did not hear; but of many pauses together no more than
+the longest of them, or lost_after_s, so that a loss is found however often we pause.
 """
 
 from __future__ import annotations
@@ -20,6 +24,8 @@ AUTOPILOT = 1
 
 _LATE_MS = 2000
 """A message may be this late, or a restarted autopilot this early, before its clock says something."""
+_LISTENED = 0.1
+"""Share of lost_after_s in which we must have listened, all in all, before a silence is one."""
 _BOOT_WRAP_MS = 2**31
 """`time_boot_ms` is a uint32: a larger step back is the counter wrapping after 49 days, not a reboot."""
 
@@ -50,6 +56,9 @@ class _Watched:
     first_s: float | None = None
     """First heartbeat of the run that is going on; None before any and after a silence."""
     state: LinkState = LinkState.LIVE
+    missed_s: float = 0.0
+    """Time since it was last heard in which we did not listen."""
+    longest_missed_s: float = 0.0
     boot_ms: int | None = None
     boot_at_s: float = 0.0
     reboots: int = 0
@@ -109,9 +118,20 @@ class HeartbeatMonitor:
         if vehicle.first_s is None:
             vehicle.first_s = vehicle.now_s
         vehicle.last_s = vehicle.now_s
+        vehicle.missed_s = vehicle.longest_missed_s = 0.0
         self._recover(system_id, vehicle)
         if boot_ms is not None:
             self._check_boot(vehicle, boot_ms)
+
+    def missed(self, now_s: float, for_s: float) -> None:
+        """We have not listened for the last `for_s` seconds before now: what vehicles sent meanwhile may be gone.
+
+        To be called before `poll`, which would take the pause for theirs.
+        """
+        for vehicle in self._vehicles.values():
+            pause_s = min(for_s, max(0.0, now_s - vehicle.last_s))
+            vehicle.missed_s += pause_s
+            vehicle.longest_missed_s = max(vehicle.longest_missed_s, pause_s)
 
     def poll(self, now_s: float) -> list[LinkEvent]:
         """Everything that changed since the last poll, each vehicle's changes in order."""
@@ -125,13 +145,22 @@ class HeartbeatMonitor:
     def _silence(self, system_id: int, vehicle: _Watched, now_s: float) -> None:
         """Let time pass without a heartbeat; time that runs backwards stands still."""
         vehicle.now_s = max(vehicle.now_s, now_s)
-        silent_s = vehicle.now_s - vehicle.last_s
+        silent_s = self._counted_s(vehicle)
         if silent_s >= self.stale_after_s:
             vehicle.first_s = None
             if vehicle.state is LinkState.LIVE:
                 self._change(system_id, vehicle, LinkState.STALE)
         if silent_s >= self.lost_after_s and vehicle.state is LinkState.STALE:
             self._change(system_id, vehicle, LinkState.LOST)
+
+    def _counted_s(self, vehicle: _Watched) -> float:
+        """Its silence, less our own pauses."""
+        silent_s = vehicle.now_s - vehicle.last_s
+        if vehicle.missed_s == 0.0:
+            return silent_s
+        if silent_s - vehicle.missed_s < _LISTENED * self.lost_after_s:
+            return 0.0
+        return silent_s - min(vehicle.missed_s, max(vehicle.longest_missed_s, self.lost_after_s))
 
     def _recover(self, system_id: int, vehicle: _Watched) -> None:
         """Climb one state each time the run of heartbeats has held for `recovered_after_s`."""

@@ -64,6 +64,10 @@ class FleetLink(ListeningLink):
         """Ask each for its telemetry streams and read the parameters its model and the preflight audit need."""
         return await self._command(dict.fromkeys(system_ids), lambda vehicle, _: self._prepare(vehicle))
 
+    async def ask_for_streams(self, system_ids: Iterable[int]) -> dict[int, CommandResult]:
+        """Ask each for its telemetry streams."""
+        return await self._command(dict.fromkeys(system_ids), lambda vehicle, _: flight.ask_for_streams(vehicle))
+
     async def upload_fence(
         self, items: Mapping[int, Sequence[MissionItem]], *, mission_type: MissionType = MissionType.FENCE
     ) -> dict[int, UploadResult]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import time
 from collections.abc import AsyncGenerator, Callable, Collection, Coroutine
 from concurrent.futures import ThreadPoolExecutor
@@ -19,7 +20,7 @@ from mavlink_bridge.autopilots import Autopilot, FlightMode
 from mavlink_bridge.classifier import Classifier
 from mavlink_bridge.conditions import Change, Timing
 from mavlink_bridge.errors import ConnectionFailed, LinkClosed, VehiclesMissing
-from mavlink_bridge.framing import Frame
+from mavlink_bridge.framing import Frame, is_foreign_heartbeat
 from mavlink_bridge.heartbeat import AUTOPILOT, HeartbeatMonitor, LinkEvent
 from mavlink_bridge.hub import Hub, LinkOptions
 from mavlink_bridge.mavsdk_log import to_python_logging
@@ -29,13 +30,15 @@ from mavlink_bridge.telemetry import Telemetry
 from mavlink_bridge.tlog import TelemetryLog
 from mavlink_bridge.vehicle import Clock, Vehicle
 
+log = logging.getLogger(__name__)
 Outcome = TypeVar("Outcome")
 Event = TypeVar("Event")
 
 POLL_S = 0.05
 """Wall seconds between looks at the monitor: detection is late by at most this, times the speed-up, in fleet time."""
 STALL_S = 0.2
-"""When the event loop itself was stuck for longer, what arrived meanwhile is taken in before anyone is suspected."""
+"""A look that is later than this was kept by a pause of our own: what arrived meanwhile is taken in before anyone is
+judged, and silence does not count the pause (`HeartbeatMonitor.missed`)."""
 DISCOVERY_S = 0.1
 TRY_AGAIN_S = 0.1
 MAX_THREADS = 2
@@ -72,6 +75,8 @@ class ListeningLink:
         self._listeners: list[asyncio.Queue[LinkEvent | None]] = []
         self._change_listeners: list[asyncio.Queue[Change | None]] = []
         self._tasks: set[asyncio.Task[None]] = set()
+        self._awake = (0.0, 0.0)
+        """When the event loop was last seen to run: its own seconds, and fleet seconds."""
 
     # -- life ---------------------------------------------------------------------------------------------------
 
@@ -258,29 +263,48 @@ class ListeningLink:
         self.classifier.expect(system_id, frozenset({mode}), self._clock.now(), inf if going_on else None)
 
     def _frame_heard(self, frame: Frame) -> None:
-        """Whatever component 1 sends shows that autopilot and link are alive."""
-        self.classifier.alive(frame.system_id, frame.component_id, self._clock.now())
+        """Whatever component 1 sends shows that autopilot and link are alive, unless it is no autopilot's HEARTBEAT."""
+        self._note_pause()
+        if not is_foreign_heartbeat(frame):
+            self.classifier.alive(frame.system_id, frame.component_id, self._clock.now())
 
     def _message(self, vehicle: Vehicle, name: str, fields: dict[str, Any], heard_s: float) -> None:
-        if name == "HEARTBEAT" and vehicle.system_id in self._awaited:
+        self._note_pause()
+        if name == "HEARTBEAT" and vehicle.heard and vehicle.system_id in self._awaited:
             self.classifier.watch(vehicle.system_id, heard_s)
         self.classifier.hear(vehicle.system_id, AUTOPILOT, name, fields, heard_s)
 
+    def _note_pause(self) -> None:
+        """Tell the classifier if we could not listen until now, before it takes in what waited meanwhile."""
+        woke_s, woke_at_s = self._awake
+        self._awake = awake_s, now_s = asyncio.get_running_loop().time(), self._clock.now()
+        late_s = awake_s - woke_s - POLL_S
+        if late_s > STALL_S:
+            self.classifier.missed(now_s, (now_s - woke_at_s) * late_s / (late_s + POLL_S))
+            log.warning("did not listen for %.2f s: stopped, or the event loop was blocked", late_s)
+
     async def _watch(self) -> None:
-        """Ask the monitor, forever; after a stall of our own, first take in what arrived meanwhile."""
-        loop = asyncio.get_running_loop()
+        """Ask the monitor, forever; after a pause of our own, first take in what arrived meanwhile, once."""
+        loop, looked = asyncio.get_running_loop(), True
+        self._awake = loop.time(), self._clock.now()
         while True:
-            asked = loop.time()
+            asked_s = loop.time()
             await asyncio.sleep(POLL_S)
-            if loop.time() - asked > POLL_S + STALL_S:
-                continue
-            changes = self.classifier.poll(self._clock.now())
-            for event in self.classifier.link_events:
-                for queue in self._listeners:
-                    queue.put_nowait(event)
-            for change in changes:
-                for listener in self._change_listeners:
-                    listener.put_nowait(change)
+            self._note_pause()
+            paused = loop.time() - asked_s > POLL_S + STALL_S
+            looked = not (paused and looked)
+            if looked:
+                self._look()
+
+    def _look(self) -> None:
+        """Tell everybody what has changed."""
+        changes = self.classifier.poll(self._clock.now())
+        for event in self.classifier.link_events:
+            for queue in self._listeners:
+                queue.put_nowait(event)
+        for change in changes:
+            for listener in self._change_listeners:
+                listener.put_nowait(change)
 
 
 async def _drain(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
-from mavlink_bridge.autopilots import Autopilot, FlightMode, autopilot_of, items_on_board, mode_of
+from mavlink_bridge.autopilots import Autopilot, FlightMode, Speaker, items_on_board, mode_of
 from mavlink_bridge.geodesy import from_e7
 
 MESSAGES = (
@@ -74,7 +74,6 @@ class TelemetryState:
 
     def __init__(self, system_id: int) -> None:
         self.system_id = system_id
-        self.autopilot: Autopilot | None = None
         self.mode = FlightMode.OTHER
         self.armed = False
         self.landed_state = LandedState.UNDEFINED
@@ -95,6 +94,7 @@ class TelemetryState:
         """Latitude and longitude of the home it told of."""
         self._position: Mapping[str, Any] | None = None
         self._position_at_s = 0.0
+        self._speaker = Speaker()
         self._heard = False
         self._folds: dict[str, Callable[[Mapping[str, Any], float], None]] = {
             "HEARTBEAT": self._heartbeat,
@@ -106,6 +106,16 @@ class TelemetryState:
             "GPS_RAW_INT": self._gps,
             "HOME_POSITION": self._home,
         }
+
+    @property
+    def autopilot(self) -> Autopilot | None:
+        """Which autopilot it is; None until it was heard, and for one nobody compiles for."""
+        return self._speaker.autopilot
+
+    @property
+    def heard(self) -> bool:
+        """Whether a HEARTBEAT of the autopilot itself was heard."""
+        return self._heard
 
     def fold(self, name: str, fields: Mapping[str, Any], heard_s: float) -> None:
         """Take in one message; fields as named in the MAVLink definition, `heard_s` in fleet seconds."""
@@ -137,9 +147,9 @@ class TelemetryState:
         )
 
     def _heartbeat(self, fields: Mapping[str, Any], heard_s: float) -> None:
-        del heard_s
+        if not self._speaker.believes(fields, heard_s):
+            return
         self._heard = True
-        self.autopilot = autopilot_of(int(fields["autopilot"]))
         self.mode = mode_of(self.autopilot, int(fields["custom_mode"]))
         self.armed = bool(int(fields["base_mode"]) & _ARMED)
 

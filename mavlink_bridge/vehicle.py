@@ -282,7 +282,7 @@ class Vehicle:
             return
         if name not in _NEWS:
             self.state.fold(name, fields, heard_s)
-        self.heard = self.heard or name == "HEARTBEAT"
+        self.heard = self.heard or self.state.heard
         self._on_message(self, name, fields, heard_s)
         changed, self._changed = self._changed, asyncio.Event()
         changed.set()

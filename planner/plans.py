@@ -31,6 +31,7 @@ class Cause(Frozen):
         "crashed",
         "landed",
         "human_took_over",
+        "disarmed_in_air",
         "in_failsafe",
         "rebooted",
         "battery",

@@ -33,7 +33,7 @@ def spots(watch: Watch) -> list[picture.Spot]:
 
 def frame(watch: Watch, operation: Operation, plan: Plan, first: Plan) -> picture.Json:
     """Where everyone is, who serves whom, and what users get."""
-    flying = operation.state in {"flying", "paused"} and operation.slot is not None
+    flying = operation.state in {"flying", "paused", "link_lost"} and operation.slot is not None
     rates: dict[str, float | None] = {}
     if flying and operation.slot is not None:
         rates = {user: _latest(row, operation.slot) for user, row in operation.user_rates_bps.items()}

@@ -27,6 +27,8 @@ def words(happening: Happening) -> tuple[str, str]:
 
 def _operation(data: Data) -> tuple[str, str]:
     state, error = str(data.get("state")), data.get("error")
+    if state == "link_lost":
+        return "nobody is heard: our own link is lost, and vehicles fly on by the missions on board", "alarm"
     text = f"operation {state}" + (f": {error}" if error else "")
     return text, {"failed": "alarm", "aborted": "warn", "completed": "ok"}.get(state, "")
 
@@ -64,6 +66,15 @@ def _telemetry_log(data: Data) -> tuple[str, str]:
 
 def _low(data: Data) -> tuple[str, str]:
     return f"{data.get('uav_id')} is low on battery ({data.get('detail')}): it may be sent home", "warn"
+
+
+def _warning(data: Data) -> tuple[str, str]:
+    return f"{data.get('uav_id')} tells of a failsafe and goes on: {data.get('detail')}", "warn"
+
+
+def _withdrawn(data: Data) -> tuple[str, str]:
+    verdict = str(data.get("verdict")).replace("_", " ")
+    return f"{data.get('uav_id')} was not {verdict}: {data.get('because')}; its air is reserved again", "alarm"
 
 
 def _gcs_heartbeat(data: Data) -> tuple[str, str]:
@@ -174,6 +185,8 @@ WORDS: Mapping[str, Callable[[Data], tuple[str, str]]] = {
     "two_senders": _two_senders,
     "second_link": _second_link,
     "uav_low_on_battery": _low,
+    "uav_warning": _warning,
+    "verdict_withdrawn": _withdrawn,
     "gcs_heartbeat": _gcs_heartbeat,
     "recovery": _recovery,
     "plan_ended": _plan_ended,

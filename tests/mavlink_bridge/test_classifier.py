@@ -47,6 +47,21 @@ class Story:
             self.silence(1)
         return [change.after for change in self.changes[first:]]
 
+    def fall(self, seconds: float, **changes: Any) -> list[Condition]:
+        """Positions at 5 Hz of a free fall, heartbeats at 1 Hz; on the ground it stays there."""
+        self.values |= changes
+        first, began_s, from_m = len(self.changes), self.now_s, self.values["relative_alt"]
+        for tick in range(round(seconds * 5)):
+            fell_s = self.now_s - began_s
+            up = max(0, round(from_m - 4905 * fell_s**2))
+            self.values |= {"relative_alt": up, "vz": round(981 * fell_s) if up else 0}
+            names = ("HEARTBEAT", "EXTENDED_SYS_STATE") if tick % 5 == 0 else ()
+            for name in (*names, "GLOBAL_POSITION_INT"):
+                fields = self.values | {"time_boot_ms": round((self.now_s - self.boot_s) * 1000)}
+                self.classifier.hear(1, 1, name, fields, self.now_s)
+            self.silence(0.2)
+        return [change.after for change in self.changes[first:]]
+
     def say(self, words: str, severity: int = 2) -> None:
         """A STATUSTEXT, by default MAV_SEVERITY_CRITICAL."""
         self.classifier.hear(1, 1, "STATUSTEXT", {"text": words, "severity": severity}, self.now_s)
@@ -140,16 +155,17 @@ def test_a_vehicle_whose_clock_is_set_back_was_not_restarted() -> None:
 
 def test_how_one_flight_ended_is_history_when_the_next_begins() -> None:
     story = Story()
-    assert story.tell(3, base_mode=DISARMED) == [Condition.CRASHED]
-    assert story.tell(30, relative_alt=0) == []
+    assert story.fall(10, base_mode=DISARMED) == [Condition.CRASHED]
+    assert story.tell(30) == []
     assert story.tell(5, base_mode=ARMED) == [Condition.LIVE]
     assert story.tell(5, relative_alt=60_000) == []
-    assert story.tell(3, base_mode=DISARMED) == [Condition.CRASHED]
+    assert story.fall(10, base_mode=DISARMED) == [Condition.CRASHED]
 
 
 def test_a_failsafe_is_over_when_the_next_flight_begins() -> None:
     story = Story()
-    assert story.tell(3, custom_mode=PX4_LAND) == [Condition.FAILSAFE]
+    assert story.tell(3, custom_mode=PX4_LAND, system_status=5) == [Condition.FAILSAFE]
+    assert story.tell(2, relative_alt=1_000) == []
     assert story.tell(2, base_mode=DISARMED, relative_alt=0) == [Condition.LANDED]
     assert story.tell(1, base_mode=ARMED, custom_mode=PX4_MISSION) == [Condition.LIVE]
 
@@ -164,19 +180,73 @@ def test_a_mode_nobody_commanded_is_a_human(autopilot: int, mode: int) -> None:
     assert story.tell(3) == [Condition.LIVE]
 
 
-@pytest.mark.parametrize(("autopilot", "mode"), [(12, PX4_RETURN), (3, COPTER_RTL)])
-def test_a_return_nobody_commanded_is_a_failsafe(autopilot: int, mode: int) -> None:
-    story = Story(autopilot=autopilot, mode=PX4_MISSION if autopilot == 12 else COPTER_AUTO)
-    assert story.tell(3, custom_mode=mode) == [Condition.FAILSAFE]
+RETURNS = pytest.mark.parametrize(
+    ("autopilot", "flies", "returns"), [(12, PX4_MISSION, PX4_RETURN), (3, COPTER_AUTO, COPTER_RTL)]
+)
 
 
-def test_a_critical_system_status_is_a_failsafe_in_any_mode_with_what_it_said() -> None:
+@RETURNS
+def test_a_return_that_no_failsafe_explains_is_a_human(autopilot: int, flies: int, returns: int) -> None:
+    story = Story(autopilot=autopilot, mode=flies)
+    story.say("RTL: start return at 645 m", severity=6)
+    assert story.tell(30, custom_mode=returns) == [Condition.HUMAN]
+    assert story.tell(10, system_status=5) == []  # a failsafe of later changes nothing
+
+
+@RETURNS
+@pytest.mark.parametrize("sign", ["status", "text", "battery"])
+def test_a_return_that_a_failsafe_explains_is_one_and_stays_one(
+    autopilot: int, flies: int, returns: int, sign: str
+) -> None:
+    story = Story(autopilot=autopilot, mode=flies)
+    if sign == "text":
+        story.say("Max Alt fence breached", severity=5)
+    changes = {"status": {"system_status": 5}, "text": {}, "battery": {"battery_remaining": 15}}[sign]
+    assert story.tell(4, custom_mode=returns, **changes)[-1] is Condition.FAILSAFE
+    assert story.tell(10, system_status=4) == []
+
+
+def test_setpoints_that_end_and_send_a_px4_home_are_its_failsafe() -> None:
+    story = Story(mode=PX4_OFFBOARD)
+    assert story.tell(5, custom_mode=PX4_RETURN, system_status=5) == [Condition.FAILSAFE]
+
+
+@pytest.mark.parametrize(("autopilot", "mode"), [(12, PX4_MISSION), (12, PX4_OFFBOARD), (3, COPTER_AUTO)])
+def test_a_failsafe_that_continues_the_mission_is_a_warning_and_no_failsafe(autopilot: int, mode: int) -> None:
+    story = Story(autopilot=autopilot, mode=mode)
+    assert story.classifier.warning(1) is None
+    story.say("GCS Failsafe - Continuing Auto Mode", severity=4)
+    assert story.tell(30, system_status=5) == []
+    assert "said 'GCS Failsafe - Continuing Auto Mode'" in str(story.classifier.warning(1))
+    story.tell(2, system_status=4)
+    assert story.classifier.warning(1) is None
+
+
+@pytest.mark.parametrize("status", [6, 8])
+def test_an_emergency_is_a_failsafe_in_any_mode(status: int) -> None:
+    assert Story().tell(3, system_status=status) == [Condition.FAILSAFE]
+
+
+def test_what_explains_a_failsafe_is_what_was_said_about_it() -> None:
     story = Story()
     story.say("Mission finished", severity=6)
-    story.say("Critical battery level")
-    assert story.tell(3, system_status=5, battery_remaining=6) == [Condition.FAILSAFE]
-    assert story.cause.startswith("in mode 'mission', system status 5, said 'Critical battery level' 0.")
-    assert story.cause.endswith("6% of charge left")
+    story.say("Battery is getting low\t")
+    story.say("Low battery\t")
+    story.tell(2)
+    story.say("Failsafe activated: entering Hold for 5 seconds\t")
+    story.say("System does not support shutdown\t")
+    assert story.tell(3, custom_mode=PX4_HOLD, system_status=5, battery_remaining=6) == [Condition.FAILSAFE]
+    said = "'Low battery', 'Failsafe activated: entering Hold for 5 seconds'"
+    assert story.cause == f"in mode 'hold', system status 5, said {said}, 6% of charge left"
+
+
+def test_a_text_of_several_messages_is_read_as_one() -> None:
+    story = Story()
+    for chunk, text in enumerate(["Failsafe activated: " + 30 * "x", "and so on"]):
+        fields = {"text": text, "severity": 2, "id": 4, "chunk_seq": chunk}
+        story.classifier.hear(1, 1, "STATUSTEXT", fields, story.now_s)
+    story.tell(3, custom_mode=PX4_LAND, system_status=5)
+    assert "xxand so on'" in story.cause
 
 
 @pytest.mark.parametrize(
@@ -237,17 +307,116 @@ def test_a_landing_we_announced_is_no_failsafe_and_ends_landed() -> None:
     assert story.tell(5, base_mode=DISARMED, relative_alt=0, vz=0, landed_state=1) == [Condition.LANDED]
 
 
+def test_a_mission_that_ends_in_a_return_of_px4_is_nobodys_doing() -> None:
+    story = Story()
+    story.tell(5, seq=19)
+    assert story.tell(30, custom_mode=PX4_RETURN) == []
+
+
+def test_a_return_at_a_missions_end_is_nobodys_doing_for_a_service_that_starts_meanwhile_too() -> None:
+    story = Story(mode=PX4_RETURN)
+    assert story.tell(30, seq=19) == []
+
+
 def test_falling_is_a_crash_and_stays_one() -> None:
     story = Story()
-    assert story.tell(2, vz=1200, relative_alt=40_000) == [Condition.CRASHED]
-    assert "sinking at 12.0 m/s" in story.cause
+    assert story.fall(8) == [Condition.CRASHED]
+    assert "sinking at" in story.changes[0].cause
     assert story.silence(20) == []
 
 
-def test_disarmed_in_the_air_is_a_crash() -> None:
+def test_a_speed_that_its_height_contradicts_is_no_fall() -> None:
+    assert Story().tell(20, vz=1200) == []
+
+
+@pytest.mark.parametrize("autopilot", [12, 3])
+def test_disarmed_in_the_air_is_a_crash_when_it_falls(autopilot: int) -> None:
+    story = Story(autopilot=autopilot, mode=PX4_MISSION if autopilot == 12 else COPTER_AUTO)
+    assert story.fall(10, base_mode=DISARMED, landed_state=1) == [Condition.CRASHED]
+    assert story.cause.startswith("disarmed at ")
+
+
+def test_disarmed_in_the_air_but_staying_up_there_is_believed_by_nobody() -> None:
     story = Story()
-    assert story.tell(2, base_mode=DISARMED) == [Condition.CRASHED]
-    assert story.cause == "disarmed at 60.0 m above home"
+    assert story.tell(30, base_mode=DISARMED, landed_state=1) == [Condition.DISARMED]
+    assert story.classifier.is_aloft(1, story.now_s)
+    assert Condition.DISARMED.in_the_air
+    assert not Condition.DISARMED.serves
+    assert story.tell(6, base_mode=ARMED, landed_state=2) == [Condition.LIVE]
+
+
+def test_one_heartbeat_that_says_disarmed_is_not_enough() -> None:
+    story = Story()
+    seen = story.tell(1, base_mode=DISARMED)
+    assert seen + story.tell(20, base_mode=ARMED) == []
+
+
+def test_a_restart_in_the_air_that_ends_on_the_ground_is_a_crash_and_no_landing() -> None:
+    story = Story(autopilot=3, mode=COPTER_AUTO)
+    assert story.silence(3.5) == [Condition.STALE]
+    story.tell(20, base_mode=DISARMED, custom_mode=COPTER_STABILIZE, landed_state=1, relative_alt=0)
+    assert story.classifier.condition(1) is Condition.CRASHED
+    assert "down from 60.0 to 0.0 m above home" in story.cause
+
+
+def test_a_restart_in_the_air_without_positions_is_a_crash_when_it_must_be_down() -> None:
+    story = Story(autopilot=3, mode=COPTER_AUTO)
+    story.silence(3.5)
+    for _ in range(15):
+        fields = {"autopilot": 3, "type": 2, "custom_mode": COPTER_STABILIZE, "base_mode": DISARMED, "system_status": 3}
+        story.classifier.hear(1, 1, "HEARTBEAT", fields, story.now_s)
+        story.silence(1)
+    seen = [change.after for change in story.changes]
+    assert seen[-2:] == [Condition.DISARMED, Condition.CRASHED]
+    assert Condition.LANDED not in seen
+    assert story.changes[-1].at_s - story.changes[-2].at_s > 60 / 10  # longer than a fall from 60 m takes
+
+
+def test_a_landing_while_nobody_listened_is_a_landing() -> None:
+    story = Story()
+    story.silence(60)
+    story.tell(20, base_mode=DISARMED, landed_state=1, relative_alt=0)
+    assert story.classifier.condition(1) is Condition.LANDED
+
+
+def test_a_landing_on_a_roof_is_a_landing() -> None:
+    story = Story()
+    story.tell(5, relative_alt=10_000, landed_state=4, seq=19)
+    assert story.tell(5, base_mode=DISARMED, landed_state=1) == [Condition.LANDED]
+
+
+def test_a_crash_is_taken_back_from_who_evidently_flies() -> None:
+    story = Story()
+    assert story.fall(2.4) == [Condition.CRASHED]
+    assert story.tell(10, vz=0) == [Condition.LIVE]
+
+
+NO_AIRCRAFT = {"ground station": (6, 8), "gimbal": (26, 8), "ADS-B": (27, 8), "says PX4": (18, 12), "generic": (0, 8)}
+
+
+@pytest.mark.parametrize(("mav_type", "autopilot"), NO_AIRCRAFT.values(), ids=NO_AIRCRAFT.keys())
+@pytest.mark.parametrize("base_mode", [0, ARMED])
+def test_a_heartbeat_of_no_aircraft_says_nothing_whatever_component_it_claims(
+    mav_type: int, autopilot: int, base_mode: int
+) -> None:
+    story = Story()
+    foreign = {"type": mav_type, "autopilot": autopilot, "base_mode": base_mode, "custom_mode": 0, "system_status": 4}
+    for _ in range(10):
+        assert story.tell(1) == []
+        story.classifier.hear(1, 1, "HEARTBEAT", foreign, story.now_s)
+        assert story.silence(0.9) == []
+    for _ in range(8):
+        story.classifier.hear(1, 1, "HEARTBEAT", foreign, story.now_s)
+        story.silence(1)
+    assert story.classifier.condition(1) is Condition.LINK_LOST  # it is no sign of life either
+
+
+def test_an_aircraft_does_not_change_its_autopilot_in_flight() -> None:
+    story = Story()
+    other = {"type": 2, "autopilot": 3, "base_mode": 0, "custom_mode": 0, "system_status": 3}
+    for _ in range(10):
+        story.classifier.hear(1, 1, "HEARTBEAT", other, story.now_s)
+        assert story.tell(1) == []
 
 
 def test_a_low_battery_needs_to_recover_clearly_before_it_counts_as_full() -> None:

@@ -123,6 +123,53 @@ def test_a_boot_clock_that_wraps_is_no_reboot() -> None:
     assert monitor.reboots(1) == 0
 
 
+def test_a_pause_of_our_own_is_not_their_silence() -> None:
+    monitor = monitor_of_uav_1()
+    beat(monitor, 1.0)
+    monitor.missed(11.5, 10.0)
+    assert monitor.poll(11.5) == []
+    beat(monitor, 12.0, 13.0)
+    assert monitor.poll(15.0) == []
+    assert changes(monitor.poll(18.0)) == [(LIVE, STALE), (STALE, LOST)]  # and the pause is forgotten
+
+
+def test_a_heartbeat_after_a_pause_is_no_recovery_from_a_loss() -> None:
+    monitor = monitor_of_uav_1()
+    beat(monitor, 1.0)
+    monitor.missed(11.0, 10.0)
+    beat(monitor, 11.0)
+    assert monitor.poll(11.0) == []
+
+
+@pytest.mark.parametrize("before_s", [0.0, 2.5, 4.9])
+def test_who_is_really_gone_is_lost_no_later_than_the_limit_after_a_pause(before_s: float) -> None:
+    monitor = monitor_of_uav_1()
+    assert LOST not in {after for _, after in changes(monitor.poll(before_s))}
+    monitor.missed(before_s + 30.0, 30.0)
+    assert LOST not in {after for _, after in changes(monitor.poll(before_s + 30.0))}
+    assert LOST in {after for _, after in changes(monitor.poll(before_s + 35.01))}
+
+
+@pytest.mark.parametrize("stall_s", [0.3, 1.0, 4.0, 10.0])
+def test_however_often_we_pause_a_loss_is_found(stall_s: float) -> None:
+    monitor, now_s = monitor_of_uav_1(), 0.0
+    while monitor.state(1) is not LOST:
+        now_s += stall_s
+        monitor.missed(now_s, stall_s)
+        now_s += 0.05
+        monitor.poll(now_s)
+        assert now_s < max(10.0 + 2 * stall_s, 11 * (stall_s + 0.05))  # twice the limit, or a tenth of it listened
+
+
+def test_two_long_pauses_with_a_blink_between_lose_nobody() -> None:
+    monitor = monitor_of_uav_1()
+    beat(monitor, 0.9)
+    monitor.missed(11.0, 10.0)
+    assert monitor.poll(11.05) == []
+    monitor.missed(21.05, 10.0)
+    assert LOST not in {after for _, after in changes(monitor.poll(21.1))}
+
+
 @given(gaps=gaps)
 def test_states_change_only_to_neighbours_and_each_change_starts_where_the_last_ended(gaps: list[float]) -> None:
     monitor = monitor_of_uav_1()

@@ -78,3 +78,21 @@ def test_an_autopilot_that_tells_no_total_and_no_checksum_is_understood() -> Non
     state = TelemetryState(1)
     state.fold("MISSION_CURRENT", {"seq": 3}, 1.0)
     assert (state.mission_current, state.mission_total, state.mission_id) == (3, None, 0)
+
+
+def test_a_heartbeat_that_is_not_the_autopilots_changes_nothing() -> None:
+    state = TelemetryState(1)
+    ground_station = {"custom_mode": 0, "base_mode": 0, "type": 6, "autopilot": 8}
+    state.fold("HEARTBEAT", ground_station, 0.0)
+    assert not state.heard
+    state.fold("HEARTBEAT", HEARTBEAT, 1.0)
+    for foreign in (ground_station, HEARTBEAT | {"type": 18, "base_mode": 0}, HEARTBEAT | {"autopilot": 3}):
+        state.fold("HEARTBEAT", foreign, 1.5)
+    assert (state.autopilot, state.mode, state.armed) == (Autopilot.PX4, FlightMode.MISSION, True)
+
+
+def test_another_autopilot_may_take_a_system_id_over_that_has_fallen_silent() -> None:
+    state = TelemetryState(1)
+    state.fold("HEARTBEAT", HEARTBEAT, 1.0)
+    state.fold("HEARTBEAT", HEARTBEAT | {"autopilot": 3, "custom_mode": 3}, 8.0)
+    assert (state.autopilot, state.mode) == (Autopilot.ARDUPILOT, FlightMode.MISSION)

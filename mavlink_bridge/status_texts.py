@@ -1,0 +1,68 @@
+"""What an autopilot says in words (STATUSTEXT), and which of it explains a failsafe. Pure, used by `evidence`."""
+
+from __future__ import annotations
+
+import re
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+_KEPT = 12
+_WARNING = 4
+"""MAV_SEVERITY_WARNING: ArduPilot announces its failsafes with it; what is graver has a lower number."""
+_NAMED = re.compile(r"failsafe|breach", re.IGNORECASE)
+"""Words of a failsafe itself, at whatever severity."""
+_REASON = re.compile(
+    r"batter|fence|\blost\b|\bloss\b|fail|ekf|gps|glitch|crash|motor|thrust|vibration|emergency|terminat", re.IGNORECASE
+)
+"""Words of what makes one, if they come as a warning or graver."""
+_OTHERWISE = re.compile(r"clear|regain|recover|^(?:pre)?arm:|\bok\b", re.IGNORECASE)
+"""Words of something that is over, or that only keeps it from arming."""
+
+
+@dataclass(slots=True)
+class _Text:
+    words: str
+    severity: int
+    at_s: float
+    id: int
+    chunk: int
+
+    @property
+    def names_failsafe(self) -> bool:
+        return bool(_NAMED.search(self.words)) and not _OTHERWISE.search(self.words)
+
+    @property
+    def explains(self) -> bool:
+        """Whether it tells of a failsafe or of a reason for one."""
+        warns = self.severity <= _WARNING and bool(_REASON.search(self.words)) and not _OTHERWISE.search(self.words)
+        return self.names_failsafe or warns
+
+
+class StatusTexts:
+    """The latest texts of one autopilot, put together from their chunks of 50 characters; times are fleet seconds."""
+
+    def __init__(self) -> None:
+        self._texts: deque[_Text] = deque(maxlen=_KEPT)
+
+    def hear(self, fields: Mapping[str, Any], now_s: float) -> None:
+        """Take in a STATUSTEXT. PX4 ends its texts with a tab."""
+        said = str(fields["text"]).rstrip("\0")
+        identity, chunk = int(fields.get("id", 0)), int(fields.get("chunk_seq", 0))
+        last = self._texts[-1] if self._texts else None
+        if last is not None and identity and (last.id, last.chunk + 1) == (identity, chunk):
+            last.words, last.chunk = last.words + said, chunk
+        else:
+            self._texts.append(_Text(said, int(fields["severity"]), now_s, identity, chunk))
+
+    def about(self, at_s: float, before_s: float, after_s: float) -> list[str]:
+        """Texts that explain a failsafe of that time, in order: the latest reason, and the latest that names it."""
+        near = [text for text in self._texts if at_s - before_s <= text.at_s <= at_s + after_s and text.explains]
+        latest = {text.names_failsafe: text for text in near}
+        return [text.words.strip() for text in near if text is latest[text.names_failsafe]]
+
+    def latest_failsafe(self, now_s: float, within_s: float) -> str | None:
+        """What names a failsafe, the latest of the last `within_s`."""
+        named = [text for text in self._texts if text.names_failsafe and now_s - text.at_s <= within_s]
+        return named[-1].words.strip() if named else None

@@ -1,0 +1,111 @@
+"""Nobody is heard for a while: the operation waits, says so, and goes on."""
+
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from fastapi.testclient import TestClient
+
+import sim
+from api.operation_views import State
+from planner import EXAMPLES
+from tests.api.flying import Flight, flight, service
+
+pytestmark = [pytest.mark.e2e, pytest.mark.beside]
+SCENARIO = EXAMPLES["paper"]().with_changes(slots=24, altitude_m=8.0)
+MINIMAL = EXAMPLES["minimal"]()
+ALONE = MINIMAL.with_changes(slots=12, altitude_m=8.0, uavs=MINIMAL.uavs[:1])
+SPEEDUP = 8.0
+
+
+@pytest.fixture(scope="module")
+def served() -> Iterator[tuple[TestClient, str]]:
+    with service(SPEEDUP) as made:
+        yield made
+
+
+@pytest.fixture
+def flown(served: tuple[TestClient, str]) -> Iterator[Flight]:
+    with flight(*served, SCENARIO, SPEEDUP) as made:
+        yield made
+
+
+def states(flown: Flight, operation_id: str) -> list[str]:
+    """States the operation went through, by its events."""
+    found: list[dict[str, Any]] = []
+    after: int | None = 0
+    while after is not None:
+        page = flown.http.get("/v1/events/log", params={"limit": 500, "after": after}).json()
+        found, after = found + page["items"], page["next"]
+    mine = [event["data"] for event in found if event["data"].get("operation_id") == operation_id]
+    return [data["state"] for data in mine if "state" in data]
+
+
+def mute(flown: Flight, *system_ids: int, for_s: float) -> None:
+    for system_id in system_ids:
+        flown.fleet.inject(sim.Mute(system_id, for_s=for_s))
+
+
+def test_when_all_are_silent_nobody_is_lost_and_the_operation_goes_on_when_they_are_heard(flown: Flight) -> None:
+    operation_id = flown.take_off()
+    mute(flown, 1, 2, 3, for_s=20.0)
+    dark = flown.until(operation_id, lambda view: view.state == State.LINK_LOST)
+    assert dark.lost == []
+    assert flown.until(operation_id, lambda view: view.state == State.FLYING).lost == []
+    ended = flown.ended(operation_id)
+    assert (ended.state, ended.lost, ended.error) == (State.COMPLETED, [], None)
+    assert states(flown, operation_id)[-5:] == ["flying", "link_lost", "flying", "landing", "completed"]
+
+
+def test_who_stays_silent_when_the_others_are_heard_again_is_lost_and_answered(flown: Flight) -> None:
+    operation_id = flown.take_off()
+    mute(flown, 1, 2, for_s=12.0)
+    flown.fleet.inject(sim.Kill(3))
+    flown.until(operation_id, lambda view: view.state == State.LINK_LOST)
+    answered = flown.until(operation_id, lambda view: view.recoveries)
+    assert answered.lost == ["uav-3"]
+    assert answered.recoveries[0].outcome == "flying"
+    assert flown.ended(operation_id).state == State.COMPLETED
+
+
+def test_an_operator_can_end_an_operation_whose_link_is_lost(flown: Flight) -> None:
+    operation_id = flown.take_off()
+    mute(flown, 1, 2, 3, for_s=20.0)
+    flown.until(operation_id, lambda view: view.state == State.LINK_LOST)
+    assert flown.client.command(operation_id, "abort", action="hold").state == State.ABORTED
+
+
+def test_an_operation_that_is_never_heard_again_ends_when_its_missions_must_have(
+    flown: Flight, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("api.operation.LANDING_LIMIT_S", 8.0)
+    operation_id = flown.take_off()
+    mute(flown, 1, 2, 3, for_s=600.0)
+    deadline = time.monotonic() + 90
+    while (view := flown.client.operation(operation_id)).state != State.FAILED:
+        assert view.state in {State.FLYING, State.LINK_LOST}
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+    assert view.error == "link_lost: nobody was heard until uav-1, uav-2, uav-3 must have landed"
+    assert view.lost == []
+
+
+def test_a_single_uav_that_is_silent_is_waited_for() -> None:
+    with service(SPEEDUP) as (http, endpoint), flight(http, endpoint, ALONE, SPEEDUP) as alone:
+        operation_id = alone.take_off()
+        mute(alone, 1, for_s=15.0)
+        alone.until(operation_id, lambda view: view.state == State.LINK_LOST)
+        ended = alone.ended(operation_id)
+        assert (ended.state, ended.lost) == (State.COMPLETED, [])
+
+
+def test_a_vehicle_shows_where_it_is_before_it_flies_for_us_because_it_is_asked(flown: Flight) -> None:
+    deadline = time.monotonic() + 60
+    while True:
+        asked = [one for one in list(flown.fleet.fleet.truth.messages) if one.name == "COMMAND_LONG"]
+        shown = [one.uav_id for one in flown.client.vehicles() if one.lat_deg is not None and one.mode is not None]
+        if {one.system_id for one in asked} == {1, 2, 3} and len(shown) == len(SCENARIO.uav_ids):
+            return
+        assert time.monotonic() < deadline, (asked, shown)
+        time.sleep(0.1)

@@ -1,0 +1,165 @@
+"""What a roster makes of verdicts that turn out wrong, and of what vehicles warn of."""
+
+from __future__ import annotations
+
+import asyncio
+from types import SimpleNamespace
+from typing import Any, cast
+
+from api.fleet import Fleet
+from api.guidance import FlightGuidance
+from api.own_link import Heard, OwnLink
+from api.roster import Roster
+from mavlink_bridge import LinkEvent
+from mavlink_bridge.conditions import Change, Condition
+from planner import Origin
+
+
+class Sky:
+    """Two vehicles and what is known of them, as a fleet and a guidance tell it."""
+
+    def __init__(self) -> None:
+        self.conditions: dict[int, Change] = {}
+        self.silent_s = {1: 0.1, 2: 0.1}
+        self.told = {system: {"armed": True, "relative_alt_m": 60.0} for system in (1, 2)}
+        self.warnings: dict[int, str] = {}
+        self.aloft: set[int] = set()
+        self.notes: list[tuple[str, dict[str, Any]]] = []
+        self.reserved: set[str] = set()
+        self.link = SimpleNamespace(telemetry=self._telemetry)
+        self.airspace = SimpleNamespace(seen=lambda _uav, _at_m: None)
+        self.roster = Roster(
+            {"a": 1, "b": 2},
+            Origin(lat_deg=47.0, lon_deg=8.0),
+            cast("Fleet", self),
+            cast("FlightGuidance", self),
+            now_s=lambda: 30.0,
+            last_change_s=90.0,
+        )
+
+    def see(self, system_id: int, after: Condition, cause: str = "seen so") -> None:
+        self.conditions[system_id] = Change(
+            system_id=system_id, before=Condition.LIVE, after=after, cause=cause, at_s=30.0
+        )
+
+    def look(self) -> dict[str, str]:
+        lost = self.roster.newly_lost(cast("asyncio.Queue[LinkEvent]", asyncio.Queue()))
+        return {uav: loss.kind for uav, loss in lost.items()}
+
+    # what a fleet tells
+
+    def condition(self, system_id: int) -> Change | None:
+        return self.conditions.get(system_id)
+
+    def heard(self) -> dict[int, Heard]:
+        return {system: Heard(silent_for_s=silent, lost=silent >= 5.0) for system, silent in self.silent_s.items()}
+
+    def own_link(self) -> OwnLink:
+        return OwnLink(stale_after_s=3.0, lost_after_s=5.0)
+
+    def now_s(self) -> float:
+        return 30.0
+
+    def is_aloft(self, system_id: int) -> bool:
+        return system_id in self.aloft
+
+    def warning(self, system_id: int) -> str | None:
+        return self.warnings.get(system_id)
+
+    def note(self, kind: str, **data: Any) -> None:
+        self.notes.append((kind, data))
+
+    def _telemetry(self, system_id: int) -> SimpleNamespace:
+        return SimpleNamespace(lat_deg=47.0, lon_deg=8.0, **self.told[system_id])
+
+    # what guidance is told
+
+    def leave(self, uav: str, *, setpoints_too: bool) -> None:
+        del uav, setpoints_too
+
+    def reserve(self, uav: str, _where: object) -> None:
+        self.reserved.add(uav)
+
+    def found(self, uav: str) -> bool:
+        was = uav in self.reserved
+        self.reserved.discard(uav)
+        return was
+
+
+def test_a_crash_that_is_taken_back_reserves_the_air_again_and_offers_the_uav() -> None:
+    sky = Sky()
+    sky.see(1, Condition.CRASHED, "sinking at 9.0 m/s at 40.0 m above home")
+    assert sky.look() == {"a": "crashed"}
+    assert sky.reserved == set()
+    sky.see(1, Condition.LIVE, "heard 0.1 s ago, in mode 'mission'")
+    assert sky.look() == {}
+    assert (sky.roster.returned, sky.reserved, set(sky.roster.lost)) == ({"a"}, {"a"}, {"a"})
+    ((kind, data),) = sky.notes
+    assert (kind, data["uav_id"], data["verdict"]) == ("verdict_withdrawn", "a", "crashed")
+    assert data["because"] == "armed at 60.0 m above home, heard 0.1 s ago, in mode 'mission'"
+    assert sky.look() == {}
+    assert len(sky.notes) == 1  # told once
+    sky.roster.readmit("a")
+    assert sky.roster.lost == {}
+
+
+def test_a_crash_that_is_seen_again_is_no_offer_any_more() -> None:
+    sky = Sky()
+    for after in (Condition.CRASHED, Condition.LIVE, Condition.CRASHED):
+        sky.see(1, after)
+        sky.look()
+    assert (sky.roster.returned, sky.reserved) == (set(), set())
+
+
+def test_who_is_down_is_not_offered_because_it_is_only_heard() -> None:
+    sky = Sky()
+    sky.see(1, Condition.CRASHED)
+    sky.look()
+    sky.told[1] = {"armed": False, "relative_alt_m": 0.0}
+    sky.see(1, Condition.LIVE)
+    sky.look()
+    assert (sky.roster.returned, sky.reserved) == (set(), set())
+
+
+def test_who_was_seen_down_and_is_then_flown_by_a_human_has_its_air_again() -> None:
+    sky = Sky()
+    sky.see(1, Condition.LANDED)
+    assert sky.look() == {"a": "landed"}
+    sky.see(1, Condition.HUMAN)
+    assert sky.look() == {}
+    assert sky.roster.losses["a"].kind == "human_took_over"
+    assert sky.reserved == {"a"}
+
+
+def test_contradictory_evidence_is_a_loss_whose_air_stays_reserved_and_which_is_not_down() -> None:
+    sky = Sky()
+    sky.told[1], sky.aloft = {"armed": False, "relative_alt_m": 60.0}, {1}
+    sky.see(1, Condition.DISARMED)
+    assert sky.look() == {"a": "disarmed_in_air"}
+    assert sky.reserved == {"a"}
+    assert not sky.roster.is_down("a")
+
+
+def test_while_nobody_is_heard_losses_by_other_evidence_stay() -> None:
+    sky = Sky()
+    sky.see(1, Condition.CRASHED)
+    assert sky.look() == {"a": "crashed"}
+    sky.silent_s = {1: 20.0, 2: 20.0}
+    assert sky.look() == {}
+    assert sky.roster.own_link.is_lost
+    assert set(sky.roster.lost) == {"a"}
+    sky.silent_s = {1: 0.1, 2: 0.1}
+    assert sky.look() == {}
+    assert not sky.roster.own_link.is_lost
+
+
+def test_what_a_vehicle_warns_of_is_told_once_until_it_changes() -> None:
+    sky = Sky()
+    sky.warnings[2] = "in mode 'mission', system status 5, said 'GCS Failsafe - Continuing Auto Mode'"
+    assert sky.look() == sky.look() == {}
+    assert sky.notes == [("uav_warning", {"uav_id": "b", "detail": sky.warnings[2]})]
+    del sky.warnings[2]
+    sky.look()
+    sky.warnings[2] = "again"
+    sky.look()
+    assert [data["detail"] for _, data in sky.notes][1:] == ["again"]
