@@ -73,7 +73,7 @@ class Evidence:
         self._was_critical = False
         """Whether the system status was critical before the mode changed, or with it."""
         self._was_stopped = self._may_end_mission = False
-        self._mission: tuple[int, int | None, int, int] | None = None
+        self._mission: tuple[int, int, int, int] | None = None
         self._mode_s = self._mission_s = float("-inf")
         self.reboots = 0
         self._was_flying = False
