@@ -26,6 +26,7 @@ from mavlink_bridge import (
     VehiclesMissing,
 )
 from mavlink_bridge.conditions import Change, Condition
+from mavlink_bridge.speeds import SpeedRestored
 
 HEARD_WITHIN_S = 5.0
 """Wall seconds a vehicle may take to be heard before an upload, or the watch of its heartbeats, goes on without it."""
@@ -134,6 +135,11 @@ class Fleet:
         return self._settings.preflight == "enforce"
 
     @property
+    def start_within_m(self) -> float:
+        """How far from its first point a UAV may take off, metres."""
+        return self._settings.start_within_m
+
+    @property
     def links(self) -> tuple[str, ...]:
         """URLs of the links, the preferred first."""
         return tuple(url.strip() for url in self._settings.fleet_url.split(","))
@@ -235,6 +241,7 @@ class Fleet:
                     for url in self.links:
                         await link.connect(url, patience_s=patience_s)
                     opening.pop_all()  # it stays open: `close` ends it
+                link.speeds.tell = self._speed_restored
                 self._link = link
                 self._watchers = [
                     asyncio.create_task(self._watch(link), name="fleet-links"),
@@ -251,6 +258,18 @@ class Fleet:
             forward_commands=settings.forward_commands,
             healthy=self._healthy,
         )
+
+    def _speed_restored(self, restored: SpeedRestored) -> None:
+        names = {system: uav for uav, system in self._systems.items()}
+        if restored.system_id in names:
+            self._events.add(
+                "speed_restored",
+                uav_id=names[restored.system_id],
+                level="ok" if restored.error is None else "warning",
+                mode=restored.mode.value,
+                speed_mps=restored.speed_mps,
+                error=restored.error,
+            )
 
     async def _watch(self, link: FleetLink) -> None:
         async for event in link.events():

@@ -25,7 +25,7 @@ from api.operation_views import State
 from api.rates import InForce, Point
 from api.resilience import Outcome, Parts, Recovery
 from api.store.tables import track as track_table
-from mavlink_bridge import OnEnd
+from mavlink_bridge import FlightMode, OnEnd
 from planner import Plan
 
 log = structlog.get_logger()
@@ -201,8 +201,9 @@ def _in_mission(operation: Operation, uav: str) -> bool:
 
 
 def _holds(operation: Operation, uav: str) -> bool:
+    """Whether it hovers: on order, or because its setpoints have ended and nobody made it fly its mission."""
     said = operation.flight.on_board(uav)
-    return said is not None and said.mode.value == "hold"
+    return said is not None and said.armed and said.mode in {FlightMode.HOLD, FlightMode.GUIDED, FlightMode.OFFBOARD}
 
 
 async def stored_track(operation_id: str, books: Books) -> Record:

@@ -129,6 +129,9 @@ class TakeOff:
         await self._fence()
         await self._rally()
         results = await link.upload({self._systems[uav]: mission for uav, mission in missions.items()})
+        for system, result in results.items():
+            uav = self._uavs[system]
+            self._guidance.settled(uav, missions[uav], result.on_board)
         bad = {self._uavs[system]: result.error for system, result in results.items() if not result.verified}
         if bad:
             good = sorted(self._uavs[system] for system, result in results.items() if result.verified)
@@ -202,17 +205,22 @@ class TakeOff:
             self._fleet.note("rally_point", uav_id=self._uavs[system], level=level, error=result.error)
 
     def _audit(self) -> None:
-        """Report what the preflight audit finds; with `preflight` "enforce" a blocker keeps everybody on the ground."""
-        blockers = {}
+        """Report what the preflight audit finds; with `preflight` "enforce" a blocker keeps everybody on the ground.
+
+        Some blockers do in any case (`Finding.always`).
+        """
+        blockers, enforced = {}, self._fleet.enforces_preflight
         for uav, findings in self._guidance.audit(self._plan).items():
             for finding in findings:
                 self._fleet.note("preflight", uav_id=uav, **asdict(finding))
             blocked = [
-                f"{one.name} is {one.found}, should be {one.should}" for one in findings if one.level == "blocker"
+                f"{one.name} is {one.found}, should be {one.should}"
+                for one in findings
+                if one.level == "blocker" and (enforced or one.always)
             ]
             if blocked:
                 blockers[uav] = ", ".join(blocked)
-        if blockers and self._fleet.enforces_preflight:
+        if blockers:
             raise FlightError(f"preflight: {each(blockers)}")
 
 

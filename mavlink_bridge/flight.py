@@ -18,6 +18,8 @@ from mavlink_bridge.vehicle import NotDone, Vehicle
 
 CONFIRM_S = 3.0
 """Wall seconds to report that it does what it acknowledged; HEARTBEAT and MISSION_CURRENT come at 1 Hz."""
+HEARTBEAT_S = 1.2
+"""Wall seconds in which a HEARTBEAT comes by itself."""
 ASK_AGAIN_S = 0.1
 """Instead of waiting for the next MISSION_CURRENT it is asked for this often."""
 STREAMS_HZ = {33: 5.0, 42: 1.0, 245: 1.0, 1: 1.0, 24: 1.0}
@@ -29,11 +31,10 @@ SWAP_SILENCE_S = 1.5
 PROOF_S = 2.0
 """A vehicle that flies on during its swap (PX4) is told to hold when the new mission is not proven by then."""
 
-SET_MODE, _CHANGE_SPEED, _SET_CURRENT, _INTERVAL, _REQUEST = 176, 178, 224, 511, 512
+SET_MODE, _SET_CURRENT, _INTERVAL, _REQUEST = 176, 224, 511, 512
 CUSTOM_MODE = 1.0
 """param1 of SET_MODE (MAV_CMD_DO_SET_MODE): param2 and 3 are the autopilot's own numbers."""
-_GROUND_SPEED, _THROTTLE_UNCHANGED = 1.0, -1.0
-_MISSION_CURRENT, _HOME_POSITION = 42, 242
+_HEARTBEAT, _MISSION_CURRENT, _HOME_POSITION = 0, 42, 242
 
 
 async def command(vehicle: Vehicle, done: Awaitable[None]) -> CommandResult:
@@ -74,11 +75,6 @@ async def set_current(vehicle: Vehicle, item: int) -> None:
     )
     if not seen:
         raise NotDone(f"item {item} did not become current: {seen_of(vehicle)}")
-
-
-async def change_speed(vehicle: Vehicle, speed_mps: float) -> None:
-    """Fly the current leg at this ground speed."""
-    await vehicle.command(_CHANGE_SPEED, _GROUND_SPEED, speed_mps, _THROTTLE_UNCHANGED)
 
 
 async def hold(vehicle: Vehicle) -> None:
@@ -202,9 +198,19 @@ async def heartbeat_until(vehicle: Vehicle, condition: Callable[[], bool]) -> bo
     while not condition():
         if asyncio.get_running_loop().time() >= deadline:
             return False
-        await error_of(vehicle.command(_REQUEST, 0.0))
+        await error_of(vehicle.command(_REQUEST, float(_HEARTBEAT)))
         await vehicle.wait_until(condition, ASK_AGAIN_S)
     return True
+
+
+async def fresh_heartbeat(vehicle: Vehicle) -> bool:
+    """Ask for a HEARTBEAT and wait for one; whether one came. Only then its mode is that of this moment.
+
+    An autopilot that does not send one on demand sends one a second anyway.
+    """
+    heard = vehicle.state.heartbeats
+    await error_of(vehicle.command(_REQUEST, float(_HEARTBEAT)))
+    return await vehicle.wait_until(lambda: vehicle.state.heartbeats > heard, HEARTBEAT_S)
 
 
 async def error_of(done: Awaitable[None]) -> str | None:

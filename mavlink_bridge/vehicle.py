@@ -113,6 +113,8 @@ class Vehicle:
         """The item of the mission on board that a vehicle in the air begins with."""
         self.on_board: tuple[MissionItem, ...] | None = None
         """The mission it is proven to have; None: not known."""
+        self.flies_our_speed = False
+        """Whether a speed was ordered in flight and not taken back: it outlives the mode it was meant for."""
         self._clock = clock
         self._pool = pool
         self._loop = loop
