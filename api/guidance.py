@@ -22,6 +22,7 @@ from mavlink_bridge.guidance import FallBack, Kept, keep
 from mavlink_bridge.keeper import Keeper, Order, Slip
 from mavlink_bridge.pace import Point
 from mavlink_bridge.preflight import Finding, audit
+from mavlink_bridge.reach import head_start_s
 from mavlink_bridge.route import Route
 from mavlink_bridge.verified import OnBoard
 from planner import Plan
@@ -212,6 +213,16 @@ class FlightGuidance:
     async def get_ready(self) -> dict[int, str | None]:
         """In stream mode: put everybody into the mode that follows setpoints; what went wrong with each."""
         return await self._streaming.get_ready(self._aboard.newest()) if self.way.mode == "stream" else {}
+
+    def head_start_s(self) -> float:
+        """Fleet seconds by which missions are started before slot 0: what the slowest vehicle to set out needs."""
+        return max(
+            (
+                head_start_s(one.path_m, 0, one.slot_s, self._fleet.link.model(self._systems[uav]))
+                for uav, one in self._aboard.newest().items()
+            ),
+            default=0.0,
+        )
 
     def begin(self) -> None:
         """Slot 0 begins: guide."""

@@ -156,7 +156,11 @@ class TakeOff:
             raise failed.exceptions[0] from None
 
     async def start(self) -> float:
-        """Begin slot 0 on all vehicles at once; the fleet second when it began. Raises FlightError."""
+        """Begin slot 0 on all vehicles at once; the fleet second when it begins. Raises FlightError.
+
+        Missions are started earlier by the head start of the vehicle that needs the longest, and this returns when
+        slot 0 begins: keepers see to it that the others come no sooner to their next point.
+        """
         if self._guidance.way.mode == "stream":
             errors = await self._guidance.get_ready()
             began = self._clock.now()
@@ -165,11 +169,12 @@ class TakeOff:
             results = await self._fleet.link.start(
                 self._systems.values(), on_go=lambda: told_s.append(self._clock.now())
             )
-            (began,) = told_s
+            began = told_s[0] + self._guidance.head_start_s()
             errors = {system: result.error for system, result in results.items()}
         bad = {self._uavs[system]: error for system, error in errors.items() if error}
         if bad:
             raise FlightError(f"start failed for {each(bad)}")
+        await asyncio.sleep(max(0.0, began - self._clock.now()) / self._clock.scale)
         return began
 
     async def _fence(self) -> None:

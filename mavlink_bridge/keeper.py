@@ -14,6 +14,7 @@ from math import hypot, inf
 
 from mavlink_bridge.items import Command, Mission
 from mavlink_bridge.pace import Point, VehicleModel, cruise_speed, lateness
+from mavlink_bridge.reach import head_start_s
 from mavlink_bridge.route import Route
 from mavlink_bridge.schedule import SAME_PLACE_M
 
@@ -166,12 +167,15 @@ class Keeper:
         return along_m / (leg_m / self._route.slot_s)
 
     def _leave(self, number: int, now_s: float, point_m: Point) -> Order | None:
-        """End a hold whose time is over: the vehicle began it late."""
+        """End a hold whose time is over: the vehicle began it late, or needs a head start into the leg after it."""
         seq, slot = self._stops[number]
         if number + 1 >= len(self._stops) or self._mission.items[seq].param1 <= 0 or seq == self._ordered_item:
             return None
         at = self._route.path_m[slot]
-        leaves_s = self._route.due_s(self._departs(number))
+        departs = self._departs(number)
+        leaves_s = self._route.due_s(departs) - head_start_s(
+            self._route.path_m, departs, self._route.slot_s, self.model
+        )
         near = hypot(point_m[0] - at[0], point_m[1] - at[1]) <= max(2.0, self.model.acceptance_radius_m)
         if not near or now_s + LEAD_S < leaves_s:
             return None

@@ -152,3 +152,16 @@ def test_a_speed_that_was_not_taken_is_ordered_again(plan_of: PlanOf) -> None:
     again = keeper.advise(6.0, (0.0, 24.0), (0.0, 4.0), at)
     assert again is not None
     assert again.speed_mps == pytest.approx(4.0, abs=0.3)
+
+
+def test_a_hold_before_a_leg_that_begins_slowly_is_left_early(plan_of: PlanOf) -> None:
+    path = [(0.0, 0.0)] * 4 + [(0.0, 25.0), (25.0, 25.0)]
+    for model, autopilot, ahead_s in ((ARDUCOPTER, Autopilot.ARDUPILOT, 1.8), (PX4, Autopilot.PX4, 0.0)):
+        mission = compile_mission(
+            plan_of({"uav-1": path}), "uav-1", on_end=OnEnd.HOLD, autopilot=autopilot, model=model
+        )
+        hold = min(mission.slot_of_item)
+        keeper = Keeper(path, 5.0, mission, model)
+        times = [12.0 + 0.1 * n for n in range(40)]
+        left = next((at for at in times if keeper.advise(at, (0.0, 0.0), (0.0, 0.0), hold) is not None), None)
+        assert left == pytest.approx(15.0 - 0.2 - ahead_s, abs=0.11)
