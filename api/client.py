@@ -144,6 +144,7 @@ class Client:
         launch: Literal["auto", "manual"] = "auto",
         guidance: Mode = "mission",
         stream_fallback: Literal["mission", "hold"] = "mission",
+        force_stream: bool = False,
         at_end: Literal["land", "return"] = "land",
         key: str | None = None,
     ) -> OperationView:
@@ -154,6 +155,7 @@ class Client:
             "launch": launch,
             "guidance": guidance,
             "stream_fallback": stream_fallback,
+            "force_stream": force_stream,
             "at_end": at_end,
         }
         return self._operation("POST", "/v1/operations", json=body, key=key)

@@ -29,6 +29,7 @@ from mavlink_bridge import (
 )
 from mavlink_bridge.conditions import Change, Condition
 from mavlink_bridge.senders import SenderKind, SenderNotice
+from mavlink_bridge.speeds import SpeedRestored
 
 ASK_EVERY_S = 0.5
 """Wall seconds between two looks for vehicles that were not asked for their telemetry yet."""
@@ -146,6 +147,11 @@ class Fleet:
     def enforces_preflight(self) -> bool:
         """Whether a blocker of the preflight audit ends an operation."""
         return self._settings.preflight == "enforce"
+
+    @property
+    def start_within_m(self) -> float:
+        """How far from its first point a UAV may take off, metres."""
+        return self._settings.start_within_m
 
     @property
     def links(self) -> tuple[str, ...]:
@@ -283,6 +289,7 @@ class Fleet:
                     for url in self.links:
                         await link.connect(url, patience_s=patience_s)
                     opening.pop_all()  # it stays open: `close` ends it
+                link.speeds.tell = self._speed_restored
                 self._link = link
                 self._watchers = [
                     asyncio.create_task(self._watch(link), name="fleet-links"),
@@ -316,6 +323,18 @@ class Fleet:
             signed=notice.signed,
             level="ok" if notice.signed and notice.kind is not SenderKind.CONTESTED else "warning",
         )
+
+    def _speed_restored(self, restored: SpeedRestored) -> None:
+        names = {system: uav for uav, system in self._systems.items()}
+        if restored.system_id in names:
+            self._events.add(
+                "speed_restored",
+                uav_id=names[restored.system_id],
+                level="ok" if restored.error is None else "warning",
+                mode=restored.mode.value,
+                speed_mps=restored.speed_mps,
+                error=restored.error,
+            )
 
     async def _watch(self, link: FleetLink) -> None:
         async for event in link.events():

@@ -17,7 +17,8 @@ from api.rates import InForce, Point, Sample, rates_by_slot
 from api.roster import Roster
 from api.take_off import LOOK_EVERY_S, FlightError, TakeOff, each
 from mavlink_bridge import Autopilot, Mission, Telemetry, VehiclesMissing
-from mavlink_bridge.autopilots import HOLD_MODE, FlightMode
+from mavlink_bridge.autopilots import HOLD_MODE, STREAM_MODE
+from mavlink_bridge.verified import OnBoard
 from planner import Plan
 
 SAMPLE_EVERY_S = 0.5
@@ -121,23 +122,31 @@ class Flight:
 
     async def swap(self, missions: Mapping[str, Mission]) -> dict[str, str | None]:
         """Replace missions in flight; for each UAV None when it verifiably flies the new one, else what went wrong."""
-        await self.guidance.missions_only()
         ours = {uav: mission for uav, mission in missions.items() if self.roster.may_command(uav)}
+        await self.guidance.missions_only(ours)
         results = await self._fleet.link.swap({self.systems[uav]: mission for uav, mission in ours.items()})
-        told: dict[str, str | None] = dict.fromkeys(missions.keys() - ours.keys(), "lost, and left alone")
+        told: dict[str, str | None] = {}
+        for uav in missions.keys() - ours.keys():
+            told[uav] = "lost, and left alone"
+            self.guidance.settled(uav, missions[uav], OnBoard.OLD)
         for uav, mission in ours.items():
             result = results[self.systems[uav]]
             told[uav] = (
                 None if result.ok else f"{result.error or 'failed'}{'; its old mission goes on' * result.went_on}"
             )
+            sent = result.upload.attempts > 0
+            self.guidance.settled(uav, mission, result.upload.on_board if sent else OnBoard.OLD)
             if result.ok and uav not in self.lost:
                 self.guidance.follow(uav, mission)
         return told
 
     async def stop_where_it_is(self, action: Literal["hold", "land", "return"]) -> dict[str, str | None]:
-        """Hold, land or return every vehicle that still answers; what went wrong with each, None when it does."""
+        """Hold, land or return every vehicle that still answers; what went wrong with each, None when it does.
+
+        Each is told at once: nobody waits for another one, nor for what a stream would do first.
+        """
         systems = {self.systems[uav] for uav in self.still_up() if self.roster.may_command(uav)}
-        await self.guidance.missions_only()
+        self.guidance.drop_stream()
         link = self._fleet.link
         act = {"hold": link.hold, "land": link.land, "return": link.return_home}[action]
         results = await act(systems)
@@ -180,6 +189,7 @@ class Flight:
         """
         with suppress(VehiclesMissing):
             await self._fleet.link.wait_for({self.systems[uav] for uav in self.surviving()}, timeout_s=HEARD_WITHIN_S)
+        self.guidance.suspect_speeds()
         until = time.monotonic() + TOLD_WITHIN_S
         while time.monotonic() < until and not all(map(self._has_told, self.surviving())):  # noqa: ASYNC110
             await asyncio.sleep(LOOK_EVERY_S)
@@ -202,11 +212,13 @@ class Flight:
         self._fleet.note(kind, **data)
 
     def hovers(self, uav: str) -> bool:
-        """Whether it last said that it waits for orders. ArduCopter's mode for that also follows a stream."""
+        """Return whether it last said that it waits for orders, or for setpoints that nobody sends any more."""
         said = self.on_board(uav)
-        if said is None or (said.mode is FlightMode.GUIDED and self.guidance.way.mode == "stream"):
+        if said is None or not said.armed:
             return False
-        return said.mode is HOLD_MODE[self._fleet.link.autopilot(self.systems[uav])]
+        autopilot = self.autopilot(uav)
+        waits = {HOLD_MODE[autopilot], STREAM_MODE[autopilot]}
+        return said.mode in waits and not (said.mode is STREAM_MODE[autopilot] and self.guidance.streams)
 
     def recorded(self, name: str) -> AbstractContextManager[None]:
         """Keep a telemetry log of this name meanwhile, if the service keeps logs."""

@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from api.aboard import Aboard
 from api.clock import FleetClock
 from api.fleet import Fleet
 from api.given import Given, MissionBook
 from api.streaming import Streaming
 from mavlink_bridge import Mission, OnEnd, ReturnPathsTooClose, check_return_paths, compile_mission
+from mavlink_bridge.deviations import AltitudeOffPlan, AltitudeWatch, Deviation, HomeWatch
 from mavlink_bridge.ghosts import DEADLINE_S, Airspace, Ghost
+from mavlink_bridge.ghosts import Way as GhostWay
 from mavlink_bridge.guidance import FallBack, Kept, keep
-from mavlink_bridge.keeper import Keeper, Slip
+from mavlink_bridge.keeper import Keeper, Order, Slip
 from mavlink_bridge.pace import Point
 from mavlink_bridge.preflight import Finding, audit
+from mavlink_bridge.reach import head_start_s
 from mavlink_bridge.route import Route
+from mavlink_bridge.verified import OnBoard
 from planner import Plan
 
 Mode = Literal["mission", "stream"]
@@ -27,11 +32,15 @@ GHOST_CLEARANCE_M = 5.0
 
 @dataclass(frozen=True)
 class Way:
-    """How a flight is guided, what follows a stream (`fall_back`), and what UAVs do after the last slot (`at_end`)."""
+    """How a flight is guided, what follows a stream (`fall_back`), and what UAVs do after the last slot (`at_end`).
+
+    force_stream: stream even to vehicles that would not hold when setpoints end.
+    """
 
     mode: Mode = "mission"
     fall_back: FallBack = FallBack.MISSION
     at_end: OnEnd = OnEnd.LAND
+    force_stream: bool = False
 
 
 class FlightGuidance:
@@ -54,14 +63,14 @@ class FlightGuidance:
         self.way = way or Way()
         self._systems, self._fleet, self._clock = systems, fleet, clock
         self._elapsed_s = elapsed_s
-        self._given: dict[str, Given] = {}
+        self._aboard = Aboard()
+        self._homes: dict[str, HomeWatch] = {}
         self._homes_m = homes_m
         self._keeping: dict[str, asyncio.Task[None]] = {}
         self.airspace = Airspace()
         """Air that UAVs we lost may still fly in."""
         self._streaming = Streaming(systems, fleet, clock, elapsed_s=elapsed_s, fall_back=self.way.fall_back)
         self._resuming: asyncio.Task[None] | None = None
-        self._may_have: dict[str, list[Given]] = {}
         self.book: MissionBook | None = None
         """Where it is stored what UAVs are given."""
 
@@ -84,7 +93,7 @@ class FlightGuidance:
             model=self._fleet.link.model(system),
             on_end=self._end_of(plan),
         )
-        self._given[uav] = Given(
+        given = Given(
             mission=mission,
             path_m=path,
             first_slot=plan.first_slot,
@@ -92,6 +101,7 @@ class FlightGuidance:
             origin=plan.scenario.origin,
             altitude_m=plan.scenario.altitude_of(plan.scenario.uav(uav)),
         )
+        self._aboard.offer(uav, given)
         return mission
 
     def _end_of(self, plan: Plan) -> OnEnd:
@@ -105,37 +115,49 @@ class FlightGuidance:
         return self.way.at_end
 
     async def remember(self, uavs: Iterable[str]) -> None:
-        """Store what these are about to be given. The flight goes on when the database does not answer."""
+        """Store that what was compiled for these is sent now. The flight goes on when the database does not answer."""
+        sent = self._aboard.sending(uavs)
         if self.book is not None:
-            await self.book.write({uav: self._given[uav] for uav in uavs})
+            await self.book.write(sent)
+
+    def settled(self, uav: str, mission: Mission, on_board: OnBoard) -> None:
+        """How sending it ended: what is on board now."""
+        self._aboard.settled(uav, mission, on_board)
 
     async def recall(self, ghosts: list[dict[str, Any]]) -> None:
         """Take over what UAVs were given, and whose air was reserved, before a restart."""
         self.airspace.recall(ghosts)
         if self.book is not None:
-            self._may_have = await self.book.read()
-            self._given = {uav: given[0] for uav, given in self._may_have.items()}
+            self._aboard.recall(await self.book.read())
+
+    def suspect_speeds(self) -> None:
+        """After a restart: whoever is not ours any more may still fly at a speed that the last process ordered."""
+        link = self._fleet.link
+        for system in link.heard_systems & set(self._systems.values()):
+            link.vehicle(system).flies_our_speed = True
 
     def resume(self, uavs: Iterable[str]) -> None:
         """After a restart: find out what is on board of each, and keep it on schedule, meanwhile and from then on."""
-        wanted = [uav for uav in uavs if uav in self._given]
+        wanted = [uav for uav in uavs if self._aboard.may_fly(uav)]
         self._resuming = asyncio.create_task(self._resume(wanted), name="resume-guidance")
 
     async def _resume(self, uavs: list[str]) -> None:
-        link, newest = self._fleet.link, {uav: self._given[uav] for uav in uavs}
+        link, known = self._fleet.link, {uav: self._aboard.may_fly(uav) for uav in uavs}
         await link.prepare(self._systems[uav] for uav in uavs)
-        found = await link.recognise({self._systems[uav]: [one.mission for one in self._may_have[uav]] for uav in uavs})
+        found = await link.recognise(
+            {self._systems[uav]: [one.mission for one in reversed(given)] for uav, given in known.items()}
+        )
         for uav in uavs:
             result = found[self._systems[uav]]
-            if self._given[uav] is not newest[uav]:
+            if self._aboard.may_fly(uav) != known[uav]:
                 continue  # it was given another one meanwhile
-            flown = next((one for one in self._may_have[uav] if one.mission is result.mission), None)
+            flown = result.mission
             self._fleet.note(
                 "guidance_resumed", uav_id=uav, level="warning" if flown is None else "ok", error=result.error
             )
             if flown is not None:
-                self._given[uav] = flown
-                self.follow(uav, flown.mission)
+                self.settled(uav, flown, OnBoard.NEW)
+                self.follow(uav, flown)
 
     def leave(self, uav: str, *, setpoints_too: bool = False) -> None:
         """Correct this UAV no more. One that is only silent may still hear its setpoints, and is safest with them."""
@@ -146,9 +168,9 @@ class FlightGuidance:
             task.cancel()
 
     def reserve(self, uav: str, last_seen_m: Point) -> None:
-        """A UAV that is lost may still fly: its old route and its way home stay reserved."""
-        one = self._given.get(uav)
-        if one is None:
+        """A UAV that is lost may still fly: the route of each mission it may have and its ways home stay reserved."""
+        may_fly = self._aboard.may_fly(uav)
+        if not may_fly:
             return
         now_s = self._elapsed_s()
         self.airspace.reserve(
@@ -156,8 +178,7 @@ class FlightGuidance:
                 uav_id=uav,
                 lost_at_s=now_s,
                 last_seen_m=last_seen_m,
-                route=Route(one.path_m, one.slot_s),
-                route_began_s=one.began_s,
+                ways=tuple(GhostWay(route=Route(one.path_m, one.slot_s), began_s=one.began_s) for one in may_fly),
                 home_m=self._homes_m.get(uav),
                 deadline_s=now_s + DEADLINE_S,
             )
@@ -188,50 +209,88 @@ class FlightGuidance:
 
     async def get_ready(self) -> dict[int, str | None]:
         """In stream mode: put everybody into the mode that follows setpoints; what went wrong with each."""
-        return await self._streaming.get_ready(self._given) if self.way.mode == "stream" else {}
+        return await self._streaming.get_ready(self._aboard.newest()) if self.way.mode == "stream" else {}
+
+    def head_start_s(self) -> float:
+        """Fleet seconds by which missions are started before slot 0: what the slowest vehicle to set out needs."""
+        return max(
+            (
+                head_start_s(one.path_m, 0, one.slot_s, self._fleet.link.model(self._systems[uav]))
+                for uav, one in self._aboard.newest().items()
+            ),
+            default=0.0,
+        )
 
     def begin(self) -> None:
         """Slot 0 begins: guide."""
         self._streaming.begin()
-        for uav, one in self._given.items():
+        for uav, one in self._aboard.newest().items():
             self.follow(uav, one.mission)
 
     def audit(self, plan: Plan) -> dict[str, list[Finding]]:
         """The preflight audit of each vehicle that was heard against the mission it is to be given for this plan."""
         link = self._fleet.link
         found = {}
-        for uav, one in self._given.items():
+        for uav, one in self._aboard.offered().items():
             if self._systems[uav] not in link.heard_systems:
                 continue  # the upload tells
-            items = len(one.mission.items)
-            facts, needs = link.facts(self._systems[uav], plan, uav, items=items, stream=self.way.mode == "stream")
+            facts, needs = link.facts(
+                self._systems[uav],
+                plan,
+                uav,
+                items=len(one.mission.items),
+                stream=self.way.mode == "stream",
+                force_stream=self.way.force_stream,
+                start_within_m=self._fleet.start_within_m,
+            )
             found[uav] = audit(facts, needs)
         return found
 
     def follow(self, uav: str, mission: Mission) -> None:
-        """From now on this UAV flies this mission, which `compile` made."""
-        one = self._given.get(uav)
-        if one is None or one.mission is not mission:
+        """From now on this UAV flies this mission, which `compile` made and which was sent."""
+        one = self._aboard.of(uav, mission)
+        if one is None:
             return
         self.leave(uav)
         system = self._systems[uav]
         since_s = self._elapsed_s() - one.began_s
         keeper = Keeper(one.path_m, one.slot_s, mission, self._fleet.link.model(system), since_s=since_s)
-        kept = Kept(vehicle=self._fleet.link.vehicle(system), keeper=keeper, origin=one.origin)
+        kept = Kept(
+            vehicle=self._fleet.link.vehicle(system),
+            keeper=keeper,
+            origin=one.origin,
+            altitude=AltitudeWatch(one.altitude_m),
+            home=self._homes.setdefault(uav, HomeWatch()),
+        )
+        notes = _Notes(self._fleet, uav, one.first_slot)
         self._keeping[uav] = asyncio.create_task(
             keep(
                 {system: kept},
                 elapsed_s=lambda: self._elapsed_s() - one.began_s,
                 now_s=self._clock.now,
                 scale=self._clock.scale,
-                on_slip=lambda _system, slip: self._note(uav, slip, one.first_slot),
+                on_slip=notes.slip,
+                on_order=notes.order,
+                on_deviation=notes.deviation,
             ),
             name=f"keep-{uav}",
         )
 
-    async def missions_only(self) -> None:
-        """End the stream: the missions on board are flown from here, by policy."""
-        await self._streaming.end()
+    @property
+    def streams(self) -> bool:
+        """Whether setpoints are being sent."""
+        return self._streaming.is_on
+
+    async def missions_only(self, uavs: Collection[str] | None = None) -> None:
+        """End the stream: the missions on board are flown from here, by policy. Waits for these UAVs to do so.
+
+        None: for all that are heard.
+        """
+        await self._streaming.end(uavs)
+
+    def drop_stream(self) -> None:
+        """End the stream at once, with nothing in its place: the caller commands the vehicles and waits for nobody."""
+        self._streaming.drop()
 
     async def end(self) -> None:
         """Guide nobody any more."""
@@ -239,14 +298,42 @@ class FlightGuidance:
             self._resuming.cancel()
             await asyncio.gather(self._resuming, return_exceptions=True)
         await self.missions_only()
+        await self._streaming.close()
         for uav in list(self._keeping):
             self.leave(uav)
 
-    def _note(self, uav: str, slip: Slip, first_slot: int) -> None:
+
+class _Notes:
+    """Makes events of what guidance sees and does with one UAV. first_slot: slot 0 of its plan in the operation."""
+
+    def __init__(self, fleet: Fleet, uav: str, first_slot: int) -> None:
+        self._fleet, self._uav, self._first_slot = fleet, uav, first_slot
+
+    def slip(self, _system_id: int, slip: Slip) -> None:
         self._fleet.note(
             "slip",
-            uav_id=uav,
-            slot=first_slot + slip.slot,
+            uav_id=self._uav,
+            slot=self._first_slot + slip.slot,
             distance_m=round(slip.distance_m, 2),
             late_s=round(slip.late_s, 2),
         )
+
+    def order(self, _system_id: int, order: Order) -> None:
+        if order.stuck is not None:
+            self._fleet.note(
+                "stuck",
+                uav_id=self._uav,
+                level="warning",
+                item=order.stuck.item,
+                next_item=order.item,
+                for_s=order.stuck.for_s,
+                distance_m=order.stuck.distance_m,
+            )
+
+    def deviation(self, _system_id: int, deviation: Deviation) -> None:
+        if isinstance(deviation, AltitudeOffPlan):
+            level = "warning" if deviation.off else "ok"
+            self._fleet.note("altitude_off_plan", uav_id=self._uav, level=level, off_m=deviation.off_m)
+        else:
+            moved = {"moved_m": deviation.moved_m, "up_m": deviation.up_m}
+            self._fleet.note("home_moved", uav_id=self._uav, level="warning", **moved)

@@ -112,6 +112,7 @@ class Operations:
         """End an operation now. Raises NotFoundError, ConflictError when it has ended, PreconditionError."""
         operation = await self.commanded(operation_id, version=version)
         task = self._tasks.pop(operation_id)
+        operation.flight.guidance.drop_stream()  # nobody is sent on by mission first
         task.cancel()
         with suppress(asyncio.CancelledError):
             await task

@@ -33,6 +33,7 @@ def fly(
     replanning: Annotated[str, typer.Option(help="After a loss: auto, approve or off.")] = "auto",
     guidance: Annotated[str, typer.Option(help="By mission, or by a stream of setpoints.")] = "mission",
     stream_fallback: Annotated[str, typer.Option(help="When the stream ends: fly on by mission, or hold.")] = "mission",
+    force_stream: Annotated[bool, typer.Option(help="Stream even to a PX4 that would not hold without.")] = False,
     at_end: Annotated[str, typer.Option(help="After the last slot: land or return.")] = "land",
     service: ServiceUrl = LOCAL,
     key: Key = None,
@@ -48,7 +49,7 @@ def fly(
     wanted = read_scenario(scenario, example)
     with _Asking(service, key) as client:
         plan = client.plan(wanted)
-        _show(client.fly(plan.id, **order), as_json=as_json)  # type: ignore[arg-type]
+        _show(client.fly(plan.id, force_stream=force_stream, **order), as_json=as_json)  # type: ignore[arg-type]
 
 
 def _one_of(name: str, value: str, *allowed: str) -> str:

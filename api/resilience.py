@@ -150,7 +150,7 @@ class Answer:
                 if not await self._ask(plan):
                     return None
                 agreed = True
-                if not self._in_time(plan):  # the operator took longer than a slot: the same decision, newer numbers
+                if not self._still_fits(plan):  # the operator took a while: the same decision, newer numbers
                     continue
             return plan
         raise ReplanError(f"transition: no plan could be flown to: {'; '.join(self._incident.attempts)}")
@@ -251,6 +251,15 @@ class Answer:
             raise ReplanError(f"at_slot: slot {plan.first_slot} is over before its plan could be flown")
         require_separated(dict.fromkeys(plan.scenario.uav_ids, plan), Present.of(self._flight))
         require_in_reach(plan, live, (plan.first_slot + 1) * self._flight.slot_s - self._flight.now_s())
+
+    def _still_fits(self, plan: Plan) -> bool:
+        """Whether what was checked before the operator was asked still holds, from where everybody now is."""
+        try:
+            self._check(plan)
+        except ReplanError as error:
+            self._incident.attempts.append(str(error))
+            return False
+        return True
 
     def _in_time(self, plan: Plan) -> bool:
         return self._flight.now_s() < (plan.first_slot + 0.5) * self._flight.slot_s

@@ -12,6 +12,7 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from api.store import TEMPORARY
 from mavlink_bridge.conditions import Timing
+from mavlink_bridge.preflight import START_WITHIN_M
 
 Seconds = Annotated[float, Field(gt=0)]
 Count = Annotated[int, Field(ge=1)]
@@ -25,7 +26,8 @@ class Settings(BaseSettings):
     fleet_url: where vehicles are; several links, the preferred first, separated by commas. forward_url: udpout://HOST:PORT
     where a ground station watches the fleet; forward_commands: whether it may command too. signing_key_file: 32 bytes
     (or 64 hexadecimal digits); MAVLink is then signed both ways. telemetry_log_dir: one .tlog an operation.
-    preflight: whether a blocker of the audit only is an event, or keeps the fleet on the ground.
+    preflight: whether a blocker of the audit only is an event, or keeps the fleet on the ground. start_within_m: a
+    vehicle further than this from its first point keeps the fleet on the ground in any case.
     simulate: fly this example's fleet in software inside the service, ready for drills.
     heartbeat_stale_s, heartbeat_lost_s: fleet seconds of silence. timing: when everything else about a vehicle counts
     (`mavlink_bridge.conditions.Timing`), as JSON: `{"takeover_after_s": 2, "proof_s": 4}`.
@@ -51,6 +53,7 @@ class Settings(BaseSettings):
     signing_key_file: Path | None = None
     telemetry_log_dir: Path | None = None
     preflight: Literal["report", "enforce"] = "report"
+    start_within_m: Annotated[float, Field(gt=0)] = START_WITHIN_M
     simulate: str | None = None
     time_scale: Annotated[float, Field(gt=0, le=100)] = 1.0
     workers: Annotated[int, Field(ge=1, le=64)] = 1

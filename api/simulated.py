@@ -46,6 +46,9 @@ class SimulatedFleet:
         self.fleet = sim.Fleet(
             specs_at_starts(scenario), clock=sim.ScaledClock(speedup), endpoint=f"udpout://{endpoint}"
         )
+        for vehicle in self.fleet.vehicles.values():
+            if "COM_OBL_RC_ACT" in vehicle.autopilot.parameters:
+                vehicle.autopilot.parameters["COM_OBL_RC_ACT"] = 5  # hold: it may be streamed to
         self._loop = asyncio.new_event_loop()
         self._until = asyncio.Event()
         self._thread = threading.Thread(target=self._run, name="simulated-fleet", daemon=True)

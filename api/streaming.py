@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Mapping
-from contextlib import suppress
-
-import structlog
+from collections.abc import Callable, Collection, Mapping
 
 from api.clock import FleetClock
 from api.fleet import Fleet
@@ -17,7 +14,8 @@ from mavlink_bridge.guard import Guard, Orders
 from mavlink_bridge.guidance import FallBack, Stream, Streamed
 from mavlink_bridge.stream import Streamer
 
-log = structlog.get_logger()
+SILENT_S = 2.0
+"""Fleet seconds; an autopilot that sends its position five times a second and is not heard for so long is not there."""
 
 
 class Streaming:
@@ -40,8 +38,15 @@ class Streaming:
         self._given: dict[str, Given] = {}
         self._stream: Stream | None = None
         self._task: asyncio.Task[None] | None = None
+        self._handing: Mapping[int, asyncio.Task[str | None]] = {}
+        self._closing: set[asyncio.Task[None]] = set()
         self._guard: Guard | None = None
         self._slot0_at = 0.0
+
+    @property
+    def is_on(self) -> bool:
+        """Whether setpoints are being sent."""
+        return self._task is not None and not self._task.done()
 
     async def get_ready(self, given: Mapping[str, Given]) -> dict[int, str | None]:
         """Put these UAVs into the mode that follows setpoints; for each system what went wrong, or None."""
@@ -60,7 +65,7 @@ class Streaming:
             return
         self._slot0_at = time.time()
         self._task = asyncio.create_task(self._stream.run(self._elapsed_s), name="stream")
-        self._task.add_done_callback(lambda _done: self._tell_guard({}))
+        self._task.add_done_callback(lambda _done: self._dismiss_guard())
         self._tell_guard(self._given)
 
     def leave(self, uav: str) -> None:
@@ -70,16 +75,50 @@ class Streaming:
             if self._task is not None:
                 self._tell_guard(self._given)
 
-    async def end(self) -> None:
-        """No setpoints any more: UAVs fall back, and there is nothing to guard."""
-        task, self._task, self._stream = self._task, None, None
-        if task is not None:
-            task.cancel()
-            with suppress(asyncio.CancelledError):
-                await task
+    async def end(self, uavs: Collection[str] | None = None) -> None:
+        """No setpoints any more: every UAV falls back. Returns when these have, or have failed to; whoever asks first.
+
+        None: all that are heard. One that has fallen silent is not waited for: its command takes seconds to fail.
+        """
+        if self._stream is not None and self._task is not None:
+            self._handing = self._stream.hand_over(self._elapsed_s())
+        systems = self._heard() if uavs is None else {self._systems[uav] for uav in uavs}
+        waited = [task for system, task in self._handing.items() if system in systems]
+        if waited:
+            await asyncio.wait(waited)
+
+    def drop(self) -> None:
+        """No setpoints any more, from this moment, and nothing in their place; nothing is waited for."""
+        stream, self._stream = self._stream, None
+        if stream is not None:
+            stream.drop()
+        self._handing = {}
+        self._dismiss_guard()
+
+    async def close(self) -> None:
+        """After `end`: the process that guards ends, and so do commands to who does not answer."""
+        self.drop()
+        if self._task is not None:
+            self._task.cancel()
+            await asyncio.gather(self._task, return_exceptions=True)
+        await asyncio.gather(*self._closing)
+
+    def _heard(self) -> set[int]:
+        monitor, now_s = self._fleet.link.monitor, self._clock.now()
+        return {
+            system
+            for system in self._handing
+            if system in monitor.watched and monitor.silent_for_s(system, now_s) < SILENT_S
+        }
+
+    def _dismiss_guard(self) -> None:
+        """Nobody streams any more: the guard has nothing to do, whatever becomes of us."""
+        self._tell_guard({})
         guard, self._guard = self._guard, None
         if guard is not None:
-            await guard.close()
+            task = asyncio.create_task(guard.close(), name="dismiss-guard")
+            self._closing.add(task)
+            task.add_done_callback(self._closing.discard)
 
     async def _post_guard(self) -> None:
         """Without one vehicles hold when this process dies, which is worth a warning and no reason to stay down."""

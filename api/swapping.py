@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from api.flight import Flight
@@ -29,8 +29,8 @@ class Swap:
     async def into(self, plan: Plan) -> dict[str, str | None]:
         """Give every survivor its mission; for each None when it verifiably flies it, else what went wrong.
 
-        Who does not take the new plan is tried again from where it then is, then given the last good plan, and holds
-        if that fails too.
+        Who does not take the new plan is tried again from where it then is, if that keeps apart from the others, then
+        given the last good plan, and holds if that fails too.
         """
         began = time.monotonic()
         last = self._flight.plan
@@ -39,6 +39,11 @@ class Swap:
         for attempt in range(2, self._attempts + 1):
             again = [uav for uav, error in results.items() if error and uav in self._flight.surviving()]
             if not again:
+                break
+            try:
+                self._require_separated(plan, dict.fromkeys(again, plan))
+            except ReplanError as error:
+                results |= dict.fromkeys(again, str(error))
                 break
             self._metrics.upload_retries.inc(len(again))
             results |= await self._try(plan, again, attempt=attempt)
@@ -100,12 +105,19 @@ class Swap:
         rest = rest_of(last, int(flight.now_s() // flight.slot_s))
         if rest is None:
             return
-        flown = dict.fromkeys(new.scenario.uav_ids, new) | dict.fromkeys(uavs, rest)
         try:
-            require_separated(flown, Present.of(flight))
+            self._require_separated(new, dict.fromkeys(uavs, rest))
         except ReplanError:
             return  # they hold: the swap has seen to that
         await self._try(rest, uavs, attempt=self._attempts + 1)
+
+    def _require_separated(self, new: Plan, plans: Mapping[str, Plan]) -> None:
+        """The separation from where everybody now is, if these UAVs fly these plans and the others the new one.
+
+        Raises ReplanError. Since the first check those that fell behind have hovered, and the others have flown.
+        """
+        surviving = [uav for uav in self._flight.surviving() if uav in new.scenario.uav_ids]
+        require_separated({**dict.fromkeys(surviving, new), **plans}, Present.of(self._flight))
 
 
 def rest_of(plan: Plan, slot: int) -> Plan | None:

@@ -129,6 +129,9 @@ class TakeOff:
         await self._fence()
         await self._rally()
         results = await link.upload({self._systems[uav]: mission for uav, mission in missions.items()})
+        for system, result in results.items():
+            uav = self._uavs[system]
+            self._guidance.settled(uav, missions[uav], result.on_board)
         bad = {self._uavs[system]: result.error for system, result in results.items() if not result.verified}
         if bad:
             good = sorted(self._uavs[system] for system, result in results.items() if result.verified)
@@ -153,7 +156,11 @@ class TakeOff:
             raise failed.exceptions[0] from None
 
     async def start(self) -> float:
-        """Begin slot 0 on all vehicles at once; the fleet second when it began. Raises FlightError."""
+        """Begin slot 0 on all vehicles at once; the fleet second when it begins. Raises FlightError.
+
+        Missions are started earlier by the head start of the vehicle that needs the longest, and this returns when
+        slot 0 begins: keepers see to it that the others come no sooner to their next point.
+        """
         if self._guidance.way.mode == "stream":
             errors = await self._guidance.get_ready()
             began = self._clock.now()
@@ -162,11 +169,12 @@ class TakeOff:
             results = await self._fleet.link.start(
                 self._systems.values(), on_go=lambda: told_s.append(self._clock.now())
             )
-            (began,) = told_s
+            began = told_s[0] + self._guidance.head_start_s()
             errors = {system: result.error for system, result in results.items()}
         bad = {self._uavs[system]: error for system, error in errors.items() if error}
         if bad:
             raise FlightError(f"start failed for {each(bad)}")
+        await asyncio.sleep(max(0.0, began - self._clock.now()) / self._clock.scale)
         return began
 
     async def _fence(self) -> None:
@@ -202,17 +210,22 @@ class TakeOff:
             self._fleet.note("rally_point", uav_id=self._uavs[system], level=level, error=result.error)
 
     def _audit(self) -> None:
-        """Report what the preflight audit finds; with `preflight` "enforce" a blocker keeps everybody on the ground."""
-        blockers = {}
+        """Report what the preflight audit finds; with `preflight` "enforce" a blocker keeps everybody on the ground.
+
+        Some blockers do in any case (`Finding.always`).
+        """
+        blockers, enforced = {}, self._fleet.enforces_preflight
         for uav, findings in self._guidance.audit(self._plan).items():
             for finding in findings:
                 self._fleet.note("preflight", uav_id=uav, **asdict(finding))
             blocked = [
-                f"{one.name} is {one.found}, should be {one.should}" for one in findings if one.level == "blocker"
+                f"{one.name} is {one.found}, should be {one.should}"
+                for one in findings
+                if one.level == "blocker" and (enforced or one.always)
             ]
             if blocked:
                 blockers[uav] = ", ".join(blocked)
-        if blockers and self._fleet.enforces_preflight:
+        if blockers:
             raise FlightError(f"preflight: {each(blockers)}")
 
 

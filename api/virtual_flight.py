@@ -28,6 +28,7 @@ from mavlink_bridge.mission_messages import Message
 from mavlink_bridge.mission_protocol import Upload
 from mavlink_bridge.models import MODEL_PARAMETERS
 from mavlink_bridge.pace import Point
+from mavlink_bridge.reach import head_start_s
 from mavlink_bridge.stream import RATE_HZ, Streamer
 from planner import Plan
 
@@ -91,6 +92,8 @@ class VirtualFlight:
         self._mode(FlightMode.MISSION)
         keeper = Keeper(self.path_m, self.plan.scenario.slot_duration_s, mission, model)
         began_s, orders, distances = self.clock.now(), 0, []
+        if guidance == "keeper":
+            began_s += head_start_s(self.path_m, 0, self.plan.scenario.slot_duration_s, model)
         next_slot = 1
         while next_slot < len(self.path_m):
             self._step()
@@ -98,7 +101,7 @@ class VirtualFlight:
             if elapsed_s + 1e-9 >= next_slot * self.plan.scenario.slot_duration_s:
                 distances.append(self._distance_to(self.path_m[next_slot]))
                 next_slot += 1
-            if guidance == "keeper" and self._seen is not None:
+            if guidance == "keeper" and self._seen is not None and elapsed_s >= 0:
                 _, point, velocity, current = self._seen
                 order = keeper.advise(elapsed_s, point, velocity, current)
                 if order is not None:

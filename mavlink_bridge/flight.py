@@ -20,6 +20,8 @@ CONFIRM_S = 3.0
 """Wall seconds to report that it does what it acknowledged; HEARTBEAT and MISSION_CURRENT come at 1 Hz."""
 REPORT_S = 1.3
 """Wall seconds until the next MISSION_CURRENT of a vehicle that tells it at 1 Hz and not when it is asked (PX4)."""
+HEARTBEAT_S = 1.2
+"""Wall seconds in which a HEARTBEAT comes by itself."""
 ASK_AGAIN_S = 0.1
 """Instead of waiting for the next MISSION_CURRENT it is asked for this often, where that is answered."""
 STREAMS_HZ = {33: 5.0, 42: 1.0, 245: 1.0, 1: 1.0, 24: 1.0}
@@ -33,10 +35,9 @@ FLY_TRIES = 2
 PROOF_S = 2.0
 """A vehicle that flies on during its swap (PX4) is told to hold when the new mission is not proven by then."""
 
-SET_MODE, _CHANGE_SPEED, _SET_CURRENT, _INTERVAL, _REQUEST = 176, 178, 224, 511, 512
+SET_MODE, _SET_CURRENT, _INTERVAL, _REQUEST = 176, 224, 511, 512
 CUSTOM_MODE = 1.0
 """param1 of SET_MODE (MAV_CMD_DO_SET_MODE): param2 and 3 are the autopilot's own numbers."""
-_GROUND_SPEED, _THROTTLE_UNCHANGED = 1.0, -1.0
 _HEARTBEAT, _MISSION_CURRENT, _HOME_POSITION = 0, 42, 242
 
 
@@ -106,11 +107,6 @@ async def _insist_on_item(vehicle: Vehicle, item: int, is_current: Callable[[], 
         vehicle.send(order)
         await ask_until(vehicle, is_current, min(wait_s, left_s))
     return True
-
-
-async def change_speed(vehicle: Vehicle, speed_mps: float) -> None:
-    """Fly the current leg at this ground speed."""
-    await vehicle.command(_CHANGE_SPEED, _GROUND_SPEED, speed_mps, _THROTTLE_UNCHANGED)
 
 
 async def hold(vehicle: Vehicle) -> None:
@@ -282,6 +278,16 @@ async def _asking(vehicle: Vehicle, message_id: int, condition: Callable[[], boo
             asked.cancel()
             await asyncio.gather(asked, return_exceptions=True)
     return True
+
+
+async def fresh_heartbeat(vehicle: Vehicle) -> bool:
+    """Ask for a HEARTBEAT and wait for one; whether one came. Only then its mode is that of this moment.
+
+    An autopilot that does not send one on demand sends one a second anyway.
+    """
+    heard = vehicle.state.heartbeats
+    await error_of(vehicle.command(_REQUEST, float(_HEARTBEAT)))
+    return await vehicle.wait_until(lambda: vehicle.state.heartbeats > heard, HEARTBEAT_S)
 
 
 async def error_of(done: Awaitable[None]) -> str | None:

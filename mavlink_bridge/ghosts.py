@@ -20,27 +20,35 @@ from mavlink_bridge.route import Route
 DEADLINE_S = 30 * 60.0
 """After this long in the air no battery of the class we fly lasts: the air is free again."""
 SAMPLE_S = 0.5
-_STORED = ("uav_id", "lost_at_s", "last_seen_m", "route_began_s", "home_m", "deadline_s")
+_STORED = ("uav_id", "lost_at_s", "last_seen_m", "home_m", "deadline_s")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Way:
+    """A route that may be flown, its slot 0 at `began_s`, fleet seconds since the operation's slot 0."""
+
+    route: Route
+    began_s: float
+
+    def at_m(self, now_s: float) -> Point:
+        """Where a UAV is that flies it on schedule."""
+        return self.route.at(now_s - self.began_s).point_m
 
 
 @dataclass(frozen=True, kw_only=True)
 class Ghost:
     """One UAV we lost. Times are fleet seconds since the operation's slot 0; places metres east/north.
 
-    `route` is the plan it flew, slot 0 at `route_began_s`. `home_m` is where it took off, None if unknown.
+    `ways`: what the mission on board flies, and several where it is not known which is. `home_m` is where it took off,
+    None if unknown.
     """
 
     uav_id: str
     lost_at_s: float
     last_seen_m: Point
-    route: Route
-    route_began_s: float
+    ways: tuple[Way, ...]
     home_m: Point | None
     deadline_s: float
-
-    def at_m(self, now_s: float) -> Point:
-        """Where it is if it flies on as planned."""
-        return self.route.at(now_s - self.route_began_s).point_m
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,7 +104,12 @@ class Airspace:
         """The ghosts as JSON values, for `recall` after a restart."""
         return [
             {name: getattr(ghost, name) for name in _STORED}
-            | {"path_m": ghost.route.path_m, "slot_s": ghost.route.slot_s}
+            | {
+                "ways": [
+                    {"path_m": way.route.path_m, "slot_s": way.route.slot_s, "began_s": way.began_s}
+                    for way in ghost.ways
+                ]
+            }
             for ghost in self._ghosts.values()
         ]
 
@@ -105,8 +118,7 @@ class Airspace:
         for said in document:
             home = said["home_m"]
             places = {"last_seen_m": tuple(said["last_seen_m"]), "home_m": None if home is None else tuple(home)}
-            route = Route([(east, north) for east, north in said["path_m"]], said["slot_s"])
-            self.reserve(Ghost(**{name: said[name] for name in _STORED} | places, route=route))
+            self.reserve(Ghost(**{name: said[name] for name in _STORED} | places, ways=tuple(_ways(said))))
 
     def conflicts(
         self, paths_m: Mapping[str, Sequence[Point]], times_s: Sequence[float], required_m: float
@@ -140,14 +152,22 @@ def _at_the_same_time(
         share = step / steps
         at_s = begin_s + share * (end_s - begin_s)
         here = (start[0] + share * (end[0] - start[0]), start[1] + share * (end[1] - start[1]))
-        there = ghost.at_m(at_s)
-        yield _conflict(uav_id, ghost, at_s, hypot(here[0] - there[0], here[1] - there[1]), "the old route")
+        for way in ghost.ways:
+            there = way.at_m(at_s)
+            yield _conflict(uav_id, ghost, at_s, hypot(here[0] - there[0], here[1] - there[1]), "the old route")
 
 
 def _ways_home(ghost: Ghost) -> list[tuple[Point, Point]]:
     """From where it was last seen, and from the end of its route: it returns when its failsafe acts, or at the end."""
     assert ghost.home_m is not None  # noqa: S101
-    return [(ghost.last_seen_m, ghost.home_m), (ghost.route.path_m[-1], ghost.home_m)]
+    return [(start_m, ghost.home_m) for start_m in (ghost.last_seen_m, *(way.route.path_m[-1] for way in ghost.ways))]
+
+
+def _ways(said: Mapping[str, Any]) -> Iterable[Way]:
+    """What `document` wrote of a ghost's ways; before there could be several, it wrote the one way beside the rest."""
+    for way in said.get("ways") or [{**said, "began_s": said["route_began_s"]}]:
+        route = Route([(east, north) for east, north in way["path_m"]], way["slot_s"])
+        yield Way(route=route, began_s=way["began_s"])
 
 
 def _conflict(uav_id: str, ghost: Ghost, at_s: float, apart_m: float, because: str) -> Conflict:

@@ -9,16 +9,18 @@ preflight audit insists on them; `guard` then says the rest.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
-from mavlink_bridge import departure, flight
+from mavlink_bridge import departure, flight, speeds
 from mavlink_bridge.autopilots import STREAM_MODE, FlightMode
+from mavlink_bridge.deviations import AltitudeWatch, Deviation, HomeWatch
 from mavlink_bridge.geodesy import geodetic_to_east_north
 from mavlink_bridge.items import Mission
 from mavlink_bridge.keeper import Keeper, Order, Slip
 from mavlink_bridge.stream import RATE_HZ, Streamer
+from mavlink_bridge.telemetry import Telemetry
 from mavlink_bridge.vehicle import NotDone, Vehicle
 from planner.scenario import Origin
 
@@ -42,15 +44,18 @@ class FallBack(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Kept:
-    """One vehicle under a keeper; `origin` is where its plan's (0, 0) lies."""
+    """One vehicle under a keeper; `origin` is where its plan's (0, 0) lies. `altitude`, `home`: what is watched."""
 
     vehicle: Vehicle
     keeper: Keeper
     origin: Origin
+    altitude: AltitudeWatch | None = None
+    home: HomeWatch | None = None
 
 
 OnSlip = Callable[[int, Slip], None]
 OnOrder = Callable[[int, Order], None]
+OnDeviation = Callable[[int, Deviation], None]
 
 
 async def keep(
@@ -61,20 +66,30 @@ async def keep(
     scale: float,
     on_slip: OnSlip,
     on_order: OnOrder = lambda _system_id, _order: None,
+    on_deviation: OnDeviation = lambda _system_id, _deviation: None,
 ) -> None:
     """Keep vehicles on schedule until cancelled.
 
     elapsed_s: fleet seconds since slot 0 of their plans. now_s: the fleet's clock. scale: fleet seconds a wall second.
-    on_slip(system_id, slip): once for each vehicle and slot; on_order: for each command given.
+    on_slip(system_id, slip): once for each vehicle and slot; on_order: for each command given; on_deviation: when its
+    altitude or its home is not as planned.
     """
     giving: dict[int, asyncio.Task[None]] = {}
     try:
         while True:
             for system_id, one in kept.items():
-                order = _look(one, system_id, elapsed_s(), now_s(), on_slip)
-                if order is not None and (system_id not in giving or giving[system_id].done()):
-                    on_order(system_id, order)
-                    giving[system_id] = asyncio.create_task(_give(one.vehicle, order))
+                order, slip, deviations = _look(one, elapsed_s(), now_s())
+                if slip is not None:
+                    on_slip(system_id, slip)
+                for deviation in deviations:
+                    on_deviation(system_id, deviation)
+                if order is None:
+                    continue
+                if system_id in giving and not giving[system_id].done():
+                    one.keeper.not_taken(order)
+                    continue
+                on_order(system_id, order)
+                giving[system_id] = asyncio.create_task(_give(one, order))
             await asyncio.sleep(max(LOOK_S / scale, SHORTEST_SLEEP_S))
     finally:
         for task in giving.values():
@@ -82,31 +97,44 @@ async def keep(
         await asyncio.gather(*giving.values(), return_exceptions=True)
 
 
-def _look(one: Kept, system_id: int, elapsed_s: float, now_s: float, on_slip: OnSlip) -> Order | None:
+def _look(one: Kept, elapsed_s: float, now_s: float) -> tuple[Order | None, Slip | None, list[Deviation]]:
     said = one.vehicle.state.snapshot()
     if said is None or now_s - said.heard_at_s > FRESH_S:
-        return None
+        return None, None, []
     age_s = now_s - said.heard_at_s
     velocity = (said.velocity_east_mps, said.velocity_north_mps)
     east, north = geodetic_to_east_north(one.origin, said.lat_deg, said.lon_deg)
     point = (east + velocity[0] * age_s, north + velocity[1] * age_s)
-    slip = one.keeper.slip(elapsed_s, point)
-    if slip is not None:
-        on_slip(system_id, slip)
-    if said.mode is not FlightMode.MISSION or said.mission_current is None:
-        return None
-    return one.keeper.advise(elapsed_s, point, velocity, said.mission_current)
+    order = None
+    if said.mode is FlightMode.MISSION and said.mission_current is not None:
+        order = one.keeper.advise(elapsed_s, point, velocity, said.mission_current)
+    return order, one.keeper.slip(elapsed_s, point), list(_deviations(one, said, elapsed_s))
 
 
-async def _give(vehicle: Vehicle, order: Order) -> None:
-    """An order that is not taken is given again by the next look."""
+def _deviations(one: Kept, said: Telemetry, elapsed_s: float) -> Iterator[Deviation]:
+    """Altitude counts while the vehicle is ours and slots are flown, a home whenever it moves."""
+    state = one.vehicle.state
+    home = None if one.home is None else one.home.look(state.home_deg, state.home_amsl_m)
+    if home is not None:
+        yield home
+    if one.altitude is not None and flight.is_ours(one.vehicle) and 0 <= elapsed_s < one.keeper.ends_s:
+        altitude = one.altitude.look(elapsed_s, said.relative_alt_m)
+        if altitude is not None:
+            yield altitude
+
+
+async def _give(one: Kept, order: Order) -> None:
+    """Only to one that is seen in its mission just now. An order that is not taken is given again by a later look."""
     try:
         if order.item is not None:
-            await flight.set_current(vehicle, order.item)
+            await speeds.require_in_mission(one.vehicle)
+            await flight.set_current(one.vehicle, order.item)
+        elif order.its_own_speed:
+            await speeds.restore_speed(one.vehicle, order.speed_mps or one.keeper.model.cruise_mps)
         elif order.speed_mps is not None:
-            await flight.change_speed(vehicle, order.speed_mps)
+            await speeds.order_speed(one.vehicle, order.speed_mps)
     except NotDone:
-        return
+        one.keeper.not_taken(order)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,8 +154,12 @@ class Stream:
 
     def __init__(self, streamed: Mapping[int, Streamed], *, scale: float, fall_back: FallBack) -> None:
         self._streamed = dict(streamed)
+        route = next(iter(self._streamed.values())).streamer.route
+        self._slot_s, self._last = route.slot_s, route.last
         self._scale = scale
         self._fall_back = fall_back
+        self._ended = False
+        self._handing: dict[int, asyncio.Task[str | None]] = {}
 
     async def begin(self) -> dict[int, str | None]:
         """Stream the first points, change the mode; for each vehicle what went wrong, or None."""
@@ -145,23 +177,39 @@ class Stream:
 
     async def run(self, elapsed_s: Callable[[], float]) -> None:
         """Guide until the last slot begins, then hover there. However it ends, nobody is left without guidance."""
-        slot_s, last = next((one.streamer.route.slot_s, one.streamer.route.last) for one in self._streamed.values())
+        last_s = (self._last + 1) * self._slot_s
         try:
-            while elapsed_s() < (last + 1) * slot_s:
+            while not self._ended and elapsed_s() < last_s:
                 self._send(elapsed_s())
                 await self._pause()
         finally:
-            await asyncio.shield(self._hand_over(elapsed_s(), slot_s, last))
+            handed_over = self.hand_over(elapsed_s())
+            if handed_over:
+                await asyncio.shield(asyncio.wait(handed_over.values()))
 
     def leave(self, system_id: int) -> None:
         """Send it nothing any more, and leave its mode to whoever flies it now."""
         self._streamed.pop(system_id, None)
 
-    async def _hand_over(self, elapsed_s: float, slot_s: float, last: int) -> None:
-        slot = next_slot(elapsed_s, slot_s, last)
-        await asyncio.gather(
-            *(let_go(one.vehicle, one.mission.item_of_slot(slot), self._fall_back) for one in self._streamed.values())
-        )
+    def hand_over(self, elapsed_s: float) -> Mapping[int, asyncio.Task[str | None]]:
+        """No setpoints any more: let each go, once; the tasks that do it, by system id, each for itself."""
+        if not self._ended:
+            self._ended = True
+            slot = next_slot(elapsed_s, self._slot_s, self._last)
+            self._handing = {
+                system_id: asyncio.create_task(
+                    let_go(one.vehicle, one.mission.item_of_slot(slot), self._fall_back), name=f"let-go-{system_id}"
+                )
+                for system_id, one in self._streamed.items()
+            }
+        return self._handing
+
+    def drop(self) -> None:
+        """No setpoints any more and nothing in their place, at once: whoever calls this commands the vehicles now."""
+        self._ended = True
+        for task in self._handing.values():
+            task.cancel()
+        self._handing = {}
 
     def _send(self, elapsed_s: float) -> None:
         for one in list(self._streamed.values()):

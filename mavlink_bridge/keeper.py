@@ -2,16 +2,19 @@
 
 There is no mission item that says when to arrive. So while a mission is flown, the keeper looks at the next point of
 the plan, what is left of the way and of the time, and at the vehicle's limits, and asks for the ground speed that meets
-both (MAV_CMD_DO_CHANGE_SPEED). A hold that would last past its slot is cut short by making the next item current.
+both (MAV_CMD_DO_CHANGE_SPEED). A hold that would last past its slot is cut short by making the next item current, and
+so is a waypoint that a vehicle does not come nearer to although it is overdue. After the last slot the vehicle gets its
+own cruise speed back.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import hypot
+from math import hypot, inf
 
 from mavlink_bridge.items import Command, Mission
 from mavlink_bridge.pace import Point, VehicleModel, cruise_speed, lateness
+from mavlink_bridge.reach import head_start_s
 from mavlink_bridge.route import Route
 from mavlink_bridge.schedule import SAME_PLACE_M
 
@@ -25,15 +28,36 @@ LEAST_TIME_S = 0.6
 
 LEAD_S = 0.2
 """Orders are given this early: until they are flown, about so long passes."""
+STUCK_S = 4.0
+"""A vehicle that is overdue at a waypoint and has come no nearer for so long is stuck, fleet seconds."""
+FROM_REST = 0.3
+"""On the first leg, slower than this share of what is needed it has yet to build up its acceleration."""
+NEARER_M = 1.0
+"""Coming nearer by less than this is none: it hovers, or circles."""
 
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """What a vehicle is told: fly this fast, or go on with this item. `late_s`: how far behind the clock it is."""
+    """What a vehicle is told: fly this fast, or go on with this item. `late_s`: how far behind the clock it is.
+
+    its_own_speed: the speed is the vehicle's own, the last word. stuck: why the item is made current, if it is
+    because the vehicle did not move on by itself.
+    """
 
     late_s: float
     speed_mps: float | None = None
     item: int | None = None
+    its_own_speed: bool = False
+    stuck: Stuck | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Stuck:
+    """It stayed `distance_m` from the waypoint of item `item` for `for_s` fleet seconds, although it was overdue."""
+
+    item: int
+    for_s: float
+    distance_m: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,25 +79,74 @@ class Keeper:
     def __init__(
         self, path_m: list[Point], slot_s: float, mission: Mission, model: VehicleModel, *, since_s: float = 0.0
     ) -> None:
+        self.model = model
         self._route = Route(path_m, slot_s)
-        self._mission, self._model = mission, model
+        self._mission = mission
         self._stops = sorted(mission.slot_of_item.items())
         self._ordered_s = -EVERY_S
         self._ordered_item = -1
         self._speed_mps: float | None = None
+        self._has_our_speed = False
+        self._nearest: tuple[int, float, float] = (-1, inf, 0.0)
         self._next_slot = int(max(since_s, 0.0) // slot_s) + 1
+
+    @property
+    def ends_s(self) -> float:
+        """When the last slot begins."""
+        return self._route.due_s(self._route.last)
 
     def advise(self, now_s: float, point_m: Point, velocity_mps: Point, current_item: int) -> Order | None:
         """The order to give now, if any. `current_item`: the seq of MISSION_CURRENT."""
-        if now_s - self._ordered_s < EVERY_S or now_s >= self._route.due_s(self._route.last):
+        if now_s - self._ordered_s < EVERY_S:
             return None
-        number = next((n for n, (seq, _) in enumerate(self._stops) if seq >= current_item), None)
-        if number is None:
-            return None
-        order = self._leave(number, now_s, point_m) or self._fly(number, now_s, point_m, velocity_mps)
+        if now_s >= self._route.due_s(self._route.last):
+            order = self._give_back(now_s)
+        else:
+            number = next((n for n, (seq, _) in enumerate(self._stops) if seq >= current_item), None)
+            if number is None:
+                return None
+            order = (
+                self._leave(number, now_s, point_m)
+                or self._free(number, now_s, point_m)
+                or self._fly(number, now_s, point_m, velocity_mps)
+            )
         if order is not None:
             self._ordered_s = now_s
+            self._has_our_speed |= order.speed_mps is not None and not order.its_own_speed
         return order
+
+    def not_taken(self, order: Order) -> None:
+        """The vehicle did not take this order: what it asked for counts as not asked for yet."""
+        if order.item is not None:
+            self._ordered_item = -1
+        if order.speed_mps is not None:
+            self._speed_mps = None
+            self._has_our_speed = True
+
+    def _give_back(self, now_s: float) -> Order | None:
+        """Its own cruise speed, for the way home or whatever comes, once and if another one was ordered."""
+        if not self._has_our_speed:
+            return None
+        self._has_our_speed = False
+        late_s = now_s - self._route.due_s(self._route.last)
+        return Order(late_s=late_s, speed_mps=self.model.cruise_mps, its_own_speed=True)
+
+    def _free(self, number: int, now_s: float, point_m: Point) -> Order | None:
+        """Go on with the next item where it is overdue at this one and comes no nearer."""
+        seq, slot = self._stops[number]
+        at = self._route.path_m[slot]
+        left_m = hypot(point_m[0] - at[0], point_m[1] - at[1])
+        item, nearest_m, since_s = self._nearest
+        overdue_s = self._route.due_s(self._departs(number))
+        if item != seq or left_m < nearest_m - NEARER_M or now_s < overdue_s:
+            self._nearest = (seq, left_m, now_s)
+            return None
+        if now_s - since_s < STUCK_S or number + 1 >= len(self._stops):
+            return None
+        self._nearest = (seq, left_m, now_s)
+        self._speed_mps = None
+        stuck = Stuck(item=seq, for_s=round(now_s - since_s, 1), distance_m=round(left_m, 1))
+        return Order(late_s=now_s - overdue_s, item=self._next_item(seq), stuck=stuck)
 
     def slip(self, now_s: float, point_m: Point) -> Slip | None:
         """The record of a slot that has just begun, once each."""
@@ -94,13 +167,16 @@ class Keeper:
         return along_m / (leg_m / self._route.slot_s)
 
     def _leave(self, number: int, now_s: float, point_m: Point) -> Order | None:
-        """End a hold whose time is over: the vehicle began it late."""
+        """End a hold whose time is over: the vehicle began it late, or needs a head start into the leg after it."""
         seq, slot = self._stops[number]
         if number + 1 >= len(self._stops) or self._mission.items[seq].param1 <= 0 or seq == self._ordered_item:
             return None
         at = self._route.path_m[slot]
-        leaves_s = self._route.due_s(self._departs(number))
-        near = hypot(point_m[0] - at[0], point_m[1] - at[1]) <= max(2.0, self._model.acceptance_radius_m)
+        departs = self._departs(number)
+        leaves_s = self._route.due_s(departs) - head_start_s(
+            self._route.path_m, departs, self._route.slot_s, self.model
+        )
+        near = hypot(point_m[0] - at[0], point_m[1] - at[1]) <= max(2.0, self.model.acceptance_radius_m)
         if not near or now_s + LEAD_S < leaves_s:
             return None
         self._ordered_item = seq
@@ -143,10 +219,11 @@ class Keeper:
             "entry_mps": min(along, cruise),
             "leave_mps": 0.0 if self._rests_at(target) else min(cruise, self._pace(target)),
         }
-        speed = cruise_speed(distance_m, left_s, model=self._model, **leg)
-        if lateness(distance_m, left_s, model=self._model, **leg) > 0:
+        model = self.model.from_rest() if target == 1 and along < FROM_REST * cruise else self.model
+        speed = cruise_speed(distance_m, left_s, model=model, **leg)
+        if lateness(distance_m, left_s, model=model, **leg) > 0:
             speed = max(speed, self._compiled_speed(seq))
-        speed = min(max(speed, self._model.min_speed_mps), self._model.max_speed_mps)
+        speed = min(max(speed, self.model.min_speed_mps), self.model.max_speed_mps)
         if self._speed_mps is not None and abs(speed - self._speed_mps) < max(WORTH_MPS, 0.05 * speed):
             return None
         self._speed_mps = speed
@@ -156,7 +233,7 @@ class Keeper:
         """Whether it is at a stop that it should not leave yet, or close to the end of the leg anyway."""
         _, slot = self._stops[number]
         at = self._route.path_m[slot]
-        near = hypot(point_m[0] - at[0], point_m[1] - at[1]) <= self._model.acceptance_radius_m
+        near = hypot(point_m[0] - at[0], point_m[1] - at[1]) <= self.model.acceptance_radius_m
         return near and self._rests_at(slot)
 
     def _target(self, number: int, now_s: float) -> int:

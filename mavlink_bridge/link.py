@@ -14,7 +14,7 @@ from mavlink_bridge.items import MAX_ITEMS, Mission, MissionItem
 from mavlink_bridge.listening import ListeningLink
 from mavlink_bridge.mission_messages import MissionType
 from mavlink_bridge.models import model_from_parameters
-from mavlink_bridge.preflight import Facts, Needs, parameter_names
+from mavlink_bridge.preflight import START_WITHIN_M, Facts, Needs, parameter_names
 from mavlink_bridge.results import CommandResult, Recognised, SwapResult, UploadResult
 from mavlink_bridge.transfer import ATTEMPTS, read_parameters, recognise, upload_items, upload_verified
 from mavlink_bridge.vehicle import NotDone, Vehicle
@@ -139,9 +139,17 @@ class FleetLink(ListeningLink):
     # -- before take-off ---------------------------------------------------------------------------------------------
 
     def facts(
-        self, system_id: int, plan: Plan, uav_id: str, *, items: int, stream: bool = False
+        self,
+        system_id: int,
+        plan: Plan,
+        uav_id: str,
+        *,
+        items: int,
+        stream: bool = False,
+        force_stream: bool = False,
+        start_within_m: float = START_WITHIN_M,
     ) -> tuple[Facts, Needs]:
-        """What the preflight audit compares: the vehicle as it was heard, and what the plan needs of it.
+        """What the preflight audit compares: the vehicle as it was heard, and what the plan needs of it (see `Needs`).
 
         Raises KeyError if it was never heard.
         """
@@ -165,6 +173,8 @@ class FleetLink(ListeningLink):
             items=items,
             max_items=MAX_ITEMS,
             stream=stream,
+            force_stream=force_stream,
+            start_within_m=start_within_m,
             lost_after_s=self.monitor.lost_after_s,
         )
         return facts, needs

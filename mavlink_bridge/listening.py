@@ -26,6 +26,7 @@ from mavlink_bridge.hub import Hub, LinkOptions
 from mavlink_bridge.mavsdk_log import to_python_logging
 from mavlink_bridge.models import DEFAULTS
 from mavlink_bridge.pace import VehicleModel
+from mavlink_bridge.speeds import SpeedWatch
 from mavlink_bridge.telemetry import Telemetry
 from mavlink_bridge.tlog import TelemetryLog
 from mavlink_bridge.vehicle import Clock, Vehicle
@@ -64,6 +65,8 @@ class ListeningLink:
         self.models: dict[int, VehicleModel] = {}
         """What `prepare` made of each vehicle's own parameters."""
         self.parameters: dict[int, dict[str, float]] = {}
+        self.speeds = SpeedWatch(lambda system_id: self.model(system_id).cruise_mps)
+        """Gives back their own speed to vehicles that leave our modes at one of ours."""
         self._options = options or LinkOptions()
         self._hub: Hub | None = None
         self._clock = clock
@@ -92,6 +95,7 @@ class ListeningLink:
     async def close(self) -> None:
         """End all waiting, let running MAVSDK calls time out, and free the ports. Ends every `events` iterator."""
         self._closed = True
+        await self.speeds.close()
         mavsdk, self._mavsdk = self._mavsdk, None
         if self._hub is not None:
             self._hub.close()
@@ -273,6 +277,8 @@ class ListeningLink:
         if name == "HEARTBEAT" and vehicle.heard and vehicle.system_id in self._awaited:
             self.classifier.watch(vehicle.system_id, heard_s)
         self.classifier.hear(vehicle.system_id, AUTOPILOT, name, fields, heard_s)
+        if name == "HEARTBEAT":
+            self.speeds.look(vehicle)
 
     def _note_pause(self) -> None:
         """Tell the classifier if we could not listen until now, before it takes in what waited meanwhile."""

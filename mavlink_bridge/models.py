@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from mavlink_bridge.autopilots import Autopilot
 from mavlink_bridge.pace import VehicleModel
 
-PX4 = VehicleModel()
+PX4 = VehicleModel(jerk_from_rest_mps3=4.0)
 """PX4 with its default parameters."""
 
 ARDUCOPTER = VehicleModel(
@@ -16,6 +16,8 @@ ARDUCOPTER = VehicleModel(
     max_speed_mps=15.0,
     acceptance_radius_m=2.0,
     jerk_mps3=1.0,
+    cruise_mps=10.0,
+    rests_in_plan=True,
     settle_s=2.2,
     hold_step_s=1.0,
 )
@@ -26,6 +28,8 @@ DEFAULTS = {Autopilot.PX4: PX4, Autopilot.ARDUPILOT: ARDUCOPTER}
 _BRAKING_SHARE = 0.8
 """Stops and corners are planned with less than the acceleration limit, so that wind does not make them late."""
 _LEAST_MPS2 = 0.1
+_LEAST_MPS3 = 0.5
+"""The least MPC_JERK_AUTO there is; WPNAV_JERK begins at 1."""
 _COPTER_SPEED_FACTOR = 1.5
 """ArduCopter flies DO_CHANGE_SPEED above WP_SPD; beyond this factor its corners and stops grow out of proportion."""
 
@@ -38,6 +42,8 @@ def _px4(parameters: Parameters) -> VehicleModel:
         acceleration_mps2=acceleration,
         braking_mps2=round(_BRAKING_SHARE * acceleration, 6),
         max_speed_mps=parameters.get("MPC_XY_VEL_MAX", PX4.max_speed_mps),
+        jerk_from_rest_mps3=max(parameters.get("MPC_JERK_AUTO", PX4.jerk_from_rest_mps3), _LEAST_MPS3),
+        cruise_mps=parameters.get("MPC_XY_CRUISE", PX4.cruise_mps),
         acceptance_radius_m=PX4.acceptance_radius_m,  # sent with each waypoint, so NAV_ACC_RAD does not matter
     )
 
@@ -45,13 +51,15 @@ def _px4(parameters: Parameters) -> VehicleModel:
 def _arducopter(parameters: Parameters) -> VehicleModel:
     """Names and units changed in 4.7: WPNAV_* are centimetres, WP_* metres."""
     acceleration = max(_metres(parameters, "WP_ACC", "WPNAV_ACCEL", ARDUCOPTER.acceleration_mps2), _LEAST_MPS2)
-    cruise = _metres(parameters, "WP_SPD", "WPNAV_SPEED", ARDUCOPTER.max_speed_mps / _COPTER_SPEED_FACTOR)
+    cruise = _metres(parameters, "WP_SPD", "WPNAV_SPEED", ARDUCOPTER.cruise_mps)
     return VehicleModel(
         acceleration_mps2=acceleration,
         braking_mps2=round(_BRAKING_SHARE * acceleration, 6),
         max_speed_mps=max(cruise * _COPTER_SPEED_FACTOR, VehicleModel().min_speed_mps),
         acceptance_radius_m=_metres(parameters, "WP_RADIUS_M", "WPNAV_RADIUS", ARDUCOPTER.acceptance_radius_m),
         jerk_mps3=parameters.get("WP_JERK", parameters.get("WPNAV_JERK", ARDUCOPTER.jerk_mps3)),
+        cruise_mps=cruise,
+        rests_in_plan=True,
         settle_s=ARDUCOPTER.settle_s,
         hold_step_s=ARDUCOPTER.hold_step_s,
     )
@@ -66,7 +74,7 @@ def _metres(parameters: Parameters, metres: str, centimetres: str, default: floa
 _MAKERS = {Autopilot.PX4: _px4, Autopilot.ARDUPILOT: _arducopter}
 
 MODEL_PARAMETERS = {
-    Autopilot.PX4: ("MPC_ACC_HOR", "MPC_XY_VEL_MAX"),
+    Autopilot.PX4: ("MPC_ACC_HOR", "MPC_JERK_AUTO", "MPC_XY_CRUISE", "MPC_XY_VEL_MAX"),
     Autopilot.ARDUPILOT: (
         *("WP_ACC", "WP_JERK", "WP_RADIUS_M", "WP_SPD"),
         *("WPNAV_ACCEL", "WPNAV_JERK", "WPNAV_RADIUS", "WPNAV_SPEED"),

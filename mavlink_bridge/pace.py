@@ -8,7 +8,7 @@ as reached when its slot begins (that is when the hold starts), still moving; af
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 from math import acos, hypot, inf, isfinite, pi, sqrt, tan
 
@@ -24,6 +24,7 @@ _JERK_PASSES = 4
 """With a jerk limit the mean acceleration depends on the speed that is looked for."""
 _LEAST_CHANGE_MPS = 0.5
 _RADIUS_PER_LEG = 1 / 3
+_HALVINGS = 40
 _STRAIGHT = 1 - 1e-9
 
 
@@ -34,9 +35,12 @@ class VehicleModel:
     acceleration_mps2: horizontal (MPC_ACC_HOR). braking_mps2: what stops and corners are planned with, a little less.
     max_speed_mps: what a speed command may ask for (MPC_XY_VEL_MAX). min_speed_mps: slower legs are flown at this
     speed and end in a hold. acceptance_radius_m: a waypoint counts as reached this far away (param2 of NAV_WAYPOINT);
-    less where the legs beside it are short. jerk_mps3: how fast the acceleration itself builds up (WPNAV_JERK).
-    settle_s: what a hold costs beside its own seconds, because it only begins
-    once the vehicle has come to rest. hold_step_s: holds are stored in multiples of this (0: any length).
+    less where the legs beside it are short. jerk_mps3: how fast the acceleration itself builds up (WPNAV_JERK), and
+    jerk_from_rest_mps3 the same where all of it counts, on the first leg (MPC_JERK_AUTO: PX4 hardly brakes at corners).
+    cruise_mps: its own speed when nobody orders one (MPC_XY_CRUISE, WPNAV_SPEED). rests_in_plan: its autopilot plans
+    each leg from rest to rest and blends the ends (ArduCopter's S-curves), so that a short leg is flown no faster than
+    it could be braked from, whatever speed is asked for. settle_s: what a hold costs beside its own seconds, because
+    it only begins once the vehicle has come to rest. hold_step_s: holds are multiples of this (0: any length).
     `models.model_from_parameters` makes one from what a vehicle says about itself.
     """
 
@@ -46,16 +50,25 @@ class VehicleModel:
     min_speed_mps: float = 0.2
     acceptance_radius_m: float = 1.0
     jerk_mps3: float = inf
+    jerk_from_rest_mps3: float = inf
+    cruise_mps: float = 5.0
+    rests_in_plan: bool = False
     settle_s: float = 0.0
     hold_step_s: float = 0.0
 
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
+            if name == "rests_in_plan":
+                continue
             if name in ("settle_s", "hold_step_s"):
                 if not (isfinite(value) and value >= 0):
                     raise ValueError(f"{name}: {value} must be a finite number of seconds, at least 0")
-            elif not (value > 0 and (isfinite(value) or name == "jerk_mps3")):
+            elif not (value > 0 and (isfinite(value) or name.startswith("jerk"))):
                 raise ValueError(f"{name}: {value} must be a finite number above 0")
+
+    def from_rest(self) -> VehicleModel:
+        """The model for a leg that begins at rest."""
+        return replace(self, jerk_mps3=min(self.jerk_mps3, self.jerk_from_rest_mps3))
 
 
 def cruise_speed(
@@ -100,6 +113,40 @@ def mean_acceleration(change_mps: float, limit_mps2: float, jerk_mps3: float) ->
     if change_mps >= limit_mps2**2 / jerk_mps3:
         return change_mps / (change_mps / limit_mps2 + limit_mps2 / jerk_mps3)
     return sqrt(change_mps * jerk_mps3) / 2
+
+
+def way_from_rest_m(speed_mps: float, time_s: float, model: VehicleModel) -> float:
+    """Metres flown in `time_s` from rest towards a cruise speed, with limited acceleration and jerk.
+
+    The acceleration builds up for `ramp` seconds, stays for `steady`, and fades for `ramp` again.
+    """
+    limit, jerk = model.acceleration_mps2, model.jerk_mps3
+    ramp = 0.0 if jerk == inf else min(limit / jerk, sqrt(speed_mps / jerk))
+    peak = limit if jerk == inf else jerk * ramp
+    steady = speed_mps / peak - ramp
+    way = speed = 0.0
+    for lasts, begins, change in ((ramp, 0.0, 1.0), (steady, peak, 0.0), (ramp, peak, -1.0)):
+        t = min(max(time_s, 0.0), lasts)
+        rate = change * jerk if lasts > 0 and change else 0.0
+        way += speed * t + begins * t**2 / 2 + rate * t**3 / 6
+        speed += begins * t + rate * t**2 / 2
+        time_s -= lasts
+    return way + speed_mps * max(time_s, 0.0)
+
+
+def fastest_on_leg(distance_m: float, model: VehicleModel) -> float:
+    """The speed (m/s) an autopilot that plans legs from rest to rest reaches on one of this length; else the model's.
+
+    Speeding up to v and braking again take `v` times the mean seconds of both changes in metres.
+    """
+    if not model.rests_in_plan:
+        return model.max_speed_mps
+    low, high = 0.0, model.max_speed_mps
+    for _ in range(_HALVINGS):
+        speed = (low + high) / 2
+        mean_mps2 = mean_acceleration(speed, model.acceleration_mps2, model.jerk_mps3)
+        low, high = (speed, high) if speed**2 / mean_mps2 <= distance_m else (low, speed)
+    return low
 
 
 def acceptance_radii(points: Sequence[Point], model: VehicleModel) -> list[float]:
@@ -163,8 +210,9 @@ class Pacer:
         cruise = speeds[leg]
         leg_of = {"entry_mps": min(cruise, self._entry(leg, speeds)), "leave_mps": min(cruise, leave_mps)}
         distance_m = max(0.0, distance_m)
-        speed = cruise_speed(distance_m, time_s, model=self._model, **leg_of)
-        still_late_s = lateness(distance_m, time_s, model=self._model, **leg_of)
+        model = self._model.from_rest() if leg == 0 and not self._in_flight else self._model
+        speed = cruise_speed(distance_m, time_s, model=model, **leg_of)
+        still_late_s = lateness(distance_m, time_s, model=model, **leg_of)
         return speed, 0.0 if self._halts[leg + 1] else still_late_s
 
     def _entry(self, leg: int, speeds: list[float]) -> float:

@@ -16,6 +16,10 @@ from mavlink_bridge.autopilots import Autopilot
 from mavlink_bridge.mission_messages import GROUND
 from mavlink_bridge.models import MODEL_PARAMETERS
 from mavlink_bridge.pace import Point, VehicleModel, mean_acceleration
+from mavlink_bridge.reach import first_leg_miss
+
+START_WITHIN_M = 15.0
+"""A UAV that stands further from its first point flies through air in which the plan has others."""
 
 
 class Level(StrEnum):
@@ -27,13 +31,17 @@ class Level(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """One row of the audit. `name`: parameter or measurement; `found` and `should` as text with units."""
+    """One row of the audit. `name`: parameter or measurement; `found` and `should` as text with units.
+
+    always: whether it keeps the vehicle on the ground even where blockers are only reported.
+    """
 
     level: Level
     name: str
     found: str
     should: str
     why: str
+    always: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,8 +65,9 @@ class Facts:
 class Needs:
     """What the operation needs of this vehicle.
 
-    path_m: (n_slots, 2) metres east/north. `stream`: guided by setpoints. lost_after_s: when we declare a link lost.
-    items: of its mission, of at most max_items it stores.
+    path_m: (n_slots, 2) metres east/north. `stream`: guided by setpoints; force_stream: even a vehicle that would not
+    hold when they end. lost_after_s: when we declare a link lost. items: of its mission, of at most max_items it
+    stores. start_within_m: further from its first point nobody takes off.
     """
 
     path_m: list[Point]
@@ -68,13 +77,15 @@ class Needs:
     items: int
     max_items: int
     stream: bool = False
+    force_stream: bool = False
+    start_within_m: float = START_WITHIN_M
     lost_after_s: float = 5.5
     battery_at_least: float = 0.3
 
 
 def audit(facts: Facts, needs: Needs) -> list[Finding]:
     """All findings, blockers first."""
-    found = [*_measurements(facts, needs), *_speed(facts, needs)]
+    found = [*_measurements(facts, needs), *_speed(facts, needs), *_first_leg(facts, needs)]
     for rule in _RULES[facts.autopilot]:
         value = next((facts.parameters[name] for name in rule.names if name in facts.parameters), None)
         if value is not None:
@@ -92,6 +103,8 @@ def parameter_names(autopilot: Autopilot) -> tuple[str, ...]:
 
 _FIX_3D, _FEW_SATELLITES = 3, 8
 _START_TOLERANCE_M = 5.0
+_FIRST_LEG_M = 8.0
+"""A vehicle further than this from its point when its first leg should end is told of before take-off."""
 _COMFORTABLE = 0.6
 
 
@@ -104,9 +117,16 @@ def _measurements(facts: Facts, needs: Needs) -> Iterable[Finding]:
         yield _blocker("home position", "not set", "set", "altitudes of the mission count from it")
     if facts.at_m is not None:
         away_m = _apart(facts.at_m, needs.path_m[0])
-        if away_m > _START_TOLERANCE_M:
-            why = "it takes off where it stands; UAVs may meet on the way to their first points"
-            yield _warning("place", f"{away_m:.0f} m from its start", f"within {_START_TOLERANCE_M:g} m", why)
+        if away_m > min(_START_TOLERANCE_M, needs.start_within_m):
+            refused = away_m > needs.start_within_m
+            yield Finding(
+                level=Level.BLOCKER if refused else Level.WARNING,
+                name="place",
+                found=f"{away_m:.0f} m from its start",
+                should=f"within {needs.start_within_m if refused else _START_TOLERANCE_M:g} m",
+                why="it takes off where it stands; UAVs may meet on the way to their first points",
+                always=refused,
+            )
     yield from _battery(facts, needs)
     if needs.items > needs.max_items:
         yield _blocker("mission", f"{needs.items} items", f"at most {needs.max_items}", "it cannot store them")
@@ -150,6 +170,18 @@ def _speed(facts: Facts, needs: Needs) -> Iterable[Finding]:
         )
 
 
+def _first_leg(facts: Facts, needs: Needs) -> Iterable[Finding]:
+    """Where its first leg from rest gets it, by the speed it will be given and its acceleration and jerk."""
+    missed = first_leg_miss(needs.path_m, needs.slot_s, facts.model)
+    if missed is not None and missed.miss_m > _FIRST_LEG_M:
+        yield _warning(
+            "speed not reachable",
+            f"{missed.miss_m:.1f} m behind when slot {missed.slot} begins, after a first leg of {missed.leg_m:.0f} m",
+            f"within {_FIRST_LEG_M:g} m: {_agility(facts, needs)}",
+            "it starts from rest, and its acceleration has to build up; it catches up in the slots after that",
+        )
+
+
 def _agility(facts: Facts, needs: Needs) -> str:
     """Which parameter would let it reach its speed in half a slot."""
     if facts.autopilot is Autopilot.ARDUPILOT:
@@ -172,14 +204,12 @@ class _Rule:
     check: Check = field(repr=False)
 
 
-def _one_of(
-    names: tuple[str, ...], good: set[int], level: Level, should: str, why: str, *, only_stream: bool = False
-) -> _Rule:
+def _one_of(names: tuple[str, ...], good: set[int], level: Level, should: str, why: str) -> _Rule:
     """The parameter must be one of these values."""
 
     def check(value: float, facts: Facts, needs: Needs) -> list[Finding]:
-        del facts
-        if int(value) in good or (only_stream and not needs.stream):
+        del facts, needs
+        if int(value) in good:
             return []
         return [Finding(level=level, name=names[0], found=f"{value:g}", should=should, why=why)]
 
@@ -231,6 +261,27 @@ def _continues_in_auto(value: float, facts: Facts, needs: Needs) -> list[Finding
     return [_warning("FS_OPTIONS", f"{value:g}", f"{int(value) | 2} (bit 1: continue in AUTO)", why)]
 
 
+_HOLDS = 5
+"""COM_OBL_RC_ACT since PX4 1.14: 0 to 2 are a pilot's modes (without remote control: return), then 3 return, 4 land."""
+
+
+def _holds_without_setpoints(value: float, facts: Facts, needs: Needs) -> list[Finding]:
+    """PX4 must hold when setpoints end, else it is gone before the guard, or the next service, can act."""
+    del facts
+    if int(value) == _HOLDS or not needs.stream:
+        return []
+    return [
+        Finding(
+            level=Level.WARNING if needs.force_stream else Level.BLOCKER,
+            name="COM_OBL_RC_ACT",
+            found=f"{value:g}",
+            should=f"{_HOLDS} (hold)",
+            why="when setpoints end, and be it for a second, it does not hold: without remote control it returns home",
+            always=not needs.force_stream,
+        )
+    ]
+
+
 def _farthest_m(facts: Facts, needs: Needs) -> float:
     home = facts.home_m or needs.path_m[0]
     return max(_apart(point, home) for point in needs.path_m)
@@ -249,10 +300,7 @@ _PX4_RULES = [
     _one_of(("NAV_DLL_ACT",), {0, 1, 2, 3}, _B, "0 (none) to 3 (land)", "losing our link would stop its motors"),
     _one_of(("COM_LOW_BAT_ACT",), {2, 3}, _W, "3 (return, then land)", "an empty battery would only be announced"),
     _one_of(("GF_ACTION",), {1, 2, 3, 5}, _W, "2 (hold)", "the uploaded geofence would not be kept"),
-    _one_of(
-        ("COM_OBL_RC_ACT",), {3, 4, 5}, _B, "5 (hold)", "without a setpoint stream a pilot would have to take over",
-        only_stream=True,
-    ),
+    _Rule(("COM_OBL_RC_ACT",), _holds_without_setpoints),
     _at_most(("COM_OF_LOSS_T",), 2.0, _W, "it flies on blindly for this long after the last setpoint"),
     _limit(("GF_MAX_HOR_DIST",), _farthest_m, 1.0, _BREACH, enabled="GF_ACTION"),
     _limit(("GF_MAX_VER_DIST",), _altitude_m, 1.0, _BREACH, enabled="GF_ACTION"),

@@ -75,6 +75,8 @@ class TelemetryState:
     def __init__(self, system_id: int) -> None:
         self.system_id = system_id
         self.mode = FlightMode.OTHER
+        self.heartbeats = 0
+        """HEARTBEAT messages so far: a mode is only as fresh as the last one, and they come at 1 Hz."""
         self.armed = False
         self.landed_state = LandedState.UNDEFINED
         self.boot_ms: int | None = None
@@ -92,6 +94,8 @@ class TelemetryState:
         self.satellites: int | None = None
         self.home_deg: tuple[float, float] | None = None
         """Latitude and longitude of the home it told of."""
+        self.home_amsl_m: float | None = None
+        """Metres above mean sea level of that home."""
         self._position: Mapping[str, Any] | None = None
         self._position_at_s = 0.0
         self._speaker = Speaker()
@@ -150,6 +154,7 @@ class TelemetryState:
         if not self._speaker.believes(fields, heard_s):
             return
         self._heard = True
+        self.heartbeats += 1
         self.mode = mode_of(self.autopilot, int(fields["custom_mode"]))
         self.armed = bool(int(fields["base_mode"]) & _ARMED)
 
@@ -190,6 +195,7 @@ class TelemetryState:
     def _home(self, fields: Mapping[str, Any], heard_s: float) -> None:
         del heard_s
         self.home_deg = from_e7(int(fields["latitude"])), from_e7(int(fields["longitude"]))
+        self.home_amsl_m = int(fields["altitude"]) / 1000 if "altitude" in fields else None
 
 
 def _heading_deg(position: Mapping[str, Any]) -> float | None:

@@ -110,6 +110,8 @@ class Vehicle:
         """What all questions to it have measured."""
         self.unsupported: set[int] = set()
         """Commands (MAV_CMD) it has answered UNSUPPORTED."""
+        self.flies_our_speed = False
+        """Whether a speed was ordered in flight and not taken back: it outlives the mode it was meant for."""
         self._clock = clock
         self._loop = loop
         self._on_message = on_message

@@ -173,6 +173,30 @@ def _brought_down(data: Data) -> tuple[str, str]:
     return f"{data.get('uav_id')} {doing}: {data.get('because')}", "warn"
 
 
+def _speed_restored(data: Data) -> tuple[str, str]:
+    text = f"{data.get('uav_id')} left our modes ({data.get('mode')}) at a speed of ours"
+    if data.get("error"):
+        return f"{text}, and does not take its own back: {data.get('error')}", "alarm"
+    return f"{text}: {data.get('speed_mps'):g} m/s again, its own", "warn"
+
+
+def _stuck(data: Data) -> tuple[str, str]:
+    where = f"stayed {data.get('distance_m')} m from item {data.get('item')} for {data.get('for_s')} s"
+    return f"{data.get('uav_id')} {where}: told to go on with item {data.get('next_item')}", "warn"
+
+
+def _altitude(data: Data) -> tuple[str, str]:
+    if data.get("level") == "ok":
+        return f"{data.get('uav_id')} is at its altitude again", "ok"
+    off_m = float(data.get("off_m") or 0.0)
+    return f"{data.get('uav_id')} is {abs(off_m):.1f} m {'above' if off_m > 0 else 'below'} its altitude", "warn"
+
+
+def _home_moved(data: Data) -> tuple[str, str]:
+    where = f"{data.get('moved_m')} m away and {data.get('up_m')} m up"
+    return f"{data.get('uav_id')} has a new home, {where}: its altitudes count from there", "warn"
+
+
 WORDS: Mapping[str, Callable[[Data], tuple[str, str]]] = {
     "operation": _operation,
     "link": _link,
@@ -194,6 +218,10 @@ WORDS: Mapping[str, Callable[[Data], tuple[str, str]]] = {
     "incident": _incident,
     "drill": _drill,
     "slip": _slip,
+    "stuck": _stuck,
+    "speed_restored": _speed_restored,
+    "altitude_off_plan": _altitude,
+    "home_moved": _home_moved,
     "preflight": _preflight,
     "uav_returned": _returned,
     "guidance_resumed": _resumed,

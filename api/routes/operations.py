@@ -44,6 +44,13 @@ class OperationRequest(BaseModel):
         FallBack,
         Field(description="What vehicles do when the stream of setpoints ends, also because the service is killed."),
     ] = FallBack.MISSION
+    force_stream: Annotated[
+        bool,
+        Field(
+            description="Stream even to a PX4 whose `COM_OBL_RC_ACT` is not 5 (hold): it leaves for home when "
+            "setpoints end, and be it for a second. Refused without this, whatever the preflight setting is."
+        ),
+    ] = False
     at_end: Annotated[
         Literal["land", "return"],
         Field(description="After the last slot: land where it is, or return to the start; refused if ways home meet."),
@@ -104,7 +111,7 @@ async def start_operation(
         body.replanning,
         creation,
         launch_itself=body.launch == "auto",
-        way=Way(body.guidance, body.stream_fallback, OnEnd(body.at_end)),
+        way=Way(body.guidance, body.stream_fallback, OnEnd(body.at_end), force_stream=body.force_stream),
     )
     view = made.view() if isinstance(made, Operation) else made
     response.headers["Location"] = f"/v1/operations/{view.id}"

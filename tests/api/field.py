@@ -49,6 +49,8 @@ class Field:
         self.fleet = sim.Fleet(
             specs_at_starts(SCENARIO), clock=sim.ScaledClock(speedup), endpoint=f"udpout://{self.endpoint}"
         )
+        for vehicle in self.fleet.vehicles.values():
+            vehicle.autopilot.parameters["COM_OBL_RC_ACT"] = 5  # else no stream
         self.settings = Settings(
             port=free_port(socket.SOCK_STREAM),
             database_url=f"sqlite+aiosqlite:///{folder}/service.db",

@@ -72,6 +72,45 @@ def test_a_vehicle_that_never_answers_fails_the_upload_by_name(service: tuple[Te
         fleet.stop()
 
 
+def test_a_stream_to_vehicles_that_do_not_hold_without_setpoints_is_refused_even_where_audits_only_report(
+    service: tuple[TestClient, str],
+) -> None:
+    client, endpoint = service
+    fleet = simulated(endpoint)
+    try:
+        for vehicle in fleet.fleet.vehicles.values():
+            vehicle.autopilot.parameters["COM_OBL_RC_ACT"] = 0  # PX4's default
+        order = {"plan_id": ready(client), "guidance": "stream", "launch": "manual"}
+        refused = follow(client, client.post("/v1/operations", json=order).headers["Location"], "failed", "ready")
+        assert refused["state"] == "failed"
+        assert "COM_OBL_RC_ACT is 0, should be 5 (hold)" in refused["error"]
+        assert not any(vehicle.autopilot.armed for vehicle in fleet.fleet.vehicles.values())
+        forced = client.post("/v1/operations", json={**order, "force_stream": True}).headers["Location"]
+        assert follow(client, forced, "failed", "ready")["state"] == "ready"
+        assert client.post(f"{forced}:abort", json={"action": "hold"}).status_code == 200
+    finally:
+        fleet.stop()
+
+
+def test_a_vehicle_that_stands_far_from_its_start_keeps_everybody_on_the_ground_by_name(
+    service: tuple[TestClient, str],
+) -> None:
+    client, endpoint = service
+    first, *others = MINIMAL.uavs
+    east_m, north_m = first.start_m
+    strayed = MINIMAL.with_changes(uavs=(first.model_copy(update={"start_m": (east_m + 50.0, north_m)}), *others))
+    fleet = FleetThread(strayed, endpoint, SPEEDUP)
+    try:
+        path = client.post("/v1/operations", json={"plan_id": ready(client)}).headers["Location"]
+        refused = follow(client, path, "failed", "flying")
+        assert refused["state"] == "failed"
+        assert f"'{first.id}': place is 50 m from its start, should be within 15 m" in refused["error"]
+        assert others[0].id not in refused["error"]
+        assert not any(vehicle.autopilot.armed for vehicle in fleet.fleet.vehicles.values())
+    finally:
+        fleet.stop()
+
+
 def test_a_loss_in_flight_is_answered_and_the_survivor_lands(service: tuple[TestClient, str]) -> None:
     client, endpoint = service
     fleet = simulated(endpoint)
@@ -111,6 +150,9 @@ def test_both_autopilots_fly_by_mission_or_stream_tell_their_slip_and_end_as_ord
     port, speedup = free_port(socket.SOCK_DGRAM), 5.0  # a stream must not pause for a second of the fleet's time
     with TestClient(create_app(Settings(fleet_url=f"udpin://127.0.0.1:{port}", time_scale=speedup))) as client:
         fleet = FleetThread(LOW, f"udpout://127.0.0.1:{port}", speedup, autopilot=autopilot)
+        if autopilot == "px4":
+            for vehicle in fleet.fleet.vehicles.values():
+                vehicle.autopilot.parameters["COM_OBL_RC_ACT"] = 5  # else no stream
         try:
             order = {"plan_id": ready(client, LOW), "guidance": guidance, "at_end": at_end}
             path = client.post("/v1/operations", json=order).headers["Location"]

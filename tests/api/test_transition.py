@@ -3,7 +3,7 @@
 import pytest
 
 from api.transition import Present, begun_at, expected_position, require_separated, way_into
-from mavlink_bridge.ghosts import Airspace, Ghost
+from mavlink_bridge.ghosts import Airspace, Ghost, Way
 from mavlink_bridge.route import Route
 from planner import EXAMPLES, Plan, ReplanError, plan
 
@@ -75,8 +75,7 @@ def test_nobody_is_sent_into_the_air_of_a_lost_uav_that_it_would_stay_out_of(eas
             uav_id="uav-2",
             lost_at_s=0.0,
             last_seen_m=(20.0, 30.0),
-            route=rests,
-            route_began_s=0.0,
+            ways=(Way(route=rests, began_s=0.0),),
             home_m=None,
             deadline_s=600.0,
         )

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 
 from mavlink_bridge import Autopilot, OnEnd, compile_mission
-from mavlink_bridge.keeper import Keeper
+from mavlink_bridge.keeper import Keeper, Order
 from mavlink_bridge.models import ARDUCOPTER, PX4
 from planner.plans import Plan
 
@@ -98,3 +98,70 @@ def test_arducopters_whole_second_holds_leave_the_rest_to_the_next_leg(plan_of: 
     assert all(hold == int(hold) for hold in holds)
     assert 7.0 in holds  # 10 s of hovering less 2.2 s of settling, rounded down
     assert mission.duration_s == pytest.approx(35.0)
+
+
+def flown_at(keeper: Keeper, point: tuple[float, float], item: int, *, until_s: float, from_s: float) -> list[Order]:
+    """What is ordered to one that stays at a point, looked at ten times a second."""
+    times = [from_s + 0.1 * n for n in range(round((until_s - from_s) * 10))]
+    return [order for at in times if (order := keeper.advise(at, point, (0.0, 0.0), item)) is not None]
+
+
+@pytest.mark.parametrize("short_m", [0.8, 2.0, 12.0], ids=["at its waypoint", "beside it", "on its way"])
+def test_one_that_stays_at_a_waypoint_although_it_is_overdue_is_told_to_go_on_and_that_is_said(
+    keeper: Keeper, plan_of: PlanOf, short_m: float
+) -> None:
+    at = item_at(plan_of, 5)
+    here = (20.0 - short_m, 40.0)
+    orders = flown_at(keeper, here, at, from_s=25.1, until_s=28.9)
+    assert all(order.stuck is None for order in orders)  # 4 s of patience
+    (order,) = [one for one in flown_at(keeper, here, at, from_s=28.9, until_s=29.9) if one.item is not None]
+    assert order.item == at + 1
+    assert order.stuck is not None
+    assert (order.stuck.item, order.stuck.distance_m) == (at, short_m)
+    assert order.stuck.for_s == pytest.approx(4.0, abs=0.6)
+
+
+def test_one_that_is_late_but_comes_nearer_is_not_stuck(keeper: Keeper, plan_of: PlanOf) -> None:
+    at = item_at(plan_of, 2)
+    orders = [keeper.advise(20.1 + n / 2, (0.0, 20.0 + n), (0.0, 2.0), at) for n in range(18)]
+    assert all(order is None or order.item is None for order in orders)
+
+
+def test_one_that_waits_out_a_hold_is_not_stuck(keeper: Keeper, plan_of: PlanOf) -> None:
+    assert all(o.item is None for o in flown_at(keeper, (0.0, 40.0), item_at(plan_of, 2), from_s=10.0, until_s=19.5))
+
+
+def test_after_the_last_slot_it_gets_its_own_speed_back_once_and_only_if_another_was_ordered(
+    keeper: Keeper, plan_of: PlanOf
+) -> None:
+    assert keeper.advise(5.5, (0.0, 14.0), (0.0, 4.0), item_at(plan_of, 2)) is not None
+    last = keeper.advise(30.0, (40.0, 40.0), (0.0, 0.0), item_at(plan_of, 6))
+    assert last is not None
+    assert (last.speed_mps, last.its_own_speed) == (PX4.cruise_mps, True)
+    assert keeper.advise(31.0, (40.0, 40.0), (0.0, 0.0), item_at(plan_of, 6)) is None
+
+
+def test_a_speed_that_was_not_taken_is_ordered_again(plan_of: PlanOf) -> None:
+    straight = [(0.0, 20.0 * n) for n in range(5)]
+    mission = compile_mission(plan_of({"uav-1": straight}), "uav-1", on_end=OnEnd.HOLD)
+    keeper, at = Keeper(straight, 5.0, mission, PX4), max(mission.slot_of_item)
+    order = keeper.advise(5.5, (0.0, 22.0), (0.0, 4.0), at)
+    assert order is not None
+    assert keeper.advise(6.0, (0.0, 24.0), (0.0, 4.0), at) is None  # as ordered
+    keeper.not_taken(order)
+    again = keeper.advise(6.0, (0.0, 24.0), (0.0, 4.0), at)
+    assert again is not None
+    assert again.speed_mps == pytest.approx(4.0, abs=0.3)
+
+
+def test_a_hold_before_a_leg_that_begins_slowly_is_left_early(plan_of: PlanOf) -> None:
+    path = [(0.0, 0.0)] * 4 + [(0.0, 25.0), (25.0, 25.0)]
+    for model, autopilot, ahead_s in ((ARDUCOPTER, Autopilot.ARDUPILOT, 1.8), (PX4, Autopilot.PX4, 0.0)):
+        mission = compile_mission(
+            plan_of({"uav-1": path}), "uav-1", on_end=OnEnd.HOLD, autopilot=autopilot, model=model
+        )
+        hold = min(mission.slot_of_item)
+        keeper = Keeper(path, 5.0, mission, model)
+        times = [12.0 + 0.1 * n for n in range(40)]
+        left = next((at for at in times if keeper.advise(at, (0.0, 0.0), (0.0, 0.0), hold) is not None), None)
+        assert left == pytest.approx(15.0 - 0.2 - ahead_s, abs=0.11)

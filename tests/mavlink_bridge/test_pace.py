@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -74,5 +77,6 @@ def test_points_on_top_of_each_other_do_no_harm() -> None:
 )
 @pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf")])
 def test_the_vehicle_model_names_the_field_that_is_wrong(field: str, value: float) -> None:
+    changed: dict[str, Any] = {field: value}
     with pytest.raises(ValueError, match=field):
-        VehicleModel(**{field: value})
+        replace(VehicleModel(), **changed)

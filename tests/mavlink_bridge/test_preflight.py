@@ -86,8 +86,6 @@ def test_each_parameter_is_named_with_what_to_set(autopilot: Autopilot, name: st
 def test_stream_rules_only_count_for_streams() -> None:
     alone = with_parameter(Autopilot.PX4, "COM_OBL_RC_ACT", 0)
     assert audit(alone, NEEDS) == []
-    (finding,) = audit(alone, replace(NEEDS, stream=True))
-    assert (finding.name, finding.level, finding.should) == ("COM_OBL_RC_ACT", Level.BLOCKER, "5 (hold)")
     (late,) = audit(with_parameter(Autopilot.ARDUPILOT, "GUID_TIMEOUT", 5), replace(NEEDS, stream=True))
     assert late.name == "GUID_TIMEOUT"
 
@@ -102,12 +100,40 @@ def test_stream_rules_only_count_for_streams() -> None:
         ({"battery": 0.2}, "battery", Level.BLOCKER),
         ({"battery": 0.5}, "battery", Level.WARNING),
         ({"battery": None}, "battery", Level.WARNING),
-        ({"at_m": (30.0, 0.0)}, "place", Level.WARNING),
+        ({"at_m": (10.0, 0.0)}, "place", Level.WARNING),
+        ({"at_m": (30.0, 0.0)}, "place", Level.BLOCKER),
     ],
 )
 def test_measurements_count_too(changes: dict[str, Any], name: str, level: Level) -> None:
     (finding,) = audit(facts(Autopilot.PX4, **changes), NEEDS)
     assert (finding.name, finding.level) == (name, level)
+
+
+@pytest.mark.parametrize("value", [0, 1, 2, 3, 4, 6, 7])
+def test_a_px4_that_does_not_hold_without_setpoints_is_streamed_to_only_by_force(value: int) -> None:
+    vehicle = with_parameter(Autopilot.PX4, "COM_OBL_RC_ACT", value)
+    (refused,) = audit(vehicle, replace(NEEDS, stream=True))
+    assert (refused.name, refused.level, refused.should) == ("COM_OBL_RC_ACT", Level.BLOCKER, "5 (hold)")
+    assert refused.always
+    (forced,) = audit(vehicle, replace(NEEDS, stream=True, force_stream=True))
+    assert (forced.level, forced.always) == (Level.WARNING, False)
+
+
+def test_a_start_too_far_off_is_refused_in_any_case_and_how_far_is_a_setting() -> None:
+    for at_m, within_m, always in ((14.0, 15.0, False), (16.0, 15.0, True), (4.0, 3.0, True), (50.0, 60.0, False)):
+        (place,) = audit(facts(Autopilot.PX4, at_m=(0.0, at_m)), replace(NEEDS, start_within_m=within_m))
+        assert (place.name, place.always, place.level is Level.BLOCKER) == ("place", always, always)
+
+
+def test_a_first_leg_that_ends_more_than_eight_metres_behind_is_reported_with_the_metres() -> None:
+    long_legs = replace(NEEDS, path_m=[(0.0, 0.0), (40.0, 0.0), (40.0, 40.0), (80.0, 40.0)])
+    found = {one.name: one for one in audit(facts(Autopilot.ARDUPILOT, model=ARDUCOPTER), long_legs)}
+    late = found["speed not reachable"]
+    assert late.level is Level.WARNING
+    assert late.found.startswith("12.1 m behind when slot 1 begins")
+    nimble = audit(facts(Autopilot.ARDUPILOT), long_legs)
+    assert "speed not reachable" not in {one.name for one in nimble}
+    assert audit(facts(Autopilot.PX4), long_legs) == []
 
 
 def test_a_mission_that_does_not_fit_is_a_blocker() -> None:

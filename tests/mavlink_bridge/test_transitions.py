@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mavlink_bridge.errors import TransitionTooClose
-from mavlink_bridge.ghosts import Airspace, Ghost
+from mavlink_bridge.ghosts import Airspace, Ghost, Way
 from mavlink_bridge.route import Route
 from mavlink_bridge.transitions import check_transition
 
@@ -23,8 +23,7 @@ def ghost(*, path: list[Point], last: Point = (500.0, 500.0), home: Point | None
         uav_id="uav-3",
         lost_at_s=0.0,
         last_seen_m=last,
-        route=Route(path, 5.0),
-        route_began_s=0.0,
+        ways=(Way(route=Route(path, 5.0), began_s=0.0),),
         home_m=home,
         deadline_s=600.0,
     )

@@ -1,0 +1,85 @@
+"""A vehicle that is not where its plan has it although it flies it: its altitude, and a home that moves. Pure.
+
+Slip, the horizontal distance, is told slot by slot (`keeper`). Altitude is told when it is wrong for a while, and again
+when it is right. Altitudes of a mission count from the vehicle's home: one that moves in flight (HOME_POSITION, 242)
+moves the whole mission up or down, and where a return ends.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import hypot
+
+from mavlink_bridge.conditions import Lasting
+from mavlink_bridge.geodesy import geodetic_to_east_north
+from planner.scenario import Origin
+
+OFF_M, BACK_M = 5.0, 2.0
+"""Altitude is off beyond the first, and right again inside of the second."""
+LASTS_S = 3.0
+"""Fleet seconds for which it must be so: gusts and GPS steps are shorter."""
+SETTLE_S = 5.0
+"""A new mission may ask for another altitude; fleet seconds until it is judged."""
+HOME_M = 3.0
+"""GPS wanders by less; a home that moves further was set anew."""
+
+
+@dataclass(frozen=True, slots=True)
+class AltitudeOffPlan:
+    """It is `off_m` above (below: negative) the plan's altitude. `off`: whether that is off, or right again."""
+
+    off: bool
+    off_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class HomeMoved:
+    """Its home is `moved_m` over ground and `up_m` from where it was when the flight began, or last moved."""
+
+    moved_m: float
+    up_m: float
+
+
+Deviation = AltitudeOffPlan | HomeMoved
+
+
+class AltitudeWatch:
+    """Judges the altitude of one vehicle against `altitude_m` above its home, as the mission it flies has it."""
+
+    def __init__(self, altitude_m: float) -> None:
+        self._altitude_m = altitude_m
+        self._since_s: float | None = None
+        self._off = Lasting(LASTS_S, LASTS_S)
+
+    def look(self, now_s: float, relative_alt_m: float) -> AltitudeOffPlan | None:
+        """What changed, if anything; only called while it flies the plan. `now_s`: fleet seconds."""
+        if self._since_s is None:
+            self._since_s = now_s
+        if now_s - self._since_s < SETTLE_S:
+            return None
+        off_m = relative_alt_m - self._altitude_m
+        before = self._off.on
+        after = self._off.update(abs(off_m) > (BACK_M if before else OFF_M), now_s)
+        return None if after == before else AltitudeOffPlan(after, round(off_m, 1))
+
+
+class HomeWatch:
+    """Remembers the home of one vehicle."""
+
+    def __init__(self) -> None:
+        self._home: tuple[float, float, float | None] | None = None
+
+    def look(self, home_deg: tuple[float, float] | None, amsl_m: float | None) -> HomeMoved | None:
+        """Whether its home (latitude, longitude, metres above sea level) has moved since it was last told."""
+        if home_deg is None:
+            return None
+        before = self._home
+        if before is None:
+            self._home = (*home_deg, amsl_m)
+            return None
+        moved_m = hypot(*geodetic_to_east_north(Origin(lat_deg=before[0], lon_deg=before[1]), *home_deg))
+        up_m = 0.0 if amsl_m is None or before[2] is None else amsl_m - before[2]
+        if max(moved_m, abs(up_m)) <= HOME_M:
+            return None
+        self._home = (*home_deg, amsl_m)
+        return HomeMoved(round(moved_m, 1), round(up_m, 1))
