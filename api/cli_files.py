@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
-from pydantic import BaseModel
 
-from planner import EXAMPLES, Scenario
+if TYPE_CHECKING:
+    from pydantic import BaseModel
 
-Model = TypeVar("Model", bound=BaseModel)
+    from planner import Scenario
+
+Model = TypeVar("Model", bound="BaseModel")
 Json = Annotated[bool, typer.Option("--json", help="Print JSON only.")]
 Out = Annotated[Path | None, typer.Option(help="Write the result here instead of printing it.")]
 
@@ -22,6 +24,8 @@ class UsageError(Exception):
 
 def read_scenario(file: Path | None, example: str | None) -> Scenario:
     """The scenario in a file, or an example of this name. Raises UsageError, or ValidationError for a bad file."""
+    from planner import EXAMPLES, Scenario  # noqa: PLC0415 - loaded only where a scenario is read
+
     if (file is None) == (example is None):
         raise UsageError("give a scenario FILE or --example NAME, one of them")
     if file is not None:
