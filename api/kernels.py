@@ -73,7 +73,7 @@ def compiling(note: Callable[[int], None]) -> Iterator[None]:
     """Call `note` at each step of compiling with how many kernels are being compiled: 0 when that is over."""
     from numba.core import event  # noqa: PLC0415 - half a second that most commands do not need
 
-    class Listener(event.Listener):  # type: ignore[misc, name-defined]
+    class Listener(event.Listener):  # type: ignore[misc]
         depth = 0
 
         def on_start(self, event: Any) -> None:

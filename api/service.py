@@ -24,9 +24,10 @@ from api.resilience import Parts
 from api.security import KeyRing
 from api.settings import Settings
 from api.simulated import SimulatedFleet, own_endpoint, scenario_of
-from api.solver import LaneName, SolveError, Solver
+from api.solver import Lane, LaneName, Solver
 from api.solving import Job
 from api.store import Database, StoreError
+from api.supervise import Supervisor
 from planner import EXAMPLES
 
 log = structlog.get_logger()
@@ -38,37 +39,46 @@ TEND_S = 0.5
 class Service:
     """Everything a route may use. Made by `open`, ended by `close`."""
 
-    def __init__(self, settings: Settings, database: Database, events: EventLog) -> None:
+    def __init__(self, settings: Settings, database: Database, events: EventLog, solver: Solver) -> None:
         self.settings, self.database, self.events = settings, database, events
         self.clock = FleetClock(settings.time_scale)
         self.metrics = Metrics()
         self.keys = KeyRing(database)
-        self.solver = Solver(settings.workers, settings.queue_limit)
+        self.background = Supervisor(events.add)
+        self.solver = solver
         self.plans = PlanBook(self.solver, events, PlanStore(database), settings)
         self.contingencies = Contingencies(self.solver, database)
         self.journal = Journal(database)
         self.simulated, settings = _simulated(settings)
-        self.fleet = Fleet(settings, self.clock, events, database, healthy=self.can_replan)
+        self.fleet = Fleet(settings, self.clock, events, database, background=self.background, healthy=self.can_replan)
         parts = Parts(settings, self.clock, self.plans, self.contingencies, self.metrics)
         self.operations = Operations(parts, Books(database, self.journal, events), self.fleet)
         self.drills = Drills(self.fleet, self.operations, events, database, self.simulated)
         self.ready = False
-        self._pulse = (-PULSE_S, 0.0)
-        self._pulsing = asyncio.Lock()
-        self._tasks: list[asyncio.Task[None]] = []
+        self._pulse: tuple[float, float] | None = None
+        self._pulsing: asyncio.Task[None] | None = None
         self.plans.on_solved = self._note_solve
         events.listeners.append(self._note_event)
         self.journal.listeners.append(self._note_step)
 
     @classmethod
     async def open(cls, settings: Settings) -> Service:
-        """Open the database, warm the solver, and go on with what an earlier process left. Raises StoreError."""
-        database = await Database.open(settings.database_url)
+        """Warm the solver, open the database, and go on with what an earlier process left. Raises StoreError.
+
+        Workers load while the rest starts: the sooner the one of flights is warm, the sooner a loss is answered.
+        """
+        solver = Solver(settings.workers, settings.queue_limit)
+        if settings.warm_up:
+            solver.begin()
+        database = None
         try:
+            database = await Database.open(settings.database_url)
             await database.claim()
-            service = cls(settings, database, await EventLog.open(database))
+            service = cls(settings, database, await EventLog.open(database), solver)
         except BaseException:
-            await database.close()
+            if database is not None:
+                await database.close()
+            await asyncio.to_thread(solver.close)
             raise
         try:
             await service._start()
@@ -79,17 +89,16 @@ class Service:
 
     async def _start(self) -> None:
         self.events.add("service_started")
-        self._tasks = [
-            asyncio.create_task(self.metrics.watch_loop(), name="loop-watch"),
-            asyncio.create_task(self._show_telemetry(), name="telemetry"),
-            asyncio.create_task(self._tidy(), name="tidy"),
-            asyncio.create_task(self._tend_solver(), name="tend-solver"),
-        ]
+        self.background.watch_loop(asyncio.get_running_loop())
+        self.background.start("loop-watch", self.metrics.watch_loop)
+        self.background.start("telemetry", self._show_telemetry)
+        self.background.start("tidy", self._tidy)
+        self.background.start("tend-solver", self._tend_solver)
+        if self.settings.warm_up:
+            self.background.start("warm-up", self.solver.warm_up)
         await self.plans.start()
         await self.drills.start_up()
         await self.fleet.start()
-        if self.settings.warm_up:
-            self._tasks.append(asyncio.create_task(self.solver.warm_up(), name="warm-up"))
         await self.operations.start_up()  # before the solver is warm: vehicles in the air wait for nothing
         if self.simulated is not None:
             self.simulated.start()
@@ -100,9 +109,7 @@ class Service:
     async def close(self) -> None:
         """End operations (vehicles go on with the mission on board), the link, the workers, the database."""
         self.ready = False
-        for task in self._tasks:
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await self.background.close()
         await self.drills.close()
         await self.operations.close()
         await self.fleet.close()
@@ -115,22 +122,29 @@ class Service:
 
     # -- how it is ------------------------------------------------------------------------------------------------
 
-    async def pulse(self) -> float:
-        """Milliseconds of a tiny solve, from asking to result, at most some seconds old. Raises BusyError."""
-        async with self._pulsing:
-            at, took_ms = self._pulse
-            if time.monotonic() - at < PULSE_S:
-                return took_ms
-            began = time.monotonic()
-            try:
-                await self.solver[LaneName.FLIGHT].solve(
-                    Job(scenario=EXAMPLES["minimal"]().model_dump_json(), deadline_s=PULSE_S)
-                )
-            except SolveError as error:
+    async def pulse(self) -> float | None:
+        """Milliseconds of a tiny solve, from asking to result: the last one, asked for anew when it is some seconds old
+        and no client's job is in its way. None before the first. Raises BusyError when workers do not answer.
+        """
+        lane = self.solver[LaneName.REQUESTS]
+        fresh = self._pulse is not None and time.monotonic() - self._pulse[0] < PULSE_S
+        if not fresh and (self._pulsing is not None or not lane.busy):
+            self._pulsing = self._pulsing or asyncio.create_task(self._feel_pulse(lane), name="pulse")
+            await asyncio.wait([self._pulsing], timeout=PULSE_S)
+            if self._pulsing is not None and not self._pulsing.done():
+                raise BusyError("solver: its workers are still starting")
+            done, self._pulsing = self._pulsing, None
+            if done is not None and (error := done.exception()) is not None:
                 raise BusyError(f"solver: {error}") from error
-            now = time.monotonic()
-            self._pulse = (now, (now - began) * 1e3)
-            return self._pulse[1]
+        elif not lane.answers:
+            raise BusyError("solver: its workers do not answer")
+        return None if self._pulse is None else self._pulse[1]
+
+    async def _feel_pulse(self, lane: Lane) -> None:
+        began_s = time.monotonic()
+        await lane.solve(Job(scenario=EXAMPLES["minimal"]().model_dump_json(), deadline_s=PULSE_S))
+        now_s = time.monotonic()
+        self._pulse = (now_s, (now_s - began_s) * 1e3)
 
     def can_replan(self) -> bool:
         """Whether the workers that replan in flight answer: only then do vehicles hear our HEARTBEAT."""
@@ -144,13 +158,19 @@ class Service:
             checks["database"] = "ok"
         except StoreError as error:
             checks["database"] = str(error)[:200]
-        cold = self.settings.warm_up and len(self.solver.warm) < len(self.solver.lanes)
-        silent = [name.value for name, lane in self.solver.lanes.items() if not lane.answers]
-        checks["solver"] = f"no answer from {' and '.join(silent)}" if silent else "warming up" if cold else "ok"
+        checks["solver"] = self._solver_check()
+        troubles = self.background.troubles
+        checks["tasks"] = "; ".join(f"{name} failed ({said})" for name, said in troubles.items()) or "ok"
         checks["heartbeat"] = "ok" if self.can_replan() else "not sent to vehicles: nobody could replan"
         lane = self.solver[LaneName.REQUESTS]
         checks["queue"] = "ok" if lane.busy < self.settings.queue_limit else "full"
         return checks
+
+    def _solver_check(self) -> str:
+        silent = [name.value for name, lane in self.solver.lanes.items() if not lane.answers]
+        if silent:
+            return f"no answer from {' and '.join(silent)}"
+        return "warming up" if self.settings.warm_up and not self.solver.warm else "ok"
 
     def measured(self) -> bytes:
         """The metrics, with those that are only known when asked."""

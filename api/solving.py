@@ -10,13 +10,15 @@ import signal
 import threading
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from math import sqrt
 from multiprocessing import connection, parent_process
 from typing import Any
 
+from api import kernels
 from api.board import Board
-from api.liveness import beat
+from api.liveness import Place
 from planner import (
     AnyOf,
     Cause,
@@ -44,6 +46,7 @@ class _Here:
     """The board of this process, if it is a worker."""
 
     board: Board
+    watching: ExitStack
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,12 +100,28 @@ class BestSoFar:
         self._due_s = now + max(SHOW_EVERY_S, SOLVING_PER_SHOWING * (now - began))
 
 
-def begin_worker(board: Board, *beats: Any) -> None:
-    """Make this process a worker; `beats` (`liveness.Beats.shared`) is where it shows that it is alive."""
+def begin_worker(board: Board, niceness: int, *beats: Any) -> None:
+    """Make this process a worker, with all kernels loaded before it takes its first job.
+
+    `beats` (`liveness.Beats.shared`) is where it shows that it is alive, and that it compiles, now or whenever it does.
+    niceness: how much it stands back when there are fewer cores than workers.
+    """
     _Here.board = board
-    threading.Thread(target=beat, args=beats, daemon=True).start()
+    place = Place(*beats)
+    threading.Thread(target=place.beat_for_ever, daemon=True).start()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C in a terminal reaches the group; the service ends workers
     threading.Thread(target=_end_with_parent, daemon=True).start()
+    os.nice(niceness)
+    with kernels.compiling(lambda _: place.beat()):
+        kernels.prepare()
+    place.set_cold(False)
+    _Here.watching = ExitStack()  # for as long as it lives: what was not rehearsed is told when it is compiled
+    _Here.watching.enter_context(kernels.compiling(place.note_compiling))
+
+
+def ready() -> int:
+    """Nothing but this worker's process id: who gets it knows that a worker is warm."""
+    return os.getpid()
 
 
 def _end_with_parent() -> None:
