@@ -70,7 +70,7 @@ def serve(
     as_json: Json = False,
 ) -> None:
     """Run the service. Settings also come from SKYFOLIO_* environment variables."""
-    from api.serving import serve as run  # noqa: PLC0415
+    from api.starting import serve as run  # noqa: PLC0415
 
     given = {
         "host": host,

@@ -16,8 +16,8 @@ from pydantic import BaseModel
 from sqlalchemy import select
 from sqlalchemy.dialects import postgresql, sqlite
 
+from api.jobs import Job
 from api.solver import LaneName, SolveError, Solver
-from api.solving import Job
 from api.store import Database, StoreError
 from api.store.tables import contingencies as table
 from planner import Plan, ReplanError, delivered_rates_bps, remaining

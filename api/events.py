@@ -62,6 +62,7 @@ class EventLog:
         self._picture = 0
         self._news = asyncio.Event()
         self._followers = 0
+        self._ended = False
         self.listeners: list[Callable[[Event], None]] = []
 
     @classmethod
@@ -89,6 +90,11 @@ class EventLog:
         frame = Frame(number=event.id, wire=_encoded(event))
         stored.add_done_callback(lambda done: self._publish(event, frame, done))
         return event
+
+    def end(self) -> None:
+        """The service ends: so does every stream, once it has shown what there is."""
+        self._ended = True
+        self._wake()
 
     def picture(self, data: Any) -> None:
         """Show telemetry to those who listen now."""
@@ -129,7 +135,7 @@ class EventLog:
                 if telemetry:
                     wire += b"".join(frame.wire for frame in self._pictures if frame.number > seen)
                     seen = self._picture
-                if not wire and not forever:
+                if not wire and (self._ended or not forever):
                     return
                 if not wire and now_s - said_s >= KEEP_ALIVE_S:
                     wire = KEEP_ALIVE

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import time
+from collections.abc import Coroutine
 from contextlib import suppress
+from typing import Any
 
 import structlog
 
@@ -14,6 +16,7 @@ from api.drills import Drills
 from api.errors import BusyError
 from api.events import Event, EventLog
 from api.fleet import Fleet
+from api.jobs import Job
 from api.journal import Entry, Journal
 from api.metrics import Metrics
 from api.operation_rows import Books
@@ -25,7 +28,6 @@ from api.security import KeyRing
 from api.settings import Settings
 from api.simulated import SimulatedFleet, own_endpoint, scenario_of
 from api.solver import Lane, LaneName, Solver
-from api.solving import Job
 from api.store import Database, StoreError
 from api.supervise import Supervisor
 from planner import EXAMPLES
@@ -34,6 +36,8 @@ log = structlog.get_logger()
 PULSE_S = 5.0
 TIDY_S = 60.0
 TEND_S = 0.5
+CLOSE_S = 1.5
+"""Wall seconds that everything has to end when the service is stopped: vehicles fly on by themselves."""
 
 
 class Service:
@@ -62,12 +66,13 @@ class Service:
         self.journal.listeners.append(self._note_step)
 
     @classmethod
-    async def open(cls, settings: Settings) -> Service:
+    async def open(cls, settings: Settings, flight: Lane | None = None) -> Service:
         """Warm the solver, open the database, and go on with what an earlier process left. Raises StoreError.
 
         Workers load while the rest starts: the sooner the one of flights is warm, the sooner a loss is answered.
+        flight: its lane, when it was begun before.
         """
-        solver = Solver(settings.workers, settings.queue_limit)
+        solver = Solver(settings.workers, settings.queue_limit, flight)
         if settings.warm_up:
             solver.begin()
         database = None
@@ -107,18 +112,23 @@ class Service:
         self.ready = True
 
     async def close(self) -> None:
-        """End operations (vehicles go on with the mission on board), the link, the workers, the database."""
+        """End operations (vehicles go on with the mission on board), the link, the workers, the database.
+
+        Whatever of it hangs is left behind: all together takes at most CLOSE_S, and some for the database.
+        """
         self.ready = False
+        self.events.end()
+        until_s = time.monotonic() + CLOSE_S
         await self.background.close()
-        await self.drills.close()
-        await self.operations.close()
-        await self.fleet.close()
+        await _ended("drills", self.drills.close(), until_s)
+        await _ended("operations", self.operations.close(), until_s)
+        await _ended("fleet", self.fleet.close(), until_s)
         if self.simulated is not None:
-            await asyncio.to_thread(self.simulated.stop)
-        await self.contingencies.close()
-        await self.plans.close()
+            await _ended("simulated fleet", asyncio.to_thread(self.simulated.stop), until_s)
+        await _ended("contingencies", self.contingencies.close(), until_s)
+        await _ended("plans", self.plans.close(), until_s)
         await asyncio.to_thread(self.solver.close)
-        await self.database.close()
+        await _ended("database", self.database.close(), time.monotonic() + 1.0)
 
     # -- how it is ------------------------------------------------------------------------------------------------
 
@@ -225,6 +235,17 @@ class Service:
                 gone = await self.plans.forget_ended(time.time() - self.settings.keep_ended_s)
                 if gone:
                     log.info("plans forgotten", count=gone)
+
+
+async def _ended(name: str, ending: Coroutine[Any, Any, None], until_s: float) -> None:
+    """Wait for an end, but not beyond `until_s` (monotonic) by more than a moment."""
+    task = asyncio.create_task(ending, name=f"end {name}")
+    done, _ = await asyncio.wait([task], timeout=max(0.1, until_s - time.monotonic()))
+    if done:
+        task.result()
+    else:
+        log.warning("did not end in time and is left behind", what=name)
+        task.cancel()
 
 
 def _simulated(settings: Settings) -> tuple[SimulatedFleet | None, Settings]:

@@ -23,8 +23,9 @@ from pathlib import Path
 
 from api.board import Board, Progress
 from api.errors import BusyError
+from api.jobs import Job, Solved
 from api.liveness import Beats
-from api.solving import Job, Solved, begin_worker, ready, run
+from api.worker import begin_worker, ready, run
 from planner import PlanStatus
 
 OVERRUN_S = 10.0
@@ -211,12 +212,17 @@ class Lane:
         self._folder.cleanup()
 
 
-class Solver:
-    """All lanes."""
+def flight_lane() -> Lane:
+    """The lane of replans in flight: one worker."""
+    return Lane(1, 256)
 
-    def __init__(self, workers: int, queue_limit: int) -> None:
+
+class Solver:
+    """All lanes. `flight`: that of flights, where it was begun before the rest of the service was even imported."""
+
+    def __init__(self, workers: int, queue_limit: int, flight: Lane | None = None) -> None:
         self.lanes = {
-            LaneName.FLIGHT: Lane(1, 256),
+            LaneName.FLIGHT: flight or flight_lane(),
             LaneName.REQUESTS: Lane(workers, queue_limit),
             LaneName.AHEAD: Lane(1, 256, AHEAD_NICENESS),
         }

@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 from fastapi.testclient import TestClient
 
+from api.jobs import Job
 from api.solver import Lane, LaneName
-from api.solving import Job
 from planner import EXAMPLES, Scenario, Uav, User
 from tests.api.flying import FleetThread, Flight, service
 
