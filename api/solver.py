@@ -232,8 +232,10 @@ class Solver:
 
     @property
     def warm(self) -> bool:
-        """Whether flights and clients find warm workers."""
-        return self[LaneName.FLIGHT].warm and self[LaneName.REQUESTS].warm
+        """Whether a replan in flight finds a warm worker. Those of clients follow in a second, and keep nobody waiting
+        for kernels: the first worker has compiled them for all.
+        """
+        return self[LaneName.FLIGHT].warm
 
     def begin(self) -> None:
         """Let the worker of flights start, waiting for nothing."""
