@@ -208,7 +208,7 @@ class Lane:
             worker.join(max(0.0, until_s - time.monotonic()))
             if worker.is_alive():
                 worker.kill()
-        self._pool.shutdown(wait=True)
+                worker.join()
         self._folder.cleanup()
 
 

@@ -1,14 +1,18 @@
 """The `skyfolio` command."""
 
 import json
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from api import cli
+from api import cli, kernels, planning_cli
+from api.later import load
 from planner import EXAMPLES, Plan, violations
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def run(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
@@ -138,3 +142,68 @@ def test_a_service_that_cannot_be_run_or_reached_is_one_message(
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     assert run(monkeypatch, *arguments) == 2
     assert said in " ".join(capsys.readouterr().err.split())
+
+
+HEAVY = {"numpy", "numba", "scipy", "pydantic", "fastapi", "sqlalchemy", "mavsdk", "pymavlink", "planner", "asyncio"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "allowed"),
+    [
+        (["--help"], set()),
+        (["bench", "--help"], {"pydantic"}),  # typer looks at types with it
+        (["serve", "--help"], {"pydantic"}),
+        (["plan", "--help"], {"numpy", "numba", "scipy", "pydantic", "planner"}),
+    ],
+)
+def test_help_loads_neither_planner_nor_service(arguments: list[str], allowed: set[str]) -> None:
+    look = (
+        "import sys\nfrom api.cli import cli\n"
+        f"try: cli({arguments!r})\nexcept SystemExit: pass\n"
+        "print(*{name.split('.')[0] for name in sys.modules}, file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", look], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert "Usage" in done.stdout
+    assert HEAVY & set(done.stderr.split()) <= allowed
+
+
+def test_what_help_says_of_a_command_is_the_first_line_of_its_docstring() -> None:
+    for name, later in cli._Commands.later.items():
+        command = load(name, later)
+        assert " ".join(command.help.split("\n\n")[0].split()) == later.help, name
+
+
+def test_a_plan_is_only_timed_once_kernels_are_there(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    order: list[str] = []
+    really = planning_cli.plan
+
+    def prepare(say: Any) -> int:
+        say("compiling")
+        order.append("kernels")
+        return 1
+
+    def planned(*given: Any, **named: Any) -> Plan:
+        order.append("plan")
+        return really(*given, **named)
+
+    monkeypatch.setattr(kernels, "prepare", prepare)
+    monkeypatch.setattr(planning_cli, "plan", planned)
+    assert run(monkeypatch, "plan", "--example", "minimal", "--json") == 0
+    assert order == ["kernels", "plan"]
+    printed = capsys.readouterr()
+    assert printed.err == "compiling\n"
+    Plan.model_validate_json(printed.out)
+
+
+def test_warm_up_says_what_it_compiled_and_where(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(monkeypatch, "warm-up") == 0
+    capsys.readouterr()
+    assert run(monkeypatch, "warm-up", "--json") == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["compiled"] == 0
+    assert Path(said["folder"]) == kernels.place()
+    assert list(Path(said["folder"]).rglob("climb.climb-*.nbc"))
