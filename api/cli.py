@@ -246,6 +246,21 @@ def bench_service(
         _show(table(figures))
 
 
+@bench.command("start")
+def bench_start(
+    runs: Annotated[int, typer.Option(min=1, help="Starts of each, of which the median counts.")] = 5,
+    as_json: Json = False,
+) -> None:
+    """Measure how long commands take to answer, and the service to come and to go."""
+    from api.bench.start import start_figures, table  # noqa: PLC0415
+
+    figures = start_figures(runs)
+    if as_json:
+        _write_json(figures)
+    else:
+        _show(table(figures))
+
+
 @bench.command("simulator")
 def bench_simulator(
     vehicles: Annotated[int, typer.Option(min=1, max=254, help="How many.")] = 100,

@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from api import cli, kernels, planning_cli
+from api import cli, kernels
 from api.later import load
-from planner import EXAMPLES, Plan, violations
+from planner import EXAMPLES, Plan, plan, violations
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -177,7 +177,6 @@ def test_a_plan_is_only_timed_once_kernels_are_there(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     order: list[str] = []
-    really = planning_cli.plan
 
     def prepare(say: Any) -> int:
         say("compiling")
@@ -186,10 +185,10 @@ def test_a_plan_is_only_timed_once_kernels_are_there(
 
     def planned(*given: Any, **named: Any) -> Plan:
         order.append("plan")
-        return really(*given, **named)
+        return plan(*given, **named)
 
     monkeypatch.setattr(kernels, "prepare", prepare)
-    monkeypatch.setattr(planning_cli, "plan", planned)
+    monkeypatch.setattr("api.planning_cli.plan", planned)
     assert run(monkeypatch, "plan", "--example", "minimal", "--json") == 0
     assert order == ["kernels", "plan"]
     printed = capsys.readouterr()

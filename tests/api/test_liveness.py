@@ -150,35 +150,35 @@ async def test_workers_that_end_before_they_are_warm_are_watched_more_patiently_
         lane._renew(lane._pool)
         patient.append(lane._patience)
     assert patient == [2.0, 4.0, 8.0]
-    assert not lane.answers
+    answered = [lane.answers]
     await lane.warm_up()
-    assert lane.answers
+    answered.append(lane.answers)
+    assert answered == [False, True]
     assert lane._patience == 1.0
 
 
 async def test_a_worker_has_all_kernels_before_its_first_job(lane: Lane) -> None:
     lane.begin()
-    assert lane.answers  # it is given time to start
-    assert not lane.warm
+    began = lane.answers, lane.warm
     solved = await lane.solve(Job(scenario=SCENARIO.model_dump_json()))
     assert solved.plan
+    assert began == (True, False)  # it was given time to start
     assert lane.warm
     assert not lane._beats.cold
 
 
-def test_clients_what_ifs_and_health_leave_the_workers_of_flights_alone(client: TestClient) -> None:
+def test_clients_what_ifs_and_health_leave_the_workers_of_flights_alone(
+    client: TestClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
     lane = client.app.state.service.solver[LaneName.FLIGHT]  # type: ignore[attr-defined]
-    jobs: list[Any] = []
-    reserve = lane.reserve
-    lane.reserve = lambda: jobs.append("reserved") or reserve()
-    try:
-        made = client.post("/v1/plans", params={"wait_s": 60}, json=SCENARIO.model_dump(mode="json")).json()
-        table = client.get(f"/v1/plans/{made['id']}/contingencies", params={"wait_s": 60})
-        assert table.status_code == 200
-        assert table.json()["complete"]
-        assert client.get("/health").json()["status"] == "ok"
-    finally:
-        lane.reserve = reserve
+    jobs: list[str] = []
+    monkeypatch.setattr(lane, "solve", lambda *_: jobs.append("solve"))
+    monkeypatch.setattr(lane, "reserve", lambda: jobs.append("reserve"))
+    made = client.post("/v1/plans", params={"wait_s": 60}, json=SCENARIO.model_dump(mode="json")).json()
+    table = client.get(f"/v1/plans/{made['id']}/contingencies", params={"wait_s": 60})
+    assert table.status_code == 200
+    assert table.json()["complete"]
+    assert client.get("/health").json()["status"] == "ok"
     assert jobs == []
 
 
