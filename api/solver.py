@@ -69,6 +69,7 @@ class Lane:
         self.workers = workers
         self._patience = 1.0
         self._starting: asyncio.Task[None] | None = None
+        self._closed = False
         self._pool = self._make_pool()
 
     def _make_pool(self) -> ProcessPoolExecutor:
@@ -103,7 +104,7 @@ class Lane:
 
     def _renew(self, broken: ProcessPoolExecutor) -> None:
         """Another pool in the place of this one, once. Who ended cold gets a more patient watch the next time."""
-        if self._pool is broken:
+        if self._pool is broken and not self._closed:
             self._patience = 1.0 if self._beats.warm else min(MOST_PATIENCE, self._patience * 2.0)
             self._pool = self._make_pool()
             self._asked_s = time.monotonic()
@@ -184,7 +185,7 @@ class Lane:
     async def warm_up(self) -> None:
         """Start the workers, and wait until they have loaded or compiled all kernels, however often it takes."""
         pause_s = FIRST_PAUSE_S
-        while True:
+        while not self._closed:
             pool = self._pool
             try:
                 self._asked_s = min(self._asked_s, time.monotonic())
@@ -199,6 +200,7 @@ class Lane:
 
     def close(self) -> None:
         """End the workers; jobs that wait are dropped, those that run are asked to stop, and killed if they do not."""
+        self._closed = True
         for token in range(self._limit):
             self._board.stop(token)
         workers = list((self._pool._processes or {}).values())  # Python 3.14 has `kill_workers`

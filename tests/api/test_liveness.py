@@ -192,6 +192,16 @@ async def test_an_end_waits_for_no_worker() -> None:
         os.kill(pid, 0)
 
 
+async def test_a_lane_that_is_closed_while_a_worker_starts_makes_no_other() -> None:
+    lane = Lane(1, 8)
+    starting = asyncio.create_task(lane.warm_up())
+    await until(lambda: bool(pids(lane)))
+    pool = lane._pool
+    await asyncio.to_thread(lane.close)
+    await starting
+    assert lane._pool is pool
+
+
 class Listener:
     """HEARTBEATs of the service that a simulated vehicle has heard."""
 
