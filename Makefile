@@ -40,4 +40,5 @@ format: $(READY)
 
 clean:
 	rm -rf $(VENV) out .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf planner/__pycache__/kernels-*
 	find planner tests -name "*.nb[ci]" -delete

@@ -12,6 +12,7 @@ from api.gate import Gate
 from api.routes import contingencies, drills, events, fleet, login, operations, plans, scenarios, service
 from api.service import Service
 from api.settings import Settings
+from api.solver import Lane
 
 DESCRIPTION = """
 Plans where a fleet of flying base stations goes and whom each one serves, flies that plan over MAVLink, and replans for
@@ -26,16 +27,17 @@ makes every creating POST safe to repeat. Operations have an `ETag`; commands ta
 """
 
 
-def create_app(settings: Settings | None = None, *, ui: bool = False) -> FastAPI:
+def create_app(settings: Settings | None = None, *, ui: bool = False, flight: Lane | None = None) -> FastAPI:
     """The service as an ASGI app; its parts live from startup to shutdown.
 
     ui: also serve the dashboard at `/ui`; it lives in one app a process, so make only one app with it.
+    flight: the lane of replans in flight, when it was begun before (`api.solver.flight_lane`).
     """
     settings = settings or Settings()
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        app.state.service = await Service.open(settings)
+        app.state.service = await Service.open(settings, flight)
         try:
             yield
         finally:

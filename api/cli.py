@@ -2,41 +2,60 @@
 
 from __future__ import annotations
 
-import asyncio
-import json
 import sys
-from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated, Literal, NoReturn
+from typing import Annotated, Any, Literal
 
 import typer
-from pydantic import ValidationError
-from rich.console import Console
-from rich.markup import escape
 
-from api import planning_cli, remote_cli
-from api.cli_files import Json, Out, UsageError, read, read_as, read_scenario, write
-from api.errors import ServiceError
-from api.keys_cli import keys
-from api.reproduce.commands import reproduce, tune_mu
-from api.rules import broken_rules
-from api.store import StoreError
-from mavlink_bridge import BridgeError
-from planner import Plan, ReplanError, UnreachableEndError, Utility
+from api.cli_files import Json, Out
+from api.later import Later, LaterGroup
 
-cli = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, help=__doc__)
+PLANNING = "api.planning_cli"
+
+
+class _Commands(LaterGroup):
+    later = {  # noqa: RUF012 - read only
+        "plan": Later(f"{PLANNING}:plan_command", "Plan a scenario.", solves=True),
+        "replan": Later(
+            f"{PLANNING}:replan_command",
+            "Plan the remaining slots of a plan: for the survivors, and for what else is different.",
+            solves=True,
+        ),
+        "bound": Later(
+            f"{PLANNING}:bound",
+            "Plan a scenario of up to three UAVs and prove by branch and bound how good the plan is.",
+            solves=True,
+        ),
+        "export": Later(
+            f"{PLANNING}:export",
+            "Write the MAVLink missions of a plan as QGroundControl `.plan`, `.waypoints` text or JSON.",
+        ),
+        "warm-up": Later("api.warm_up_cli:warm_up", "Compile the optimiser's kernels now, so that nobody waits later."),
+        "fly": Later(
+            "api.remote_cli:fly", "Plan a scenario at the service and fly it with the vehicles registered there."
+        ),
+        "status": Later("api.remote_cli:status", "Show where an operation is, and each of its UAVs."),
+        "drill": Later("api.remote_cli:drill", "Let a fault strike a simulated vehicle, to see the service answer it."),
+        "keys": Later("api.keys_cli:keys", "API keys of the service."),
+        "reproduce": Later(
+            "api.reproduce.commands:reproduce",
+            "Compute the letter's figures and numbers and set them beside the printed ones.",
+            solves=True,
+        ),
+        "tune-mu": Later(
+            "api.reproduce.commands:tune_mu",
+            "Find the mu that meets limits on sum rate, fluctuation and fairness, in the worst of the given losses.",
+            solves=True,
+        ),
+    }
+
+
+cli = typer.Typer(
+    cls=_Commands, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, help=__doc__
+)
 bench = typer.Typer(no_args_is_help=True, help="Measure; figures as JSON.")
 cli.add_typer(bench, name="bench")
-cli.add_typer(keys, name="keys")
-for _command in (remote_cli.fly, remote_cli.status, remote_cli.drill):
-    cli.command()(_command)
-cli.command("plan")(planning_cli.plan_command)
-cli.command("replan")(planning_cli.replan_command)
-cli.command()(planning_cli.export)
-cli.command()(planning_cli.bound)
-cli.command("reproduce")(reproduce)
-cli.command("tune-mu")(tune_mu)
-errors = Console(stderr=True)
 
 
 @cli.command()
@@ -51,7 +70,7 @@ def serve(
     as_json: Json = False,
 ) -> None:
     """Run the service. Settings also come from SKYFOLIO_* environment variables."""
-    from api.serving import serve as run  # noqa: PLC0415
+    from api.starting import serve as run  # noqa: PLC0415
 
     given = {
         "host": host,
@@ -94,7 +113,11 @@ def simulate(
     as_json: Json = False,
 ) -> None:
     """Fly a software-only fleet that speaks MAVLink, until interrupted."""
+    import asyncio  # noqa: PLC0415
+
+    from api.cli_files import UsageError, read_as, read_scenario  # noqa: PLC0415
     from api.simulate import SimulateConfig, SimulateError, run_fleet  # noqa: PLC0415
+    from planner import Plan  # noqa: PLC0415
 
     config = SimulateConfig(
         vehicles=vehicles,
@@ -133,7 +156,13 @@ def demo(
     as_json: Json = False,
 ) -> None:
     """Plan, fly, lose a UAV, replan, fly on, and check it all against the simulator's ground truth."""
+    import asyncio  # noqa: PLC0415
+
+    from rich.console import Console  # noqa: PLC0415
+
+    from api.cli_files import write  # noqa: PLC0415
     from api.demo import DemoConfig, DemoError, run_demo  # noqa: PLC0415
+    from planner import Utility  # noqa: PLC0415
 
     config = DemoConfig(
         speedup=speedup,
@@ -146,7 +175,7 @@ def demo(
     try:
         report = asyncio.run(run_demo(config, quiet=as_json))
     except DemoError as error:
-        errors.print(f"[red]the drill was not flown:[/] {error}", highlight=False)
+        Console(stderr=True).print(f"[red]the drill was not flown:[/] {error}", highlight=False)
         raise typer.Exit(1) from error
     if as_json:
         write(report.model_dump_json(indent=2), None)
@@ -164,9 +193,9 @@ def bench_planner(
 
     figures = planner_figures(quick=quick)
     if as_json or out is not None:
-        write(json.dumps(figures, indent=2), out)
+        _write_json(figures, out)
     if not as_json:
-        Console().print(table(figures))
+        _show(table(figures))
 
 
 @bench.command("report")
@@ -175,7 +204,10 @@ def bench_report(
     out: Out = None,
 ) -> None:
     """Write the figures of a benchmark as Markdown."""
+    import json  # noqa: PLC0415
+
     from api.bench import markdown  # noqa: PLC0415
+    from api.cli_files import read, write  # noqa: PLC0415
 
     write(markdown(json.loads(read(file))), out)
 
@@ -192,10 +224,10 @@ def bench_bridge(
 
     figures = bridge_figures(seeds=seeds, swaps=swaps, load_s=load_s)
     if as_json:
-        write(json.dumps(figures, indent=2), None)
+        _write_json(figures)
     else:
         for one in tables(figures):
-            Console().print(one)
+            _show(one)
 
 
 @bench.command("service")
@@ -209,9 +241,24 @@ def bench_service(
 
     figures = service_figures(runs, set(only or []))
     if as_json:
-        write(json.dumps(figures, indent=2), None)
+        _write_json(figures)
     else:
-        Console().print(table(figures))
+        _show(table(figures))
+
+
+@bench.command("start")
+def bench_start(
+    runs: Annotated[int, typer.Option(min=1, help="Starts of each, of which the median counts.")] = 5,
+    as_json: Json = False,
+) -> None:
+    """Measure how long commands take to answer, and the service to come and to go."""
+    from api.bench.start import start_figures, table  # noqa: PLC0415
+
+    figures = start_figures(runs)
+    if as_json:
+        _write_json(figures)
+    else:
+        _show(table(figures))
 
 
 @bench.command("simulator")
@@ -227,23 +274,58 @@ def bench_simulator(
 
     figures = simulator_figures(vehicles, autopilot, position_hz, seconds)
     if as_json:
-        write(json.dumps(figures, indent=2), None)
+        _write_json(figures)
     else:
-        Console().print(table(figures))
+        _show(table(figures))
+
+
+def _write_json(figures: Any, out: Path | None = None) -> None:
+    import json  # noqa: PLC0415
+
+    from api.cli_files import write  # noqa: PLC0415
+
+    write(json.dumps(figures, indent=2), out)
+
+
+def _show(what: Any) -> None:
+    from rich.console import Console  # noqa: PLC0415
+
+    Console().print(what)
+
+
+MISTAKES = {
+    "api.cli_files": "UsageError",
+    "api.errors": "ServiceError",
+    "api.store.errors": "StoreError",
+    "mavlink_bridge.errors": "BridgeError",
+    "planner.changes": "ReplanError",
+    "planner.unreachable": "UnreachableEndError",
+}
+"""Errors that a user can act on, by the module that has them: one that is not loaded cannot have raised any."""
 
 
 def main() -> None:
     """Run the command; errors a user can act on are one message on standard error and exit status 2."""
     try:
         cli()
-    except ValidationError as error:
-        _refuse(f"{row['field']}: {row['message']}" for row in broken_rules(error.errors(), ()))
-    except (UsageError, ReplanError, UnreachableEndError, BridgeError, ServiceError, StoreError) as error:
-        _refuse(str(error).splitlines())
+    except Exception as error:
+        lines = _told(error)
+        if not lines:
+            raise
+        from rich.console import Console  # noqa: PLC0415
+        from rich.markup import escape  # noqa: PLC0415
+
+        for line in lines:
+            Console(stderr=True).print(f"[red]error:[/] {escape(line)}", highlight=False, soft_wrap=True)
+        sys.exit(2)
 
 
-def _refuse(messages: Iterable[str]) -> NoReturn:
-    """Tell on standard error what is wrong, one message a line, and end with status 2."""
-    for message in messages:
-        errors.print(f"[red]error:[/] {escape(message)}", highlight=False, soft_wrap=True)
-    sys.exit(2)
+def _told(error: Exception) -> list[str]:
+    """What to tell the user, one message a line; nothing when it is not the user's mistake."""
+    pydantic = sys.modules.get("pydantic")
+    if pydantic is not None and isinstance(error, pydantic.ValidationError):
+        from api.rules import broken_rules  # noqa: PLC0415
+
+        return [f"{row['field']}: {row['message']}" for row in broken_rules(error.errors(), ())]
+    kinds = tuple(getattr(sys.modules[home], name) for home, name in MISTAKES.items() if home in sys.modules)
+    return str(error).splitlines() if isinstance(error, kinds) else []

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
-from pydantic import BaseModel, ValidationError
 
-from api.rules import broken_rules
-from planner import EXAMPLES, Scenario
+if TYPE_CHECKING:
+    from pydantic import BaseModel
 
-Model = TypeVar("Model", bound=BaseModel)
+    from planner import Scenario
+
+Model = TypeVar("Model", bound="BaseModel")
 Json = Annotated[bool, typer.Option("--json", help="Print JSON only.")]
 Out = Annotated[Path | None, typer.Option(help="Write the result here instead of printing it.")]
 
@@ -23,6 +24,8 @@ class UsageError(Exception):
 
 def read_scenario(file: Path | None, example: str | None) -> Scenario:
     """Return the scenario in a file, or the example of this name. Raises UsageError."""
+    from planner import EXAMPLES, Scenario  # noqa: PLC0415 - loaded only where a scenario is read
+
     if (file is None) == (example is None):
         raise UsageError("give a scenario FILE or --example NAME, one of them")
     if file is not None:
@@ -34,6 +37,10 @@ def read_scenario(file: Path | None, example: str | None) -> Scenario:
 
 def read_as(model: type[Model], file: Path) -> Model:
     """Return the JSON file as this model. Raises UsageError that names the file and each broken rule, one on a line."""
+    from pydantic import ValidationError  # noqa: PLC0415 - loaded only where a model is read
+
+    from api.rules import broken_rules  # noqa: PLC0415
+
     try:
         return model.model_validate_json(read(file))
     except ValidationError as error:

@@ -1,6 +1,6 @@
 """Plans made ahead of a loss: for each UAV that could be lost at a slot, what the survivors would do.
 
-Made in the flight lane while it is idle, stored, and used twice: as the N-1 answer to "what if", and in flight, where
+Made in a lane of their own, stored, and used twice: as the N-1 answer to "what if", and in flight, where
 a loss whose plan is ready needs no solve.
 """
 
@@ -16,8 +16,8 @@ from pydantic import BaseModel
 from sqlalchemy import select
 from sqlalchemy.dialects import postgresql, sqlite
 
+from api.jobs import Job
 from api.solver import LaneName, SolveError, Solver
-from api.solving import Job
 from api.store import Database, StoreError
 from api.store.tables import contingencies as table
 from planner import Plan, ReplanError, delivered_rates_bps, remaining
@@ -46,7 +46,7 @@ class Contingencies:
     """All plans ahead of this service, by (plan, slot, UAV)."""
 
     def __init__(self, solver: Solver, database: Database) -> None:
-        self._lane, self._database = solver[LaneName.FLIGHT], database
+        self._lane, self._database = solver[LaneName.AHEAD], database
         self._ready: dict[tuple[str, int, str], Plan | str] = {}
         self._under_way: dict[tuple[str, int, str], asyncio.Task[Plan | str]] = {}
         self._tokens: set[int] = set()
@@ -70,7 +70,7 @@ class Contingencies:
         return [_row(plan, at_slot, uav, made) for uav, made in found if made is not None]
 
     def yield_to_flight(self) -> None:
-        """A loss has happened: what is being made ahead ends now."""
+        """A loss has happened: what is being made ahead ends now, and leaves the cores to the replan."""
         for token in self._tokens:
             self._lane.stop(token)
 

@@ -68,6 +68,7 @@ class EventLog:
         self._picture = self._announced = 0
         self._news = asyncio.Event()
         self._followers = 0
+        self._ended = False
         self.listeners: list[Callable[[Event], None]] = []
 
     @classmethod
@@ -97,6 +98,11 @@ class EventLog:
         if self._database.trouble is not None:
             self._announce(event)
         return event
+
+    def end(self) -> None:
+        """The service ends: so does every stream, once it has shown what there is."""
+        self._ended = True
+        self._wake()
 
     def _announce(self, event: Event) -> None:
         """Show an event that cannot be stored yet, without the number that it will have."""
@@ -147,7 +153,7 @@ class EventLog:
                 if telemetry:
                     wire += b"".join(frame.wire for frame in self._pictures if frame.number > seen)
                     seen = self._picture
-                if not wire and not forever:
+                if not wire and (self._ended or not forever):
                     return
                 if not wire and now_s - said_s >= KEEP_ALIVE_S:
                     wire = KEEP_ALIVE

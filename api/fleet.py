@@ -17,6 +17,7 @@ from api.own_link import Heard, OwnLink
 from api.settings import Settings
 from api.store import Database
 from api.store.tables import vehicles as table
+from api.supervise import Supervisor
 from api.vehicle_view import VehicleView, view_of
 from mavlink_bridge import (
     FleetLink,
@@ -59,9 +60,11 @@ class Fleet:
         clock: FleetClock,
         events: EventLog,
         database: Database,
+        background: Supervisor,
         healthy: Callable[[], bool] = lambda: True,
     ) -> None:
         self._healthy = healthy
+        self._background = background
         self._settings, self._clock, self._events = settings, clock, events
         self._database = database
         self._simulated: set[str] = set()
@@ -292,9 +295,9 @@ class Fleet:
                 link.speeds.tell = self._speed_restored
                 self._link = link
                 self._watchers = [
-                    asyncio.create_task(self._watch(link), name="fleet-links"),
-                    asyncio.create_task(self._watch_conditions(link), name="fleet-conditions"),
-                    asyncio.create_task(self._ask(link), name="fleet-streams"),
+                    self._background.start("fleet-links", lambda: self._watch(link)),
+                    self._background.start("fleet-conditions", lambda: self._watch_conditions(link)),
+                    self._background.start("fleet-streams", lambda: self._ask(link)),
                 ]
 
     def _options(self) -> LinkOptions:

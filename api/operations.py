@@ -156,6 +156,9 @@ class Operations:
         task.add_done_callback(lambda done: self._over(operation, done))
 
     def _over(self, operation: Operation, done: asyncio.Task[None]) -> None:
+        if not done.cancelled() and (error := done.exception()) is not None:
+            said = {"message": "operation is no longer followed", "exception": error, "task": done}
+            done.get_loop().call_exception_handler(said)
         if not done.cancelled() and operation.state in ENDED:
             self._end(operation)
 

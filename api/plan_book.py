@@ -13,11 +13,11 @@ import structlog
 from api.creation import Creation
 from api.errors import ConflictError, NotFoundError
 from api.events import EventLog
+from api.jobs import Job
 from api.plan_records import PlanRecord, UnfinishedPlan
 from api.plan_store import PlanStore
 from api.settings import Settings
 from api.solver import LaneName, SolveError, Solver
-from api.solving import Job
 from planner import Cause, Plan, PlanStatus, Scenario
 
 log = structlog.get_logger()

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from pydantic import BaseModel
 
 from api.board import Progress
+from api.jobs import Solved
 from api.solver import LaneName
-from api.solving import Solved
 from planner import Cause, Plan, PlanStatus, Scenario, Summary
 
 ENDED = {PlanStatus.SUCCEEDED, PlanStatus.INFEASIBLE, PlanStatus.CANCELLED, PlanStatus.FAILED, PlanStatus.INTERRUPTED}

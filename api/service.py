@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import time
+from collections.abc import Coroutine
 from contextlib import suppress
+from typing import Any
 
 import structlog
 
@@ -15,6 +17,7 @@ from api.drills import Drills
 from api.errors import BusyError
 from api.events import Event, EventLog
 from api.fleet import Fleet
+from api.jobs import Job
 from api.journal import Entry, Journal
 from api.metrics import Metrics
 from api.operation_rows import Books
@@ -26,52 +29,64 @@ from api.retention import Retention
 from api.security import KeyRing
 from api.settings import Settings
 from api.simulated import SimulatedFleet, own_endpoint, scenario_of
-from api.solver import LaneName, SolveError, Solver
-from api.solving import Job
+from api.solver import Lane, LaneName, Solver
 from api.store import Database, StoreError
+from api.supervise import Supervisor
 from planner import EXAMPLES
 
 log = structlog.get_logger()
 PULSE_S = 5.0
 TIDY_S = 60.0
 TEND_S = 0.5
+CLOSE_S = 1.5
+"""Wall seconds that everything has to end when the service is stopped: vehicles fly on by themselves."""
 
 
 class Service:
     """Everything a route may use. Made by `open`, ended by `close`."""
 
-    def __init__(self, settings: Settings, database: Database, events: EventLog) -> None:
+    def __init__(self, settings: Settings, database: Database, events: EventLog, solver: Solver) -> None:
         self.settings, self.database, self.events = settings, database, events
         self.clock = FleetClock(settings.time_scale)
         self.metrics = Metrics()
         self.keys = KeyRing(database)
         self.audit = AuditLog(database)
-        self.solver = Solver(settings.workers, settings.queue_limit)
+        self.background = Supervisor(events.add)
+        self.solver = solver
         self.plans = PlanBook(self.solver, events, PlanStore(database), settings)
         self.contingencies = Contingencies(self.solver, database)
         self.journal = Journal(database)
         self.simulated, settings = _simulated(settings)
-        self.fleet = Fleet(settings, self.clock, events, database, healthy=self.can_replan)
+        self.fleet = Fleet(settings, self.clock, events, database, background=self.background, healthy=self.can_replan)
         parts = Parts(settings, self.clock, self.plans, self.contingencies, self.metrics)
         self.operations = Operations(parts, Books(database, self.journal, events), self.fleet)
         self.drills = Drills(self.fleet, self.operations, events, database, self.simulated)
         self.ready = False
-        self._pulse = (-PULSE_S, 0.0)
-        self._pulsing = asyncio.Lock()
-        self._tasks: list[asyncio.Task[None]] = []
+        self._pulse: tuple[float, float] | None = None
+        self._pulsing: asyncio.Task[None] | None = None
         self.plans.on_solved = self._note_solve
         events.listeners.append(self._note_event)
         self.journal.listeners.append(self._note_step)
 
     @classmethod
-    async def open(cls, settings: Settings) -> Service:
-        """Open the database, warm the solver, and go on with what an earlier process left. Raises StoreError."""
-        database = await Database.open(settings.database_url)
+    async def open(cls, settings: Settings, flight: Lane | None = None) -> Service:
+        """Warm the solver, open the database, and go on with what an earlier process left. Raises StoreError.
+
+        Workers load while the rest starts: the sooner the one of flights is warm, the sooner a loss is answered.
+        flight: its lane, when it was begun before.
+        """
+        solver = Solver(settings.workers, settings.queue_limit, flight)
+        if settings.warm_up:
+            solver.begin()
+        database = None
         try:
+            database = await Database.open(settings.database_url)
             await database.claim()
-            service = cls(settings, database, await EventLog.open(database))
+            service = cls(settings, database, await EventLog.open(database), solver)
         except BaseException:
-            await database.close()
+            if database is not None:
+                await database.close()
+            await asyncio.to_thread(solver.close)
             raise
         try:
             await service._start()
@@ -82,17 +97,16 @@ class Service:
 
     async def _start(self) -> None:
         self.events.add("service_started", taken_up=self.database.taken_up)
-        self._tasks = [
-            asyncio.create_task(self.metrics.watch_loop(), name="loop-watch"),
-            asyncio.create_task(self._show_telemetry(), name="telemetry"),
-            asyncio.create_task(self._tidy(), name="tidy"),
-            asyncio.create_task(self._tend_solver(), name="tend-solver"),
-        ]
+        self.background.watch_loop(asyncio.get_running_loop())
+        self.background.start("loop-watch", self.metrics.watch_loop)
+        self.background.start("telemetry", self._show_telemetry)
+        self.background.start("tidy", self._tidy)
+        self.background.start("tend-solver", self._tend_solver)
+        if self.settings.warm_up:
+            self.background.start("warm-up", self.solver.warm_up)
         await self.plans.start()
         await self.drills.start_up()
         await self.fleet.start()
-        if self.settings.warm_up:
-            self._tasks.append(asyncio.create_task(self.solver.warm_up(), name="warm-up"))
         await self.operations.start_up()  # before the solver is warm: vehicles in the air wait for nothing
         if self.simulated is not None:
             self.simulated.start()
@@ -101,39 +115,49 @@ class Service:
         self.ready = True
 
     async def close(self) -> None:
-        """End operations (vehicles go on with the mission on board), the link, the workers, the database."""
+        """End operations (vehicles go on with the mission on board), the link, the workers, the database.
+
+        Whatever of it hangs is left behind: all together takes at most CLOSE_S, and some for the database.
+        """
         self.ready = False
-        for task in self._tasks:
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
-        await self.drills.close()
-        await self.operations.close()
-        await self.fleet.close()
+        self.events.end()
+        until_s = time.monotonic() + CLOSE_S
+        await self.background.close()
+        await _ended("drills", self.drills.close(), until_s)
+        await _ended("operations", self.operations.close(), until_s)
+        await _ended("fleet", self.fleet.close(), until_s)
         if self.simulated is not None:
-            await asyncio.to_thread(self.simulated.stop)
-        await self.contingencies.close()
-        await self.plans.close()
+            await _ended("simulated fleet", asyncio.to_thread(self.simulated.stop), until_s)
+        await _ended("contingencies", self.contingencies.close(), until_s)
+        await _ended("plans", self.plans.close(), until_s)
         await asyncio.to_thread(self.solver.close)
-        await self.database.close()
+        await _ended("database", self.database.close(), time.monotonic() + 1.0)
 
     # -- how it is ------------------------------------------------------------------------------------------------
 
-    async def pulse(self) -> float:
-        """Milliseconds of a tiny solve, from asking to result, at most some seconds old. Raises BusyError."""
-        async with self._pulsing:
-            at, took_ms = self._pulse
-            if time.monotonic() - at < PULSE_S:
-                return took_ms
-            began = time.monotonic()
-            try:
-                await self.solver[LaneName.FLIGHT].solve(
-                    Job(scenario=EXAMPLES["minimal"]().model_dump_json(), deadline_s=PULSE_S)
-                )
-            except SolveError as error:
+    async def pulse(self) -> float | None:
+        """Milliseconds of a tiny solve, from asking to result: the last one, asked for anew when it is some seconds old
+        and no client's job is in its way. None before the first. Raises BusyError when workers do not answer.
+        """
+        lane = self.solver[LaneName.REQUESTS]
+        fresh = self._pulse is not None and time.monotonic() - self._pulse[0] < PULSE_S
+        if not fresh and (self._pulsing is not None or not lane.busy):
+            self._pulsing = self._pulsing or asyncio.create_task(self._feel_pulse(lane), name="pulse")
+            await asyncio.wait([self._pulsing], timeout=PULSE_S)
+            if self._pulsing is not None and not self._pulsing.done():
+                raise BusyError("solver: its workers are still starting")
+            done, self._pulsing = self._pulsing, None
+            if done is not None and (error := done.exception()) is not None:
                 raise BusyError(f"solver: {error}") from error
-            now = time.monotonic()
-            self._pulse = (now, (now - began) * 1e3)
-            return self._pulse[1]
+        elif not lane.answers:
+            raise BusyError("solver: its workers do not answer")
+        return None if self._pulse is None else self._pulse[1]
+
+    async def _feel_pulse(self, lane: Lane) -> None:
+        began_s = time.monotonic()
+        await lane.solve(Job(scenario=EXAMPLES["minimal"]().model_dump_json(), deadline_s=PULSE_S))
+        now_s = time.monotonic()
+        self._pulse = (now_s, (now_s - began_s) * 1e3)
 
     def can_replan(self) -> bool:
         """Whether the workers that replan in flight answer: only then do vehicles hear our HEARTBEAT."""
@@ -149,13 +173,19 @@ class Service:
             checks["database"] = "ok" if trouble is None else f"degraded: {trouble}{held}"
         except StoreError as error:
             checks["database"] = str(error)[:200]
-        cold = self.settings.warm_up and len(self.solver.warm) < len(self.solver.lanes)
-        silent = [name.value for name, lane in self.solver.lanes.items() if not lane.answers]
-        checks["solver"] = f"no answer from {' and '.join(silent)}" if silent else "warming up" if cold else "ok"
+        checks["solver"] = self._solver_check()
+        troubles = self.background.troubles
+        checks["tasks"] = "; ".join(f"{name} failed ({said})" for name, said in troubles.items()) or "ok"
         checks["heartbeat"] = "ok" if self.can_replan() else "not sent to vehicles: nobody could replan"
         lane = self.solver[LaneName.REQUESTS]
         checks["queue"] = "ok" if lane.busy < self.settings.queue_limit else "full"
         return checks
+
+    def _solver_check(self) -> str:
+        silent = [name.value for name, lane in self.solver.lanes.items() if not lane.answers]
+        if silent:
+            return f"no answer from {' and '.join(silent)}"
+        return "warming up" if self.settings.warm_up and not self.solver.warm else "ok"
 
     def measured(self) -> bytes:
         """The metrics, with those that are only known when asked."""
@@ -209,6 +239,17 @@ class Service:
             await asyncio.sleep(min(TIDY_S, self.settings.keep_ended_s))
             with suppress(StoreError):
                 await retention.tidy(self.plans.forget_ended)
+
+
+async def _ended(name: str, ending: Coroutine[Any, Any, None], until_s: float) -> None:
+    """Wait for an end, but not beyond `until_s` (monotonic) by more than a moment."""
+    task = asyncio.create_task(ending, name=f"end {name}")
+    done, _ = await asyncio.wait([task], timeout=max(0.1, until_s - time.monotonic()))
+    if done:
+        task.result()
+    else:
+        log.warning("did not end in time and is left behind", what=name)
+        task.cancel()
 
 
 def _simulated(settings: Settings) -> tuple[SimulatedFleet | None, Settings]:

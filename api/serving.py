@@ -5,31 +5,51 @@ from __future__ import annotations
 import asyncio
 import gc
 import os
+import socket
 import sys
 from typing import Any
 
 import uvicorn
+from fastapi import FastAPI
 
 from api.app import create_app
 from api.errors import InvalidError
 from api.logs import configure_logging
 from api.security import KeyRing
 from api.settings import Settings, default_database_url
+from api.solver import Lane
 from api.store import Database
 
-GRACE_S = 5
-"""Seconds that open streams have to end when the service is stopped."""
+GRACE_S = 1
+"""Seconds that open requests have to end when the service is stopped; streams end by themselves."""
 
 
-def serve(given: dict[str, Any], *, as_json: bool, ui: bool = True) -> None:
-    """Run until interrupted. Raises InvalidError when the address needs keys and there are none."""
+class _Server(uvicorn.Server):
+    """Ends the event streams when it is told to stop: it would wait for them."""
+
+    def __init__(self, config: uvicorn.Config, app: FastAPI) -> None:
+        super().__init__(config)
+        self._app = app
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Stop listening, let requests end, then the service."""
+        self._app.state.service.events.end()
+        await super().shutdown(sockets)
+
+
+def serve(given: dict[str, Any], *, as_json: bool, ui: bool = True, flight: Lane | None = None) -> None:
+    """Run until interrupted. Raises InvalidError when the address needs keys and there are none.
+
+    flight: the lane of replans in flight, whose worker loads while everything else does.
+    """
     if "database_url" not in given and "SKYFOLIO_DATABASE_URL" not in os.environ:
         given = {**given, "database_url": default_database_url()}
     settings = Settings(**given)
     require_safe(settings)
     configure_logging(as_json=as_json)
+    app = create_app(settings, ui=ui, flight=flight)
     config = uvicorn.Config(
-        create_app(settings, ui=ui),
+        app,
         host=settings.host,
         port=settings.port,
         log_config=None,
@@ -37,7 +57,7 @@ def serve(given: dict[str, Any], *, as_json: bool, ui: bool = True) -> None:
         timeout_graceful_shutdown=GRACE_S,
         h11_max_incomplete_event_size=65_536,
     )
-    server = uvicorn.Server(config)
+    server = _Server(config, app)
     _keep_for_good()
     server.run()
     if not server.started:

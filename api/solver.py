@@ -1,19 +1,21 @@
 """Solves run in worker processes: the event loop that watches heartbeats never waits for an optimiser.
 
-Two lanes: `requests` for what clients ask, `flight` for replans of operations in the air and, in idle time, for plans
-ahead of a loss. A client cannot make a fleet wait. Scenarios and plans cross the border between processes as JSON,
-which is also what is stored and answered: nothing is encoded twice.
+Three lanes: `flight` for replans of operations in the air and nothing else, `requests` for what clients ask, `ahead`
+for plans made ahead of a loss, in flight or because a client asks what would be. Neither a client nor a plan that may
+never be needed can make a fleet wait. Scenarios and plans cross the border between processes as JSON, which is also
+what is stored and answered: nothing is encoded twice.
 """
 
 from __future__ import annotations
 
 import asyncio
+import math
 import multiprocessing
 import os
 import signal
 import tempfile
 import time
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from enum import StrEnum
@@ -21,12 +23,21 @@ from pathlib import Path
 
 from api.board import Board, Progress
 from api.errors import BusyError
-from api.liveness import SILENT_S, Beats
-from api.solving import Job, Solved, begin_worker, run
-from planner import EXAMPLES, PlanStatus
+from api.jobs import Job, Solved
+from api.liveness import Beats
+from api.worker import begin_worker, ready, run
+from planner import PlanStatus
 
 OVERRUN_S = 10.0
 """A worker that is so late beyond its deadline hangs, and is killed."""
+START_S = 60.0
+"""A new worker is given so long to begin to beat."""
+CLOSE_S = 0.5
+"""Workers have so long to end by themselves."""
+FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.5, 30.0
+"""Between two tries to start workers that end before they are warm."""
+MOST_PATIENCE = 16.0
+AHEAD_NICENESS = 5
 
 
 class LaneName(StrEnum):
@@ -34,6 +45,7 @@ class LaneName(StrEnum):
 
     REQUESTS = "requests"
     FLIGHT = "flight"
+    AHEAD = "ahead"
 
 
 class SolveError(Exception):
@@ -47,40 +59,55 @@ class SolveError(Exception):
 class Lane:
     """A pool of planner processes with a bounded queue, and a board on which each job has a row."""
 
-    def __init__(self, workers: int, queue_limit: int) -> None:
+    def __init__(self, workers: int, queue_limit: int, niceness: int = 0) -> None:
         self._context = multiprocessing.get_context("spawn")
         self._folder = tempfile.TemporaryDirectory(prefix="skyfolio-plans-")
         self._board = Board(self._context, queue_limit, Path(self._folder.name))
         self._free = list(range(queue_limit))
         self._limit = queue_limit
+        self._niceness = niceness
         self.workers = workers
-        self._broke = False
+        self._patience = 1.0
+        self._starting: asyncio.Task[None] | None = None
+        self._closed = False
         self._pool = self._make_pool()
 
     def _make_pool(self) -> ProcessPoolExecutor:
         self._beats = Beats(self._context, self.workers)
-        shared = (self._board, *self._beats.shared)
+        self._asked_s = math.inf
+        shared = (self._board, self._niceness, *self._beats.shared)
         return ProcessPoolExecutor(self.workers, mp_context=self._context, initializer=begin_worker, initargs=shared)
 
     @property
     def answers(self) -> bool:
-        """Whether a worker shows that it is alive; one that was never needed yet has nothing to show."""
-        if not self._beats.begun:
-            return not self._broke
-        return self._beats.silent_for_s() < SILENT_S and not self._beats.gone()
+        """Whether a worker shows that it is alive. One that was never needed has nothing to show; one that starts is
+        given time, once: not when the one before it ended cold.
+        """
+        if self._beats.begun:
+            return self._beats.answer()
+        return self._patience == 1.0 and time.monotonic() - self._asked_s < START_S
+
+    @property
+    def warm(self) -> bool:
+        """Whether all workers are there with all kernels loaded."""
+        return self._beats.warm == self.workers
 
     async def tend(self) -> None:
         """Replace workers that died or are stuck; jobs they had are tried once more."""
-        self._beats.kill_stuck()
+        self._beats.kill_stuck(self._patience)
         if self._beats.begun and self._beats.gone():
             self._renew(self._pool)
-            with suppress(SolveError, BusyError):
-                await self.warm_up()
+        if self._asked_s < math.inf and not self._beats.warm and (self._starting is None or self._starting.done()):
+            self._starting = asyncio.create_task(self.warm_up(), name="start-workers")
+        elif self._starting is not None and self._starting.done():
+            self._starting.result()  # raises what went wrong, for who supervises this
 
     def _renew(self, broken: ProcessPoolExecutor) -> None:
-        """Another pool in the place of this one, once."""
-        if self._pool is broken:
-            self._broke, self._pool = True, self._make_pool()
+        """Another pool in the place of this one, once. Who ended cold gets a more patient watch the next time."""
+        if self._pool is broken and not self._closed:
+            self._patience = 1.0 if self._beats.warm else min(MOST_PATIENCE, self._patience * 2.0)
+            self._pool = self._make_pool()
+            self._asked_s = time.monotonic()
             broken.shutdown(wait=False)
 
     @property
@@ -136,10 +163,12 @@ class Lane:
     async def _submit(self, job: Job, token: int) -> Solved:
         pool = self._pool
         try:
+            self._asked_s = min(self._asked_s, time.monotonic())
             future = asyncio.wrap_future(pool.submit(run, job, token))
             while not (await asyncio.wait([future], timeout=OVERRUN_S))[0]:
                 pid, began_s = self._board.worker(token)
-                if pid and time.monotonic() > began_s + job.deadline_s + OVERRUN_S:
+                late = time.monotonic() > began_s + job.deadline_s + OVERRUN_S
+                if pid and late and not self._beats.is_cold(pid):
                     with suppress(ProcessLookupError):
                         os.kill(pid, signal.SIGKILL)
                     raise TimeoutError
@@ -148,36 +177,78 @@ class Lane:
             self._renew(pool)
             raise
 
+    def begin(self) -> None:
+        """Let a worker start, and wait for nothing."""
+        self._asked_s = min(self._asked_s, time.monotonic())
+        self._pool.submit(ready)
+
     async def warm_up(self) -> None:
-        """Start the workers and let them import and solve once, so that the first real solve is a fast one."""
-        job = Job(scenario=EXAMPLES["minimal"]().model_dump_json())
-        await asyncio.gather(*(self.solve(job) for _ in range(self.workers)))
+        """Start the workers, and wait until they have loaded or compiled all kernels, however often it takes."""
+        pause_s = FIRST_PAUSE_S
+        while not self._closed:
+            pool = self._pool
+            try:
+                self._asked_s = min(self._asked_s, time.monotonic())
+                await asyncio.gather(*(asyncio.wrap_future(pool.submit(ready)) for _ in range(self.workers)))
+            except BrokenProcessPool:
+                self._renew(pool)
+            else:
+                self._patience = 1.0
+                return
+            await asyncio.sleep(pause_s)
+            pause_s = min(LONGEST_PAUSE_S, pause_s * 2.0)
 
     def close(self) -> None:
-        """End the workers; jobs that wait are dropped, those that run are asked to stop."""
+        """End the workers; jobs that wait are dropped, those that run are asked to stop, and killed if they do not."""
+        self._closed = True
         for token in range(self._limit):
             self._board.stop(token)
-        self._pool.shutdown(wait=True, cancel_futures=True)
+        workers = list((self._pool._processes or {}).values())  # Python 3.14 has `kill_workers`
+        self._pool.shutdown(wait=False, cancel_futures=True)
+        until_s = time.monotonic() + CLOSE_S
+        for worker in workers:
+            worker.join(max(0.0, until_s - time.monotonic()))
+            if worker.is_alive():
+                worker.kill()
+                worker.join()
         self._folder.cleanup()
 
 
-class Solver:
-    """Both lanes."""
+def flight_lane() -> Lane:
+    """The lane of replans in flight: one worker."""
+    return Lane(1, 256)
 
-    def __init__(self, workers: int, queue_limit: int) -> None:
-        self.warm: set[LaneName] = set()
-        self.lanes = {LaneName.REQUESTS: Lane(workers, queue_limit), LaneName.FLIGHT: Lane(1, 256)}
+
+class Solver:
+    """All lanes. `flight`: that of flights, where it was begun before the rest of the service was even imported."""
+
+    def __init__(self, workers: int, queue_limit: int, flight: Lane | None = None) -> None:
+        self.lanes = {
+            LaneName.FLIGHT: flight or flight_lane(),
+            LaneName.REQUESTS: Lane(workers, queue_limit),
+            LaneName.AHEAD: Lane(1, 256, AHEAD_NICENESS),
+        }
 
     def __getitem__(self, name: LaneName) -> Lane:
         return self.lanes[name]
 
+    @property
+    def warm(self) -> bool:
+        """Whether a replan in flight finds a warm worker. Those of clients follow in a second, and keep nobody waiting
+        for kernels: the first worker has compiled them for all.
+        """
+        return self[LaneName.FLIGHT].warm
+
+    def begin(self) -> None:
+        """Let the worker of flights start, waiting for nothing."""
+        self[LaneName.FLIGHT].begin()
+
     async def warm_up(self) -> None:
-        """Ready all workers."""
-        for name in (LaneName.FLIGHT, LaneName.REQUESTS):  # one after the other: on a new machine the first compiles
-            await self.lanes[name].warm_up()
-            self.warm.add(name)
+        """Ready all workers, those of flights first: on a new machine the first compiles for all."""
+        for lane in self.lanes.values():
+            await lane.warm_up()
 
     def close(self) -> None:
-        """End all workers."""
-        for lane in self.lanes.values():
-            lane.close()
+        """End all workers, at once."""
+        with ThreadPoolExecutor(len(self.lanes)) as closing:
+            list(closing.map(Lane.close, self.lanes.values()))

@@ -1,32 +1,20 @@
-"""What a planner process does: solve one job after the other, and show how far each is.
-
-Imported by workers, so nothing of the web, the database or the fleet is imported here.
-"""
+"""How a planner process solves a job, and shows how far it is. Imported by workers alone (`worker`)."""
 
 from __future__ import annotations
 
-import os
-import signal
-import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from math import sqrt
-from multiprocessing import connection, parent_process
-from typing import Any
 
 from api.board import Board
-from api.liveness import beat
+from api.jobs import Job
 from planner import (
     AnyOf,
     Cause,
     Deadline,
     Plan,
-    PlanStatus,
-    ReplanError,
     Scenario,
     StopToken,
-    UnreachableEndError,
     converged,
     plan,
     replan,
@@ -40,40 +28,6 @@ SOLVING_PER_SHOWING = 19.0
 
 STARTS_PER_ROOT = 2.0
 """Starts per square root of UAVs x users x slots: 11 for two UAVs, four users and four slots, 24 from size 144 on."""
-
-
-class _Here:
-    """The board of this process, if it is a worker."""
-
-    board: Board
-
-
-@dataclass(frozen=True, kw_only=True)
-class Job:
-    """One solve, as JSON: a scenario to plan, or a previous plan to replan with `request` (as `planner.replan`).
-
-    `starts`: how many the optimiser climbs from; None lets it choose by size, a plan's then at most `most_starts`.
-    """
-
-    scenario: str | None = None
-    previous: str | None = None
-    request: dict[str, Any] = field(default_factory=dict)
-    identity: dict[str, Any] = field(default_factory=dict)
-    deadline_s: float = 60.0
-    starts: int | None = None
-    most_starts: int = 64
-
-
-@dataclass(frozen=True, kw_only=True)
-class Solved:
-    """What a worker hands back: a plan as JSON with its status, or how it failed."""
-
-    status: PlanStatus
-    plan: str = ""
-    summary: str = ""
-    iterations: int = 0
-    solve_ms: float = 0.0
-    error: str | None = None
 
 
 class BestSoFar:
@@ -99,44 +53,8 @@ class BestSoFar:
         self._due_s = now + max(SHOW_EVERY_S, SOLVING_PER_SHOWING * (now - began))
 
 
-def begin_worker(board: Board, *beats: Any) -> None:
-    """Make this process a worker; `beats` (`liveness.Beats.shared`) is where it shows that it is alive."""
-    _Here.board = board
-    threading.Thread(target=beat, args=beats, daemon=True).start()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C in a terminal reaches the group; the service ends workers
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    """A worker of a service that was killed would wait for jobs forever."""
-    parent = parent_process()
-    if parent is not None:
-        connection.wait([parent.sentinel])
-        os._exit(1)
-
-
-def run(job: Job, token: int) -> Solved:
-    """Solve one job; whatever goes wrong is in what comes back."""
-    _Here.board.begin(token)
-    try:
-        made = _solve(job, token)
-    except (UnreachableEndError, ReplanError) as error:
-        return Solved(status=PlanStatus.INFEASIBLE, error=str(error))
-    except Exception as error:  # noqa: BLE001 - whatever it is, it must not break the pool
-        return Solved(status=PlanStatus.FAILED, error=f"{type(error).__name__}: {error}")
-    finally:
-        _Here.board.end(token)
-    return Solved(
-        status=made.status,
-        plan=made.model_dump_json(),
-        summary=made.summary.model_dump_json(),
-        iterations=len(made.history),
-        solve_ms=made.solve_ms or 0.0,
-    )
-
-
-def _solve(job: Job, token: int) -> Plan:
-    board = _Here.board
+def solve(job: Job, board: Board, token: int) -> Plan:
+    """Solve one job, showing on the board how far it is. Raises ValueError when the problem has no solution."""
     best = BestSoFar(lambda text: board.show(token, text), time.monotonic)
 
     def asked_to_stop() -> bool:

@@ -4,21 +4,29 @@ It plans bandwidth, UAV-user association and trajectories of a fleet of flying b
 loss. Nothing here touches files, sockets, clocks or global random state: seeds, observers, clocks and stopping rules
 are passed in. `scenario.py` and `plans.py` are what goes in and comes out, `reference/` is the letter as printed,
 `feasibility.py` is the independent check that every emitted plan passes. Symbols of the letter are used only here.
+
+Names are loaded when they are first asked for (PEP 562): who only reads a `Scenario` or a `Plan` never loads numba.
+`rehearsal.py` compiles every kernel ahead of time; whoever adds an entry kernel adds it to that.
 """
 
-from planner.changes import Changes, ReplanError
-from planner.delivered import delivered_rates_bps
-from planner.examples import EXAMPLES, letter
-from planner.fast import UnreachableEndError
-from planner.feasibility import InfeasiblePlanError, Violation, violations
-from planner.methods import METHODS
-from planner.plans import Cause, Iteration, Plan, PlanStatus, Summary
-from planner.problem import Past
-from planner.replanning import cause_of, remaining, replan
-from planner.scenario import Channel, Origin, Scenario, Uav, User, Utility
-from planner.separation import closest_approach
-from planner.solve import converged, plan
-from planner.stopping import AnyOf, Deadline, MaxIterations, RelativeGain, StopToken
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from planner.changes import Changes, ReplanError
+    from planner.delivered import delivered_rates_bps
+    from planner.examples import EXAMPLES, letter
+    from planner.feasibility import InfeasiblePlanError, Violation, violations
+    from planner.methods import METHODS
+    from planner.plans import Cause, Iteration, Plan, PlanStatus, Summary
+    from planner.problem import Past
+    from planner.remainder import cause_of, remaining
+    from planner.replanning import replan
+    from planner.scenario import Channel, Origin, Scenario, Uav, User, Utility
+    from planner.separation import closest_approach
+    from planner.solve import converged, plan
+    from planner.stopping import AnyOf, Deadline, MaxIterations, RelativeGain, StopToken
+    from planner.unreachable import UnreachableEndError
 
 __all__ = [
     "EXAMPLES",
@@ -55,3 +63,65 @@ __all__ = [
     "replan",
     "violations",
 ]
+
+_HOMES = {
+    "changes": (
+        "Changes",
+        "ReplanError",
+    ),
+    "delivered": ("delivered_rates_bps",),
+    "examples": (
+        "EXAMPLES",
+        "letter",
+    ),
+    "feasibility": (
+        "InfeasiblePlanError",
+        "Violation",
+        "violations",
+    ),
+    "methods": ("METHODS",),
+    "plans": (
+        "Cause",
+        "Iteration",
+        "Plan",
+        "PlanStatus",
+        "Summary",
+    ),
+    "problem": ("Past",),
+    "remainder": (
+        "cause_of",
+        "remaining",
+    ),
+    "replanning": ("replan",),
+    "scenario": (
+        "Channel",
+        "Origin",
+        "Scenario",
+        "Uav",
+        "User",
+        "Utility",
+    ),
+    "separation": ("closest_approach",),
+    "solve": (
+        "converged",
+        "plan",
+    ),
+    "stopping": (
+        "AnyOf",
+        "Deadline",
+        "MaxIterations",
+        "RelativeGain",
+        "StopToken",
+    ),
+    "unreachable": ("UnreachableEndError",),
+}
+_HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name from the module where it lives. Raises AttributeError for any other name."""
+    if name not in _HOME_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(f"{__name__}.{_HOME_OF[name]}"), name)
+    globals()[name] = value
+    return value

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from planner.bound import best_step, lifted_kbps, reachability_bound_kbps
 from planner.cells import split_cells
+from planner.fast.arena import plain
 from planner.problem import Problem
 from planner.reach import Reach, reach_of
 from planner.utility import rate_weights, utility_kbps
@@ -118,10 +119,9 @@ class _Slot:
         centres = np.stack([problem.start_m, np.where(np.isnan(problem.end_m), 0.0, problem.end_m)])
         radii = np.stack([reach.from_start_m[:, n], np.minimum(reach.to_end_m[:, n], 1e9)])
         scale = problem.bandwidth_hz / (1e3 * np.log(2))
-        self._fixed = (
-            centres, radii, problem.discs, problem.user_m, problem.altitude_m**2, problem.snr_gain[:, :, n].copy(),
-            scale, weights[:, n].copy(),
-        )  # fmt: skip
+        gain = problem.snr_gain[:, :, n]
+        fixed = (centres, radii, problem.discs, problem.user_m, problem.altitude_m**2, gain, scale, weights[:, n])
+        self._fixed = tuple(plain(array) for array in fixed)
         cell = np.concatenate([problem.low_m, problem.high_m])
         self._cells = np.empty((CHUNK * 4, problem.n_uavs, 4))
         self._cells[0] = cell

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.emit import emit
-from planner.fast import UnreachableEndError
 from planner.methods import DEFAULT_METHOD, method_of
 from planner.plans import Iteration, Plan, PlanStatus
 from planner.problem import Past, problem_of
 from planner.scenario import Scenario
 from planner.solution import Observer, Solution
 from planner.stopping import AnyOf, MaxIterations, RelativeGain, StoppingRule
+from planner.unreachable import UnreachableEndError
 
 Array = NDArray[np.float64]
 

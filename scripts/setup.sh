@@ -25,3 +25,4 @@ if ! make_venv 2>/dev/null; then
 fi
 "$venv/bin/python" -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
 sh "$(dirname "$0")/browser.sh"
+"$venv/bin/skyfolio" warm-up # compiles the optimiser once, for a minute, so that nobody waits for it later

@@ -5,6 +5,7 @@ import socket
 import pytest
 from hypothesis import settings
 
+import api  # noqa: F401 - first of all, so that kernels are where set-up has compiled them
 from tests import ports
 
 settings.register_profile("skyfolio", deadline=None)  # a shared machine may be slow; time is measured in benchmarks

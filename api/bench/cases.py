@@ -16,7 +16,7 @@ from planner.branch_and_bound import MAX_UAVS, certificate
 from planner.fast import linked, optimise, served_rates_bps
 from planner.layouts import scattered
 from planner.problem import Problem, problem_of
-from planner.replanning import remaining
+from planner.remainder import remaining
 from planner.solution import Solution
 from planner.utility import utility_kbps
 

@@ -19,11 +19,13 @@ known = [*KNOWN, requires(Role.VIEWER)]
 
 
 class Health(BaseModel):
-    """The service answers and its solver solves; `solve_ms` is the tiny instance's time from asking to result."""
+    """The service answers and its solver solves. `solve_ms` is the tiny instance's time from asking to result, measured
+    some seconds ago; null when clients' solves have left no time to measure it.
+    """
 
     status: str
     version: str
-    solve_ms: float
+    solve_ms: float | None
 
 
 class Readiness(BaseModel):

@@ -34,8 +34,9 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 def entry(function: Function) -> Function:
     """Compile a kernel that Python calls: serial, without the GIL, cached on disk.
 
-    After editing a kernel, delete the caches of its callers in other modules (`make clean`): numba looks only at a
-    function's own file.
+    Arguments are made new or pass through `plain`. numba looks only at a function's own file to see whether what is
+    cached is still right, and not at the kernels that it calls: `api.kernels` keeps a cache for each version of all
+    sources, and who uses the planner alone deletes the caches (`make clean`) after editing a kernel.
     """
     return cast("Function", njit(**_OPTIONS)(function))
 
@@ -48,6 +49,15 @@ def kernel(function: Function) -> Function:
 def smooth(function: Function) -> Function:
     """As `kernel`, and sums may be added up in any fixed order, eight at a time."""
     return cast("Function", njit(**_OPTIONS, no_cpython_wrapper=True, fastmath=_LOOSE)(function))
+
+
+def plain(array: NDArray[Any], dtype: type = np.float64) -> NDArray[Any]:
+    """The array as kernels take it: C-contiguous, writable, of one type; a copy where it is not.
+
+    numba compiles a kernel anew for each layout and for read-only arrays: whatever goes into an `entry` passes here or
+    is made new, so that each has one signature, and none is left to compile in flight.
+    """
+    return np.require(array, dtype, ["C", "W"])
 
 
 class Arena(NamedTuple):
@@ -108,40 +118,45 @@ class Links(NamedTuple):
 
 def arena_of(problem: Problem) -> Arena:
     """The arrays of `problem` in the kernels' layout. `mu = 0` of any kind is `sum`."""
-    mean = problem.snr_gain.strides[1] == 0 or problem.n_users == 1
-    gain = np.ascontiguousarray(problem.snr_gain[:, 0, :].T)
-    fading = np.zeros((0, 0, 0)) if mean else np.ascontiguousarray(problem.snr_gain.transpose(2, 0, 1))
+    mean = is_mean(problem)
+    gain = problem.snr_gain[:, 0, :].T
+    fading = np.zeros((0, 0, 0)) if mean else problem.snr_gain.transpose(2, 0, 1)
     kind = KINDS[problem.kind] if problem.mu < 0 else SUM
     past_low, past_sum, past_count = _past(problem, kind)
     return Arena(
-        gain=gain,
-        fading=fading,
-        user_m=np.ascontiguousarray(problem.user_m.T),
-        height2=problem.altitude_m**2,
-        khz=problem.bandwidth_hz / 1e3,
-        start_m=np.ascontiguousarray(problem.start_m.T),
-        step_m=step_limits_m(problem),
-        last=np.minimum(problem.n_flying, problem.n_slots).astype(np.int64) - 1,
-        end_m=np.ascontiguousarray(problem.end_m.T),
-        low=problem.low_m,
-        high=problem.high_m,
-        separation_m=problem.separation_m,
-        discs=problem.discs,
-        corners=np.vstack(problem.polygons) if problem.polygons else np.zeros((0, 2)),
+        gain=plain(gain),
+        fading=plain(fading),
+        user_m=plain(problem.user_m.T),
+        height2=plain(problem.altitude_m**2),
+        khz=plain(problem.bandwidth_hz / 1e3),
+        start_m=plain(problem.start_m.T),
+        step_m=plain(step_limits_m(problem)),
+        last=plain(np.minimum(problem.n_flying, problem.n_slots) - 1, np.int64),
+        end_m=plain(problem.end_m.T),
+        low=plain(problem.low_m),
+        high=plain(problem.high_m),
+        separation_m=float(problem.separation_m),
+        discs=plain(problem.discs),
+        corners=plain(np.vstack(problem.polygons) if problem.polygons else np.zeros((0, 2))),
         first=np.cumsum([0, *map(len, problem.polygons)], dtype=np.int64),
         kind=kind,
-        mu=problem.mu,
-        counted=problem.counted_from,
-        n_past=problem.past_kbps.shape[1],
-        past_low=past_low,
-        past_sum=past_sum,
-        past_count=past_count,
-        min_kbps=problem.min_kbps * (1.0 + MARGIN),
+        mu=float(problem.mu),
+        counted=int(problem.counted_from),
+        n_past=int(problem.past_kbps.shape[1]),
+        past_low=plain(past_low),
+        past_sum=plain(past_sum),
+        past_count=plain(past_count),
+        min_kbps=plain(problem.min_kbps * (1.0 + MARGIN)),
         turns=np.zeros((2, 0)),
         left=np.zeros((problem.n_uavs, 0), dtype=np.int64),
         has_ends=bool(np.isfinite(problem.end_m).any()),
         has_minimum=bool((problem.min_kbps > 0).any()),
     )
+
+
+def is_mean(problem: Problem) -> bool:
+    """Whether all users share one row of gains."""
+    return problem.snr_gain.strides[1] == 0 or problem.n_users == 1
 
 
 def _past(problem: Problem, kind: int) -> tuple[Array, Array, Array]:

@@ -7,8 +7,8 @@ from functools import partial
 
 import numpy as np
 
-from planner.fast.arena import Arena, Array, Links, arena_of, copy_of, links_of
-from planner.fast.blocked import UnreachableEndError, who_is_blocked
+from planner.fast.arena import Arena, Array, Links, arena_of, copy_of, links_of, plain
+from planner.fast.blocked import who_is_blocked
 from planner.fast.climb import climb as climb_on
 from planner.fast.climb import tables
 from planner.fast.routes import with_routes
@@ -17,6 +17,7 @@ from planner.plans import Iteration
 from planner.problem import Problem
 from planner.solution import Observer, Solution, ignore
 from planner.stopping import StoppingRule
+from planner.unreachable import UnreachableEndError
 
 STEPS = 30
 TOLERANCE = 3e-6
@@ -96,7 +97,7 @@ def flyable(problem: Problem, wanted_m: Array | None = None) -> Array:
     end, hovering as long as the ends allow. Raises UnreachableEndError when no such paths are found.
     """
     arena = with_routes(problem, arena_of(problem))
-    path = None if wanted_m is None else flown(arena, np.ascontiguousarray(wanted_m.transpose(1, 2, 0)), chase=True)
+    path = None if wanted_m is None else flown(arena, plain(wanted_m.transpose(1, 2, 0)), chase=True)
     path = hovering(arena) if path is None else path
     if path is None:
         raise UnreachableEndError(who_is_blocked(problem))
@@ -106,7 +107,7 @@ def flyable(problem: Problem, wanted_m: Array | None = None) -> Array:
 def linked(problem: Problem, paths_m: Array) -> Solution:
     """The best association and bandwidth at flyable paths (U, N, 2), metres: exact for `sum` without least rates."""
     arena = arena_of(problem)
-    still = _begin(arena, np.ascontiguousarray(paths_m.transpose(1, 2, 0)))
+    still = _begin(arena, plain(paths_m.transpose(1, 2, 0)))
     before = -np.inf
     while still.utility_kbps - before > TOLERANCE * abs(still.utility_kbps):
         before = still.utility_kbps
@@ -119,7 +120,7 @@ def _start(
 ) -> Array | None:
     """The paths (N, 2, U) of a start: the given ones, hovering, then what `seeds` thinks of."""
     if start_m is not None and number == 0:
-        warm = flown(arena, np.ascontiguousarray(start_m.transpose(1, 2, 0)), chase=True)
+        warm = flown(arena, plain(start_m.transpose(1, 2, 0)), chase=True)
         return hovering(arena) if warm is None else warm
     after_hovering = number - (start_m is not None)
     if after_hovering == 0:

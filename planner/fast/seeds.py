@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from planner.fast.arena import Arena, Array
+from planner.fast.arena import Arena, Array, plain
 from planner.fast.flight import fly
 from planner.fast.routes import lead
 
@@ -53,7 +53,7 @@ def next_start(arena: Arena, rng: np.random.Generator, number: int, best: Array 
     if best is None or number <= SCATTERED:
         wish = np.repeat(arena.start_m[None], arena.gain.shape[0], axis=0)
         for u, target in enumerate(_scattered(arena, rng).T):
-            lead(arena, u, np.ascontiguousarray(target), 0, wish)
+            lead(arena, u, plain(target), 0, wish)
     else:
         wish = _varied(arena, rng, best)
     return flown(arena, wish, chase=True)
@@ -78,7 +78,7 @@ def _varied(arena: Arena, rng: np.random.Generator, best: Array) -> Array:
         likely = np.exp(-(away - away.min()) / _spread(arena))
         target = arena.user_m[:, rng.choice(len(likely), p=likely / likely.sum())]
         begin = int(rng.integers(0, n_slots)) if rng.random() < 0.5 else 0
-        lead(arena, u, np.clip(target, arena.low, arena.high), begin, wish)
+        lead(arena, u, plain(np.clip(target, arena.low, arena.high)), begin, wish)
     return wish
 
 

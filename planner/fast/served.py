@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from planner.fast.arena import Array, Ints, entry
+from planner.fast.arena import Array, Ints, entry, is_mean, plain
 from planner.problem import Problem
 from planner.solution import Solution
 
@@ -12,28 +12,30 @@ from planner.solution import Solution
 def served_rates_bps(problem: Problem, solution: Solution) -> Array:
     """What each user gets in each slot, eqs. (1)-(4): (K, N) bit/s."""
     return _served(
-        problem.snr_gain,
-        problem.user_m,
-        problem.altitude_m,
-        solution.paths_m,
-        solution.serving.astype(np.int64),
-        solution.bandwidth_hz,
+        plain(problem.snr_gain[:, :1] if is_mean(problem) else problem.snr_gain),
+        plain(problem.user_m),
+        plain(problem.altitude_m),
+        plain(solution.paths_m),
+        plain(solution.serving, np.int64),
+        plain(solution.bandwidth_hz),
     )
 
 
 @entry
 def _served(snr_gain: Array, user_m: Array, altitude_m: Array, paths_m: Array, serving: Ints, hertz: Array) -> Array:
+    """snr_gain: (U, K, N), or (U, 1, N) when all users share one."""
     n_users, n_slots = serving.shape
     rates = np.zeros((n_users, n_slots))
+    sampled = snr_gain.shape[1] > 1
     for k in range(n_users):
-        east, north = user_m[k, 0], user_m[k, 1]
+        east, north, row = user_m[k, 0], user_m[k, 1], k if sampled else 0
         for n in range(n_slots):
             if hertz[k, n] == 0.0:
                 continue
             own, others = 0.0, 1.0
             for u in range(paths_m.shape[0]):
                 de, dn = paths_m[u, n, 0] - east, paths_m[u, n, 1] - north
-                snr = snr_gain[u, k, n] / (de * de + dn * dn + altitude_m[u] * altitude_m[u])
+                snr = snr_gain[u, row, n] / (de * de + dn * dn + altitude_m[u] * altitude_m[u])
                 if u == serving[k, n]:
                     own = snr
                 else:

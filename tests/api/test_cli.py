@@ -1,14 +1,18 @@
 """The `skyfolio` command."""
 
 import json
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from api import cli
-from planner import EXAMPLES, Plan, violations
+from api import cli, kernels
+from api.later import load
+from planner import EXAMPLES, Plan, plan, violations
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def run(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
@@ -187,3 +191,67 @@ def test_a_plan_that_leaves_a_least_rate_unmet_is_written_and_says_whose_with_st
     printed = capsys.readouterr()
     assert Plan.model_validate_json(printed.out).status == "infeasible"
     assert "user-1 gets less than its min_rate_bps 1e+09 in slots 0-3" in printed.err
+
+
+HEAVY = {"numpy", "numba", "scipy", "pydantic", "fastapi", "sqlalchemy", "mavsdk", "pymavlink", "planner", "asyncio"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "allowed"),
+    [
+        (["--help"], set()),
+        (["bench", "--help"], {"pydantic"}),  # typer looks at types with it
+        (["serve", "--help"], {"pydantic"}),
+        (["plan", "--help"], {"numpy", "numba", "scipy", "pydantic", "planner"}),
+    ],
+)
+def test_help_loads_neither_planner_nor_service(arguments: list[str], allowed: set[str]) -> None:
+    look = (
+        "import sys\nfrom api.cli import cli\n"
+        f"try: cli({arguments!r})\nexcept SystemExit: pass\n"
+        "print(*{name.split('.')[0] for name in sys.modules}, file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", look], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert "Usage" in done.stdout
+    assert HEAVY & set(done.stderr.split()) <= allowed
+
+
+def test_what_help_says_of_a_command_is_the_first_line_of_its_docstring() -> None:
+    for name, later in cli._Commands.later.items():
+        command = load(name, later)
+        assert " ".join(command.help.split("\n\n")[0].split()) == later.help, name
+
+
+def test_a_plan_is_only_timed_once_kernels_are_there(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    order: list[str] = []
+
+    def prepare(say: Any) -> int:
+        say("compiling")
+        order.append("kernels")
+        return 1
+
+    def planned(*given: Any, **named: Any) -> Plan:
+        order.append("plan")
+        return plan(*given, **named)
+
+    monkeypatch.setattr(kernels, "prepare", prepare)
+    monkeypatch.setattr("api.planning_cli.plan", planned)
+    assert run(monkeypatch, "plan", "--example", "minimal", "--json") == 0
+    assert order == ["kernels", "plan"]
+    printed = capsys.readouterr()
+    assert printed.err == "compiling\n"
+    Plan.model_validate_json(printed.out)
+
+
+def test_warm_up_says_what_it_compiled_and_where(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(monkeypatch, "warm-up") == 0
+    capsys.readouterr()
+    assert run(monkeypatch, "warm-up", "--json") == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["compiled"] == 0
+    assert Path(said["folder"]) == kernels.place()
+    assert list(Path(said["folder"]).rglob("climb.climb-*.nbc"))

@@ -1,6 +1,7 @@
 """The dead man's switch: vehicles hear us only while the workers that replan in flight answer."""
 
 import asyncio
+import multiprocessing
 import os
 import signal
 import time
@@ -11,8 +12,9 @@ from typing import Any
 import pytest
 from fastapi.testclient import TestClient
 
+from api.jobs import Job
+from api.liveness import COLD_STUCK_S, SILENT_S, STUCK_S, Beats, Place
 from api.solver import Lane, LaneName
-from api.solving import Job
 from planner import EXAMPLES, Scenario, Uav, User
 from tests.api.flying import FleetThread, Flight, service
 
@@ -78,6 +80,126 @@ async def test_a_worker_that_stays_stuck_is_killed_and_replaced(lane: Lane, monk
     await lane.tend()
     assert lane.answers
     assert pids(lane) != [pid]
+
+
+class Clock:
+    """Monotonic time that a test moves."""
+
+    def __init__(self) -> None:
+        self.now = 1_000.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def beats(monkeypatch: pytest.MonkeyPatch) -> tuple[Beats, Place, Clock, list[int]]:
+    """A worker's place among the beats, where time stands still, and whom the watch killed."""
+    clock, killed = Clock(), list[int]()
+    monkeypatch.setattr("api.liveness.time", clock)
+    monkeypatch.setattr("api.liveness.os.kill", lambda pid, number: killed.append(pid) if number else None)
+    made = Beats(multiprocessing.get_context("spawn"), 1)
+    place = Place(*made.shared)
+    place.beat()
+    return made, place, clock, killed
+
+
+def test_a_warm_worker_that_is_silent_does_not_answer_and_is_killed(
+    beats: tuple[Beats, Place, Clock, list[int]],
+) -> None:
+    watch, place, clock, killed = beats
+    place.set_cold(False)
+    clock.now += SILENT_S + 0.1
+    assert not watch.answer()
+    clock.now += STUCK_S
+    watch.kill_stuck()
+    assert killed == [os.getpid()]
+
+
+def test_a_worker_that_compiles_is_given_time_and_is_not_killed(beats: tuple[Beats, Place, Clock, list[int]]) -> None:
+    watch, place, clock, killed = beats
+    place.set_cold(False)
+    place.note_compiling(1)
+    clock.now += STUCK_S + 1.0
+    watch.kill_stuck()
+    assert watch.answer()
+    assert killed == []
+    place.note_compiling(0)
+    clock.now += STUCK_S + 1.0
+    watch.kill_stuck()
+    assert killed == [os.getpid()]
+
+
+def test_a_worker_that_hangs_while_it_compiles_is_killed_later_each_time(
+    beats: tuple[Beats, Place, Clock, list[int]],
+) -> None:
+    watch, place, clock, killed = beats
+    place.note_compiling(3)
+    clock.now += COLD_STUCK_S + 1.0
+    watch.kill_stuck(patience=2.0)
+    assert killed == []
+    assert not watch.answer()
+    watch.kill_stuck(patience=1.0)
+    assert killed == [os.getpid()]
+
+
+async def test_workers_that_end_before_they_are_warm_are_watched_more_patiently_and_do_not_answer(lane: Lane) -> None:
+    patient = []
+    for _ in range(3):
+        lane.begin()
+        lane._renew(lane._pool)
+        patient.append(lane._patience)
+    assert patient == [2.0, 4.0, 8.0]
+    answered = [lane.answers]
+    await lane.warm_up()
+    answered.append(lane.answers)
+    assert answered == [False, True]
+    assert lane._patience == 1.0
+
+
+async def test_a_worker_has_all_kernels_before_its_first_job(lane: Lane) -> None:
+    lane.begin()
+    began = lane.answers, lane.warm
+    solved = await lane.solve(Job(scenario=SCENARIO.model_dump_json()))
+    assert solved.plan
+    assert began == (True, False)  # it was given time to start
+    assert lane.warm
+    assert not lane._beats.cold
+
+
+def test_clients_what_ifs_and_health_leave_the_workers_of_flights_alone(
+    client: TestClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lane = client.app.state.service.solver[LaneName.FLIGHT]  # type: ignore[attr-defined]
+    jobs: list[str] = []
+    monkeypatch.setattr(lane, "solve", lambda *_: jobs.append("solve"))
+    monkeypatch.setattr(lane, "reserve", lambda: jobs.append("reserve"))
+    made = client.post("/v1/plans", params={"wait_s": 60}, json=SCENARIO.model_dump(mode="json")).json()
+    table = client.get(f"/v1/plans/{made['id']}/contingencies", params={"wait_s": 60})
+    assert table.status_code == 200
+    assert table.json()["complete"]
+    assert client.get("/health").json()["status"] == "ok"
+    assert jobs == []
+
+
+async def test_an_end_waits_for_no_worker() -> None:
+    lane = Lane(1, 8)
+    await lane.warm_up()
+    (pid,) = pids(lane)
+    os.kill(pid, signal.SIGSTOP)  # it will not end by itself
+    await asyncio.to_thread(lane.close)
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)
+
+
+async def test_a_lane_that_is_closed_while_a_worker_starts_makes_no_other() -> None:
+    lane = Lane(1, 8)
+    starting = asyncio.create_task(lane.warm_up())
+    await until(lambda: bool(pids(lane)))
+    pool = lane._pool
+    await asyncio.to_thread(lane.close)
+    await starting
+    assert lane._pool is pool
 
 
 class Listener:

@@ -147,7 +147,7 @@ def test_health_solves_and_metrics_tell_of_it(client: TestClient, minimal: dict[
     assert health["status"] == "ok"
     assert health["solve_ms"] > 0
     ready = client.get("/ready")
-    checks = dict.fromkeys(("service", "database", "solver", "heartbeat", "queue"), "ok")
+    checks = dict.fromkeys(("service", "database", "solver", "tasks", "heartbeat", "queue"), "ok")
     assert ready.json() == {"ready": True, "checks": checks}
     client.post("/v1/plans", json=minimal, params={"wait_s": 60})
     text = client.get("/metrics").text

@@ -26,8 +26,8 @@ from planner import (
     replan,
     violations,
 )
-from planner.fast import UnreachableEndError
 from planner.scenario import NoFlyDisc, NoFlyPolygon
+from planner.unreachable import UnreachableEndError
 
 
 def _zones(rng: np.random.Generator, side: float) -> Iterator[NoFlyDisc | NoFlyPolygon]:

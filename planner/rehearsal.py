@@ -1,0 +1,28 @@
+"""Every kernel that Python calls, once, on a tiny problem: so that none is left to compile while aircraft fly.
+
+An `entry` has one signature whatever the problem (`fast.arena.plain`), so one call of each compiles all there is.
+A test runs plans and replans of every kind after it, and fails for a kernel that was not rehearsed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from planner.branch_and_bound import certificate
+from planner.examples import minimal
+from planner.fast import optimise, served_rates_bps
+from planner.problem import problem_of
+from planner.scenario import NoFlyDisc
+from planner.stopping import MaxIterations
+
+
+def rehearse() -> None:
+    """Solve a tiny problem with an end position and a no-fly zone, and branch once: calls every entry kernel."""
+    easy = minimal()
+    first, *others = easy.uavs
+    home = first.model_copy(update={"end_m": first.start_m})
+    zone = NoFlyDisc(center_m=(100.0, 20.0), radius_m=10.0)
+    problem = problem_of(easy.with_changes(uavs=(home, *others), no_fly=(zone,)))
+    solution = optimise(problem, MaxIterations(1), n_starts=2)
+    rates_kbps = served_rates_bps(problem, solution) / 1e3
+    certificate(problem, np.ascontiguousarray(rates_kbps), max_nodes=1)

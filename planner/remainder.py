@@ -1,0 +1,154 @@
+"""What is left of an operation after something changed: the remaining scenario, and the past that counts.
+
+Apart from `replanning`, which solves it, so that who only has to check a request loads no kernels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError
+from shapely import Point as GeoPoint
+from shapely import Polygon
+
+from planner.changes import Changes, ReplanError, uavs_after, users_after
+from planner.plans import Cause, Plan
+from planner.problem import Past
+from planner.scenario import NoFlyDisc, NoFlyPolygon, Point, Scenario, Uav, zone_holds
+
+Array = NDArray[np.float64]
+CLEAR_M = 1e-6
+"""A live position inside a no-fly zone is taken this far outside its edge."""
+
+
+def cause_of(changes: Changes, failed: Sequence[str] = ()) -> Cause:
+    """What the changes alone say about why a replan is wanted."""
+    gone = tuple(dict.fromkeys([*failed, *changes.failed]))
+    if gone:
+        return Cause(uav_ids=gone)
+    if changes.returned:
+        return Cause(kind="uav_returned", uav_ids=tuple(uav.id for uav in changes.returned))
+    if changes.users_joined or changes.users_left:
+        return Cause(kind="users_changed")
+    return Cause(kind="retuned") if changes.utility or changes.bandwidth_hz else Cause()
+
+
+def remaining(
+    previous: Plan,
+    failed: Sequence[str],
+    at_slot: int,
+    positions_m: Mapping[str, tuple[float, float]] | None = None,
+    achieved_rates_bps: Mapping[str, Sequence[float]] | None = None,
+    changes: Changes | None = None,
+) -> tuple[Scenario, Past]:
+    """The scenario that is left, survivors at their live positions, and the past that counts; as in `replan`.
+
+    Raises ReplanError for unknown ids, a slot outside the plan, nobody left, survivors closer than `D_min`, an end
+    that is out of reach by now, or rates that are not finite, negative or of the wrong length.
+    """
+    changes = changes or Changes()
+    gone = {*failed, *changes.failed}
+    begin = at_slot - previous.first_slot
+    _check_request(previous, gone, begin, positions_m)
+    planned = {uav.id: previous.trajectories_m[uav.id][begin] for uav in previous.scenario.uavs}
+    now = {**planned, **(positions_m or {})}
+    survivors = tuple(
+        _moved_on(previous.scenario, uav, now[uav.id], begin)
+        for uav in previous.scenario.uavs
+        if uav.id not in gone and previous.scenario.last_slot(uav) >= begin
+    )
+    uavs, users = uavs_after(survivors, changes), users_after(previous.scenario, changes)
+    if not uavs:
+        raise ReplanError("failed: no UAV would be left to plan for")
+    utility = changes.utility or previous.scenario.utility
+    try:
+        scenario = previous.scenario.with_changes(
+            uavs=uavs, users=users, utility=utility, slots=previous.scenario.slots - begin
+        )
+    except ValidationError as error:
+        raise ReplanError(_whose_fault(error, changes)) from error
+    past = _achieved(previous, begin, achieved_rates_bps)
+    return scenario, Past(first_slot=at_slot, rates_bps=_for_users(scenario, changes, past))
+
+
+def _whose_fault(error: ValidationError, changes: Changes) -> str:
+    """The broken rule of the scenario that would be left, after the field of the request that broke it."""
+    said = str(error.errors()[0]["msg"]).removeprefix("Value error, ")
+    if said.startswith("users:"):
+        return f"users_joined: {said.removeprefix('users: ')}"
+    field = "returned" if any(f"'{uav.id}'" in said for uav in changes.returned) else "positions_m"
+    return f"{field}: {said}"
+
+
+def _check_request(
+    previous: Plan, failed: set[str], begin: int, positions_m: Mapping[str, tuple[float, float]] | None
+) -> None:
+    known = previous.scenario.uav_ids
+    for field, ids in (("failed", failed), ("positions_m", list(positions_m or {}))):
+        unknown = sorted(one for one in ids if one not in known)
+        if unknown:
+            raise ReplanError(f"{field}: {unknown[0]!r} is not a UAV of plan {previous.id}")
+    if not 0 <= begin < previous.scenario.slots:
+        last = previous.first_slot + previous.scenario.slots - 1
+        raise ReplanError(f"at_slot: {begin + previous.first_slot} must lie in {previous.first_slot}..{last}")
+
+
+def _moved_on(scenario: Scenario, uav: Uav, now: Sequence[float], begin: int) -> Uav:
+    """The UAV at its live position, `begin` slots later."""
+    leaves = None if uav.leaves_at_slot is None else uav.leaves_at_slot - begin
+    return uav.model_copy(update={"start_m": _into_flying_area(scenario, now), "leaves_at_slot": leaves})
+
+
+def _into_flying_area(scenario: Scenario, point: Sequence[float]) -> Point:
+    """A live position a little outside the area, or inside a no-fly zone, is taken at the edge: the plan leads back."""
+    (west, south), (east, north) = scenario.area_m
+    inside = min(max(float(point[0]), west), east), min(max(float(point[1]), south), north)
+    for zone in scenario.no_fly:
+        if zone_holds(zone, inside):
+            inside = _out_of(zone, inside)
+    return inside
+
+
+def _out_of(zone: NoFlyDisc | NoFlyPolygon, point: Point) -> Point:
+    at = GeoPoint(point)
+    if isinstance(zone, NoFlyDisc):
+        east, north = point[0] - zone.center_m[0], point[1] - zone.center_m[1]
+        away = float(np.hypot(east, north))
+        east, north = (east / away, north / away) if away > 0.0 else (1.0, 0.0)
+        radius = zone.radius_m + CLEAR_M
+        return zone.center_m[0] + radius * east, zone.center_m[1] + radius * north
+    edge = Polygon(zone.vertices_m).exterior
+    nearest = edge.interpolate(edge.project(at))
+    depth = nearest.distance(at)
+    share = 1.0 if depth == 0.0 else 1.0 + CLEAR_M / depth
+    return point[0] + share * (nearest.x - point[0]), point[1] + share * (nearest.y - point[1])
+
+
+def _achieved(previous: Plan, begin: int, given: Mapping[str, Sequence[float]] | None) -> dict[str, list[float]]:
+    """bit/s by user: all slots before the new plan in which it was there, from the report or else the promise."""
+    unknown = [user for user in given or {} if user not in previous.scenario.user_ids]
+    if unknown:
+        raise ReplanError(f"achieved_rates_bps: {unknown[0]!r} is not a user of plan {previous.id}")
+    rates = {}
+    for user in previous.scenario.user_ids:
+        promised = [*previous.achieved_rates_bps.get(user, []), *previous.user_rates_bps[user][:begin]]
+        row = list(given[user]) if given and user in given else promised
+        if len(row) != len(promised):
+            raise ReplanError(f"achieved_rates_bps.{user}: has {len(row)} slots, but {len(promised)} have passed")
+        if not all(np.isfinite(row)) or min(row, default=0.0) < 0:
+            raise ReplanError(f"achieved_rates_bps.{user}: rates must be finite and not negative")
+        rates[user] = row
+    return rates
+
+
+def _for_users(scenario: Scenario, changes: Changes, achieved: dict[str, list[float]]) -> Array:
+    """(K, M) bit/s for the users of the new scenario, NaN in the slots before a user was there."""
+    new = {user.id for user in changes.users_joined}
+    slots = max(len(row) for row in achieved.values())
+    table = np.full((len(scenario.users), slots), np.nan)
+    for row, user in zip(table, scenario.user_ids, strict=True):
+        if user not in new and achieved[user]:
+            row[slots - len(achieved[user]) :] = achieved[user]
+    return table
