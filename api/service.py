@@ -8,6 +8,7 @@ from contextlib import suppress
 
 import structlog
 
+from api.attempts import Door
 from api.clock import FleetClock
 from api.contingencies import Contingencies
 from api.drills import Drills
@@ -43,6 +44,7 @@ class Service:
         self.clock = FleetClock(settings.time_scale)
         self.metrics = Metrics()
         self.keys = KeyRing(database)
+        self.door = Door(self.keys, settings.failed_keys_per_minute)
         self.solver = Solver(settings.workers, settings.queue_limit)
         self.plans = PlanBook(self.solver, events, PlanStore(database), settings)
         self.contingencies = Contingencies(self.solver, database)

@@ -11,6 +11,8 @@ from typing import Any
 import uvicorn
 
 from api.app import create_app
+from api.configuration import bound, require_usable, settings_from
+from api.connections import PatientProtocol
 from api.errors import InvalidError
 from api.logs import configure_logging
 from api.security import KeyRing
@@ -22,24 +24,25 @@ GRACE_S = 5
 
 
 def serve(given: dict[str, Any], *, as_json: bool, ui: bool = True) -> None:
-    """Run until interrupted. Raises InvalidError when the address needs keys and there are none."""
+    """Run until interrupted. Raises InvalidError for what cannot work, also an address that needs keys and has none."""
     if "database_url" not in given and "SKYFOLIO_DATABASE_URL" not in os.environ:
         given = {**given, "database_url": default_database_url()}
-    settings = Settings(**given)
+    settings = settings_from(given)
+    require_usable(settings)
+    listener = bound(settings)
     require_safe(settings)
     configure_logging(as_json=as_json)
     config = uvicorn.Config(
         create_app(settings, ui=ui),
-        host=settings.host,
-        port=settings.port,
+        http=PatientProtocol,
         log_config=None,
         access_log=False,
+        proxy_headers=False,  # `api.proxies` reads them
         timeout_graceful_shutdown=GRACE_S,
-        h11_max_incomplete_event_size=65_536,
     )
     server = uvicorn.Server(config)
     _keep_for_good()
-    server.run()
+    server.run(sockets=[listener])
     if not server.started:
         sys.exit(3)
 

@@ -45,7 +45,7 @@ async def make_keys(url: str) -> dict[str, str]:
 def guarded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[TestClient, dict[str, str]]]:
     url = f"sqlite+aiosqlite:///{tmp_path_factory.mktemp('guarded')}/service.db"
     keys = asyncio.run(make_keys(url))
-    settings = Settings(database_url=url, warm_up=False)
+    settings = Settings(database_url=url, warm_up=False, failed_keys_per_minute=10_000)
     with TestClient(create_app(settings), raise_server_exceptions=False) as client:
         yield client, keys
 
