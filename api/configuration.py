@@ -15,6 +15,7 @@ from pydantic_settings import SettingsError
 
 from api.errors import InvalidError
 from api.settings import NESTED, PREFIX, SET_ELSEWHERE, Settings
+from api.simulated import scenario_of
 from mavlink_bridge import Signing
 from mavlink_bridge.errors import SigningKeyInvalid
 
@@ -40,7 +41,7 @@ def require_known(environment: Mapping[str, str]) -> None:
 
 
 def require_usable(settings: Settings) -> None:
-    """Refuse what cannot work: the key file, the folder of logs. Raises InvalidError naming the setting."""
+    """Refuse what cannot work: key file, folder of logs, example. Raises InvalidError naming the setting."""
     if settings.signing_key_file is not None:
         try:
             Signing.from_file(settings.signing_key_file)
@@ -48,6 +49,8 @@ def require_usable(settings: Settings) -> None:
             raise InvalidError(f"signing_key_file: {error}") from error
     if settings.telemetry_log_dir is not None:
         _require_writable("telemetry_log_dir", settings.telemetry_log_dir)
+    if settings.simulate is not None:
+        scenario_of(settings.simulate)
 
 
 def bound(settings: Settings) -> socket.socket:

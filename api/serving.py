@@ -29,20 +29,20 @@ def serve(given: dict[str, Any], *, as_json: bool, ui: bool = True) -> None:
         given = {**given, "database_url": default_database_url()}
     settings = settings_from(given)
     require_usable(settings)
-    listener = bound(settings)
-    require_safe(settings)
-    configure_logging(as_json=as_json)
-    config = uvicorn.Config(
-        create_app(settings, ui=ui),
-        http=PatientProtocol,
-        log_config=None,
-        access_log=False,
-        proxy_headers=False,  # `api.proxies` reads them
-        timeout_graceful_shutdown=GRACE_S,
-    )
-    server = uvicorn.Server(config)
-    _keep_for_good()
-    server.run(sockets=[listener])
+    with bound(settings) as listener:
+        require_safe(settings)
+        configure_logging(as_json=as_json)
+        config = uvicorn.Config(
+            create_app(settings, ui=ui),
+            http=PatientProtocol,
+            log_config=None,
+            access_log=False,
+            proxy_headers=False,  # `api.proxies` reads them
+            timeout_graceful_shutdown=GRACE_S,
+        )
+        server = uvicorn.Server(config)
+        _keep_for_good()
+        server.run(sockets=[listener])
     if not server.started:
         sys.exit(3)
 
