@@ -31,7 +31,7 @@ from api.store.tables import audit as audit_table
 
 log = structlog.get_logger()
 COOKIE = "skyfolio_key"
-OPEN_PATHS = frozenset({"/health", "/ready", "/docs", "/redoc", "/openapi.json", "/login"})
+OPEN_PATHS = frozenset({"/health", "/ready", "/docs", "/openapi.json", "/login"})
 OPEN_BELOW = "/docs/assets/"
 DASHBOARD = "/ui"
 INSIDE = "skyfolio.inside"
