@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import sys
 from pathlib import Path
 from typing import Annotated, Literal
@@ -92,8 +93,10 @@ def simulate(
     as_json: Json = False,
 ) -> None:
     """Fly a software-only fleet that speaks MAVLink, until interrupted."""
+    from api.configuration import require_known  # noqa: PLC0415
     from api.simulate import SimulateConfig, SimulateError, run_fleet  # noqa: PLC0415
 
+    require_known(os.environ)
     config = SimulateConfig(
         vehicles=vehicles,
         speedup=speedup,

@@ -15,7 +15,6 @@ from pydantic_settings import SettingsError
 
 from api.errors import InvalidError
 from api.settings import NESTED, PREFIX, SET_ELSEWHERE, Settings
-from api.simulated import scenario_of
 from mavlink_bridge import Signing
 from mavlink_bridge.errors import SigningKeyInvalid
 
@@ -50,6 +49,8 @@ def require_usable(settings: Settings) -> None:
     if settings.telemetry_log_dir is not None:
         _require_writable("telemetry_log_dir", settings.telemetry_log_dir)
     if settings.simulate is not None:
+        from api.simulated import scenario_of  # noqa: PLC0415 - the simulator, which other commands do without
+
         scenario_of(settings.simulate)
 
 

@@ -139,12 +139,20 @@ def test_serve_ends_with_status_two_and_one_line(
     assert len(printed.err.strip().splitlines()) == 1
 
 
-def test_keys_are_not_put_where_a_misspelt_variable_does_not_say(
-    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("command", "wrong", "meant"),
+    [
+        ("keys list", "SKYFOLIO_DATABSE_URL", "SKYFOLIO_DATABASE_URL"),
+        ("simulate --duration-s 0.1", "SKYFOLIO_SIM_SIGNINGKEY", "SKYFOLIO_SIM_SIGNING_KEY"),
+        ("status", "SKYFOLIO_SERVCE", "SKYFOLIO_SERVICE"),
+    ],
+)
+def test_no_command_works_elsewhere_than_a_misspelt_variable_means(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], command: str, wrong: str, meant: str
 ) -> None:
-    monkeypatch.setenv("SKYFOLIO_DATABSE_URL", "sqlite+aiosqlite:////dev/null/x.db")
-    monkeypatch.setattr("sys.argv", ["skyfolio", "keys", "list"])
+    monkeypatch.setenv(wrong, "x")
+    monkeypatch.setattr("sys.argv", ["skyfolio", *command.split()])
     with pytest.raises(SystemExit) as ended:
         main()
     assert ended.value.code == 2
-    assert "SKYFOLIO_DATABASE_URL" in capfd.readouterr().err
+    assert f"did you mean {meant}?" in capfd.readouterr().err.replace("\n", " ")
