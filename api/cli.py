@@ -12,6 +12,7 @@ from typing import Annotated, Literal
 import typer
 from pydantic import ValidationError
 from rich.console import Console
+from rich.markup import escape
 
 from api import planning_cli, remote_cli
 from api.cli_files import Json, Out, UsageError, read, read_as, read_scenario, write
@@ -239,8 +240,13 @@ def main() -> None:
         cli()
     except ValidationError as error:
         for row in broken_rules(error.errors(), ()):
-            errors.print(f"[red]error:[/] {row['field']}: {row['message']}", highlight=False)
+            _complain(f"{row['field']}: {row['message']}")
         sys.exit(2)
     except (UsageError, ReplanError, BridgeError, ServiceError, StoreError) as error:
-        errors.print(f"[red]error:[/] {error}", highlight=False)
+        _complain(str(error))
         sys.exit(2)
+
+
+def _complain(what: str) -> None:
+    """One line, however narrow the terminal."""
+    errors.print(f"[red]error:[/] {escape(what)}", highlight=False, soft_wrap=True)
