@@ -7,8 +7,9 @@ from contextlib import asynccontextmanager
 
 from fastapi import FastAPI
 
-from api import __version__, problems
+from api import __version__, problems, reference
 from api.gate import Gate
+from api.proxies import Proxied
 from api.routes import contingencies, drills, events, fleet, login, operations, plans, scenarios, service
 from api.service import Service
 from api.settings import Settings
@@ -23,7 +24,7 @@ metres east and north of the scenario's `origin`; altitude is metres above each 
 
 **Manners.** What takes time answers `202` with `Location` and `Retry-After`; `wait_s` waits for it. `Idempotency-Key`
 makes every creating POST safe to repeat. Operations have an `ETag`; commands take `If-Match`. Lists are paged by
-`cursor`. Errors are RFC 9457 `application/problem+json` and name the field and the rule.
+`cursor`. Errors are RFC 9457 `application/problem+json` and name the field and the rule. Bodies are `application/json`.
 """
 
 
@@ -50,11 +51,15 @@ def create_app(settings: Settings | None = None, *, ui: bool = False, flight: La
         description=DESCRIPTION,
         lifespan=lifespan,
         responses=problems.DESCRIBED,
+        docs_url=None,
+        redoc_url=None,
     )
     for routes in (plans, contingencies, scenarios, fleet, operations, drills, events, service, login):
         app.include_router(routes.router)
+    reference.install(app)
     problems.install(app)
     app.add_middleware(Gate, owner=app)
+    app.add_middleware(Proxied, settings=settings)
     if ui:
         from api.dashboard.mount import mount  # noqa: PLC0415 - importing it makes the process-wide app
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -116,9 +117,11 @@ def simulate(
     import asyncio  # noqa: PLC0415
 
     from api.cli_files import UsageError, read_as, read_scenario  # noqa: PLC0415
+    from api.configuration import require_known  # noqa: PLC0415
     from api.simulate import SimulateConfig, SimulateError, run_fleet  # noqa: PLC0415
     from planner import Plan  # noqa: PLC0415
 
+    require_known(os.environ)
     config = SimulateConfig(
         vehicles=vehicles,
         speedup=speedup,

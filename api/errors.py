@@ -36,8 +36,28 @@ class ForbiddenError(ServiceError):
     """The API key's role does not allow this."""
 
 
+class CrossSiteError(ServiceError):
+    """A page of another origin had a browser send this."""
+
+
+class ProxiedError(ServiceError):
+    """It came through a proxy to a service that lets everybody on this machine in."""
+
+
+class MisdirectedError(ServiceError):
+    """The `Host` is not one of this service."""
+
+
+class MediaTypeError(ServiceError):
+    """The body is not JSON."""
+
+
 class TooManyRequestsError(ServiceError):
-    """More requests than the rate limit allows."""
+    """More requests than a limit allows; it may be tried again after `retry_after_s`."""
+
+    def __init__(self, message: str, retry_after_s: float = 1.0) -> None:
+        super().__init__(message)
+        self.retry_after_s = retry_after_s
 
 
 class TooLargeError(ServiceError):

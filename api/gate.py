@@ -1,4 +1,4 @@
-"""What every request passes: a request id, the key, the rate and body limits; then the access log, metrics, audit.
+"""What every request passes: a request id, host and origin, the key, rate and body limits; then log, metrics, audit.
 
 Plain ASGI, so that it holds for mounted apps, streams and websockets alike.
 """
@@ -13,20 +13,27 @@ from http.cookies import CookieError, SimpleCookie
 
 import structlog
 from fastapi import FastAPI
-from starlette.datastructures import Headers
+from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
 from starlette.responses import RedirectResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from api.errors import ServiceError, TooLargeError, TooManyRequestsError, UnauthorizedError
+from api import headers as edge
+from api.errors import ProxiedError, ServiceError, TooLargeError, TooManyRequestsError, UnauthorizedError
+from api.origins import Hosts, require_json, require_same_origin
 from api.problems import answer_to
+from api.proxies import inner_path
 from api.security import LOCAL, RECHECK_S, Principal
 from api.service import Service
 from api.store import StoreError
 
 log = structlog.get_logger()
 COOKIE = "skyfolio_key"
-OPEN_PATHS = frozenset({"/health", "/ready", "/docs", "/redoc", "/openapi.json", "/docs/oauth2-redirect", "/login"})
+OPEN_PATHS = frozenset({"/health", "/ready", "/docs", "/openapi.json", "/login"})
+OPEN_BELOW = "/docs/assets/"
+DASHBOARD = "/ui"
+INSIDE = "skyfolio.inside"
+"""Key of the scope of a call that the service makes to itself, for somebody who passed the gate before."""
 SAFE = frozenset({"GET", "HEAD", "OPTIONS"})
 BODY_LIMIT_S = 30.0
 """Wall seconds in which a body must have arrived."""
@@ -57,6 +64,7 @@ class Gate:
     def __init__(self, app: ASGIApp, *, owner: FastAPI) -> None:
         self._app, self._owner = app, owner
         self._buckets: Buckets | None = None
+        self._hosts: Hosts | None = None
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass one request or websocket through."""
@@ -85,10 +93,12 @@ class Gate:
 
     async def _admit(self, passage: Passage) -> Principal:
         service = passage.service
-        if self._buckets is None:
+        if self._buckets is None or self._hosts is None:
             self._buckets = Buckets(service.settings.rate_per_s, service.settings.rate_burst)
+            self._hosts = Hosts(service.settings)
         if not self._buckets.take(passage.client, time.monotonic()):
             raise TooManyRequestsError(f"rate: more than {service.settings.rate_per_s:g} requests a second")
+        passage.require_ours(self._hosts)
         passage.require_small()
         principal = await passage.identified()
         if principal is None:
@@ -102,9 +112,9 @@ class Passage:
     def __init__(self, service: Service, scope: Scope) -> None:
         self.service, self.scope = service, scope
         self.headers = Headers(scope=scope)
-        self.path: str = scope["path"]
+        self.path = inner_path(scope)
         self.method: str = scope.get("method", "WEBSOCKET")
-        self.client = (scope.get("client") or ("unknown", 0))[0]
+        self.client = "inside" if scope.get(INSIDE) else (scope.get("client") or ("unknown", 0))[0]
         given = self.headers.get("x-request-id", "")
         self.request_id = given if _ID.fullmatch(given) else secrets.token_hex(8)
         self.principal: Principal | None = None
@@ -130,20 +140,49 @@ class Passage:
     @property
     def wants_page(self) -> bool:
         """Whether a person's browser asks for a page of the dashboard."""
-        dashboard = self.path == "/" or self.path.startswith("/ui")
-        return self.method == "GET" and dashboard and "text/html" in self.headers.get("accept", "")
+        page = self.path == "/" or self.of_dashboard
+        return self.method == "GET" and page and "text/html" in self.headers.get("accept", "")
+
+    @property
+    def of_dashboard(self) -> bool:
+        """Whether it is for the dashboard, which has a framework and a protocol of its own."""
+        return self.path == DASHBOARD or self.path.startswith(f"{DASHBOARD}/")
+
+    def require_ours(self, hosts: Hosts) -> None:
+        """Raises MisdirectedError, CrossSiteError or MediaTypeError for what a browser must not be made to send."""
+        host = hosts.require(self.headers)
+        require_same_origin(self.headers, host, safe=self.method in SAFE)
+        if self.method not in SAFE | {"WEBSOCKET"} and not self.of_dashboard:
+            require_json(self.headers)
 
     async def identified(self) -> Principal | None:
-        """Who asks; None when a key is needed and this one is not known, or no longer."""
-        keys = self.service.keys
-        if self.path in OPEN_PATHS or not (await keys.in_use() or not self.service.settings.on_loopback):
+        """Who asks; None without the key that is needed. Raises what the client is told."""
+        if await self._is_open():
             return LOCAL
-        return await keys.identify(self.key) if self.key else None
+        if self.key is None or self.scope.get(INSIDE):
+            return await self._known()
+        return await self.service.door.identify(self.client, self.key)
+
+    async def _known(self) -> Principal | None:
+        return await self.service.keys.identify(self.key) if self.key else None
+
+    async def _is_open(self) -> bool:
+        """Whether no key is needed. Raises ProxiedError: behind a proxy everybody would come from this machine."""
+        if self.path in OPEN_PATHS or self.path.startswith(OPEN_BELOW):
+            return True
+        if not self.service.settings.on_loopback or await self.service.keys.in_use():
+            return False
+        if self.scope.get("state", {}).get("proxied"):
+            raise ProxiedError(
+                "X-Forwarded-For: the request came through a proxy and there is no API key; make one with "
+                "'skyfolio keys create NAME --role pilot'"
+            )
+        return True
 
     async def still_admitted(self) -> bool:
         """Whether who was let in would be let in again."""
         try:
-            return await self.identified() == self.principal
+            return (LOCAL if await self._is_open() else await self._known()) == self.principal
         except StoreError:  # a database that does not answer revokes nothing
             return True
 
@@ -209,13 +248,10 @@ class Passage:
                 return
             if message["type"] == "http.response.start":
                 self.status = message["status"]
-                message["headers"] = [
-                    *message["headers"],
-                    (b"x-request-id", self.request_id.encode()),
-                    (b"x-content-type-options", b"nosniff"),
-                ]
-                if not any(name.lower() == b"cache-control" for name, _ in message["headers"]):
-                    message["headers"].append((b"cache-control", b"no-store"))
+                headers = MutableHeaders(raw=list(message["headers"]))
+                policy = edge.dashboard_policy(self.service.settings.tile_url) if self.of_dashboard else None
+                edge.add(headers, dashboard=policy, request_id=self.request_id)
+                message = {**message, "headers": headers.raw}
             await send(message)
 
         return give

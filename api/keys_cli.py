@@ -14,6 +14,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from api.configuration import require_known
 from api.errors import InvalidError
 from api.security import KeyRing, KeyView, Role
 from api.settings import default_database_url
@@ -63,13 +64,22 @@ def revoke(
     database_url: DatabaseUrl = None,
     as_json: Json = False,
 ) -> None:
-    """End a key; a running service stops taking it within seconds."""
+    """End a key; a running service stops taking it within seconds. When the last one is gone, nobody gets in."""
     _with_ring(database_url, lambda ring: ring.revoke(key_id))
     if as_json:
         _print(json.dumps({"id": key_id, "revoked": True}))
 
 
+@keys.command()
+def reset(database_url: DatabaseUrl = None, as_json: Json = False) -> None:
+    """Forget all keys, which must be revoked: on loopback the service is open to everybody on this machine again."""
+    forgotten = _with_ring(database_url, lambda ring: ring.reset())
+    if as_json:
+        _print(json.dumps({"forgotten": forgotten}))
+
+
 def _with_ring(database_url: str | None, work: Callable[[KeyRing], Awaitable[Result]]) -> Result:
+    require_known(os.environ)
     url = database_url or os.environ.get("SKYFOLIO_DATABASE_URL") or default_database_url()
     if url == TEMPORARY:
         raise InvalidError("database_url: a temporary database keeps no keys")

@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 import structlog
 
+from api.errors import ConflictError, PreconditionError
 from api.flight import Flight
 from api.given import MissionBook
 from api.incidents import Incidents
@@ -190,29 +191,52 @@ class Operation:
 
     # -- what an operator says ------------------------------------------------------------------------------------
 
-    async def pause(self) -> None:
-        """Every vehicle hovers and the slot clock stands still. Raises FlightError."""
+    def require(self, *states: State, version: int | None) -> None:
+        """Compare before setting: of two commands with one ETag the second finds another version.
+
+        Raises PreconditionError when the version is another one, ConflictError when the state is none of these.
+        """
+        if version is not None and version != self.version:
+            raise PreconditionError(f"If-Match: operation {self.id!r} is in version {self.version}")
+        if states and self.state not in states:
+            raise ConflictError(f"operation {self.id!r} is {self.state.value}")
+
+    async def launch(self, version: int | None = None) -> None:
+        """Take off. Raises what `require` does, ConflictError also when it was told to before."""
         async with self._busy:
+            self.require(State.READY, version=version)
+            if self.go.is_set():
+                raise ConflictError(f"operation {self.id!r} was told to start before")
+            self.go.set()
+            await self.save()
+
+    async def pause(self, version: int | None = None) -> None:
+        """Every vehicle hovers and the slot clock stands still. Raises FlightError, and what `require` does."""
+        async with self._busy:
+            self.require(State.FLYING, version=version)
             await self.incidents.supersede("a pause")
             self.flight.go_on_from(self.flight.now_s(), paused=True)
             await self.enter(State.PAUSED)
             await self.flight.pause()
 
-    async def resume(self) -> None:
-        """Fly on with the missions on board. Raises FlightError."""
+    async def resume(self, version: int | None = None) -> None:
+        """Fly on with the missions on board. Raises FlightError, and what `require` does."""
         async with self._busy:
+            self.require(State.PAUSED, version=version)
             self.flight.go_on_from(self.flight.now_s())
             await self.enter(State.FLYING)
             await self.flight.resume()
 
-    async def readmit(self, uav_id: str) -> None:
-        """Plan for a UAV again that was lost and is back. Raises ConflictError."""
+    async def readmit(self, uav_id: str, version: int | None = None) -> None:
+        """Plan for a UAV again that was lost and is back. Raises ConflictError, and what `require` does."""
         async with self._busy:
+            self.require(State.FLYING, version=version)
             await self.incidents.readmit(uav_id)
 
-    async def retire(self, uav_id: str) -> None:
-        """Send a UAV home and plan without it. Raises ConflictError."""
+    async def retire(self, uav_id: str, version: int | None = None) -> None:
+        """Send a UAV home and plan without it. Raises ConflictError, and what `require` does."""
         async with self._busy:
+            self.require(State.FLYING, version=version)
             await self.incidents.retire(uav_id)
 
     async def abort(self, action: Literal["hold", "land", "return"]) -> None:

@@ -11,7 +11,7 @@ import structlog
 from sqlalchemy import Row, func, select
 
 from api.creation import Creation
-from api.errors import ConflictError, InvalidError, NotFoundError, PreconditionError
+from api.errors import ConflictError, InvalidError, NotFoundError
 from api.fleet import Fleet
 from api.flight import Flight
 from api.guidance import Way
@@ -100,10 +100,7 @@ class Operations:
         if operation is None:
             ended = await self.view(operation_id)
             raise ConflictError(f"operation {operation_id!r} is already {ended.state.value}")
-        if version is not None and version != operation.version:
-            raise PreconditionError(f"If-Match: operation {operation_id!r} is in version {operation.version}")
-        if states and operation.state not in states:
-            raise ConflictError(f"operation {operation_id!r} is {operation.state.value}")
+        operation.require(*states, version=version)
         return operation
 
     async def abort(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import ceil
 from typing import Any
 
 from fastapi import FastAPI, Request
@@ -14,10 +15,14 @@ from starlette.exceptions import HTTPException
 from api.errors import (
     BusyError,
     ConflictError,
+    CrossSiteError,
     ForbiddenError,
     InvalidError,
+    MediaTypeError,
+    MisdirectedError,
     NotFoundError,
     PreconditionError,
+    ProxiedError,
     TooLargeError,
     TooManyRequestsError,
     UnauthorizedError,
@@ -36,6 +41,10 @@ TABLE: Mapping[type[Exception], tuple[int, str, str]] = {
     PreconditionError: (412, "precondition", "The resource has changed"),
     UnauthorizedError: (401, "unauthorized", "An API key is needed"),
     ForbiddenError: (403, "forbidden", "The role does not allow this"),
+    CrossSiteError: (403, "cross-site", "Only pages of this service may ask it"),
+    ProxiedError: (403, "proxied", "Behind a proxy an API key is needed"),
+    MediaTypeError: (415, "media-type", "Bodies are JSON"),
+    MisdirectedError: (421, "host", "The host is not one of this service"),
     TooManyRequestsError: (429, "rate-limit", "Too many requests"),
     TooLargeError: (413, "too-large", "The body is too large"),
     StoreError: (503, "store", "The database does not answer"),
@@ -63,13 +72,15 @@ DESCRIBED: dict[int | str, dict[str, Any]] = {
     for status, said in {
         400: "The body cannot be read.",
         401: "An API key is needed.",
-        403: "The key's role does not allow this.",
+        403: "The key's role does not allow this, or a page of another origin asks.",
         404: "There is no such resource.",
         409: "The resource is in a state that does not allow this.",
         412: "The resource is not in the version that `If-Match` names.",
         413: "The body is too large.",
+        415: "The body is not `application/json`.",
+        421: "The `Host` is not one of this service (setting `allowed_hosts`).",
         422: "The request breaks a rule; `errors` says which.",
-        429: "More requests than the rate limit allows; see `Retry-After`.",
+        429: "More requests, or wrong API keys, than the limit allows; see `Retry-After`.",
         502: "The fleet did not do what it was told.",
         503: "Too much is waiting already, or the database does not answer; see `Retry-After`.",
     }.items()
@@ -78,7 +89,12 @@ DESCRIBED: dict[int | str, dict[str, Any]] = {
 
 
 def problem(
-    status: int, kind: str, title: str, detail: str, errors: list[dict[str, str]] | None = None
+    status: int,
+    kind: str,
+    title: str,
+    detail: str,
+    errors: list[dict[str, str]] | None = None,
+    retry_after_s: float = 1.0,
 ) -> JSONResponse:
     """One problem+json answer."""
     body: dict[str, Any] = {
@@ -89,7 +105,7 @@ def problem(
     }
     if errors is not None:
         body["errors"] = errors
-    headers = {"Retry-After": "1"} if status in {429, 503} else {}
+    headers = {"Retry-After": str(max(1, ceil(retry_after_s)))} if status in {429, 503} else {}
     if status == 401:
         headers["WWW-Authenticate"] = 'Bearer realm="skyfolio"'
     return JSONResponse(body, status_code=status, media_type="application/problem+json", headers=headers)
@@ -105,7 +121,7 @@ def answer_to(error: Exception) -> JSONResponse:
     status, kind, title = next(row for cls, row in TABLE.items() if isinstance(error, cls))
     field, colon, message = str(error).partition(": ")
     errors = [{"field": field, "rule": kind, "message": message}] if status == 422 and colon else None
-    return problem(status, kind, title, str(error), errors)
+    return problem(status, kind, title, str(error), errors, getattr(error, "retry_after_s", 1.0))
 
 
 def install(app: FastAPI) -> None:

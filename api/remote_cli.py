@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -14,6 +15,7 @@ from rich.table import Table
 
 from api.cli_files import Json, read_scenario
 from api.client import Client
+from api.configuration import require_known
 from api.errors import InvalidError, ServiceError
 from api.operation_views import OperationView
 from planner import EXAMPLES
@@ -95,6 +97,7 @@ class _Asking(Client):
     """A client whose connection errors are one message."""
 
     def __init__(self, service: str, key: str | None) -> None:
+        require_known(os.environ)
         super().__init__(service, key=key)
         self._where = service
 

@@ -1,7 +1,8 @@
 """Who may do what: API keys, kept as digests, and three roles.
 
-A viewer looks, a planner also plans, a pilot also flies. While there is no key the service is open, which is only
-allowed on loopback. Keys are 256 random bits, so a plain digest cannot be turned back.
+A viewer looks, a planner also plans, a pilot also flies. Until there is a first key the service is open, which is only
+allowed on loopback; revoking the last one closes it, `skyfolio keys reset` opens it again. Keys are 256 random bits, so
+a plain digest cannot be turned back.
 """
 
 from __future__ import annotations
@@ -14,9 +15,9 @@ from enum import StrEnum
 from hashlib import sha256
 
 from pydantic import BaseModel
-from sqlalchemy import insert, select, update
+from sqlalchemy import delete, insert, select, update
 
-from api.errors import NotFoundError
+from api.errors import ConflictError, NotFoundError
 from api.store import Database
 from api.store.tables import api_keys as table
 
@@ -49,7 +50,7 @@ class Principal:
 
 
 LOCAL = Principal("local", Role.PILOT)
-"""Everybody, while there is no key."""
+"""Everybody, until there is a key."""
 
 
 class KeyView(BaseModel):
@@ -85,16 +86,28 @@ class KeyRing:
         await self._database.write(update(table).where(table.c.id == key_id).values(revoked_at=time.time()))
         self._known.clear()
 
+    async def reset(self) -> int:
+        """Forget all keys, how many there were: everybody on this machine may do everything again.
+
+        Raises ConflictError while one works.
+        """
+        keys = await self.all()
+        if working := [key.id for key in keys if key.revoked_at is None]:
+            raise ConflictError(f"keys: {', '.join(working)} still work; revoke them first")
+        await self._database.write(delete(table))
+        self._known.clear()
+        return len(keys)
+
     async def all(self) -> list[KeyView]:
         """Every key, the oldest first."""
         rows = await self._database.rows(select(table).order_by(table.c.created_at))
         return [KeyView(**{name: getattr(row, name) for name in KeyView.model_fields}) for row in rows]
 
     async def in_use(self) -> bool:
-        """Whether there is a key that works: then every request needs one."""
+        """Whether there ever was a key, also one that is revoked by now: then every request needs one that works."""
         asked, answer = self._in_use
         if time.monotonic() - asked >= REMEMBER_S:
-            rows = await self._database.rows(select(table.c.id).where(table.c.revoked_at.is_(None)).limit(1))
+            rows = await self._database.rows(select(table.c.id).limit(1))
             answer = bool(rows)
             self._in_use = (time.monotonic(), answer)
         return answer

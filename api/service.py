@@ -10,6 +10,7 @@ from typing import Any
 
 import structlog
 
+from api.attempts import Door
 from api.audit import AuditLog
 from api.clock import FleetClock
 from api.contingencies import Contingencies
@@ -51,6 +52,7 @@ class Service:
         self.metrics = Metrics()
         self.keys = KeyRing(database)
         self.audit = AuditLog(database)
+        self.door = Door(self.keys, settings.failed_keys_per_minute)
         self.background = Supervisor(events.add)
         self.solver = solver
         self.plans = PlanBook(self.solver, events, PlanStore(database), settings)

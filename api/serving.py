@@ -13,6 +13,8 @@ import uvicorn
 from fastapi import FastAPI
 
 from api.app import create_app
+from api.configuration import bound, require_usable, settings_from
+from api.connections import PatientProtocol
 from api.errors import InvalidError
 from api.logs import configure_logging
 from api.security import KeyRing
@@ -38,28 +40,29 @@ class _Server(uvicorn.Server):
 
 
 def serve(given: dict[str, Any], *, as_json: bool, ui: bool = True, flight: Lane | None = None) -> None:
-    """Run until interrupted. Raises InvalidError when the address needs keys and there are none.
+    """Run until interrupted. Raises InvalidError for what cannot work, also an address that needs keys and has none.
 
     flight: the lane of replans in flight, whose worker loads while everything else does.
     """
     if "database_url" not in given and "SKYFOLIO_DATABASE_URL" not in os.environ:
         given = {**given, "database_url": default_database_url()}
-    settings = Settings(**given)
-    require_safe(settings)
-    configure_logging(as_json=as_json)
-    app = create_app(settings, ui=ui, flight=flight)
-    config = uvicorn.Config(
-        app,
-        host=settings.host,
-        port=settings.port,
-        log_config=None,
-        access_log=False,
-        timeout_graceful_shutdown=GRACE_S,
-        h11_max_incomplete_event_size=65_536,
-    )
-    server = _Server(config, app)
-    _keep_for_good()
-    server.run()
+    settings = settings_from(given)
+    require_usable(settings)
+    with bound(settings) as listener:
+        require_safe(settings)
+        configure_logging(as_json=as_json)
+        app = create_app(settings, ui=ui, flight=flight)
+        config = uvicorn.Config(
+            app,
+            http=PatientProtocol,
+            log_config=None,
+            access_log=False,
+            proxy_headers=False,  # `api.proxies` reads them
+            timeout_graceful_shutdown=GRACE_S,
+        )
+        server = _Server(config, app)
+        _keep_for_good()
+        server.run(sockets=[listener])
     if not server.started:
         sys.exit(3)
 

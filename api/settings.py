@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import ipaddress
 import os
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from api.store import TEMPORARY
@@ -16,6 +17,11 @@ from mavlink_bridge.preflight import START_WITHIN_M
 
 Seconds = Annotated[float, Field(gt=0)]
 Count = Annotated[int, Field(ge=1)]
+PREFIX = "SKYFOLIO_"
+NESTED = "__"
+SUB_PATH = r"(/[A-Za-z0-9._~-]+)*"
+SET_ELSEWHERE = {"stale_after_s": "heartbeat_stale_s", "lost_after_s": "heartbeat_lost_s"}
+"""Fields of `timing` that have a setting of their own."""
 
 
 class Settings(BaseSettings):
@@ -30,7 +36,8 @@ class Settings(BaseSettings):
     vehicle further than this from its first point keeps the fleet on the ground in any case.
     simulate: fly this example's fleet in software inside the service, ready for drills.
     heartbeat_stale_s, heartbeat_lost_s: fleet seconds of silence. timing: when everything else about a vehicle counts
-    (`mavlink_bridge.conditions.Timing`), as JSON: `{"takeover_after_s": 2, "proof_s": 4}`.
+    (`mavlink_bridge.conditions.Timing`), as JSON: `{"takeover_after_s": 2, "proof_s": 4}`, or one by one:
+    `SKYFOLIO_TIMING__PROOF_S=4`.
     solve_deadline_s, replan_deadline_s: wall seconds a solve may take. warm_up: begin to serve when the workers have
     started; else they start with the first solve. plan_starts: starts to climb from at most when a request for a plan
     does not say `starts`; by size, fewer.
@@ -39,10 +46,15 @@ class Settings(BaseSettings):
     plans, journals and tracks; keep_events_s, keep_audit_s: events and audit rows, at most keep_events and keep_audit
     of them. max_cells: UAVs times users times slots.
     tile_url: of a map server for the dashboard, with {z}, {x} and {y}; without one it draws a grid and asks nobody.
-    rate_per_s, rate_burst: requests of one client. swap_attempts: tries of a mission swap before the last good plan.
+    allowed_hosts: names under which browsers reach the service, separated by commas, beside loopback, the bound address
+    and, when more than loopback is bound, IP addresses and this machine's name; `*.example.org` is all below it.
+    trusted_proxies: addresses or networks, separated by commas, of proxies whose `X-Forwarded-*` headers are believed.
+    root_path: the sub-path under which a proxy offers the service; a trusted proxy may say it in `X-Forwarded-Prefix`.
+    rate_per_s, rate_burst: requests of one client. failed_keys_per_minute: wrong API keys that one address may try.
+    swap_attempts: tries of a mission swap before the last good plan.
     """
 
-    model_config = SettingsConfigDict(env_prefix="SKYFOLIO_", frozen=True, extra="forbid")
+    model_config = SettingsConfigDict(env_prefix=PREFIX, env_nested_delimiter=NESTED, frozen=True, extra="forbid")
 
     host: str = "127.0.0.1"
     port: Annotated[int, Field(ge=0, le=65535)] = 8080
@@ -86,6 +98,27 @@ class Settings(BaseSettings):
     max_subscribers: Count = 256
     rate_per_s: Seconds = 500.0
     rate_burst: Count = 1_000
+    failed_keys_per_minute: Count = 10
+    allowed_hosts: Annotated[str, Field(pattern=r"^\s*((\*\.)?[\w.:\[\]-]+\s*(,\s*|$))*$")] = ""
+    trusted_proxies: str = ""
+    root_path: Annotated[str, Field(pattern=f"^{SUB_PATH}$")] = ""
+
+    @field_validator("timing", mode="before")
+    @classmethod
+    def _said_once(cls, value: Any) -> Any:
+        """Silence has settings of its own: the same thing said here would be ignored."""
+        for name, setting in SET_ELSEWHERE.items():
+            said = name in value if isinstance(value, Mapping) else getattr(value, name, None) != getattr(Timing, name)
+            if said:
+                raise ValueError(f"{name} is not set here but by {setting} ({PREFIX}{setting.upper()})")
+        return value
+
+    @field_validator("trusted_proxies")
+    @classmethod
+    def _addresses(cls, value: str) -> str:
+        for one in listed(value):
+            ipaddress.ip_network(one, strict=False)
+        return value
 
     @property
     def on_loopback(self) -> bool:
@@ -96,6 +129,11 @@ class Settings(BaseSettings):
             return ipaddress.ip_address(self.host).is_loopback
         except ValueError:
             return False
+
+
+def listed(value: str) -> list[str]:
+    """What a setting with several values, separated by commas, holds."""
+    return [one.strip() for one in value.split(",") if one.strip()]
 
 
 def default_database_url() -> str:

@@ -1,5 +1,6 @@
 """What all tests share."""
 
+import os
 import socket
 
 import pytest
@@ -8,6 +9,7 @@ from hypothesis import settings
 import api  # noqa: F401 - first of all, so that kernels are where set-up has compiled them
 from tests import ports
 
+os.environ.setdefault("SKYFOLIO_ALLOWED_HOSTS", "testserver")  # the name under which Starlette's TestClient asks
 settings.register_profile("skyfolio", deadline=None)  # a shared machine may be slow; time is measured in benchmarks
 settings.load_profile("skyfolio")
 

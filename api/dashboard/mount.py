@@ -10,6 +10,7 @@ from pathlib import Path
 from fastapi import FastAPI, Request
 from fastapi.responses import RedirectResponse
 from nicegui import Client, ui
+from starlette.types import ASGIApp, Receive, Scope, Send
 
 from api.dashboard.feed import Feed
 from api.dashboard.pages.drill import DrillPage
@@ -18,10 +19,9 @@ from api.dashboard.pages.plan import PlanPage
 from api.dashboard.pages.replay import ReplayPage
 from api.dashboard.rest import Rest
 from api.dashboard.watch import Watch
-from api.gate import COOKIE
+from api.gate import COOKIE, DASHBOARD, INSIDE
 
 HERE = Path(__file__).parent
-PATH = "/ui"
 MOST_KEYS = 64
 
 
@@ -32,7 +32,7 @@ class Watches:
     """
 
     def __init__(self, service_app: FastAPI, time_scale: float) -> None:
-        self._app, self._time_scale = service_app, time_scale
+        self._app, self._time_scale = _from_inside(service_app), time_scale
         self._watches: dict[str | None, Watch] = {}
 
     def of(self, key: str | None) -> Watch:
@@ -66,14 +66,25 @@ def mount(service_app: FastAPI, *, time_scale: float = 1.0, tile_url: str | None
     }
     for path, build in pages.items():
         _page(path, build, watches)
-    ui.run_with(service_app, mount_path=PATH, title="skyfolio", dark=None, tailwind=False, show_welcome_message=False)
+    ui.run_with(
+        service_app, mount_path=DASHBOARD, title="skyfolio", dark=None, tailwind=False, show_welcome_message=False
+    )
     service_app.add_api_route("/", _front_door, include_in_schema=False)
     _end_with(service_app, watches)
 
 
+def _from_inside(app: FastAPI) -> ASGIApp:
+    """The app as the dashboard calls it: for somebody who passed the gate to open the page."""
+
+    async def call(scope: Scope, receive: Receive, send: Send) -> None:
+        await app({**scope, INSIDE: True}, receive, send)
+
+    return call
+
+
 def _front_door() -> RedirectResponse:
     """Who asks for the service alone wants to see it."""
-    return RedirectResponse(f"{PATH}/")
+    return RedirectResponse(f"{DASHBOARD}/")
 
 
 def _page(path: str, build: Callable[[Watch], object], watches: Watches) -> None:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import APIRouter, Response
+from fastapi import APIRouter, Request, Response
 from fastapi.responses import HTMLResponse
 from pydantic import BaseModel, ConfigDict, Field
 
 from api.errors import UnauthorizedError
 from api.gate import COOKIE
+from api.headers import page_policy
 from api.routes.deps import ServiceDep
 
 router = APIRouter(tags=["service"])
@@ -19,9 +20,10 @@ PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><link rel="icon" 
 <form id="f"><label>API key <input id="k" type="password" autocomplete="off" autofocus style="width:100%"></label>
 <p><button>Sign in</button> <span id="s" role="status"></span></p></form><script>
 document.getElementById("f").onsubmit = async (e) => { e.preventDefault();
-  const r = await fetch("/login", {method: "POST", headers: {"content-type": "application/json"},
+  const r = await fetch("login", {method: "POST", headers: {"content-type": "application/json"},
     body: JSON.stringify({key: document.getElementById("k").value})});
-  if (r.ok) location.href = "/ui/"; else document.getElementById("s").textContent = "This key is not known."; };
+  if (r.ok) location.href = "ui/"; else document.getElementById("s").textContent =
+    r.status === 401 ? "This key is not known." : (await r.json()).detail; };
 </script></body></html>"""
 
 
@@ -36,13 +38,21 @@ class LoginRequest(BaseModel):
 @router.get("/login", response_class=HTMLResponse)
 async def show_login() -> HTMLResponse:
     """The sign-in form."""
-    return HTMLResponse(PAGE)
+    return HTMLResponse(PAGE, headers={"content-security-policy": page_policy(PAGE)})
 
 
 @router.post("/login", status_code=204)
-async def log_in(body: LoginRequest, service: ServiceDep, response: Response) -> None:
+async def log_in(body: LoginRequest, service: ServiceDep, request: Request, response: Response) -> None:
     """Keep the key in a cookie that scripts cannot read and other sites cannot send."""
-    if await service.keys.identify(body.key) is None:
+    client = request.client.host if request.client else "unknown"
+    if await service.door.identify(client, body.key) is None:
         raise UnauthorizedError("key: is not known")
-    secure = not service.settings.on_loopback
-    response.set_cookie(COOKIE, body.key, httponly=True, samesite="strict", secure=secure, max_age=86_400)
+    response.set_cookie(
+        COOKIE,
+        body.key,
+        httponly=True,
+        samesite="strict",
+        secure=request.url.scheme == "https",
+        path=request.scope.get("root_path") or "/",
+        max_age=86_400,
+    )

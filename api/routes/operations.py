@@ -169,8 +169,9 @@ async def launch_operation(
     operation_id: str, service: ServiceDep, response: Response, if_match: IfMatch = None
 ) -> OperationView:
     """Take off, in an operation with `launch: manual` whose missions are on board."""
-    operation = await service.operations.commanded(operation_id, State.READY, version=_version(if_match))
-    operation.go.set()
+    version = _version(if_match)
+    operation = await service.operations.commanded(operation_id, State.READY, version=version)
+    await operation.launch(version)
     return _tagged(response, operation.view())
 
 
@@ -179,8 +180,9 @@ async def pause_operation(
     operation_id: str, service: ServiceDep, response: Response, if_match: IfMatch = None
 ) -> OperationView:
     """Every vehicle hovers where it is, and the slot clock stands still."""
-    operation = await service.operations.commanded(operation_id, State.FLYING, version=_version(if_match))
-    await operation.pause()
+    version = _version(if_match)
+    operation = await service.operations.commanded(operation_id, State.FLYING, version=version)
+    await operation.pause(version)
     return _tagged(response, operation.view())
 
 
@@ -189,8 +191,9 @@ async def resume_operation(
     operation_id: str, service: ServiceDep, response: Response, if_match: IfMatch = None
 ) -> OperationView:
     """Fly on with the missions on board; a loss during the pause is answered now."""
-    operation = await service.operations.commanded(operation_id, State.PAUSED, version=_version(if_match))
-    await operation.resume()
+    version = _version(if_match)
+    operation = await service.operations.commanded(operation_id, State.PAUSED, version=version)
+    await operation.resume(version)
     return _tagged(response, operation.view())
 
 
@@ -213,8 +216,9 @@ async def readmit_uav(
     operation_id: str, body: ReadmitRequest, service: ServiceDep, response: Response, if_match: IfMatch = None
 ) -> OperationView:
     """Plan again with a UAV that was lost and is back: it is offered as `returned`, and never commanded unasked."""
-    operation = await service.operations.commanded(operation_id, State.FLYING, version=_version(if_match))
-    await operation.readmit(body.uav_id)
+    version = _version(if_match)
+    operation = await service.operations.commanded(operation_id, State.FLYING, version=version)
+    await operation.readmit(body.uav_id, version)
     return _tagged(response, operation.view())
 
 
@@ -223,8 +227,9 @@ async def retire_uav(
     operation_id: str, body: RetireRequest, service: ServiceDep, response: Response, if_match: IfMatch = None
 ) -> OperationView:
     """Send a UAV home and plan without it; meant for those offered as `low_on_battery`, which nobody grabs unasked."""
-    operation = await service.operations.commanded(operation_id, State.FLYING, version=_version(if_match))
-    await operation.retire(body.uav_id)
+    version = _version(if_match)
+    operation = await service.operations.commanded(operation_id, State.FLYING, version=version)
+    await operation.retire(body.uav_id, version)
     return _tagged(response, operation.view())
 
 

@@ -113,7 +113,7 @@ async def test_a_websocket_is_closed_when_its_key_is_revoked(
     scope = {
         "type": "websocket",
         "path": "/ui/socket",
-        "headers": [(b"cookie", f"skyfolio_key={key}".encode())],
+        "headers": [(b"host", b"127.0.0.1"), (b"cookie", f"skyfolio_key={key}".encode())],
     }
     connected = asyncio.create_task(Gate(echo, owner=app)(scope, receive, send))
     await asyncio.sleep(0.6)

@@ -11,7 +11,7 @@ from fastapi.testclient import TestClient
 from sqlalchemy import select
 
 from api.app import create_app
-from api.errors import InvalidError
+from api.errors import ConflictError, InvalidError
 from api.gate import OPEN_PATHS, Buckets
 from api.security import KeyRing, Role
 from api.serving import require_safe
@@ -45,7 +45,7 @@ async def make_keys(url: str) -> dict[str, str]:
 def guarded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[TestClient, dict[str, str]]]:
     url = f"sqlite+aiosqlite:///{tmp_path_factory.mktemp('guarded')}/service.db"
     keys = asyncio.run(make_keys(url))
-    settings = Settings(database_url=url, warm_up=False)
+    settings = Settings(database_url=url, warm_up=False, failed_keys_per_minute=10_000)
     with TestClient(create_app(settings), raise_server_exceptions=False) as client:
         yield client, keys
 
@@ -182,3 +182,26 @@ def test_too_many_requests_are_told_to_wait(tmp_path: Path) -> None:
     assert [answer.status_code for answer in answers][:3] == [200] * 3
     assert 429 in [answer.status_code for answer in answers]
     assert answers[-1].headers["Retry-After"]
+
+
+async def test_revoking_the_last_key_closes_the_service_until_the_keys_are_reset(tmp_path: Path) -> None:
+    url = f"sqlite+aiosqlite:///{tmp_path}/service.db"
+    database = await Database.open(url)
+    ring = KeyRing(database)
+    key = (await ring.create("only", Role.PILOT)).split("_")[1]
+    with pytest.raises(ConflictError, match=key):
+        await ring.reset()
+    await ring.revoke(key)
+    await database.close()
+
+    def status(client: TestClient) -> int:
+        return client.get("/v1/plans").status_code
+
+    settings = Settings(database_url=url, warm_up=False)
+    with TestClient(create_app(settings)) as client:
+        assert status(client) == 401
+    database = await Database.open(url)
+    assert await KeyRing(database).reset() == 1
+    await database.close()
+    with TestClient(create_app(settings)) as client:
+        assert status(client) == 200

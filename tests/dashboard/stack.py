@@ -96,7 +96,7 @@ class Service:
 class Page:
     """One browser tab at the dashboard. Everything waits for what it needs, as long as a loaded machine may take."""
 
-    def __init__(self, downloads: Path) -> None:
+    def __init__(self, downloads: Path, resolver: str = "MAP * ~NOTFOUND, EXCLUDE 127.0.0.1") -> None:
         options = webdriver.ChromeOptions()
         options.binary_location = str(CHROMIUM)
         for argument in (
@@ -106,7 +106,7 @@ class Page:
             "--disable-dev-shm-usage",
             "--hide-scrollbars",
             "--window-size=1280,800",
-            "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
+            f"--host-resolver-rules={resolver}",
         ):
             options.add_argument(argument)
         options.add_experimental_option("prefs", {"download.default_directory": str(downloads)})
@@ -117,10 +117,14 @@ class Page:
         self.resize(1280, 800)
 
     def open(self, url: str, path: str = "/ui/") -> None:
-        """Go to a page of the service at `url` and wait until it is alive."""
+        """Go to a page of the dashboard of the service at `url` and wait until it is alive."""
+        self.at(url, path)
+        self.see("header .sf-what")
+
+    def at(self, url: str, path: str) -> None:
+        """Go to any page of the service at `url`."""
         self._url = url
         self.driver.get(f"{url}{path}")
-        self.see("header .sf-what")
 
     def reload(self) -> None:
         """Load the page anew, as F5 does."""
@@ -292,6 +296,14 @@ def missing_browser() -> str | None:
     if CHROMIUM and CHROMEDRIVER:
         return None
     return "chromium and chromedriver are not installed (Debian: apt-get install chromium chromium-driver)"
+
+
+def key_for(folder: Path, role: str) -> tuple[str, str]:
+    """A database with one key of this role: its URL, and the key."""
+    url = f"sqlite+aiosqlite:///{folder / role}.db"
+    command = [sys.executable, "-m", "api", "keys", "create", "tower", "--role", role, "--json", "--database-url", url]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment(), cwd=folder)
+    return url, json.loads(done.stdout)["key"]
 
 
 def environment() -> dict[str, str]:

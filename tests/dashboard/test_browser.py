@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,7 +10,7 @@ import pytest
 from selenium.webdriver.common.by import By
 
 from planner import EXAMPLES
-from tests.dashboard.stack import Page, Service, environment, missing_browser
+from tests.dashboard.stack import Page, Service, key_for, missing_browser
 
 pytestmark = [
     pytest.mark.browser,
@@ -61,14 +59,6 @@ def page(browser: Page) -> Iterator[Page]:
     yield browser
     assert browser.complaints() == []
     browser.leave()
-
-
-def key_for(folder: Path, role: str) -> tuple[str, str]:
-    """A database with one key of this role: its URL, and the key."""
-    url = f"sqlite+aiosqlite:///{folder / role}.db"
-    command = [sys.executable, "-m", "api", "keys", "create", "tower", "--role", role, "--json", "--database-url", url]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment(), cwd=folder)
-    return url, json.loads(done.stdout)["key"]
 
 
 def slot_of(page: Page) -> int:

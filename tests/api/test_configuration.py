@@ -1,0 +1,157 @@
+"""What is wrong with the set-up is said at start, by name, in one line, with exit status 2 and without a traceback."""
+
+import socket
+from pathlib import Path
+
+import pytest
+
+from api.cli import main
+from api.configuration import bound, require_known, require_usable, settings_from
+from api.errors import InvalidError
+from api.settings import Settings
+from mavlink_bridge.conditions import Timing
+from tests.ports import free_port
+
+
+@pytest.mark.parametrize(
+    ("wrong", "meant"),
+    [
+        ("SKYFOLIO_PROT", "SKYFOLIO_PORT"),
+        ("SKYFOLIO_HEARTBEAT_LOST", "SKYFOLIO_HEARTBEAT_LOST_S"),
+        ("SKYFOLIO_SIGNING_KEY", "SKYFOLIO_SIM_SIGNING_KEY"),
+        ("skyfolio_databaseurl", "SKYFOLIO_DATABASE_URL"),
+        ("SKYFOLIO_TIMING.proof_s", "SKYFOLIO_TIMING__PROOF_S"),
+        ("SKYFOLIO_TIMING__PROOF", "SKYFOLIO_TIMING__PROOF_S"),
+        ("SKYFOLIO_TIMING.lost_after_s", "SKYFOLIO_HEARTBEAT_LOST_S"),
+        ("SKYFOLIO_TIMING.stale_after_s", "SKYFOLIO_HEARTBEAT_STALE_S"),
+    ],
+)
+def test_a_misspelt_variable_is_refused_with_the_one_that_was_meant(wrong: str, meant: str) -> None:
+    with pytest.raises(InvalidError, match=rf"^{wrong}: is no setting of skyfolio; did you mean {meant}\?$"):
+        settings_from({}, {wrong: "1", "HOME": "/"})
+
+
+def test_a_variable_like_no_other_is_refused_without_a_guess_and_all_are_named() -> None:
+    with pytest.raises(InvalidError) as refused:
+        require_known({"SKYFOLIO_XYZZY_QQQQ": "", "SKYFOLIO_PROT": ""})
+    assert "SKYFOLIO_PROT: " in str(refused.value)
+    assert "SKYFOLIO_XYZZY_QQQQ: is no setting of skyfolio" in str(refused.value)
+
+
+def test_every_setting_and_what_the_commands_read_is_known() -> None:
+    names = [f"SKYFOLIO_{name.upper()}" for name in Settings.model_fields]
+    require_known(
+        dict.fromkeys([*names, "SKYFOLIO_SERVICE", "SKYFOLIO_KEY", "SKYFOLIO_TIMING__PROOF_S", "skyfolio_port"], "")
+    )
+
+
+def test_a_field_of_a_setting_can_be_set_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SKYFOLIO_TIMING", '{"proof_s": 4, "clear_after_s": 2}')
+    monkeypatch.setenv("SKYFOLIO_TIMING__PROOF_S", "9")
+    assert Settings().timing == Timing(proof_s=9, clear_after_s=2)
+
+
+@pytest.mark.parametrize("field", ["lost_after_s", "stale_after_s"])
+def test_what_has_a_setting_of_its_own_is_not_ignored_elsewhere(monkeypatch: pytest.MonkeyPatch, field: str) -> None:
+    setting = f"SKYFOLIO_HEARTBEAT_{field.split('_', maxsplit=1)[0].upper()}_S"
+    for name, value in ((f"SKYFOLIO_TIMING__{field.upper()}", "4"), ("SKYFOLIO_TIMING", f'{{"{field}": 4}}')):
+        monkeypatch.setenv(name, value)
+        with pytest.raises(ValueError, match=setting):
+            Settings()
+        monkeypatch.delenv(name)
+    with pytest.raises(ValueError, match=setting):
+        Settings(timing=Timing(**{field: 4.5}))
+
+
+def test_a_port_that_is_taken_is_named() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        with pytest.raises(
+            InvalidError, match=rf"^host, port: 127\.0\.0\.1:{port} cannot be bound: Address already in use"
+        ):
+            bound(Settings(port=port))
+
+
+def test_an_address_that_is_not_of_this_machine_is_named() -> None:
+    with pytest.raises(InvalidError, match=r"^host, port: 192\.0\.2\.1:8080 cannot be bound: "):
+        bound(Settings(host="192.0.2.1"))
+    with pytest.raises(InvalidError, match=r"^host, port: nowhere\.invalid:8080 cannot be bound: "):
+        bound(Settings(host="nowhere.invalid"))
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "::1", "localhost"])
+def test_a_port_that_is_free_is_bound_and_nobody_is_let_wait_at_it(host: str) -> None:
+    port = free_port(socket.SOCK_STREAM)
+    with bound(Settings(host=host, port=port)) as made:
+        assert made.getsockname()[1] == port
+        with pytest.raises(ConnectionRefusedError):
+            socket.create_connection((made.getsockname()[0], port))
+
+
+@pytest.mark.parametrize("content", [None, b"", b"short", b"x" * 64, b"a" * 33])
+def test_a_key_file_of_no_use_is_named_and_not_shown(tmp_path: Path, content: bytes | None) -> None:
+    file = tmp_path / "signing.key"
+    if content is not None:
+        file.write_bytes(content)
+    with pytest.raises(InvalidError, match=r"^signing_key_file: ") as refused:
+        require_usable(Settings(signing_key_file=file))
+    assert not content or content.decode() not in str(refused.value)
+
+
+def test_a_folder_that_takes_no_files_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InvalidError, match=r"^telemetry_log_dir: nothing can be written to "):
+        require_usable(Settings(telemetry_log_dir=tmp_path / "file" / "logs"))
+    require_usable(Settings(telemetry_log_dir=tmp_path / "new" / "logs"))
+
+
+@pytest.mark.parametrize(
+    ("variables", "said"),
+    [
+        ({"SKYFOLIO_PROT": "1"}, "SKYFOLIO_PROT: is no setting of skyfolio; did you mean SKYFOLIO_PORT?"),
+        ({"SKYFOLIO_PORT": "x"}, "port: "),
+        ({"SKYFOLIO_TIMING": "{"}, "timing"),
+        ({"SKYFOLIO_TIMING": '{"lost_after_s": 9}'}, "timing: lost_after_s is not set here but by heartbeat_lost_s"),
+        ({"SKYFOLIO_SIGNING_KEY_FILE": "/none/key"}, "signing_key_file: signing key: /none/key"),
+        ({"SKYFOLIO_TELEMETRY_LOG_DIR": "/dev/null/logs"}, "telemetry_log_dir: "),
+        ({"SKYFOLIO_DATABASE_URL": "sqlite+aiosqlite:////dev/null/x.db"}, "database_url: "),
+        ({"SKYFOLIO_HOST": "192.0.2.1"}, "host, port: 192.0.2.1:"),
+        ({"SKYFOLIO_SIMULATE": "papr"}, "simulate: 'papr' must be one of"),
+        ({"SKYFOLIO_ROOT_PATH": "sky"}, "root_path: "),
+        ({"SKYFOLIO_TRUSTED_PROXIES": "nginx"}, "trusted_proxies: "),
+        ({"SKYFOLIO_ALLOWED_HOSTS": "*"}, "allowed_hosts: "),
+    ],
+)
+def test_serve_ends_with_status_two_and_one_line(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], variables: dict[str, str], said: str
+) -> None:
+    given = {"SKYFOLIO_DATABASE_URL": "temporary", "SKYFOLIO_PORT": str(free_port(socket.SOCK_STREAM))} | variables
+    for name, value in given.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setattr("sys.argv", ["skyfolio", "serve", "--no-ui"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    printed = capfd.readouterr()
+    assert ended.value.code == 2
+    assert printed.out == ""
+    assert said in printed.err
+    assert len(printed.err.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("command", "wrong", "meant"),
+    [
+        ("keys list", "SKYFOLIO_DATABSE_URL", "SKYFOLIO_DATABASE_URL"),
+        ("simulate --duration-s 0.1", "SKYFOLIO_SIM_SIGNINGKEY", "SKYFOLIO_SIM_SIGNING_KEY"),
+        ("status", "SKYFOLIO_SERVCE", "SKYFOLIO_SERVICE"),
+    ],
+)
+def test_no_command_works_elsewhere_than_a_misspelt_variable_means(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], command: str, wrong: str, meant: str
+) -> None:
+    monkeypatch.setenv(wrong, "x")
+    monkeypatch.setattr("sys.argv", ["skyfolio", *command.split()])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    assert f"did you mean {meant}?" in capfd.readouterr().err
