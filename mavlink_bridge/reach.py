@@ -61,5 +61,5 @@ def head_start_s(path_m: Sequence[Point], slot: int, slot_s: float, model: Vehic
     if missing_m <= 0:
         return 0.0
     by_acceleration_s = sqrt(2 * STRAY_M / model.acceleration_mps2)
-    allowed_s = max(by_acceleration_s, (6 * STRAY_M / model.jerk_mps3) ** (1 / 3))
-    return float(min(allowed_s, missing_m / speed_mps))
+    by_jerk_s: float = (6 * STRAY_M / model.jerk_mps3) ** (1 / 3)
+    return min(max(by_acceleration_s, by_jerk_s), missing_m / speed_mps)

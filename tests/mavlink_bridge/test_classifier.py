@@ -441,12 +441,14 @@ def test_the_gravest_condition_counts() -> None:
 @settings(max_examples=15, deadline=None)
 def test_random_loss_of_a_tenth_of_everything_never_flaps(seed: int) -> None:
     chance = random.Random(seed)
-    story = Story()
+    story, in_a_row = Story(), 0
     for _ in range(120):
-        if chance.random() < 0.1:
+        if chance.random() < 0.1 and in_a_row < 4:  # five in a row would be a loss, and rightly one
             story.silence(1)
+            in_a_row += 1
         else:
             story.tell(1)
+            in_a_row = 0
     assert [change for change in story.changes if not change.after.serves] == []
     assert all(later.at_s - sooner.at_s >= 0.9 for sooner, later in pairwise(story.changes))
 
