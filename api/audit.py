@@ -1,6 +1,6 @@
 """The audit log: who asked for what that changes something, and who was refused.
 
-Refusals of one address are counted, not listed, beyond some a minute: an attacker must not fill the disk.
+Refusals of one kind and address are counted, not listed, beyond some a minute: an attacker must not fill the disk.
 """
 
 from __future__ import annotations
@@ -40,22 +40,22 @@ class AuditLog:
     def write(self, row: dict[str, Any]) -> None:
         """Store one row, unless it is one refusal too many; the next row of that address says how many there were."""
         if row["status"] in REFUSED:
-            refused = self._refused(str(row["client"]))
+            refused = self._refused(f"{row['client']} {row['status']}")
             if refused is None:
                 return
             if refused:
                 row = {**row, "path": f"(after {refused} more refusals) {row['path']}"[:256]}
         self._database.write_soon((_INSERT, row))
 
-    def _refused(self, client: str) -> int | None:
+    def _refused(self, whose: str) -> int | None:
         """Count a refusal: how many were left out before this one, or None when it is left out itself."""
         now = self._now_s()
-        minute = self._minutes.get(client)
+        minute = self._minutes.get(whose)
         left_out = 0
         if minute is None or now - minute.began_s >= 60.0:
             left_out = 0 if minute is None else max(minute.count - REFUSALS_A_MINUTE, 0)
-            minute = self._minutes[client] = _Minute(now)
-        self._minutes.move_to_end(client)
+            minute = self._minutes[whose] = _Minute(now)
+        self._minutes.move_to_end(whose)
         while len(self._minutes) > MOST_CLIENTS:
             self._minutes.popitem(last=False)
         minute.count += 1
