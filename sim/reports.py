@@ -159,7 +159,7 @@ def _battery_status(autopilot: "Autopilot") -> Message:
 
 def _system_time(autopilot: "Autopilot") -> Message:
     unix_s = EPOCH_S + autopilot.now_s + autopilot.clock_offset_s
-    message: Message = dialect.MAVLink_system_time_message(round(unix_s * 1e6), boot_ms(autopilot))
+    message: Message = dialect.MAVLink_system_time_message(round(unix_s * 1e6) % 2**64, boot_ms(autopilot))
     return message
 
 

@@ -1,8 +1,12 @@
 """sim.faults and sim.schedule, struck in virtual time"""
 
+from contextlib import suppress
+from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from sim import (
@@ -29,6 +33,7 @@ from sim import (
     grid_of,
     parse_fault,
 )
+from sim.reports import BUILDERS
 
 if TYPE_CHECKING:
     from tests.sim.conftest import GroundStation, Items
@@ -259,13 +264,27 @@ def test_faults_are_written_as_kind_vehicle_time_and_knobs(
     [
         ({"kind": "sleep", "system_id": 1}, "kind must be one of kill, mute"),
         ({"kind": "kill"}, "system_id: kill needs it"),
-        ({"kind": "kill", "system_id": 0}, "system_id must be a whole number above 0"),
+        ({"kind": "kill", "system_id": 0}, "system_id must be a whole number between 1 and 254, got 0"),
         ({"kind": "mute", "system_id": 1, "loud": 1}, "loud: mute has no such field"),
         ({"kind": "mute", "system_id": 1, "for_s": -2}, "for_s must be a number of seconds above 0"),
         ({"kind": "low_battery", "system_id": 1, "share": 2.0}, "share must be between 0 and 1"),
         ({"kind": "mode_change", "system_id": 1, "mode": "FLIP"}, "mode must be one of TAKEOFF"),
         ({"kind": "impair", "system_id": 1, "up": {"noise": 1}}, "noise: a link has no such impairment"),
         ({"kind": "impair", "system_id": 1, "up": {"loss": "much"}}, "loss must be a number"),
+        (
+            {"kind": "clock_jump", "system_id": 1, "seconds": 1e308},
+            "seconds must be between -1000000 and 1000000",
+        ),
+        (
+            {"kind": "mute", "system_id": 1, "for_s": 1e308},
+            "for_s must be .* above 0 and at most 1000000",
+        ),
+        ({"kind": "reboot", "system_id": 1, "for_s": None}, "for_s must be a number of seconds"),
+        ({"kind": "corrupt_upload", "system_id": 1, "uploads": 10**30}, "uploads must be a whole number between 1 and"),
+        ({"kind": "low_battery", "system_id": 1, "share": True}, "share must be a number, got True"),
+        ({"kind": "impair", "system_id": 1, "down": {"bandwidth_bps": 1e-300}}, "bandwidth_bps must be between 1 and"),
+        ({"kind": "impair", "system_id": 1, "up": {"latency_s": 1e308}}, "latency_s must be between 0 and 3600"),
+        ({"kind": "impair", "system_id": 1, "up": 3}, "up must be the impairments of a link, got 3"),
     ],
 )
 def test_a_fault_that_cannot_be_is_refused_naming_the_field(data: dict[str, Any], words: str) -> None:
@@ -277,6 +296,45 @@ def test_a_fault_that_cannot_be_is_refused_naming_the_field(data: dict[str, Any]
 def test_a_fault_that_cannot_be_read_is_refused(text: str) -> None:
     with pytest.raises(ValueError, match="must look like"):
         parse_fault(text)
+
+
+@pytest.mark.parametrize(("when", "name"), [({"at_s": 1e308}, "at_s"), ({"at_slot": 10**9}, "at_slot")])
+def test_a_fault_at_a_moment_that_never_comes_is_refused(when: dict[str, Any], name: str) -> None:
+    with pytest.raises(ValueError, match=name):
+        Fleet(grid_of(1, *HOME), clock=VirtualClock()).inject(Mute(1), **when)
+
+
+_ANY = st.one_of(
+    st.none(), st.booleans(), st.floats(), st.integers(), st.sampled_from([1e6, -1e6, 1e308, 0, 1, "POSITION", "LAND"])
+)
+_LINKS = st.dictionaries(st.sampled_from([field.name for field in fields(Impairments)]), _ANY, max_size=4)
+
+
+@st.composite
+def _asked_for(draw: st.DrawFn) -> dict[str, Any]:
+    """Return a fault as a stranger might write it."""
+    kind = draw(st.sampled_from(sorted(FAULTS)))
+    knobs = [field.name for field in fields(FAULTS[kind]) if field.name != "system_id"]
+    chosen = draw(st.lists(st.sampled_from(knobs), unique=True)) if knobs else []
+    return {"kind": kind, "system_id": 1} | {
+        knob: draw(st.one_of(_ANY, _LINKS) if knob in ("up", "down") else _ANY) for knob in chosen
+    }
+
+
+@settings(max_examples=120)
+@given(flavour=st.sampled_from(["px4", "ardupilot"]), asked=st.lists(_asked_for(), min_size=1, max_size=4))
+def test_the_fleet_survives_whatever_fault_is_accepted(flavour: str, asked: list[dict[str, Any]]) -> None:
+    fleet, vehicle = flying(flavour)
+    heard = listen(fleet)
+    for data in asked:
+        with suppress(ValueError):
+            fleet.inject(fault_from(data))
+        fleet.step_to(fleet.now_s + 2.0)
+        for message_id in BUILDERS:
+            message = vehicle.autopilot.telemetry.build(message_id)
+            assert message is None or message.pack(dialect.MAVLink(None, srcSystem=1, srcComponent=1))
+    fleet.step_to(fleet.now_s + 5.0)
+    assert fleet.truth.happened("fault") or heard
 
 
 def test_every_kind_of_fault_says_what_it_does() -> None:
