@@ -13,8 +13,20 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from sim.geo import Place
 from sim.mission_runner import Handover, MissionRunner, MissionState, Target
 from sim.missions import Mission, MissionItem
+from sim.modes import Mode
 from sim.vehicle import Body, Guidance
 
+_NAMES = {
+    dialect.MAV_CMD_NAV_WAYPOINT: "WP",
+    dialect.MAV_CMD_NAV_LOITER_UNLIM: "LoitUnlim",
+    dialect.MAV_CMD_NAV_LOITER_TIME: "LoitTime",
+    dialect.MAV_CMD_NAV_RETURN_TO_LAUNCH: "RTL",
+    dialect.MAV_CMD_NAV_LAND: "Land",
+    dialect.MAV_CMD_NAV_TAKEOFF: "Takeoff",
+    dialect.MAV_CMD_NAV_DELAY: "Delay",
+    dialect.MAV_CMD_DO_CHANGE_SPEED: "ChangeSpeed",
+}
+"""What ArduCopter calls the items of a mission."""
 REST_MPS = 0.3
 """A stop is over once the vehicle is this slow at its point."""
 REST_M = 0.5
@@ -32,6 +44,7 @@ class ArdupilotRunner(MissionRunner):
         self._cut = False
         self._flying: MissionItem | None = None
         self._next: MissionItem | None = None
+        self._told: int | None = None
 
     @property
     def item(self) -> MissionItem:
@@ -40,15 +53,24 @@ class ArdupilotRunner(MissionRunner):
             return self._flying
         return super().item
 
-    def state(self, *, flying: bool) -> MissionState:
-        """Return how far the mission is; a jump after its end leaves it stopped."""
-        state = super().state(flying=flying and not self.halted)
-        return MissionState.PAUSED if self.halted and state is MissionState.NOT_STARTED else state
+    @property
+    def over(self) -> bool:
+        """Whether it would not fly on: it is over, or was halted by a jump after that."""
+        return self.halted or super().over
+
+    def state(self, mode: Mode, *, armed: bool) -> MissionState:
+        """Return how far the mission is: running only in AUTO, and stopped by a jump after its end."""
+        if len(self.mission) <= self.first:
+            return MissionState.NO_MISSION
+        if self.complete:
+            return MissionState.COMPLETE
+        running = mode is Mode.MISSION and armed and not self.halted
+        return MissionState.ACTIVE if running else MissionState.NOT_STARTED
 
     def can_start(self, *, on_ground: bool) -> str | None:
         """Return why AUTO cannot be flown: nothing but home on board, or standing without a take-off ahead."""
         if len(self.mission) <= self.first:
-            return "Mode change to AUTO failed: init failed"
+            return ""
         start = self.first if self.complete else max(self.index, self.first)
         ahead = next((item for item in self.mission.items[start:] if item.is_nav), None)
         if on_ground and (ahead is None or ahead.command != dialect.MAV_CMD_NAV_TAKEOFF):
@@ -74,6 +96,7 @@ class ArdupilotRunner(MissionRunner):
         self.halted = self.complete or self.halted
         self.index = max(seq, self.first)
         self.complete = self._cut = False
+        self._told = None
         self._forget()
 
     def activate(self) -> None:
@@ -88,18 +111,38 @@ class ArdupilotRunner(MissionRunner):
 
     def leave(self) -> None:
         """Leave AUTO."""
-        self._flying = self._next = None
+        self._flying = self._next = self._told = None
         self._cut = False
 
     def rewind(self) -> None:
-        """Go back to the beginning: ArduCopter resets its mission when it disarms."""
+        """Go back to the beginning: ArduCopter resets its mission when it disarms; one that was over stays over."""
         self.index = 0
-        self.complete = self.halted = self.started = False
+        self.halted = self.started = False
+        self._told = None
         self._forget()
+
+    def forget_flight(self) -> None:
+        """Start afresh with what is stored."""
+        super().forget_flight()
+        self.complete = False
 
     def fly(self, body: Body, now_s: float) -> Guidance | Handover:
         """Return where to go now."""
         return Handover.FINISHED if self.halted or self.complete else super().fly(body, now_s)
+
+    def _fly_item(self, body: Body, now_s: float) -> Guidance | Handover | None:
+        """Return guidance for the current item, and say which one is begun and which is done."""
+        item = self.item
+        if self._told != self.index:
+            self._told = self.index
+            self._say(f"Mission: {self.index} {_NAMES.get(item.command, '?')}")
+        result = super()._fly_item(body, now_s)
+        if result is None and item.is_nav and item.command != dialect.MAV_CMD_NAV_LAND:
+            self._say(f"Reached command #{self.index}")
+        return result
+
+    def _say_landed(self) -> None:
+        """Say nothing: an ArduCopter does not."""
 
     def _has_item(self) -> bool:
         if self._cut:

@@ -90,7 +90,7 @@ class Fleet:
             limits=limits,
             radio=Radio(name, self._protocol_now, partial(Decoder, self._signature)),
             on_event=partial(self._log, spec.system_id),
-            boot_s=self.now_s,
+            now_s=self.now_s,
             phase=phase,
             air=Air(weather, name),
             tap=self.truth,

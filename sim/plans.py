@@ -48,7 +48,6 @@ class Plans:
         if autopilot.mode is Mode.MISSION:
             autopilot.runner.started = True
         autopilot.emit("mission_accepted", {"mission_id": plan.mission_id, "items": plan.items})
-        autopilot.announce(dialect.MAVLINK_MSG_ID_MISSION_CURRENT)
 
     def mission_edited(self, mission: Mission) -> None:
         """Take a mission that is being written in place."""
