@@ -87,7 +87,7 @@ class VirtualFlight:
         model = NAIVE if guidance == "naive" else self.model()
         mission = compile_mission(self.plan, self.uav_id, on_end=OnEnd.HOLD, autopilot=self.autopilot, model=model)
         self._upload(mission)
-        self._tell(command(224, mission.start_item))
+        self._tell(set_current(self.autopilot, mission.start_item))
         self._mode(FlightMode.MISSION)
         keeper = Keeper(self.path_m, self.plan.scenario.slot_duration_s, mission, model)
         began_s, orders, distances = self.clock.now(), 0, []
@@ -103,7 +103,7 @@ class VirtualFlight:
                 order = keeper.advise(elapsed_s, point, velocity, current)
                 if order is not None:
                     orders += 1
-                    self._later(order_message(order))
+                    self._later(order_message(order, self.autopilot))
         return Flown(distances_m=distances, orders=orders)
 
     def _stream(self) -> Flown:
@@ -205,9 +205,16 @@ def command(number: int, *params: float) -> Message:
     )
 
 
-def order_message(order: Order) -> Message:
+def set_current(autopilot: Autopilot, item: int) -> Message:
+    """Make an item current: PX4 knows the message only."""
+    if autopilot is Autopilot.PX4:
+        return Message("MISSION_SET_CURRENT", {"target_system": 1, "target_component": 1, "seq": item})
+    return command(224, item)
+
+
+def order_message(order: Order, autopilot: Autopilot) -> Message:
     """What an order of the keeper is on the wire."""
     if order.item is not None:
-        return command(224, order.item)
+        return set_current(autopilot, order.item)
     assert order.speed_mps is not None  # noqa: S101
     return command(178, 1, order.speed_mps, -1)

@@ -36,6 +36,8 @@ class FlightMode(StrEnum):
     OTHER = "other"
 
 
+_UNKNOWN_TOTAL = 65535
+
 _MAV_AUTOPILOT = {12: Autopilot.PX4, 3: Autopilot.ARDUPILOT}
 
 _PX4_MAIN = {
@@ -113,6 +115,16 @@ def mode_of(autopilot: Autopilot | None, custom_mode: int) -> FlightMode:
     if main == _PX4_AUTO_MAIN:
         return _PX4_AUTO.get(sub, FlightMode.OTHER)
     return _PX4_MAIN.get(main, FlightMode.OTHER)
+
+
+def items_on_board(autopilot: Autopilot | None, total: int) -> int | None:
+    """MISSION_CURRENT.total as the length of the list that was uploaded; None: not told.
+
+    ArduPilot leaves item 0, its home, out.
+    """
+    if total == _UNKNOWN_TOTAL:
+        return None
+    return total + 1 if autopilot is Autopilot.ARDUPILOT and total > 0 else total
 
 
 def mode_numbers(autopilot: Autopilot, mode: FlightMode) -> tuple[int, int]:

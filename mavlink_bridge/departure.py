@@ -10,10 +10,10 @@ from math import hypot, nan
 
 from mavlink_bridge.autopilots import HOLD_MODE, Autopilot, FlightMode, mode_numbers
 from mavlink_bridge.flight import (
-    CONFIRM_S,
     CUSTOM_MODE,
     SET_MODE,
     ask_until,
+    confirm_s,
     heartbeat_until,
     is_ours,
     seen_of,
@@ -113,7 +113,7 @@ async def start(vehicle: Vehicle, item: int) -> None:
     finally:
         insisting.cancel()
     if not await ask_until(vehicle, lambda: _flies_from(vehicle, item, reports)):
-        raise NotDone(f"not flying item {item} after {CONFIRM_S:g} s: {seen_of(vehicle)}")
+        raise NotDone(f"not flying item {item} after {confirm_s(vehicle):.1f} s: {seen_of(vehicle)}")
 
 
 async def _insist(vehicle: Vehicle, mode: FlightMode) -> None:

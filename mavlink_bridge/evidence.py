@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from mavlink_bridge.autopilots import HOLD_MODE, OURS, Autopilot, FlightMode, autopilot_of, mode_of
+from mavlink_bridge.autopilots import HOLD_MODE, OURS, Autopilot, FlightMode, autopilot_of, items_on_board, mode_of
 from mavlink_bridge.conditions import Lasting, Timing
 
 STATE_CRITICAL, STATE_EMERGENCY = 5, 6
@@ -178,8 +178,7 @@ class Evidence:
         self.charge = None if remaining == _UNKNOWN else remaining / 100
 
     def _mission_current(self, fields: Mapping[str, Any], now_s: float) -> None:
-        total = int(fields.get("total", _UNKNOWN_TOTAL))
-        told = None if total == _UNKNOWN_TOTAL else total
+        told = items_on_board(self.autopilot, int(fields.get("total", _UNKNOWN_TOTAL)))
         state, identity = int(fields.get("mission_state", 0)), int(fields.get("mission_id", 0))
         self._mission, self._mission_s = (int(fields["seq"]), told, state, identity), now_s
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from types import MappingProxyType
@@ -14,16 +14,27 @@ MAX_ITEMS = 200
 
 
 class Command(IntEnum):
-    """The MAV_CMD values the compiler emits."""
+    """The MAV_CMD values the bridge knows: what the compiler emits, and what a file may bring."""
 
     NAV_WAYPOINT = 16
     NAV_LOITER_UNLIM = 17
+    NAV_LOITER_TIME = 19
     NAV_RETURN_TO_LAUNCH = 20
     NAV_LAND = 21
     NAV_TAKEOFF = 22
+    NAV_SPLINE_WAYPOINT = 82
+    NAV_DELAY = 93
     DO_CHANGE_SPEED = 178
+    NAV_FENCE_RETURN_POINT = 5000
     NAV_FENCE_POLYGON_VERTEX_INCLUSION = 5001
+    NAV_FENCE_POLYGON_VERTEX_EXCLUSION = 5002
+    NAV_FENCE_CIRCLE_INCLUSION = 5003
+    NAV_FENCE_CIRCLE_EXCLUSION = 5004
     NAV_RALLY_POINT = 5100
+
+
+_LAST_NAV = 95
+"""MAV_CMD_NAV_LAST: commands up to here are flown, later ones are done on the way."""
 
 
 class Frame(IntEnum):
@@ -64,6 +75,22 @@ class MissionItem:
     def has_position(self) -> bool:
         """Whether x, y, z are a place."""
         return self.frame != Frame.MISSION
+
+    @property
+    def is_flown(self) -> bool:
+        """Whether the vehicle flies to complete this item; others (DO_...) are done at once and passed."""
+        return self.command <= _LAST_NAV
+
+
+def told_as_current(items: Sequence[MissionItem], asked: int, autopilot: Autopilot) -> range:
+    """The seqs one of which MISSION_CURRENT tells once item `asked` has been made current.
+
+    Autopilots move on to the next item that is flown: ArduPilot at once, PX4 as soon as it flies its mission. Item 0
+    of ArduPilot is home, and means item 1. Without `items` (not known) only the item itself will do.
+    """
+    first = max(asked, 1) if autopilot is Autopilot.ARDUPILOT else asked
+    flown = next((item.seq for item in items[first:] if item.is_flown), first)
+    return range(min(asked, first), flown + 1)
 
 
 @dataclass(frozen=True, kw_only=True)

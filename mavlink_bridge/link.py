@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from typing import TypeVar
 
@@ -16,11 +17,13 @@ from mavlink_bridge.models import model_from_parameters
 from mavlink_bridge.preflight import Facts, Needs, parameter_names
 from mavlink_bridge.results import CommandResult, Recognised, SwapResult, UploadResult
 from mavlink_bridge.transfer import ATTEMPTS, read_parameters, recognise, upload_items, upload_verified
-from mavlink_bridge.vehicle import Vehicle
+from mavlink_bridge.vehicle import NotDone, Vehicle
 from planner.plans import Plan
 
 SET_ITEM_TIMES = 2
 """Nobody starts before everybody has its item, so a link that loses a tenth gets a second chance."""
+
+_LOGGER = logging.getLogger(__name__)
 
 Outcome = TypeVar("Outcome")
 Request = TypeVar("Request")
@@ -196,7 +199,16 @@ class FleetLink(ListeningLink):
                 return refuse(
                     system_id=system_id, seconds=0.0, error=f"system {system_id} was never heard on this link"
                 )
-            return await act(vehicle, request)
+            began_s = asyncio.get_running_loop().time()
+            try:
+                return await act(vehicle, request)
+            except NotDone as failed:
+                reason = str(failed)
+            except Exception as broken:  # the others' results count all the same
+                _LOGGER.exception("system %d: the request broke", system_id)
+                reason = f"{type(broken).__name__}: {broken}"
+            seconds = asyncio.get_running_loop().time() - began_s
+            return refuse(system_id=system_id, seconds=seconds, error=reason)
 
         outcomes = await asyncio.gather(*(one(*request) for request in requests.items()))
         return dict(zip(requests, outcomes, strict=True))

@@ -37,8 +37,8 @@ STALL_S = 0.2
 """When the event loop itself was stuck for longer, what arrived meanwhile is taken in before anyone is suspected."""
 DISCOVERY_S = 0.1
 TRY_AGAIN_S = 0.1
-MAX_THREADS = 64
-"""Blocking calls at once: one a vehicle, and threads that wait cost next to nothing."""
+MAX_THREADS = 2
+"""Blocking calls at once: MAVSDK is only asked which systems it has seen."""
 
 
 class ListeningLink:
@@ -232,7 +232,6 @@ class ListeningLink:
                 vehicle = self._vehicles[system_id] = Vehicle(
                     system,
                     clock=self._clock,
-                    pool=self._pool,
                     loop=asyncio.get_running_loop(),
                     on_message=self._message,
                 )

@@ -16,18 +16,18 @@ from collections.abc import Callable, Sequence
 from math import inf
 from typing import Any
 
+from mavlink_bridge.answers import Ack
 from mavlink_bridge.items import MissionItem
 from mavlink_bridge.mission_messages import (
     AUTOPILOT_COMPONENT,
     GROUND,
     PASSING,
     SILENCE_S,
-    Ack,
     Ended,
     Message,
     MissionType,
-    RoundTrip,
 )
+from mavlink_bridge.round_trip import RoundTrip
 
 MOST_AHEAD = 2
 """Items sent beyond the one that was asked for."""
@@ -45,14 +45,19 @@ class _Transfer:
         self._address = {"target_system": system_id, "target_component": AUTOPILOT_COMPONENT}
         self._round_trip = round_trip or RoundTrip()
         self._question: Message | None = None
-        self._asked_s = self._heard_s = 0.0
+        self._first_s = self._asked_s = self._heard_s = 0.0
         self._times = 0
         self._handlers: dict[str, Callable[[dict[str, Any], float], list[Message]]] = {}
 
     @property
     def due_s(self) -> float:
         """When `tick` has something to do."""
-        return inf if self.ended else min(self._asked_s + self._round_trip.timeout_s, self._heard_s + self._silence_s)
+        return inf if self.ended else min(self._asked_s + self._round_trip.timeout_s, self._heard_s + self._limit_s)
+
+    @property
+    def _limit_s(self) -> float:
+        """How long nothing may be heard; on a slow link that begins after the answer could have come twice."""
+        return self._silence_s + 2 * self._round_trip.seconds
 
     def start(self, now_s: float) -> list[Message]:
         """Begin; times are seconds of one steady clock."""
@@ -65,16 +70,16 @@ class _Transfer:
         if handler is None or self.ended or not self._is_ours(fields):
             return []
         self._heard_s = now_s
-        self._round_trip.heard()
         return handler(fields, now_s)
 
     def tick(self, now_s: float) -> list[Message]:
         """Repeat the open question when its time has come; end after a long silence."""
         if self.ended or self._question is None:
             return []
-        if now_s - self._heard_s >= self._silence_s:
+        if now_s - self._heard_s >= self._limit_s:
             self.ended = Ended(
-                error=f"{self._question.name}: no answer for {self._silence_s:g} s", perhaps_done=self._all_sent()
+                error=f"{self._question.name}: no answer for {round(self._limit_s, 1):g} s",
+                perhaps_done=self._all_sent(),
             )
             return []
         timeout_s = self._round_trip.timeout_s
@@ -102,13 +107,12 @@ class _Transfer:
         return [self._question]
 
     def _ask(self, question: Message, now_s: float) -> list[Message]:
-        self._question, self._asked_s, self._times = question, now_s, 1
+        self._question, self._first_s, self._asked_s, self._times = question, now_s, now_s, 1
         return [question]
 
     def _answered(self, now_s: float) -> None:
-        """The open question was answered: take its round trip if it is clear which asking was meant."""
-        if self._times == 1:
-            self._round_trip.measured(now_s - self._asked_s)
+        """The open question was answered: take its round trip."""
+        self._round_trip.answered(now_s - self._first_s, self._times)
 
     def _is_ours(self, fields: dict[str, Any]) -> bool:
         to = (int(fields.get("target_system", 0)), int(fields.get("target_component", 0)))
@@ -159,10 +163,12 @@ class Upload(_Transfer):
             return []
         if seq == self._asked_for + 1:
             self._answered(now_s)
-        times = self._times if seq == self._asked_for else 0
+        again = seq == self._asked_for
+        first_s, times = self._first_s, self._times
         self._asked_for, self._ahead = seq, 0
         sent = self._ask(self._item(self._items[seq]), now_s)
-        self._times += times
+        if again:
+            self._first_s, self._times = first_s, times + 1
         return sent
 
     def _repeat(self, now_s: float, timeout_s: float) -> list[Message]:
@@ -216,7 +222,8 @@ class Download(_Transfer):
         super().__init__(system_id, mission_type, round_trip, silence_s)
         self._window = window
         self._read: dict[int, MissionItem] = {}
-        self._open: dict[int, tuple[float, int]] = {}
+        self._open: dict[int, tuple[float, float, int]] = {}
+        """Of each question that is open: when it was asked first, when last, and how often."""
         self._count: int | None = None
         self._opaque_id = 0
         self._handlers = {
@@ -245,9 +252,8 @@ class Download(_Transfer):
         seq = int(fields["seq"])
         if seq not in self._open:
             return []
-        asked_s, times = self._open.pop(seq)
-        if times == 1:
-            self._round_trip.measured(now_s - asked_s)
+        first_s, _, times = self._open.pop(seq)
+        self._round_trip.answered(now_s - first_s, times)
         self._read[seq] = item_from(fields)
         return self._go_on(now_s)
 
@@ -260,18 +266,19 @@ class Download(_Transfer):
         asked = []
         while len(self._open) < self._window and len(self._read) + len(self._open) < self._count:
             seq = len(self._read) + len(self._open)
-            self._open[seq] = (now_s, 1)
+            self._open[seq] = (now_s, now_s, 1)
             asked.append(self._request(seq))
-        self._asked_s = min(at_s for at_s, _ in self._open.values())
+        self._asked_s = min(asked_s for _, asked_s, _ in self._open.values())
         return asked
 
     def _repeat(self, now_s: float, timeout_s: float) -> list[Message]:
         if self._count is None:
             return super()._repeat(now_s, timeout_s)
-        overdue = [seq for seq, (asked_s, _) in self._open.items() if now_s - asked_s >= timeout_s]
+        overdue = [seq for seq, (_, asked_s, _) in self._open.items() if now_s - asked_s >= timeout_s]
         for seq in overdue:
-            self._open[seq] = (now_s, self._open[seq][1] + 1)
-        self._asked_s = min(at_s for at_s, _ in self._open.values())
+            first_s, _, times = self._open[seq]
+            self._open[seq] = (first_s, now_s, times + 1)
+        self._asked_s = min(asked_s for _, asked_s, _ in self._open.values())
         return [self._request(seq) for seq in overdue]
 
     def _request(self, seq: int) -> Message:

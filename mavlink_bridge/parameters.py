@@ -12,6 +12,7 @@ from typing import Any
 
 from mavlink_bridge.autopilots import Autopilot
 from mavlink_bridge.mission_messages import AUTOPILOT_COMPONENT, Message
+from mavlink_bridge.round_trip import RoundTrip
 
 _AGAIN_S = 0.3
 _ROUNDS = 3
@@ -25,18 +26,21 @@ class ParameterRead:
     An autopilot says nothing (or a text) about a name it does not know, so unknown names end with the last round.
     """
 
-    def __init__(self, names: Iterable[str], system_id: int, autopilot: Autopilot) -> None:
+    def __init__(
+        self, names: Iterable[str], system_id: int, autopilot: Autopilot, round_trip: RoundTrip | None = None
+    ) -> None:
         self.values: dict[str, float] = {}
         self.ended = False
         self._missing = list(dict.fromkeys(names))
         self._system_id, self._autopilot = system_id, autopilot
+        self._round_trip = round_trip or RoundTrip()
         self._round = 0
         self._asked_s = 0.0
 
     @property
     def due_s(self) -> float:
         """When `tick` has something to do."""
-        return inf if self.ended else self._asked_s + _AGAIN_S
+        return inf if self.ended else self._asked_s + _AGAIN_S + 1.5 * self._round_trip.seconds
 
     def start(self, now_s: float) -> list[Message]:
         """Ask for everything."""

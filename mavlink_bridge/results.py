@@ -49,7 +49,11 @@ class CommandResult(Outcome):
 
 @dataclass(frozen=True, kw_only=True)
 class SwapResult(Outcome):
-    """Either `ok`: verified and flying the new mission. Or not: then `held` says whether the vehicle holds now."""
+    """Either `ok`: verified and flying the new mission. Or not: then it flies the one from before, or holds.
+
+    `went_on`: the mission from before goes on, proven to be on board whole. `held`: it was seen to hold.
+    """
 
     upload: UploadResult
     held: bool = False
+    went_on: bool = False

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
-from mavlink_bridge.autopilots import Autopilot, FlightMode, autopilot_of, mode_of
+from mavlink_bridge.autopilots import Autopilot, FlightMode, autopilot_of, items_on_board, mode_of
 from mavlink_bridge.geodesy import from_e7
 
 MESSAGES = (
@@ -43,8 +43,9 @@ class Telemetry:
     """One autopilot as last heard.
 
     Position: WGS-84 degrees and metres above the vehicle's own home, altitude_amsl_m above mean sea level; velocity
-    m/s over ground. `mission_current` is the seq being flown, `mission_id` the checksum of the mission on board (0:
-    not told). `boot_ms`: milliseconds since the autopilot started. `heard_at_s`: fleet seconds of the position.
+    m/s over ground. `mission_current` is the seq being flown, `mission_total` the number of items (ArduPilot's home is
+    one), `mission_id` the checksum of the mission on board (0: not told). `boot_ms`: milliseconds since the autopilot
+    started. `heard_at_s`: fleet seconds of the position.
     """
 
     system_id: int
@@ -149,8 +150,7 @@ class TelemetryState:
     def _mission_current(self, fields: Mapping[str, Any], heard_s: float) -> None:
         del heard_s
         self.mission_current = int(fields["seq"])
-        total = int(fields.get("total", _UNKNOWN_TOTAL))
-        self.mission_total = None if total == _UNKNOWN_TOTAL else total
+        self.mission_total = items_on_board(self.autopilot, int(fields.get("total", _UNKNOWN_TOTAL)))
         self.mission_id = int(fields.get("mission_id", 0))
         self.mission_reports += 1
 

@@ -60,11 +60,12 @@ async def upload_items(
     transfer = VerifiedUpload(
         items,
         vehicle.system_id,
+        autopilot=vehicle.autopilot,
         old=vehicle.on_board if flown else None,
         mission_type=mission_type,
-        home_first=flown and vehicle.state.autopilot is Autopilot.ARDUPILOT,
         attempts=attempts,
         silence_s=silence_s,
+        round_trip=vehicle.round_trip,
     )
     if flown:
         vehicle.state.accepted_id = None
@@ -86,14 +87,15 @@ async def recognise(vehicle: Vehicle, missions: Sequence[Mission], given_up: Cal
     """Read back what is on board and find it among `missions`; then it is known, as after an upload."""
     loop = asyncio.get_running_loop()
     started = loop.time()
-    ardupilot = vehicle.state.autopilot is Autopilot.ARDUPILOT
-    reading = Download(vehicle.system_id, window=STATELESS_WINDOW if ardupilot else 1)
+    autopilot = vehicle.autopilot
+    window = STATELESS_WINDOW if autopilot is Autopilot.ARDUPILOT else 1
+    reading = Download(vehicle.system_id, window=window, round_trip=vehicle.round_trip)
     await vehicle.converse(reading, given_up)
     found = None
     error = "not read" if reading.ended is None else reading.ended.error
     if error is None:
         read = reading.items
-        found = next((one for one in missions if not mission_differences(one.items, read, home_first=ardupilot)), None)
+        found = next((one for one in missions if not mission_differences(one.items, read, autopilot=autopilot)), None)
         error = None if found is not None else f"{len(read)} items on board, and they are none of the known missions"
     if found is not None:
         vehicle.on_board, vehicle.start_item = found.items, found.start_item
@@ -102,7 +104,7 @@ async def recognise(vehicle: Vehicle, missions: Sequence[Mission], given_up: Cal
 
 async def read_parameters(vehicle: Vehicle, names: Iterable[str]) -> dict[str, float]:
     """The values of those parameters the vehicle knows. Raises NotDone for an autopilot nobody compiles for."""
-    reading = ParameterRead(names, vehicle.system_id, vehicle.autopilot)
+    reading = ParameterRead(names, vehicle.system_id, vehicle.autopilot, vehicle.round_trip)
     await vehicle.converse(reading)
     return reading.values
 

@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import asyncio
 import json
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor
-from contextlib import contextmanager
-from enum import IntEnum
+from contextlib import contextmanager, suppress
 from math import isfinite
 from typing import Any, Protocol, TypeVar
 
 from mavsdk import System
 from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectError, MavlinkMessage
 
+from mavlink_bridge.answers import CommandAnswer
 from mavlink_bridge.autopilots import Autopilot, FlightMode
+from mavlink_bridge.command_protocol import CommandCall
 from mavlink_bridge.heartbeat import AUTOPILOT
 from mavlink_bridge.items import MissionItem
 from mavlink_bridge.mission_messages import GROUND, Message
+from mavlink_bridge.round_trip import RoundTrip
 from mavlink_bridge.telemetry import MESSAGES, TelemetryState
 
 Result = TypeVar("Result")
@@ -26,6 +28,7 @@ _ANSWERS = ("MISSION_REQUEST_INT", "MISSION_REQUEST", "MISSION_COUNT", "MISSION_
 """Messages that only mean something to the conversation that is going on."""
 _NEWS = ("STATUSTEXT",)
 """Messages no telemetry is made of, that `on_message` hears all the same."""
+_ACK = "COMMAND_ACK"
 
 _NAMES = {
     21: "land",
@@ -43,6 +46,9 @@ _NAMES = {
 
 ANSWER_S = 1.0
 """Wall seconds without any message before a vehicle whose link was declared lost is given up."""
+_REQUEST = 512
+_NEVER = frozenset({CommandAnswer.DENIED, CommandAnswer.UNSUPPORTED})
+"""Answers to MAV_CMD_REQUEST_MESSAGE that will be the same next time."""
 
 
 class NotDone(Exception):  # noqa: N818 (ends one command of one vehicle; becomes its result's error text)
@@ -75,18 +81,6 @@ class Conversation(Protocol):
     def give_up(self) -> None: ...
 
 
-class CommandAnswer(IntEnum):
-    """MAV_RESULT of COMMAND_ACK."""
-
-    ACCEPTED = 0
-    TEMPORARILY_REJECTED = 1
-    DENIED = 2
-    UNSUPPORTED = 3
-    FAILED = 4
-    IN_PROGRESS = 5
-    CANCELLED = 6
-
-
 class Vehicle:
     """One system id. Lives on the event loop; MAVSDK's callbacks are handed over to it.
 
@@ -99,7 +93,6 @@ class Vehicle:
         system: System,
         *,
         clock: Clock,
-        pool: Executor,
         loop: asyncio.AbstractEventLoop,
         on_message: Callable[[Vehicle, str, dict[str, Any], float], None],
     ) -> None:
@@ -113,15 +106,23 @@ class Vehicle:
         """The item of the mission on board that a vehicle in the air begins with."""
         self.on_board: tuple[MissionItem, ...] | None = None
         """The mission it is proven to have; None: not known."""
+        self.round_trip = RoundTrip()
+        """What all questions to it have measured."""
+        self.unsupported: set[int] = set()
+        """Commands (MAV_CMD) it has answered UNSUPPORTED."""
         self._clock = clock
-        self._pool = pool
         self._loop = loop
         self._on_message = on_message
         self._changed = asyncio.Event()
         self._talking = asyncio.Lock()
         self._inbox: asyncio.Queue[tuple[str, dict[str, Any]]] | None = None
+        self._calls: dict[int, CommandCall] = {}
+        self._answered = asyncio.Event()
+        self._one_of_a_kind: defaultdict[int, asyncio.Lock] = defaultdict(asyncio.Lock)
+        self._strays: dict[int, tuple[int, float]] = {}
+        self._not_on_request: set[int] = set()
         self._direct = MavlinkDirect(system)
-        for name in (*MESSAGES, *_ANSWERS, *_NEWS):
+        for name in (*MESSAGES, *_ANSWERS, *_NEWS, _ACK):
             self._direct.subscribe_message(name, self._receive)
 
     @property
@@ -141,23 +142,36 @@ class Vehicle:
             self.announce(mode, False)
 
     def send(self, message: Message) -> None:
-        """Send one message, unconfirmed."""
-        self._direct.send_message(self._message(message.name, message.fields))
+        """Send one message, unconfirmed. Raises NotDone when the link does not take it."""
+        wanted = MavlinkMessage(message.name, *GROUND, self.system_id, AUTOPILOT, json.dumps(message.fields))
+        try:
+            self._direct.send_message(wanted)
+        except MavlinkDirectError as failed:
+            raise NotDone(f"{message.name} was not sent: {failed.result.name}") from failed
 
     async def command(self, number: int, *params: float | None) -> None:
         """COMMAND_LONG with up to seven parameters (None: not given), repeated until answered.
 
         Raises NotDone unless it is accepted.
         """
-        await self._command("COMMAND_LONG", number, _numbered(params))
+        await self._command(self.command_message(number, *params))
 
-    def command_message(self, number: int, *params: float) -> Message:
+    def command_message(self, number: int, *params: float | None) -> Message:
         """COMMAND_LONG as `command` sends it, to be sent unconfirmed."""
         return Message("COMMAND_LONG", {"command": number, "confirmation": 0, **self._address, **_numbered(params)})
 
     async def command_int(self, number: int, *, frame: int, x: int, y: int, z: float, **params: float | None) -> None:
         """COMMAND_INT with a place (1e-7 degrees). Raises NotDone unless it is accepted."""
-        await self._command("COMMAND_INT", number, {"frame": frame, "x": x, "y": y, "z": z, **params})
+        fields = {"command": number, **self._address, "frame": frame, "x": x, "y": y, "z": z, **params}
+        await self._command(Message("COMMAND_INT", fields))
+
+    async def request(self, message_id: int) -> None:
+        """Ask for one message (MAV_CMD_REQUEST_MESSAGE), unless it was refused once: then it comes when it comes."""
+        if message_id in self._not_on_request:
+            return
+        answer = await self._ask(self.command_message(_REQUEST, float(message_id)))
+        if answer.answer in _NEVER:
+            self._not_on_request.add(message_id)
 
     async def converse(self, conversation: Conversation, given_up: Callable[[], bool] = lambda: False) -> None:
         """Carry a protocol to its end; one at a time for each vehicle.
@@ -210,22 +224,43 @@ class Vehicle:
         for message in messages:
             self.send(message)
 
-    async def _command(self, kind: str, number: int, fields: dict[str, Any]) -> None:
-        wanted = self._message(kind, {"command": number, **self._address, **fields})
-        try:
-            answer = await self._loop.run_in_executor(self._pool, self._direct.send_command, wanted)
-        except MavlinkDirectError as failed:
-            raise NotDone(f"{_NAMES.get(number, number)}: {failed.result.name}") from failed
-        result = CommandAnswer(int(json.loads(answer.fields_json)["result"]))
-        if result is not CommandAnswer.ACCEPTED:
-            raise NotDone(f"{_NAMES.get(number, number)}: {result.name}")
+    async def _command(self, message: Message) -> None:
+        call = await self._ask(message)
+        if call.error is not None:
+            number = int(message.fields["command"])
+            if call.answer is CommandAnswer.UNSUPPORTED:
+                self.unsupported.add(number)
+            raise NotDone(f"{_NAMES.get(number, number)}: {call.error}")
+
+    async def _ask(self, message: Message) -> CommandCall:
+        """Send a command and wait until it is answered, or will not be."""
+        number = int(message.fields["command"])
+        async with self._one_of_a_kind[number]:
+            strays, until_s = self._strays.pop(number, (0, 0.0))
+            call = CommandCall(message, self.round_trip, strays=strays if self._loop.time() < until_s else 0)
+            self._calls[number] = call
+            try:
+                self._send_all(call.start(self._loop.time()))
+                while not call.ended:
+                    await self._until(call.due_s)
+                    self._send_all(call.tick(self._loop.time()))
+            finally:
+                del self._calls[number]
+                if not call.ended:
+                    call.give_up()
+                if call.strays:
+                    self._strays[number] = (call.strays, self._loop.time() + 2 * self.round_trip.timeout_s)
+        return call
+
+    async def _until(self, due_s: float) -> None:
+        """Wait for an answer to any command, at most until `due_s`."""
+        with suppress(TimeoutError):
+            async with asyncio.timeout_at(due_s):
+                await self._answered.wait()
 
     @property
     def _address(self) -> dict[str, int]:
         return {"target_system": self.system_id, "target_component": AUTOPILOT}
-
-    def _message(self, name: str, fields: dict[str, Any]) -> MavlinkMessage:
-        return MavlinkMessage(name, *GROUND, self.system_id, AUTOPILOT, json.dumps(fields))
 
     def _receive(self, message: MavlinkMessage, _user_data: object) -> None:
         """On MAVSDK's thread: keep only what this very autopilot sent, stamp it, hand it over."""
@@ -235,6 +270,12 @@ class Vehicle:
 
     def _take_in(self, name: str, fields_json: str, heard_s: float) -> None:
         fields = json.loads(fields_json)
+        now_s = self._loop.time()
+        for call in self._calls.values():
+            call.alive(now_s)
+        if name == _ACK:
+            self._take_answer(fields, now_s)
+            return
         if self._inbox is not None:
             self._inbox.put_nowait((name, fields))
         if name in _ANSWERS:
@@ -245,6 +286,18 @@ class Vehicle:
         self._on_message(self, name, fields, heard_s)
         changed, self._changed = self._changed, asyncio.Event()
         changed.set()
+
+    def _take_answer(self, fields: dict[str, Any], now_s: float) -> None:
+        number = int(fields["command"])
+        call = self._calls.get(number)
+        if call is not None:
+            call.handle(_ACK, fields, now_s)
+            answered, self._answered = self._answered, asyncio.Event()
+            answered.set()
+        elif number in self._strays:
+            left, until_s = self._strays.pop(number)
+            if left > 1:
+                self._strays[number] = (left - 1, until_s)
 
 
 def _numbered(params: Sequence[float | None]) -> dict[str, float | None]:

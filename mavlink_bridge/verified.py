@@ -12,10 +12,12 @@ from enum import StrEnum
 from math import inf
 from typing import Any
 
+from mavlink_bridge.autopilots import Autopilot
 from mavlink_bridge.compare import mission_differences
 from mavlink_bridge.items import MissionItem
-from mavlink_bridge.mission_messages import SILENCE_S, Ended, Message, MissionType, RoundTrip
+from mavlink_bridge.mission_messages import SILENCE_S, Ended, Message, MissionType
 from mavlink_bridge.mission_protocol import Download, Upload
+from mavlink_bridge.round_trip import RoundTrip
 
 ATTEMPTS = 3
 STATELESS_WINDOW = 4
@@ -38,8 +40,8 @@ class OnBoard(StrEnum):
 class VerifiedUpload:
     """One upload with its proof and its retries; the same face as the transfers it is made of.
 
-    `old`: what is on board now, as far as known; None: unknown, then a failure is not repaired. `home_first`: item 0 is
-    home and not compared. `error` tells what went wrong with the new items, None when they are on board.
+    `old`: what is on board now, as far as known; None: unknown, then a failure is not repaired. `autopilot`: whose
+    read-back it is. `error` tells what went wrong with the new items, None when they are on board.
     """
 
     def __init__(
@@ -47,24 +49,25 @@ class VerifiedUpload:
         items: Sequence[MissionItem],
         system_id: int,
         *,
+        autopilot: Autopilot,
         old: Sequence[MissionItem] | None = None,
         mission_type: MissionType = MissionType.MISSION,
-        home_first: bool = False,
         attempts: int = ATTEMPTS,
         silence_s: float = SILENCE_S,
+        round_trip: RoundTrip | None = None,
     ) -> None:
         self.on_board: OnBoard | None = None
         self.error: str | None = "not tried"
         self.attempts = 0
         self.opaque_id = 0
         self._new, self._old = items, old
-        self._system_id, self._type, self._home_first = system_id, mission_type, home_first
+        self._system_id, self._type, self._autopilot = system_id, mission_type, autopilot
         self._limit = attempts
         self._silence_s = silence_s
         self._tries = 0
         self._restoring = False
         self._failure: str | None = None
-        self._round_trip = RoundTrip()
+        self._round_trip = round_trip or RoundTrip()
         self._transfer: Upload | Download | None = None
         self._resume_s = 0.0
 
@@ -139,7 +142,7 @@ class VerifiedUpload:
         return [upload.cancel(), *self._failed(now_s, again=ended.passing)]
 
     def _read_back(self, now_s: float) -> list[Message]:
-        window = STATELESS_WINDOW if self._home_first else 1
+        window = STATELESS_WINDOW if self._autopilot is Autopilot.ARDUPILOT else 1
         self._transfer = Download(self._system_id, window=window, **self._how)
         return self._transfer.start(now_s)
 
@@ -147,7 +150,9 @@ class VerifiedUpload:
         if ended.error is not None:
             self._failure = ended.error
             return self._failed(now_s, again=True)
-        differences = mission_differences(self._wanted, download.items, home_first=self._home_first)
+        differences = mission_differences(
+            self._wanted, download.items, autopilot=self._autopilot, mission_type=self._type
+        )
         if differences:
             self._failure = f"read-back differs: {'; '.join(differences[:3])}"
             return self._failed(now_s, again=True)

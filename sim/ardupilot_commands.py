@@ -129,7 +129,14 @@ class ArdupilotCommands(Commands):
         return Outcome(ACCEPTED)
 
     def _set_mission_current(self, command: Command) -> Outcome:
-        return Outcome(ACCEPTED if self._autopilot.jump(index_of(command.param1)) else FAILED)
+        """DENIED for what is not in the mission, FAILED where nothing is left to fly from there."""
+        seq = index_of(command.param1)
+        if not 0 <= seq < len(self._autopilot.runner.mission):
+            return Outcome(DENIED)
+        if not self._autopilot.jump(seq):
+            return Outcome(FAILED)
+        self._autopilot.announce(dialect.MAVLINK_MSG_ID_MISSION_CURRENT)
+        return Outcome(ACCEPTED)
 
     def _pause_continue(self, command: Command) -> Outcome:
         """Pause or continue in AUTO and GUIDED."""

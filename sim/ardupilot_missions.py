@@ -1,8 +1,7 @@
 """The mission protocol, ArduPilot flavour: MISSION_COUNT truncates what is on board, and items are written in place.
 
 A broken upload therefore leaves a hybrid of the old and the new mission. Item 0 is home: whatever is uploaded there,
-home is read back. Storage keeps only what ArduCopter needs: whole seconds of a hold, centimetres of altitude, no
-acceptance radius and no yaw of a waypoint, and the frame reads back as GLOBAL or GLOBAL_RELATIVE_ALT.
+home is read back. Storage keeps only what ArduCopter needs (`sim.ardupilot_storage`).
 
 A missing item is asked for again after 1 s (with MISSION_REQUEST, as ArduPilot does), and after 8 s without one the
 transfer ends with MAV_MISSION_OPERATION_CANCELLED. MISSION_ACK from a ground station is ignored; items out of order
@@ -10,31 +9,23 @@ and items of others are answered INVALID_SEQUENCE and DENIED and do not end the 
 Fences are staged until they are whole, rally points are not.
 """
 
-import math
-import struct
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from sim.ardupilot_storage import as_stored
 from sim.mission_protocol import MISSION, TYPES, MissionHost, MissionProtocol, Partner, ack_message, item_message
-from sim.missions import FENCE_CIRCLES, FENCE_POLYGONS, Mission, MissionItem, bad_fence, rejection
+from sim.missions import Mission, MissionItem, bad_fence, rejection
 from sim.wire import Message, text
 
 RETRY_S = 1.0
 GIVE_UP_S = 8.0
 MAX_ITEMS = 724
 """What fits in the storage of a common flight controller (15 bytes an item)."""
-_KEPT_PARAMETERS = {
-    dialect.MAV_CMD_DO_CHANGE_SPEED: 3,
-    dialect.MAV_CMD_NAV_RETURN_TO_LAUNCH: 0,
-    dialect.MAV_CMD_NAV_DELAY: 4,
-}
-"""Items without a place, and how many of their parameters are kept."""
 HIGHEST_M = 83_000.0
 FENCE = dialect.MAV_MISSION_TYPE_FENCE
-_ABSOLUTE = (dialect.MAV_FRAME_GLOBAL, dialect.MAV_FRAME_GLOBAL_INT, dialect.MAV_FRAME_MISSION)
 _GUIDED_TARGET, _GUIDED_ALTITUDE = 2, 3
 """MISSION_ITEM.current of an item that is not part of a mission but a target for GUIDED mode."""
 
@@ -148,11 +139,11 @@ class ArdupilotMissions(MissionProtocol):
         if refused is not None:
             return refused
         if kind == FENCE:
-            upload.staged.append(as_stored(item))
+            upload.staged.append(as_stored(item, kind))
             return None
         if item.seq > len(stored):
             return int(dialect.MAV_MISSION_ERROR)
-        stored[item.seq : item.seq + 1] = [self._as_stored(as_stored(item), upload.last + 1)]
+        stored[item.seq : item.seq + 1] = [self._as_stored(as_stored(item, kind), upload.last + 1)]
         self._edited(kind)
         return None
 
@@ -221,42 +212,14 @@ class ArdupilotMissions(MissionProtocol):
         return [ack_message(partner, dialect.MAV_MISSION_ACCEPTED, kind)]
 
     def _set_current(self, message: Any, partner: Partner) -> list[Message]:
-        """MISSION_CURRENT answers a jump, and silence one to nowhere: the message has no acknowledgement."""
+        """MISSION_CURRENT answers with the very item that was asked for; silence, a jump to nowhere."""
         del partner
-        self._host.jump(message.seq)
-        return []
+        return [self._host.current_message(message.seq)] if self._host.jump(message.seq) else []
 
     def _ask(self, upload: _Upload, kind: int) -> Message:
         upload.asked_s = self._clock()
         request: Message = dialect.MAVLink_mission_request_message(*upload.partner, upload.next, kind)
         return request
-
-
-def as_stored(item: MissionItem) -> MissionItem:
-    """Return an item as ArduCopter's storage gives it back."""
-    frame = dialect.MAV_FRAME_GLOBAL if item.frame in _ABSOLUTE else dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT
-    kept = replace(item, frame=frame, current=0, autocontinue=1, param2=0.0, param3=0.0, param4=0.0)
-    kept = replace(kept, param1=_whole(item.param1), z=_centimetres(item.z))
-    if item.command in _KEPT_PARAMETERS:
-        bare = replace(kept, frame=dialect.MAV_FRAME_GLOBAL, x=0, y=0, z=0.0)
-        given = (item.param1, item.param2, item.param3, item.param4)
-        kept_count = _KEPT_PARAMETERS[item.command]
-        params = [*given[:kept_count], *[0.0] * (4 - kept_count)]
-        return replace(bare, param1=params[0], param2=params[1], param3=params[2], param4=params[3])
-    if item.command in (*FENCE_CIRCLES, *FENCE_POLYGONS):
-        return replace(kept, frame=dialect.MAV_FRAME_GLOBAL, param1=item.param1, z=0.0)
-    return kept
-
-
-def _whole(value: float) -> float:
-    return float(int(value)) if 0.0 <= value < 65_536.0 else 0.0
-
-
-def _centimetres(value: float) -> float:
-    if not math.isfinite(value):
-        return 0.0
-    centimetres = int(struct.unpack("<f", struct.pack("<f", value * 100.0))[0])
-    return float(struct.unpack("<f", struct.pack("<f", centimetres * 0.01))[0])
 
 
 def _float_item_message(partner: Partner, item: MissionItem, kind: int, *, current: bool) -> Message:

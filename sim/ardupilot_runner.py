@@ -67,6 +67,21 @@ class ArdupilotRunner(MissionRunner):
         running = mode is Mode.MISSION and armed and not self.halted
         return MissionState.ACTIVE if running else MissionState.NOT_STARTED
 
+    @property
+    def told_index(self) -> int:
+        """The item that is flown: those that are done on the way are never told."""
+        ahead = (item.seq for item in self.mission.items[self.index :] if item.is_nav)
+        return next(ahead, self.index)
+
+    @property
+    def told_total(self) -> int:
+        """Home is not counted."""
+        return max(len(self.mission) - 1, 0)
+
+    def can_jump(self, seq: int) -> bool:
+        """Whether something is flown from item `seq` on."""
+        return super().can_jump(seq) and any(item.is_nav for item in self.mission.items[max(seq, self.first) :])
+
     def can_start(self, *, on_ground: bool) -> str | None:
         """Return why AUTO cannot be flown: nothing but home on board, or standing without a take-off ahead."""
         if len(self.mission) <= self.first:

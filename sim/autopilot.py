@@ -255,12 +255,11 @@ class Autopilot:
             self.navigator.setpoint = setpoint
 
     def jump(self, seq: int) -> bool:
-        """Make mission item `seq` current; False if there is none."""
+        """Make mission item `seq` current, without a word; False if there is none."""
         if not self.runner.can_jump(seq):
             return False
         self.runner.jump(seq)
-        if not self.flavour.tells_mission:
-            self.announce(dialect.MAVLINK_MSG_ID_MISSION_CURRENT)
+        self.telemetry.keep_to_itself()
         return True
 
     def start_mission(self) -> None:

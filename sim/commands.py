@@ -149,10 +149,7 @@ class Commands(ABC):
         return east_m, north_m, up_m
 
     def _request_message(self, command: Command) -> Outcome:
-        wanted = index_of(command.param1)
-        if wanted in self._autopilot.flavour.own_streams:
-            return Outcome(self._unknown_message)
-        return self._send(wanted)
+        return self._send(index_of(command.param1))
 
     def _send(self, message_id: int) -> Outcome:
         message = self._autopilot.telemetry.build(message_id)

@@ -73,9 +73,8 @@ class Flavour:
     setpoints and left without them. needs_clearance: armed in the mission mode it stays on the ground until
     MISSION_START or AUTO_OPTIONS lets it go. has_metadata: COMPONENT_METADATA, and its files by MAVLink FTP.
     restores_mode: disarmed, it shows the last mode it can be armed in; its home is then where it stands. gives_orders:
-    see `sim.chatter`. beats_on_mode: a change of mode is told by a HEARTBEAT at once. own_streams: sent, but neither
-    to be requested nor to be set. tells_mission: MISSION_CURRENT comes whenever it changes, MISSION_ITEM_REACHED ten
-    times more.
+    see `sim.chatter`. beats_on_mode: a change of mode is told by a HEARTBEAT at once. tells_mission:
+    MISSION_CURRENT comes whenever it changes, MISSION_ITEM_REACHED ten times more.
     """
 
     name: str
@@ -109,7 +108,6 @@ class Flavour:
     restores_mode: bool
     gives_orders: bool
     beats_on_mode: bool
-    own_streams: frozenset[int]
     tells_mission: bool
 
 
@@ -206,7 +204,6 @@ PX4 = Flavour(
     restores_mode=True,
     gives_orders=True,
     beats_on_mode=False,
-    own_streams=frozenset({dialect.MAVLINK_MSG_ID_MISSION_CURRENT}),
     tells_mission=True,
 )
 
@@ -278,7 +275,6 @@ ARDUPILOT = Flavour(
     restores_mode=False,
     gives_orders=False,
     beats_on_mode=True,
-    own_streams=frozenset(),
     tells_mission=False,
 )
 

@@ -55,6 +55,10 @@ class MissionHost(Protocol):
         """Make a mission item current; False if it cannot be."""
         ...
 
+    def current_message(self, seq: int) -> Message:
+        """Return a MISSION_CURRENT that tells this item (ArduPilot)."""
+        ...
+
     def guide(self, item: MissionItem) -> bool:
         """Fly to an item that is no part of a mission; False outside GUIDED (ArduPilot)."""
         ...

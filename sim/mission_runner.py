@@ -106,6 +106,16 @@ class MissionRunner(MissionGeometry):
         return self.mission.items[self.index]
 
     @property
+    def told_index(self) -> int:
+        """The item MISSION_CURRENT tells."""
+        return self.index
+
+    @property
+    def told_total(self) -> int:
+        """How many items MISSION_CURRENT tells of; PX4 says that it does not know when there are none."""
+        return len(self.mission) or 0xFFFF
+
+    @property
     def cruise_mps(self) -> float:
         """The ground speed in force: the last speed change, else MPC_XY_CRUISE."""
         return self._cruise(self.speed_mps)

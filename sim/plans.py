@@ -10,6 +10,8 @@ from sim.geo import Place
 from sim.mission_protocol import MISSION
 from sim.missions import NOT_GIVEN, Mission, MissionItem
 from sim.modes import Mode
+from sim.reports import mission_current
+from sim.wire import Message
 
 if TYPE_CHECKING:
     from sim.autopilot import Autopilot
@@ -57,6 +59,10 @@ class Plans:
     def jump(self, seq: int) -> bool:
         """Make mission item `seq` current; False if there is none."""
         return self._autopilot.jump(seq)
+
+    def current_message(self, seq: int) -> Message:
+        """Return a MISSION_CURRENT that tells this item."""
+        return mission_current(self._autopilot, seq)
 
     def guide(self, item: MissionItem) -> bool:
         """Fly to a mission item sent on its own, in GUIDED; one without a place changes the height only."""

@@ -8,6 +8,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from sim.commands import (
     ACCEPTED,
     DENIED,
+    FAILED,
     FORCE,
     REJECTED_FOR_NOW,
     UNSUPPORTED,
@@ -22,6 +23,8 @@ from sim.wire import Message
 
 if TYPE_CHECKING:
     from sim.autopilot import Autopilot
+
+MISSION_CURRENT = dialect.MAVLINK_MSG_ID_MISSION_CURRENT
 
 
 class Px4Commands(Commands):
@@ -109,7 +112,18 @@ class Px4Commands(Commands):
         return Outcome(ACCEPTED if self._autopilot.arm() else REJECTED_FOR_NOW)
 
     def _set_mission_current(self, command: Command) -> Outcome:
-        return Outcome(ACCEPTED if self._autopilot.jump(index_of(command.param1)) else DENIED)
+        """PX4 has only the message MISSION_SET_CURRENT."""
+        del command
+        return Outcome(UNSUPPORTED)
+
+    def _send(self, message_id: int) -> Outcome:
+        """MISSION_CURRENT is no stream of PX4's, so it cannot be asked for."""
+        return Outcome(DENIED) if message_id == MISSION_CURRENT else super()._send(message_id)
+
+    def _set_message_interval(self, command: Command) -> Outcome:
+        if index_of(command.param1) == MISSION_CURRENT:
+            return Outcome(FAILED)
+        return super()._set_message_interval(command)
 
     def _go_home(self, command: Command) -> Outcome:
         return self._said(super()._go_home(command), "Returning to launch\t")

@@ -12,6 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from sim.mission_protocol import ALL, MISSION, TYPES, MissionHost, MissionProtocol, Partner, ack_message, item_message
 from sim.missions import Mission, MissionItem, bad_fence, rejection
+from sim.px4_storage import as_read
 from sim.wire import Extended, Message, text
 
 RETRY_S = 0.25
@@ -146,7 +147,7 @@ class Px4Missions(MissionProtocol):
             return [self._end(partner, dialect.MAV_MISSION_INVALID_SEQUENCE, kind)]
         transfer.heard_s = self._clock()
         current = kind == MISSION and transfer.plan is self.mission and message.seq == self._host.mission_index
-        return [item_message(partner, transfer.plan.items[message.seq], kind, current=current)]
+        return [item_message(partner, as_read(transfer.plan.items[message.seq], kind), kind, current=current)]
 
     def _ack(self, message: Any, partner: Partner) -> list[Message]:
         """Take the end of a download, or the other side's cancellation of either direction."""

@@ -104,12 +104,12 @@ def _mission_mode(autopilot: "Autopilot") -> int:
     return 1 if autopilot.mode in (Mode.MISSION, Mode.TAKEOFF, Mode.LAND) else 2
 
 
-def _mission_current(autopilot: "Autopilot") -> Message:
+def mission_current(autopilot: "Autopilot", seq: int | None = None) -> Message:
+    """Return the MISSION_CURRENT of what is flown, or of item `seq`."""
     runner = autopilot.runner
     state = runner.state(autopilot.mode, armed=autopilot.armed).value
-    base = dialect.MAVLink_mission_current_message(
-        min(runner.index, 0xFFFF), len(runner.mission), state, _mission_mode(autopilot)
-    )
+    told = min(runner.told_index if seq is None else seq, 0xFFFF)
+    base = dialect.MAVLink_mission_current_message(told, runner.told_total, state, _mission_mode(autopilot))
     if not autopilot.flavour.mission_ids:
         message: Message = base
         return message
@@ -258,7 +258,7 @@ BUILDERS: dict[int, Callable[["Autopilot"], Message | None]] = {
     dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: _global_position,
     dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: _local_position,
     dialect.MAVLINK_MSG_ID_GPS_RAW_INT: _gps,
-    dialect.MAVLINK_MSG_ID_MISSION_CURRENT: _mission_current,
+    dialect.MAVLINK_MSG_ID_MISSION_CURRENT: mission_current,
     dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: _extended_state,
     dialect.MAVLINK_MSG_ID_SYS_STATUS: _sys_status,
     dialect.MAVLINK_MSG_ID_BATTERY_STATUS: _battery_status,

@@ -65,7 +65,7 @@ class Telemetry:
 
     def set_interval(self, message_id: int, interval_s: float) -> bool:
         """Set a stream's interval (0: default, negative: off); False for a message that cannot be streamed."""
-        if message_id not in BUILDERS or message_id in self._autopilot.flavour.own_streams:
+        if message_id not in BUILDERS:
             return False
         default = self._defaults_hz.get(message_id)
         if interval_s < 0.0 or (interval_s == 0.0 and default is None):
@@ -82,6 +82,11 @@ class Telemetry:
         for one in groups:
             for message_id in GROUPS.get(one, ()):
                 self.set_interval(message_id, 1.0 / rate_hz if rate_hz > 0.0 else -1.0)
+
+    def keep_to_itself(self) -> None:
+        """Take what the mission has come to for told: what a ground station sets comes with the stream only."""
+        runner = self._autopilot.runner
+        self._told = (runner.index, runner.finished)
 
     def mission_news(self, reached: int | None) -> list[Message]:
         """Return what is to be told of the mission beside its stream; `reached`: the last item done since.

@@ -77,7 +77,7 @@ def _upload(mission: Mission, autopilot: Autopilot, seed: int) -> tuple[float, b
     wire, chance = Wire(latency_s=LATENCY_S), random.Random(seed)  # noqa: S311
     vehicle = autopilot_on(wire, autopilot)
     wire.up, wire.down = lossy(chance, LOSS), lossy(chance, LOSS)
-    done = wire.run(VerifiedUpload(mission.items, 1, home_first=autopilot is Autopilot.ARDUPILOT))
+    done = wire.run(VerifiedUpload(mission.items, 1, autopilot=autopilot))
     on_board = vehicle.missions.plan(0).items
     whole = len(on_board) == len(mission.items)
     return wire.now_s, done.on_board is OnBoard.NEW and whole, done.attempts

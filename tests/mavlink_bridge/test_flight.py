@@ -134,8 +134,7 @@ async def test_a_swap_in_flight_ends_flying_the_new_mission_without_a_stop(
         for system_id in IDS:
             assert mode_of(field, system_id) is Mode.MISSION
             on_board = field.fleet.vehicles[system_id].autopilot.runner.mission.items
-            home_first = autopilot is Autopilot.ARDUPILOT
-            assert mission_differences(new[system_id].items, on_board, home_first=home_first) == ()
+            assert mission_differences(new[system_id].items, on_board, autopilot=autopilot) == ()
             samples = [sample for sample in field.fleet.truth.of(system_id) if sample.t_s > swapped_s]
             assert min(sample.ground_speed_mps for sample in samples) > 0.2
             assert min(sample.relative_alt_m for sample in samples) > 9.0

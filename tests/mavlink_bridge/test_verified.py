@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from api.virtual_wire import Wire, autopilot_on, lossy
 from mavlink_bridge import Autopilot, Mission, compile_mission, mission_differences
-from mavlink_bridge.mission_messages import Ack, Message
+from mavlink_bridge.answers import Ack
+from mavlink_bridge.mission_messages import Message
 from mavlink_bridge.verified import OnBoard, VerifiedUpload
 from planner.plans import Plan
 
@@ -44,7 +45,7 @@ class Case:
 
     def __init__(self, plan_of: PlanOf, flavour: Autopilot) -> None:
         self.old, self.new = zigzag(plan_of, flavour, 6, 0.0), zigzag(plan_of, flavour, 10, 7.0)
-        self.home_first = flavour is Autopilot.ARDUPILOT
+        self.flavour = flavour
         self.wire = Wire()
         self.vehicle = autopilot_on(self.wire, flavour)
         assert self.upload(self.old).on_board is OnBoard.NEW
@@ -52,11 +53,11 @@ class Case:
         self.wire.up, self.wire.down = self.up, self.down
 
     def upload(self, mission: Mission, **how: Any) -> VerifiedUpload:
-        return self.wire.run(VerifiedUpload(mission.items, 1, home_first=self.home_first, **how))
+        return self.wire.run(VerifiedUpload(mission.items, 1, autopilot=self.flavour, **how))
 
     def has(self, mission: Mission) -> bool:
         on_board = self.vehicle.missions.plan(0).items
-        return not mission_differences(mission.items, on_board, home_first=self.home_first)
+        return not mission_differences(mission.items, on_board, autopilot=self.flavour)
 
     def ends_whole(self) -> VerifiedUpload:
         """Upload the new mission; what the upload says is on board is on board, whole."""
@@ -231,7 +232,7 @@ def test_a_hundred_items_are_verified_in_ten_seconds_at_ten_percent_loss(plan_of
         mission = zigzag(plan_of, flavour, 50, 7.0)
         assert len(mission.items) >= 100
         began_s = wire.now_s
-        ended = wire.run(VerifiedUpload(mission.items, 1, home_first=flavour is Autopilot.ARDUPILOT))
+        ended = wire.run(VerifiedUpload(mission.items, 1, autopilot=flavour))
         assert ended.on_board is OnBoard.NEW, ended.error
         times.append(wire.now_s - began_s)
     assert sorted(times)[18] <= 10.0

@@ -128,14 +128,6 @@ def test_mission_start_arms_and_starts_at_the_given_item(bench: "Bench", items: 
     assert (bench.autopilot.armed, bench.autopilot.mode, bench.autopilot.runner.index) == (True, Mode.MISSION, 1)
 
 
-def test_the_current_item_can_be_set_by_command(bench: "Bench", items: "Items") -> None:
-    bench.upload(items.waypoint(20.0, 0.0, current=1.0), items.waypoint(40.0, 0.0))
-    assert bench.command(224, 1.0) == ACCEPTED
-    assert bench.autopilot.runner.index == 1
-    assert bench.command(224, 2.0) == DENIED
-    assert bench.command(224, NAN) == DENIED
-
-
 def test_a_speed_command_changes_the_speed_in_the_mission(airborne: "Bench", items: "Items") -> None:
     airborne.upload(items.waypoint(300.0, 0.0, current=1.0))
     airborne.set_mode(MISSION)
