@@ -4,6 +4,7 @@ The mission begins at item 1 (0 is home). The acceptance radius is WPNAV_RADIUS,
 survives an upload: each write into the mission restarts the current leg from where the vehicle is, and where the item
 at the kept index has become a DO_ command, it moves on to the next leg. Cut short, the vehicle finishes the leg it has
 loaded and the one after, then hovers. A waypoint with a hold counts as reached at rest; the next leg starts from rest.
+One flown through counts once the target has gone the whole leg at its speed, however near the vehicle is.
 """
 
 from typing import Any
@@ -45,6 +46,8 @@ class ArdupilotRunner(MissionRunner):
         self._flying: MissionItem | None = None
         self._next: MissionItem | None = None
         self._told: int | None = None
+        self._looked_s: float | None = None
+        self._to_go_m = 0.0
 
     @property
     def item(self) -> MissionItem:
@@ -185,6 +188,8 @@ class ArdupilotRunner(MissionRunner):
     def _begin(self, body: Body) -> Target:
         """Fix the target; only a take-off climbs first."""
         target = super()._begin(body)
+        self._looked_s = None
+        self._to_go_m = body.distance_to(target.east_m, target.north_m)
         self._climb_first = self.item.command == dialect.MAV_CMD_NAV_TAKEOFF
         return target
 
@@ -192,6 +197,10 @@ class ArdupilotRunner(MissionRunner):
         return abs(target.up_m - body.up_m) <= REST_M
 
     def _is_done(self, body: Body, target: Target, now_s: float) -> bool:
+        self._to_go_m -= self.cruise_mps * (now_s - (now_s if self._looked_s is None else self._looked_s))
+        self._looked_s = now_s
+        if self._holding_since_s is None and self._to_go_m > 0.0:
+            return False
         stops = target.passing_mps <= 0.0 and self.item.command != dialect.MAV_CMD_NAV_TAKEOFF
         if stops and self._holding_since_s is None:
             near = body.distance_to(target.east_m, target.north_m) <= REST_M

@@ -317,8 +317,7 @@ class Autopilot:
             self._notice(sinking_mps, took_off=was_on_ground)
         self.boot_plan.step()
         self._disarm_when_idle()
-        if self.dynamics.powered:
-            self.failsafes.check(now_s, self.protocol_clock())
+        self.failsafes.check(now_s, self.protocol_clock())
 
     def _notice(self, sinking_mps: float, *, took_off: bool) -> None:
         self.announce(dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE)

@@ -60,6 +60,7 @@ class Words:
     mission_entered: str | None = None
     crashed: str | None = None
     motor_failed: str | None = None
+    fence_taken: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -251,6 +252,7 @@ ARDUPILOT = Flavour(
         disarmed_by_landing="Disarming motors",
         crashed="Crash: Disarming: AngErr=90>30, Accel=0.0<3.0",
         motor_failed="Potential Thrust Loss (1)",
+        fence_taken="Fence Indexed OK",
     ),
     boot_mode=Mode.STABILIZE,
     limits=ARDUCOPTER_LIMITS,

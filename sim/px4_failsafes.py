@@ -77,8 +77,7 @@ class Px4Failsafes(Failsafes):
         self._autopilot.say("GCS connection regained\t")
 
     def _battery_fell(self, levels: tuple[LowBattery, ...]) -> None:
-        for level in levels:
-            self._autopilot.say(level.words, level.severity)
+        self._autopilot.say(levels[0].words, levels[0].severity)
         if levels[-1].last:
             self._autopilot.say("System does not support shutdown\t", _CRITICAL)
         self._trigger(levels[-1].action, "battery")

@@ -52,6 +52,7 @@ def px4_parameters(limits: Limits) -> list[Parameter]:
         Parameter("GF_MAX_HOR_DIST", 0.0, 0.0, 10_000.0),
         Parameter("GF_MAX_VER_DIST", 0.0, 0.0, 10_000.0),
         Parameter("MAV_TYPE", 2, 0, 22),
+        Parameter("MIS_DIST_1WP", 10_000.0, -1.0, 100_000.0),
         Parameter("MIS_TAKEOFF_ALT", 2.5, 0.0, 500.0),
         Parameter("MPC_Z_VEL_MAX_DN", max(limits.descend_mps, limits.land_mps), 0.5, 10.0),
         Parameter("MPC_Z_VEL_MAX_UP", limits.climb_mps, 0.5, 10.0),
@@ -93,6 +94,7 @@ def px4_tuning(values: Mapping[str, float]) -> Tuning:
         ),
         batteries=_batteries(values),
         setpoint_loss=_SETPOINT_LOSS.get(int(values["COM_OBL_RC_ACT"]), Action.RETURN),
+        first_waypoint_m=values["MIS_DIST_1WP"] if values["MIS_DIST_1WP"] > 0.0 else math.inf,
         failsafe_delay_s=values["COM_FAIL_ACT_T"],
         fence=FenceRule(
             action=_FENCE_ACTIONS.get(int(values["GF_ACTION"]), Action.NONE),

@@ -3,6 +3,7 @@
 Both let the mode be changed to anything while they are disarmed; the check comes with arming.
 """
 
+import math
 from typing import TYPE_CHECKING
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -40,7 +41,10 @@ def _px4_can_run(autopilot: "Autopilot", mode: Mode) -> bool:
     if mode.needs_position and not autopilot.satellites:
         return False
     if mode is Mode.MISSION:
-        return bool(autopilot.runner.mission.items)
+        first = next((item for item in autopilot.runner.mission.items if item.is_nav and item.has_place), None)
+        place = autopilot.home_m if first is None else autopilot.frame.to_local(first.x / 1e7, first.y / 1e7)
+        near = math.dist(place, autopilot.home_m) <= autopilot.parameters.tuning.first_waypoint_m
+        return bool(autopilot.runner.mission.items) and near
     return mode is not Mode.GUIDED or autopilot.navigator.setpoint is not None
 
 

@@ -120,9 +120,10 @@ def mission_current(autopilot: "Autopilot", seq: int | None = None) -> Message:
 
 
 def _extended_state(autopilot: "Autopilot") -> Message:
+    """Return the landed state; a PX4 that descends without a position is in the air, not landing."""
     if autopilot.landed:
         state = dialect.MAV_LANDED_STATE_ON_GROUND
-    elif autopilot.dynamics.landing:
+    elif autopilot.dynamics.landing and (autopilot.satellites or not autopilot.flavour.restores_mode):
         state = dialect.MAV_LANDED_STATE_LANDING
     elif autopilot.navigator.taking_off:
         state = dialect.MAV_LANDED_STATE_TAKEOFF

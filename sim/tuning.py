@@ -82,7 +82,8 @@ class Tuning:
     acceptance_radius_m, altitude_radius_m: when a waypoint counts as reached. return_alt_m: least altitude of a way
     home longer than `return_cone_m`; `return_loiter_s`: stay over home before landing. disarm_after_landing_s and
     disarm_on_ground_s (armed, never took off): None never. arm_in_mission, takeoff_without_throttle: ArduPilot's
-    AUTO_OPTIONS. failsafe_delay_s: how long a failsafe holds before it acts. failures_enabled: MAV_CMD_INJECT_FAILURE
+    AUTO_OPTIONS. failsafe_delay_s: how long a failsafe holds before it acts. first_waypoint_m: a mission that
+    begins further from home is not flown. failures_enabled: MAV_CMD_INJECT_FAILURE
     is obeyed. home_rally_limit_m: rally points further from home are not used.
     """
 
@@ -107,4 +108,5 @@ class Tuning:
     position_loss: Action = Action.LAND
     setpoint_loss: Action = Action.HOLD
     failsafe_delay_s: float = 0.0
+    first_waypoint_m: float = math.inf
     fence: FenceRule = field(default_factory=FenceRule)
