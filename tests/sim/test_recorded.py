@@ -38,15 +38,8 @@ def drain(autopilot: Autopilot) -> None:
     autopilot.mishaps.set_battery(0.04)
 
 
-def restart(autopilot: Autopilot) -> None:
-    autopilot.shut_down()
-    autopilot.boot(autopilot.now_s)
-
-
 HAPPENED: dict[tuple[str, int], list[tuple[float, Happening]]] = {
     ("ccc-human-stop", 1): [(55.1, change_to(Mode.HOLD))],
-    ("ccc-reboot", 2): [(55.6, restart)],
-    ("ccc-reboot", 3): [(85.8, restart)],
     ("ccc-rtl-batt", 1): [(53.0, change_to(Mode.RTL))],
     ("ppp-crawl2", 1): [(53.4, change_to(Mode.RTL))],
     ("ppp-crawl2", 2): [(54.0, change_to(Mode.RTL))],
@@ -62,9 +55,14 @@ STOPPED_S = {("ccc-human-stop", 2): (90.05, 98.2), ("ppp-human-stop", 2): (91.4,
 """When a vehicle stood still as a process: it reads what it was told once it goes on."""
 DOWN_S = {("ccc-reboot", 2): (52.4, 55.6), ("ccc-reboot", 3): (82.4, 85.8)}
 """When a vehicle was off: what it was told then is lost."""
-JUDGED_UNTIL_S = {("ccc-human-stop", 1): 75.0, ("ppp-gps-motor", 3): 125.0}
-"""The first sank in LOITER because its sticks lay at the bottom, where the simulator's are centred; the second was told
-to go on, slower, to a waypoint that its simulation had just passed, and so turned back from its landing."""
+JUDGED_UNTIL_S = {
+    ("ccc-human-stop", 1): 75.0,
+    ("ccc-human-stop", 2): 112.0,
+    ("ppp-gps-motor", 3): 125.0,
+    ("ppp-human-stop", 2): 160.0,
+}
+"""The first sank in LOITER because its sticks lay at the bottom; the simulator's are centred. The simulation of the
+others is seconds ahead at the end of its mission, and lands where the real one was still told something."""
 STALLED = ("ccp-kill-p",)
 """The machine that recorded this one stood still for seconds: answers and words are missing in it."""
 PASSING = re.compile(r"Mission|Reached|EKF3|AHRS|GPS 1|Field|SIM |PreArm|Geofence|RTL: start|\)")
@@ -154,7 +152,7 @@ def simulated_flight(name: str, system_id: int, *, goes_on: bool) -> Flight:
     autopilot, flight, decoder = standing(name, system_id), Flight(), Decoder()
     waiting = told(name, system_id)
     happening = list(HAPPENED.get((name, system_id), []))
-    until_s = JUDGED_UNTIL_S.get((name, system_id), ends_s(name, system_id))
+    until_s = JUDGED_UNTIL_S.get((name, system_id), ends_s(name, system_id) + 0.2)
     if goes_on:
         beat = next(m for m in waiting if m.name == "HEARTBEAT")
         waiting += [replace(beat, at_s=waiting[-1].at_s + n) for n in range(1, round(AFTER_S))]
@@ -163,6 +161,10 @@ def simulated_flight(name: str, system_id: int, *, goes_on: bool) -> Flight:
     if off is not None:
         waiting = [m for m in waiting if not off[0] <= m.at_s < off[1]]
     while autopilot.now_s < until_s:
+        if off is not None and autopilot.now_s >= off[0]:
+            autopilot.shut_down()
+            autopilot.boot(off[1])
+            off = None
         if stopped is not None and autopilot.now_s >= stopped[0]:
             frozen_s, stopped = stopped[1] - stopped[0], None
             autopilot.now_s += frozen_s
