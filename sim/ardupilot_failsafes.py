@@ -22,7 +22,7 @@ _FENCES = {Breach.CEILING: "Max Alt", Breach.RADIUS: "Circle", Breach.SHAPES: "P
 class ArdupilotFailsafes(Failsafes):
     """One ArduCopter's."""
 
-    position_loss_s = 8.0
+    position_loss_s = 8.0  # measured: GPS off to LAND
 
     def __init__(self, autopilot: "Autopilot") -> None:
         super().__init__(autopilot)

@@ -12,7 +12,8 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from sim.geo import Place
-from sim.mission_runner import Handover, MissionRunner, MissionState, Target
+from sim.mission_runner import MissionRunner
+from sim.mission_state import Handover, MissionState, Target
 from sim.missions import Mission, MissionItem
 from sim.modes import Mode
 from sim.vehicle import Body, Guidance

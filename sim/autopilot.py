@@ -4,7 +4,6 @@ Pure: it is handed decoded MAVLink messages and time, and hands back messages; n
 test drives it in virtual time. `sim.flavours` says in what PX4 and ArduPilot differ.
 """
 
-import math
 from collections.abc import Callable
 from typing import Any
 
@@ -16,6 +15,7 @@ from sim.chatter import Chatter
 from sim.dynamics import Dynamics
 from sim.flavours import FLAVOURS
 from sim.geo import LocalFrame, Place
+from sim.ground import Ground
 from sim.inbox import Inbox
 from sim.lineup import VehicleSpec
 from sim.metadata import metadata_files
@@ -33,8 +33,6 @@ from sim.wire import Message, texts
 Observer = Callable[[str, dict[str, Any]], None]
 _FORGOTTEN_MODES = (Mode.TAKEOFF, Mode.RTL, Mode.LAND)
 """Modes a PX4 does not come back to once it has disarmed: it could not be armed in them."""
-CRASH_NOTICED_S = 2.0
-"""How long it lies there until an autopilot knows."""
 NOON_S = 12 * 3600.0
 """UTC time of day at fleet time 0."""
 
@@ -99,7 +97,7 @@ class Autopilot:
         self.chatter = Chatter(self)
         self._reached: int | None = None
         self.cleared_for_takeoff = not self.flavour.needs_clearance
-        self._armed_s = self._landed_s = math.inf
+        self.ground = Ground(self)
         self.navigator = Navigator(self)
         self.failsafes = self.flavour.failsafes(self)
         self.telemetry = Telemetry(self, start_s=self.now_s, phase=self.phase)
@@ -172,7 +170,7 @@ class Autopilot:
         if refusal:
             return False
         self.armed = True
-        self._armed_s, self._landed_s = self.now_s, math.inf
+        self.ground.armed()
         self.cleared_for_takeoff = not self.flavour.needs_clearance or self.parameters.tuning.takeoff_without_throttle
         self.say(self.flavour.words.armed)
         if self.body.on_ground:
@@ -304,7 +302,7 @@ class Autopilot:
         self.dynamics.drift(dt_s)
         if not was_on_ground and self.body.on_ground:
             self.now_s = now_s
-            self._notice(sinking_mps, took_off=False)
+            self.ground.notice(sinking_mps, took_off=False)
 
     # -- flying -------------------------------------------------------------------------------------------------
 
@@ -314,43 +312,10 @@ class Autopilot:
         was_on_ground, sinking_mps = self.body.on_ground, self.body.up_mps
         self.dynamics.step(now_s, dt_s)
         if was_on_ground != self.body.on_ground:
-            self._notice(sinking_mps, took_off=was_on_ground)
+            self.ground.notice(sinking_mps, took_off=was_on_ground)
         self.boot_plan.step()
-        self._disarm_when_idle()
+        self.ground.disarm_when_idle()
         self.failsafes.check(now_s, self.protocol_clock())
-
-    def _notice(self, sinking_mps: float, *, took_off: bool) -> None:
-        self.announce(dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE)
-        words = self.flavour.words
-        if took_off:
-            self._landed_s = self._armed_s = math.inf
-            if words.took_off:
-                self.say(words.took_off)
-                self.set_home_here()
-            self.emit("takeoff", {})
-            return
-        self._landed_s = self.now_s
-        if words.landed and self.armed:
-            self.say(words.landed)
-        if self.dynamics.powered:
-            self.navigator.settle()
-            self.emit("landed", {})
-        else:
-            self.dynamics.crashed = True
-            self.emit("crashed", {"impact_mps": round(abs(sinking_mps), 2)})
-
-    def _disarm_when_idle(self) -> None:
-        if not self.armed:
-            return
-        tuning, words = self.parameters.tuning, self.flavour.words
-        if self.crashed and words.crashed:
-            if self.now_s - self._landed_s >= CRASH_NOTICED_S:
-                self.say(words.crashed, dialect.MAV_SEVERITY_EMERGENCY)
-                self.disarm()
-            return
-        waits = ((self._landed_s, tuning.disarm_after_landing_s), (self._armed_s, tuning.disarm_on_ground_s))
-        if any(wait_s is not None and self.now_s - since_s >= wait_s for since_s, wait_s in waits):
-            self.disarm(words=words.disarmed_by_landing)
 
     def _mission_speed(self, speed_mps: float | None) -> None:
         if speed_mps is not None:

@@ -33,7 +33,7 @@ class Failsafes(ABC):
         self.link_lost = False
         self._levels_passed = 0
         self._blind_since_s: float | None = None
-        self._position_lost = False
+        self.position_lost = False
         self._breach: Breach | None = None
 
     @property
@@ -84,16 +84,16 @@ class Failsafes(ABC):
     def _check_position(self, now_s: float) -> None:
         if self._autopilot.satellites:
             self._blind_since_s = None
-            if self._position_lost:
-                self._position_lost = False
+            if self.position_lost:
+                self.position_lost = False
                 self._position_is_back()
             return
         if not self._autopilot.boot_plan.ready:
             return
         if self._blind_since_s is None:
             self._blind_since_s = now_s
-        if not self._position_lost and now_s - self._blind_since_s >= self.position_loss_s:
-            self._position_lost = True
+        if not self.position_lost and now_s - self._blind_since_s >= self.position_loss_s:
+            self.position_lost = True
             self._position_is_lost()
 
     def _check_fence(self) -> None:

@@ -244,7 +244,7 @@ ARDUPILOT = Flavour(
         logging=dialect.MAV_SYS_STATUS_LOGGING,
         vtol_state=dialect.MAV_VTOL_STATE_MC,
         gps=(dialect.GPS_FIX_TYPE_RTK_FIXED, 10, 121, 200),
-        no_gps=(dialect.GPS_FIX_TYPE_NO_FIX, 0, 0xFFFF, 0xFFFF),
+        no_gps=(dialect.GPS_FIX_TYPE_NO_FIX, 3, 121, 200),
     ),
     words=Words(
         armed="Arming motors",

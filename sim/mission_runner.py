@@ -8,53 +8,20 @@ hold (param1) starts then. Waypoints without a hold are flown through, slower th
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from enum import Enum, auto
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from sim.geo import LocalFrame, Place, distance_from_segment
 from sim.mission_geometry import MissionGeometry, changed_speed
+from sim.mission_state import MISSION_MODES, NOTHING_REACHED, Handover, MissionState, Target
 from sim.missions import Mission, MissionItem
 from sim.modes import Mode
 from sim.parameters import ParameterStore
 from sim.vehicle import Body, Guidance, stopping_point
 
 DAY_S = 86_400.0
-NOTHING_REACHED = -1
-_MISSION_MODES = (Mode.MISSION, Mode.TAKEOFF, Mode.LAND)
 _HOVERS = (dialect.MAV_CMD_NAV_WAYPOINT, dialect.MAV_CMD_NAV_LOITER_TIME)
 """Items whose param1 is a time to stay."""
-
-
-class Handover(Enum):
-    """The runner has nothing more to fly; somebody else takes over."""
-
-    FINISHED = auto()
-    LANDED = auto()
-    RETURN = auto()
-
-
-class MissionState(Enum):
-    """How far a mission is, as MISSION_CURRENT.mission_state has it."""
-
-    NO_MISSION = dialect.MISSION_STATE_NO_MISSION
-    NOT_STARTED = dialect.MISSION_STATE_NOT_STARTED
-    ACTIVE = dialect.MISSION_STATE_ACTIVE
-    PAUSED = dialect.MISSION_STATE_PAUSED
-    COMPLETE = dialect.MISSION_STATE_COMPLETE
-
-
-@dataclass(frozen=True, slots=True)
-class Target:
-    """Where the current item is flown to."""
-
-    east_m: float
-    north_m: float
-    up_m: float
-    radius_m: float
-    passing_mps: float
-    yaw_rad: float | None = None
 
 
 class MissionRunner(MissionGeometry):
@@ -144,7 +111,7 @@ class MissionRunner(MissionGeometry):
             self._state = MissionState.NO_MISSION
         elif self.finished:
             self._state = MissionState.COMPLETE
-        elif mode in _MISSION_MODES:
+        elif mode in MISSION_MODES:
             self._state = MissionState.ACTIVE
         elif self.reached > NOTHING_REACHED:
             self._state = MissionState.PAUSED

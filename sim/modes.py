@@ -41,8 +41,9 @@ class Mode(Enum):
         return self in (Mode.POSITION, Mode.STABILIZE, Mode.HOLD, Mode.BRAKE)
 
 
-def px4_base_mode(mode: Mode, *, armed: bool) -> int:
-    """Return a PX4's HEARTBEAT.base_mode."""
+def px4_base_mode(mode: Mode, *, armed: bool, blind: bool = False) -> int:
+    """Return a PX4's HEARTBEAT.base_mode, the same with a position and without."""
+    del blind
     flags = dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | dialect.MAV_MODE_FLAG_STABILIZE_ENABLED
     if not mode.is_automatic:
         flags |= dialect.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
@@ -51,13 +52,13 @@ def px4_base_mode(mode: Mode, *, armed: bool) -> int:
     return int(flags | dialect.MAV_MODE_FLAG_SAFETY_ARMED if armed else flags)
 
 
-def ardupilot_base_mode(mode: Mode, *, armed: bool) -> int:
+def ardupilot_base_mode(mode: Mode, *, armed: bool, blind: bool = False) -> int:
     """Return an ArduCopter's HEARTBEAT.base_mode: never "auto", and "guided" where a position is controlled."""
     flags = (
         dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
         | dialect.MAV_MODE_FLAG_STABILIZE_ENABLED
         | dialect.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
     )
-    if mode is not Mode.STABILIZE:
+    if mode is not Mode.STABILIZE and not blind:
         flags |= dialect.MAV_MODE_FLAG_GUIDED_ENABLED
     return int(flags | dialect.MAV_MODE_FLAG_SAFETY_ARMED if armed else flags)

@@ -4,7 +4,7 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from sim.mission_runner import Handover
+from sim.mission_state import Handover
 from sim.modes import Mode
 from sim.setpoints import Setpoint
 from sim.vehicle import Body, Guidance, stopping_point

@@ -28,7 +28,7 @@ _BREACHES = {
 class Px4Failsafes(Failsafes):
     """One PX4's."""
 
-    position_loss_s = 5.0
+    position_loss_s = 5.0  # recorded: GPS off to descending
 
     def __init__(self, autopilot: "Autopilot") -> None:
         super().__init__(autopilot)

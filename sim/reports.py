@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from sim.airframe import CELLS
+from sim.mission_state import MISSION_MODES
 from sim.modes import Mode
 from sim.tuning import Action
 from sim.wire import Extended, Message
@@ -54,7 +55,7 @@ def _heartbeat(autopilot: "Autopilot") -> Message:
     message: Message = dialect.MAVLink_heartbeat_message(
         dialect.MAV_TYPE_QUADROTOR,
         autopilot.flavour.mav_autopilot,
-        autopilot.flavour.base_mode(autopilot.mode, armed=autopilot.armed),
+        autopilot.flavour.base_mode(autopilot.mode, armed=autopilot.armed, blind=autopilot.failsafes.position_lost),
         autopilot.flavour.custom_modes[autopilot.mode],
         _state(autopilot),
         3,
@@ -87,9 +88,10 @@ def _local_position(autopilot: "Autopilot") -> Message:
 def _gps(autopilot: "Autopilot") -> Message:
     body = autopilot.body
     course = math.degrees(math.atan2(body.east_mps, body.north_mps)) % 360.0
-    sees = autopilot.dynamics.satellites and autopilot.boot_plan.has_fix
     looks = autopilot.flavour.looks
-    fix, satellites, eph, epv = looks.gps if sees else looks.no_gps
+    fix, satellites, eph, epv = looks.gps if autopilot.dynamics.satellites else looks.no_gps
+    if not autopilot.boot_plan.has_fix:
+        fix, satellites, eph, epv = dialect.GPS_FIX_TYPE_NO_GPS, 0, 0xFFFF, 0xFFFF
     speed_and_course = (round(body.ground_speed_mps * 100), round(course * 100) % 36000)
     message: Message = dialect.MAVLink_gps_raw_int_message(
         boot_ms(autopilot) * 1000, fix, *_place(autopilot)[:3], eph, epv, *speed_and_course, satellites
@@ -101,7 +103,7 @@ def _mission_mode(autopilot: "Autopilot") -> int:
     """Return MISSION_CURRENT.mission_mode: PX4 counts its take-off and landing as active and says suspended else."""
     if not autopilot.flavour.mission_ids:
         return 1 if autopilot.mode is Mode.MISSION else 0
-    return 1 if autopilot.mode in (Mode.MISSION, Mode.TAKEOFF, Mode.LAND) else 2
+    return 1 if autopilot.mode in MISSION_MODES else 2
 
 
 def mission_current(autopilot: "Autopilot", seq: int | None = None) -> Message:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from sim.metadata import COMPONENT_METADATA, metadata_message
-from sim.mission_runner import NOTHING_REACHED
+from sim.mission_state import NOTHING_REACHED
 from sim.reports import BUILDERS, boot_ms
 from sim.wire import Message
 

@@ -169,7 +169,9 @@ def test_an_arducopters_battery_failsafe_says_what_is_left_and_stays_on(copter_u
 def test_a_position_that_is_lost_lands_an_arducopter_and_says_so(copter_up: "Bench") -> None:
     copter_up.autopilot.mishaps.lose_satellites()
     copter_up.fly(30.0)
-    assert (2, "EKF Failsafe: changed to LAND Mode") in words(copter_up)
+    assert words(copter_up)[-2:] == [(2, "EKF variance"), (2, "EKF Failsafe: changed to LAND Mode")]
+    state: Any = copter_up.autopilot.telemetry.build(0)
+    assert state.base_mode == 209
     assert (copter_up.autopilot.mode, status(copter_up)) == (Mode.LAND, 5)
     assert copter_up.set_mode(4) == 4
     assert words(copter_up.__class__(sent=copter_up.autopilot.due()))[-1] == (

@@ -178,7 +178,7 @@ def test_without_satellites_it_says_so_lands_and_drifts(autopilot: str) -> None:
     fleet.inject(GpsLoss(1))
     fleet.step_to(24.0)
     gps: Any = vehicle.autopilot.telemetry.build(dialect.MAVLINK_MSG_ID_GPS_RAW_INT)
-    assert (gps.fix_type, gps.satellites_visible) == ((0, 255) if autopilot == "px4" else (1, 0))
+    assert (gps.fix_type, gps.satellites_visible) == ((0, 255) if autopilot == "px4" else (1, 3))
     assert vehicle.mode.name == ("HOLD" if autopilot == "px4" else "GUIDED")
     fleet.step_to(32.0)
     assert vehicle.mode.name == "LAND"
