@@ -198,7 +198,8 @@ class ArdupilotRunner(MissionRunner):
         return abs(target.up_m - body.up_m) <= REST_M
 
     def _is_done(self, body: Body, target: Target, now_s: float) -> bool:
-        self._to_go_m -= self.cruise_mps * (now_s - (now_s if self._looked_s is None else self._looked_s))
+        passed_s = 0.0 if self._looked_s is None else now_s - self._looked_s
+        self._to_go_m -= max(self.cruise_mps, body.ground_speed_mps) * passed_s
         self._looked_s = now_s
         if self._holding_since_s is None and self._to_go_m > 0.0:
             return False
