@@ -108,6 +108,9 @@ def simulate(
     radio_seed: Annotated[int, typer.Option(min=0, help="Of the fading that users truly meet.")] = 1,
     log: Annotated[Path | None, typer.Option(help="Write the truth here, as JSON lines.")] = None,
     tlog: Annotated[Path | None, typer.Option(help="Write all MAVLink here, as a .tlog.")] = None,
+    booted_s_ago: Annotated[
+        float, typer.Option(min=0, max=1e6, help="Since when they are on; an ArduCopter cannot be armed for 40 s.")
+    ] = 0.0,
     signing_key: Annotated[
         str, typer.Option(envvar="SKYFOLIO_SIM_SIGNING_KEY", help="64 hex digits: sign, and obey only who signs.")
     ] = "",
@@ -139,6 +142,7 @@ def simulate(
         log=log,
         tlog=tlog,
         signing_key=signing_key,
+        booted_s_ago=booted_s_ago,
         as_json=as_json,
     )
     try:

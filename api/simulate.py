@@ -17,6 +17,7 @@ from api.radio import RadioTruth
 from mavlink_bridge import east_north_to_geodetic
 from planner import EXAMPLES, Plan, Scenario
 from sim import (
+    BOOTED_S_AGO,
     Event,
     Fleet,
     Impairments,
@@ -47,7 +48,8 @@ class SimulateConfig:
 
     faults: `KIND:VEHICLE[@SECONDS|@slot=N][,KNOB=VALUE...]`. up, down, weather: `FIELD=VALUE,...` of `sim.Impairments`
     and `sim.Weather`. plan: gives the starts, the slots (slot 0 begins when every vehicle flies its mission), the
-    distance from the schedule at each, and each slot's true rates, drawn from radio_seed.
+    distance from the schedule at each, and each slot's true rates, drawn from radio_seed. booted_s_ago: how long the
+    vehicles have been on; switched on with the fleet, an ArduCopter cannot be armed for 40 s.
     """
 
     vehicles: int = 3
@@ -66,16 +68,19 @@ class SimulateConfig:
     log: Path | None = None
     tlog: Path | None = None
     signing_key: str = ""
+    booted_s_ago: float = 0.0
     as_json: bool = False
     console: Console = field(default_factory=Console)
 
 
-def specs_at_starts(scenario: Scenario, autopilot: str = "px4") -> list[VehicleSpec]:
+def specs_at_starts(
+    scenario: Scenario, autopilot: str = "px4", booted_s_ago: float = BOOTED_S_AGO
+) -> list[VehicleSpec]:
     """One vehicle on the ground at each UAV's start; system ids 1, 2, ... in the scenario's order."""
     specs = []
     for system_id, uav in enumerate(scenario.uavs, start=1):
         lat_deg, lon_deg = east_north_to_geodetic(scenario.origin, *uav.start_m)
-        specs.append(VehicleSpec(system_id, lat_deg, lon_deg, autopilot=autopilot))
+        specs.append(VehicleSpec(system_id, lat_deg, lon_deg, autopilot=autopilot, booted_s_ago=booted_s_ago))
     return specs
 
 
@@ -85,9 +90,10 @@ def fleet_of(config: SimulateConfig) -> Fleet:
     origin = EXAMPLES["paper"]().origin
     try:
         if scenario is not None:
-            specs = specs_at_starts(scenario, config.autopilot)
+            specs = specs_at_starts(scenario, config.autopilot, config.booted_s_ago)
         else:
-            specs = grid_of(config.vehicles, origin.lat_deg, origin.lon_deg, autopilot=config.autopilot)
+            place = (origin.lat_deg, origin.lon_deg)
+            specs = grid_of(config.vehicles, *place, autopilot=config.autopilot, booted_s_ago=config.booted_s_ago)
         fleet = Fleet(
             specs,
             clock=ScaledClock(config.speedup),

@@ -11,6 +11,7 @@ virtual time. `station` adds a radio (`link`, `impairments`), `fleet` steps all 
         ...
 """
 
+from sim.boot import BOOTED_S_AGO
 from sim.clock import Clock, ScaledClock, VirtualClock
 from sim.faults import (
     FAULTS,
@@ -46,6 +47,7 @@ from sim.weather import Weather
 
 __all__ = [
     "AUTOPILOTS",
+    "BOOTED_S_AGO",
     "DEFAULT_ENDPOINT",
     "FAULTS",
     "Clock",

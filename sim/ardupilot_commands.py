@@ -25,7 +25,10 @@ from sim.wire import Message
 if TYPE_CHECKING:
     from sim.autopilot import Autopilot
 
-_NOT_ARMABLE = (Mode.RTL, Mode.LAND, Mode.BRAKE)
+_WITH_SPEED = (Mode.MISSION, Mode.RTL, Mode.GUIDED)
+_CLIMB_SPEED = 2.0
+FORCE_REBOOT = 20190226.0
+"""param6 of MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN that reboots an armed vehicle."""
 _PAUSE, _CONTINUE = 0.0, 1.0
 
 
@@ -48,24 +51,10 @@ class ArdupilotCommands(Commands):
     def _arm_disarm(self, command: Command) -> Outcome:
         force = command.param2 == FORCE
         if command.param1 == 1.0:
-            return Outcome(ACCEPTED if self._arm(force=force) else FAILED)
+            return Outcome(ACCEPTED if self._autopilot.arm(force=force) else FAILED)
         if command.param1 == 0.0:
             return Outcome(ACCEPTED if self._autopilot.disarm(force=force) else FAILED)
         return Outcome(UNSUPPORTED)
-
-    def _arm(self, *, force: bool) -> bool:
-        autopilot = self._autopilot
-        reason = None
-        if autopilot.mode is Mode.MISSION and not autopilot.parameters.tuning.arm_in_mission:
-            reason = "Mode not armable"
-        elif autopilot.mode is Mode.MISSION:
-            reason = autopilot.runner.can_start(on_ground=autopilot.body.on_ground)
-        elif autopilot.mode in _NOT_ARMABLE:
-            reason = "Mode not armable"
-        if reason and not force and not autopilot.armed:
-            autopilot.say(f"Arm: {reason}", dialect.MAV_SEVERITY_CRITICAL)
-            return False
-        return autopilot.arm()
 
     def _takeoff(self, command: Command) -> Outcome:
         """Param7 is above home in a COMMAND_LONG; a COMMAND_INT must say so by its frame."""
@@ -94,9 +83,26 @@ class ArdupilotCommands(Commands):
         return Outcome(ACCEPTED if self._autopilot.set_mode(mode) else FAILED)
 
     def _change_speed(self, command: Command) -> Outcome:
-        if not 0.0 < command.param2 < 1000.0:
+        """Only AUTO, RTL and GUIDED have a speed to set, until they are entered again; climbing has its own."""
+        autopilot = self._autopilot
+        if not 0.0 < command.param2 < 1000.0 or autopilot.mode not in _WITH_SPEED:
             return Outcome(FAILED)
-        self._autopilot.runner.speed_mps = command.param2
+        if command.param1 >= _CLIMB_SPEED:
+            return Outcome(ACCEPTED)
+        if autopilot.mode is Mode.MISSION:
+            autopilot.runner.speed_mps = command.param2
+        else:
+            autopilot.navigator.speed_mps = command.param2
+        return Outcome(ACCEPTED)
+
+    def _reboot(self, command: Command) -> Outcome:
+        """param1 = 1 (or 3) reboots; armed only if param6 insists, in the air then too."""
+        insists = command.lon_deg is not None and command.lon_deg in (FORCE_REBOOT, FORCE_REBOOT / 1e7)
+        if self._autopilot.armed and not insists:
+            return Outcome(FAILED)
+        if command.param1 not in (1.0, 3.0):
+            return Outcome(UNSUPPORTED)
+        self._autopilot.mishaps.ask_reboot()
         return Outcome(ACCEPTED)
 
     def _reposition(self, command: Command) -> Outcome:

@@ -23,7 +23,7 @@ ARDUCOPTER_LIMITS = Limits(
 _ACTIONS = {0: Action.NONE, 1: Action.RETURN, 2: Action.RETURN, 3: Action.RETURN, 4: Action.RETURN, 5: Action.LAND}
 _BATTERY_ACTIONS = {0: Action.WARN, 1: Action.LAND, 2: Action.RETURN, 3: Action.RETURN, 4: Action.RETURN}
 _FENCE_ACTIONS = {0: Action.WARN, 1: Action.RETURN, 2: Action.LAND, 3: Action.RETURN, 4: Action.HOLD}
-_CONTINUE_IN_AUTO_ON_GCS_LOSS = 2
+_CONTINUE_IN_AUTO_ON_GCS_LOSS, _CONTINUE_LANDING, _CONTINUE_FLOWN_BY_A_PILOT = 2, 8, 16
 _ARM_IN_AUTO, _TAKEOFF_WITHOUT_THROTTLE = 1, 2
 _CEILING, _CIRCLE, _POLYGON = 1, 2, 4
 
@@ -101,6 +101,8 @@ def ardupilot_tuning(values: Mapping[str, float]) -> Tuning:
             timeout_s=_at_least(values["FS_GCS_TIMEOUT"], 2.0),
             gcs_system_id=int(values["SYSID_MYGCS"]),
             spare_mission=bool(int(values["FS_OPTIONS"]) & _CONTINUE_IN_AUTO_ON_GCS_LOSS),
+            spare_landing=bool(int(values["FS_OPTIONS"]) & _CONTINUE_LANDING),
+            spare_pilot=bool(int(values["FS_OPTIONS"]) & _CONTINUE_FLOWN_BY_A_PILOT),
         ),
         batteries=_batteries(values),
         position_loss=Action.NONE if values["FS_EKF_ACTION"] == 0 else Action.LAND,

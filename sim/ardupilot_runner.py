@@ -4,6 +4,7 @@ The mission begins at item 1 (0 is home). The acceptance radius is WPNAV_RADIUS,
 survives an upload: each write into the mission restarts the current leg from where the vehicle is, and where the item
 at the kept index has become a DO_ command, it moves on to the next leg. Cut short, the vehicle finishes the leg it has
 loaded and the one after, then hovers. A waypoint with a hold counts as reached at rest; the next leg starts from rest.
+One flown through counts once the target has gone the whole leg at its speed, however near the vehicle is.
 """
 
 from typing import Any
@@ -11,10 +12,23 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from sim.geo import Place
-from sim.mission_runner import Handover, MissionRunner, MissionState, Target
+from sim.mission_runner import MissionRunner
+from sim.mission_state import Handover, MissionState, Target
 from sim.missions import Mission, MissionItem
+from sim.modes import Mode
 from sim.vehicle import Body, Guidance
 
+_NAMES = {
+    dialect.MAV_CMD_NAV_WAYPOINT: "WP",
+    dialect.MAV_CMD_NAV_LOITER_UNLIM: "LoitUnlim",
+    dialect.MAV_CMD_NAV_LOITER_TIME: "LoitTime",
+    dialect.MAV_CMD_NAV_RETURN_TO_LAUNCH: "RTL",
+    dialect.MAV_CMD_NAV_LAND: "Land",
+    dialect.MAV_CMD_NAV_TAKEOFF: "Takeoff",
+    dialect.MAV_CMD_NAV_DELAY: "Delay",
+    dialect.MAV_CMD_DO_CHANGE_SPEED: "ChangeSpeed",
+}
+"""What ArduCopter calls the items of a mission."""
 REST_MPS = 0.3
 """A stop is over once the vehicle is this slow at its point."""
 REST_M = 0.5
@@ -24,7 +38,6 @@ class ArdupilotRunner(MissionRunner):
     """AUTO mode's mission. `complete` is AP_Mission's MISSION_COMPLETE, `halted` a jump made after it."""
 
     first = 1
-    announces = False
     look_ahead = 2
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
@@ -33,6 +46,9 @@ class ArdupilotRunner(MissionRunner):
         self._cut = False
         self._flying: MissionItem | None = None
         self._next: MissionItem | None = None
+        self._told: int | None = None
+        self._looked_s: float | None = None
+        self._to_go_m = 0.0
 
     @property
     def item(self) -> MissionItem:
@@ -40,6 +56,20 @@ class ArdupilotRunner(MissionRunner):
         if self._cut and self._flying is not None:
             return self._flying
         return super().item
+
+    @property
+    def over(self) -> bool:
+        """Whether it would not fly on: it is over, or was halted by a jump after that."""
+        return self.halted or super().over
+
+    def state(self, mode: Mode, *, armed: bool) -> MissionState:
+        """Return how far the mission is: running only in AUTO, and stopped by a jump after its end."""
+        if len(self.mission) <= self.first:
+            return MissionState.NO_MISSION
+        if self.complete:
+            return MissionState.COMPLETE
+        running = mode is Mode.MISSION and armed and not self.halted
+        return MissionState.ACTIVE if running else MissionState.NOT_STARTED
 
     @property
     def told_index(self) -> int:
@@ -56,15 +86,10 @@ class ArdupilotRunner(MissionRunner):
         """Whether something is flown from item `seq` on."""
         return super().can_jump(seq) and any(item.is_nav for item in self.mission.items[max(seq, self.first) :])
 
-    def state(self, *, flying: bool) -> MissionState:
-        """Return how far the mission is; a jump after its end leaves it stopped."""
-        state = super().state(flying=flying and not self.halted)
-        return MissionState.PAUSED if self.halted and state is MissionState.NOT_STARTED else state
-
     def can_start(self, *, on_ground: bool) -> str | None:
         """Return why AUTO cannot be flown: nothing but home on board, or standing without a take-off ahead."""
         if len(self.mission) <= self.first:
-            return "Mode change to AUTO failed: init failed"
+            return ""
         start = self.first if self.complete else max(self.index, self.first)
         ahead = next((item for item in self.mission.items[start:] if item.is_nav), None)
         if on_ground and (ahead is None or ahead.command != dialect.MAV_CMD_NAV_TAKEOFF):
@@ -90,6 +115,7 @@ class ArdupilotRunner(MissionRunner):
         self.halted = self.complete or self.halted
         self.index = max(seq, self.first)
         self.complete = self._cut = False
+        self._told = None
         self._forget()
 
     def activate(self) -> None:
@@ -104,18 +130,38 @@ class ArdupilotRunner(MissionRunner):
 
     def leave(self) -> None:
         """Leave AUTO."""
-        self._flying = self._next = None
+        self._flying = self._next = self._told = None
         self._cut = False
 
     def rewind(self) -> None:
-        """Go back to the beginning: ArduCopter resets its mission when it disarms."""
+        """Go back to the beginning: ArduCopter resets its mission when it disarms; one that was over stays over."""
         self.index = 0
-        self.complete = self.halted = self.started = False
+        self.halted = self.started = False
+        self._told = None
         self._forget()
+
+    def forget_flight(self) -> None:
+        """Start afresh with what is stored."""
+        super().forget_flight()
+        self.complete = False
 
     def fly(self, body: Body, now_s: float) -> Guidance | Handover:
         """Return where to go now."""
         return Handover.FINISHED if self.halted or self.complete else super().fly(body, now_s)
+
+    def _fly_item(self, body: Body, now_s: float) -> Guidance | Handover | None:
+        """Return guidance for the current item, and say which one is begun and which is done."""
+        item = self.item
+        if self._told != self.index:
+            self._told = self.index
+            self._say(f"Mission: {self.index} {_NAMES.get(item.command, '?')}")
+        result = super()._fly_item(body, now_s)
+        if result is None and item.is_nav and item.command != dialect.MAV_CMD_NAV_LAND:
+            self._say(f"Reached command #{self.index}")
+        return result
+
+    def _say_landed(self) -> None:
+        """Say nothing: an ArduCopter does not."""
 
     def _has_item(self) -> bool:
         if self._cut:
@@ -143,6 +189,8 @@ class ArdupilotRunner(MissionRunner):
     def _begin(self, body: Body) -> Target:
         """Fix the target; only a take-off climbs first."""
         target = super()._begin(body)
+        self._looked_s = None
+        self._to_go_m = body.distance_to(target.east_m, target.north_m)
         self._climb_first = self.item.command == dialect.MAV_CMD_NAV_TAKEOFF
         return target
 
@@ -150,6 +198,11 @@ class ArdupilotRunner(MissionRunner):
         return abs(target.up_m - body.up_m) <= REST_M
 
     def _is_done(self, body: Body, target: Target, now_s: float) -> bool:
+        passed_s = 0.0 if self._looked_s is None else now_s - self._looked_s
+        self._to_go_m -= max(self.cruise_mps, body.ground_speed_mps) * passed_s
+        self._looked_s = now_s
+        if self._holding_since_s is None and self._to_go_m > 0.0:
+            return False
         stops = target.passing_mps <= 0.0 and self.item.command != dialect.MAV_CMD_NAV_TAKEOFF
         if stops and self._holding_since_s is None:
             near = body.distance_to(target.east_m, target.north_m) <= REST_M

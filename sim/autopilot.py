@@ -4,17 +4,18 @@ Pure: it is handed decoded MAVLink messages and time, and hands back messages; n
 test drives it in virtual time. `sim.flavours` says in what PX4 and ArduPilot differ.
 """
 
-import math
 from collections.abc import Callable
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from sim.airframe import Battery
+from sim.boot import Boot
+from sim.chatter import Chatter
 from sim.dynamics import Dynamics
-from sim.failsafes import Failsafes
 from sim.flavours import FLAVOURS
 from sim.geo import LocalFrame, Place
+from sim.ground import Ground
 from sim.inbox import Inbox
 from sim.lineup import VehicleSpec
 from sim.metadata import metadata_files
@@ -27,9 +28,11 @@ from sim.setpoints import Setpoint
 from sim.telemetry import Telemetry
 from sim.vehicle import Body, Limits
 from sim.weather import Air, Weather
-from sim.wire import Message, text
+from sim.wire import Message, texts
 
 Observer = Callable[[str, dict[str, Any]], None]
+_FORGOTTEN_MODES = (Mode.TAKEOFF, Mode.RTL, Mode.LAND)
+"""Modes a PX4 does not come back to once it has disarmed: it could not be armed in them."""
 NOON_S = 12 * 3600.0
 """UTC time of day at fleet time 0."""
 
@@ -39,7 +42,8 @@ class Autopilot:
 
     `handle` answers a message, `step` flies, `due` tells what is to be sent to everybody. `on_event(kind, detail)`
     hears what really happens (kinds: see `sim.truth.Event`). `protocol_clock` gives wall seconds for the protocol's
-    time-outs; `phase` in [0, 1) spreads the streams of a fleet. `limits` None: the flavour's own.
+    time-outs; `phase` in [0, 1) spreads the streams of a fleet. `limits` None: the flavour's own. `now_s`: when its
+    life in the fleet begins; it was switched on `spec.booted_s_ago` before.
     """
 
     def __init__(
@@ -49,7 +53,7 @@ class Autopilot:
         protocol_clock: Callable[[], float],
         on_event: Observer,
         limits: Limits | None = None,
-        boot_s: float = 0.0,
+        now_s: float = 0.0,
         phase: float = 0.0,
         air: Air | None = None,
     ) -> None:
@@ -68,25 +72,35 @@ class Autopilot:
         self.phase = phase
         self.home_m: Place = (0.0, 0.0)
         self.armed = False
-        self.now_s = boot_s
+        self.now_s = now_s
         self.clock_offset_s = 0.0
         self.mishaps = Mishaps(self)
         self._outbox: list[Message] = []
+        self._texts = 0
         self.runner = flavour.runner(
-            self.frame, spec.home_alt_m, self.parameters, self._item_reached, utc=self.utc_s, say=self.say
+            self.frame,
+            spec.home_alt_m,
+            self.parameters,
+            self._item_reached,
+            utc=self.utc_s,
+            say=self.say,
+            on_speed=self._mission_speed,
         )
         self.missions = flavour.missions(clock=protocol_clock, host=self.plans)
-        self._boot(boot_s)
+        self._boot(now_s - spec.booted_s_ago)
 
-    def _boot(self, now_s: float) -> None:
+    def _boot(self, boot_s: float) -> None:
         """Start afresh; parameters, plans and the airframe stay as they are."""
-        self.boot_s = now_s
-        self.mode = self.flavour.boot_mode
+        self.boot_s = boot_s
+        self.mode = self._mode_to_come = self.flavour.boot_mode
+        self.boot_plan = Boot(self)
+        self.chatter = Chatter(self)
+        self._reached: int | None = None
         self.cleared_for_takeoff = not self.flavour.needs_clearance
-        self._armed_s = self._landed_s = math.inf
+        self.ground = Ground(self)
         self.navigator = Navigator(self)
-        self.failsafes = Failsafes(self)
-        self.telemetry = Telemetry(self, start_s=now_s, phase=self.phase)
+        self.failsafes = self.flavour.failsafes(self)
+        self.telemetry = Telemetry(self, start_s=self.now_s, phase=self.phase)
         self._inbox = Inbox(self)
 
     # -- what it knows ------------------------------------------------------------------------------------------
@@ -109,7 +123,12 @@ class Autopilot:
     @property
     def satellites(self) -> bool:
         """Whether the position is known."""
-        return self.dynamics.satellites
+        return self.dynamics.satellites and self.boot_plan.ready
+
+    @property
+    def landed(self) -> bool:
+        """Whether it thinks that it stands on the ground: a vehicle that is not armed does, wherever it is."""
+        return not self.armed or self.body.on_ground
 
     def utc_s(self, now_s: float) -> float:
         """Return seconds since midnight UTC at a moment of fleet time."""
@@ -124,11 +143,14 @@ class Autopilot:
     def due(self) -> list[Message]:
         """Return what is to be sent to everybody by now: announcements, protocol timers and telemetry streams."""
         announced, self._outbox = self._outbox, []
-        return announced + self.missions.tick() + self.telemetry.due(self.now_s)
+        announced += self.telemetry.mission_news(self._reached)
+        self._reached = None
+        return announced + self.chatter.due() + self.missions.tick() + self.telemetry.due(self.now_s)
 
     def say(self, words: str, severity: int = dialect.MAV_SEVERITY_INFO) -> None:
-        """Announce a STATUSTEXT."""
-        self._outbox.append(text(words, severity))
+        """Announce a STATUSTEXT, in parts where it is long."""
+        self._texts = self._texts % 0xFFFF + 1
+        self._outbox += texts(words, severity, self._texts)
 
     def announce(self, message_id: int) -> None:
         """Send a telemetry message now, beside its stream."""
@@ -136,75 +158,81 @@ class Autopilot:
         if message is not None:
             self._outbox.append(message)
 
-    def announce_progress(self) -> None:
-        """Send MISSION_CURRENT now, if that is this autopilot's way."""
-        if self.runner.announces:
-            self.announce(dialect.MAVLINK_MSG_ID_MISSION_CURRENT)
-
     # -- being commanded ----------------------------------------------------------------------------------------
 
-    def arm(self) -> bool:
-        """Arm where the vehicle stands, which becomes home; False if it cannot fly any more or knows no position."""
-        if self.crashed or not self.dynamics.powered:
+    def arm(self, *, force: bool = False) -> bool:
+        """Arm where the vehicle stands, which becomes home; False if its checks forbid it, which it says."""
+        if self.armed:
+            return True
+        refusal = self.flavour.arming_refusal(self, force=force)
+        for words, severity in refusal:
+            self.say(words, severity)
+        if refusal:
             return False
-        if not self.armed and not self.satellites:
-            self.say("Arming denied: no position", dialect.MAV_SEVERITY_CRITICAL)
-            return False
-        if not self.armed:
-            self.armed = True
-            self._armed_s, self._landed_s = self.now_s, math.inf
-            self.cleared_for_takeoff = (
-                not self.flavour.needs_clearance or self.parameters.tuning.takeoff_without_throttle
-            )
-            if self.mode in (Mode.LAND, Mode.RTL):
-                self.set_mode(Mode.HOLD)
-            if self.body.on_ground:
-                self.home_m = (self.body.east_m, self.body.north_m)
-                self.announce(dialect.MAVLINK_MSG_ID_HOME_POSITION)
-            self.emit("armed", {})
+        self.armed = True
+        self.ground.armed()
+        self.cleared_for_takeoff = not self.flavour.needs_clearance or self.parameters.tuning.takeoff_without_throttle
+        self.say(self.flavour.words.armed)
+        if self.body.on_ground:
+            self.set_home_here()
+        self.announce(dialect.MAVLINK_MSG_ID_HEARTBEAT)
+        self.emit("armed", {})
         return True
 
-    def disarm(self, *, force: bool = False) -> bool:
-        """Disarm on the ground; in the air only by force, which stops the motors. False if refused."""
+    def set_home_here(self) -> None:
+        """Make this place home, and tell it."""
+        self.home_m = (self.body.east_m, self.body.north_m)
+        self.announce(dialect.MAVLINK_MSG_ID_HOME_POSITION)
+
+    def disarm(self, *, force: bool = False, words: str | None = None) -> bool:
+        """Disarm on the ground; in the air only by force, which stops the motors. False if refused.
+
+        `words`: what it says then, instead of that somebody told it to.
+        """
         if not self.armed:
             return True
         if not self.body.on_ground and not force:
             return False
         self.armed = False
         self.dynamics.powered = self.dynamics.powered and self.body.on_ground
-        if self.mode is Mode.MISSION and self.runner.complete and self.flavour.leaves_mission_at_end:
-            self.set_mode(Mode.HOLD)
+        self.say(words or self.flavour.words.disarmed)
+        if self.mode is Mode.MISSION:
+            self.chatter.mission_disarmed()
         self.runner.rewind()
+        self.failsafes.disarmed()
         self.emit("disarmed", {})
+        if self.flavour.restores_mode:
+            if self.mode is not self._mode_to_come:
+                self.set_mode(self._mode_to_come)
+            if self.body.on_ground:
+                self.set_home_here()
         return True
 
-    def set_mode(self, mode: Mode) -> bool:
-        """Change the mode; False if it cannot be flown: no mission that can start, no position, no setpoints."""
-        reason = self._cannot_enter(mode)
-        if reason:
-            self.say(reason, dialect.MAV_SEVERITY_CRITICAL)
+    def set_mode(self, mode: Mode, *, by_failsafe: bool = False) -> bool:
+        """Change the mode; False if it cannot be flown, which it says. `by_failsafe`: nobody chose it."""
+        refusal = self.flavour.mode_refusal(self, mode)
+        for words, severity in refusal:
+            self.say(words, severity)
+        if refusal:
             return False
+        if not by_failsafe:
+            self.failsafes.taken_over()
+            if mode not in _FORGOTTEN_MODES:
+                self._mode_to_come = mode
         if mode is Mode.MISSION and (self.mode is not Mode.MISSION or self.runner.complete):
             self.runner.activate()
+            if self.armed and self.flavour.words.mission_entered:
+                self.say(self.flavour.words.mission_entered)
         elif mode is not Mode.MISSION and self.mode is Mode.MISSION:
             self.runner.leave()
+            self.chatter.mission_left(to_return=self.runner.ends_with_return)
         self.navigator.enter(mode)
         if mode is not self.mode:
             self.mode = mode
             self.emit("mode", {"mode": mode.name})
-            self.announce_progress()
+            if self.flavour.beats_on_mode:
+                self.announce(dialect.MAVLINK_MSG_ID_HEARTBEAT)
         return True
-
-    def _cannot_enter(self, mode: Mode) -> str | None:
-        if mode not in self.flavour.custom_modes:
-            return f"{mode.name} mode denied: no such mode"
-        if mode.needs_position and not self.satellites:
-            return f"{mode.name} mode denied: no position"
-        if mode is Mode.MISSION:
-            return self.runner.can_start(on_ground=self.armed and self.body.on_ground)
-        if mode is Mode.GUIDED and self.flavour.guided_needs_stream and self.navigator.setpoint is None:
-            return "Offboard mode denied: no setpoints"
-        return None
 
     def takeoff(self, up_m: float | None) -> bool:
         """Climb above this place to `up_m` above home (None: the take-off parameter), then hold."""
@@ -229,12 +257,13 @@ class Autopilot:
         if not self.runner.can_jump(seq):
             return False
         self.runner.jump(seq)
+        self.telemetry.keep_to_itself()
         return True
 
     def start_mission(self) -> None:
         """Let the mission begin, or go on after it was over or halted (ArduCopter's MISSION_START in AUTO)."""
         self.cleared_for_takeoff = True
-        if self.runner.state(flying=True).name != "ACTIVE":
+        if self.runner.over:
             self.runner.activate()
 
     def pause(self, *, paused: bool) -> bool:
@@ -253,13 +282,19 @@ class Autopilot:
         self.missions.reset()
 
     def boot(self, now_s: float) -> None:
-        """Come up again; it stands on the ground, or is still falling."""
-        self.runner.rewind()
+        """Come up again; it stands on the ground, or is still falling and does not know."""
+        self.runner.forget_flight()
         self.now_s = now_s
         self.clock_offset_s = 0.0
         self._outbox.clear()
         self._boot(now_s)
         self.runner.load(self.missions.mission, on_ground=True)
+
+    def thaw(self, frozen_s: float, frozen_wall_s: float) -> None:
+        """Go on after a hang as if nothing had been: its clock and its timers stood still."""
+        self.boot_s += frozen_s
+        self.navigator.thaw(frozen_s)
+        self.failsafes.thaw(frozen_wall_s)
 
     def coast(self, now_s: float, dt_s: float) -> None:
         """Let the airframe go on for `dt_s` without its autopilot, which hangs or boots."""
@@ -267,7 +302,7 @@ class Autopilot:
         self.dynamics.drift(dt_s)
         if not was_on_ground and self.body.on_ground:
             self.now_s = now_s
-            self._notice(sinking_mps, took_off=False)
+            self.ground.notice(sinking_mps, took_off=False)
 
     # -- flying -------------------------------------------------------------------------------------------------
 
@@ -277,32 +312,15 @@ class Autopilot:
         was_on_ground, sinking_mps = self.body.on_ground, self.body.up_mps
         self.dynamics.step(now_s, dt_s)
         if was_on_ground != self.body.on_ground:
-            self._notice(sinking_mps, took_off=was_on_ground)
-        self._disarm_when_idle()
-        if self.dynamics.powered:
-            self.failsafes.check(now_s, self.protocol_clock())
+            self.ground.notice(sinking_mps, took_off=was_on_ground)
+        self.boot_plan.step()
+        self.ground.disarm_when_idle()
+        self.failsafes.check(now_s, self.protocol_clock())
 
-    def _notice(self, sinking_mps: float, *, took_off: bool) -> None:
-        self.announce(dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE)
-        if took_off:
-            self._landed_s = self._armed_s = math.inf
-            self.emit("takeoff", {})
-        elif self.dynamics.powered:
-            self._landed_s = self.now_s
-            self.navigator.settle()
-            self.emit("landed", {})
-        else:
-            self.dynamics.crashed = True
-            self.emit("crashed", {"impact_mps": round(abs(sinking_mps), 2)})
-
-    def _disarm_when_idle(self) -> None:
-        if not self.armed:
-            return
-        tuning = self.parameters.tuning
-        waits = ((self._landed_s, tuning.disarm_after_landing_s), (self._armed_s, tuning.disarm_on_ground_s))
-        if any(wait_s is not None and self.now_s - since_s >= wait_s for since_s, wait_s in waits):
-            self.disarm()
+    def _mission_speed(self, speed_mps: float | None) -> None:
+        if speed_mps is not None:
+            self.chatter.speed_changed(speed_mps)
 
     def _item_reached(self, seq: int) -> None:
-        self._outbox.append(dialect.MAVLink_mission_item_reached_message(seq))
+        self._reached = self.runner.reached = seq
         self.emit("item_reached", {"seq": seq})

@@ -68,8 +68,8 @@ class Commands(ABC):
         self._table: dict[int, Callable[[Command], Outcome]] = {
             dialect.MAV_CMD_COMPONENT_ARM_DISARM: self._arm_disarm,
             dialect.MAV_CMD_NAV_TAKEOFF: self._takeoff,
-            dialect.MAV_CMD_NAV_LAND: lambda _: self._mode(Mode.LAND),
-            dialect.MAV_CMD_NAV_RETURN_TO_LAUNCH: lambda _: self._mode(Mode.RTL),
+            dialect.MAV_CMD_NAV_LAND: self._land,
+            dialect.MAV_CMD_NAV_RETURN_TO_LAUNCH: self._go_home,
             dialect.MAV_CMD_DO_SET_MODE: self._set_mode,
             dialect.MAV_CMD_DO_CHANGE_SPEED: self._change_speed,
             dialect.MAV_CMD_DO_REPOSITION: self._reposition,
@@ -95,7 +95,7 @@ class Commands(ABC):
             target_system=message.get_srcSystem(),
             target_component=message.get_srcComponent(),
         )
-        return [ack, *outcome.messages]
+        return [*outcome.messages, ack] if self._message_first else [ack, *outcome.messages]
 
     @abstractmethod
     def set_mode_message(self, message: Any) -> list[Message]:
@@ -109,6 +109,17 @@ class Commands(ABC):
 
     @abstractmethod
     def _set_mode(self, command: Command) -> Outcome: ...
+
+    def _go_home(self, command: Command) -> Outcome:
+        del command
+        return self._mode(Mode.RTL)
+
+    def _land(self, command: Command) -> Outcome:
+        del command
+        return self._mode(Mode.LAND)
+
+    @abstractmethod
+    def _reboot(self, command: Command) -> Outcome: ...
 
     @abstractmethod
     def _mode(self, mode: Mode) -> Outcome: ...
@@ -145,21 +156,14 @@ class Commands(ABC):
         return Outcome(self._unknown_message) if message is None else Outcome(ACCEPTED, (message,))
 
     _unknown_message = DENIED
+    _message_first = False
+    """Whether a message that was asked for comes before the acknowledgement."""
 
     def _set_message_interval(self, command: Command) -> Outcome:
         if not math.isfinite(command.param2):
             return Outcome(DENIED)
         known = self._autopilot.telemetry.set_interval(index_of(command.param1), command.param2 / 1e6)
-        return Outcome(ACCEPTED if known else self._unknown_message)
-
-    def _reboot(self, command: Command) -> Outcome:
-        """param1 = 1 reboots, on the ground only (20190226 in param6 is ArduPilot's way to insist)."""
-        if command.param1 != 1.0:
-            return Outcome(DENIED)
-        if self._autopilot.armed:
-            return Outcome(REJECTED_FOR_NOW)
-        self._autopilot.mishaps.ask_reboot()
-        return Outcome(ACCEPTED)
+        return Outcome(ACCEPTED if known else FAILED)
 
     def _prearm_checks(self, command: Command) -> Outcome:
         del command

@@ -2,14 +2,14 @@
 
 Each fault is a frozen dataclass; its fields are the knobs. `FAULTS` names them for JSON and the command line:
 `fault_from({"kind": "mute", "system_id": 3, "for_s": 20})` and `parse_fault("mute:3@60,for_s=20")`. `for_s` None is for
-good; durations are fleet seconds.
+good; durations are fleet seconds. Every knob is checked where a fault is made: ValueError names field, value and rule.
 """
 
-import math
 from dataclasses import MISSING, asdict, dataclass, fields
 from typing import Any, Protocol
 
 from sim.impairments import Impairments
+from sim.knobs import LONGEST_S, MOST_UPLOADS, check_duration, check_number, check_vehicle, check_whole
 from sim.modes import Mode
 from sim.station import REBOOT_S, Vehicle
 
@@ -33,6 +33,9 @@ class Kill:
 
     system_id: int
 
+    def __post_init__(self) -> None:
+        check_vehicle(self.system_id)
+
     def strike(self, vehicle: Vehicle) -> None:
         """Kill the vehicle."""
         vehicle.kill()
@@ -44,6 +47,10 @@ class Mute:
 
     system_id: int
     for_s: float | None = None
+
+    def __post_init__(self) -> None:
+        check_vehicle(self.system_id)
+        _check_for(self.for_s)
 
     def strike(self, vehicle: Vehicle) -> None:
         """Mute the vehicle."""
@@ -57,6 +64,10 @@ class Reboot:
     system_id: int
     for_s: float = REBOOT_S
 
+    def __post_init__(self) -> None:
+        check_vehicle(self.system_id)
+        check_duration("for_s", self.for_s)
+
     def strike(self, vehicle: Vehicle) -> None:
         """Reboot the autopilot."""
         vehicle.reboot(self.for_s)
@@ -68,6 +79,10 @@ class Freeze:
 
     system_id: int
     for_s: float | None = None
+
+    def __post_init__(self) -> None:
+        check_vehicle(self.system_id)
+        _check_for(self.for_s)
 
     def strike(self, vehicle: Vehicle) -> None:
         """Freeze the autopilot."""
@@ -82,8 +97,8 @@ class LowBattery:
     share: float = 0.1
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.share <= 1.0:
-            raise ValueError(f"share must be between 0 and 1, got {self.share}")
+        check_vehicle(self.system_id)
+        check_number("share", self.share, 0.0, 1.0)
 
     def strike(self, vehicle: Vehicle) -> None:
         """Drain the battery."""
@@ -97,6 +112,10 @@ class GpsLoss:
     system_id: int
     for_s: float | None = None
 
+    def __post_init__(self) -> None:
+        check_vehicle(self.system_id)
+        _check_for(self.for_s)
+
     def strike(self, vehicle: Vehicle) -> None:
         """Lose the satellites."""
         vehicle.autopilot.mishaps.lose_satellites()
@@ -108,6 +127,9 @@ class MotorFailure:
     """A motor stops; the quadrotor tumbles and falls, and tells about it as long as it can."""
 
     system_id: int
+
+    def __post_init__(self) -> None:
+        check_vehicle(self.system_id)
 
     def strike(self, vehicle: Vehicle) -> None:
         """Stop a motor."""
@@ -122,6 +144,7 @@ class ModeChange:
     mode: str = "POSITION"
 
     def __post_init__(self) -> None:
+        check_vehicle(self.system_id)
         if self.mode not in Mode.__members__:
             raise ValueError(f"mode must be one of {', '.join(Mode.__members__)}, got {self.mode!r}")
 
@@ -137,6 +160,10 @@ class RejectMission:
     system_id: int
     uploads: int = 1
 
+    def __post_init__(self) -> None:
+        check_vehicle(self.system_id)
+        check_whole("uploads", self.uploads, 1, MOST_UPLOADS)
+
     def strike(self, vehicle: Vehicle) -> None:
         """Refuse uploads to come."""
         vehicle.autopilot.missions.refusals += self.uploads
@@ -148,6 +175,10 @@ class CorruptUpload:
 
     system_id: int
     uploads: int = 1
+
+    def __post_init__(self) -> None:
+        check_vehicle(self.system_id)
+        check_whole("uploads", self.uploads, 1, MOST_UPLOADS)
 
     def strike(self, vehicle: Vehicle) -> None:
         """Corrupt uploads to come."""
@@ -162,8 +193,8 @@ class ClockJump:
     seconds: float = -30.0
 
     def __post_init__(self) -> None:
-        if not math.isfinite(self.seconds):
-            raise ValueError(f"seconds must be a finite number, got {self.seconds}")
+        check_vehicle(self.system_id)
+        check_number("seconds", self.seconds, -LONGEST_S, LONGEST_S)
 
     def strike(self, vehicle: Vehicle) -> None:
         """Let the clock jump."""
@@ -182,11 +213,25 @@ class Impair:
     down: Impairments | None = None
     for_s: float | None = None
 
+    def __post_init__(self) -> None:
+        check_vehicle(self.system_id)
+        _check_for(self.for_s)
+        for direction in ("up", "down"):
+            value = getattr(self, direction)
+            if value is not None and not isinstance(value, Impairments):
+                raise ValueError(f"{direction} must be the impairments of a link, got {value!r}")
+
     def strike(self, vehicle: Vehicle) -> None:
         """Impair the link."""
         before = (vehicle.radio.up.impairments, vehicle.radio.down.impairments)
         vehicle.radio.impair(up=self.up, down=self.down)
         vehicle.after(self.for_s, lambda: vehicle.radio.impair(up=before[0], down=before[1]))
+
+
+def _check_for(for_s: Any) -> None:
+    """Raise ValueError unless this is None (for good) or a duration."""
+    if for_s is not None:
+        check_duration("for_s", for_s)
 
 
 FAULTS: dict[str, type[Any]] = {
@@ -232,26 +277,14 @@ def fault_from(data: dict[str, Any]) -> Fault:
     for direction in ("up", "down"):
         if isinstance(values.get(direction), dict):
             values[direction] = impairments_from(values[direction])
-    fault: Fault = FAULTS[kind](**{name: _checked(name, value) for name, value in values.items()})
+    fault: Fault = FAULTS[kind](**values)
     return fault
 
 
 def impairments_from(data: dict[str, Any]) -> Impairments:
     """Return the impairments that plain data describes; ValueError names the field that cannot be."""
     known = {field.name for field in fields(Impairments)}
-    for name, value in data.items():
+    for name in data:
         if name not in known:
             raise ValueError(f"{name}: a link has no such impairment, it has {', '.join(sorted(known))}")
-        if not isinstance(value, bool if name == "cut" else (int, float)):
-            raise ValueError(f"{name} must be a {'yes or no' if name == 'cut' else 'number'}, got {value!r}")
     return Impairments(**data)
-
-
-def _checked(name: str, value: Any) -> Any:
-    if name == "for_s" and value is not None and not (isinstance(value, int | float) and 0.0 < value < math.inf):
-        raise ValueError(f"for_s must be a number of seconds above 0, got {value!r}")
-    if name in ("system_id", "uploads") and not (isinstance(value, int) and value > 0):
-        raise ValueError(f"{name} must be a whole number above 0, got {value!r}")
-    if name in ("share", "seconds") and not isinstance(value, int | float):
-        raise ValueError(f"{name} must be a number, got {value!r}")
-    return value

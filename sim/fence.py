@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from sim.geo import LocalFrame, Place
 from sim.missions import FENCE_CIRCLES, FENCE_POLYGONS, Mission
-from sim.tuning import FenceRule
+from sim.tuning import Breach, FenceRule
 from sim.vehicle import Body
 
 _KEEP_IN = (dialect.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION, dialect.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION)
@@ -35,12 +35,15 @@ class Fence:
                 self._circles.append((item.command in _KEEP_IN, places[0], item.param1))
             at += run
 
-    def is_broken(self, body: Body, rule: FenceRule, home_m: Place) -> bool:
-        """Whether a body is where it must not be."""
-        if body.up_m > rule.ceiling_m or body.distance_to(*home_m) > rule.radius_m:
-            return True
+    def breach(self, body: Body, rule: FenceRule, home_m: Place) -> Breach | None:
+        """Return what a body breaks by being where it is, or None."""
+        if body.up_m > rule.ceiling_m:
+            return Breach.CEILING
+        if body.distance_to(*home_m) > rule.radius_m:
+            return Breach.RADIUS
         drawn = bool(self._polygons or self._circles)
-        return rule.shapes and drawn and self._breaks_shapes((body.east_m, body.north_m))
+        broken = rule.shapes and drawn and self._breaks_shapes((body.east_m, body.north_m))
+        return Breach.SHAPES if broken else None
 
     def _breaks_shapes(self, place: Place) -> bool:
         inside = [(keep_in, _in_polygon(place, corners)) for keep_in, corners in self._polygons]

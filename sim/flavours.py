@@ -6,19 +6,61 @@ from dataclasses import dataclass
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from sim.ardupilot_commands import ArdupilotCommands
+from sim.ardupilot_failsafes import ArdupilotFailsafes
 from sim.ardupilot_missions import ArdupilotMissions
 from sim.ardupilot_parameters import ARDUCOPTER_LIMITS, ardupilot_parameters, ardupilot_tuning
 from sim.ardupilot_runner import ArdupilotRunner
+from sim.boot import ARDUPILOT_BOOT, PX4_BOOT, BootPlan
 from sim.commands import Commands
+from sim.failsafes import Failsafes
 from sim.mission_protocol import MissionProtocol
 from sim.mission_runner import MissionRunner
-from sim.modes import Mode
+from sim.modes import Mode, ardupilot_base_mode, px4_base_mode
 from sim.parameters import Parameter
 from sim.px4_commands import Px4Commands
+from sim.px4_failsafes import Px4Failsafes
 from sim.px4_missions import Px4Missions
 from sim.px4_parameters import PX4_LIMITS, px4_parameters, px4_tuning
+from sim.refusals import (
+    Refusal,
+    ardupilot_arming_refusal,
+    ardupilot_mode_refusal,
+    px4_arming_refusal,
+    px4_mode_refusal,
+)
 from sim.tuning import Tuning
 from sim.vehicle import Limits
+
+
+@dataclass(frozen=True, kw_only=True)
+class Looks:
+    """How an autopilot describes itself, as recorded: bit masks of SYS_STATUS (`moving`: enabled and healthy only while
+    it controls a position; `logging`: only while armed), EXTENDED_SYS_STATE.vtol_state, and (fix, satellites, eph, epv)
+    of GPS_RAW_INT with a position and without."""
+
+    present: int
+    enabled: int
+    healthy: int
+    moving: int
+    logging: int
+    vtol_state: int
+    gps: tuple[int, int, int, int]
+    no_gps: tuple[int, int, int, int]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Words:
+    """What an autopilot says on its way through a flight; None: nothing."""
+
+    armed: str
+    disarmed: str
+    disarmed_by_landing: str
+    took_off: str | None = None
+    landed: str | None = None
+    mission_entered: str | None = None
+    crashed: str | None = None
+    motor_failed: str | None = None
+    fence_taken: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,11 +73,22 @@ class Flavour:
     position goes on with its velocity until the next one. guided_needs_stream: GUIDED/OFFBOARD is refused without
     setpoints and left without them. needs_clearance: armed in the mission mode it stays on the ground until
     MISSION_START or AUTO_OPTIONS lets it go. has_metadata: COMPONENT_METADATA, and its files by MAVLink FTP.
+    restores_mode: disarmed, it shows the last mode it can be armed in; its home is then where it stands. gives_orders:
+    see `sim.chatter`. beats_on_mode: a change of mode is told by a HEARTBEAT at once. tells_mission:
+    MISSION_CURRENT comes whenever it changes, MISSION_ITEM_REACHED ten times more.
     """
 
     name: str
     mav_autopilot: int
     custom_modes: Mapping[Mode, int]
+    mode_names: Mapping[Mode, str]
+    base_mode: Callable[..., int]
+    mode_refusal: Callable[..., Refusal]
+    arming_refusal: Callable[..., Refusal]
+    boot: BootPlan
+    failsafes: type[Failsafes]
+    looks: Looks
+    words: Words
     boot_mode: Mode
     limits: Limits
     parameters: Callable[[Limits], list[Parameter]]
@@ -53,8 +106,10 @@ class Flavour:
     guided_needs_stream: bool
     needs_clearance: bool
     has_metadata: bool
-    resumes_after_link_loss: bool
-    failsafe_hold: Mode
+    restores_mode: bool
+    gives_orders: bool
+    beats_on_mode: bool
+    tells_mission: bool
 
 
 _COMMON_CAPABILITIES = (
@@ -80,6 +135,39 @@ PX4 = Flavour(
         Mode.GUIDED: 6 << 16,
         Mode.STABILIZE: 7 << 16,
     },
+    mode_names={
+        Mode.TAKEOFF: "Takeoff",
+        Mode.HOLD: "Hold",
+        Mode.MISSION: "Mission",
+        Mode.RTL: "Return",
+        Mode.LAND: "Land",
+        Mode.POSITION: "Position",
+        Mode.GUIDED: "Offboard",
+        Mode.STABILIZE: "Stabilized",
+    },
+    base_mode=px4_base_mode,
+    mode_refusal=px4_mode_refusal,
+    arming_refusal=px4_arming_refusal,
+    boot=PX4_BOOT,
+    failsafes=Px4Failsafes,
+    looks=Looks(
+        present=0x0200C02F,
+        enabled=0x0201C02F,
+        healthy=0x1320C83F,
+        moving=0,
+        logging=0,
+        vtol_state=dialect.MAV_VTOL_STATE_UNDEFINED,
+        gps=(dialect.GPS_FIX_TYPE_3D_FIX, 10, 70, 110),
+        no_gps=(dialect.GPS_FIX_TYPE_NO_GPS, 255, 0xFFFF, 0xFFFF),
+    ),
+    words=Words(
+        armed="Armed by external command\t",
+        disarmed="Disarmed by external command\t",
+        disarmed_by_landing="Disarmed by landing\t",
+        took_off="Takeoff detected\t",
+        landed="Landing detected\t",
+        mission_entered="Executing Mission\t",
+    ),
     boot_mode=Mode.HOLD,
     limits=PX4_LIMITS,
     parameters=px4_parameters,
@@ -100,12 +188,13 @@ PX4 = Flavour(
         dialect.MAVLINK_MSG_ID_VFR_HUD: 1.0,
         dialect.MAVLINK_MSG_ID_BATTERY_STATUS: 0.5,
         dialect.MAVLINK_MSG_ID_HOME_POSITION: 0.5,
+        dialect.MAVLINK_MSG_ID_SYSTEM_TIME: 1.0,
     },
     capabilities=_COMMON_CAPABILITIES
     | dialect.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
     | dialect.MAV_PROTOCOL_CAPABILITY_FLIGHT_TERMINATION
     | dialect.MAV_PROTOCOL_CAPABILITY_FTP,
-    firmware=1 << 24 | 16 << 16 | 255,  # 1.16.0, release
+    firmware=1 << 24 | 18 << 16 | 255,  # 1.18.0, release
     bytewise=True,
     mission_ids=True,
     leaves_mission_at_end=True,
@@ -113,8 +202,10 @@ PX4 = Flavour(
     guided_needs_stream=True,
     needs_clearance=False,
     has_metadata=True,
-    resumes_after_link_loss=True,
-    failsafe_hold=Mode.HOLD,
+    restores_mode=True,
+    gives_orders=True,
+    beats_on_mode=False,
+    tells_mission=True,
 )
 
 ARDUPILOT = Flavour(
@@ -130,6 +221,39 @@ ARDUPILOT = Flavour(
         Mode.POSITION: 16,
         Mode.BRAKE: 17,
     },
+    mode_names={
+        Mode.STABILIZE: "STABILIZE",
+        Mode.MISSION: "AUTO",
+        Mode.GUIDED: "GUIDED",
+        Mode.HOLD: "LOITER",
+        Mode.RTL: "RTL",
+        Mode.LAND: "LAND",
+        Mode.POSITION: "POSHOLD",
+        Mode.BRAKE: "BRAKE",
+    },
+    base_mode=ardupilot_base_mode,
+    mode_refusal=ardupilot_mode_refusal,
+    arming_refusal=ardupilot_arming_refusal,
+    boot=ARDUPILOT_BOOT,
+    failsafes=ArdupilotFailsafes,
+    looks=Looks(
+        present=0x5371FC2F,
+        enabled=0x5371FC2F,
+        healthy=0x5771FC2F,
+        moving=dialect.MAV_SYS_STATUS_SENSOR_XY_POSITION_CONTROL | dialect.MAV_SYS_STATUS_SENSOR_Z_ALTITUDE_CONTROL,
+        logging=dialect.MAV_SYS_STATUS_LOGGING,
+        vtol_state=dialect.MAV_VTOL_STATE_MC,
+        gps=(dialect.GPS_FIX_TYPE_RTK_FIXED, 10, 121, 200),
+        no_gps=(dialect.GPS_FIX_TYPE_NO_FIX, 3, 121, 200),
+    ),
+    words=Words(
+        armed="Arming motors",
+        disarmed="Disarming motors",
+        disarmed_by_landing="Disarming motors",
+        crashed="Crash: Disarming: AngErr=90>30, Accel=0.0<3.0",
+        motor_failed="Potential Thrust Loss (1)",
+        fence_taken="Fence Indexed OK",
+    ),
     boot_mode=Mode.STABILIZE,
     limits=ARDUCOPTER_LIMITS,
     parameters=ardupilot_parameters,
@@ -142,7 +266,7 @@ ARDUPILOT = Flavour(
     | dialect.MAV_PROTOCOL_CAPABILITY_MISSION_FLOAT
     | dialect.MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT
     | dialect.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST,
-    firmware=4 << 24 | 6 << 16 | 255,  # 4.6.0, release
+    firmware=4 << 24 | 6 << 16 | 2 << 8 | 255,  # 4.6.2, release
     bytewise=False,
     mission_ids=False,
     leaves_mission_at_end=False,
@@ -150,8 +274,10 @@ ARDUPILOT = Flavour(
     guided_needs_stream=False,
     needs_clearance=True,
     has_metadata=False,
-    resumes_after_link_loss=False,
-    failsafe_hold=Mode.BRAKE,
+    restores_mode=False,
+    gives_orders=False,
+    beats_on_mode=True,
+    tells_mission=False,
 )
 
 FLAVOURS = {flavour.name: flavour for flavour in (PX4, ARDUPILOT)}

@@ -12,6 +12,7 @@ from typing import Any, Self
 from sim.clock import Clock
 from sim.faults import Fault, describe
 from sim.impairments import Impairments
+from sim.knobs import LONGEST_S, check_number, check_whole
 from sim.lineup import VehicleSpec
 from sim.link import Address, MemoryLink, Radio, endpoints_of, open_link
 from sim.reports import EPOCH_S
@@ -29,6 +30,7 @@ STEP_S = 0.05
 """Fleet seconds in one step of the dynamics."""
 WAKE_S = 0.01
 """Wall seconds between two looks at the clock."""
+LAST_SLOT = 1_000_000
 STRIDE_S = 1.0
 """Fleet seconds caught up at once, before the event loop gets its turn."""
 
@@ -88,7 +90,7 @@ class Fleet:
             limits=limits,
             radio=Radio(name, self._protocol_now, partial(Decoder, self._signature)),
             on_event=partial(self._log, spec.system_id),
-            boot_s=self.now_s,
+            now_s=self.now_s,
             phase=phase,
             air=Air(weather, name),
             tap=self.truth,
@@ -101,12 +103,16 @@ class Fleet:
         """Let a fault happen now, once fleet time reaches `at_s`, or when a slot begins (see `start_slots`).
 
         Like everything here it is called in the thread the fleet flies in; from others by `call_soon_threadsafe`.
-        ValueError for an unknown vehicle, or for both a time and a slot.
+        ValueError for an unknown vehicle, for both a time and a slot, or for one that lies beyond eleven days.
         """
         if fault.system_id not in self.vehicles:
             raise ValueError(f"there is no vehicle {fault.system_id}; the fleet has {sorted(self.vehicles)}")
         if at_s is not None and at_slot is not None:
             raise ValueError("at_s and at_slot: a fault happens at one of them")
+        if at_s is not None:
+            check_number("at_s", at_s, -LONGEST_S, LONGEST_S)
+        if at_slot is not None:
+            check_whole("at_slot", at_slot, 0, LAST_SLOT)
         if at_s is None and at_slot is None:
             self._strike(fault)
         else:

@@ -7,13 +7,18 @@ comes from a seeded generator of the link and direction, so the same datagrams m
 import heapq
 import math
 import random
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Generic, TypeVar
+
+from sim.knobs import check_number
 
 Payload = TypeVar("Payload")
 QUEUE_S = 1.0
 """A datagram that would wait longer than this for a narrow band is dropped."""
 _SHARES = ("loss", "duplication", "reordering")
+LONGEST_DELAY_S = 3600.0
+LONGEST_BURST = 1_000_000.0
+SLOWEST_BPS = 1.0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -38,16 +43,15 @@ class Impairments:
     cut: bool = False
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if field.name in _SHARES and not 0.0 <= value <= 1.0:
-                raise ValueError(f"{field.name} must be between 0 and 1, got {value}")
-            if field.name.endswith("_s") and not 0.0 <= value < math.inf:
-                raise ValueError(f"{field.name} must be a finite number of seconds, not negative, got {value}")
-        if not 1.0 <= self.burst < math.inf:
-            raise ValueError(f"burst must be at least 1, got {self.burst}")
-        if not self.bandwidth_bps > 0.0:
-            raise ValueError(f"bandwidth_bps must be above 0, got {self.bandwidth_bps}")
+        for name in _SHARES:
+            check_number(name, getattr(self, name), 0.0, 1.0)
+        for name in ("latency_s", "jitter_s", "reordering_s"):
+            check_number(name, getattr(self, name), 0.0, LONGEST_DELAY_S)
+        check_number("burst", self.burst, 1.0, LONGEST_BURST)
+        if self.bandwidth_bps != math.inf:
+            check_number("bandwidth_bps", self.bandwidth_bps, SLOWEST_BPS, math.inf)
+        if not isinstance(self.cut, bool):
+            raise ValueError(f"cut must be yes or no, got {self.cut!r}")
 
     @property
     def are_none(self) -> bool:

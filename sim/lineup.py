@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 
+from sim.boot import BOOTED_S_AGO, check_booted
 from sim.geo import LocalFrame
 
 AUTOPILOTS = ("px4", "ardupilot")
@@ -10,14 +11,16 @@ AUTOPILOTS = ("px4", "ardupilot")
 
 @dataclass(frozen=True, slots=True)
 class VehicleSpec:
-    """One vehicle: its MAVLink system id (1-254), where it stands (WGS 84 degrees, metres above sea level), and
-    which autopilot it has: "px4" or "ardupilot" (ArduCopter)."""
+    """One vehicle: its MAVLink system id (1-254), where it stands (WGS 84 degrees, metres above sea level), which
+    autopilot it has: "px4" or "ardupilot" (ArduCopter), and how long that has been on; 0: it is switched on with the
+    fleet, and an ArduCopter then takes 40 s until it can be armed."""
 
     system_id: int
     home_lat_deg: float
     home_lon_deg: float
     home_alt_m: float = 488.0
     autopilot: str = "px4"
+    booted_s_ago: float = BOOTED_S_AGO
 
     def __post_init__(self) -> None:
         if not 1 <= self.system_id <= 254:
@@ -30,10 +33,16 @@ class VehicleSpec:
             raise ValueError(f"home_alt_m must be between -500 and 9000, got {self.home_alt_m}")
         if self.autopilot not in AUTOPILOTS:
             raise ValueError(f"autopilot must be one of {', '.join(AUTOPILOTS)}, got {self.autopilot!r}")
+        check_booted(self.booted_s_ago)
 
 
 def grid_of(
-    count: int, lat_deg: float, lon_deg: float, spacing_m: float = 10.0, autopilot: str = "px4"
+    count: int,
+    lat_deg: float,
+    lon_deg: float,
+    spacing_m: float = 10.0,
+    autopilot: str = "px4",
+    booted_s_ago: float = BOOTED_S_AGO,
 ) -> list[VehicleSpec]:
     """Return `count` vehicles with system ids 1.. in a square grid centred on a place, row by row from the south-west.
 
@@ -50,5 +59,6 @@ def grid_of(
     for index in range(count):
         row, column = divmod(index, columns)
         east_m, north_m = (column - (columns - 1) / 2.0) * spacing_m, (row - (rows - 1) / 2.0) * spacing_m
-        specs.append(VehicleSpec(index + 1, *frame.to_geodetic(east_m, north_m), autopilot=autopilot))
+        place = frame.to_geodetic(east_m, north_m)
+        specs.append(VehicleSpec(index + 1, *place, autopilot=autopilot, booted_s_ago=booted_s_ago))
     return specs

@@ -21,12 +21,13 @@ class Mishaps:
         self._autopilot.dynamics.powered = self._autopilot.armed = False
 
     def fail_motor(self) -> None:
-        """Lose a motor: a quadrotor tumbles and falls; on the ground it will not arm again."""
+        """Lose a motor: a quadrotor falls, armed until it lies there; on the ground it will not arm again."""
         autopilot = self._autopilot
         if autopilot.dynamics.powered:
             autopilot.emit("motor_failed", {})
-            autopilot.say("Motor failure detected", dialect.MAV_SEVERITY_EMERGENCY)
-            self.cut_power()
+            if autopilot.armed and autopilot.flavour.words.motor_failed:
+                autopilot.say(autopilot.flavour.words.motor_failed, dialect.MAV_SEVERITY_EMERGENCY)
+            autopilot.dynamics.powered = False
 
     def lose_satellites(self) -> None:
         """Lose the position: the estimate drifts away until it is back."""

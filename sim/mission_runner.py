@@ -8,14 +8,14 @@ hold (param1) starts then. Waypoints without a hold are flown through, slower th
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from enum import Enum, auto
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from sim.geo import LocalFrame, Place, distance_from_segment
 from sim.mission_geometry import MissionGeometry, changed_speed
+from sim.mission_state import MISSION_MODES, NOTHING_REACHED, Handover, MissionState, Target
 from sim.missions import Mission, MissionItem
+from sim.modes import Mode
 from sim.parameters import ParameterStore
 from sim.vehicle import Body, Guidance, stopping_point
 
@@ -24,46 +24,16 @@ _HOVERS = (dialect.MAV_CMD_NAV_WAYPOINT, dialect.MAV_CMD_NAV_LOITER_TIME)
 """Items whose param1 is a time to stay."""
 
 
-class Handover(Enum):
-    """The runner has nothing more to fly; somebody else takes over."""
-
-    FINISHED = auto()
-    LANDED = auto()
-    RETURN = auto()
-
-
-class MissionState(Enum):
-    """How far a mission is, as MISSION_CURRENT.mission_state has it."""
-
-    NO_MISSION = dialect.MISSION_STATE_NO_MISSION
-    NOT_STARTED = dialect.MISSION_STATE_NOT_STARTED
-    ACTIVE = dialect.MISSION_STATE_ACTIVE
-    PAUSED = dialect.MISSION_STATE_PAUSED
-    COMPLETE = dialect.MISSION_STATE_COMPLETE
-
-
-@dataclass(frozen=True, slots=True)
-class Target:
-    """Where the current item is flown to."""
-
-    east_m: float
-    north_m: float
-    up_m: float
-    radius_m: float
-    passing_mps: float
-    yaw_rad: float | None = None
-
-
 class MissionRunner(MissionGeometry):
     """The cursor in a mission and the flying of it; `on_reached(seq)` is called for every item that is done.
 
-    `utc(now_s)` gives the seconds since midnight UTC at a moment of fleet time (NAV_DELAY), `say` announces words.
+    `utc(now_s)` gives the seconds since midnight UTC at a moment of fleet time (NAV_DELAY), `say` announces words,
+    `on_speed` hears of the mission's speed changes. `complete`: there is nothing more to fly. `finished`: what PX4 says
+    of it, true after a take-off by command too. `reached`: the last item done since the mission or its index changed.
     """
 
     first = 0
     """The item a mission begins with."""
-    announces = True
-    """Whether MISSION_CURRENT is sent at once when the item changes (PX4), or only as its stream has it."""
     look_ahead = 4
     """How many corners ahead are considered for the speed at the next one."""
 
@@ -76,16 +46,21 @@ class MissionRunner(MissionGeometry):
         *,
         utc: Callable[[float], float] = lambda now_s: now_s % DAY_S,
         say: Callable[[str], None] = lambda _: None,
+        on_speed: Callable[[float | None], None] = lambda _: None,
     ) -> None:
         super().__init__(frame, parameters)
         self.index = 0
         self.complete = False
+        self.finished = False
         self.started = False
+        self.reached = NOTHING_REACHED
         self.speed_mps: float | None = None
+        self._state = MissionState.NOT_STARTED
         self._home_alt_m = home_alt_m
         self._on_reached = on_reached
         self._utc = utc
         self._say = say
+        self._on_speed = on_speed
         self._target: Target | None = None
         self._holding_since_s: float | None = None
         self._climb_first = False
@@ -112,30 +87,59 @@ class MissionRunner(MissionGeometry):
         """The ground speed in force: the last speed change, else MPC_XY_CRUISE."""
         return self._cruise(self.speed_mps)
 
-    def state(self, *, flying: bool) -> MissionState:
-        """Return how far the mission is; `flying`: the vehicle is armed and in the mission mode."""
+    @property
+    def over(self) -> bool:
+        """Whether it would not fly on, were the vehicle in the mission mode."""
+        return self.complete or not self.mission.items
+
+    @property
+    def taking_off(self) -> bool:
+        """Whether the item being flown is a take-off."""
+        items = self.mission.items
+        return self.index < len(items) and items[self.index].command == dialect.MAV_CMD_NAV_TAKEOFF
+
+    @property
+    def ends_with_return(self) -> bool:
+        """Whether it has just come to its item that says to return."""
+        return self.complete and bool(self.mission.items) and self.item.command == dialect.MAV_CMD_NAV_RETURN_TO_LAUNCH
+
+    def state(self, mode: Mode, *, armed: bool) -> MissionState:
+        """Return how far the mission is, as PX4 counts it: a take-off and a landing are part of one, and a landing or a
+        take-off that is done finishes it."""
+        del armed
         if not self.mission.items:
-            return MissionState.NO_MISSION
-        if self.complete:
-            return MissionState.COMPLETE
-        if flying:
-            return MissionState.ACTIVE
-        return MissionState.PAUSED if self.started else MissionState.NOT_STARTED
+            self._state = MissionState.NO_MISSION
+        elif self.finished:
+            self._state = MissionState.COMPLETE
+        elif mode in MISSION_MODES:
+            self._state = MissionState.ACTIVE
+        elif self.reached > NOTHING_REACHED:
+            self._state = MissionState.PAUSED
+        elif self.index < 1:
+            self._state = MissionState.NOT_STARTED
+        return self._state
 
     def can_start(self, *, on_ground: bool) -> str | None:
-        """Return why the mission cannot be flown now, or None."""
+        """Return why the mission cannot be flown now ("": it does not say), or None."""
         del on_ground
-        return None if self.mission.items else "Mission mode denied: no mission"
+        return None if self.mission.items else ""
 
     def can_jump(self, seq: int) -> bool:
         """Whether there is an item `seq` to make current."""
         return 0 <= seq < len(self.mission)
 
     def leave(self) -> None:
-        """Leave the mission mode."""
+        """Leave the mission mode, and the speed that was ordered in it."""
+        self.speed_mps = None
 
     def rewind(self) -> None:
-        """Forget how far the mission was: the vehicle has disarmed."""
+        """Hear that the vehicle has disarmed."""
+
+    def forget_flight(self) -> None:
+        """Start afresh with what is stored: the autopilot has booted."""
+        self.rewind()
+        self.finished = False
+        self.reached = NOTHING_REACHED
 
     def edit(self, mission: Mission, *, running: bool) -> bool:
         """Take a mission that is being written in place (ArduPilot); True if that restarted the current leg."""
@@ -147,7 +151,7 @@ class MissionRunner(MissionGeometry):
         marked = mission.marked_current
         kept = 0 if on_ground or self.complete else min(self.index, max(len(mission) - 1, 0))
         self.mission = mission
-        self.started = False
+        self.started = self.finished = False
         if on_ground:
             self.speed_mps = None
         self.jump(kept if marked is None else marked)
@@ -156,13 +160,21 @@ class MissionRunner(MissionGeometry):
         """Make an item current and fly it afresh."""
         self.index = seq
         self.complete = False
+        self.reached = NOTHING_REACHED
         self._forget()
 
     def activate(self) -> None:
-        """Enter the mission: go on with the current item, or from the start if the mission was complete."""
+        """Enter the mission: go on with the current item, or from the start if the mission was complete.
+
+        The last speed change before that item counts again.
+        """
         if self.complete:
             self.jump(0)
-        self.started = True
+        self.started, self.finished = True, False
+        self.speed_mps = None
+        for item in self.mission.items[: self.index]:
+            if item.command == dialect.MAV_CMD_DO_CHANGE_SPEED:
+                self.speed_mps = changed_speed(self.speed_mps, item)
         self._forget()
 
     def fly(self, body: Body, now_s: float) -> Guidance | Handover:
@@ -177,10 +189,16 @@ class MissionRunner(MissionGeometry):
             self._on_reached(self.item.seq)
             done = self.item.command
             if not self._advance():
-                self.complete = True
+                self.complete = self.finished = True
+                if done == dialect.MAV_CMD_NAV_LAND:
+                    self._say_landed()
                 return Handover.LANDED if done == dialect.MAV_CMD_NAV_LAND else Handover.FINISHED
             self._forget()
         return Handover.FINISHED
+
+    def _say_landed(self) -> None:
+        """Tell that the mission ended on the ground."""
+        self._say("Mission finished, landed\t")
 
     def _has_item(self) -> bool:
         return bool(self.mission.items)
@@ -197,10 +215,11 @@ class MissionRunner(MissionGeometry):
         item = self.item
         if item.command == dialect.MAV_CMD_DO_CHANGE_SPEED:
             self.speed_mps = changed_speed(self.speed_mps, item)
+            self._on_speed(self.speed_mps)
             return None
         if item.command == dialect.MAV_CMD_NAV_RETURN_TO_LAUNCH:
             self._on_reached(self.index)
-            self.complete = True
+            self.complete = self.finished = True
             return Handover.RETURN
         if item.command == dialect.MAV_CMD_NAV_DELAY:
             return self._delay(body, now_s)

@@ -32,15 +32,33 @@ class Mode(Enum):
 
     @property
     def is_automatic(self) -> bool:
-        """Whether the autopilot decides where to go (MAV_MODE_FLAG_AUTO_ENABLED)."""
+        """Whether the autopilot decides where to go."""
         return self not in (Mode.POSITION, Mode.STABILIZE)
 
+    @property
+    def is_flown_by_a_pilot(self) -> bool:
+        """Whether an ArduCopter counts it as flown by sticks, centred or not."""
+        return self in (Mode.POSITION, Mode.STABILIZE, Mode.HOLD, Mode.BRAKE)
 
-def base_mode(mode: Mode, *, armed: bool) -> int:
-    """Return HEARTBEAT.base_mode."""
+
+def px4_base_mode(mode: Mode, *, armed: bool, blind: bool = False) -> int:
+    """Return a PX4's HEARTBEAT.base_mode, the same with a position and without."""
+    del blind
     flags = dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | dialect.MAV_MODE_FLAG_STABILIZE_ENABLED
-    if mode.is_automatic:
-        flags |= dialect.MAV_MODE_FLAG_AUTO_ENABLED | dialect.MAV_MODE_FLAG_GUIDED_ENABLED
-    else:
+    if not mode.is_automatic:
         flags |= dialect.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
+    elif mode is not Mode.GUIDED:
+        flags |= dialect.MAV_MODE_FLAG_AUTO_ENABLED | dialect.MAV_MODE_FLAG_GUIDED_ENABLED
+    return int(flags | dialect.MAV_MODE_FLAG_SAFETY_ARMED if armed else flags)
+
+
+def ardupilot_base_mode(mode: Mode, *, armed: bool, blind: bool = False) -> int:
+    """Return an ArduCopter's HEARTBEAT.base_mode: never "auto", and "guided" where a position is controlled."""
+    flags = (
+        dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+        | dialect.MAV_MODE_FLAG_STABILIZE_ENABLED
+        | dialect.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
+    )
+    if mode is not Mode.STABILIZE and not blind:
+        flags |= dialect.MAV_MODE_FLAG_GUIDED_ENABLED
     return int(flags | dialect.MAV_MODE_FLAG_SAFETY_ARMED if armed else flags)

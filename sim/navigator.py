@@ -1,9 +1,10 @@
 """Where each mode flies: hold, take off, return, land, a mission, or what setpoints say."""
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from sim.mission_runner import Handover
+from sim.mission_state import Handover
 from sim.modes import Mode
 from sim.setpoints import Setpoint
 from sim.vehicle import Body, Guidance, stopping_point
@@ -28,17 +29,26 @@ class Navigator:
         self._returning_in_mission = False
         self._over_home_s: float | None = None
         self._paused = False
+        self.speed_mps: float | None = None
+        """A speed ordered for this mode, outside a mission; forgotten with it."""
 
     @property
     def taking_off(self) -> bool:
-        """Whether a commanded take-off is under way."""
-        return self._taking_off
+        """Whether a take-off is under way, by command or as the mission's item."""
+        runner = self._autopilot.runner
+        return self._taking_off or (self._autopilot.mode is Mode.MISSION and runner.taking_off)
+
+    def thaw(self, frozen_s: float) -> None:
+        """Go on after a hang: setpoints did not grow old in it."""
+        if self.setpoint is not None:
+            self.setpoint = replace(self.setpoint, at_s=self.setpoint.at_s + frozen_s)
 
     def enter(self, mode: Mode) -> None:
         """Start a mode afresh: from here, or from where the vehicle comes to rest."""
         self._hold = self._stop_here()
         self._takeoff_up_m = self._return = self._over_home_s = None
         self._returning_in_mission = self._paused = False
+        self.speed_mps = None
         self._taking_off = mode is Mode.TAKEOFF
         self.setpoint = None if mode is not Mode.GUIDED else self.setpoint
 
@@ -87,6 +97,8 @@ class Navigator:
         if self._hold is None:
             self._hold = self._stop_here()
         hold = self._hold or self._here(body)
+        if self.speed_mps is not None:
+            hold = replace(hold, speed_mps=self.speed_mps)
         if mode is Mode.LAND:
             return replace(hold, landing=True)
         return self._home(body, now_s) if mode is Mode.RTL else hold
@@ -98,10 +110,7 @@ class Navigator:
             return None
         if self._returning_in_mission:
             return self._home(body, now_s)
-        index = runner.index
         result = runner.fly(body, now_s)
-        if index != runner.index or isinstance(result, Handover):
-            autopilot.announce_progress()
         if isinstance(result, Guidance):
             self._hold = None
             return result
@@ -110,9 +119,12 @@ class Navigator:
     def _after_mission(self, body: Body, now_s: float, result: Handover) -> Guidance | None:
         autopilot = self._autopilot
         if autopilot.flavour.leaves_mission_at_end:
+            if result is Handover.FINISHED:
+                autopilot.say("Mission finished, loitering\t")
             if result is not Handover.LANDED:
-                autopilot.set_mode(Mode.RTL if result is Handover.RETURN else Mode.HOLD)
-                autopilot.say("Mission finished")
+                autopilot.set_mode(Mode.HOLD)
+            if result is Handover.RETURN:
+                autopilot.set_mode(Mode.RTL)
             return None if body.on_ground else self.guidance(body, now_s)
         if self._hold is None:
             self._hold = self._stop_here()
@@ -132,6 +144,7 @@ class Navigator:
         if abs(up_m - body.up_m) <= autopilot.parameters.tuning.altitude_radius_m / 2.0:
             self._taking_off = False
             if autopilot.mode is Mode.TAKEOFF:
+                autopilot.runner.finished = True
                 autopilot.set_mode(Mode.HOLD)
             self._hold = guidance
         return guidance
@@ -146,8 +159,14 @@ class Navigator:
             climb = body.distance_to(*goal) > tuning.return_cone_m
             up_m = max(body.up_m, tuning.return_alt_m if climb else 0.0)
             way = self._return = Guidance(*goal, up_m, tuning.limits.cruise_speed_mps)
+            if autopilot.flavour.restores_mode:
+                amsl_m, above_m = math.ceil(autopilot.spec.home_alt_m + up_m), math.ceil(up_m)
+                autopilot.say(f"RTL: start return at {amsl_m} m ({above_m} m above destination)\t")
+        way = replace(way, speed_mps=self.speed_mps or tuning.limits.cruise_speed_mps)
         if body.distance_to(way.east_m, way.north_m) <= tuning.acceptance_radius_m and self._over_home_s is None:
             self._over_home_s = now_s
+            if autopilot.flavour.restores_mode:
+                autopilot.say("RTL: land at destination\t")
         if self._over_home_s is not None:
             landing = now_s - self._over_home_s >= tuning.return_loiter_s
             return replace(way, up_m=0.0 if landing else way.up_m, landing=landing)

@@ -45,12 +45,13 @@ class Plans:
         if mission_type != MISSION:
             kind = "fence_accepted" if mission_type == _FENCE else "rally_accepted"
             autopilot.emit(kind, {"items": plan.items})
+            if mission_type == _FENCE and autopilot.flavour.words.fence_taken:
+                autopilot.say(autopilot.flavour.words.fence_taken, dialect.MAV_SEVERITY_DEBUG)
             return
         autopilot.runner.load(plan, on_ground=autopilot.body.on_ground)
         if autopilot.mode is Mode.MISSION:
             autopilot.runner.started = True
         autopilot.emit("mission_accepted", {"mission_id": plan.mission_id, "items": plan.items})
-        autopilot.announce_progress()
 
     def mission_edited(self, mission: Mission) -> None:
         """Take a mission that is being written in place."""

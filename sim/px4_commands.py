@@ -30,6 +30,8 @@ MISSION_CURRENT = dialect.MAVLINK_MSG_ID_MISSION_CURRENT
 class Px4Commands(Commands):
     """The command table of a PX4."""
 
+    _message_first = True
+
     def __init__(self, autopilot: "Autopilot") -> None:
         super().__init__(autopilot)
         self._table[dialect.MAV_CMD_INJECT_FAILURE] = self._inject_failure
@@ -48,9 +50,11 @@ class Px4Commands(Commands):
             done = self._autopilot.arm()
         elif command.param1 == 0.0:
             done = self._autopilot.disarm(force=command.param2 == FORCE)
+            if not done:
+                self._autopilot.say("Disarming denied: not landed\t", dialect.MAV_SEVERITY_CRITICAL)
         else:
             return Outcome(UNSUPPORTED)
-        return Outcome(ACCEPTED if done else DENIED)
+        return Outcome(ACCEPTED if done else REJECTED_FOR_NOW)
 
     def _takeoff(self, command: Command) -> Outcome:
         """Param7 is above sea level, as PX4 has it; without it MIS_TAKEOFF_ALT counts."""
@@ -75,12 +79,20 @@ class Px4Commands(Commands):
         return Outcome(ACCEPTED if self._autopilot.set_mode(mode) else REJECTED_FOR_NOW)
 
     def _change_speed(self, command: Command) -> Outcome:
+        """Any mode obeys, RTL too; entering the next one forgets it."""
         if not math.isfinite(command.param2):
             return Outcome(DENIED)
-        if command.param2 > 0.0:
-            self._autopilot.runner.speed_mps = command.param2
-        elif command.param2 == -2.0:
-            self._autopilot.runner.speed_mps = None
+        speed_mps = command.param2 if command.param2 > 0.0 else None
+        self._autopilot.runner.speed_mps = self._autopilot.navigator.speed_mps = speed_mps
+        return Outcome(ACCEPTED)
+
+    def _reboot(self, command: Command) -> Outcome:
+        """param1 = 1 or 3 reboots, 0 does nothing; never while it is armed."""
+        if command.param1 == 0.0:
+            return Outcome(ACCEPTED)
+        if command.param1 not in (1.0, 3.0) or self._autopilot.armed:
+            return Outcome(DENIED)
+        self._autopilot.mishaps.ask_reboot()
         return Outcome(ACCEPTED)
 
     def _reposition(self, command: Command) -> Outcome:
@@ -92,9 +104,12 @@ class Px4Commands(Commands):
 
     def _mission_start(self, command: Command) -> Outcome:
         """Start at item param1 and arm, as PX4 does."""
+        if not self._autopilot.runner.mission.items:
+            self._autopilot.say("Mission start denied! No valid mission\t", dialect.MAV_SEVERITY_CRITICAL)
+            return Outcome(DENIED)
         if not self._autopilot.jump(index_of(command.param1)) or not self._autopilot.set_mode(Mode.MISSION):
             return Outcome(REJECTED_FOR_NOW)
-        return Outcome(ACCEPTED if self._autopilot.arm() else DENIED)
+        return Outcome(ACCEPTED if self._autopilot.arm() else REJECTED_FOR_NOW)
 
     def _set_mission_current(self, command: Command) -> Outcome:
         """PX4 has only the message MISSION_SET_CURRENT."""
@@ -109,6 +124,17 @@ class Px4Commands(Commands):
         if index_of(command.param1) == MISSION_CURRENT:
             return Outcome(FAILED)
         return super()._set_message_interval(command)
+
+    def _go_home(self, command: Command) -> Outcome:
+        return self._said(super()._go_home(command), "Returning to launch\t")
+
+    def _land(self, command: Command) -> Outcome:
+        return self._said(super()._land(command), "Landing at current position\t")
+
+    def _said(self, outcome: Outcome, words: str) -> Outcome:
+        if outcome.result == ACCEPTED:
+            self._autopilot.say(words)
+        return outcome
 
     def _inject_failure(self, command: Command) -> Outcome:
         if not self._autopilot.parameters.tuning.failures_enabled:

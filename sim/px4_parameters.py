@@ -4,6 +4,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
 from sim.parameters import Parameter
 from sim.tuning import Action, FenceRule, LinkLoss, LowBattery, Tuning
 from sim.vehicle import Limits
@@ -29,8 +31,8 @@ _FENCE_ACTIONS = {
     4: Action.DISARM,
     5: Action.LAND,
 }
-_SETPOINT_LOSS = {3: Action.RETURN, 4: Action.LAND, 7: Action.DISARM}
-_POSITION_LOSS = {0: Action.HOLD, 1: Action.LAND}
+_SETPOINT_LOSS = {3: Action.RETURN, 4: Action.LAND, 5: Action.HOLD, 6: Action.DISARM, 7: Action.DISARM}
+"""COM_OBL_RC_ACT; 0, 1 and 2 hand the vehicle to a remote control, and without one it returns (NAV_RCL_ACT)."""
 
 
 def px4_parameters(limits: Limits) -> list[Parameter]:
@@ -46,11 +48,11 @@ def px4_parameters(limits: Limits) -> list[Parameter]:
         Parameter("COM_LOW_BAT_ACT", 0, 0, 3),
         Parameter("COM_OBL_RC_ACT", 0, 0, 7),
         Parameter("COM_OF_LOSS_T", 1.0, 0.0, 60.0),
-        Parameter("COM_POSCTL_NAVL", 1, 0, 1),
         Parameter("GF_ACTION", 2, 0, 5),
         Parameter("GF_MAX_HOR_DIST", 0.0, 0.0, 10_000.0),
         Parameter("GF_MAX_VER_DIST", 0.0, 0.0, 10_000.0),
         Parameter("MAV_TYPE", 2, 0, 22),
+        Parameter("MIS_DIST_1WP", 10_000.0, -1.0, 100_000.0),
         Parameter("MIS_TAKEOFF_ALT", 2.5, 0.0, 500.0),
         Parameter("MPC_Z_VEL_MAX_DN", max(limits.descend_mps, limits.land_mps), 0.5, 10.0),
         Parameter("MPC_Z_VEL_MAX_UP", limits.climb_mps, 0.5, 10.0),
@@ -89,11 +91,11 @@ def px4_tuning(values: Mapping[str, float]) -> Tuning:
         link_loss=LinkLoss(
             action=_LINK_ACTIONS.get(int(values["NAV_DLL_ACT"]), Action.NONE),
             timeout_s=values["COM_DL_LOSS_T"],
-            delay_s=values["COM_FAIL_ACT_T"],
         ),
         batteries=_batteries(values),
-        position_loss=_POSITION_LOSS.get(int(values["COM_POSCTL_NAVL"]), Action.LAND),
-        setpoint_loss=_SETPOINT_LOSS.get(int(values["COM_OBL_RC_ACT"]), Action.HOLD),
+        setpoint_loss=_SETPOINT_LOSS.get(int(values["COM_OBL_RC_ACT"]), Action.RETURN),
+        first_waypoint_m=values["MIS_DIST_1WP"] if values["MIS_DIST_1WP"] > 0.0 else math.inf,
+        failsafe_delay_s=values["COM_FAIL_ACT_T"],
         fence=FenceRule(
             action=_FENCE_ACTIONS.get(int(values["GF_ACTION"]), Action.NONE),
             radius_m=values["GF_MAX_HOR_DIST"] or math.inf,
@@ -108,9 +110,15 @@ def _batteries(values: Mapping[str, float]) -> tuple[LowBattery, ...]:
     critical = {2: Action.LAND, 3: Action.RETURN}.get(act, Action.WARN)
     emergency = Action.LAND if act in (2, 3) else Action.WARN
     return (
-        LowBattery(share=values["BAT_LOW_THR"], action=Action.WARN, words="Low battery level"),
-        LowBattery(share=values["BAT_CRIT_THR"], action=critical, words="Critical battery level"),
-        LowBattery(share=values["BAT_EMERGEN_THR"], action=emergency, words="Emergency battery level"),
+        LowBattery(share=values["BAT_LOW_THR"], action=Action.WARN, words="Low battery\t"),
+        LowBattery(share=values["BAT_CRIT_THR"], action=critical, words="Critical battery\t"),
+        LowBattery(
+            share=values["BAT_EMERGEN_THR"],
+            action=emergency,
+            words="Emergency battery level\t",
+            severity=dialect.MAV_SEVERITY_EMERGENCY,
+            last=True,
+        ),
     )
 
 

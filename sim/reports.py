@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from sim.airframe import CELLS
-from sim.modes import Mode, base_mode
+from sim.mission_state import MISSION_MODES
+from sim.modes import Mode
+from sim.tuning import Action
 from sim.wire import Extended, Message
 
 if TYPE_CHECKING:
@@ -15,17 +17,7 @@ if TYPE_CHECKING:
 
 EPOCH_S = 1_767_225_600 + 12 * 3600
 """Unix time at fleet time 0: 2026-01-01, noon UTC."""
-_SENSORS = (
-    dialect.MAV_SYS_STATUS_SENSOR_3D_GYRO
-    | dialect.MAV_SYS_STATUS_SENSOR_3D_ACCEL
-    | dialect.MAV_SYS_STATUS_SENSOR_3D_MAG
-    | dialect.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE
-    | dialect.MAV_SYS_STATUS_SENSOR_GPS
-    | dialect.MAV_SYS_STATUS_SENSOR_XY_POSITION_CONTROL
-    | dialect.MAV_SYS_STATUS_SENSOR_MOTOR_OUTPUTS
-    | dialect.MAV_SYS_STATUS_SENSOR_BATTERY
-    | dialect.MAV_SYS_STATUS_PREARM_CHECK
-)
+_PROPULSION = dialect.MAV_SYS_STATUS_SENSOR_PROPULSION
 _NO_BYTES = bytes(8)
 
 
@@ -35,7 +27,9 @@ def boot_ms(autopilot: "Autopilot") -> int:
 
 
 def _place(autopilot: "Autopilot") -> tuple[int, int, int, int]:
-    """Return latitude and longitude (1e-7 deg), altitude above sea level and above home (mm)."""
+    """Return latitude and longitude (1e-7 deg), altitude above sea level and above home (mm); zeros before it knows."""
+    if not autopilot.boot_plan.has_home:
+        return 0, 0, 0, 0
     body = autopilot.seen
     lat, lon = autopilot.frame.to_geodetic(body.east_m, body.north_m)
     up_mm = round(body.up_m * 1000.0)
@@ -47,18 +41,21 @@ def _heading_deg(autopilot: "Autopilot") -> float:
 
 
 def _state(autopilot: "Autopilot") -> int:
-    if autopilot.crashed:
-        return int(dialect.MAV_STATE_EMERGENCY)
+    """Return MAV_STATE: ArduPilot's is standby as long as it stands, PX4's uninitialised while it cannot be armed."""
     if autopilot.failsafes.active:
         return int(dialect.MAV_STATE_CRITICAL)
-    return int(dialect.MAV_STATE_ACTIVE if autopilot.armed else dialect.MAV_STATE_STANDBY)
+    if autopilot.flavour.mav_autopilot == dialect.MAV_AUTOPILOT_ARDUPILOTMEGA:
+        return int(dialect.MAV_STATE_STANDBY if autopilot.landed else dialect.MAV_STATE_ACTIVE)
+    if autopilot.armed:
+        return int(dialect.MAV_STATE_ACTIVE)
+    return int(dialect.MAV_STATE_UNINIT if autopilot.flavour.arming_refusal(autopilot) else dialect.MAV_STATE_STANDBY)
 
 
 def _heartbeat(autopilot: "Autopilot") -> Message:
     message: Message = dialect.MAVLink_heartbeat_message(
         dialect.MAV_TYPE_QUADROTOR,
         autopilot.flavour.mav_autopilot,
-        base_mode(autopilot.mode, armed=autopilot.armed),
+        autopilot.flavour.base_mode(autopilot.mode, armed=autopilot.armed, blind=autopilot.failsafes.position_lost),
         autopilot.flavour.custom_modes[autopilot.mode],
         _state(autopilot),
         3,
@@ -66,7 +63,10 @@ def _heartbeat(autopilot: "Autopilot") -> Message:
     return message
 
 
-def _global_position(autopilot: "Autopilot") -> Message:
+def _global_position(autopilot: "Autopilot") -> Message | None:
+    """Return the position; before there is one PX4 sends none, and ArduPilot zeros."""
+    if not autopilot.boot_plan.has_home and autopilot.flavour.restores_mode:
+        return None
     body = autopilot.seen
     velocity = (round(body.north_mps * 100), round(body.east_mps * 100), round(-body.up_mps * 100))
     heading = round(_heading_deg(autopilot) * 100) % 36000
@@ -88,26 +88,30 @@ def _local_position(autopilot: "Autopilot") -> Message:
 def _gps(autopilot: "Autopilot") -> Message:
     body = autopilot.body
     course = math.degrees(math.atan2(body.east_mps, body.north_mps)) % 360.0
+    looks = autopilot.flavour.looks
+    fix, satellites, eph, epv = looks.gps if autopilot.dynamics.satellites else looks.no_gps
+    if not autopilot.boot_plan.has_fix:
+        fix, satellites, eph, epv = dialect.GPS_FIX_TYPE_NO_GPS, 0, 0xFFFF, 0xFFFF
+    speed_and_course = (round(body.ground_speed_mps * 100), round(course * 100) % 36000)
     message: Message = dialect.MAVLink_gps_raw_int_message(
-        boot_ms(autopilot) * 1000,
-        dialect.GPS_FIX_TYPE_3D_FIX if autopilot.satellites else dialect.GPS_FIX_TYPE_NO_FIX,
-        *_place(autopilot)[:3],
-        80 if autopilot.satellites else 0xFFFF,
-        120 if autopilot.satellites else 0xFFFF,
-        round(body.ground_speed_mps * 100),
-        round(course * 100) % 36000,
-        14 if autopilot.satellites else 0,
+        boot_ms(autopilot) * 1000, fix, *_place(autopilot)[:3], eph, epv, *speed_and_course, satellites
     )
     return message
+
+
+def _mission_mode(autopilot: "Autopilot") -> int:
+    """Return MISSION_CURRENT.mission_mode: PX4 counts its take-off and landing as active and says suspended else."""
+    if not autopilot.flavour.mission_ids:
+        return 1 if autopilot.mode is Mode.MISSION else 0
+    return 1 if autopilot.mode in MISSION_MODES else 2
 
 
 def mission_current(autopilot: "Autopilot", seq: int | None = None) -> Message:
     """Return the MISSION_CURRENT of what is flown, or of item `seq`."""
     runner = autopilot.runner
-    flying = autopilot.mode is Mode.MISSION
-    state = runner.state(flying=flying and autopilot.armed).value
-    told = runner.told_index if seq is None else seq
-    base = dialect.MAVLink_mission_current_message(min(told, 0xFFFF), runner.told_total, state, 1 if flying else 2)
+    state = runner.state(autopilot.mode, armed=autopilot.armed).value
+    told = min(runner.told_index if seq is None else seq, 0xFFFF)
+    base = dialect.MAVLink_mission_current_message(told, runner.told_total, state, _mission_mode(autopilot))
     if not autopilot.flavour.mission_ids:
         message: Message = base
         return message
@@ -118,25 +122,48 @@ def mission_current(autopilot: "Autopilot", seq: int | None = None) -> Message:
 
 
 def _extended_state(autopilot: "Autopilot") -> Message:
-    if autopilot.body.on_ground:
+    """Return the landed state; a PX4 that descends without a position is in the air, not landing."""
+    if autopilot.landed:
         state = dialect.MAV_LANDED_STATE_ON_GROUND
-    elif autopilot.dynamics.landing:
+    elif autopilot.dynamics.landing and (autopilot.satellites or not autopilot.flavour.restores_mode):
         state = dialect.MAV_LANDED_STATE_LANDING
     elif autopilot.navigator.taking_off:
         state = dialect.MAV_LANDED_STATE_TAKEOFF
     else:
         state = dialect.MAV_LANDED_STATE_IN_AIR
-    message: Message = dialect.MAVLink_extended_sys_state_message(dialect.MAV_VTOL_STATE_UNDEFINED, state)
+    message: Message = dialect.MAVLink_extended_sys_state_message(autopilot.flavour.looks.vtol_state, state)
     return message
 
 
-def _sys_status(autopilot: "Autopilot") -> Message:
-    healthy = 0 if autopilot.crashed or not autopilot.dynamics.powered else _SENSORS
-    if not autopilot.satellites:
+def _sensors(autopilot: "Autopilot") -> tuple[int, int, int]:
+    """Return SYS_STATUS's sensors that are present, enabled and healthy, as each autopilot has them."""
+    looks, tuning = autopilot.flavour.looks, autopilot.parameters.tuning
+    is_px4 = autopilot.flavour.restores_mode
+    present, enabled, healthy = looks.present, looks.enabled, looks.healthy
+    if not autopilot.armed:
+        enabled &= ~looks.logging
+    if autopilot.mode is Mode.STABILIZE:
+        enabled, healthy = enabled & ~looks.moving, healthy & ~looks.moving
+    if not is_px4 and tuning.fence.action is Action.NONE:
+        enabled &= ~dialect.MAV_SYS_STATUS_GEOFENCE
+    if not autopilot.dynamics.satellites or not autopilot.boot_plan.has_fix:
         healthy &= ~(dialect.MAV_SYS_STATUS_SENSOR_GPS | dialect.MAV_SYS_STATUS_SENSOR_XY_POSITION_CONTROL)
+        if is_px4:
+            present &= ~dialect.MAV_SYS_STATUS_SENSOR_GPS
+    if any(autopilot.battery.share < level.share for level in tuning.batteries):
+        healthy &= ~dialect.MAV_SYS_STATUS_SENSOR_BATTERY
+    if not autopilot.dynamics.powered:
+        healthy &= ~_PROPULSION
+    if is_px4 and not autopilot.armed and autopilot.flavour.arming_refusal(autopilot):
+        healthy &= ~dialect.MAV_SYS_STATUS_PREARM_CHECK
+    return present, enabled, healthy
+
+
+def _sys_status(autopilot: "Autopilot") -> Message:
+    present, enabled, healthy = _sensors(autopilot)
     battery = autopilot.battery
     power = (round(battery.voltage_v * 1000.0), round(battery.current_a * 100.0), round(battery.share * 100.0))
-    message: Message = dialect.MAVLink_sys_status_message(_SENSORS, _SENSORS, healthy, 250, *power, 0, 0, 0, 0, 0, 0)
+    message: Message = dialect.MAVLink_sys_status_message(present, enabled, healthy, 250, *power, 0, 0, 0, 0, 0, 0)
     return message
 
 
@@ -159,7 +186,7 @@ def _battery_status(autopilot: "Autopilot") -> Message:
 
 def _system_time(autopilot: "Autopilot") -> Message:
     unix_s = EPOCH_S + autopilot.now_s + autopilot.clock_offset_s
-    message: Message = dialect.MAVLink_system_time_message(round(unix_s * 1e6), boot_ms(autopilot))
+    message: Message = dialect.MAVLink_system_time_message(round(unix_s * 1e6) % 2**64, boot_ms(autopilot))
     return message
 
 
@@ -191,7 +218,9 @@ def _hud(autopilot: "Autopilot") -> Message:
     return message
 
 
-def _home(autopilot: "Autopilot") -> Message:
+def _home(autopilot: "Autopilot") -> Message | None:
+    if not autopilot.boot_plan.has_home:
+        return None
     east_m, north_m = autopilot.home_m
     lat, lon = autopilot.frame.to_geodetic(east_m, north_m)
     message: Message = dialect.MAVLink_home_position_message(
@@ -227,7 +256,7 @@ def _version(autopilot: "Autopilot") -> Message:
     return message
 
 
-BUILDERS: dict[int, Callable[["Autopilot"], Message]] = {
+BUILDERS: dict[int, Callable[["Autopilot"], Message | None]] = {
     dialect.MAVLINK_MSG_ID_HEARTBEAT: _heartbeat,
     dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: _global_position,
     dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: _local_position,

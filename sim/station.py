@@ -1,6 +1,7 @@
 """One vehicle of the fleet: an autopilot with a radio, and what a fault can do to either."""
 
 import math
+from collections import deque
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -15,6 +16,8 @@ from sim.weather import Air
 from sim.wire import Encoder, Message
 
 MAX_DATAGRAM_BYTES = 1200
+UNREAD = 256
+"""Messages that wait for an autopilot that hangs; older ones are lost."""
 REBOOT_S = 3.0
 """How long an autopilot is silent when it reboots."""
 
@@ -29,7 +32,7 @@ class Vehicle:
         limits: Limits | None,
         radio: Radio,
         on_event: Callable[[str, dict[str, Any]], None],
-        boot_s: float,
+        now_s: float,
         phase: float,
         air: Air,
         tap: Tap,
@@ -42,7 +45,7 @@ class Vehicle:
             limits=limits,
             protocol_clock=radio.clock,
             on_event=on_event,
-            boot_s=boot_s,
+            now_s=now_s,
             phase=phase,
             air=air,
         )
@@ -50,10 +53,12 @@ class Vehicle:
         self._encoder = encoder
         self._emit = on_event
         self._tap = tap
-        self._now_s = boot_s
+        self._now_s = now_s
         self._killed = False
         self._muted_until_s = self._frozen_until_s = self._booting_until_s = -math.inf
         self._later: list[tuple[float, Callable[[], None]]] = []
+        self._frozen_since: tuple[float, float] | None = None
+        self._unread: deque[tuple[Any, Address]] = deque(maxlen=UNREAD)
 
     @property
     def system_id(self) -> int:
@@ -96,6 +101,12 @@ class Vehicle:
         """Whether its radio works and its autopilot uses it."""
         return self.running and self._now_s >= self._muted_until_s and not self.autopilot.mishaps.silenced
 
+    @property
+    def _hangs(self) -> bool:
+        """Whether its autopilot is stopped in the middle of things, with a receiver that still fills its buffer."""
+        running = not self._killed and self._now_s >= self._booting_until_s
+        return running and self._now_s < self._frozen_until_s and self._now_s >= self._muted_until_s
+
     def step(self, now_s: float, dt_s: float) -> None:
         """Fly `dt_s`, to arrive at fleet time `now_s`, and send what is due."""
         self._now_s = now_s
@@ -122,7 +133,9 @@ class Vehicle:
         self.link.pump()
 
     def receive(self, message: Any, sender: Address) -> None:
-        """Answer a message, unless the vehicle is dead or deaf."""
+        """Answer a message, unless the vehicle is dead or deaf; one that hangs answers when it goes on."""
+        if self._hangs:
+            self._unread.append((message, sender))
         if not self.transmitting or self.link is None:
             return
         self._tap.heard(self._now_s, self.system_id, message)
@@ -157,15 +170,31 @@ class Vehicle:
         self.after(for_s, lambda: self._emit("unmuted", {}))
 
     def freeze(self, for_s: float | None = None) -> None:
-        """Let the autopilot hang, for a while or for good."""
+        """Let the autopilot hang, for a while or for good; then it goes on as if nothing had been."""
         self._emit("frozen", {} if for_s is None else {"for_s": for_s})
         self._frozen_until_s = self._until(for_s)
-        self.after(for_s, lambda: self._emit("thawed", {}))
+        if self._frozen_since is None:
+            self._frozen_since = (self._now_s, self.radio.clock())
+        self.after(for_s, self._thaw)
+
+    def _thaw(self) -> None:
+        if self._frozen_since is None or self._now_s < self._frozen_until_s - 1e-9:
+            return
+        since_s, since_wall_s = self._frozen_since
+        self._frozen_since, self._frozen_until_s = None, -math.inf
+        self.autopilot.thaw(self._now_s - since_s, self.radio.clock() - since_wall_s)
+        self._emit("thawed", {})
+        unread = list(self._unread)
+        self._unread.clear()
+        for message, sender in unread:
+            self.receive(message, sender)
 
     def reboot(self, for_s: float = REBOOT_S) -> None:
         """Restart the autopilot; its radio is silent until it is up again."""
         self._emit("rebooting", {})
         self.autopilot.shut_down()
+        self._frozen_since, self._frozen_until_s = None, -math.inf
+        self._unread.clear()
         self._booting_until_s = self._now_s + for_s
         self.after(for_s, self._boot)
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from sim.metadata import COMPONENT_METADATA, metadata_message
+from sim.mission_state import NOTHING_REACHED
 from sim.reports import BUILDERS, boot_ms
 from sim.wire import Message
 
@@ -29,6 +30,9 @@ GROUPS: dict[int, tuple[int, ...]] = {
     dialect.MAV_DATA_STREAM_EXTRA3: (dialect.MAVLINK_MSG_ID_BATTERY_STATUS, dialect.MAVLINK_MSG_ID_SYSTEM_TIME),
 }
 """REQUEST_DATA_STREAM groups, as ArduPilot fills them."""
+MISSION_CURRENT = dialect.MAVLINK_MSG_ID_MISSION_CURRENT
+REACHED_REPEATS = 10
+"""How often a PX4 repeats MISSION_ITEM_REACHED, once a second."""
 _ALWAYS_FIRST = dialect.MAVLINK_MSG_ID_HEARTBEAT
 
 
@@ -44,6 +48,8 @@ class Telemetry:
             self._interval_s[message_id] = 1.0 / rate_hz
             self._due_s[message_id] = start_s + (0.0 if message_id == _ALWAYS_FIRST else phase / rate_hz)
         self._next_s = start_s
+        self._told: tuple[int, bool] | None = None
+        self._repeats = 0
 
     @property
     def boot_ns(self) -> int:
@@ -77,6 +83,33 @@ class Telemetry:
             for message_id in GROUPS.get(one, ()):
                 self.set_interval(message_id, 1.0 / rate_hz if rate_hz > 0.0 else -1.0)
 
+    def keep_to_itself(self) -> None:
+        """Take what the mission has come to for told: what a ground station sets comes with the stream only."""
+        runner = self._autopilot.runner
+        self._told = (runner.index, runner.finished)
+
+    def mission_news(self, reached: int | None) -> list[Message]:
+        """Return what is to be told of the mission beside its stream; `reached`: the last item done since.
+
+        Only one item is told of when several are done at once, the last. PX4 tells whenever index or end change.
+        """
+        messages: list[Message] = []
+        runner = self._autopilot.runner
+        told, self._told = self._told, (runner.index, runner.finished)
+        if self._autopilot.flavour.tells_mission and told not in (None, self._told) and runner.mission.items:
+            messages += filter(None, [self.build(MISSION_CURRENT)])
+        if reached is not None:
+            self._repeats = REACHED_REPEATS
+            messages.append(dialect.MAVLink_mission_item_reached_message(reached))
+        return messages
+
+    def _reached_again(self) -> list[Message]:
+        reached = self._autopilot.runner.reached
+        if not self._autopilot.flavour.tells_mission or reached == NOTHING_REACHED or self._repeats <= 0:
+            return []
+        self._repeats -= 1
+        return [dialect.MAVLink_mission_item_reached_message(reached)]
+
     def due(self, now_s: float) -> list[Message]:
         """Return the messages whose time has come; a stream that is late sends once, not once for each miss."""
         if now_s < self._next_s:
@@ -84,7 +117,11 @@ class Telemetry:
         messages = []
         for message_id, due_s in self._due_s.items():
             if due_s <= now_s:
-                messages.append(BUILDERS[message_id](self._autopilot))
+                message = BUILDERS[message_id](self._autopilot)
+                if message is not None:
+                    messages.append(message)
+                if message_id == MISSION_CURRENT:
+                    messages += self._reached_again()
                 interval_s = self._interval_s[message_id]
                 missed = math.floor((now_s - due_s) / interval_s)
                 self._due_s[message_id] = due_s + (missed + 1) * interval_s

@@ -8,6 +8,8 @@ import math
 from dataclasses import dataclass, field
 from enum import Enum, auto
 
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
 from sim.vehicle import Limits
 
 
@@ -22,27 +24,40 @@ class Action(Enum):
     DISARM = auto()
 
 
+class Breach(Enum):
+    """Which part of the fence is broken."""
+
+    CEILING = auto()
+    RADIUS = auto()
+    SHAPES = auto()
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LinkLoss:
-    """When the ground station's HEARTBEAT is gone: `timeout_s` of silence, `delay_s` of holding, then `action`.
+    """When the ground station's HEARTBEAT is gone: `timeout_s` of silence, then `action`.
 
-    `gcs_system_id` None listens to any ground station. `spare_mission`: go on with a mission instead.
+    `gcs_system_id` None listens to any ground station. `spare_mission`, `spare_landing`, `spare_pilot`: go on with a
+    mission, a landing, or in a mode that a pilot flies instead.
     """
 
     action: Action = Action.NONE
     timeout_s: float = 10.0
-    delay_s: float = 0.0
     gcs_system_id: int | None = None
     spare_mission: bool = False
+    spare_landing: bool = False
+    spare_pilot: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LowBattery:
-    """One battery level: act once the charge that is left falls below `share` (0-1)."""
+    """One battery level: act once the charge that is left falls below `share` (0-1), and say `words`; `last`: there is
+    no level below."""
 
     share: float
     action: Action
     words: str
+    severity: int = dialect.MAV_SEVERITY_CRITICAL
+    last: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -54,6 +69,11 @@ class FenceRule:
     ceiling_m: float = math.inf
     shapes: bool = True
 
+    @property
+    def needs_position(self) -> bool:
+        """Whether a circle or a shape is to be kept, which takes a position."""
+        return self.action is not Action.NONE and (self.shapes or self.radius_m < math.inf)
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Tuning:
@@ -62,8 +82,9 @@ class Tuning:
     acceptance_radius_m, altitude_radius_m: when a waypoint counts as reached. return_alt_m: least altitude of a way
     home longer than `return_cone_m`; `return_loiter_s`: stay over home before landing. disarm_after_landing_s and
     disarm_on_ground_s (armed, never took off): None never. arm_in_mission, takeoff_without_throttle: ArduPilot's
-    AUTO_OPTIONS. failures_enabled: MAV_CMD_INJECT_FAILURE is obeyed. home_rally_limit_m: rally points further from
-    home are not used.
+    AUTO_OPTIONS. failsafe_delay_s: how long a failsafe holds before it acts. first_waypoint_m: a mission that
+    begins further from home is not flown. failures_enabled: MAV_CMD_INJECT_FAILURE
+    is obeyed. home_rally_limit_m: rally points further from home are not used.
     """
 
     limits: Limits
@@ -86,4 +107,6 @@ class Tuning:
     batteries: tuple[LowBattery, ...] = ()
     position_loss: Action = Action.LAND
     setpoint_loss: Action = Action.HOLD
+    failsafe_delay_s: float = 0.0
+    first_waypoint_m: float = math.inf
     fence: FenceRule = field(default_factory=FenceRule)

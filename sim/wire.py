@@ -124,7 +124,20 @@ class Decoder:
         return name != "BAD_DATA" and not name.startswith("UNKNOWN") and message.get_msgbuf()[0] == MAVLINK_2_MARKER
 
 
+TEXT_BYTES = 50
+"""Of a STATUSTEXT."""
+
+
+def texts(words: str, severity: int, number: int) -> list[Message]:
+    """Return the STATUSTEXTs that say all of `words`: one, or parts with an id (1-65535) and a sequence number."""
+    data = words.encode("ascii", "replace")
+    if len(data) <= TEXT_BYTES:
+        return [dialect.MAVLink_statustext_message(severity, data)]
+    parts = [data[at : at + TEXT_BYTES] for at in range(0, len(data), TEXT_BYTES)]
+    return [dialect.MAVLink_statustext_message(severity, part, number, at) for at, part in enumerate(parts)]
+
+
 def text(words: str, severity: int = dialect.MAV_SEVERITY_INFO) -> Message:
     """Return a STATUSTEXT; words beyond 50 bytes are cut."""
-    message: Message = dialect.MAVLink_statustext_message(severity, words.encode("ascii", "replace")[:50])
+    message: Message = dialect.MAVLink_statustext_message(severity, words.encode("ascii", "replace")[:TEXT_BYTES])
     return message

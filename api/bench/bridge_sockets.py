@@ -72,7 +72,7 @@ def _from_slot(flown: Plan, first: int) -> Plan:
 async def load_row(seconds: float, vehicles: int = 50) -> dict[str, Any]:
     """Processor time of this process while it follows 50 vehicles of another one, in real time."""
     port, clock = free_port(socket.SOCK_DGRAM), sim.ScaledClock(1.0)
-    command = [sys.executable, "-m", "api", "simulate", "--vehicles", str(vehicles), "--json"]
+    command = [sys.executable, "-m", "api", "simulate", "--vehicles", str(vehicles), "--booted-s-ago", "60", "--json"]
     fleet = subprocess.Popen(  # noqa: S603, ASYNC220
         [*command, "--endpoint", f"udpout://127.0.0.1:{port}"], stdout=subprocess.DEVNULL
     )

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from api.simulate import SimulateConfig, SimulateError, begin_slots, fleet_of, run_fleet
-from planner import EXAMPLES, plan
+from planner import EXAMPLES, Scenario, plan
 from sim import Impairments, Mission, MissionItem, Mode, Mute
 from tests.ports import free_port
 
@@ -50,6 +50,17 @@ def test_options_reach_the_fleet() -> None:
 def test_an_option_that_cannot_be_is_refused_naming_it(config: SimulateConfig, words: str) -> None:
     with pytest.raises(SimulateError, match=words):
         fleet_of(config)
+
+
+@pytest.mark.parametrize("example", [None, EXAMPLES["minimal"]()])
+def test_vehicles_are_switched_on_with_the_fleet_unless_they_have_been_on(example: Scenario | None) -> None:
+    ages = {
+        age: fleet_of(SimulateConfig(scenario=example, booted_s_ago=age)).vehicles[1].autopilot.boot_plan.age_s
+        for age in (0.0, 60.0)
+    }
+    assert SimulateConfig().booted_s_ago == 0.0
+    assert ages == {0.0: pytest.approx(0.0), 60.0: pytest.approx(60.0)}
+    assert fleet_of(SimulateConfig(autopilot="ardupilot")).vehicles[1].autopilot.satellites is False
 
 
 async def test_it_writes_what_happened_and_all_mavlink(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

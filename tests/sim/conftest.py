@@ -86,10 +86,11 @@ class Bench:
     sent: list[Any] = field(default_factory=list)
     gcs: GroundStation = field(default_factory=GroundStation)
     flavour: str = "px4"
+    booted_s_ago: float = 60.0
 
     def __post_init__(self) -> None:
         self.autopilot = Autopilot(
-            VehicleSpec(1, *HOME, autopilot=self.flavour),
+            VehicleSpec(1, *HOME, autopilot=self.flavour, booted_s_ago=self.booted_s_ago),
             protocol_clock=lambda: self.wall_s,
             on_event=lambda kind, detail: self.events.append((self.autopilot.now_s, kind, detail)),
         )

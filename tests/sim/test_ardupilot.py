@@ -48,6 +48,54 @@ def test_it_streams_nothing_but_heartbeats_until_it_is_asked(copter: "Bench") ->
     assert {message.get_type() for message in copter.sent} == {"HEARTBEAT"}
 
 
+def test_only_auto_rtl_and_guided_take_a_speed(copter_up: "Bench", items: "Items") -> None:
+    copter_up.upload(*a_mission(items, items.waypoint(500.0, 0.0)))
+    answers = {}
+    for mode in (GUIDED, AUTO, RTL, LOITER, LAND):
+        assert copter_up.set_mode(mode) == ACCEPTED
+        answers[mode] = copter_up.command(178, 1.0, 4.0, -1.0)
+    assert answers == {GUIDED: ACCEPTED, AUTO: ACCEPTED, RTL: ACCEPTED, LOITER: FAILED, LAND: FAILED}
+
+
+def test_a_speed_ordered_while_it_returns_is_obeyed(copter_up: "Bench") -> None:
+    copter_up.autopilot.navigator.go_to(150.0, 0.0, 20.0, 0.0)
+    copter_up.fly(40.0)
+    copter_up.set_mode(RTL)
+    assert copter_up.command(178, 1.0, 0.6, -1.0) == ACCEPTED
+    copter_up.fly(20.0)
+    assert copter_up.autopilot.body.ground_speed_mps == pytest.approx(0.6, abs=0.1)
+
+
+def test_it_reboots_armed_only_if_that_is_insisted_on(copter_up: "Bench") -> None:
+    assert copter_up.command(246, 1.0) == FAILED
+    assert not copter_up.autopilot.mishaps.take_reboot()
+    assert copter_up.command(246, 1.0, 0.0, 0.0, 0.0, 0.0, 20190226.0) == ACCEPTED
+    assert copter_up.autopilot.mishaps.take_reboot()
+
+
+def test_its_heartbeats_are_those_recorded_from_the_ground_to_the_air(copter: "Bench") -> None:
+    def beat() -> tuple[int, int, int]:
+        message: Any = copter.autopilot.telemetry.build(0)
+        return message.base_mode, message.custom_mode, message.system_status
+
+    assert beat() == (81, 0, 3)
+    copter.set_mode(GUIDED)
+    assert beat() == (89, 4, 3)
+    copter.command(400, 1.0)
+    assert beat() == (217, 4, 3)
+    copter.command(22, *[0.0] * 6, 15.0)
+    copter.fly(5.0)
+    assert beat() == (217, 4, 4)
+
+
+def test_a_change_of_mode_is_told_by_a_heartbeat_at_once(copter_up: "Bench") -> None:
+    copter_up.autopilot.due()
+    copter_up.set_mode(LOITER)
+    assert [message.custom_mode for message in copter_up.autopilot.due() if message.get_type() == "HEARTBEAT"] == [
+        LOITER
+    ]
+
+
 def test_it_takes_off_by_command_only_armed_and_in_guided(copter: "Bench") -> None:
     up = (*[0.0] * 6, 15.0)
     assert copter.command(22, *up) == FAILED
@@ -81,8 +129,16 @@ def test_it_does_not_arm_in_auto_unless_auto_options_allow_it(copter: "Bench", i
     assert not copter.autopilot.body.on_ground
 
 
-def test_auto_is_refused_without_a_mission_and_on_the_ground_without_a_takeoff(copter: "Bench", items: "Items") -> None:
+def test_auto_is_refused_armed_without_a_mission_and_on_the_ground_without_a_takeoff(
+    copter: "Bench", items: "Items"
+) -> None:
+    assert copter.set_mode(AUTO) == ACCEPTED
+    assert copter.command(400, 1.0) == FAILED
+    assert copter.set_mode(GUIDED) == ACCEPTED
+    assert copter.command(400, 1.0) == ACCEPTED
     assert copter.set_mode(AUTO) == FAILED
+    assert "Mode change to AUTO failed: init failed" in words_of(copter.autopilot.due())
+    copter.command(400, 0.0)
     copter.upload(items.waypoint(0.0, 0.0), items.waypoint(30.0, 0.0))
     copter.command(400, 1.0)
     assert copter.set_mode(AUTO) == FAILED

@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from sim.flavours import ARDUPILOT, PX4
-from sim.modes import Mode, base_mode
+from sim.modes import Mode, ardupilot_base_mode, px4_base_mode
 
 if TYPE_CHECKING:
     from tests.sim.conftest import Bench, Items
 
 NAN = float("nan")
-ACCEPTED, REJECTED, DENIED, UNSUPPORTED = 0, 1, 2, 3
+ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED = 0, 1, 2, 3, 4
 TAKEOFF, HOLD, MISSION, RTL, LAND = 2, 3, 4, 5, 6
 
 
@@ -46,10 +46,10 @@ def test_it_stays_on_the_ground_until_it_is_armed(bench: "Bench") -> None:
 
 
 def test_disarming_in_the_air_is_denied_unless_forced_and_then_it_crashes(airborne: "Bench") -> None:
-    assert airborne.command(400, 0.0) == DENIED
+    assert airborne.command(400, 0.0) == REJECTED
     assert airborne.command(400, 0.0, 21196.0) == ACCEPTED
     airborne.fly_until(lambda: airborne.autopilot.crashed, within_s=4.0)
-    assert airborne.command(400, 1.0) == DENIED
+    assert airborne.command(400, 1.0) == REJECTED
 
 
 def test_it_lands_in_place_and_disarms_by_itself(airborne: "Bench") -> None:
@@ -58,7 +58,8 @@ def test_it_lands_in_place_and_disarms_by_itself(airborne: "Bench") -> None:
     assert "disarmed" not in airborne.kinds()
     airborne.fly(2.2)
     assert not airborne.autopilot.armed
-    assert airborne.kinds()[-2:] == ["landed", "disarmed"]
+    assert airborne.kinds()[-3:] == ["landed", "disarmed", "mode"]
+    assert airborne.autopilot.mode is Mode.HOLD
 
 
 def test_a_return_climbs_flies_home_and_lands(airborne: "Bench") -> None:
@@ -111,9 +112,13 @@ def test_a_reposition_goes_there_at_the_given_height(airborne: "Bench") -> None:
     assert airborne.autopilot.body.up_m == pytest.approx(25.0, abs=0.1)
 
 
-def test_the_mission_mode_is_refused_without_a_mission(bench: "Bench") -> None:
+def test_the_mission_mode_is_refused_without_a_mission_once_it_is_armed(bench: "Bench") -> None:
+    assert bench.set_mode(MISSION) == ACCEPTED
+    assert bench.command(400, 1.0) == REJECTED
+    assert bench.command(300) == DENIED
+    assert bench.set_mode(HOLD) == ACCEPTED
+    assert bench.command(400, 1.0) == ACCEPTED
     assert bench.set_mode(MISSION) == REJECTED
-    assert bench.command(300) == REJECTED
     assert bench.autopilot.mode is Mode.HOLD
 
 
@@ -135,6 +140,61 @@ def test_a_speed_command_changes_the_speed_in_the_mission(airborne: "Bench", ite
     assert airborne.command(178, 1.0, NAN) == DENIED
 
 
+def test_a_speed_ordered_while_a_px4_returns_is_obeyed_until_its_next_mode(airborne: "Bench") -> None:
+    airborne.autopilot.reposition(150.0, 0.0, 35.0, 10.0)
+    airborne.fly(40.0)
+    assert airborne.set_mode(RTL) == ACCEPTED
+    assert airborne.command(178, 1.0, 0.6, -1.0) == ACCEPTED
+    airborne.fly(20.0)
+    assert airborne.autopilot.body.ground_speed_mps == pytest.approx(0.6, abs=0.05)
+    airborne.set_mode(HOLD)
+    airborne.set_mode(RTL)
+    airborne.fly(5.0)
+    assert airborne.autopilot.body.ground_speed_mps == pytest.approx(5.0, abs=0.1)
+
+
+def test_a_speed_ordered_in_a_mission_is_forgotten_with_it_and_the_items_own_counts_again(
+    airborne: "Bench", items: "Items"
+) -> None:
+    airborne.upload(items.speed(3.0, current=1.0), items.waypoint(600.0, 0.0))
+    airborne.set_mode(MISSION)
+    airborne.fly(2.0)
+    airborne.command(178, 1.0, 8.0, -1.0)
+    airborne.fly(8.0)
+    assert airborne.autopilot.body.ground_speed_mps == pytest.approx(8.0, abs=0.1)
+    airborne.set_mode(HOLD)
+    airborne.fly(5.0)
+    airborne.set_mode(MISSION)
+    airborne.fly(8.0)
+    assert airborne.autopilot.body.ground_speed_mps == pytest.approx(3.0, abs=0.1)
+
+
+def test_a_px4_that_has_landed_is_in_the_last_mode_it_can_be_armed_in_and_home_is_where_it_stands(
+    airborne: "Bench", items: "Items"
+) -> None:
+    airborne.upload(items.waypoint(40.0, 0.0, current=1.0))
+    airborne.set_mode(MISSION)
+    airborne.fly(4.0)
+    airborne.set_mode(LAND)
+    airborne.fly_until(lambda: not airborne.autopilot.armed)
+    assert airborne.autopilot.mode is Mode.MISSION
+    body = airborne.autopilot.body
+    assert airborne.autopilot.home_m == (body.east_m, body.north_m)
+
+
+def test_a_px4_says_what_it_does_on_its_way_through_a_flight(airborne: "Bench") -> None:
+    airborne.command(21)
+    airborne.fly_until(lambda: not airborne.autopilot.armed)
+    airborne.fly(0.1)
+    assert [m.text for m in airborne.sent if m.get_type() == "STATUSTEXT"] == [
+        "Armed by external command\t",
+        "Takeoff detected\t",
+        "Landing at current position\t",
+        "Landing detected\t",
+        "Disarmed by landing\t",
+    ]
+
+
 @pytest.mark.parametrize("command", [42, 2000, 31000])
 def test_a_command_it_does_not_know_is_unsupported(bench: "Bench", command: int) -> None:
     assert bench.command(command) == UNSUPPORTED
@@ -152,10 +212,19 @@ def test_messages_for_other_systems_are_ignored(bench: "Bench") -> None:
     assert bench.ask("mission_count", 1, 191, 3, 0) == []
 
 
-def test_a_request_brings_the_message_after_its_acknowledgement(bench: "Bench") -> None:
-    ack, version = bench.autopilot.handle(bench.gcs.command(512, 148.0))
+def test_a_request_brings_the_message_and_its_acknowledgement_in_the_autopilots_order(
+    bench: "Bench", copter: "Bench"
+) -> None:
+    version, ack = bench.autopilot.handle(bench.gcs.command(512, 148.0))
+    assert (ack.result, version.get_type()) == (ACCEPTED, "AUTOPILOT_VERSION")
+    ack, version = copter.autopilot.handle(copter.gcs.command(512, 148.0))
     assert (ack.result, version.get_type()) == (ACCEPTED, "AUTOPILOT_VERSION")
     assert bench.command(512, 9999.0) == DENIED
+
+
+def test_a_px4_neither_sends_mission_current_when_asked_nor_sets_its_rate(bench: "Bench") -> None:
+    assert bench.command(512, 42.0) == DENIED
+    assert bench.command(511, 42.0, 1e6) == FAILED
 
 
 def test_a_ping_is_answered_to_its_sender(bench: "Bench") -> None:
@@ -166,7 +235,10 @@ def test_a_ping_is_answered_to_its_sender(bench: "Bench") -> None:
 def test_modes_are_written_as_each_autopilot_writes_them() -> None:
     assert PX4.custom_modes[Mode.MISSION] == 0x04040000
     assert ARDUPILOT.custom_modes[Mode.MISSION] == 3
-    assert base_mode(Mode.HOLD, armed=True) - base_mode(Mode.HOLD, armed=False) == 128
+    assert [px4_base_mode(Mode.MISSION, armed=armed) for armed in (False, True)] == [29, 157]
+    assert px4_base_mode(Mode.GUIDED, armed=False) == 17
+    assert [ardupilot_base_mode(mode, armed=False) for mode in (Mode.STABILIZE, Mode.MISSION)] == [81, 89]
+    assert ardupilot_base_mode(Mode.RTL, armed=True) == 217
 
 
 @pytest.mark.parametrize("flavour", ["px4", "ardupilot"])

@@ -20,6 +20,17 @@ def wait(bench: "Bench", seconds: float) -> None:
         bench.fly(0.5)
 
 
+def words(bench: "Bench") -> list[tuple[int, str]]:
+    """Return severity and text of all that it said."""
+    return [(message.severity, message.text) for message in bench.sent if message.get_type() == "STATUSTEXT"]
+
+
+def status(bench: "Bench") -> int:
+    """Return HEARTBEAT.system_status."""
+    message: Any = bench.autopilot.telemetry.build(0)
+    return int(message.system_status)
+
+
 def beat(bench: "Bench") -> None:
     bench.ask("heartbeat", *GCS)
 
@@ -34,7 +45,9 @@ def test_px4_holds_first_and_then_does_what_its_parameter_says(airborne: "Bench"
     assert airborne.autopilot.mode is mode
 
 
-def test_px4_goes_on_with_its_mission_when_the_ground_station_is_back(airborne: "Bench", items: "Items") -> None:
+def test_px4_returns_on_although_the_ground_station_is_back_until_somebody_chooses_a_mode(
+    airborne: "Bench", items: "Items"
+) -> None:
     airborne.autopilot.parameters["NAV_DLL_ACT"] = 2
     airborne.upload(items.waypoint(500.0, 0.0, current=1.0))
     airborne.set_mode(4)
@@ -45,7 +58,18 @@ def test_px4_goes_on_with_its_mission_when_the_ground_station_is_back(airborne: 
     assert airborne.autopilot.mode.name == "RTL"
     beat(airborne)
     wait(airborne, 1.0)
-    assert airborne.autopilot.mode.name == "MISSION"
+    assert airborne.autopilot.mode.name == "RTL"
+    assert status(airborne) == 5
+    assert airborne.set_mode(4) == 0
+    assert status(airborne) == 4
+    assert words(airborne)[-6:] == [
+        (6, "Connection to ground station lost\t"),
+        (2, "Failsafe activated: entering Hold for 5 seconds\t"),
+        (2, "Failsafe activated\t"),
+        (6, "RTL: start return at 518 m (30 m above destination"),
+        (6, ")\t"),
+        (6, "GCS connection regained\t"),
+    ]
 
 
 def test_a_ground_station_that_was_never_heard_is_not_missed(airborne: "Bench") -> None:
@@ -86,6 +110,77 @@ def test_ardupilot_can_be_told_to_go_on_in_auto(copter: "Bench", items: "Items")
     wait(copter, 25.0)
     assert copter.autopilot.mode.name == "MISSION"
     assert not [kind for kind in copter.kinds() if kind == "failsafe"]
+    assert status(copter) == 5
+    assert (4, "GCS Failsafe - Continuing Auto Mode") in words(copter)
+    beat(copter)
+    wait(copter, 1.0)
+    assert status(copter) == 4
+    assert words(copter)[-1] == (4, "GCS Failsafe Cleared")
+
+
+def test_an_ardupilot_that_stands_tells_of_the_loss_too(copter: "Bench") -> None:
+    copter.autopilot.parameters["FS_GCS_ENABLE"] = 1
+    copter.autopilot.parameters["SYSID_MYGCS"] = 245
+    beat(copter)
+    wait(copter, 6.0)
+    assert (status(copter), copter.autopilot.armed) == (5, False)
+    assert words(copter) == [(4, "GCS Failsafe")]
+
+
+@pytest.mark.parametrize(
+    ("value", "mode"), [(0, Mode.RTL), (1, Mode.RTL), (2, Mode.RTL), (3, Mode.RTL), (4, Mode.LAND), (5, Mode.HOLD)]
+)
+def test_px4_without_a_remote_control_does_what_com_obl_rc_act_says_when_setpoints_end(
+    airborne: "Bench", value: int, mode: Mode
+) -> None:
+    airborne.autopilot.parameters["COM_OBL_RC_ACT"] = value
+    airborne.ask("set_position_target_local_ned", 0, 1, 1, 1, 0b0000_1111_1111_1000, 30.0, 0.0, -20.0, *[0.0] * 8)
+    assert airborne.command(176, 1.0, 6.0) == 0
+    airborne.fly(1.3)
+    assert airborne.autopilot.mode is mode
+    assert status(airborne) == 5
+    assert (2, "Failsafe activated\t") in words(airborne)
+
+
+def test_px4_goes_on_in_offboard_when_the_setpoints_are_back(airborne: "Bench") -> None:
+    point = (0, 1, 1, 1, 0b0000_1111_1111_1000, 30.0, 0.0, -20.0, *[0.0] * 8)
+    airborne.ask("set_position_target_local_ned", *point)
+    assert airborne.command(176, 1.0, 6.0) == 0
+    airborne.fly(3.0)
+    assert airborne.autopilot.mode is Mode.RTL
+    airborne.ask("set_position_target_local_ned", *point)
+    airborne.fly(0.1)
+    assert (airborne.autopilot.mode, status(airborne)) == (Mode.GUIDED, 4)
+
+
+def test_an_arducopters_battery_failsafe_says_what_is_left_and_stays_on(copter_up: "Bench") -> None:
+    copter_up.autopilot.parameters["BATT_LOW_MAH"] = 1000.0
+    copter_up.autopilot.parameters["BATT_FS_LOW_ACT"] = 2
+    copter_up.autopilot.mishaps.set_battery(0.19)
+    copter_up.fly(0.1)
+    low, announced = words(copter_up)[-2:]
+    assert (low[0], low[1].split(" used")[1], announced) == (4, " 4050 mAh", (4, "Battery Failsafe"))
+    assert low[1].startswith("Battery 1 is low 14.")
+    assert copter_up.autopilot.mode is Mode.RTL
+    copter_up.set_mode(4)
+    assert status(copter_up) == 5
+
+
+def test_a_position_that_is_lost_lands_an_arducopter_and_says_so(copter_up: "Bench") -> None:
+    copter_up.autopilot.mishaps.lose_satellites()
+    copter_up.fly(30.0)
+    assert words(copter_up)[-2:] == [(2, "EKF variance"), (2, "EKF Failsafe: changed to LAND Mode")]
+    state: Any = copter_up.autopilot.telemetry.build(0)
+    assert state.base_mode == 209
+    assert (copter_up.autopilot.mode, status(copter_up)) == (Mode.LAND, 5)
+    assert copter_up.set_mode(4) == 4
+    assert words(copter_up.__class__(sent=copter_up.autopilot.due()))[-1] == (
+        4,
+        "Mode change to GUIDED failed: requires position",
+    )
+    copter_up.autopilot.mishaps.regain_satellites()
+    copter_up.fly(0.1)
+    assert words(copter_up)[-1] == (2, "EKF Failsafe Cleared")
 
 
 def test_a_battery_that_runs_down_in_flight_lands_an_ardupilot_in_time(copter_up: "Bench") -> None:
@@ -110,6 +205,7 @@ def test_a_ceiling_brings_an_ardupilot_home(copter_up: "Bench") -> None:
     copter_up.fly(20.0)
     assert copter_up.autopilot.mode.name == "RTL"
     assert [d for _, kind, d in copter_up.events if kind == "failsafe"] == [{"cause": "fence", "action": "RETURN"}]
+    assert (5, "Max Alt fence breached") in words(copter_up)
 
 
 def test_px4_leaves_offboard_when_the_setpoints_stop_and_is_well_once_it_flies_a_mission(

@@ -1,8 +1,12 @@
 """sim.faults and sim.schedule, struck in virtual time"""
 
+from contextlib import suppress
+from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from sim import (
@@ -29,6 +33,8 @@ from sim import (
     grid_of,
     parse_fault,
 )
+from sim.reports import BUILDERS, boot_ms
+from sim.wire import Decoder
 
 if TYPE_CHECKING:
     from tests.sim.conftest import GroundStation, Items
@@ -111,6 +117,27 @@ def test_a_frozen_vehicle_goes_on_as_its_motors_were_and_thaws() -> None:
     assert vehicle.autopilot.body.east_m < before
 
 
+def test_a_vehicle_that_hung_for_8_s_answers_what_it_was_asked_and_misses_nobody(gcs: "GroundStation") -> None:
+    fleet, vehicle = flying("ardupilot")
+    vehicle.autopilot.parameters["FS_GCS_ENABLE"] = 1
+    vehicle.autopilot.parameters["SYSID_MYGCS"] = 245
+    heard: list[Any] = []
+    decoder = Decoder()
+    send = fleet.attach(lambda data, _: heard.extend(decoder.decode(data)))
+    send(gcs.frame("heartbeat", 6, 8, 0, 0, 4, 3), 1)
+    before_ms = boot_ms(vehicle.autopilot)
+    fleet.inject(Freeze(1, for_s=8.0))
+    fleet.step_to(24.0)
+    send(gcs.frame("command_long", 1, 1, 512, 0, 148.0, *[0.0] * 6), 1)
+    fleet.step_to(27.9)
+    assert not heard
+    fleet.step_to(28.5)
+    assert "AUTOPILOT_VERSION" in [message.get_type() for message in heard]
+    assert vehicle.mode.name == "GUIDED"
+    assert not vehicle.autopilot.failsafes.active
+    assert boot_ms(vehicle.autopilot) - before_ms == pytest.approx(500, abs=60)
+
+
 def test_a_vehicle_frozen_while_it_lands_softly_has_landed_not_crashed() -> None:
     fleet, vehicle = flying()
     vehicle.autopilot.set_mode(Mode.LAND)
@@ -127,13 +154,15 @@ def test_a_low_battery_acts_as_its_parameter_says() -> None:
     fleet, vehicle = flying()
     vehicle.autopilot.parameters["COM_LOW_BAT_ACT"] = 3
     fleet.inject(LowBattery(1, share=0.06))
-    fleet.step_to(21.0)
+    fleet.step_to(24.9)
+    assert vehicle.mode.name == "HOLD"
+    fleet.step_to(25.2)
     assert vehicle.mode.name == "RTL"
     fleet.inject(LowBattery(1, share=0.04))
-    fleet.step_to(22.0)
+    fleet.step_to(26.0)
     assert vehicle.mode.name == "LAND"
     causes = [(event.detail["cause"], event.detail["action"]) for event in fleet.truth.happened("failsafe")]
-    assert causes == [("battery", "RETURN"), ("battery", "LAND")]
+    assert causes == [("battery", "HOLD"), ("battery", "RETURN"), ("battery", "LAND")]
 
 
 def test_an_empty_battery_lets_it_fall() -> None:
@@ -147,12 +176,14 @@ def test_an_empty_battery_lets_it_fall() -> None:
 def test_without_satellites_it_says_so_lands_and_drifts(autopilot: str) -> None:
     fleet, vehicle = flying(autopilot)
     fleet.inject(GpsLoss(1))
-    fleet.step_to(22.0)
+    fleet.step_to(24.0)
     gps: Any = vehicle.autopilot.telemetry.build(dialect.MAVLINK_MSG_ID_GPS_RAW_INT)
-    assert (gps.fix_type, gps.satellites_visible) == (dialect.GPS_FIX_TYPE_NO_FIX, 0)
+    assert (gps.fix_type, gps.satellites_visible) == ((0, 255) if autopilot == "px4" else (1, 3))
+    assert vehicle.mode.name == ("HOLD" if autopilot == "px4" else "GUIDED")
+    fleet.step_to(32.0)
     assert vehicle.mode.name == "LAND"
     assert not vehicle.autopilot.set_mode(Mode.HOLD)
-    fleet.step_to(70.0)
+    fleet.step_to(80.0)
     assert not vehicle.armed
     assert not vehicle.autopilot.arm()
     assert 1.0 < vehicle.autopilot.body.distance_to(0.0, 0.0) < 20.0
@@ -165,6 +196,32 @@ def test_a_motor_failure_is_told_and_falls() -> None:
     assert not vehicle.alive
     assert vehicle.transmitting
     assert [event.kind for event in fleet.truth.events[-3:]] == ["fault", "motor_failed", "crashed"]
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "said"),
+    [
+        ("px4", ["Landing detected\t", "Disarmed by landing\t"]),
+        (
+            "ardupilot",
+            ["Potential Thrust Loss (1)", "Crash: Disarming: AngErr=90>30, Accel=0.0<3.0", "Disarming motors"],
+        ),
+    ],
+)
+def test_a_vehicle_without_a_motor_falls_armed_and_disarms_once_it_lies_there(autopilot: str, said: list[str]) -> None:
+    fleet, vehicle = flying(autopilot)
+    heard: list[Any] = []
+    decoder = Decoder()
+    fleet.attach(lambda data, _: heard.extend(decoder.decode(data)))
+    fleet.inject(MotorFailure(1))
+    fleet.step_to(21.0)
+    beat: Any = vehicle.autopilot.telemetry.build(dialect.MAVLINK_MSG_ID_HEARTBEAT)
+    state: Any = vehicle.autopilot.telemetry.build(dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE)
+    assert (beat.base_mode & 128, beat.system_status) == (128, 4)
+    assert state.landed_state == dialect.MAV_LANDED_STATE_IN_AIR
+    fleet.step_to(30.0)
+    assert not vehicle.armed
+    assert [message.text for message in heard if message.get_type() == "STATUSTEXT"] == said
 
 
 def test_a_human_takes_over_and_the_vehicle_stays() -> None:
@@ -209,7 +266,7 @@ def test_a_clock_jumps_back_without_a_reboot() -> None:
     fleet, vehicle = flying()
     fleet.inject(ClockJump(1, seconds=-15.0))
     position: Any = vehicle.autopilot.telemetry.build(dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)
-    assert position.time_boot_ms == pytest.approx(5_000, abs=100)
+    assert position.time_boot_ms == pytest.approx(65_000, abs=100)
 
 
 def test_a_cut_link_comes_back_after_its_time() -> None:
@@ -259,13 +316,27 @@ def test_faults_are_written_as_kind_vehicle_time_and_knobs(
     [
         ({"kind": "sleep", "system_id": 1}, "kind must be one of kill, mute"),
         ({"kind": "kill"}, "system_id: kill needs it"),
-        ({"kind": "kill", "system_id": 0}, "system_id must be a whole number above 0"),
+        ({"kind": "kill", "system_id": 0}, "system_id must be a whole number between 1 and 254, got 0"),
         ({"kind": "mute", "system_id": 1, "loud": 1}, "loud: mute has no such field"),
         ({"kind": "mute", "system_id": 1, "for_s": -2}, "for_s must be a number of seconds above 0"),
         ({"kind": "low_battery", "system_id": 1, "share": 2.0}, "share must be between 0 and 1"),
         ({"kind": "mode_change", "system_id": 1, "mode": "FLIP"}, "mode must be one of TAKEOFF"),
         ({"kind": "impair", "system_id": 1, "up": {"noise": 1}}, "noise: a link has no such impairment"),
         ({"kind": "impair", "system_id": 1, "up": {"loss": "much"}}, "loss must be a number"),
+        (
+            {"kind": "clock_jump", "system_id": 1, "seconds": 1e308},
+            "seconds must be between -1000000 and 1000000",
+        ),
+        (
+            {"kind": "mute", "system_id": 1, "for_s": 1e308},
+            "for_s must be .* above 0 and at most 1000000",
+        ),
+        ({"kind": "reboot", "system_id": 1, "for_s": None}, "for_s must be a number of seconds"),
+        ({"kind": "corrupt_upload", "system_id": 1, "uploads": 10**30}, "uploads must be a whole number between 1 and"),
+        ({"kind": "low_battery", "system_id": 1, "share": True}, "share must be a number, got True"),
+        ({"kind": "impair", "system_id": 1, "down": {"bandwidth_bps": 1e-300}}, "bandwidth_bps must be between 1 and"),
+        ({"kind": "impair", "system_id": 1, "up": {"latency_s": 1e308}}, "latency_s must be between 0 and 3600"),
+        ({"kind": "impair", "system_id": 1, "up": 3}, "up must be the impairments of a link, got 3"),
     ],
 )
 def test_a_fault_that_cannot_be_is_refused_naming_the_field(data: dict[str, Any], words: str) -> None:
@@ -277,6 +348,45 @@ def test_a_fault_that_cannot_be_is_refused_naming_the_field(data: dict[str, Any]
 def test_a_fault_that_cannot_be_read_is_refused(text: str) -> None:
     with pytest.raises(ValueError, match="must look like"):
         parse_fault(text)
+
+
+@pytest.mark.parametrize(("when", "name"), [({"at_s": 1e308}, "at_s"), ({"at_slot": 10**9}, "at_slot")])
+def test_a_fault_at_a_moment_that_never_comes_is_refused(when: dict[str, Any], name: str) -> None:
+    with pytest.raises(ValueError, match=name):
+        Fleet(grid_of(1, *HOME), clock=VirtualClock()).inject(Mute(1), **when)
+
+
+_ANY = st.one_of(
+    st.none(), st.booleans(), st.floats(), st.integers(), st.sampled_from([1e6, -1e6, 1e308, 0, 1, "POSITION", "LAND"])
+)
+_LINKS = st.dictionaries(st.sampled_from([field.name for field in fields(Impairments)]), _ANY, max_size=4)
+
+
+@st.composite
+def _asked_for(draw: st.DrawFn) -> dict[str, Any]:
+    """Return a fault as a stranger might write it."""
+    kind = draw(st.sampled_from(sorted(FAULTS)))
+    knobs = [field.name for field in fields(FAULTS[kind]) if field.name != "system_id"]
+    chosen = draw(st.lists(st.sampled_from(knobs), unique=True)) if knobs else []
+    return {"kind": kind, "system_id": 1} | {
+        knob: draw(st.one_of(_ANY, _LINKS) if knob in ("up", "down") else _ANY) for knob in chosen
+    }
+
+
+@settings(max_examples=120)
+@given(flavour=st.sampled_from(["px4", "ardupilot"]), asked=st.lists(_asked_for(), min_size=1, max_size=4))
+def test_the_fleet_survives_whatever_fault_is_accepted(flavour: str, asked: list[dict[str, Any]]) -> None:
+    fleet, vehicle = flying(flavour)
+    heard = listen(fleet)
+    for data in asked:
+        with suppress(ValueError):
+            fleet.inject(fault_from(data))
+        fleet.step_to(fleet.now_s + 2.0)
+        for message_id in BUILDERS:
+            message = vehicle.autopilot.telemetry.build(message_id)
+            assert message is None or message.pack(dialect.MAVLink(None, srcSystem=1, srcComponent=1))
+    fleet.step_to(fleet.now_s + 5.0)
+    assert fleet.truth.happened("fault") or heard
 
 
 def test_every_kind_of_fault_says_what_it_does() -> None:

@@ -31,8 +31,8 @@ def test_a_whole_mission_from_the_ground_to_the_ground(bench: "Bench", items: "I
     bench.fly_until(lambda: not bench.autopilot.armed)
     assert bench.reached() == [0, 1, 2, 3, 4, 5]
     assert distance(bench, 40.0, 30.0) < 2.5
-    assert bench.kinds()[-4:] == ["landed", "item_reached", "mode", "disarmed"]
-    assert bench.autopilot.mode is Mode.HOLD
+    assert bench.kinds()[-3:] == ["landed", "item_reached", "disarmed"]
+    assert bench.autopilot.mode is Mode.MISSION
     assert bench.autopilot.runner.complete
 
 

@@ -141,8 +141,9 @@ def test_a_fence_is_uploaded_read_back_and_obeyed(airborne: "Bench") -> None:
     assert airborne.ask("mission_request_int", 1, 1, 2, 1)[0].x == sent[2][9]
     airborne.autopilot.parameters["GF_ACTION"] = 3
     airborne.autopilot.reposition(80.0, 0.0, None, 8.0)
-    airborne.fly_until(lambda: airborne.autopilot.mode is Mode.RTL)
+    airborne.fly_until(lambda: airborne.autopilot.failsafes.active)
     assert airborne.autopilot.body.east_m == pytest.approx(50.0, abs=1.0)
+    airborne.fly_until(lambda: airborne.autopilot.mode is Mode.RTL, within_s=5.1)
     assert airborne.autopilot.missions.mission == Mission()
 
 

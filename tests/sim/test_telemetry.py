@@ -40,7 +40,7 @@ def test_the_position_is_where_it_is(airborne: "Bench") -> None:
     assert position.alt - position.relative_alt == 488_000
     assert (position.vx, position.vy) == (0, 500)
     assert position.hdg == pytest.approx(9000, abs=10)
-    assert position.time_boot_ms == pytest.approx(airborne.autopilot.now_s * 1000.0, abs=1.0)
+    assert position.time_boot_ms == pytest.approx((airborne.autopilot.now_s + 60.0) * 1000.0, abs=1.0)
 
 
 def test_a_stream_can_be_set_faster_off_and_back_to_its_default(bench: "Bench") -> None:
@@ -63,7 +63,7 @@ def test_a_message_that_is_not_streamed_by_default_goes_off_again(bench: "Bench"
     assert bench.command(511, version, 0.0) == 0
     bench.fly(5.0)
     assert names(bench.sent)["AUTOPILOT_VERSION"] <= 1
-    assert bench.command(511, 9999.0, 1e6) == dialect.MAV_RESULT_DENIED
+    assert bench.command(511, 9999.0, 1e6) == dialect.MAV_RESULT_FAILED
     assert bench.command(511, version, math.nan) == dialect.MAV_RESULT_DENIED
 
 
@@ -90,11 +90,11 @@ def test_the_mission_state_follows_the_mission(airborne: "Bench", items: "Items"
         return int(message.mission_state)
 
     assert state() == dialect.MISSION_STATE_NO_MISSION
-    airborne.upload(items.waypoint(30.0, 0.0, current=1.0))
+    airborne.upload(items.waypoint(30.0, 0.0, current=1.0), items.waypoint(90.0, 0.0))
     assert state() == dialect.MISSION_STATE_NOT_STARTED
     airborne.set_mode(4)
     assert state() == dialect.MISSION_STATE_ACTIVE
-    airborne.fly(1.0)
+    airborne.fly_until(lambda: airborne.reached() == [0])
     airborne.set_mode(3)
     assert state() == dialect.MISSION_STATE_PAUSED
     airborne.set_mode(4)
@@ -102,11 +102,58 @@ def test_the_mission_state_follows_the_mission(airborne: "Bench", items: "Items"
     assert state() == dialect.MISSION_STATE_COMPLETE
 
 
+def test_a_px4s_takeoff_by_command_counts_as_a_mission_that_is_done(airborne: "Bench", items: "Items") -> None:
+    told: list[Any] = [m for m in airborne.sent if m.get_type() == "MISSION_CURRENT"]
+    assert {m.mission_state for m in told} == {dialect.MISSION_STATE_NO_MISSION}
+    airborne.set_mode(6)
+    airborne.fly_until(lambda: not airborne.autopilot.armed)
+    airborne.upload(items.waypoint(30.0, 0.0, current=1.0))
+    airborne.sent.clear()
+    airborne.take_off()
+    told = [(m.mission_state, m.mission_mode) for m in airborne.sent if m.get_type() == "MISSION_CURRENT"]
+    assert list(dict.fromkeys(told)) == [(3, 1), (5, 2)]
+
+
+def test_an_arducopters_mission_is_not_started_whenever_it_is_not_flown(copter_up: "Bench", items: "Items") -> None:
+    def told() -> tuple[int, int]:
+        message: Any = copter_up.autopilot.telemetry.build(dialect.MAVLINK_MSG_ID_MISSION_CURRENT)
+        return int(message.mission_state), int(message.mission_mode)
+
+    assert told() == (dialect.MISSION_STATE_NO_MISSION, 0)
+    copter_up.upload(items.waypoint(0.0, 0.0), items.waypoint(30.0, 0.0), items.waypoint(90.0, 0.0))
+    assert told() == (dialect.MISSION_STATE_NOT_STARTED, 0)
+    copter_up.set_mode(3)
+    assert told() == (dialect.MISSION_STATE_ACTIVE, 1)
+    copter_up.fly_until(lambda: copter_up.reached() == [1])
+    copter_up.set_mode(4)
+    assert told() == (dialect.MISSION_STATE_NOT_STARTED, 0)
+
+
 def test_each_item_that_is_done_is_announced(airborne: "Bench", items: "Items") -> None:
     airborne.upload(items.speed(5.0, current=1.0), items.waypoint(20.0, 0.0), items.waypoint(40.0, 0.0))
     airborne.set_mode(4)
     airborne.fly(30.0)
-    assert [m.seq for m in airborne.sent if m.get_type() == "MISSION_ITEM_REACHED"] == [0, 1, 2]
+    told = [m.seq for m in airborne.sent if m.get_type() == "MISSION_ITEM_REACHED"]
+    assert list(dict.fromkeys(told)) == [0, 1, 2]
+    assert told.count(2) == 11
+
+
+def test_of_items_done_at_once_only_the_last_is_announced(copter_up: "Bench", items: "Items") -> None:
+    legs = (items.waypoint(20.0, 0.0), items.speed(5.0), items.speed(6.0), items.waypoint(90.0, 0.0))
+    copter_up.upload(*((seq, *item[1:]) for seq, item in enumerate((items.waypoint(0.0, 0.0), *legs))))
+    copter_up.set_mode(3)
+    copter_up.fly_until(lambda: copter_up.autopilot.runner.complete)
+    assert copter_up.reached() == [1, 2, 3, 4]
+    assert [m.seq for m in copter_up.sent if m.get_type() == "MISSION_ITEM_REACHED"] == [3, 4]
+    words = [m.text for m in copter_up.sent if m.get_type() == "STATUSTEXT"]
+    assert [w for w in words if w.startswith(("Mission", "Reached"))] == [
+        "Mission: 1 WP",
+        "Reached command #1",
+        "Mission: 2 ChangeSpeed",
+        "Mission: 3 ChangeSpeed",
+        "Mission: 4 WP",
+        "Reached command #4",
+    ]
 
 
 def test_every_message_can_be_built_and_packed(airborne: "Bench") -> None:

@@ -1,0 +1,42 @@
+"""How far a mission is, and what becomes of it: the words its runner and its teller share."""
+
+from dataclasses import dataclass
+from enum import Enum, auto
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from sim.modes import Mode
+
+NOTHING_REACHED = -1
+MISSION_MODES = (Mode.MISSION, Mode.TAKEOFF, Mode.LAND)
+"""Modes in which PX4 calls a mission active (MISSION_CURRENT.mission_mode)."""
+
+
+class Handover(Enum):
+    """The runner has nothing more to fly; somebody else takes over."""
+
+    FINISHED = auto()
+    LANDED = auto()
+    RETURN = auto()
+
+
+class MissionState(Enum):
+    """How far a mission is, as MISSION_CURRENT.mission_state has it."""
+
+    NO_MISSION = dialect.MISSION_STATE_NO_MISSION
+    NOT_STARTED = dialect.MISSION_STATE_NOT_STARTED
+    ACTIVE = dialect.MISSION_STATE_ACTIVE
+    PAUSED = dialect.MISSION_STATE_PAUSED
+    COMPLETE = dialect.MISSION_STATE_COMPLETE
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """Where the current item is flown to."""
+
+    east_m: float
+    north_m: float
+    up_m: float
+    radius_m: float
+    passing_mps: float
+    yaw_rad: float | None = None
