@@ -19,7 +19,7 @@ def broken(change: Callable[[Body], object]) -> Callable[[Body], Body]:
 
 
 BAD: dict[str, tuple[Callable[[Body], object], str, str]] = {
-    "negative bandwidth": (lambda s: s["uavs"][0].update(bandwidth_hz=-1), "uavs.0.bandwidth_hz", "greater than or"),
+    "negative bandwidth": (lambda s: s["uavs"][0].update(bandwidth_hz=-1), "uavs.0.bandwidth_hz", "greater than"),
     "same uav id twice": (lambda s: s["uavs"][1].update(id="uav-1"), "uavs", "unique"),
     "same user id twice": (lambda s: s["users"][1].update(id="user-1"), "users", "unique"),
     "too close": (lambda s: s["uavs"][1].update(start_m=[52, 50]), "uavs", "min_separation_m"),

@@ -1,6 +1,6 @@
 """Recorded flights as messages: `for heard in messages("ccc-kill-calm"): ...`; README.md says what happens in each.
 
-A `.tlog` is a sequence of 8 bytes (big endian) of microseconds since 1970 and one MAVLink frame; these are compressed with xz.
+A `.tlog` is a sequence of 8 bytes (big endian) of microseconds since 1970 and one MAVLink frame, compressed with xz.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ _NEWER = {
 class Recorded:
     """One message of a recording.
 
-    `at_s`: seconds since the recording began. `system_id` and `component_id` are the sender's. `fields`: as MAVLink names
-    them, as pymavlink reads them (text as str without the zeros behind it). `frame`: the bytes as they were on the wire.
+    `at_s`: seconds since the recording began. `system_id` and `component_id` are the sender's. `fields`: as MAVLink
+    names them and pymavlink reads them (text as str without the zeros behind it). `frame`: its bytes on the wire.
     """
 
     at_s: float
