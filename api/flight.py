@@ -209,7 +209,7 @@ class Flight:
         return self.roster.returned
 
     def positions_m(self) -> dict[str, Point]:
-        """Where each UAV was last heard, metres east/north of the scenario's origin."""
+        """Where each UAV that knows its place was last heard, metres east/north of the scenario's origin."""
         return self.roster.positions_m()
 
     def still_up(self) -> list[str]:

@@ -42,6 +42,7 @@ class Roster:
         self._uavs = {system: uav for uav, system in systems.items()}
         self._fleet, self._guidance = fleet, guidance
         self._now_s, self._last_change_s = now_s, last_change_s
+        self._last_seen_m: dict[str, Point] = {}
 
     def recall(self, lost: dict[str, float], losses: dict[str, Loss], returned: set[str]) -> None:
         """Take over what was known before a restart."""
@@ -60,6 +61,7 @@ class Roster:
     def newly_lost(self, queue: asyncio.Queue[LinkEvent]) -> dict[str, Loss]:
         """UAVs that are lost since the last call, and why: fallen silent in flight, or seen in no state to serve."""
         found = {}
+        self._last_seen_m |= self.positions_m()
         while not queue.empty():
             event = queue.get_nowait()
             uav = self._uavs.get(event.system_id)
@@ -96,7 +98,7 @@ class Roster:
         self.lost[uav] = self._now_s() - loss.silent_for_s
         self.losses[uav] = loss
         self._guidance.leave(uav, setpoints_too=not loss.may_return)
-        where = self.positions_m().get(uav)
+        where = self.last_seen_m(uav)
         if loss.in_the_air and where is not None:
             self._guidance.reserve(uav, where)
         return loss
@@ -142,13 +144,17 @@ class Roster:
         return seen(self._fleet.condition(self._systems[uav]), plan_is_flown=flown)
 
     def positions_m(self) -> dict[str, Point]:
-        """Where each UAV was last heard, metres east/north of the scenario's origin."""
+        """Where each UAV that knows its place was last heard, metres east/north of the scenario's origin."""
         found = {}
         for uav, system in self._systems.items():
             said = self._fleet.link.telemetry(system)
-            if said is not None:
-                found[uav] = geodetic_to_east_north(self._origin, said.lat_deg, said.lon_deg)
+            if said is not None and said.place_deg is not None:
+                found[uav] = geodetic_to_east_north(self._origin, *said.place_deg)
         return found
+
+    def last_seen_m(self, uav: str) -> Point | None:
+        """Where a UAV is, or was when it last knew its place."""
+        return self.positions_m().get(uav, self._last_seen_m.get(uav))
 
     def is_down(self, uav: str) -> bool:
         """Whether it last said that it is disarmed."""

@@ -29,7 +29,7 @@ SWAP_SILENCE_S = 1.5
 PROOF_S = 2.0
 """A vehicle that flies on during its swap (PX4) is told to hold when the new mission is not proven by then."""
 
-SET_MODE, _CHANGE_SPEED, _SET_CURRENT, _INTERVAL, _REQUEST = 176, 178, 224, 511, 512
+SET_MODE, _CHANGE_SPEED, _SET_CURRENT, _INTERVAL, REQUEST = 176, 178, 224, 511, 512
 CUSTOM_MODE = 1.0
 """param1 of SET_MODE (MAV_CMD_DO_SET_MODE): param2 and 3 are the autopilot's own numbers."""
 _GROUND_SPEED, _THROTTLE_UNCHANGED = 1.0, -1.0
@@ -48,7 +48,7 @@ async def ask_for_streams(vehicle: Vehicle) -> None:
     """Have it send what telemetry is made of (SET_MESSAGE_INTERVAL); a stream it does not know is left out."""
     for message_id, rate_hz in STREAMS_HZ.items():
         await error_of(vehicle.command(_INTERVAL, float(message_id), 1e6 / rate_hz))
-    await error_of(vehicle.command(_REQUEST, _HOME_POSITION))
+    await error_of(vehicle.command(REQUEST, _HOME_POSITION))
 
 
 async def set_mode(vehicle: Vehicle, mode: FlightMode) -> None:
@@ -186,7 +186,7 @@ async def ask_until(vehicle: Vehicle, condition: Callable[[], bool], timeout_s: 
         left_s = deadline - asyncio.get_running_loop().time()
         if left_s <= 0:
             return False
-        await error_of(vehicle.command(_REQUEST, _MISSION_CURRENT))
+        await error_of(vehicle.command(REQUEST, _MISSION_CURRENT))
         await vehicle.wait_until(condition, min(ASK_AGAIN_S, left_s))
     return True
 
@@ -202,7 +202,7 @@ async def heartbeat_until(vehicle: Vehicle, condition: Callable[[], bool]) -> bo
     while not condition():
         if asyncio.get_running_loop().time() >= deadline:
             return False
-        await error_of(vehicle.command(_REQUEST, 0.0))
+        await error_of(vehicle.command(REQUEST, 0.0))
         await vehicle.wait_until(condition, ASK_AGAIN_S)
     return True
 

@@ -136,6 +136,14 @@ def _preflight(data: Data) -> tuple[str, str]:
     return f"{text}: {data.get('why')}", "alarm" if data.get("level") == "blocker" else "warn"
 
 
+def _waits(data: Data) -> tuple[str, str]:
+    return f"{data.get('uav_id')} has not told its {', '.join(data.get('missing') or ())} yet: waiting", "warn"
+
+
+def _arming_refused(data: Data) -> tuple[str, str]:
+    return f"{data.get('uav_id')} cannot be armed yet: {data.get('because')}", "warn"
+
+
 WORDS: Mapping[str, Callable[[Data], tuple[str, str]]] = {
     "operation": _operation,
     "link": _link,
@@ -152,6 +160,8 @@ WORDS: Mapping[str, Callable[[Data], tuple[str, str]]] = {
     "drill": _drill,
     "slip": _slip,
     "preflight": _preflight,
+    "waiting_for_facts": _waits,
+    "arming_refused": _arming_refused,
     "uav_returned": _returned,
     "guidance_resumed": _resumed,
     "guard": _guard,

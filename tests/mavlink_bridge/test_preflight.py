@@ -43,6 +43,7 @@ def facts(autopilot: Autopilot, **changes: Any) -> Facts:
         gps_fix=3,
         satellites=14,
         battery=0.9,
+        mav_type=2,
     )
     return replace(good, **changes)
 
@@ -102,12 +103,28 @@ def test_stream_rules_only_count_for_streams() -> None:
         ({"battery": 0.2}, "battery", Level.BLOCKER),
         ({"battery": 0.5}, "battery", Level.WARNING),
         ({"battery": None}, "battery", Level.WARNING),
+        ({"battery": None, "battery_told": False}, "battery", Level.WARNING),
+        ({"at_m": None}, "position", Level.BLOCKER),
+        ({"parameters": {}}, "parameters", Level.WARNING),
+        ({"mav_type": 1}, "vehicle type", Level.BLOCKER),
         ({"at_m": (30.0, 0.0)}, "place", Level.WARNING),
     ],
 )
 def test_measurements_count_too(changes: dict[str, Any], name: str, level: Level) -> None:
     (finding,) = audit(facts(Autopilot.PX4, **changes), NEEDS)
     assert (finding.name, finding.level) == (name, level)
+
+
+def test_only_multirotors_fly_and_a_blocker_about_that_is_never_only_reported() -> None:
+    for mav_type in range(44):
+        blocked = [one for one in audit(facts(Autopilot.ARDUPILOT, mav_type=mav_type), NEEDS) if one.refuses]
+        assert bool(blocked) is (mav_type not in {2, 3, 13, 14, 15, 29, 35}), mav_type
+    assert not any(one.refuses for one in audit(facts(Autopilot.PX4, gps_fix=0, home_m=None), NEEDS))
+
+
+def test_each_fact_that_was_never_told_is_a_finding_of_its_own() -> None:
+    nothing = facts(Autopilot.PX4, gps_fix=None, at_m=None, home_m=None, battery=None, battery_told=False)
+    assert [finding.name for finding in audit(nothing, NEEDS)] == ["GPS fix", "home position", "position", "battery"]
 
 
 def test_a_mission_that_does_not_fit_is_a_blocker() -> None:

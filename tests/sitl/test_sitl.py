@@ -82,7 +82,8 @@ class Ready:
         """Where it is, metres east/north of where it stood."""
         said = self.link.telemetry(SYSTEM)
         assert said is not None
-        return geodetic_to_east_north(self.origin, said.lat_deg, said.lon_deg)
+        assert said.place_deg is not None
+        return geodetic_to_east_north(self.origin, *said.place_deg)
 
     async def climb(self) -> None:
         """Take off, and hover over the slot-0 point."""
@@ -106,9 +107,9 @@ async def ready() -> AsyncIterator[Ready]:
         (prepared,) = (await link.prepare({SYSTEM})).values()
         assert prepared.ok, prepared.error
         async with asyncio.timeout(60):
-            while (said := link.telemetry(SYSTEM)) is None or said.lat_deg == 0:  # noqa: ASYNC110
+            while (said := link.telemetry(SYSTEM)) is None or said.place_deg is None:  # noqa: ASYNC110
                 await asyncio.sleep(0.2)
-        one = Ready(link, Origin(lat_deg=said.lat_deg, lon_deg=said.lon_deg))
+        one = Ready(link, Origin(lat_deg=said.place_deg[0], lon_deg=said.place_deg[1]))
         try:
             yield one
         finally:
