@@ -11,15 +11,19 @@ from api.fleet import Fleet
 from api.guidance import FlightGuidance
 from api.losses import Loss, seen, silent
 from api.rates import Point
-from mavlink_bridge import LinkEvent, LinkState, geodetic_to_east_north
+from mavlink_bridge import FlightMode, LinkEvent, LinkState, geodetic_to_east_north
 from mavlink_bridge.conditions import Condition
 from planner import Origin
+
+_ENDS_ON_THE_GROUND = frozenset({FlightMode.RETURN, FlightMode.LAND, FlightMode.MISSION})
+"""Modes that end in a landing by themselves."""
 
 
 class Roster:
     """The UAVs of one flight. `now_s()`: fleet seconds since slot 0 began.
 
-    last_change_s: until then slots can be flown differently; later, missions return and land as planned.
+    last_change_s: until then slots can be flown differently; later, missions return and land as planned. last_slot_s:
+    when the last slot begins.
     """
 
     def __init__(
@@ -31,6 +35,7 @@ class Roster:
         *,
         now_s: Callable[[], float],
         last_change_s: float,
+        last_slot_s: float,
     ) -> None:
         self.lost: dict[str, float] = {}
         """Since when each that is lost was not heard, or was seen lost."""
@@ -41,8 +46,9 @@ class Roster:
         self._systems, self._origin = systems, origin
         self._uavs = {system: uav for uav, system in systems.items()}
         self._fleet, self._guidance = fleet, guidance
-        self._now_s, self._last_change_s = now_s, last_change_s
+        self._now_s, self._last_change_s, self._last_slot_s = now_s, last_change_s, last_slot_s
         self._last_seen_m: dict[str, Point] = {}
+        self._broke_off: dict[str, Loss] = {}
 
     def recall(self, lost: dict[str, float], losses: dict[str, Loss], returned: set[str]) -> None:
         """Take over what was known before a restart."""
@@ -75,7 +81,39 @@ class Roster:
                     found[uav] = self._lose(uav, silent(event.silent_for_s))
         for uav, at_m in self.positions_m().items():
             self._guidance.airspace.seen(uav, at_m)
+        self._note_broken_off()
         return found | self._seen_lost()
+
+    def _note_broken_off(self) -> None:
+        """Who leaves its plan when nothing can be flown differently any more is not lost, but has not flown it all."""
+        if self._now_s() < self._last_slot_s:
+            for uav in self._systems:
+                loss = seen(self._fleet.condition(self._systems[uav]), plan_is_flown=True)
+                if loss is not None:
+                    self._broke_off.setdefault(uav, loss)
+
+    def left_its_plan(self, uav: str) -> Loss | None:
+        """Why a UAV left its plan before the last slot; None for one that flew it."""
+        return self.losses.get(uav) or self._broke_off.get(uav)
+
+    @property
+    def retired(self) -> set[str]:
+        """UAVs that were sent home by order."""
+        return {uav for uav, loss in self.losses.items() if loss.kind == "battery"}
+
+    def is_heard(self, uav: str) -> bool:
+        """Whether its link is not lost."""
+        system, monitor = self._systems[uav], self._fleet.link.monitor
+        return system in monitor.watched and monitor.state(system) is not LinkState.LOST
+
+    def coming_down(self) -> list[str]:
+        """UAVs that count no more, are heard, and fly by themselves to where they land."""
+        found = []
+        for uav in self.lost:
+            said = self._fleet.link.telemetry(self._systems[uav])
+            if said is not None and said.armed and said.mode in _ENDS_ON_THE_GROUND and self.is_heard(uav):
+                found.append(uav)
+        return found
 
     def _seen_lost(self) -> dict[str, Loss]:
         """UAVs newly seen crashed, landed off plan, flown by a human or in failsafe; who is lost gets a cause."""
@@ -108,6 +146,7 @@ class Roster:
         self.returned.discard(uav)
         self.lost.pop(uav)
         self.losses.pop(uav)
+        self._broke_off.pop(uav, None)
         self._guidance.found(uav)
 
     @property

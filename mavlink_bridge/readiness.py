@@ -102,4 +102,4 @@ def _reason(vehicle: Vehicle, answer: str, since_s: float) -> str:
 
 
 _REFUSALS = ("Arm", "PreArm", "Preflight")
-"""How texts begin that explain it: ArduPilot's `Arm: ...`, `PreArm: ...`, PX4's `Arming denied: ...`, `Preflight Fail`."""
+"""How texts begin that explain it: ArduPilot's `Arm:` and `PreArm:`, PX4's `Arming denied:` and `Preflight Fail:`."""

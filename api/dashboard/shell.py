@@ -81,7 +81,7 @@ class Shell:
         if operation is None:
             return "no operation" if self._watch.loaded else "connecting"
         plan = self._watch.first_plan()
-        words = [f"{operation.id} {operation.state.upper()}"]
+        words = [f"{operation.id} {operation.state.replace('_', ' ').upper()}"]
         if operation.slot is not None and plan is not None:
             words.append(f"slot {operation.slot} of {plan.scenario.slots - 1}")
         if operation.lost:

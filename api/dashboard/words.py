@@ -27,8 +27,10 @@ def words(happening: Happening) -> tuple[str, str]:
 
 def _operation(data: Data) -> tuple[str, str]:
     state, error = str(data.get("state")), data.get("error")
-    text = f"operation {state}" + (f": {error}" if error else "")
-    return text, {"failed": "alarm", "aborted": "warn", "completed": "ok"}.get(state, "")
+    ends = ", ".join(f"{uav} {str(end).replace('_', ' ')}" for uav, end in (data.get("ends") or {}).items())
+    text = f"operation {state.replace('_', ' ')}" + (f": {error}" if error else f": {ends}" if ends else "")
+    levels = {"failed": "alarm", "aborted": "warn", "completed_partly": "alarm", "completed": "ok"}
+    return text, levels.get(state, "")
 
 
 def _link(data: Data) -> tuple[str, str]:
