@@ -16,8 +16,8 @@ from mavlink_bridge.mission_messages import MissionType
 from mavlink_bridge.models import model_from_parameters
 from mavlink_bridge.preflight import Facts, Needs, parameter_names
 from mavlink_bridge.readiness import wait_for_facts
-from mavlink_bridge.results import CommandResult, Recognised, SwapResult, UploadResult
-from mavlink_bridge.transfer import ATTEMPTS, read_parameters, recognise, upload_items, upload_verified
+from mavlink_bridge.results import CommandResult, ReadResult, Recognised, SwapResult, UploadResult
+from mavlink_bridge.transfer import ATTEMPTS, read_items, read_parameters, recognise, upload_items, upload_verified
 from mavlink_bridge.vehicle import Vehicle
 from planner.plans import Plan
 
@@ -98,6 +98,14 @@ class FleetLink(ListeningLink):
         return await self._command(
             dict.fromkeys(system_ids),
             lambda vehicle, _: departure.arm(vehicle, patience_s, partial(on_refused, vehicle.system_id)),
+        )
+
+    async def read(self, system_ids: Iterable[int], mission_type: MissionType) -> dict[int, ReadResult]:
+        """Read what each has on board of one mission type."""
+        return await self._each(
+            dict.fromkeys(system_ids),
+            lambda vehicle, _: read_items(vehicle, mission_type, self._given_up(vehicle)),
+            ReadResult,
         )
 
     async def launch(self, altitudes_m: Mapping[int, float], *, timeout_s: float) -> dict[int, CommandResult]:
