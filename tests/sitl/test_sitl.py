@@ -9,6 +9,7 @@ import asyncio
 import time
 from collections.abc import AsyncIterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from math import hypot
 
 import pytest
@@ -80,6 +81,10 @@ class Ready:
         async with asyncio.timeout(120):
             while (said := self.link.telemetry(SYSTEM)) is None or said.armed:  # noqa: ASYNC110
                 await asyncio.sleep(0.5)
+
+
+def _place(origin: Origin, point: tuple[float, float]) -> tuple[float, float]:
+    return east_north_to_geodetic(origin, *point)
 
 
 @pytest.fixture
@@ -159,9 +164,8 @@ async def test_a_stream_is_followed_and_its_end_leaves_the_mission(ready: Ready)
     (uploaded,) = (await ready.link.upload({SYSTEM: mission})).values()
     assert uploaded.verified, uploaded.error
     await ready.climb()
-    streamer = Streamer(
-        SYSTEM, list(SQUARE), SLOT_S, ALTITUDE_M, lambda point: east_north_to_geodetic(ready.origin, *point)
-    )
+    place = partial(_place, ready.origin)
+    streamer = Streamer(SYSTEM, list(SQUARE), SLOT_S, ALTITUDE_M, place)
     streamed = Streamed(vehicle=ready.link.vehicle(SYSTEM), streamer=streamer, mission=mission)
     stream = Stream({SYSTEM: streamed}, scale=1.0, fall_back=FallBack.MISSION)
     assert (await stream.begin())[SYSTEM] is None
