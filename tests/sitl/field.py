@@ -45,7 +45,7 @@ MARKS = [
     pytest.mark.filterwarnings("default"),
 ]
 SLOTS, SLOT_S, SPEED_MPS, ALTITUDE_M, AWAY_M = 12, 5.0, 4.0, 15.0, 35.0
-HEARD_WITHIN_S, READY_WITHIN_S, MORE_WITHIN_S = 60.0, 120.0, 2.0
+HEARD_WITHIN_S, READY_WITHIN_S, MORE_WITHIN_S = 60.0, 300.0, 2.0
 OTHER_STATION = 250
 INT_TYPES = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}
 """MAV_PARAM_TYPE as PX4 packs them into the float of PARAM_SET."""
