@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import asyncio
 import os
+import queue
 import signal
 import socket
 import struct
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -124,25 +126,45 @@ class Station:
 
     def __init__(self, port: int) -> None:
         self._link: Any = mavutil.mavlink_connection(f"udpin:127.0.0.1:{port}", source_system=OTHER_STATION)
-        self._link.WIRE_PROTOCOL_VERSION = "2.0"
+        self._heard: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._over = threading.Event()
+        self._listening = threading.Thread(target=self._listen)
+        self._listening.start()
 
     def close(self) -> None:
         """Let go of the port."""
+        self._over.set()
+        self._listening.join()
         self._link.close()
+
+    def _listen(self) -> None:
+        """Take in everything at once: what waits in the socket would be old when it is asked for."""
+        while not self._over.is_set():
+            message = self._link.recv_match(blocking=True, timeout=0.2)
+            if message is not None:
+                self._heard.put(message)
+
+    def forget(self) -> None:
+        """What was heard until now answers nothing that is asked from now on."""
+        while not self._heard.empty():
+            self._heard.get()
 
     def hear(self, kind: str, system: int, within_s: float, is_so: Callable[[Any], bool] = lambda _: True) -> Any:
         """The next message of that kind from one autopilot, None if there is none in time."""
         until_s = time.monotonic() + within_s
         while (left_s := until_s - time.monotonic()) > 0:
-            message = self._link.recv_match(type=kind, blocking=True, timeout=left_s)
-            if message is None:
+            try:
+                message = self._heard.get(timeout=left_s)
+            except queue.Empty:
                 return None
-            if (message.get_srcSystem(), message.get_srcComponent()) == (system, 1) and is_so(message):
+            sender = message.get_srcSystem(), message.get_srcComponent()
+            if message.get_type() == kind and sender == (system, 1) and is_so(message):
                 return message
         return None
 
     def command(self, system: int, number: int, *params: float) -> int | None:
         """The result (MAV_RESULT) of a command, None if there is no answer."""
+        self.forget()
         for _ in range(3):
             self._link.mav.command_long_send(system, 1, number, 0, *params, *[0.0] * (7 - len(params)))
             answer = self.hear("COMMAND_ACK", system, 1.5, lambda ack: ack.command == number)
@@ -169,6 +191,7 @@ class Station:
 
     def parameter(self, system: int, name: str) -> Any:
         """The PARAM_VALUE of that name, None if the vehicle does not know it."""
+        self.forget()
         for _ in range(3):
             self._link.mav.param_request_read_send(system, 1, name.encode(), -1)
             told = self.hear("PARAM_VALUE", system, 1.0, lambda value: value.param_id == name)
@@ -188,6 +211,7 @@ class Station:
 
     def set_raw(self, vehicle: Standing, name: str, raw: float, kind: int) -> None:
         """Set it as it is on the wire."""
+        self.forget()
         for _ in range(3):
             self._link.mav.param_set_send(vehicle.system_id, 1, name.encode(), raw, kind)
             if self.hear("PARAM_VALUE", vehicle.system_id, 1.0, lambda told: told.param_id == name) is not None:
@@ -295,6 +319,7 @@ class Field:
                 if row.ended_at is None:
                     self.client.command(row.id, "abort", action="land")
             for one in self.vehicles:
+                self.station.forget()
                 beat = self.station.hear("HEARTBEAT", one.system_id, 3.0)
                 if beat is not None and beat.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED:
                     self.station.land(one)
