@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from rich.console import Console
 from rich.markup import escape
 
-from api import planning_cli, remote_cli
+from api import check_cli, planning_cli, remote_cli
 from api.cli_files import Json, Out, UsageError, read, read_as, read_scenario, write
 from api.errors import ServiceError
 from api.keys_cli import keys
@@ -30,6 +30,7 @@ cli.add_typer(bench, name="bench")
 cli.add_typer(keys, name="keys")
 for _command in (remote_cli.fly, remote_cli.status, remote_cli.drill):
     cli.command()(_command)
+cli.command()(check_cli.check)
 cli.command("plan")(planning_cli.plan_command)
 cli.command("replan")(planning_cli.replan_command)
 cli.command()(planning_cli.export)
