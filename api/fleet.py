@@ -29,6 +29,7 @@ from mavlink_bridge import (
     VehiclesMissing,
 )
 from mavlink_bridge.conditions import Change, Condition
+from mavlink_bridge.mission_messages import GROUND
 from mavlink_bridge.senders import SenderKind, SenderNotice
 from mavlink_bridge.speeds import SpeedRestored
 
@@ -108,7 +109,14 @@ class Fleet:
             self.link.classifier.watch(system_id, self._clock.now())
 
     async def register(self, uav_id: str, system_id: int, *, simulated: bool = False) -> VehicleView:
-        """Tie a UAV id to a MAVLink system id and open the link. Raises ConflictError when either is taken."""
+        """Tie a UAV id to a MAVLink system id and open the link.
+
+        Raises ConflictError when either is taken, InvalidError for the id this ground station has itself.
+        """
+        if system_id == GROUND[0]:
+            raise InvalidError(
+                f"system_id: {system_id} is this ground station's own on the link; give the vehicle another"
+            )
         self._require_free(uav_id, system_id)
         await self._open()
         self._require_free(uav_id, system_id)  # others have registered while the link opened

@@ -16,7 +16,7 @@ from api.guidance import FlightGuidance, Way
 from api.rates import InForce, Point, Sample, rates_by_slot
 from api.roster import Roster
 from api.take_off import LOOK_EVERY_S, FlightError, TakeOff, each
-from mavlink_bridge import Autopilot, Mission, Telemetry, VehiclesMissing
+from mavlink_bridge import Autopilot, Mission, Telemetry, VehiclesMissing, geodetic_to_east_north
 from mavlink_bridge.autopilots import HOLD_MODE, STREAM_MODE
 from mavlink_bridge.verified import OnBoard
 from planner import Plan
@@ -45,6 +45,7 @@ class Flight:
             self.guidance,
             now_s=self.now_s,
             last_change_s=(plan.scenario.slots - 2) * plan.scenario.slot_duration_s,
+            last_slot_s=(plan.scenario.slots - 1) * plan.scenario.slot_duration_s,
         )
         self.take_off = TakeOff(plan, systems, fleet, clock, self.guidance)
         self._began: float | None = None
@@ -245,7 +246,7 @@ class Flight:
         return self.roster.returned
 
     def positions_m(self) -> dict[str, Point]:
-        """Where each UAV was last heard, metres east/north of the scenario's origin."""
+        """Where each UAV that knows its place was last heard, metres east/north of the scenario's origin."""
         return self.roster.positions_m()
 
     def still_up(self) -> list[str]:
@@ -256,9 +257,18 @@ class Flight:
         """Whether at least one UAV survived and all that did have landed."""
         return bool(self.surviving()) and not self.still_up()
 
+    def home_m(self, uav: str) -> Point:
+        """Where it returns to, metres east/north: the home it told of, else its start in the plan."""
+        scenario = self.first_plan.scenario
+        home = self._fleet.link.home_deg(self.systems[uav])
+        return scenario.uav(uav).start_m if home is None else geodetic_to_east_north(scenario.origin, *home)
+
     def over(self, landing_limit_s: float) -> bool:
-        """Whether there is nothing left to wait for."""
-        return not self.still_up() or self.now_s() > self.n_slots * self.slot_s + landing_limit_s
+        """Whether there is nothing left to wait for: who counts is down, and who left the plan too, if it is coming."""
+        return (
+            not (self.still_up() or self.roster.coming_down())
+            or self.now_s() > self.n_slots * self.slot_s + landing_limit_s
+        )
 
     # --- the record ---
 

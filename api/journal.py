@@ -1,6 +1,6 @@
 """The journal of operations in the air: each step is stored before it is done.
 
-    detected -> classified -> replanned -> checked [-> proposed -> approved]
+    detected -> classified [-> waiting] -> replanned -> checked [-> proposed -> approved]
     -> uploading (per UAV) -> verified (per UAV) -> flying -> closed
 
 What a killed service has stored tells the next one what was certainly not begun, what was certainly done, and which
@@ -30,6 +30,7 @@ class Step(StrEnum):
 
     DETECTED = "detected"
     CLASSIFIED = "classified"
+    WAITING = "waiting"
     REPLANNED = "replanned"
     CHECKED = "checked"
     REFUSED = "refused"

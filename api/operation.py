@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 import structlog
 
+from api.ends import ends_of, shortfall
 from api.errors import ConflictError, PreconditionError
 from api.flight import Flight
 from api.given import MissionBook
@@ -74,7 +75,7 @@ class Operation:
             plan_id=flight.plan.id,
             plan_ids=[entry.plan.id for entry in flight.timeline],
             vehicles=flight.systems,
-            uavs=uav_views(flight),
+            uavs=uav_views(flight, over=self.state in ENDED),
             lost=sorted(flight.lost),
             returned=sorted(flight.returned),
             low_on_battery=[] if self.state in ENDED else sorted(flight.roster.low_on_battery),
@@ -149,7 +150,8 @@ class Operation:
             raise BridgeError(f"lost: every vehicle is lost ({', '.join(sorted(flight.lost))})")
         if not flight.all_down():
             raise BridgeError(f"landing: {', '.join(flight.still_up())} not down {LANDING_LIMIT_S:g} s after the plan")
-        await self.enter(State.COMPLETED)
+        self.error = shortfall(flight)
+        await self.enter(State.COMPLETED if self.error is None else State.COMPLETED_PARTLY)
 
     async def _tick(self, news: asyncio.Queue[Any]) -> None:
         flight = self.flight
@@ -256,7 +258,8 @@ class Operation:
             await self.incidents.close(self.error or f"the operation is {state.value}")
         self.state = state
         await self.save()
-        self._books.events.add("operation", operation_id=self.id, state=state.value, error=self.error)
+        ends = {uav: end.value for uav, end in ends_of(self.flight).items()} if state in ENDED else {}
+        self._books.events.add("operation", operation_id=self.id, state=state.value, error=self.error, ends=ends)
 
     async def create(self) -> None:
         """Store a new operation. Raises StoreError."""

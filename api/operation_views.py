@@ -8,6 +8,7 @@ from typing import Literal
 
 from pydantic import BaseModel
 
+from api.ends import UavEnd, ends_of
 from api.flight import Flight
 from api.resilience import Recovery
 from api.transition import scheduled_at
@@ -20,6 +21,8 @@ class State(StrEnum):
     """Life of an operation. `interrupted`: commands are in doubt after a restart; only `abort` goes on from there.
 
     `link_lost`: nobody is heard, which is our own link: vehicles fly their missions, and it goes on when one is heard.
+    `completed`: every UAV that the last plan in force counts flew it to the end and is down, those that were sent home
+    by order apart, and nobody is in the air. `completed_partly`: the others did; `error` names who did not, and why.
     """
 
     UPLOADING = "uploading"
@@ -33,19 +36,21 @@ class State(StrEnum):
     ABORTING = "aborting"
     INTERRUPTED = "interrupted"
     COMPLETED = "completed"
+    COMPLETED_PARTLY = "completed_partly"
     ABORTED = "aborted"
     FAILED = "failed"
 
 
 IN_THE_AIR = {State.FLYING, State.LANDING, State.PAUSED, State.LINK_LOST}
-ENDED = {State.COMPLETED, State.ABORTED, State.FAILED}
+ENDED = {State.COMPLETED, State.COMPLETED_PARTLY, State.ABORTED, State.FAILED}
 
 
 class UavView(BaseModel):
     """One UAV of an operation. `slip_m`: metres from where the plan has it now, None before slot 0 and after the last.
 
     `state`: lost, returned (heard again, and offered to the operator), grounded, flying its mission, holding, or in
-    another mode, which is then named.
+    another mode, which is then named. `end`: where it was when the operation ended, None before that, and for an
+    operation that never began slot 0.
     """
 
     system_id: int
@@ -54,6 +59,7 @@ class UavView(BaseModel):
     mission_item: int | None = None
     relative_alt_m: float | None = None
     slip_m: float | None = None
+    end: UavEnd | None = None
 
 
 class Proposal(BaseModel):
@@ -103,10 +109,12 @@ class OperationRow(BaseModel):
     ended_at: float | None
 
 
-def uav_views(flight: Flight) -> dict[str, UavView]:
-    """Every UAV of a flight as it was last heard."""
-    positions = flight.positions_m()
-    return {uav: _uav(flight, uav, positions.get(uav)) for uav in flight.systems}
+def uav_views(flight: Flight, *, over: bool) -> dict[str, UavView]:
+    """Every UAV of a flight as it was last heard; `over`: with how it ended."""
+    positions, ends = flight.positions_m(), ends_of(flight) if over else {}
+    return {
+        uav: _uav(flight, uav, positions.get(uav)).model_copy(update={"end": ends.get(uav)}) for uav in flight.systems
+    }
 
 
 def slip_m(flight: Flight, uav: str, here: tuple[float, float] | None) -> float | None:

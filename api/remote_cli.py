@@ -115,7 +115,10 @@ def _show(view: OperationView, *, as_json: bool) -> None:
     table = Table("uav", "state", "item", "slip, m", title=f"{view.id}: {view.state.value}, slot {slot}")
     for uav, said in view.uavs.items():
         table.add_row(
-            uav, said.state, str(said.mission_item or "-"), "-" if said.slip_m is None else f"{said.slip_m:.1f}"
+            uav,
+            said.end or said.state,
+            str(said.mission_item or "-"),
+            "-" if said.slip_m is None else f"{said.slip_m:.1f}",
         )
     Console().print(table)
     for report in view.recoveries:

@@ -35,6 +35,8 @@ log = structlog.get_logger()
 PLANNING_ATTEMPTS = 3
 DECIDED_S = 0.2
 """Wall seconds between looks whether there is still time to wait for the operator."""
+LOCATED_LOOK_S = 0.1
+"""Wall seconds between looks whether everybody knows its place again."""
 
 
 Outcome = Literal[
@@ -157,6 +159,7 @@ class Answer:
 
     async def _checked_plan(self, attempt: int) -> Plan | None:
         steps, flight = self._incident.log, self._flight
+        await self._all_located()
         at_slot = self._next_slot() + attempt - 1
         if at_slot >= flight.n_slots - 1:
             raise TooLateError("no slot is left to fly differently")
@@ -172,6 +175,26 @@ class Answer:
             return None
         self._update(plan_id=plan.id, replan_ms=plan.solve_ms)
         return plan
+
+    async def _all_located(self) -> None:
+        """Wait until every survivor knows where it is: no way into a plan can be made from nowhere.
+
+        Whoever does not find its place again is declared lost when it lands, which ends this answer. Raises
+        TooLateError when no slot is left.
+        """
+        told = False
+        while nowhere := self._nowhere():
+            if not told:
+                told = True
+                await self._incident.log.step(Step.WAITING, because=f"no position of {', '.join(nowhere)}")
+            if self._next_slot() >= self._flight.n_slots - 1:
+                raise TooLateError(f"no slot is left to fly differently: no position of {', '.join(nowhere)}")
+            await asyncio.sleep(LOCATED_LOOK_S)
+
+    def _nowhere(self) -> list[str]:
+        """Survivors that are heard and do not know where they are."""
+        known = self._flight.positions_m()
+        return [uav for uav in self._flight.surviving() if uav not in known and self._flight.on_board(uav) is not None]
 
     def _next_slot(self) -> int:
         """The first slot that can still be flown differently."""

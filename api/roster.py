@@ -12,18 +12,22 @@ from api.guidance import FlightGuidance
 from api.losses import Loss, seen, silent
 from api.own_link import Heard
 from api.rates import Point
-from mavlink_bridge import LinkEvent, LinkState, geodetic_to_east_north
+from mavlink_bridge import FlightMode, LinkEvent, LinkState, geodetic_to_east_north
 from mavlink_bridge.conditions import Condition
 from planner import Origin
 
 LOW_M = 2.0
 """Metres above home; who is armed and higher than this is in the air."""
 
+_ENDS_ON_THE_GROUND = frozenset({FlightMode.RETURN, FlightMode.LAND, FlightMode.MISSION})
+"""Modes that end in a landing by themselves."""
+
 
 class Roster:
     """The UAVs of one flight. `now_s()`: fleet seconds since slot 0 began.
 
-    last_change_s: until then slots can be flown differently; later, missions return and land as planned.
+    last_change_s: until then slots can be flown differently; later, missions return and land as planned. last_slot_s:
+    when the last slot begins.
     """
 
     def __init__(
@@ -35,6 +39,7 @@ class Roster:
         *,
         now_s: Callable[[], float],
         last_change_s: float,
+        last_slot_s: float,
     ) -> None:
         self.lost: dict[str, float] = {}
         """Since when each that is lost was not heard, or was seen lost."""
@@ -45,10 +50,12 @@ class Roster:
         self._systems, self._origin = systems, origin
         self._uavs = {system: uav for uav, system in systems.items()}
         self._fleet, self._guidance = fleet, guidance
-        self._now_s, self._last_change_s = now_s, last_change_s
+        self._now_s, self._last_change_s, self._last_slot_s = now_s, last_change_s, last_slot_s
         self.own_link = fleet.own_link()
         """Whether judgement is held because nobody at all is heard."""
         self._warned: dict[str, str] = {}
+        self._last_seen_m: dict[str, Point] = {}
+        self._broke_off: dict[str, Loss] = {}
 
     def recall(self, lost: dict[str, float], losses: dict[str, Loss], returned: set[str]) -> None:
         """Take over what was known before a restart."""
@@ -67,6 +74,7 @@ class Roster:
     def newly_lost(self, queue: asyncio.Queue[LinkEvent]) -> dict[str, Loss]:
         """UAVs that are lost since the last call, and why: fallen silent in flight, or seen in no state to serve."""
         found = {}
+        self._last_seen_m |= self.positions_m()
         while not queue.empty():
             event = queue.get_nowait()
             uav = self._uavs.get(event.system_id)
@@ -81,6 +89,7 @@ class Roster:
         for uav, at_m in self.positions_m().items():
             self._guidance.airspace.seen(uav, at_m)
         self._warn()
+        self._note_broken_off()
         return found | self._seen_lost()
 
     def _heard(self) -> dict[str, Heard]:
@@ -105,6 +114,37 @@ class Roster:
             elif self._warned.get(uav) != said:
                 self._warned[uav] = said
                 self._fleet.note("uav_warning", uav_id=uav, detail=said)
+
+    def _note_broken_off(self) -> None:
+        """Who leaves its plan when nothing can be flown differently any more is not lost, but has not flown it all."""
+        if self._now_s() < self._last_slot_s:
+            for uav in self._systems:
+                loss = seen(self._fleet.condition(self._systems[uav]), plan_is_flown=True)
+                if loss is not None:
+                    self._broke_off.setdefault(uav, loss)
+
+    def left_its_plan(self, uav: str) -> Loss | None:
+        """Why a UAV left its plan before the last slot; None for one that flew it."""
+        return self.losses.get(uav) or self._broke_off.get(uav)
+
+    @property
+    def retired(self) -> set[str]:
+        """UAVs that were sent home by order."""
+        return {uav for uav, loss in self.losses.items() if loss.kind == "battery"}
+
+    def is_heard(self, uav: str) -> bool:
+        """Whether its link is not lost."""
+        system, monitor = self._systems[uav], self._fleet.link.monitor
+        return system in monitor.watched and monitor.state(system) is not LinkState.LOST
+
+    def coming_down(self) -> list[str]:
+        """UAVs that count no more, are heard, and fly by themselves to where they land."""
+        found = []
+        for uav in self.lost:
+            said = self._fleet.link.telemetry(self._systems[uav])
+            if said is not None and said.armed and said.mode in _ENDS_ON_THE_GROUND and self.is_heard(uav):
+                found.append(uav)
+        return found
 
     def _seen_lost(self) -> dict[str, Loss]:
         """UAVs newly seen crashed, landed off plan, flown by a human or in failsafe; who is lost gets a cause."""
@@ -158,7 +198,8 @@ class Roster:
         return loss
 
     def _reserve(self, uav: str) -> None:
-        where = self.positions_m().get(uav)
+        """Its air is nobody else's, from where it is or last was."""
+        where = self.last_seen_m(uav)
         if where is not None:
             self._guidance.reserve(uav, where)
 
@@ -167,6 +208,7 @@ class Roster:
         self.returned.discard(uav)
         self.lost.pop(uav)
         self.losses.pop(uav)
+        self._broke_off.pop(uav, None)
         self._guidance.found(uav)
 
     @property
@@ -203,13 +245,17 @@ class Roster:
         return seen(self._fleet.condition(self._systems[uav]), plan_is_flown=flown)
 
     def positions_m(self) -> dict[str, Point]:
-        """Where each UAV was last heard, metres east/north of the scenario's origin."""
+        """Where each UAV that knows its place was last heard, metres east/north of the scenario's origin."""
         found = {}
         for uav, system in self._systems.items():
             said = self._fleet.link.telemetry(system)
-            if said is not None:
-                found[uav] = geodetic_to_east_north(self._origin, said.lat_deg, said.lon_deg)
+            if said is not None and said.place_deg is not None:
+                found[uav] = geodetic_to_east_north(self._origin, *said.place_deg)
         return found
+
+    def last_seen_m(self, uav: str) -> Point | None:
+        """Where a UAV is, or was when it last knew its place."""
+        return self.positions_m().get(uav, self._last_seen_m.get(uav))
 
     def is_down(self, uav: str) -> bool:
         """Whether it last said that it is disarmed, and is not seen to be in the air all the same."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import dist
 from typing import TYPE_CHECKING
 
-from mavlink_bridge import OnEnd, Telemetry, geodetic_to_east_north
+from mavlink_bridge import OnEnd, Telemetry
 from mavlink_bridge.autopilots import OURS
 
 if TYPE_CHECKING:
@@ -69,12 +69,11 @@ class Stragglers:
             )
 
     def _hovers(self, flight: Flight, uav: str) -> bool:
-        said = flight.on_board(uav)
-        if said is None or said.relative_alt_m < LOW_M or not _is_ours(flight, uav, said):
+        said, at_m = flight.on_board(uav), flight.roster.last_seen_m(uav)
+        if said is None or at_m is None or said.relative_alt_m < LOW_M or not _is_ours(flight, uav, said):
             self._stillness.forget(uav)
             return False
-        east, north = geodetic_to_east_north(flight.plan.scenario.origin, said.lat_deg, said.lon_deg)
-        return self._stillness.seen(uav, flight.now_s(), (east, north, said.relative_alt_m))
+        return self._stillness.seen(uav, flight.now_s(), (*at_m, said.relative_alt_m))
 
 
 def _is_ours(flight: Flight, uav: str, said: Telemetry) -> bool:

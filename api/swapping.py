@@ -54,15 +54,17 @@ class Swap:
         return results
 
     async def _try(self, plan: Plan, uavs: Iterable[str], attempt: int) -> dict[str, str | None]:
+        known = self._flight.positions_m()
+        nowhere = {uav: "it does not know where it is" for uav in uavs if uav not in known}
         try:
-            missions = self._missions(plan, uavs)
+            missions = self._missions(plan, [uav for uav in uavs if uav not in nowhere])
         except (BridgeError, ReplanError) as error:
             return dict.fromkeys(uavs, str(error))
         await self._flight.guidance.remember(missions)
         told = {uav: self._intent(plan, mission, attempt) for uav, mission in missions.items()}
         await self._steps.step_each(Step.UPLOADING, told)
         results = await asyncio.gather(*(self._one(plan, uav, mission) for uav, mission in missions.items()))
-        return dict(zip(missions, results, strict=True))
+        return nowhere | dict(zip(missions, results, strict=True))
 
     async def _one(self, plan: Plan, uav: str, mission: Mission) -> str | None:
         error = (await self._flight.swap({uav: mission}))[uav]

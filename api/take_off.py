@@ -20,6 +20,7 @@ from mavlink_bridge import BridgeError, LinkState, VehiclesMissing, geodetic_to_
 from mavlink_bridge.autopilots import OURS
 from mavlink_bridge.fence import fence_items, rally_items
 from mavlink_bridge.mission_messages import MissionType
+from mavlink_bridge.readiness import ARMABLE_WITHIN_S
 from planner import Plan
 
 LOOK_EVERY_S = 0.05
@@ -123,6 +124,7 @@ class TakeOff:
         with suppress(VehiclesMissing):  # the upload itself tells of each vehicle that is not there
             await link.wait_for(set(self._systems.values()), timeout_s=HEARD_WITHIN_S)
         await link.prepare(self._systems.values())
+        await link.wait_for_facts(self._systems.values(), self._waits)
         missions = {uav: self._guidance.compile(self._plan, uav) for uav in self._systems}
         self._audit()
         await self._guidance.remember(missions)
@@ -138,9 +140,27 @@ class TakeOff:
             raise FlightError(f"upload failed for {each(bad)}; verified on board of {', '.join(good) or 'nobody'}")
         return max((result.seconds for result in results.values()), default=0.0)
 
+    def _waits(self, system: int, missing: tuple[str, ...]) -> None:
+        """An autopilot that has just booted is waited for, and that is told."""
+        self._fleet.note("waiting_for_facts", uav_id=self._uavs[system], missing=list(missing))
+
+    async def arm(self) -> None:
+        """Arm everybody before anybody leaves the ground. Raises FlightError with each that does not let itself."""
+        self._launched = True
+        results = await self._fleet.link.arm(
+            self._systems.values(), patience_s=ARMABLE_WITHIN_S, on_refused=self._arming_refused
+        )
+        bad = {self._uavs[system]: result.error for system, result in results.items() if not result.ok}
+        if bad:
+            raise FlightError(f"launch failed for {each(bad)}")
+
+    def _arming_refused(self, system: int, why: str) -> None:
+        self._fleet.note("arming_refused", uav_id=self._uavs[system], because=why)
+
     async def launch(self, timeout_s: float) -> None:
         """Arm, climb to the plan's altitude and wait there for each other. Raises FlightError for the first failure."""
-        self._launched, scenario = True, self._plan.scenario
+        await self.arm()
+        scenario = self._plan.scenario
 
         async def one(uav: str, system: int) -> None:
             climb = {system: scenario.altitude_of(scenario.uav(uav))}
@@ -201,8 +221,8 @@ class TakeOff:
         scenario, points = self._plan.scenario, {}
         for uav, system in self._systems.items():
             said = self._fleet.link.telemetry(system)
-            if said is not None and not said.armed:
-                stands_m = geodetic_to_east_north(scenario.origin, said.lat_deg, said.lon_deg)
+            if said is not None and said.place_deg is not None and not said.armed:
+                stands_m = geodetic_to_east_north(scenario.origin, *said.place_deg)
                 points[system] = rally_items(scenario, [stands_m], scenario.altitude_of(scenario.uav(uav)))
         results = await self._fleet.link.upload_fence(points, mission_type=MissionType.RALLY)
         for system, result in sorted(results.items()):
@@ -210,9 +230,9 @@ class TakeOff:
             self._fleet.note("rally_point", uav_id=self._uavs[system], level=level, error=result.error)
 
     def _audit(self) -> None:
-        """Report what the preflight audit finds; with `preflight` "enforce" a blocker keeps everybody on the ground.
+        """Report what the preflight audit finds.
 
-        Some blockers do in any case (`Finding.always`).
+        With `preflight` "enforce" a blocker keeps everybody on the ground; one that refuses does so in any case.
         """
         blockers, enforced = {}, self._fleet.enforces_preflight
         for uav, findings in self._guidance.audit(self._plan).items():
@@ -221,7 +241,7 @@ class TakeOff:
             blocked = [
                 f"{one.name} is {one.found}, should be {one.should}"
                 for one in findings
-                if one.level == "blocker" and (enforced or one.always)
+                if one.refuses or (one.level == "blocker" and enforced)
             ]
             if blocked:
                 blockers[uav] = ", ".join(blocked)

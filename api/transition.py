@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import hypot
 
@@ -93,6 +93,12 @@ class Present:
         """As of now."""
         return cls(flight.now_s(), flight.positions_m(), flight.plan, flight.guidance.airspace)
 
+    def require_located(self, uavs: Iterable[str]) -> None:
+        """Raise ReplanError naming each of these that does not know where it is."""
+        nowhere = [uav for uav in uavs if uav not in self.positions_m]
+        if nowhere:
+            raise ReplanError(f"positions_m: {', '.join(nowhere)} does not know where it is")
+
 
 def require_separated(plans: Mapping[str, Plan], present: Present) -> None:
     """Refuse a change in which UAVs come too close, from where they are now to the end; `plans` has the plan of each.
@@ -101,6 +107,7 @@ def require_separated(plans: Mapping[str, Plan], present: Present) -> None:
     later flies above (`FlightGuidance.compile`), but on the first leg, on which one climbs, nobody may enter air that
     the mission now on board stays out of. Raises ReplanError naming who, how close and when.
     """
+    present.require_located(plans)
     now_s, live = present.now_s, {uav: present.positions_m[uav] for uav in plans}
     slot_s = present.plan.scenario.slot_duration_s
     first = int(now_s // slot_s) + 1

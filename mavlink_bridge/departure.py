@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 from math import hypot, nan
 
+from mavlink_bridge import readiness
 from mavlink_bridge.autopilots import HOLD_MODE, Autopilot, FlightMode, mode_numbers
 from mavlink_bridge.flight import (
     CUSTOM_MODE,
@@ -21,6 +22,7 @@ from mavlink_bridge.flight import (
 )
 from mavlink_bridge.geodesy import geodetic_to_east_north, to_e7
 from mavlink_bridge.items import Frame
+from mavlink_bridge.readiness import ARMABLE_WITHIN_S, OnRefused
 from mavlink_bridge.vehicle import NotDone, Vehicle
 from planner.scenario import Origin
 
@@ -30,24 +32,33 @@ ARRIVAL_SPEED_MPS = 0.5
 INSIST_EVERY_S, INSIST_TIMES = 0.04, 8
 """Eight start within 0.15 s of each other at 10 % loss each way, but for one launch in a hundred or so."""
 
-_ARM, _TAKEOFF, _REPOSITION = 400, 22, 192
+_TAKEOFF, _REPOSITION = 22, 192
 _CHANGE_MODE = 1.0
 
 
-async def launch(vehicle: Vehicle, altitude_m: float, timeout_s: float) -> None:
+async def arm(
+    vehicle: Vehicle, patience_s: float = ARMABLE_WITHIN_S, on_refused: OnRefused = lambda _why: None
+) -> None:
+    """Arm it where it stands, in the mode it takes off from, waiting `patience_s` wall seconds until it lets itself."""
+    if vehicle.autopilot is Autopilot.ARDUPILOT:
+        await set_mode(vehicle, FlightMode.GUIDED)
+    await readiness.arm(vehicle, patience_s, on_refused)
+
+
+async def launch(
+    vehicle: Vehicle, altitude_m: float, timeout_s: float, on_refused: OnRefused = lambda _why: None
+) -> None:
     """Arm, take off, and be within 1 m of `altitude_m` above home (or higher) in `timeout_s` wall seconds.
 
     It ends at once when the vehicle disarms on the way, or changes to a mode that is not ours.
     """
+    await arm(vehicle, min(timeout_s, ARMABLE_WITHIN_S), on_refused)
     now = vehicle.state.snapshot()
-    if now is None:
+    if now is None or now.place_deg is None:
         raise NotDone("its position is not known yet")
     if vehicle.autopilot is Autopilot.ARDUPILOT:
-        await set_mode(vehicle, FlightMode.GUIDED)
-        await vehicle.command(_ARM, 1.0)
         await vehicle.command(_TAKEOFF, 0, 0, 0, None, 0, 0, altitude_m)
     else:
-        await vehicle.command(_ARM, 1.0)
         home_amsl_m = now.altitude_amsl_m - now.relative_alt_m
         with vehicle.commanding(FlightMode.TAKEOFF):
             await vehicle.command(_TAKEOFF, None, 0, 0, None, None, None, home_amsl_m + altitude_m)
@@ -84,7 +95,7 @@ class _Climb:
 
 async def go_to(vehicle: Vehicle, lat_deg: float, lon_deg: float, relative_alt_m: float, timeout_s: float) -> None:
     """Fly straight to a point (degrees, metres above home) and come to rest there."""
-    if vehicle.state.snapshot() is None:
+    if vehicle.state.place_deg is None:
         raise NotDone("its position is not known yet")
     with vehicle.commanding(HOLD_MODE[vehicle.autopilot]):
         await vehicle.command_int(
@@ -138,10 +149,10 @@ def _flies_from(vehicle: Vehicle, item: int, reports: int) -> bool:
 
 def _distance(vehicle: Vehicle, lat_deg: float, lon_deg: float) -> float:
     """Metres over ground between the vehicle and a point."""
-    now = vehicle.state.snapshot()
-    if now is None:
+    place = vehicle.state.place_deg
+    if place is None:
         return nan
-    return hypot(*geodetic_to_east_north(Origin(lat_deg=lat_deg, lon_deg=lon_deg), now.lat_deg, now.lon_deg))
+    return hypot(*geodetic_to_east_north(Origin(lat_deg=lat_deg, lon_deg=lon_deg), *place))
 
 
 def _is_at(vehicle: Vehicle, lat_deg: float, lon_deg: float, relative_alt_m: float) -> bool:

@@ -35,7 +35,7 @@ FLY_TRIES = 2
 PROOF_S = 2.0
 """A vehicle that flies on during its swap (PX4) is told to hold when the new mission is not proven by then."""
 
-SET_MODE, _SET_CURRENT, _INTERVAL, _REQUEST = 176, 224, 511, 512
+SET_MODE, _SET_CURRENT, _INTERVAL, REQUEST = 176, 224, 511, 512
 CUSTOM_MODE = 1.0
 """param1 of SET_MODE (MAV_CMD_DO_SET_MODE): param2 and 3 are the autopilot's own numbers."""
 _HEARTBEAT, _MISSION_CURRENT, _HOME_POSITION = 0, 42, 242
@@ -53,7 +53,7 @@ async def ask_for_streams(vehicle: Vehicle) -> None:
     """Have it send what telemetry is made of (SET_MESSAGE_INTERVAL); a stream it does not know is left out."""
     for message_id, rate_hz in STREAMS_HZ.items():
         await error_of(vehicle.command(_INTERVAL, float(message_id), 1e6 / rate_hz))
-    await error_of(vehicle.command(_REQUEST, _HOME_POSITION))
+    await error_of(vehicle.command(REQUEST, _HOME_POSITION))
 
 
 async def set_mode(vehicle: Vehicle, mode: FlightMode) -> None:
@@ -286,7 +286,7 @@ async def fresh_heartbeat(vehicle: Vehicle) -> bool:
     An autopilot that does not send one on demand sends one a second anyway.
     """
     heard = vehicle.state.heartbeats
-    await error_of(vehicle.command(_REQUEST, float(_HEARTBEAT)))
+    await error_of(vehicle.command(REQUEST, float(_HEARTBEAT)))
     return await vehicle.wait_until(lambda: vehicle.state.heartbeats > heard, HEARTBEAT_S)
 
 

@@ -99,11 +99,11 @@ async def keep(
 
 def _look(one: Kept, elapsed_s: float, now_s: float) -> tuple[Order | None, Slip | None, list[Deviation]]:
     said = one.vehicle.state.snapshot()
-    if said is None or now_s - said.heard_at_s > FRESH_S:
+    if said is None or said.place_deg is None or now_s - said.heard_at_s > FRESH_S:
         return None, None, []
     age_s = now_s - said.heard_at_s
     velocity = (said.velocity_east_mps, said.velocity_north_mps)
-    east, north = geodetic_to_east_north(one.origin, said.lat_deg, said.lon_deg)
+    east, north = geodetic_to_east_north(one.origin, *said.place_deg)
     point = (east + velocity[0] * age_s, north + velocity[1] * age_s)
     order = None
     if said.mode is FlightMode.MISSION and said.mission_current is not None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
+from functools import partial
 from typing import TypeVar
 
 from mavlink_bridge import departure, flight
@@ -15,8 +16,9 @@ from mavlink_bridge.listening import ListeningLink
 from mavlink_bridge.mission_messages import MissionType
 from mavlink_bridge.models import model_from_parameters
 from mavlink_bridge.preflight import START_WITHIN_M, Facts, Needs, parameter_names
-from mavlink_bridge.results import CommandResult, Recognised, SwapResult, UploadResult
-from mavlink_bridge.transfer import ATTEMPTS, read_parameters, recognise, upload_items, upload_verified
+from mavlink_bridge.readiness import wait_for_facts
+from mavlink_bridge.results import CommandResult, ReadResult, Recognised, SwapResult, UploadResult
+from mavlink_bridge.transfer import ATTEMPTS, read_items, read_parameters, recognise, upload_items, upload_verified
 from mavlink_bridge.vehicle import NotDone, Vehicle
 from planner.plans import Plan
 
@@ -25,6 +27,10 @@ SET_ITEM_TIMES = 2
 
 _LOGGER = logging.getLogger(__name__)
 
+OnWait = Callable[[int, tuple[str, ...]], None]
+"""Told of the facts that a system id is waited for."""
+OnRefused = Callable[[int, str], None]
+"""Told why a system id cannot be armed yet."""
 Outcome = TypeVar("Outcome")
 Request = TypeVar("Request")
 
@@ -68,6 +74,20 @@ class FleetLink(ListeningLink):
         """Ask each for its telemetry streams."""
         return await self._command(dict.fromkeys(system_ids), lambda vehicle, _: flight.ask_for_streams(vehicle))
 
+    async def wait_for_facts(
+        self, system_ids: Iterable[int], on_wait: OnWait = lambda _system, _missing: None
+    ) -> dict[int, tuple[str, ...]]:
+        """Wait until each has told what the preflight audit judges; what each had not when its time was over.
+
+        Who was never heard has told nothing, and is not waited for.
+        """
+        here = {system_id: self._vehicles.get(system_id) for system_id in system_ids}
+        heard = {system_id: vehicle for system_id, vehicle in here.items() if vehicle is not None and vehicle.heard}
+        missing = await asyncio.gather(
+            *(wait_for_facts(vehicle, partial(on_wait, system_id)) for system_id, vehicle in heard.items())
+        )
+        return dict(zip(heard, missing, strict=True))
+
     async def upload_fence(
         self, items: Mapping[int, Sequence[MissionItem]], *, mission_type: MissionType = MissionType.FENCE
     ) -> dict[int, UploadResult]:
@@ -76,6 +96,23 @@ class FleetLink(ListeningLink):
             items,
             lambda vehicle, wanted: upload_items(vehicle, wanted, mission_type, given_up=self._given_up(vehicle)),
             UploadResult,
+        )
+
+    async def arm(
+        self, system_ids: Iterable[int], *, patience_s: float, on_refused: OnRefused = lambda _system, _why: None
+    ) -> dict[int, CommandResult]:
+        """Arm each where it stands, as soon as it lets itself be armed; `on_refused` is told why it does not yet."""
+        return await self._command(
+            dict.fromkeys(system_ids),
+            lambda vehicle, _: departure.arm(vehicle, patience_s, partial(on_refused, vehicle.system_id)),
+        )
+
+    async def read(self, system_ids: Iterable[int], mission_type: MissionType) -> dict[int, ReadResult]:
+        """Read what each has on board of one mission type."""
+        return await self._each(
+            dict.fromkeys(system_ids),
+            lambda vehicle, _: read_items(vehicle, mission_type, self._given_up(vehicle)),
+            ReadResult,
         )
 
     async def launch(self, altitudes_m: Mapping[int, float], *, timeout_s: float) -> dict[int, CommandResult]:
@@ -154,16 +191,18 @@ class FleetLink(ListeningLink):
         Raises KeyError if it was never heard.
         """
         vehicle, scenario = self._vehicles[system_id], plan.scenario
-        uav, said, home = scenario.uav(uav_id), vehicle.state.snapshot(), vehicle.state.home_deg
+        uav, place, home = scenario.uav(uav_id), vehicle.state.place_deg, vehicle.state.home_deg
         facts = Facts(
             autopilot=self.autopilot(system_id),
             parameters=self.parameters.get(system_id, {}),
             model=self.model(system_id),
-            at_m=None if said is None else geodetic_to_east_north(scenario.origin, said.lat_deg, said.lon_deg),
+            mav_type=vehicle.state.mav_type,
+            at_m=None if place is None else geodetic_to_east_north(scenario.origin, *place),
             home_m=None if home is None else geodetic_to_east_north(scenario.origin, *home),
             gps_fix=vehicle.state.gps_fix,
             satellites=vehicle.state.satellites,
             battery=vehicle.state.battery,
+            battery_told=vehicle.state.battery_told,
         )
         needs = Needs(
             path_m=list(plan.trajectories_m[uav_id]),

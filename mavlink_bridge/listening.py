@@ -163,6 +163,11 @@ class ListeningLink:
         vehicle = self._vehicles.get(system_id)
         return None if vehicle is None else vehicle.state.snapshot()
 
+    def home_deg(self, system_id: int) -> tuple[float, float] | None:
+        """Latitude and longitude of the home it told of, degrees; None before that."""
+        vehicle = self._vehicles.get(system_id)
+        return None if vehicle is None else vehicle.state.home_deg
+
     def events(self) -> AsyncGenerator[LinkEvent, None]:
         """Changes of link state from this call on, until the link closes. Each caller gets all of them."""
         self._open()

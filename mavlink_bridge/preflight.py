@@ -17,6 +17,7 @@ from mavlink_bridge.mission_messages import GROUND
 from mavlink_bridge.models import MODEL_PARAMETERS
 from mavlink_bridge.pace import Point, VehicleModel, mean_acceleration
 from mavlink_bridge.reach import first_leg_miss
+from mavlink_bridge.telemetry import FIX_3D
 
 START_WITHIN_M = 15.0
 """A UAV that stands further from its first point flies through air in which the plan has others."""
@@ -33,7 +34,7 @@ class Level(StrEnum):
 class Finding:
     """One row of the audit. `name`: parameter or measurement; `found` and `should` as text with units.
 
-    always: whether it keeps the vehicle on the ground even where blockers are only reported.
+    refuses: a blocker that keeps it on the ground even where blockers are only reported.
     """
 
     level: Level
@@ -41,14 +42,15 @@ class Finding:
     found: str
     should: str
     why: str
-    always: bool = False
+    refuses: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
 class Facts:
     """What a vehicle said. Positions in metres east/north of the origin; None: not told.
 
-    gps_fix: GPS_FIX_TYPE (3 is a 3D fix). battery: share of charge, 0..1. model: from its own parameters.
+    gps_fix: GPS_FIX_TYPE (3 is a 3D fix). battery: share of charge, 0..1, of which nothing is known unless
+    `battery_told`. mav_type: MAV_TYPE of its HEARTBEAT. model: from its own parameters.
     """
 
     autopilot: Autopilot
@@ -59,6 +61,8 @@ class Facts:
     gps_fix: int | None = None
     satellites: int | None = None
     battery: float | None = None
+    battery_told: bool = True
+    mav_type: int | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,21 +105,50 @@ def parameter_names(autopilot: Autopilot) -> tuple[str, ...]:
 
 # -- measurements -----------------------------------------------------------------------------------------------------
 
-_FIX_3D, _FEW_SATELLITES = 3, 8
+_FEW_SATELLITES = 8
 _START_TOLERANCE_M = 5.0
 _FIRST_LEG_M = 8.0
 """A vehicle further than this from its point when its first leg should end is told of before take-off."""
 _COMFORTABLE = 0.6
 
 
+MULTIROTORS = {
+    2: "quadrotor",
+    3: "coaxial",
+    13: "hexarotor",
+    14: "octorotor",
+    15: "tricopter",
+    29: "dodecarotor",
+    35: "decarotor",
+}
+"""MAV_TYPE of what hovers, flies in any direction and numbers its modes as the bridge reads them."""
+
+
 def _measurements(facts: Facts, needs: Needs) -> Iterable[Finding]:
-    if facts.gps_fix is None or facts.gps_fix < _FIX_3D:
+    if facts.mav_type is not None and facts.mav_type not in MULTIROTORS:
+        why = "it cannot hover in its slots, and its modes mean something else"
+        found, should = f"MAV_TYPE {facts.mav_type}", f"a multirotor ({', '.join(map(str, MULTIROTORS))})"
+        yield Finding(level=Level.BLOCKER, name="vehicle type", found=found, should=should, why=why, refuses=True)
+    if not facts.parameters:
+        yield _warning(
+            "parameters", "none told", "told when asked", "how it flies and what it does without us is guessed"
+        )
+    yield from _places(facts, needs)
+    yield from _battery(facts, needs)
+    if needs.items > needs.max_items:
+        yield _blocker("mission", f"{needs.items} items", f"at most {needs.max_items}", "it cannot store them")
+
+
+def _places(facts: Facts, needs: Needs) -> Iterable[Finding]:
+    if facts.gps_fix is None or facts.gps_fix < FIX_3D:
         yield _blocker("GPS fix", _told(facts.gps_fix), "3 (3D fix) or better", "it does not know where it is")
     elif facts.satellites is not None and facts.satellites < _FEW_SATELLITES:
         yield _warning("GPS satellites", str(facts.satellites), f"{_FEW_SATELLITES} or more", "its position may wander")
     if facts.home_m is None:
         yield _blocker("home position", "not set", "set", "altitudes of the mission count from it")
-    if facts.at_m is not None:
+    if facts.at_m is None:
+        yield _blocker("position", "none", "a place on the globe", "nobody knows where its mission would begin")
+    else:
         away_m = _apart(facts.at_m, needs.path_m[0])
         if away_m > min(_START_TOLERANCE_M, needs.start_within_m):
             refused = away_m > needs.start_within_m
@@ -125,15 +158,14 @@ def _measurements(facts: Facts, needs: Needs) -> Iterable[Finding]:
                 found=f"{away_m:.0f} m from its start",
                 should=f"within {needs.start_within_m if refused else _START_TOLERANCE_M:g} m",
                 why="it takes off where it stands; UAVs may meet on the way to their first points",
-                always=refused,
+                refuses=refused,
             )
-    yield from _battery(facts, needs)
-    if needs.items > needs.max_items:
-        yield _blocker("mission", f"{needs.items} items", f"at most {needs.max_items}", "it cannot store them")
 
 
 def _battery(facts: Facts, needs: Needs) -> Iterable[Finding]:
-    if facts.battery is None:
+    if not facts.battery_told:
+        yield _warning("battery", "not told", "told once a second", "nobody knows how long it can fly")
+    elif facts.battery is None:
         yield _warning("battery", "not measured", "measured", "nobody would notice that it runs empty")
     elif facts.battery < needs.battery_at_least:
         yield _blocker("battery", f"{facts.battery:.0%}", f"at least {needs.battery_at_least:.0%}", "too little to fly")
@@ -277,7 +309,7 @@ def _holds_without_setpoints(value: float, facts: Facts, needs: Needs) -> list[F
             found=f"{value:g}",
             should=f"{_HOLDS} (hold)",
             why="when setpoints end, and be it for a second, it does not hold: without remote control it returns home",
-            always=not needs.force_stream,
+            refuses=not needs.force_stream,
         )
     ]
 

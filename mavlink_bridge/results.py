@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mavlink_bridge.items import Mission
+from mavlink_bridge.items import Mission, MissionItem
 from mavlink_bridge.verified import OnBoard
 
 
@@ -33,6 +33,13 @@ class UploadResult(Outcome):
     on_board: OnBoard = OnBoard.UNKNOWN
     attempts: int = 0
     mission_id: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReadResult(Outcome):
+    """`items`: what is on board of one mission type, as read; empty after an error."""
+
+    items: tuple[MissionItem, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

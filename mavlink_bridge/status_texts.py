@@ -1,4 +1,4 @@
-"""What an autopilot says in words (STATUSTEXT), and which of it explains a failsafe. Pure, used by `evidence`."""
+"""What an autopilot says in words (STATUSTEXT), and which of it explains a failsafe. Pure: `evidence`, `readiness`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-_KEPT = 12
+_KEPT = 32
 _WARNING = 4
 """MAV_SEVERITY_WARNING: ArduPilot announces its failsafes with it; what is graver has a lower number."""
 _NAMED = re.compile(r"failsafe|breach", re.IGNORECASE)
@@ -41,7 +41,7 @@ class _Text:
 
 
 class StatusTexts:
-    """The latest texts of one autopilot, put together from their chunks of 50 characters; times are fleet seconds."""
+    """The latest texts of one autopilot, put together from their chunks of 50 characters; seconds of one clock."""
 
     def __init__(self) -> None:
         self._texts: deque[_Text] = deque(maxlen=_KEPT)
@@ -50,8 +50,9 @@ class StatusTexts:
         """Take in a STATUSTEXT. PX4 ends its texts with a tab."""
         said = str(fields["text"]).rstrip("\0")
         identity, chunk = int(fields.get("id", 0)), int(fields.get("chunk_seq", 0))
-        last = self._texts[-1] if self._texts else None
-        if last is not None and identity and (last.id, last.chunk + 1) == (identity, chunk):
+        begun = (text for text in reversed(self._texts) if (text.id, text.chunk + 1) == (identity, chunk))
+        last = next(begun, None) if identity and chunk else None
+        if last is not None:
             last.words, last.chunk = last.words + said, chunk
         else:
             self._texts.append(_Text(said, int(fields["severity"]), now_s, identity, chunk))
@@ -66,3 +67,8 @@ class StatusTexts:
         """What names a failsafe, the latest of the last `within_s`."""
         named = [text for text in self._texts if text.names_failsafe and now_s - text.at_s <= within_s]
         return named[-1].words.strip() if named else None
+
+    def since(self, from_s: float) -> list[str]:
+        """Different texts that warn, or worse, since then; the oldest first."""
+        said = [text.words.strip() for text in self._texts if text.at_s >= from_s and text.severity <= _WARNING]
+        return list(dict.fromkeys(words for words in said if words))

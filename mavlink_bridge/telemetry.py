@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
+from math import isfinite
+from typing import Any, TypeAlias
 
 from mavlink_bridge.autopilots import Autopilot, FlightMode, Speaker, items_on_board, mode_of
 from mavlink_bridge.geodesy import from_e7
@@ -16,6 +17,11 @@ MESSAGES = (
 )
 """Messages the snapshot is made of."""
 
+Place: TypeAlias = tuple[float, float]
+"""Latitude and longitude, WGS-84 degrees."""
+
+FIX_3D = 3
+"""GPS_FIX_TYPE_3D_FIX: with less a vehicle does not know where it is."""
 _ARMED = 128
 """MAV_MODE_FLAG_SAFETY_ARMED."""
 _ACCEPTED = 0
@@ -42,15 +48,15 @@ _LANDED = tuple(LandedState)
 class Telemetry:
     """One autopilot as last heard.
 
-    Position: WGS-84 degrees and metres above the vehicle's own home, altitude_amsl_m above mean sea level; velocity
-    m/s over ground. `mission_current` is the seq being flown, `mission_total` the number of items (ArduPilot's home is
-    one), `mission_id` the checksum of the mission on board (0: not told). `boot_ms`: milliseconds since the autopilot
-    started. `heard_at_s`: fleet seconds of the position.
+    Position: WGS-84 degrees (None while it does not know where it is: `place_of`), metres above the vehicle's own home,
+    altitude_amsl_m above mean sea level; velocity m/s over ground. `mission_current` is the seq being flown,
+    `mission_total` the number of items (ArduPilot's home is one), `mission_id` the checksum of the mission on board (0:
+    not told). `boot_ms`: milliseconds since the autopilot started. `heard_at_s`: fleet seconds of the position.
     """
 
     system_id: int
-    lat_deg: float
-    lon_deg: float
+    lat_deg: float | None
+    lon_deg: float | None
     relative_alt_m: float
     altitude_amsl_m: float
     velocity_north_mps: float
@@ -68,12 +74,19 @@ class Telemetry:
     battery: float | None = None
     """Share of charge, 0..1; None if it is not measured."""
 
+    @property
+    def place_deg(self) -> Place | None:
+        """Latitude and longitude, None while it does not know them."""
+        return None if self.lat_deg is None or self.lon_deg is None else (self.lat_deg, self.lon_deg)
+
 
 class TelemetryState:
     """Latest values of one autopilot. Feed only messages of its own system id and component 1."""
 
     def __init__(self, system_id: int) -> None:
         self.system_id = system_id
+        self.mav_type: int | None = None
+        """MAV_TYPE of its HEARTBEAT: 2 is a quadrotor."""
         self.mode = FlightMode.OTHER
         self.heartbeats = 0
         """HEARTBEAT messages so far: a mode is only as fresh as the last one, and they come at 1 Hz."""
@@ -89,11 +102,13 @@ class TelemetryState:
         """opaque_id of the latest accepting MISSION_ACK, None if it carried none."""
         self.battery: float | None = None
         """Share of charge, 0..1; None if it is not measured."""
+        self.battery_told = False
+        """Whether it has sent a SYS_STATUS, which says whether the battery is measured."""
         self.gps_fix: int | None = None
         """GPS_FIX_TYPE; 3 is a 3D fix."""
         self.satellites: int | None = None
         self.home_deg: tuple[float, float] | None = None
-        """Latitude and longitude of the home it told of."""
+        """Latitude and longitude of the home it told of; None for a home that is not set."""
         self.home_amsl_m: float | None = None
         """Metres above mean sea level of that home."""
         self._position: Mapping[str, Any] | None = None
@@ -130,10 +145,11 @@ class TelemetryState:
         if self._position is None or not self._heard:
             return None
         position = self._position
+        lat_deg, lon_deg = self.place_deg or (None, None)
         return Telemetry(
             system_id=self.system_id,
-            lat_deg=from_e7(position["lat"]),
-            lon_deg=from_e7(position["lon"]),
+            lat_deg=lat_deg,
+            lon_deg=lon_deg,
             relative_alt_m=position["relative_alt"] / 1000,
             altitude_amsl_m=position["alt"] / 1000,
             velocity_north_mps=position["vx"] / 100,
@@ -150,11 +166,19 @@ class TelemetryState:
             battery=self.battery,
         )
 
+    @property
+    def place_deg(self) -> Place | None:
+        """Where it says it is; None before it told, and while its receiver has no 3D fix to know it by."""
+        if self._position is None or (self.gps_fix is not None and self.gps_fix < FIX_3D):
+            return None
+        return place_of(self._position["lat"], self._position["lon"])
+
     def _heartbeat(self, fields: Mapping[str, Any], heard_s: float) -> None:
         if not self._speaker.believes(fields, heard_s):
             return
         self._heard = True
         self.heartbeats += 1
+        self.mav_type = int(fields["type"])
         self.mode = mode_of(self.autopilot, int(fields["custom_mode"]))
         self.armed = bool(int(fields["base_mode"]) & _ARMED)
 
@@ -182,7 +206,7 @@ class TelemetryState:
     def _sys_status(self, fields: Mapping[str, Any], heard_s: float) -> None:
         del heard_s
         remaining = int(fields["battery_remaining"])
-        self.battery = None if remaining < 0 else remaining / 100
+        self.battery, self.battery_told = None if remaining < 0 else remaining / 100, True
 
     def _gps(self, fields: Mapping[str, Any], heard_s: float) -> None:
         del heard_s
@@ -194,8 +218,22 @@ class TelemetryState:
 
     def _home(self, fields: Mapping[str, Any], heard_s: float) -> None:
         del heard_s
-        self.home_deg = from_e7(int(fields["latitude"])), from_e7(int(fields["longitude"]))
-        self.home_amsl_m = int(fields["altitude"]) / 1000 if "altitude" in fields else None
+        self.home_deg = place_of(fields["latitude"], fields["longitude"])
+        told_m = fields.get("altitude")
+        self.home_amsl_m = None if self.home_deg is None or told_m is None else int(told_m) / 1000
+
+
+def place_of(lat_e7: float | None, lon_e7: float | None) -> Place | None:
+    """Latitude and longitude in degrees, or None for what autopilots send when they know of no place.
+
+    That is 0/0 (PX4 and ArduPilot before their first position), NaN (None in JSON), and numbers that are on no globe
+    (INT32_MAX, which the MAVLink definitions use for "unknown").
+    """
+    if lat_e7 is None or lon_e7 is None or not (isfinite(lat_e7) and isfinite(lon_e7)):
+        return None
+    lat_deg, lon_deg = from_e7(int(lat_e7)), from_e7(int(lon_e7))
+    nowhere = lat_deg == 0.0 and lon_deg == 0.0
+    return None if nowhere or abs(lat_deg) > 90.0 or abs(lon_deg) > 180.0 else (lat_deg, lon_deg)
 
 
 def _heading_deg(position: Mapping[str, Any]) -> float | None:

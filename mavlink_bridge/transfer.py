@@ -11,7 +11,7 @@ from mavlink_bridge.items import Mission, MissionItem
 from mavlink_bridge.mission_messages import SILENCE_S, MissionType
 from mavlink_bridge.mission_protocol import Download
 from mavlink_bridge.parameters import ParameterRead
-from mavlink_bridge.results import Recognised, UploadResult
+from mavlink_bridge.results import ReadResult, Recognised, UploadResult
 from mavlink_bridge.vehicle import NotDone, Vehicle
 from mavlink_bridge.verified import ATTEMPTS, STATELESS_WINDOW, OnBoard, VerifiedUpload
 
@@ -87,19 +87,26 @@ async def recognise(vehicle: Vehicle, missions: Sequence[Mission], given_up: Cal
     """Read back what is on board and find it among `missions`; then it is known, as after an upload."""
     loop = asyncio.get_running_loop()
     started = loop.time()
-    autopilot = vehicle.autopilot
-    window = STATELESS_WINDOW if autopilot is Autopilot.ARDUPILOT else 1
-    reading = Download(vehicle.system_id, window=window, round_trip=vehicle.round_trip)
-    await vehicle.converse(reading, given_up)
-    found = None
-    error = "not read" if reading.ended is None else reading.ended.error
+    reading = await read_items(vehicle, MissionType.MISSION, given_up)
+    found, error, read, autopilot = None, reading.error, reading.items, vehicle.autopilot
     if error is None:
-        read = reading.items
         found = next((one for one in missions if not mission_differences(one.items, read, autopilot=autopilot)), None)
         error = None if found is not None else f"{len(read)} items on board, and they are none of the known missions"
     if found is not None:
         vehicle.on_board, vehicle.start_item = found.items, found.start_item
     return Recognised(system_id=vehicle.system_id, seconds=loop.time() - started, error=error, mission=found)
+
+
+async def read_items(vehicle: Vehicle, mission_type: MissionType, given_up: Callable[[], bool] = never) -> ReadResult:
+    """Read what is on board of one mission type."""
+    loop = asyncio.get_running_loop()
+    started = loop.time()
+    window = STATELESS_WINDOW if vehicle.autopilot is Autopilot.ARDUPILOT else 1
+    reading = Download(vehicle.system_id, mission_type=mission_type, window=window, round_trip=vehicle.round_trip)
+    await vehicle.converse(reading, given_up)
+    error = "not read" if reading.ended is None else reading.ended.error
+    items = tuple(reading.items) if error is None else ()
+    return ReadResult(system_id=vehicle.system_id, seconds=loop.time() - started, error=error, items=items)
 
 
 async def read_parameters(vehicle: Vehicle, names: Iterable[str]) -> dict[str, float]:
@@ -109,4 +116,4 @@ async def read_parameters(vehicle: Vehicle, names: Iterable[str]) -> dict[str, f
     return reading.values
 
 
-__all__ = ["ATTEMPTS", "NotDone", "read_parameters", "recognise", "upload_items", "upload_verified"]
+__all__ = ["ATTEMPTS", "NotDone", "read_items", "read_parameters", "recognise", "upload_items", "upload_verified"]

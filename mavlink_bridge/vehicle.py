@@ -20,6 +20,7 @@ from mavlink_bridge.heartbeat import AUTOPILOT
 from mavlink_bridge.items import MissionItem
 from mavlink_bridge.mission_messages import GROUND, Message
 from mavlink_bridge.round_trip import RoundTrip
+from mavlink_bridge.status_texts import StatusTexts
 from mavlink_bridge.telemetry import MESSAGES, TelemetryState
 
 Result = TypeVar("Result")
@@ -98,6 +99,8 @@ class Vehicle:
     ) -> None:
         self.system_id = int(system.get_system_id())
         self.state = TelemetryState(self.system_id)
+        self.texts = StatusTexts()
+        """What it said in words, at the event loop's times."""
         self.heard = False
         """Whether its autopilot (component 1) has sent a heartbeat."""
         self.announce: Callable[[FlightMode, bool], None] = lambda _mode, _going_on: None
@@ -282,7 +285,9 @@ class Vehicle:
             self._inbox.put_nowait((name, fields))
         if name in _ANSWERS:
             return
-        if name not in _NEWS:
+        if name == "STATUSTEXT":
+            self.texts.hear(fields, now_s)
+        else:
             self.state.fold(name, fields, heard_s)
         self.heard = self.heard or self.state.heard
         self._on_message(self, name, fields, heard_s)

@@ -7,11 +7,10 @@ from typing import Any
 
 from api.dashboard.rest import Rest, RestError
 from api.dashboard.transactions import transactions
-from api.dashboard.views import Drill, Happening, Operation, OperationLine, TrackPoint, Vehicle, WhatIf
+from api.dashboard.views import OVER, Drill, Happening, Operation, OperationLine, TrackPoint, Vehicle, WhatIf
 from planner import Plan, Scenario
 from sim import FAULTS, fault_from
 
-OVER = {"completed", "aborted", "failed"}
 ENDED = {"succeeded", "infeasible", "cancelled", "failed", "interrupted"}
 
 
@@ -183,4 +182,5 @@ def _finished(body: Mapping[str, Any]) -> Plan:
 def _operation(body: Mapping[str, Any], journal: Sequence[Mapping[str, Any]] = ()) -> Operation:
     over = body["state"] in OVER
     answers = transactions(body["recoveries"], journal, body["proposal"], over=over)
-    return Operation.model_validate({**body, "policy": body["replanning"], "transactions": answers})
+    ends = {uav: seen["end"] for uav, seen in body["uavs"].items() if seen["end"] is not None}
+    return Operation.model_validate({**body, "policy": body["replanning"], "transactions": answers, "ends": ends})

@@ -115,7 +115,7 @@ def _rows(
         if one.in_force_at_s is not None and one.declared_at_s is not None:
             after = one.in_force_at_s - one.declared_at_s
             rows.append((f"{', '.join(one.lost)}: new plan in force after", f"{after:.2f} s", "-"))
-    return rows
+    return rows + [(f"{uav}: at the end", end.replace("_", " "), "-") for uav, end in operation.ends.items()]
 
 
 def _mean(rates: Sequence[Rate]) -> str:
@@ -142,6 +142,8 @@ def _title(drill: Drill | None, operation: Operation) -> str:
 
 
 def _verdict(operation: Operation, lost: Mapping[str, float], *, recovered: bool) -> str:
+    if operation.state == "completed_partly":
+        return f"The operation was completed in part only: {operation.error}."
     if operation.state != "completed":
         return f"The operation {operation.state}: {operation.error or 'it did not come to its end'}."
     if not lost:

@@ -12,6 +12,7 @@ Json = Mapping[str, Any]
 NAMES = {
     "detected": "Loss detected",
     "classified": "Classified",
+    "waiting": "Waiting for positions",
     "replanned": "Replan",
     "checked": "Checked",
     "refused": "Plan refused",
@@ -38,7 +39,7 @@ PHASES = {
     "unanswered": "not answered: the operation ended before",
 }
 GOOD = {"flying", "declined", "superseded"}
-TAKES_TIME = {"replanned", "checked", "proposed", "uploading", "verified"}
+TAKES_TIME = {"waiting", "replanned", "checked", "proposed", "uploading", "verified"}
 
 
 def transactions(

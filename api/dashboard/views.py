@@ -65,8 +65,15 @@ class Transaction(View):
     error: str | None = None
 
 
+OVER = frozenset({"completed", "completed_partly", "aborted", "failed"})
+"""States in which nothing more can happen to an operation."""
+
+
 class Operation(View):
-    """One flight of one plan. `slot` counts from 0; `user_rates_bps` holds None for slots not (yet) recorded."""
+    """One flight of one plan. `slot` counts from 0; `user_rates_bps` holds None for slots not (yet) recorded.
+
+    `ends`: of each UAV, once the operation has ended: flown, returned, landed_elsewhere, lost, in_the_air.
+    """
 
     id: str
     state: str
@@ -77,6 +84,7 @@ class Operation(View):
     lost: tuple[str, ...] = ()
     returned: tuple[str, ...] = ()
     low_on_battery: tuple[str, ...] = ()
+    ends: dict[str, str] = {}
     elapsed_s: float | None = None
     slot: int | None = None
     user_rates_bps: dict[str, list[float | None]] = {}
@@ -86,7 +94,7 @@ class Operation(View):
     @property
     def ended(self) -> bool:
         """Whether nothing more can happen to it."""
-        return self.state in {"completed", "aborted", "failed"}
+        return self.state in OVER
 
     @property
     def proposal(self) -> Transaction | None:

@@ -29,8 +29,10 @@ def _operation(data: Data) -> tuple[str, str]:
     state, error = str(data.get("state")), data.get("error")
     if state == "link_lost":
         return "nobody is heard: our own link is lost, and vehicles fly on by the missions on board", "alarm"
-    text = f"operation {state}" + (f": {error}" if error else "")
-    return text, {"failed": "alarm", "aborted": "warn", "completed": "ok"}.get(state, "")
+    ends = ", ".join(f"{uav} {str(end).replace('_', ' ')}" for uav, end in (data.get("ends") or {}).items())
+    text = f"operation {state.replace('_', ' ')}" + (f": {error}" if error else f": {ends}" if ends else "")
+    levels = {"failed": "alarm", "aborted": "warn", "completed_partly": "alarm", "completed": "ok"}
+    return text, levels.get(state, "")
 
 
 def _link(data: Data) -> tuple[str, str]:
@@ -197,6 +199,14 @@ def _home_moved(data: Data) -> tuple[str, str]:
     return f"{data.get('uav_id')} has a new home, {where}: its altitudes count from there", "warn"
 
 
+def _waits(data: Data) -> tuple[str, str]:
+    return f"{data.get('uav_id')} has not told its {', '.join(data.get('missing') or ())} yet: waiting", "warn"
+
+
+def _arming_refused(data: Data) -> tuple[str, str]:
+    return f"{data.get('uav_id')} cannot be armed yet: {data.get('because')}", "warn"
+
+
 WORDS: Mapping[str, Callable[[Data], tuple[str, str]]] = {
     "operation": _operation,
     "link": _link,
@@ -223,6 +233,8 @@ WORDS: Mapping[str, Callable[[Data], tuple[str, str]]] = {
     "altitude_off_plan": _altitude,
     "home_moved": _home_moved,
     "preflight": _preflight,
+    "waiting_for_facts": _waits,
+    "arming_refused": _arming_refused,
     "uav_returned": _returned,
     "guidance_resumed": _resumed,
     "guard": _guard,

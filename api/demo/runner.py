@@ -17,11 +17,12 @@ from api.demo.client import DemoError, call, free_port, service_process
 from api.demo.orders import DemoConfig, Outcome
 from api.demo.page import result_table, write_page
 from api.demo.report import DemoReport
+from api.operation_views import ENDED as ENDED_STATES
 from api.simulate import specs_at_starts
 from planner import EXAMPLES, Plan, Scenario
 
 POLL_S = 0.1
-ENDED = {"completed", "aborted", "failed"}
+ENDED = {state.value for state in ENDED_STATES}
 
 
 async def run_demo(config: DemoConfig, *, quiet: bool = False) -> DemoReport:
@@ -101,7 +102,11 @@ class Drill:
         words += [f"[red]{uav} lost[/]" for uav in operation["lost"]]
         words += [f"[green]replanned in {r['replan_ms']:.0f} ms[/]" for r in operation["recoveries"] if r["replan_ms"]]
         self._say(", ".join(words))
-        done = self._scenario.slots if operation["state"] in {"landing", "completed"} else operation["slot"] or 0
+        done = (
+            self._scenario.slots
+            if operation["state"] in {"landing", "completed", "completed_partly"}
+            else operation["slot"] or 0
+        )
         self._progress.update(self._bar, completed=done)
 
     def _say(self, text: str) -> None:

@@ -182,8 +182,19 @@ def _tracking(course: Course, timeline: Sequence[InForce], killed: str, kill_s: 
 def _checks(config: DemoConfig, course: Course, outcome: Outcome, kill_s: float) -> list[Check]:
     survivors = [uav for uav in course.scenario.uav_ids if uav != config.kill]
     operation = outcome.operation
+    expected = "completed" if config.replan else "completed_partly"  # unanswered, the plan counts on the lost one
+    ended = {uav: seen["end"] for uav, seen in operation["uavs"].items()}
     checks = [
-        _check("operation completed", operation["state"] == "completed", operation["error"] or operation["state"]),
+        _check(
+            f"operation {expected.replace('_', ' ')}",
+            operation["state"] == expected,
+            operation["error"] or operation["state"],
+        ),
+        _check(
+            "service says how each UAV ended",
+            ended == {uav: "lost" if uav == config.kill else "flown" for uav in course.scenario.uav_ids},
+            ", ".join(f"{uav} {end}" for uav, end in ended.items()),
+        ),
         _fell(course, config.kill, kill_s),
     ]
     if config.replan:

@@ -21,11 +21,12 @@ class Sky:
     def __init__(self) -> None:
         self.conditions: dict[int, Change] = {}
         self.silent_s = {1: 0.1, 2: 0.1}
-        self.told = {system: {"armed": True, "relative_alt_m": 60.0} for system in (1, 2)}
+        self.told: dict[int, dict[str, Any]] = {system: {"armed": True, "relative_alt_m": 60.0} for system in (1, 2)}
         self.warnings: dict[int, str] = {}
         self.aloft: set[int] = set()
         self.notes: list[tuple[str, dict[str, Any]]] = []
         self.reserved: set[str] = set()
+        self.slots_s = 30.0
         self.link = SimpleNamespace(telemetry=self._telemetry)
         self.airspace = SimpleNamespace(seen=lambda _uav, _at_m: None)
         self.roster = Roster(
@@ -33,8 +34,9 @@ class Sky:
             Origin(lat_deg=47.0, lon_deg=8.0),
             cast("Fleet", self),
             cast("FlightGuidance", self),
-            now_s=lambda: 30.0,
+            now_s=lambda: self.slots_s,
             last_change_s=90.0,
+            last_slot_s=95.0,
         )
 
     def see(self, system_id: int, after: Condition, cause: str = "seen so") -> None:
@@ -70,7 +72,7 @@ class Sky:
         self.notes.append((kind, data))
 
     def _telemetry(self, system_id: int) -> SimpleNamespace:
-        return SimpleNamespace(lat_deg=47.0, lon_deg=8.0, **self.told[system_id])
+        return SimpleNamespace(**{"place_deg": (47.0, 8.0)} | self.told[system_id])
 
     # what guidance is told
 

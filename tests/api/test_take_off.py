@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import pytest
 from fastapi.testclient import TestClient
@@ -172,3 +172,59 @@ def test_how_the_flight_before_ended_does_not_keep_a_uav_on_the_ground(
         again = flown.client.fly(flown.plan.id)
         flown.until(again.id, lambda view: view.state is State.FLYING)
         flown.client.command(again.id, "abort", action="land")
+
+
+def not_yet(flown: Flight, system_id: int, wall_s: float) -> None:
+    """This vehicle refuses to be armed for a while, as an ArduCopter does that has just booted."""
+    autopilot = flown.fleet.fleet.vehicles[system_id].autopilot
+    arm, until_s = autopilot.arm, time.monotonic() + wall_s
+
+    def refuse() -> bool:
+        if time.monotonic() < until_s:
+            autopilot.say("Arm: Need Position Estimate", severity=2)
+            return False
+        return bool(arm())
+
+    autopilot.arm = refuse  # type: ignore[method-assign]
+
+
+def events_of(flown: Flight, kind: str) -> list[dict[str, Any]]:
+    log = flown.http.get("/v1/events/log", params={"limit": 500}).json()["items"]
+    return [event["data"] for event in log if event["kind"] == kind]
+
+
+def test_one_that_cannot_be_armed_yet_is_waited_for_by_all_on_the_ground_and_its_words_are_told(served: Served) -> None:
+    def check(autopilot: Autopilot) -> None:
+        with standing(served, autopilot) as flown:
+            not_yet(flown, 2, wall_s=4.0)
+            operation = flown.client.fly(flown.plan.id)
+            until(lambda: bool(events_of(flown, "arming_refused")))
+            assert flown.fleet.fleet.vehicles[1].position[2] < 0.5
+            flown.until(operation.id, lambda view: view.state is State.FLYING)
+            refusals = [event for event in events_of(flown, "arming_refused") if event["uav_id"] == "uav-2"]
+            assert "Need Position Estimate" in refusals[0]["because"]
+            truth = flown.fleet.fleet.truth
+            armed_s = max(event.t_s for event in truth.happened("armed", 2))
+            assert min(event.t_s for event in truth.happened("takeoff")) >= armed_s
+            flown.client.command(operation.id, "abort", action="land")
+
+    side_by_side(check)
+
+
+def test_one_that_has_no_fix_yet_is_waited_for_before_it_is_audited(served: Served) -> None:
+    with standing(served, Autopilot.PX4) as flown:
+        flown.fleet.inject(sim.GpsLoss(2, for_s=5.0 * SPEEDUP))
+        until(lambda: flown.client.vehicles()[1].lat_deg is None)
+        before = len(events_of(flown, "preflight"))
+        operation = flown.client.fly(flown.plan.id)
+        flown.until(operation.id, lambda view: view.state in {State.LAUNCHING, State.FLYING})
+        assert events_of(flown, "waiting_for_facts")[-1]["uav_id"] == "uav-2"
+        assert not [one for one in events_of(flown, "preflight")[before:] if one["level"] == "blocker"]
+        flown.client.command(operation.id, "abort", action="land")
+
+
+def test_our_own_id_is_no_vehicle(served: Served) -> None:
+    http, _ = served[Autopilot.PX4]
+    answer = http.post("/v1/fleet/vehicles", json={"uav_id": "uav-9", "system_id": 245})
+    assert answer.status_code == 422
+    assert "ground station's own" in answer.text

@@ -67,7 +67,8 @@ def outcome(plans: list[Plan], **changes: Any) -> Outcome:
         "in_force_at_s": IN_FORCE_S,
         "error": None,
     }
-    operation = {"state": "completed", "error": None, "recoveries": [recovery], **changes}
+    ends = {uav: {"end": "lost" if uav == CONFIG.kill else "flown"} for uav in plans[0].scenario.uav_ids}
+    operation = {"state": "completed", "error": None, "recoveries": [recovery], "uavs": ends, **changes}
     return Outcome(operation, plans, SLOT0_S, SLOT0_S + KILL_S)
 
 

@@ -43,6 +43,7 @@ def facts(autopilot: Autopilot, **changes: Any) -> Facts:
         gps_fix=3,
         satellites=14,
         battery=0.9,
+        mav_type=2,
     )
     return replace(good, **changes)
 
@@ -100,6 +101,10 @@ def test_stream_rules_only_count_for_streams() -> None:
         ({"battery": 0.2}, "battery", Level.BLOCKER),
         ({"battery": 0.5}, "battery", Level.WARNING),
         ({"battery": None}, "battery", Level.WARNING),
+        ({"battery": None, "battery_told": False}, "battery", Level.WARNING),
+        ({"at_m": None}, "position", Level.BLOCKER),
+        ({"parameters": {}}, "parameters", Level.WARNING),
+        ({"mav_type": 1}, "vehicle type", Level.BLOCKER),
         ({"at_m": (10.0, 0.0)}, "place", Level.WARNING),
         ({"at_m": (30.0, 0.0)}, "place", Level.BLOCKER),
     ],
@@ -114,15 +119,15 @@ def test_a_px4_that_does_not_hold_without_setpoints_is_streamed_to_only_by_force
     vehicle = with_parameter(Autopilot.PX4, "COM_OBL_RC_ACT", value)
     (refused,) = audit(vehicle, replace(NEEDS, stream=True))
     assert (refused.name, refused.level, refused.should) == ("COM_OBL_RC_ACT", Level.BLOCKER, "5 (hold)")
-    assert refused.always
+    assert refused.refuses
     (forced,) = audit(vehicle, replace(NEEDS, stream=True, force_stream=True))
-    assert (forced.level, forced.always) == (Level.WARNING, False)
+    assert (forced.level, forced.refuses) == (Level.WARNING, False)
 
 
 def test_a_start_too_far_off_is_refused_in_any_case_and_how_far_is_a_setting() -> None:
-    for at_m, within_m, always in ((14.0, 15.0, False), (16.0, 15.0, True), (4.0, 3.0, True), (50.0, 60.0, False)):
+    for at_m, within_m, refuses in ((14.0, 15.0, False), (16.0, 15.0, True), (4.0, 3.0, True), (50.0, 60.0, False)):
         (place,) = audit(facts(Autopilot.PX4, at_m=(0.0, at_m)), replace(NEEDS, start_within_m=within_m))
-        assert (place.name, place.always, place.level is Level.BLOCKER) == ("place", always, always)
+        assert (place.name, place.refuses, place.level is Level.BLOCKER) == ("place", refuses, refuses)
 
 
 def test_a_first_leg_that_ends_more_than_eight_metres_behind_is_reported_with_the_metres() -> None:
@@ -134,6 +139,18 @@ def test_a_first_leg_that_ends_more_than_eight_metres_behind_is_reported_with_th
     nimble = audit(facts(Autopilot.ARDUPILOT), long_legs)
     assert "speed not reachable" not in {one.name for one in nimble}
     assert audit(facts(Autopilot.PX4), long_legs) == []
+
+
+def test_only_multirotors_fly_and_a_blocker_about_that_is_never_only_reported() -> None:
+    for mav_type in range(44):
+        blocked = [one for one in audit(facts(Autopilot.ARDUPILOT, mav_type=mav_type), NEEDS) if one.refuses]
+        assert bool(blocked) is (mav_type not in {2, 3, 13, 14, 15, 29, 35}), mav_type
+    assert not any(one.refuses for one in audit(facts(Autopilot.PX4, gps_fix=0, home_m=None), NEEDS))
+
+
+def test_each_fact_that_was_never_told_is_a_finding_of_its_own() -> None:
+    nothing = facts(Autopilot.PX4, gps_fix=None, at_m=None, home_m=None, battery=None, battery_told=False)
+    assert [finding.name for finding in audit(nothing, NEEDS)] == ["GPS fix", "home position", "position", "battery"]
 
 
 def test_a_mission_that_does_not_fit_is_a_blocker() -> None:

@@ -38,7 +38,7 @@ class OneVehicle:
         self.heartbeat()
 
     def heartbeat(self) -> None:
-        self.state.fold("HEARTBEAT", {"autopilot": 12, "custom_mode": self.mode, "base_mode": 128}, 0.0)
+        self.state.fold("HEARTBEAT", {"type": 2, "autopilot": 12, "custom_mode": self.mode, "base_mode": 128}, 0.0)
         self.on_heartbeat()
 
     async def command(self, number: int, *params: float | None) -> None:

@@ -6,7 +6,7 @@ import pytest
 
 from mavlink_bridge import FlightMode, LandedState
 from mavlink_bridge.autopilots import Autopilot, mode_of
-from mavlink_bridge.telemetry import TelemetryState
+from mavlink_bridge.telemetry import TelemetryState, place_of
 
 POSITION: dict[str, Any] = {
     "time_boot_ms": 12_000,
@@ -96,3 +96,38 @@ def test_another_autopilot_may_take_a_system_id_over_that_has_fallen_silent() ->
     state.fold("HEARTBEAT", HEARTBEAT, 1.0)
     state.fold("HEARTBEAT", HEARTBEAT | {"autopilot": 3, "custom_mode": 3}, 8.0)
     assert (state.autopilot, state.mode) == (Autopilot.ARDUPILOT, FlightMode.MISSION)
+
+
+@pytest.mark.parametrize(
+    ("lat", "lon"),
+    [(0, 0), (None, None), (float("nan"), 85455940), (0x7FFFFFFF, 0x7FFFFFFF), (910_000_000, 0)],
+    ids=["zero", "null", "nan", "unknown", "off the globe"],
+)
+def test_a_position_that_means_none_is_no_position_and_everything_else_is_still_told(lat: Any, lon: Any) -> None:
+    state = TelemetryState(1)
+    state.fold("HEARTBEAT", HEARTBEAT, 1.0)
+    state.fold("GLOBAL_POSITION_INT", {**POSITION, "lat": lat, "lon": lon}, 2.0)
+    now = state.snapshot()
+    assert now is not None
+    assert (now.place_deg, now.lat_deg, now.lon_deg) == (None, None, None)
+    assert (now.armed, now.mode, now.relative_alt_m) == (True, FlightMode.MISSION, 60.0)
+    state.fold("HOME_POSITION", {"latitude": lat, "longitude": lon}, 2.0)
+    assert state.home_deg is None
+
+
+def test_without_a_3d_fix_it_does_not_know_where_it_is() -> None:
+    state = TelemetryState(1)
+    state.fold("HEARTBEAT", HEARTBEAT, 1.0)
+    state.fold("GLOBAL_POSITION_INT", POSITION, 2.0)
+    places = []
+    for fix in (0, 1, 2, 3, 6):
+        state.fold("GPS_RAW_INT", {"fix_type": fix, "satellites_visible": 9}, 2.0)
+        now = state.snapshot()
+        assert now is not None
+        places.append(now.place_deg)
+    assert places == [None, None, None, (47.397742, 8.545594), (47.397742, 8.545594)]
+
+
+def test_a_place_on_the_equator_or_the_meridian_is_one() -> None:
+    assert place_of(0, 85455940) == (0.0, 8.545594)
+    assert place_of(473977420, 0) == (47.397742, 0.0)

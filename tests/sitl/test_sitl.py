@@ -1,19 +1,20 @@
-"""The flight tests against a real autopilot that somebody has running: see docs/sitl.md.
+"""The bridge's flight tests with one autopilot, the first of those that somebody has running: see docs/sitl.md.
 
-SITL_URL=tcp://127.0.0.1:5760 make test-sitl
+SITL_URL=tcpout://127.0.0.1:5760 make test-sitl
 """
 
 from __future__ import annotations
 
 import asyncio
-import os
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from math import hypot
 
 import pytest
 
+from api.trial import ALTITUDE_M, SLOT_S, SQUARE, trial_plan
 from mavlink_bridge import (
     FleetLink,
     FlightMode,
@@ -29,19 +30,11 @@ from mavlink_bridge.guidance import FallBack, Kept, Stream, Streamed, keep
 from mavlink_bridge.keeper import Keeper, Slip
 from mavlink_bridge.preflight import audit
 from mavlink_bridge.stream import Streamer
-from planner import EXAMPLES, Plan, plan
-from planner.scenario import Origin, Uav
+from planner import Origin, Plan
+from tests.sitl.field import MARKS, SYSTEMS, URLS
 
-URL = os.environ.get("SITL_URL", "")
-SYSTEM = int(os.environ.get("SITL_SYSTEM_ID", "1"))
-ALTITUDE_M, SLOT_S, SPEED_MPS = 15.0, 5.0, 4.0
-SQUARE = [(0.0, 0.0), (0.0, 15.0), (0.0, 30.0), (0.0, 30.0), (12.0, 30.0), (24.0, 30.0), (24.0, 15.0), (24.0, 0.0)]
-
-pytestmark = [
-    pytest.mark.skipif(not URL, reason="SITL_URL is not set: no autopilot to fly"),
-    pytest.mark.timeout(400),
-    pytest.mark.filterwarnings("default"),
-]
+SYSTEM = SYSTEMS[0] if SYSTEMS else 1
+pytestmark = MARKS
 
 
 class WallClock:
@@ -58,20 +51,11 @@ class Ready:
     link: FleetLink
     origin: Origin
 
-    def plan_of(self, path: list[tuple[float, float]]) -> Plan:
+    def plan_of(self, path: Sequence[tuple[float, float]]) -> Plan:
         """A plan that begins where the vehicle stood when the test began."""
-        scenario = EXAMPLES["paper"]().with_changes(
-            origin=self.origin,
-            area_m=((-200.0, -200.0), (200.0, 200.0)),
-            slots=len(path),
-            slot_duration_s=SLOT_S,
-            altitude_m=ALTITUDE_M,
-            uavs=(Uav(id="uav-1", start_m=path[0], max_speed_mps=SPEED_MPS),),
-        )
-        made = plan(EXAMPLES["paper"]())
-        return made.model_copy(update={"scenario": scenario, "trajectories_m": {"uav-1": path}})
+        return trial_plan(self.origin, {"uav-1": path})
 
-    def compiled(self, path: list[tuple[float, float]], *, airborne: bool = False) -> Mission:
+    def compiled(self, path: Sequence[tuple[float, float]], *, airborne: bool = False) -> Mission:
         """The mission for this very vehicle."""
         link = self.link
         return compile_mission(
@@ -82,7 +66,8 @@ class Ready:
         """Where it is, metres east/north of where it stood."""
         said = self.link.telemetry(SYSTEM)
         assert said is not None
-        return geodetic_to_east_north(self.origin, said.lat_deg, said.lon_deg)
+        assert said.place_deg is not None
+        return geodetic_to_east_north(self.origin, *said.place_deg)
 
     async def climb(self) -> None:
         """Take off, and hover over the slot-0 point."""
@@ -98,17 +83,22 @@ class Ready:
                 await asyncio.sleep(0.5)
 
 
+def _place(origin: Origin, point: tuple[float, float]) -> tuple[float, float]:
+    return east_north_to_geodetic(origin, *point)
+
+
 @pytest.fixture
 async def ready() -> AsyncIterator[Ready]:
     async with FleetLink(clock=WallClock(), monitor=HeartbeatMonitor()) as link:
-        await link.connect(URL)
+        await link.connect(URLS[0])
         await link.wait_for({SYSTEM}, timeout_s=60)
         (prepared,) = (await link.prepare({SYSTEM})).values()
         assert prepared.ok, prepared.error
-        async with asyncio.timeout(60):
-            while (said := link.telemetry(SYSTEM)) is None or said.lat_deg == 0:  # noqa: ASYNC110
-                await asyncio.sleep(0.2)
-        one = Ready(link, Origin(lat_deg=said.lat_deg, lon_deg=said.lon_deg))
+        missing = await link.wait_for_facts({SYSTEM})
+        said = link.telemetry(SYSTEM)
+        assert said is not None
+        assert said.place_deg is not None, missing
+        one = Ready(link, Origin(lat_deg=said.place_deg[0], lon_deg=said.place_deg[1]))
         try:
             yield one
         finally:
@@ -142,7 +132,7 @@ async def test_a_plan_is_flown_on_the_slot_clock_and_swapped_in_flight(ready: Re
     assert uploaded.verified, uploaded.error
     await ready.climb()
     slips: list[Slip] = []
-    keeper = Keeper(SQUARE, SLOT_S, flown, ready.link.model(SYSTEM))
+    keeper = Keeper(list(SQUARE), SLOT_S, flown, ready.link.model(SYSTEM))
     kept = Kept(vehicle=ready.link.vehicle(SYSTEM), keeper=keeper, origin=ready.origin)
     began = time.monotonic()
     (started,) = (await ready.link.start({SYSTEM})).values()
@@ -174,7 +164,8 @@ async def test_a_stream_is_followed_and_its_end_leaves_the_mission(ready: Ready)
     (uploaded,) = (await ready.link.upload({SYSTEM: mission})).values()
     assert uploaded.verified, uploaded.error
     await ready.climb()
-    streamer = Streamer(SYSTEM, SQUARE, SLOT_S, ALTITUDE_M, lambda point: east_north_to_geodetic(ready.origin, *point))
+    place = partial(_place, ready.origin)
+    streamer = Streamer(SYSTEM, list(SQUARE), SLOT_S, ALTITUDE_M, place)
     streamed = Streamed(vehicle=ready.link.vehicle(SYSTEM), streamer=streamer, mission=mission)
     stream = Stream({SYSTEM: streamed}, scale=1.0, fall_back=FallBack.MISSION)
     assert (await stream.begin())[SYSTEM] is None

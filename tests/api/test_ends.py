@@ -1,0 +1,143 @@
+"""How UAVs and their operation end: flown means flown, and in the air is not down."""
+
+from __future__ import annotations
+
+import socket
+import time
+from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from fastapi.testclient import TestClient
+
+import sim
+from api.app import create_app
+from api.ends import LastSeen, UavEnd, end_of, shortfall
+from api.losses import Loss
+from api.operation_views import State
+from api.settings import Settings
+from mavlink_bridge import FlightMode
+from planner import EXAMPLES
+from tests.api.flying import flight
+from tests.ports import free_port
+
+HOME = (10.0, 20.0)
+FAILSAFE = Loss("in_failsafe", "in mode 'return'")
+SILENT = Loss("heartbeat_lost", "silent for 5.0 s", 5.0)
+CRASHED = Loss("crashed", "sinking at 9 m/s")
+RETIRED = Loss("battery", "sent home by the operator: no low battery")
+SPEEDUP = 5.0
+SCENARIO = EXAMPLES["minimal"]().with_changes(slots=6, altitude_m=20.0)
+
+
+def seen(**changes: Any) -> LastSeen:
+    """On the ground at its home."""
+    known: dict[str, Any] = {"heard": True, "armed": False, "up_m": 0.1, "mode": "hold", "at_m": HOME, "home_m": HOME}
+    return LastSeen(**known | changes)
+
+
+@pytest.mark.parametrize(
+    ("last", "loss", "end"),
+    [
+        (seen(at_m=(80.0, 20.0)), None, UavEnd.FLOWN),
+        (seen(at_m=(80.0, 20.0), heard=False), None, UavEnd.FLOWN),
+        (seen(armed=True, up_m=60.0, mode="return"), None, UavEnd.IN_THE_AIR),
+        (seen(armed=True, up_m=60.0, mode="return"), FAILSAFE, UavEnd.IN_THE_AIR),
+        (seen(), FAILSAFE, UavEnd.RETURNED),
+        (seen(at_m=(12.0, 29.0)), SILENT, UavEnd.RETURNED),
+        (seen(), RETIRED, UavEnd.RETURNED),
+        (seen(at_m=(40.0, 20.0)), FAILSAFE, UavEnd.LANDED_ELSEWHERE),
+        (seen(at_m=None), FAILSAFE, UavEnd.LANDED_ELSEWHERE),
+        (seen(armed=True, up_m=60.0, heard=False), SILENT, UavEnd.LOST),
+        (seen(at_m=HOME), CRASHED, UavEnd.LOST),
+        (seen(up_m=55.0), Loss("rebooted", "its clock runs backwards"), UavEnd.LOST),
+        (None, SILENT, UavEnd.LOST),
+        (None, None, UavEnd.LOST),
+    ],
+)
+def test_each_uav_ends_as_it_was_last_seen(last: LastSeen | None, loss: Loss | None, end: UavEnd) -> None:
+    assert end_of(last, loss) is end
+
+
+class Fleet:
+    """A flight that is over, of UAVs as they were last seen, and the losses among them."""
+
+    def __init__(self, counted: list[str], **uavs: tuple[LastSeen | None, Loss | None]) -> None:
+        self.systems = {uav: number for number, uav in enumerate(uavs, 1)}
+        self.plan = SimpleNamespace(scenario=SimpleNamespace(uav_ids=counted))
+        self._seen = {uav: one for uav, (one, _) in uavs.items()}
+        self._losses = {uav: loss for uav, (_, loss) in uavs.items()}
+        self.roster = self
+        self.retired = {uav for uav, loss in self._losses.items() if loss is RETIRED}
+
+    def elapsed_s(self) -> float:
+        return 100.0
+
+    def left_its_plan(self, uav: str) -> Loss | None:
+        return self._losses[uav]
+
+    def is_heard(self, uav: str) -> bool:
+        one = self._seen[uav]
+        return one is not None and one.heard
+
+    def last_seen_m(self, uav: str) -> Any:
+        one = self._seen[uav]
+        return None if one is None else one.at_m
+
+    def home_m(self, _uav: str) -> tuple[float, float]:
+        return HOME
+
+    def on_board(self, uav: str) -> Any:
+        one = self._seen[uav]
+        return one and SimpleNamespace(armed=one.armed, relative_alt_m=one.up_m, mode=FlightMode(one.mode))
+
+
+def why(counted: list[str], **uavs: tuple[LastSeen | None, Loss | None]) -> str | None:
+    return shortfall(Fleet(counted, **uavs))  # type: ignore[arg-type]
+
+
+def test_an_operation_is_completed_when_everybody_its_last_plan_counts_has_flown() -> None:
+    assert why(["a", "b"], a=(seen(), None), b=(seen(), None)) is None
+    assert why(["a"], a=(seen(), None), b=(None, SILENT)) is None  # a loss that was answered
+    assert why(["a", "b"], a=(seen(), None), b=(seen(), RETIRED)) is None
+
+
+def test_whoever_the_last_plan_counts_and_went_home_is_named() -> None:
+    assert why(["a", "b", "c"], a=(seen(), None), b=(seen(), FAILSAFE), c=(None, SILENT)) == (
+        "b returned (in failsafe: in mode 'return'); c lost (heartbeat lost: silent for 5.0 s)"
+    )
+
+
+def test_whoever_is_in_the_air_is_named_although_no_plan_counts_on_it() -> None:
+    up = seen(armed=True, up_m=60.0, mode="return")
+    assert why(["a"], a=(seen(), None), b=(up, FAILSAFE)) == (
+        "b in the air at 60 m in mode 'return' (in failsafe: in mode 'return')"
+    )
+
+
+@pytest.fixture
+def served() -> Iterator[tuple[TestClient, str]]:
+    port = free_port(socket.SOCK_DGRAM)
+    settings = Settings(fleet_url=f"udpin://127.0.0.1:{port}", time_scale=SPEEDUP, heartbeat_lost_s=15.0)
+    with TestClient(create_app(settings)) as client:
+        yield client, f"udpout://127.0.0.1:{port}"
+
+
+@pytest.mark.e2e
+@pytest.mark.beside
+def test_an_operation_waits_for_one_that_returns_and_is_completed_in_part_only(
+    served: tuple[TestClient, str],
+) -> None:
+    with flight(*served, SCENARIO, SPEEDUP) as flown:
+        operation_id = flown.take_off(replanning="off")
+        time.sleep(4 * SCENARIO.slot_duration_s / SPEEDUP)  # so late that it is in the air when the others are down
+        flown.fleet.fleet.vehicles[2].autopilot.parameters["MPC_Z_V_AUTO_DN"] = 0.5
+        flown.fleet.inject(sim.ModeChange(2, "RTL"))
+        view = flown.until(operation_id, lambda view: view.state in {State.COMPLETED, State.COMPLETED_PARTLY})
+        assert [event.system_id for event in flown.fleet.fleet.truth.happened("landed")] == [1, 2]
+        assert not flown.fleet.fleet.vehicles[2].armed
+        assert {uav: one.end for uav, one in view.uavs.items()} == {"uav-1": "flown", "uav-2": "returned"}
+        assert view.state is State.COMPLETED_PARTLY
+        assert view.error is not None
+        assert view.error.startswith("uav-2 returned (")
