@@ -185,7 +185,7 @@ def not_yet(flown: Flight, system_id: int, wall_s: float) -> None:
             return False
         return bool(arm())
 
-    autopilot.arm = refuse  # type: ignore[method-assign]
+    autopilot.arm = refuse  # type: ignore[assignment, method-assign]
 
 
 def events_of(flown: Flight, kind: str) -> list[dict[str, Any]]:
