@@ -17,6 +17,7 @@ from api.clock import FleetClock
 from api.trial import ALTITUDE_M, SQUARE, trial_plan
 from mavlink_bridge import BridgeError, FleetLink, HeartbeatMonitor, LinkOptions, MissionItem, Signing, compile_mission
 from mavlink_bridge.fence import fence_items, rally_items
+from mavlink_bridge.listening import ANYBODY
 from mavlink_bridge.mission_messages import MissionType
 from mavlink_bridge.preflight import Finding, Level, audit
 from mavlink_bridge.results import UploadResult
@@ -114,6 +115,7 @@ async def _heard(link: FleetLink, config: CheckConfig) -> list[int]:
     if config.system_ids:
         await link.wait_for(config.system_ids, timeout_s=config.wait_s)
         return list(config.system_ids)
+    link.expect(ANYBODY)
     try:
         async with asyncio.timeout(config.wait_s):
             while not link.heard_systems:  # noqa: ASYNC110

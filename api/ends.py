@@ -1,17 +1,20 @@
-"""How each UAV of an operation ended, and what that makes of the operation."""
+"""How each UAV of an operation ended, and what that makes of the operation.
+
+What happened while nobody was heard is told by where a UAV is down: one that went home then has not flown its plan.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from math import hypot
+from math import dist
 
 from api.flight import Flight
 from api.losses import Loss
 from api.rates import Point
 
-HOME_M = 15.0
-"""Down within this of its home a UAV has returned; autopilots land within a few metres of it, and GPS wanders."""
+NEAR_M = 15.0
+"""Down within this of a place a UAV has landed there; autopilots land within a few metres of it, and GPS wanders."""
 GROUND_M = 3.0
 """Disarmed higher than this above home is falling, not landed."""
 
@@ -30,10 +33,18 @@ class UavEnd(StrEnum):
     IN_THE_AIR = "in_the_air"
     """It is heard, and still flies."""
 
+    @property
+    def is_down(self) -> bool:
+        """Whether it stands on the ground, and whole."""
+        return self in {UavEnd.FLOWN, UavEnd.RETURNED, UavEnd.LANDED_ELSEWHERE}
+
 
 @dataclass(frozen=True, kw_only=True)
 class LastSeen:
-    """What a UAV last said. Metres east/north of the origin; `up_m` above its home. heard: its link is not lost."""
+    """What a UAV last said. Metres east/north of the origin; `up_m` above its home. heard: its link is not lost.
+
+    ends_m: where its plan ends on the ground, any of these; none where that is not known.
+    """
 
     heard: bool
     armed: bool
@@ -41,6 +52,12 @@ class LastSeen:
     mode: str
     at_m: Point | None
     home_m: Point
+    ends_m: tuple[Point, ...] = ()
+
+    def is_near(self, *places_m: Point) -> bool:
+        """Whether it knows where it is, and that is at one of these places."""
+        at_m = self.at_m
+        return at_m is not None and any(dist(at_m, place_m) <= NEAR_M for place_m in places_m)
 
 
 def end_of(seen: LastSeen | None, loss: Loss | None) -> UavEnd:
@@ -50,11 +67,11 @@ def end_of(seen: LastSeen | None, loss: Loss | None) -> UavEnd:
     if seen.armed:
         return UavEnd.IN_THE_AIR if seen.heard else UavEnd.LOST
     if loss is None:
-        return UavEnd.FLOWN
-    if seen.up_m > GROUND_M and loss.kind != "landed":
+        if seen.at_m is None or not seen.ends_m or seen.is_near(*seen.ends_m):
+            return UavEnd.FLOWN
+    elif seen.up_m > GROUND_M and loss.kind != "landed":
         return UavEnd.LOST
-    at_home = seen.at_m is not None and hypot(seen.at_m[0] - seen.home_m[0], seen.at_m[1] - seen.home_m[1]) <= HOME_M
-    return UavEnd.RETURNED if at_home else UavEnd.LANDED_ELSEWHERE
+    return UavEnd.RETURNED if seen.is_near(seen.home_m) else UavEnd.LANDED_ELSEWHERE
 
 
 def ends_of(flight: Flight) -> dict[str, UavEnd]:
@@ -68,14 +85,14 @@ def shortfall(flight: Flight) -> str | None:
     """Why the operation is not completed, by name; None when it is.
 
     It is when every UAV that the last plan in force counts has flown to its end, and nobody is in the air; one that was
-    sent home by order has done what it should.
+    sent home by order, and is down, has done what it should.
     """
-    ends = ends_of(flight)
-    counted = set(flight.plan.scenario.uav_ids) - flight.roster.retired
+    counted, retired = set(flight.plan.scenario.uav_ids), flight.roster.retired
     short = {
         uav: _words(end, _last_seen(flight, uav), flight.roster.left_its_plan(uav))
-        for uav, end in ends.items()
-        if end is UavEnd.IN_THE_AIR or (uav in counted and end is not UavEnd.FLOWN)
+        for uav, end in ends_of(flight).items()
+        if end is UavEnd.IN_THE_AIR
+        or (uav in counted and end is not UavEnd.FLOWN and not (uav in retired and end.is_down))
     }
     return "; ".join(f"{uav} {words}" for uav, words in short.items()) or None
 
@@ -96,4 +113,5 @@ def _last_seen(flight: Flight, uav: str) -> LastSeen | None:
         mode=said.mode.value,
         at_m=flight.roster.last_seen_m(uav),
         home_m=flight.home_m(uav),
+        ends_m=flight.ends_m(uav),
     )

@@ -16,7 +16,7 @@ from api.guidance import FlightGuidance, Way
 from api.rates import InForce, Point, Sample, rates_by_slot
 from api.roster import Roster
 from api.take_off import LOOK_EVERY_S, FlightError, TakeOff, each
-from mavlink_bridge import Autopilot, Mission, Telemetry, VehiclesMissing, geodetic_to_east_north
+from mavlink_bridge import Autopilot, Mission, OnEnd, Telemetry, VehiclesMissing, geodetic_to_east_north
 from mavlink_bridge.autopilots import HOLD_MODE, STREAM_MODE
 from mavlink_bridge.verified import OnBoard
 from planner import Plan
@@ -253,15 +253,18 @@ class Flight:
         """Surviving UAVs that have not landed."""
         return [uav for uav in self.surviving() if not self.roster.is_down(uav)]
 
-    def all_down(self) -> bool:
-        """Whether at least one UAV survived and all that did have landed."""
-        return bool(self.surviving()) and not self.still_up()
-
     def home_m(self, uav: str) -> Point:
         """Where it returns to, metres east/north: the home it told of, else its start in the plan."""
         scenario = self.first_plan.scenario
         home = self._fleet.link.home_deg(self.systems[uav])
         return scenario.uav(uav).start_m if home is None else geodetic_to_east_north(scenario.origin, *home)
+
+    def ends_m(self, uav: str) -> tuple[Point, ...]:
+        """Where the plan may end for it on the ground: UAVs land instead of returning where ways home would meet."""
+        path = self.plan.trajectories_m.get(uav)
+        if path is None or self.guidance.way.at_end is OnEnd.HOLD:
+            return ()
+        return (path[-1], self.home_m(uav)) if self.guidance.way.at_end is OnEnd.RETURN else (path[-1],)
 
     def over(self, landing_limit_s: float) -> bool:
         """Whether there is nothing left to wait for: who counts is down, and who left the plan too, if it is coming."""

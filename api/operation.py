@@ -146,10 +146,10 @@ class Operation:
             self._rows.write_track(flight.record)
         if flight.roster.own_link.is_lost:
             raise BridgeError(f"link_lost: nobody was heard until {', '.join(flight.still_up())} must have landed")
-        if not flight.surviving():
+        if up := flight.still_up():
+            raise BridgeError(f"landing: {', '.join(up)} not down {LANDING_LIMIT_S:g} s after the plan")
+        if not any(end.is_down for end in ends_of(flight).values()):
             raise BridgeError(f"lost: every vehicle is lost ({', '.join(sorted(flight.lost))})")
-        if not flight.all_down():
-            raise BridgeError(f"landing: {', '.join(flight.still_up())} not down {LANDING_LIMIT_S:g} s after the plan")
         self.error = shortfall(flight)
         await self.enter(State.COMPLETED if self.error is None else State.COMPLETED_PARTLY)
 
@@ -281,6 +281,7 @@ class Operation:
             "lost": flight.lost,
             "losses": {uav: asdict(loss) for uav, loss in flight.roster.losses.items()},
             "returned": sorted(flight.returned),
+            "retired": sorted(flight.roster.retired),
             "at_end": flight.guidance.way.at_end.value,
             "ghosts": flight.guidance.airspace.document(),
             "launch_itself": self.head.launch_itself,

@@ -22,7 +22,8 @@ class State(StrEnum):
 
     `link_lost`: nobody is heard, which is our own link: vehicles fly their missions, and it goes on when one is heard.
     `completed`: every UAV that the last plan in force counts flew it to the end and is down, those that were sent home
-    by order apart, and nobody is in the air. `completed_partly`: the others did; `error` names who did not, and why.
+    by order apart, and nobody is in the air. `completed_partly`: some did, or at least came down whole;
+    `error` names who did not fly it, and why.
     """
 
     UPLOADING = "uploading"

@@ -40,7 +40,7 @@ async def restored(row: Row[Any], parts: Parts, books: Books, fleet: Fleet) -> O
     flight = Flight(timeline[0].plan, said["vehicles"], fleet, parts.clock, way)
     flight.timeline = timeline
     why = {uav: Loss(**loss) for uav, loss in said.get("losses", {}).items()}
-    flight.roster.recall(said["lost"], why, set(said["returned"]))
+    flight.roster.recall(said["lost"], why, set(said["returned"]), set(said.get("retired", [])))
     if said["paused_s"] is not None:
         flight.go_on_from(said["paused_s"], paused=True)
     elif said["slot0_at"] is not None:

@@ -21,6 +21,7 @@ LOW_M = 2.0
 
 _ENDS_ON_THE_GROUND = frozenset({FlightMode.RETURN, FlightMode.LAND, FlightMode.MISSION})
 """Modes that end in a landing by themselves."""
+_FELL = frozenset({"crashed", "disarmed_in_air"})
 
 
 class Roster:
@@ -56,11 +57,14 @@ class Roster:
         self._warned: dict[str, str] = {}
         self._last_seen_m: dict[str, Point] = {}
         self._broke_off: dict[str, Loss] = {}
+        self.retired: set[str] = set()
+        """UAVs that were sent home by order, whatever is seen of them since."""
 
-    def recall(self, lost: dict[str, float], losses: dict[str, Loss], returned: set[str]) -> None:
+    def recall(self, lost: dict[str, float], losses: dict[str, Loss], returned: set[str], retired: set[str]) -> None:
         """Take over what was known before a restart."""
         self.lost, self.returned = lost, returned
         self.losses = {uav: losses.get(uav, silent(0.0)) for uav in lost}
+        self.retired = retired
 
     @contextmanager
     def following(self) -> Iterator[asyncio.Queue[LinkEvent]]:
@@ -124,13 +128,14 @@ class Roster:
                     self._broke_off.setdefault(uav, loss)
 
     def left_its_plan(self, uav: str) -> Loss | None:
-        """Why a UAV left its plan before the last slot; None for one that flew it."""
-        return self.losses.get(uav) or self._broke_off.get(uav)
+        """Why a UAV left its plan before the last slot; None for one that flew it.
 
-    @property
-    def retired(self) -> set[str]:
-        """UAVs that were sent home by order."""
-        return {uav for uav, loss in self.losses.items() if loss.kind == "battery"}
+        Whoever flies it after that, a human or its own failsafe, takes nothing from what it has flown; a fall does.
+        """
+        loss = self.losses.get(uav)
+        if loss is not None and (self.lost[uav] < self._last_slot_s or loss.kind in _FELL):
+            return loss
+        return self._broke_off.get(uav)
 
     def is_heard(self, uav: str) -> bool:
         """Whether its link is not lost."""
@@ -209,6 +214,7 @@ class Roster:
         self.lost.pop(uav)
         self.losses.pop(uav)
         self._broke_off.pop(uav, None)
+        self.retired.discard(uav)
         self._guidance.found(uav)
 
     @property
@@ -233,6 +239,7 @@ class Roster:
         error = (await self._fleet.link.return_home([system]))[system].error
         if error is not None:
             raise ConflictError(f"uav_id: {uav!r} does not return: {error}")
+        self.retired.add(uav)
         return self._lose(uav, Loss("battery", f"sent home by the operator: {because}"))
 
     def may_command(self, uav: str) -> bool:

@@ -24,6 +24,7 @@ from mavlink_bridge.framing import Frame, is_foreign_heartbeat
 from mavlink_bridge.heartbeat import AUTOPILOT, HeartbeatMonitor, LinkEvent
 from mavlink_bridge.hub import Hub, LinkOptions
 from mavlink_bridge.mavsdk_log import to_python_logging
+from mavlink_bridge.mission_messages import GROUND
 from mavlink_bridge.models import DEFAULTS
 from mavlink_bridge.pace import VehicleModel
 from mavlink_bridge.speeds import SpeedWatch
@@ -35,6 +36,8 @@ log = logging.getLogger(__name__)
 Outcome = TypeVar("Outcome")
 Event = TypeVar("Event")
 
+ANYBODY = frozenset(range(1, 255)) - {GROUND[0]}
+"""System ids a vehicle may have: `expect` them where nobody knows beforehand who is there."""
 POLL_S = 0.05
 """Wall seconds between looks at the monitor: detection is late by at most this, times the speed-up, in fleet time."""
 STALL_S = 0.2

@@ -21,7 +21,7 @@ from tests.ports import free_port
 
 SPEEDUP = 5.0
 SCENARIO = EXAMPLES["paper"]().with_changes(slots=40, altitude_m=8.0)
-ENDED = {"completed", "failed", "aborted", "interrupted"}
+ENDED = {"completed", "completed_partly", "failed", "aborted", "interrupted"}
 POLL_S = 0.2
 ROOT = Path(__file__).resolve().parents[2]
 DYING = "from tests.api.dying_service import main; main()"

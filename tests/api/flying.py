@@ -15,7 +15,7 @@ from fastapi.testclient import TestClient
 import sim
 from api.app import create_app
 from api.client import Client
-from api.operation_views import OperationView, State
+from api.operation_views import ENDED, OperationView, State
 from api.service import Service
 from api.settings import Settings
 from api.simulate import specs_at_starts
@@ -93,7 +93,7 @@ class Flight:
 
     def ended(self, operation_id: str) -> OperationView:
         """The operation when it is over."""
-        return self.until(operation_id, lambda view: view.state in {State.COMPLETED, State.ABORTED})
+        return self.until(operation_id, lambda view: view.state in ENDED)
 
 
 def gone(client: Client) -> None:

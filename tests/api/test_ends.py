@@ -54,6 +54,12 @@ def seen(**changes: Any) -> LastSeen:
         (seen(up_m=55.0), Loss("rebooted", "its clock runs backwards"), UavEnd.LOST),
         (None, SILENT, UavEnd.LOST),
         (None, None, UavEnd.LOST),
+        (seen(at_m=(90.0, 20.0), ends_m=((80.0, 20.0),)), None, UavEnd.FLOWN),
+        (seen(at_m=None, ends_m=((80.0, 20.0),)), None, UavEnd.FLOWN),
+        (seen(ends_m=((80.0, 20.0),)), None, UavEnd.RETURNED),
+        (seen(at_m=(50.0, 20.0), ends_m=((80.0, 20.0),)), None, UavEnd.LANDED_ELSEWHERE),
+        (seen(at_m=(50.0, 20.0), up_m=5.0, ends_m=((80.0, 20.0),)), None, UavEnd.LANDED_ELSEWHERE),
+        (seen(ends_m=((80.0, 20.0), HOME)), None, UavEnd.FLOWN),
     ],
 )
 def test_each_uav_ends_as_it_was_last_seen(last: LastSeen | None, loss: Loss | None, end: UavEnd) -> None:
@@ -88,6 +94,10 @@ class Fleet:
     def home_m(self, _uav: str) -> tuple[float, float]:
         return HOME
 
+    def ends_m(self, uav: str) -> Any:
+        one = self._seen[uav]
+        return () if one is None else one.ends_m
+
     def on_board(self, uav: str) -> Any:
         one = self._seen[uav]
         return one and SimpleNamespace(armed=one.armed, relative_alt_m=one.up_m, mode=FlightMode(one.mode))
@@ -101,6 +111,17 @@ def test_an_operation_is_completed_when_everybody_its_last_plan_counts_has_flown
     assert why(["a", "b"], a=(seen(), None), b=(seen(), None)) is None
     assert why(["a"], a=(seen(), None), b=(None, SILENT)) is None  # a loss that was answered
     assert why(["a", "b"], a=(seen(), None), b=(seen(), RETIRED)) is None
+
+
+def test_one_that_was_sent_home_by_order_and_did_not_come_down_is_named() -> None:
+    assert why(["a", "b"], a=(seen(), None), b=(seen(armed=True, up_m=30.0, heard=False), RETIRED)) == (
+        "b lost (battery: sent home by the operator: no low battery)"
+    )
+
+
+def test_whoever_went_home_while_nobody_was_heard_is_named() -> None:
+    far = ((80.0, 20.0),)
+    assert why(["a", "b"], a=(seen(at_m=far[0], ends_m=far), None), b=(seen(ends_m=far), None)) == "b returned"
 
 
 def test_whoever_the_last_plan_counts_and_went_home_is_named() -> None:

@@ -8,15 +8,22 @@ import pytest
 from fastapi.testclient import TestClient
 
 import sim
+from api.ends import UavEnd
 from api.operation_views import State
+from mavlink_bridge import Autopilot
 from planner import EXAMPLES
-from tests.api.flying import Flight, flight, service
+from tests.api.flying import FleetThread, Flight, flight, gone, service
 
 pytestmark = [pytest.mark.e2e, pytest.mark.beside]
 SCENARIO = EXAMPLES["paper"]().with_changes(slots=24, altitude_m=8.0)
 MINIMAL = EXAMPLES["minimal"]()
 ALONE = MINIMAL.with_changes(slots=12, altitude_m=8.0, uavs=MINIMAL.uavs[:1])
 SPEEDUP = 8.0
+GOES_HOME = {
+    Autopilot.PX4: {"NAV_DLL_ACT": 2.0, "COM_DL_LOSS_T": 5.0, "COM_FAIL_ACT_T": 1.0},
+    Autopilot.ARDUPILOT: {"FS_GCS_ENABLE": 1.0, "FS_GCS_TIMEOUT": 5.0, "SYSID_MYGCS": 245.0},
+}
+"""Parameters by which it returns when it hears us no more."""
 
 
 @pytest.fixture(scope="module")
@@ -89,6 +96,36 @@ def test_an_operation_that_is_never_heard_again_ends_when_its_missions_must_have
         time.sleep(0.1)
     assert view.error == "link_lost: nobody was heard until uav-1, uav-2, uav-3 must have landed"
     assert view.lost == []
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "for_s"),
+    [(Autopilot.ARDUPILOT, 16.0), (Autopilot.ARDUPILOT, 90.0), (Autopilot.PX4, 90.0)],
+    ids=["heard on their way", "heard on the ground", "px4 heard on the ground"],
+)
+def test_who_went_home_by_itself_while_nobody_was_heard_has_returned_and_is_not_lost(
+    served: tuple[TestClient, str], autopilot: Autopilot, for_s: float
+) -> None:
+    http, endpoint = served
+    fleet = FleetThread(SCENARIO, endpoint, SPEEDUP, autopilot=autopilot.value)
+    for vehicle in fleet.fleet.vehicles.values():
+        for name, value in GOES_HOME[autopilot].items():
+            vehicle.autopilot.parameters[name] = value
+    try:
+        flown = Flight(http, fleet, SCENARIO)
+        operation_id = flown.take_off()
+        dark = sim.Impairments(cut=True)
+        for system_id in (1, 2, 3):
+            fleet.inject(sim.Impair(system_id, up=dark, down=dark, for_s=for_s))
+        flown.until(operation_id, lambda view: view.state == State.LINK_LOST)
+        view = flown.ended(operation_id)
+    finally:
+        fleet.stop()
+    gone(flown.client)
+    assert {uav: one.end for uav, one in view.uavs.items()} == dict.fromkeys(SCENARIO.uav_ids, UavEnd.RETURNED)
+    assert view.state == State.COMPLETED_PARTLY
+    assert view.error is not None
+    assert "uav-1 returned" in view.error
 
 
 def test_a_single_uav_that_is_silent_is_waited_for() -> None:

@@ -6,6 +6,8 @@ import asyncio
 from types import SimpleNamespace
 from typing import Any, cast
 
+import pytest
+
 from api.fleet import Fleet
 from api.guidance import FlightGuidance
 from api.own_link import Heard, OwnLink
@@ -27,7 +29,7 @@ class Sky:
         self.notes: list[tuple[str, dict[str, Any]]] = []
         self.reserved: set[str] = set()
         self.slots_s = 30.0
-        self.link = SimpleNamespace(telemetry=self._telemetry)
+        self.link = SimpleNamespace(telemetry=self._telemetry, return_home=self._return_home)
         self.airspace = SimpleNamespace(seen=lambda _uav, _at_m: None)
         self.roster = Roster(
             {"a": 1, "b": 2},
@@ -73,6 +75,9 @@ class Sky:
 
     def _telemetry(self, system_id: int) -> SimpleNamespace:
         return SimpleNamespace(**{"place_deg": (47.0, 8.0)} | self.told[system_id])
+
+    async def _return_home(self, system_ids: list[int]) -> dict[int, SimpleNamespace]:
+        return {system_id: SimpleNamespace(error=None) for system_id in system_ids}
 
     # what guidance is told
 
@@ -165,3 +170,46 @@ def test_what_a_vehicle_warns_of_is_told_once_until_it_changes() -> None:
     sky.warnings[2] = "again"
     sky.look()
     assert [data["detail"] for _, data in sky.notes][1:] == ["again"]
+
+
+@pytest.mark.parametrize(("at_s", "flown"), [(94.0, False), (96.0, True)])
+def test_who_is_taken_over_once_its_last_slot_has_begun_has_flown_its_plan(at_s: float, flown: bool) -> None:
+    sky = Sky()
+    sky.slots_s = at_s
+    sky.see(1, Condition.HUMAN)
+    assert sky.look() == {"a": "human_took_over"}
+    assert not sky.roster.may_command("a")
+    sky.see(1, Condition.LANDED)
+    sky.look()
+    assert (sky.roster.left_its_plan("a") is None) is flown
+
+
+def test_who_falls_after_the_last_slot_has_not_flown_its_plan_to_the_end() -> None:
+    sky = Sky()
+    sky.slots_s = 99.0
+    sky.see(1, Condition.CRASHED)
+    assert sky.look() == {"a": "crashed"}
+    loss = sky.roster.left_its_plan("a")
+    assert loss is not None
+    assert loss.kind == "crashed"
+
+
+def test_the_air_of_one_that_lost_its_place_and_then_falls_silent_is_reserved_where_it_was() -> None:
+    sky = Sky()
+    sky.look()
+    sky.told[1]["place_deg"] = None
+    sky.silent_s[1] = 6.0
+    assert sky.look() == {"a": "heartbeat_lost"}
+    assert sky.reserved == {"a"}
+
+
+def test_who_was_sent_home_by_order_stays_so_when_it_has_landed() -> None:
+    sky = Sky()
+    asyncio.run(sky.roster.retire("a"))
+    sky.told[1] = {"armed": False, "relative_alt_m": 0.0}
+    sky.see(1, Condition.LANDED)
+    sky.look()
+    assert sky.roster.losses["a"].kind == "landed"
+    assert sky.roster.retired == {"a"}
+    sky.roster.readmit("a")
+    assert sky.roster.retired == set()

@@ -68,7 +68,7 @@ async def fly_once(field: Field, plan_id: str, rng: random.Random, until_s: floa
     next_fault_s = field.fleet.clock.now() + rng.uniform(20, 50)
     while True:
         operation: dict[str, Any] = await field.get(path)
-        if operation["state"] in {"completed", "failed", "aborted"}:
+        if operation["state"] in {"completed", "completed_partly", "failed", "aborted"}:
             return operation
         now_s = field.fleet.clock.now()
         for uav in operation["returned"]:

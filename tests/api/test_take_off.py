@@ -9,7 +9,7 @@ import pytest
 from fastapi.testclient import TestClient
 
 import sim
-from api.operation_views import OperationView, State
+from api.operation_views import ENDED, OperationView, State
 from mavlink_bridge import Autopilot
 from planner import EXAMPLES
 from tests.api.flying import FleetThread, Flight, gone, side_by_side, two_services
@@ -51,7 +51,7 @@ def standing(served: Served, autopilot: Autopilot) -> Iterator[Flight]:
 def ended(flown: Flight, operation_id: str) -> tuple[OperationView, float]:
     """The operation when it is over, and the wall seconds that took."""
     began = time.monotonic()
-    while (view := flown.client.operation(operation_id)).state not in {State.FAILED, State.COMPLETED}:
+    while (view := flown.client.operation(operation_id)).state not in ENDED:
         assert time.monotonic() < began + 60, view
         time.sleep(0.02)
     return view, time.monotonic() - began

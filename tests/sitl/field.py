@@ -31,6 +31,7 @@ from api.client import Client
 from api.clock import FleetClock
 from api.operation_views import ENDED, OperationView, State
 from mavlink_bridge import Autopilot, FleetLink, HeartbeatMonitor, geodetic_to_east_north
+from mavlink_bridge.listening import ANYBODY
 from planner import Origin, Scenario
 from planner.scenario import Uav, User
 from tests.ports import free_port
@@ -79,6 +80,8 @@ async def _survey() -> list[Standing]:
             await link.connect(url)
         if SYSTEMS:
             await link.wait_for(SYSTEMS, timeout_s=HEARD_WITHIN_S)
+        else:
+            link.expect(ANYBODY)
         async with asyncio.timeout(HEARD_WITHIN_S):
             while len(link.heard_systems) < len(URLS):  # noqa: ASYNC110
                 await asyncio.sleep(0.1)
