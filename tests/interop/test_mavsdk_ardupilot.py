@@ -57,8 +57,8 @@ async def fly(client: "Client", until: "Until") -> None:
     await client.missions.upload_mission(
         a_mission(client, client.speed(2, 5.0), client.waypoint(3, 60.0, 0.0), client.waypoint(4, 400.0, 0.0))
     )
+    await client.action.arm()  # in AUTO MAVSDK would change to BRAKE first, in which it cannot be armed
     await client.missions.start_mission()
-    await client.action.arm()
     await until(lambda: truth.autopilot.runner.index == 4)
     swap = a_mission(client, client.speed(2, 5.0), client.waypoint(3, 60.0, 300.0))
     await client.missions.upload_mission(swap)
