@@ -185,8 +185,11 @@ class HeartbeatMonitor:
     def _check_boot(self, vehicle: _Watched, boot_ms: int) -> None:
         """It restarted if its clock ran backwards and it started after it was last heard.
 
-        So neither a datagram that comes late nor a clock that was set back looks like a reboot.
+        So neither a datagram that comes late nor a clock that was set back looks like a reboot. The same value again is
+        no news: HEARTBEATs carry none, and a vehicle that has restarted sends them long before its first position.
         """
+        if boot_ms == vehicle.boot_ms:
+            return
         last, heard_s = vehicle.boot_ms, vehicle.now_s - vehicle.boot_at_s
         vehicle.boot_ms, vehicle.boot_at_s = boot_ms, vehicle.now_s
         if last is not None and _LATE_MS < last - boot_ms < _BOOT_WRAP_MS and boot_ms <= heard_s * 1000 + _LATE_MS:

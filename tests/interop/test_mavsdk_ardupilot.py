@@ -5,7 +5,6 @@ from contextlib import aclosing
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from mavsdk.plugins.mission_raw.mission_raw import MissionRawError
 
 from sim import Mode
 
@@ -54,14 +53,12 @@ async def test_a_flight_from_the_ground_with_a_swap_a_pause_and_a_return(
 
 async def fly(client: "Client", until: "Until") -> None:
     truth = client.truth
-    with pytest.raises(MissionRawError):
-        await client.missions.start_mission()
     await client.params.set_param_int("AUTO_OPTIONS", 3)
     await client.missions.upload_mission(
         a_mission(client, client.speed(2, 5.0), client.waypoint(3, 60.0, 0.0), client.waypoint(4, 400.0, 0.0))
     )
+    await client.action.arm()  # in AUTO MAVSDK would change to BRAKE first, in which it cannot be armed
     await client.missions.start_mission()
-    await client.action.arm()
     await until(lambda: truth.autopilot.runner.index == 4)
     swap = a_mission(client, client.speed(2, 5.0), client.waypoint(3, 60.0, 300.0))
     await client.missions.upload_mission(swap)

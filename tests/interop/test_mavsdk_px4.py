@@ -135,7 +135,7 @@ async def fly_pause_and_swap(client: "Client", until: "Until") -> None:
     await client.missions.set_current_mission_item(0)
     await client.missions.start_mission()
     await until(lambda: client.last("MISSION_CURRENT").get("seq") == 2)
-    await until(lambda: [message["seq"] for message in client.seen.get("MISSION_ITEM_REACHED", [])] == [0, 1])
+    await until(lambda: {message["seq"] for message in client.seen.get("MISSION_ITEM_REACHED", [])} == {0, 1})
     progress = await client.missions.mission_progress()
     assert (progress.current, progress.total) == (2, 3)
     await client.missions.pause_mission()

@@ -26,6 +26,8 @@ PlanOf = Callable[..., Plan]
 pytestmark = pytest.mark.e2e
 BOTH = pytest.mark.parametrize("autopilot", list(Autopilot))
 PATH = [(0.0, 0.0), (0.0, 12.0), (0.0, 30.0), (0.0, 30.0), (10.0, 40.0), (25.0, 40.0)]
+HOLD_ON_LOSS = 5
+"""COM_OBL_RC_ACT; the default, 0, returns without a remote control."""
 SERVICE = Path(__file__).with_name("streaming_service.py")
 
 
@@ -141,6 +143,8 @@ async def stream_until_killed(autopilot: Autopilot) -> None:
     fleet = Fleet(specs_at(PLAN, autopilot), clock=ScaledClock(1.0), endpoint=f"udpout://127.0.0.1:{port}")
     async with fleet:
         goes_on, holds = (fleet.vehicles[number].autopilot for number in (1, 2))
+        if autopilot is Autopilot.PX4:
+            goes_on.parameters["COM_OBL_RC_ACT"] = holds.parameters["COM_OBL_RC_ACT"] = HOLD_ON_LOSS
         service = subprocess.Popen(  # noqa: ASYNC220
             [sys.executable, str(SERVICE), f"udpin://127.0.0.1:{port}", autopilot.value],
             cwd=Path(__file__).parents[2],

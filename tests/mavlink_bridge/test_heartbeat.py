@@ -116,6 +116,13 @@ def test_a_boot_clock_that_runs_backwards_is_a_reboot_and_not_a_loss() -> None:
     assert monitor.poll(4.0) == []
 
 
+def test_heartbeats_before_the_first_position_after_a_reboot_do_not_hide_it() -> None:
+    monitor = monitor_of_uav_1()
+    for second, boot_ms in ((0.0, 70_000), (1.0, 71_000), (4.0, 71_000), (5.0, 71_000), (8.0, 4_500)):
+        monitor.heard(1, AUTOPILOT, second, boot_ms)
+    assert monitor.reboots(1) == 1
+
+
 def test_a_boot_clock_that_wraps_is_no_reboot() -> None:
     monitor = monitor_of_uav_1()
     monitor.heard(1, AUTOPILOT, 1.0, 2**32 - 500)
