@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
 from typing import Literal
 
-import numpy as np
-
 from api.clock import FleetClock
 from api.fleet import HEARD_WITHIN_S, Fleet
+from api.flown_rates import FlownRates
 from api.guidance import FlightGuidance, Way
-from api.rates import InForce, Point, Sample, rates_by_slot
+from api.rates import InForce, Point
 from api.roster import Roster
 from api.take_off import LOOK_EVERY_S, FlightError, TakeOff, each
 from mavlink_bridge import Mission, Telemetry, VehiclesMissing
 from planner import Plan
 
 SAMPLE_EVERY_S = 0.5
+RATES_AT_ONCE = 8
+"""Samples whose rates are worked out before the event loop may turn to something else."""
 TOLD_WITHIN_S = 3.0
 """Wall seconds that a vehicle has to send a MISSION_CURRENT, which comes at 1 Hz."""
 
@@ -48,6 +49,7 @@ class Flight:
         self._began: float | None = None
         self._frozen_s: float | None = None
         self._record: list[tuple[float, dict[str, Point]]] = []
+        self._rates = FlownRates(plan.scenario.user_ids, self.n_slots, self.slot_s)
 
     # --- the plan and its clock ---
 
@@ -90,6 +92,8 @@ class Flight:
     def recall(self, record: list[tuple[float, dict[str, Point]]]) -> None:
         """Take over the record of who was where from before a restart."""
         self._record = record
+        for at, where in record:
+            self._rates.add(at, where)
 
     @property
     def record(self) -> list[tuple[float, dict[str, Point]]]:
@@ -227,24 +231,20 @@ class Flight:
     # --- the record ---
 
     def sample(self) -> None:
-        """Record where everyone is, at most twice a fleet second."""
+        """Record where everyone is, at most twice a fleet second, and work out what users got there."""
         now = self.now_s()
-        if self._record and now - self._record[-1][0] < SAMPLE_EVERY_S:
-            return
-        self._record.append((now, self.positions_m()))
+        if not self._record or now - self._record[-1][0] >= SAMPLE_EVERY_S:
+            where = self.positions_m()
+            self._record.append((now, where))
+            self._rates.add(now, where)
+        self._rates.work(self.timeline, self.lost, RATES_AT_ONCE)
 
-    def reported_rates_bps(self) -> dict[str, list[float | None]]:
-        """Rates of each user in each slot from reported positions; None for slots not (yet) recorded."""
-        users = self.first_plan.scenario.user_ids
-        samples = [
-            Sample(at, where, frozenset(uav for uav in where if at <= self.lost.get(uav, np.inf)))
-            for at, where in self._record
-            if at < self.n_slots * self.slot_s
-        ]
-        if not samples:
-            return {user: [None] * self.n_slots for user in users}
-        table = rates_by_slot(self.timeline, samples, self.n_slots)
-        return {
-            user: [None if np.isnan(rate) else float(rate) for rate in row]
-            for user, row in zip(users, table, strict=True)
-        }
+    async def settle_rates(self) -> None:
+        """Work out what users got at every sample that still waits for it, and let others take turns meanwhile."""
+        while self._rates.is_behind(self.timeline, self.lost):
+            self._rates.work(self.timeline, self.lost, RATES_AT_ONCE)
+            await asyncio.sleep(0)
+
+    def reported_rates_bps(self) -> Mapping[str, Sequence[float | None]]:
+        """Rates of each user in each slot from reported positions; None for slots not (yet) recorded or worked out."""
+        return self._rates.by_user

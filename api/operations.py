@@ -88,6 +88,7 @@ class Operations:
         """What the client sees, of operations that ended too. Raises NotFoundError."""
         operation = self._active.get(operation_id) or self._unsaved.get(operation_id)
         if operation is not None:
+            await operation.flight.settle_rates()
             return operation.view()
         rows = await self._books.database.rows(select(table.c.document).where(table.c.id == operation_id))
         if not rows:
