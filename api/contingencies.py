@@ -72,7 +72,7 @@ class Contingencies:
                 await self.make(plan, at_slot, plan.scenario.uav_ids)
         found = {uav: self._ready.get((plan.id, at_slot, uav)) for uav in plan.scenario.uav_ids}
         return await asyncio.to_thread(
-            _rows, plan, at_slot, {uav: one for uav, one in found.items() if one is not None}
+            rows_of, plan, at_slot, {uav: one for uav, one in found.items() if one is not None}
         )
 
     def yield_to_flight(self) -> None:
@@ -149,7 +149,7 @@ class Contingencies:
             log.warning("contingency not stored", error=str(error))
 
 
-def _rows(plan: Plan, at_slot: int, made: Mapping[str, Plan | str]) -> list[Contingency]:
+def rows_of(plan: Plan, at_slot: int, made: Mapping[str, Plan | str]) -> list[Contingency]:
     """Rows of these losses; for a large fleet that takes seconds, beside the event loop."""
     return [_row(plan, at_slot, uav, one) for uav, one in made.items()]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
 from typing import Literal
 
@@ -15,12 +15,11 @@ from api.guidance import FlightGuidance, Way
 from api.rates import InForce, Point
 from api.roster import Roster
 from api.take_off import LOOK_EVERY_S, FlightError, TakeOff, each
+from api.track import Seen, Track
 from mavlink_bridge import Mission, Telemetry, VehiclesMissing
 from planner import Plan
 
 SAMPLE_EVERY_S = 0.5
-RATES_AT_ONCE = 8
-"""Samples whose rates are worked out before the event loop may turn to something else."""
 TOLD_WITHIN_S = 3.0
 """Wall seconds that a vehicle has to send a MISSION_CURRENT, which comes at 1 Hz."""
 
@@ -48,8 +47,8 @@ class Flight:
         self.take_off = TakeOff(plan, systems, fleet, clock, self.guidance)
         self._began: float | None = None
         self._frozen_s: float | None = None
-        self._record: list[tuple[float, dict[str, Point]]] = []
-        self._rates = FlownRates(plan.scenario.user_ids, self.n_slots, self.slot_s)
+        self._record = Track(systems)
+        self._rates = FlownRates(self._record, plan.scenario.user_ids, self.n_slots, self.slot_s)
 
     # --- the plan and its clock ---
 
@@ -89,14 +88,13 @@ class Flight:
         self._began = self._clock.now() - elapsed_s
         self._frozen_s = elapsed_s if paused else None
 
-    def recall(self, record: list[tuple[float, dict[str, Point]]]) -> None:
+    def recall(self, record: Iterable[Seen]) -> None:
         """Take over the record of who was where from before a restart."""
-        self._record = record
         for at, where in record:
-            self._rates.add(at, where)
+            self._record.append(at, where)
 
     @property
-    def record(self) -> list[tuple[float, dict[str, Point]]]:
+    def record(self) -> Track:
         """(fleet seconds, metres east/north of each UAV heard), the oldest first."""
         return self._record
 
@@ -233,17 +231,13 @@ class Flight:
     def sample(self) -> None:
         """Record where everyone is, at most twice a fleet second, and work out what users got there."""
         now = self.now_s()
-        if not self._record or now - self._record[-1][0] >= SAMPLE_EVERY_S:
-            where = self.positions_m()
-            self._record.append((now, where))
-            self._rates.add(now, where)
-        self._rates.work(self.timeline, self.lost, RATES_AT_ONCE)
+        if not self._record or now - self._record.at_s(-1) >= SAMPLE_EVERY_S:
+            self._record.append(now, self.positions_m())
+        self._rates.work(self.timeline, self.lost)
 
     async def settle_rates(self) -> None:
         """Work out what users got at every sample that still waits for it, and let others take turns meanwhile."""
-        while self._rates.is_behind(self.timeline, self.lost):
-            self._rates.work(self.timeline, self.lost, RATES_AT_ONCE)
-            await asyncio.sleep(0)
+        await self._rates.settle(self.timeline, self.lost)
 
     def reported_rates_bps(self) -> Mapping[str, Sequence[float | None]]:
         """Rates of each user in each slot from reported positions; None for slots not (yet) recorded or worked out."""

@@ -164,7 +164,7 @@ async def read_track(
     """Where every UAV was heard, twice a fleet second, for replay; with `after_s` and `limit` piece by piece."""
     await _require(service, operation_id)
     record = await service.operations.track(operation_id, after_s, limit)
-    return Response(await asyncio.to_thread(_track, record), media_type="application/json")
+    return Response(await asyncio.to_thread(track_json, record), media_type="application/json")
 
 
 @router.post("/operations/{operation_id}:start", dependencies=pilot_only)
@@ -251,7 +251,7 @@ async def _decided(
     return _tagged(response, operation.view())
 
 
-def _track(record: Record) -> bytes:
+def track_json(record: Record) -> bytes:
     """The track as JSON; a long one takes a while, and is made beside the event loop."""
     points = (TrackPoint(elapsed_s=at, positions_m=where).model_dump_json() for at, where in record)
     return f"[{','.join(points)}]".encode()

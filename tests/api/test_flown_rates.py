@@ -14,6 +14,7 @@ from api.clock import FleetClock
 from api.flight import Flight
 from api.flown_rates import FlownRates
 from api.rates import InForce, Sample, rates_by_sample, rates_by_slot
+from api.track import Track
 from planner import EXAMPLES, Plan, plan, replan
 
 SLOT_S, N_SLOTS = 5.0, 4
@@ -49,8 +50,15 @@ def kept(by_user: Mapping[str, Row]) -> np.ndarray:
     return np.array([[np.nan if rate is None else rate for rate in row] for row in by_user.values()])
 
 
-def empty(made: Plan) -> FlownRates:
-    return FlownRates(made.scenario.user_ids, N_SLOTS, SLOT_S)
+def of(track: Track, made: Plan) -> FlownRates:
+    return FlownRates(track, made.scenario.user_ids, N_SLOTS, SLOT_S)
+
+
+def track_of(record: Sequence[tuple[float, Where]] = ()) -> Track:
+    made = Track(UAVS)
+    for at, where in record:
+        made.append(at, where)
+    return made
 
 
 def settle(rates: FlownRates, timeline: Sequence[InForce], lost: Lost) -> None:
@@ -80,12 +88,12 @@ STEPS = st.lists(
 def test_whatever_is_learned_when_the_rates_are_those_of_a_whole_recomputation(
     first: Plan, second: Plan, steps: list[tuple[str, object, object]]
 ) -> None:
-    rates, timeline, lost, record, now = empty(first), [InForce(0.0, first)], Lost(), list[tuple[float, Where]](), 0.0
+    track, timeline, lost, now = track_of(), [InForce(0.0, first)], Lost(), 0.0
+    rates = of(track, first)
     for what, one, other in steps:
         if what == "sample":
             now += float(one)  # type: ignore[arg-type]
-            record.append((now, other))  # type: ignore[arg-type]
-            rates.add(*record[-1])
+            track.append(now, other)  # type: ignore[arg-type]
         elif what == "lose":
             lost.setdefault(str(one), now - float(other))  # type: ignore[arg-type]  # silent for a while already
         elif what == "readmit":
@@ -95,7 +103,7 @@ def test_whatever_is_learned_when_the_rates_are_those_of_a_whole_recomputation(
         elif what == "work":
             rates.work(timeline, lost, int(one))  # type: ignore[call-overload]
     settle(rates, timeline, lost)
-    np.testing.assert_allclose(kept(rates.by_user), in_one_go(timeline, record, lost), rtol=1e-12, atol=1e-9)
+    np.testing.assert_allclose(kept(rates.by_user), in_one_go(timeline, track, lost), rtol=1e-12, atol=1e-9)
 
 
 class Counted:
@@ -126,9 +134,10 @@ def flown(made: Plan, until_s: float) -> list[tuple[float, Where]]:
 
 
 def test_each_sample_is_evaluated_once_however_often_somebody_asks(first: Plan, counted: Counted) -> None:
-    rates, timeline = empty(first), [InForce(0.0, first)]
+    track, timeline = track_of(), [InForce(0.0, first)]
+    rates = of(track, first)
     for number, (at, where) in enumerate(flown(first, 20.0), start=1):
-        rates.add(at, where)
+        track.append(at, where)
         for _ in range(5):
             settle(rates, timeline, {})
             assert rates.by_user["user-1"][int(at // SLOT_S)] is not None
@@ -136,9 +145,8 @@ def test_each_sample_is_evaluated_once_however_often_somebody_asks(first: Plan, 
 
 
 def test_a_loss_declared_late_costs_the_slots_it_touches_and_no_more(first: Plan, counted: Counted) -> None:
-    rates, timeline, record = empty(first), [InForce(0.0, first)], flown(first, 18.0)
-    for at, where in record:
-        rates.add(at, where)
+    timeline, record = [InForce(0.0, first)], flown(first, 18.0)
+    rates = of(track_of(record), first)
     settle(rates, timeline, {})
     assert counted.samples == len(record) == 36
     settle(rates, timeline, {"uav-2": 14.0})  # in the third slot, of ten samples; the fourth has six yet
@@ -147,9 +155,7 @@ def test_a_loss_declared_late_costs_the_slots_it_touches_and_no_more(first: Plan
 
 
 def test_a_slot_that_is_summed_anew_keeps_its_rates_until_the_new_sum_is_whole(first: Plan) -> None:
-    rates, timeline = empty(first), [InForce(0.0, first)]
-    for at, where in flown(first, 5.0):
-        rates.add(at, where)
+    rates, timeline = of(track_of(flown(first, 5.0)), first), [InForce(0.0, first)]
     settle(rates, timeline, {})
     before = kept(rates.by_user)[:, 0]
     lost = {"uav-2": -1.0}

@@ -107,7 +107,7 @@ async def test_a_long_track_is_read_piece_by_piece(served: tuple[Service, Rest])
         asked.append(params["after_s"])
         return await text(method, path, **params)
 
-    rest.text = noted  # type: ignore[method-assign, assignment]
+    rest.text = noted  # type: ignore[method-assign]
     points = await Feed(rest).track("op-1")
     assert [point.elapsed_s for point in points] == times
     assert points[0].positions_m == {"uav-1": (1.0, 2.0)}
@@ -168,7 +168,7 @@ async def test_stored_plans_ahead_are_read_once_for_all_uavs_and_in_turns(
         for uav in uavs
     ]
     database, turns = Rows(rows), Turns()
-    ahead = Contingencies({LaneName.FLIGHT: None}, database)  # type: ignore[arg-type, dict-item]
+    ahead = Contingencies({LaneName.FLIGHT: None}, database)  # type: ignore[arg-type]
     await turns.while_it(ahead.make(made, 2, uavs))
     assert database.asked == 1
     assert turns.count >= len(uavs)
