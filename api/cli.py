@@ -244,10 +244,10 @@ def bench_bridge(
 @bench.command("service")
 def bench_service(
     runs: Annotated[int, typer.Option(min=2, help="Plans measured end to end.")] = 200,
-    only: Annotated[list[str] | None, typer.Option(help="plans, rate, streams or recovery; default: all.")] = None,
+    only: Annotated[list[str] | None, typer.Option(help="plans, rate, streams, recovery, loop; default: all.")] = None,
     as_json: Json = False,
 ) -> None:
-    """Measure the service from outside: plans, requests a second, event streams, recovery from a loss."""
+    """Measure plans, requests a second, event streams, recovery from a loss, and what holds the event loop."""
     from api.bench.service import service_figures, table  # noqa: PLC0415
 
     figures = service_figures(runs, set(only or []))

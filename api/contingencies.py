@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import time
+from collections.abc import Mapping
 from contextlib import suppress
 
 import numpy as np
@@ -58,6 +59,9 @@ class Contingencies:
 
     async def make(self, plan: Plan, at_slot: int, uav_ids: tuple[str, ...]) -> None:
         """Make what is missing for these losses at that slot, one after the other. Raises BusyError."""
+        keys = [(plan.id, at_slot, uav_id) for uav_id in uav_ids]
+        if any(key not in self._ready and key not in self._under_way for key in keys):
+            await self._load(plan.id, at_slot)
         for uav_id in uav_ids:
             await self._one(plan, at_slot, uav_id)
 
@@ -66,8 +70,10 @@ class Contingencies:
         with suppress(TimeoutError):
             async with asyncio.timeout(wait_s):
                 await self.make(plan, at_slot, plan.scenario.uav_ids)
-        found = [(uav, self._ready.get((plan.id, at_slot, uav))) for uav in plan.scenario.uav_ids]
-        return [_row(plan, at_slot, uav, made) for uav, made in found if made is not None]
+        found = {uav: self._ready.get((plan.id, at_slot, uav)) for uav in plan.scenario.uav_ids}
+        return await asyncio.to_thread(
+            rows_of, plan, at_slot, {uav: one for uav, one in found.items() if one is not None}
+        )
 
     def yield_to_flight(self) -> None:
         """A loss has happened: what is being made ahead ends now, and leaves the cores to the replan."""
@@ -82,8 +88,6 @@ class Contingencies:
 
     async def _one(self, plan: Plan, at_slot: int, uav_id: str) -> None:
         key = (plan.id, at_slot, uav_id)
-        if key not in self._ready and key not in self._under_way:
-            await self._load(plan.id, at_slot)
         if key in self._ready:
             return
         task = self._under_way.get(key)
@@ -123,8 +127,10 @@ class Contingencies:
     async def _load(self, plan_id: str, at_slot: int) -> None:
         wanted = select(table).where(table.c.plan_id == plan_id, table.c.at_slot == at_slot)
         for row in await self._database.rows(wanted):
-            made = Plan.model_validate_json(row.result) if row.result else str(row.error)
-            self._remember((plan_id, at_slot, row.uav_id), made)
+            key = (plan_id, at_slot, row.uav_id)
+            if key not in self._ready:
+                self._remember(key, Plan.model_validate_json(row.result) if row.result else str(row.error))
+                await asyncio.sleep(0)  # a large fleet's plans take a while: let others take turns
 
     async def _store(self, key: tuple[str, int, str], made: Plan | str) -> None:
         plan = made if isinstance(made, Plan) else None
@@ -141,6 +147,11 @@ class Contingencies:
             await self._database.write((insert(table).on_conflict_do_nothing(), row))
         except StoreError as error:  # it is in memory; a restart makes it again
             log.warning("contingency not stored", error=str(error))
+
+
+def rows_of(plan: Plan, at_slot: int, made: Mapping[str, Plan | str]) -> list[Contingency]:
+    """Rows of these losses; for a large fleet that takes seconds, beside the event loop."""
+    return [_row(plan, at_slot, uav, one) for uav, one in made.items()]
 
 
 def _row(plan: Plan, at_slot: int, uav_id: str, made: Plan | str) -> Contingency:

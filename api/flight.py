@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
 from typing import Any, Literal
 
-import numpy as np
-
 from api.clock import FleetClock
 from api.fleet import HEARD_WITHIN_S, Fleet
+from api.flown_rates import FlownRates
 from api.guidance import FlightGuidance, Way
-from api.rates import InForce, Point, Sample, rates_by_slot
+from api.rates import InForce, Point
 from api.roster import Roster
 from api.take_off import LOOK_EVERY_S, FlightError, TakeOff, each
+from api.track import Seen, Track
 from mavlink_bridge import Autopilot, Mission, OnEnd, Telemetry, VehiclesMissing, geodetic_to_east_north
 from mavlink_bridge.autopilots import HOLD_MODE, STREAM_MODE
 from mavlink_bridge.verified import OnBoard
@@ -50,7 +50,8 @@ class Flight:
         self.take_off = TakeOff(plan, systems, fleet, clock, self.guidance)
         self._began: float | None = None
         self._frozen_s: float | None = None
-        self._record: list[tuple[float, dict[str, Point]]] = []
+        self._record = Track(systems)
+        self._rates = FlownRates(self._record, plan.scenario.user_ids, self.n_slots, self.slot_s)
 
     # --- the plan and its clock ---
 
@@ -90,12 +91,13 @@ class Flight:
         self._began = self._clock.now() - elapsed_s
         self._frozen_s = elapsed_s if paused else None
 
-    def recall(self, record: list[tuple[float, dict[str, Point]]]) -> None:
+    def recall(self, record: Iterable[Seen]) -> None:
         """Take over the record of who was where from before a restart."""
-        self._record = record
+        for at, where in record:
+            self._record.append(at, where)
 
     @property
-    def record(self) -> list[tuple[float, dict[str, Point]]]:
+    def record(self) -> Track:
         """(fleet seconds, metres east/north of each UAV heard), the oldest first."""
         return self._record
 
@@ -276,24 +278,16 @@ class Flight:
     # --- the record ---
 
     def sample(self) -> None:
-        """Record where everyone is, at most twice a fleet second."""
+        """Record where everyone is, at most twice a fleet second, and work out what users got there."""
         now = self.now_s()
-        if self._record and now - self._record[-1][0] < SAMPLE_EVERY_S:
-            return
-        self._record.append((now, self.positions_m()))
+        if not self._record or now - self._record.at_s(-1) >= SAMPLE_EVERY_S:
+            self._record.append(now, self.positions_m())
+        self._rates.work(self.timeline, self.lost)
 
-    def reported_rates_bps(self) -> dict[str, list[float | None]]:
-        """Rates of each user in each slot from reported positions; None for slots not (yet) recorded."""
-        users = self.first_plan.scenario.user_ids
-        samples = [
-            Sample(at, where, frozenset(uav for uav in where if at <= self.lost.get(uav, np.inf)))
-            for at, where in self._record
-            if at < self.n_slots * self.slot_s
-        ]
-        if not samples:
-            return {user: [None] * self.n_slots for user in users}
-        table = rates_by_slot(self.timeline, samples, self.n_slots)
-        return {
-            user: [None if np.isnan(rate) else float(rate) for rate in row]
-            for user, row in zip(users, table, strict=True)
-        }
+    async def settle_rates(self) -> None:
+        """Work out what users got at every sample that still waits for it, and let others take turns meanwhile."""
+        await self._rates.settle(self.timeline, self.lost)
+
+    def reported_rates_bps(self) -> Mapping[str, Sequence[float | None]]:
+        """Rates of each user in each slot from reported positions; None for slots not (yet) recorded or worked out."""
+        return self._rates.by_user

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from math import isnan
 from typing import Any
 
-from sqlalchemy import insert, select
+from sqlalchemy import Row, insert, select
 
 from api.rates import Point
 from api.store import Database
@@ -76,20 +77,28 @@ class MissionBook:
 
     async def write(self, given: Mapping[str, Given]) -> None:
         """Store that these UAVs are about to be given these; held while the database does not answer."""
-        rows = [
-            {"operation_id": self._operation_id, "uav_id": uav, "document": one.document()}
-            for uav, one in given.items()
-        ]
-        if rows:
-            await self._database.keep((_INSERT, rows))
+        if given:
+            await self._database.keep((_INSERT, await asyncio.to_thread(self._rows, dict(given))))
 
     async def read(self) -> dict[str, list[Given]]:
         """For each UAV what it was given, the newest first. Raises StoreError."""
-        found: dict[str, list[Given]] = {}
         wanted = select(table).where(table.c.operation_id == self._operation_id).order_by(table.c.id.desc())
-        for row in await self._database.rows(wanted):
-            found.setdefault(row.uav_id, []).append(Given.of_document(row.document))
-        return found
+        return await asyncio.to_thread(_by_uav, await self._database.rows(wanted))
+
+    def _rows(self, given: Mapping[str, Given]) -> list[dict[str, str]]:
+        """What is stored of these; runs beside the event loop, which a large fleet's would hold up."""
+        return [
+            {"operation_id": self._operation_id, "uav_id": uav, "document": one.document()}
+            for uav, one in given.items()
+        ]
+
+
+def _by_uav(rows: Iterable[Row[Any]]) -> dict[str, list[Given]]:
+    """Return what each UAV was given, in the order of the rows."""
+    found: dict[str, list[Given]] = {}
+    for row in rows:
+        found.setdefault(row.uav_id, []).append(Given.of_document(row.document))
+    return found
 
 
 def _without_nan(item: dict[str, Any]) -> dict[str, Any]:

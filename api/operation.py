@@ -83,7 +83,7 @@ class Operation:
             slot=flight.slot(),
             recoveries=incidents.reports,
             proposal=Proposal(incident=proposal[0], plan_id=proposal[1].id, lost=proposal[2]) if proposal else None,
-            user_rates_bps=flight.reported_rates_bps(),
+            user_rates_bps={user: list(row) for user, row in flight.reported_rates_bps().items()},
             error=self.error,
         )
 
@@ -256,6 +256,7 @@ class Operation:
         """Change the state; stored when it returns."""
         if state in ENDED:
             await self.incidents.close(self.error or f"the operation is {state.value}")
+            await self.flight.settle_rates()
         self.state = state
         await self.save()
         ends = {uav: end.value for uav, end in ends_of(self.flight).items()} if state in ENDED else {}

@@ -88,6 +88,7 @@ class Operations:
         """What the client sees, of operations that ended too. Raises NotFoundError."""
         operation = self._active.get(operation_id) or self._unsaved.get(operation_id)
         if operation is not None:
+            await operation.flight.settle_rates()
             return operation.view()
         rows = await self._books.database.rows(select(table.c.document).where(table.c.id == operation_id))
         if not rows:
@@ -129,9 +130,9 @@ class Operations:
         """Whether there is or was such an operation."""
         return bool(await self._books.database.rows(select(table.c.id).where(table.c.id == operation_id)))
 
-    async def track(self, operation_id: str) -> Record:
-        """Where every UAV was heard: (fleet seconds, metres east/north), the oldest first."""
-        return await stored_track(operation_id, self._books)
+    async def track(self, operation_id: str, after_s: float | None, limit: int | None) -> Record:
+        """Where every UAV was heard: (fleet seconds, metres east/north), the oldest first, as `stored_track`."""
+        return await stored_track(operation_id, self._books, after_s, limit)
 
     @property
     def in_the_air(self) -> list[Operation]:

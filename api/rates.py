@@ -13,6 +13,8 @@ from planner import Plan, delivered_rates_bps
 
 Array = NDArray[np.float64]
 Point = tuple[float, float]
+AT_ONCE = 64
+"""Samples that are evaluated together: (samples, UAVs, users) is what takes the memory."""
 
 
 @dataclass(frozen=True)
@@ -39,8 +41,9 @@ def rates_by_sample(timeline: Sequence[InForce], samples: Sequence[Sample]) -> A
     entry_of = [max(bisect_right(starts, sample.elapsed_s) - 1, 0) for sample in samples]
     for number, entry in enumerate(timeline):
         rows = [row for row, chosen in enumerate(entry_of) if chosen == number]
-        if rows:
-            rates[rows] = _under(entry.plan, [samples[row] for row in rows])
+        for begin in range(0, len(rows), AT_ONCE):
+            some = rows[begin : begin + AT_ONCE]
+            rates[some] = _under(entry.plan, [samples[row] for row in some])
     return rates
 
 

@@ -6,8 +6,10 @@ took effect the books are completed, if not the situation is answered anew, from
 
 from __future__ import annotations
 
+import asyncio
 import json
 import time
+from collections.abc import Iterable
 from datetime import UTC, datetime
 from typing import Any, TypeAlias
 
@@ -196,10 +198,20 @@ def _in_mission(operation: Operation, uav: str) -> bool:
     return said is not None and said.mode.value == "mission"
 
 
-async def stored_track(operation_id: str, books: Books) -> Record:
-    """Where every UAV of an operation was heard, the oldest first."""
-    wanted = select(track_table).where(track_table.c.operation_id == operation_id).order_by(track_table.c.id)
+async def stored_track(
+    operation_id: str, books: Books, after_s: float | None = None, limit: int | None = None
+) -> Record:
+    """Where every UAV of an operation was heard, the oldest first: all, or at most `limit` samples after `after_s`."""
+    wanted = select(track_table).where(track_table.c.operation_id == operation_id)
+    if after_s is not None:
+        wanted = wanted.where(track_table.c.elapsed_s > after_s)
+    return await asyncio.to_thread(
+        _record, await books.database.rows(wanted.order_by(track_table.c.elapsed_s, track_table.c.id).limit(limit))
+    )
+
+
+def _record(rows: Iterable[Row[Any]]) -> Record:
     return [
         (row.elapsed_s, {uav: (east, north) for uav, (east, north) in json.loads(row.positions).items()})
-        for row in await books.database.rows(wanted)
+        for row in rows
     ]

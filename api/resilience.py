@@ -217,6 +217,7 @@ class Answer:
             return await self._parts.plans.adopt(ready.model_copy(update={"cause": cause}), fresh("plan"))
         self._update(source="solved")
         previous = flight.first_plan if incident.readmitted else flight.plan
+        await flight.settle_rates()
         request = self._request(previous, at_slot)
         remaining(previous, **request)
         record = await self._parts.plans.submit_replan(

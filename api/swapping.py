@@ -57,7 +57,7 @@ class Swap:
         known = self._flight.positions_m()
         nowhere = {uav: "it does not know where it is" for uav in uavs if uav not in known}
         try:
-            missions = self._missions(plan, [uav for uav in uavs if uav not in nowhere])
+            missions = await self._missions(plan, [uav for uav in uavs if uav not in nowhere])
         except (BridgeError, ReplanError) as error:
             return dict.fromkeys(uavs, str(error))
         await self._flight.guidance.remember(missions)
@@ -79,16 +79,16 @@ class Swap:
         )
         return None
 
-    def _missions(self, plan: Plan, uavs: Iterable[str]) -> dict[str, Mission]:
+    async def _missions(self, plan: Plan, uavs: Iterable[str]) -> dict[str, Mission]:
         flight = self._flight
         live, now = flight.positions_m(), flight.now_s()
         boundary_s = (plan.first_slot + 1) * flight.slot_s
-        return {
-            uav: flight.guidance.compile(
-                plan, uav, from_m=live[uav], first_leg_s=max(boundary_s - now, flight.slot_s / 2)
-            )
-            for uav in uavs
-        }
+        first_leg_s = max(boundary_s - now, flight.slot_s / 2)
+        missions = {}
+        for uav in uavs:
+            missions[uav] = flight.guidance.compile(plan, uav, from_m=live[uav], first_leg_s=first_leg_s)
+            await asyncio.sleep(0)  # a large fleet's take a while: let others take turns
+        return missions
 
     def _intent(self, plan: Plan, mission: Mission, attempt: int) -> dict[str, Any]:
         """What a restarted service needs to see whether this upload took effect."""

@@ -125,7 +125,10 @@ class TakeOff:
             await link.wait_for(set(self._systems.values()), timeout_s=HEARD_WITHIN_S)
         await link.prepare(self._systems.values())
         await link.wait_for_facts(self._systems.values(), self._waits)
-        missions = {uav: self._guidance.compile(self._plan, uav) for uav in self._systems}
+        missions = {}
+        for uav in self._systems:
+            missions[uav] = self._guidance.compile(self._plan, uav)
+            await asyncio.sleep(0)  # a large fleet's take a while: let others take turns
         self._audit()
         await self._guidance.remember(missions)
         await self._fence()

@@ -7,7 +7,7 @@ from math import isfinite
 from mavlink_bridge.ardupilot import ArduPilotWriter
 from mavlink_bridge.autopilots import Autopilot
 from mavlink_bridge.errors import TooManyItems, UnknownUav
-from mavlink_bridge.geodesy import east_north_to_geodetic
+from mavlink_bridge.geodesy import points_to_geodetic
 from mavlink_bridge.items import MAX_ITEMS, Mission
 from mavlink_bridge.models import DEFAULTS
 from mavlink_bridge.pace import VehicleModel
@@ -48,9 +48,11 @@ def compile_mission(
     uav = scenario.uav(uav_id)
     flown_m = path_m[: scenario.last_slot(uav) + 1]
     schedule = _schedule(flown_m, scenario.slot_duration_s, airborne, first_leg_s, model or DEFAULTS[autopilot])
+    points_m = list({stop.point_m for stop in schedule.stops})
+    places_deg = dict(zip(points_m, points_to_geodetic(scenario.origin, points_m), strict=True))
     writer = _WRITERS[autopilot](
         altitude_m=scenario.altitude_of(uav),
-        to_geodetic=lambda point: east_north_to_geodetic(scenario.origin, *point),
+        to_geodetic=places_deg.__getitem__,
     )
     writer.write(schedule, takeoff=not airborne, on_end=on_end)
     if len(writer.items) > max_items:

@@ -6,6 +6,9 @@ Only the horizontal part is converted. A constant ENU "up" is a tangent plane an
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+import numpy as np
 from pymap3d import enu2geodetic, geodetic2enu
 
 from planner.scenario import Origin
@@ -16,12 +19,18 @@ _PASSES = 6
 
 def east_north_to_geodetic(origin: Origin, east_m: float, north_m: float) -> tuple[float, float]:
     """(latitude, longitude) in degrees of the point on the ellipsoid that lies (east, north) metres from `origin`."""
-    up_m = 0.0
-    lat_deg = lon_deg = 0.0
+    return points_to_geodetic(origin, [(east_m, north_m)])[0]
+
+
+def points_to_geodetic(origin: Origin, points_m: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+    """As `east_north_to_geodetic`, of many points in about the time of one."""
+    east_m, north_m = np.array(points_m, dtype=float).reshape(-1, 2).T
+    up_m = np.zeros(len(points_m))
+    lat_deg = lon_deg = up_m
     for _ in range(_PASSES):
         lat_deg, lon_deg, height_m = enu2geodetic(east_m, north_m, up_m, origin.lat_deg, origin.lon_deg, 0.0)
-        up_m -= float(height_m)
-    return float(lat_deg), float(lon_deg)
+        up_m = up_m - height_m
+    return list(zip(lat_deg.tolist(), lon_deg.tolist(), strict=True))
 
 
 def geodetic_to_east_north(origin: Origin, lat_deg: float, lon_deg: float) -> tuple[float, float]:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import combinations, pairwise
-from math import hypot
+
+import numpy as np
+from numpy.typing import NDArray
 
 from mavlink_bridge.errors import TransitionTooClose
 from mavlink_bridge.ghosts import Airspace
 from mavlink_bridge.pace import Point
+
+Array = NDArray[np.float64]
 
 
 def check_transition(
@@ -30,29 +33,40 @@ def check_transition(
     longest = max((len(way) for way in ways.values()), default=1)
     times_s = [now_s, *(first_due_s + n * slot_s for n in range(longest - 1))]
     padded = {uav: way + [way[-1]] * (longest - len(way)) for uav, way in ways.items()}
-    for first, second in combinations(padded, 2):
-        apart_m, at_s = _closest(padded[first], padded[second], times_s)
-        if apart_m < required_m:
-            raise TransitionTooClose(
-                f"'{first}' and '{second}' would come within {apart_m:.2f} m at {at_s:.1f} s", required_m
-            )
+    if len(padded) > 1:
+        _require_apart(padded, times_s, required_m)
     if airspace is not None:
         for conflict in airspace.conflicts(padded, times_s, required_m):
             raise TransitionTooClose(str(conflict), required_m)
 
 
-def _closest(first: Sequence[Point], second: Sequence[Point], times_s: Sequence[float]) -> tuple[float, float]:
-    """(least distance in metres, when) of two UAVs that fly straight between the same times."""
-    least, when = float("inf"), times_s[0]
-    between = [(a[0] - b[0], a[1] - b[1]) for a, b in zip(first, second, strict=True)]
-    if len(between) == 1:
-        return hypot(*between[0]), when
-    for (start, end), (begin_s, end_s) in zip(pairwise(between), pairwise(times_s), strict=True):
-        change = (end[0] - start[0], end[1] - start[1])
-        length2 = change[0] ** 2 + change[1] ** 2
-        along = 0.0 if length2 == 0 else -(start[0] * change[0] + start[1] * change[1]) / length2
-        share = min(1.0, max(0.0, along))
-        apart = hypot(start[0] + share * change[0], start[1] + share * change[1])
-        if apart < least:
-            least, when = apart, begin_s + share * (end_s - begin_s)
-    return least, when
+def _require_apart(ways_m: Mapping[str, Sequence[Point]], times_s: Sequence[float], required_m: float) -> None:
+    """Raise TransitionTooClose for the first two of several UAVs that fly straight between the same times too close."""
+    names, places = list(ways_m), np.array(list(ways_m.values()), dtype=float)  # (n_uavs, n_times, 2)
+    for number, first in enumerate(names[:-1]):
+        apart_m, shares = _least_apart(places[number] - places[number + 1 :])
+        least_m = apart_m.min(axis=1)
+        if (least_m < required_m).any():
+            other = int(np.argmax(least_m < required_m))
+            leg = int(np.argmin(apart_m[other]))
+            begin_s, end_s = times_s[leg], times_s[min(leg + 1, len(times_s) - 1)]
+            at_s = begin_s + shares[other, leg] * (end_s - begin_s)
+            raise TransitionTooClose(
+                f"'{first}' and '{names[number + 1 + other]}' would come within {least_m[other]:.2f} m at {at_s:.1f} s",
+                required_m,
+            )
+
+
+def _least_apart(between_m: Array) -> tuple[Array, Array]:
+    """Least distance on each leg, metres, and at which share of it: (n, n_times - 1) both, or (n, 1) of one time.
+
+    between_m: (n, n_times, 2), from one UAV to each of n others at each time, metres east/north.
+    """
+    if between_m.shape[1] == 1:
+        return np.hypot(between_m[..., 0], between_m[..., 1]), np.zeros(between_m.shape[:2])
+    start, change = between_m[:, :-1], np.diff(between_m, axis=1)
+    length2 = (change**2).sum(axis=2)
+    along = -(start * change).sum(axis=2)
+    shares = np.clip(np.divide(along, length2, out=np.zeros_like(along), where=length2 > 0), 0.0, 1.0)
+    nearest = start + shares[..., None] * change
+    return np.hypot(nearest[..., 0], nearest[..., 1]), shares

@@ -26,13 +26,16 @@ def delivered_rates_bps(
         raise ValueError(
             f"positions_m {positions_m.shape} and transmitting {transmitting.shape} must be (S, U, 2), (S, U)"
         )
-    if n_samples and not 0 <= slots.min() <= slots.max() < scenario.slots:
+    if n_samples == 0:
+        return np.zeros((0, len(scenario.users)))
+    if not 0 <= slots.min() <= slots.max() < scenario.slots:
         raise ValueError(f"slots: {slots.min()}..{slots.max()} must lie in 0..{scenario.slots - 1}")
+    asked, column = np.unique(slots, return_inverse=True)  # what depends on the slot is made for these alone
     user_m = np.array([user.position_m for user in scenario.users], dtype=float)
     power_w = np.array([uav.transmit_power_w for uav in scenario.uavs])
     channel = scenario.channel
     noise_w = 10 ** (channel.noise_dbm / 10 - 3)
-    fading = fading_gains(channel, scenario.uav_ids, scenario.user_ids, plan.first_slot, scenario.slots)[:, :, slots]
+    fading = _fading(plan, asked)[:, :, column]
     apart = positions_m[:, :, None, :] - user_m  # (S, U, K, 2)
     altitude_m = np.array([scenario.altitude_of(uav) for uav in scenario.uavs])
     distance2 = np.einsum("sukd,sukd->suk", apart, apart) + altitude_m[:, None] ** 2
@@ -40,8 +43,19 @@ def delivered_rates_bps(
     snr = np.moveaxis(on / distance2 * np.moveaxis(fading, 2, 0), 1, 0)  # (U, S, K)
     efficiency = np.log1p(snr / (1.0 + sum_of_others(snr))) / np.log(2)
     index = {uav: u for u, uav in enumerate(scenario.uav_ids)}
-    serving = np.array([[index[uav] for uav in plan.association[user]] for user in scenario.user_ids])[:, slots]
-    bandwidth = np.array([plan.bandwidth_hz[user] for user in scenario.user_ids])[:, slots]  # (K, S)
-    chosen = np.take_along_axis(efficiency, serving.T[None], axis=0)[0]
-    rates: Array = bandwidth.T * chosen
+    links = [plan.association[user] for user in scenario.user_ids]
+    bands = [plan.bandwidth_hz[user] for user in scenario.user_ids]
+    serving = np.array([[index[row[n]] for row in links] for n in asked], dtype=np.intp)[column]  # (S, K)
+    bandwidth = np.array([[row[n] for row in bands] for n in asked])[column]
+    chosen = np.take_along_axis(efficiency, serving[None], axis=0)[0]
+    rates: Array = bandwidth * chosen
     return rates
+
+
+def _fading(plan: Plan, slots: NDArray[np.intp]) -> Array:
+    """|h|^2 of eq. (2) in some slots of the plan's own grid, in rising order: (U, K, len(slots))."""
+    scenario = plan.scenario
+    first, n_slots = int(slots[0]), int(slots[-1] - slots[0]) + 1
+    gains = fading_gains(scenario.channel, scenario.uav_ids, scenario.user_ids, plan.first_slot + first, n_slots)
+    chosen: Array = gains[:, :, slots - first]
+    return chosen

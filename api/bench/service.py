@@ -2,6 +2,7 @@
 
 Four figures: plans end to end, requests a second, event streams, and from a declared loss to new missions on all
 survivors. Nothing is taken from the service's own clocks but the last, which is what it has written into its journal.
+A fifth is measured from inside (`loop.py`): how long what a large fleet asks for holds the event loop.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ import httpx2
 from rich.table import Table
 
 import sim
+from api.bench.loop import loop_figures
 from api.bench.streams import streams_figures
 from api.demo.client import call, free_port, service_process
 from api.simulate import specs_at_starts
@@ -34,8 +36,8 @@ CLIENTS = 32
 
 
 def service_figures(runs: int, only: set[str] | None = None) -> dict[str, Any]:
-    """All four, or those in `only`: plans, rate, streams, recovery. `runs`: plans measured end to end."""
-    return asyncio.run(_figures(runs, only or {"plans", "rate", "streams", "recovery"}))
+    """All, or those in `only`: plans, rate, streams, recovery, loop. `runs`: plans measured end to end."""
+    return asyncio.run(_figures(runs, only or {"plans", "rate", "streams", "recovery", "loop"}))
 
 
 async def _figures(runs: int, wanted: set[str]) -> dict[str, Any]:
@@ -44,6 +46,7 @@ async def _figures(runs: int, wanted: set[str]) -> dict[str, Any]:
         "rate": lambda: _with_service(_rate),
         "streams": streams_figures,
         "recovery": _recoveries,
+        "loop": loop_figures,
     }
     cores = len(os.sched_getaffinity(0))
     os.environ.setdefault("SKYFOLIO_WORKERS", str(cores))  # of the services started here

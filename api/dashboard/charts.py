@@ -62,12 +62,12 @@ def timeline(
             "data": _marks(cursor, lost, n_slots),
         }
     ids = list(users)
-    cells = [
-        [n, row, value]
+    cells = tuple(  # not lists: the chart would watch each of thousands for changes
+        (n, row, value)
         for row, user in enumerate(ids)
         for n, value in enumerate(kbps(users[user]))
         if value is not None
-    ]
+    )
     top = max((value for _, _, value in cells), default=1.0)
     heat = {"name": "user rate", "type": "heatmap", "xAxisIndex": 1, "yAxisIndex": 1, "data": cells, "progressive": 0}
     return {

@@ -5,13 +5,28 @@ from __future__ import annotations
 from collections.abc import AsyncIterator, Mapping, Sequence
 from typing import Any
 
+from pydantic import TypeAdapter
+
 from api.dashboard.rest import Rest, RestError
 from api.dashboard.transactions import transactions
-from api.dashboard.views import OVER, Drill, Happening, Operation, OperationLine, TrackPoint, Vehicle, WhatIf
+from api.dashboard.views import (
+    OVER,
+    Drill,
+    Happening,
+    Operation,
+    OperationLine,
+    PlanState,
+    TrackPoint,
+    Vehicle,
+    WhatIf,
+)
 from planner import Plan, Scenario
 from sim import FAULTS, fault_from
 
 ENDED = {"succeeded", "infeasible", "cancelled", "failed", "interrupted"}
+TRACK_AT_ONCE = 200
+"""Points of a track that are read together; a long flight has thousands."""
+_TRACK = TypeAdapter(list[TrackPoint])
 
 
 class Feed:
@@ -40,16 +55,16 @@ class Feed:
 
     async def awaited_plan(self, plan_id: str, wait_s: float = 60.0) -> Plan:
         """The plan once it is finished, within `wait_s`."""
-        return _finished(await self._rest.call("GET", f"/v1/plans/{plan_id}", wait_s=wait_s))
+        return _finished(await self._rest.text("GET", f"/v1/plans/{plan_id}", wait_s=wait_s))
 
     async def what_if(self, plan_id: str, uav_id: str, at_slot: int, wait_s: float = 60.0) -> Plan:
         """The plan for the survivors if this UAV were lost when that slot (of the operation's grid) begins."""
         body = {"failed": [uav_id], "at_slot": at_slot}
-        return _finished(await self._rest.call("POST", f"/v1/plans/{plan_id}/replans", json=body, wait_s=wait_s))
+        return _finished(await self._rest.text("POST", f"/v1/plans/{plan_id}/replans", json=body, wait_s=wait_s))
 
     async def plan(self, plan_id: str) -> Plan:
         """A finished plan."""
-        return _finished(await self._rest.call("GET", f"/v1/plans/{plan_id}"))
+        return _finished(await self._rest.text("GET", f"/v1/plans/{plan_id}"))
 
     async def mission_file(self, plan_id: str, uav_id: str) -> Any:
         """One UAV's mission as a QGroundControl `.plan` document."""
@@ -89,8 +104,14 @@ class Feed:
 
     async def track(self, operation_id: str) -> list[TrackPoint]:
         """Where every UAV of an operation was, twice a fleet second."""
-        rows = await self._rest.call("GET", f"/v1/operations/{operation_id}/track")
-        return [TrackPoint.model_validate(row) for row in rows]
+        points: list[TrackPoint] = []
+        path = f"/v1/operations/{operation_id}/track"
+        while True:
+            after_s = points[-1].elapsed_s if points else None
+            some = _TRACK.validate_json(await self._rest.text("GET", path, after_s=after_s, limit=TRACK_AT_ONCE))
+            points += some
+            if len(some) < TRACK_AT_ONCE:
+                return points
 
     async def pause(self, operation_id: str) -> None:
         """Hold, to go on later from the same place."""
@@ -170,13 +191,14 @@ def _complete(fault: str) -> bool:
     return True
 
 
-def _finished(body: Mapping[str, Any]) -> Plan:
-    if "trajectories_m" in body:
-        return Plan.model_validate(body)
-    status = str(body["status"])
-    if status in ENDED:
-        raise RestError(422, f"The plan is {status}", str(body.get("error") or "it has no result"))
-    raise RestError(202, "Not finished", f"plan {body['id']} is still {status}")
+def _finished(text: str) -> Plan:
+    """The plan, checked as it is parsed: a large one as Python objects first would hold up the event loop."""
+    known = PlanState.model_validate_json(text)
+    if known.trajectories_m is not None:
+        return Plan.model_validate_json(text)
+    if known.status in ENDED:
+        raise RestError(422, f"The plan is {known.status}", known.error or "it has no result")
+    raise RestError(202, "Not finished", f"plan {known.id} is still {known.status}")
 
 
 def _operation(body: Mapping[str, Any], journal: Sequence[Mapping[str, Any]] = ()) -> Operation:

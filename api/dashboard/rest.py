@@ -33,11 +33,19 @@ class Rest:
 
     async def call(self, method: str, path: str, *, json: Any = None, **params: Any) -> Any:
         """One call; the JSON, or the text of another type. `None` parameters are left out. Raises RestError."""
+        answer = await self._answer(method, path, json, params)
+        return answer.json() if "json" in answer.headers.get("content-type", "") else answer.text
+
+    async def text(self, method: str, path: str, *, json: Any = None, **params: Any) -> str:
+        """As `call`, but the answer as it is: a large one is best checked as it is parsed."""
+        return (await self._answer(method, path, json, params)).text
+
+    async def _answer(self, method: str, path: str, body: Any, params: Mapping[str, Any]) -> httpx2.Response:
         given = {name: value for name, value in params.items() if value is not None}
-        answer = await self._client.request(method, path, json=json, params=given)
+        answer = await self._client.request(method, path, json=body, params=given)
         if answer.status_code >= 400:
             raise _refusal(answer)
-        return answer.json() if "json" in answer.headers.get("content-type", "") else answer.text
+        return answer
 
     async def stream(self, path: str, last_event_id: int) -> AsyncIterator[dict[str, Any]]:
         """Data of each server-sent event after `last_event_id`, until the caller stops or the service does."""

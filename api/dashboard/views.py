@@ -112,6 +112,15 @@ class OperationLine(View):
     ended_at: float | None = None
 
 
+class PlanState(View):
+    """How far a plan is; `trajectories_m` only when it has a result."""
+
+    id: str
+    status: str
+    error: str | None = None
+    trajectories_m: Any = None
+
+
 class TrackPoint(View):
     """Where each UAV was heard, metres east/north, fleet seconds after slot 0 began."""
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 import re
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Depends, Header, Request, Response
+from fastapi import APIRouter, Depends, Header, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from api.creation import Creation
@@ -14,6 +15,7 @@ from api.guidance import Way
 from api.journal import Entry
 from api.operation import Operation
 from api.operation_views import OperationRow, OperationView, Policy, State
+from api.reattach import Record
 from api.routes.deps import KNOWN, Before, Limit, ServiceDep, creates, requires
 from api.routes.examples import OPERATION_EXAMPLES
 from api.security import Role
@@ -157,11 +159,19 @@ async def read_journal(operation_id: str, service: ServiceDep) -> list[Entry]:
     return await service.journal.of(operation_id)
 
 
-@router.get("/operations/{operation_id}/track")
-async def read_track(operation_id: str, service: ServiceDep) -> list[TrackPoint]:
-    """Where every UAV was heard, twice a fleet second, for replay."""
+@router.get("/operations/{operation_id}/track", response_model=list[TrackPoint])
+async def read_track(
+    operation_id: str,
+    service: ServiceDep,
+    after_s: Annotated[
+        float | None, Query(allow_inf_nan=False, description="Only what was heard after this fleet second.")
+    ] = None,
+    limit: Annotated[int | None, Query(ge=1, le=10_000, description="At most so many points; default: all.")] = None,
+) -> Response:
+    """Where every UAV was heard, twice a fleet second, for replay; with `after_s` and `limit` piece by piece."""
     await _require(service, operation_id)
-    return [TrackPoint(elapsed_s=at, positions_m=where) for at, where in await service.operations.track(operation_id)]
+    record = await service.operations.track(operation_id, after_s, limit)
+    return Response(await asyncio.to_thread(track_json, record), media_type="application/json")
 
 
 @router.post("/operations/{operation_id}:start", dependencies=pilot_only)
@@ -251,6 +261,12 @@ async def _decided(
     operation = await service.operations.commanded(operation_id, *IN_THE_AIR)
     operation.incidents.decide(incident, agreed=agreed)
     return _tagged(response, operation.view())
+
+
+def track_json(record: Record) -> bytes:
+    """The track as JSON; a long one takes a while, and is made beside the event loop."""
+    points = (TrackPoint(elapsed_s=at, positions_m=where).model_dump_json() for at, where in record)
+    return f"[{','.join(points)}]".encode()
 
 
 async def _require(service: ServiceDep, operation_id: str) -> None:

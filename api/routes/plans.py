@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 from typing import Annotated, Any, Literal
 
@@ -197,6 +198,11 @@ async def read_missions(
 ) -> Response:
     """The MAVLink missions of a plan: one per UAV as JSON, or one UAV's as a QGroundControl `.plan` or `.waypoints`."""
     missions = Missions(await service.plans.finished(plan_id), autopilot)
+    return await asyncio.to_thread(_mission_answer, missions, format, uav_id)
+
+
+def _mission_answer(missions: Missions, format: str, uav_id: str | None) -> Response:  # noqa: A002 - as in the contract
+    """Compile and encode; a large fleet's missions take a while, and are made beside the event loop."""
     if format == "plan":
         return JSONResponse(missions.qgc_plan(uav_id))
     if format == "waypoints":

@@ -1,14 +1,16 @@
 """The benchmark: its yardstick solves the same problem, its figures are consistent, its report says them."""
 
+import asyncio
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from api import cli
-from api.bench import markdown, planner_figures, table
+from api.bench import loop, markdown, planner_figures, table
 from api.bench.cases import CASES, instance, stop, value_kbps
 from api.bench.ipopt import Trajectories, alternate, utility_of
 from api.bench.planner import in_a_process
@@ -125,6 +127,29 @@ def test_bound_refuses_larger_fleets(
         cli.main()
     assert ended.value.code == 2
     assert "uavs: branch and bound takes at most 3 UAVs, not 4" in " ".join(capsys.readouterr().err.split())
+
+
+async def test_the_loop_is_measured_for_everything_that_a_flight_asks_of_it() -> None:
+    figures = await loop.loop_figures((2, 4, 5), runs=1)
+    assert figures["size"] == "2x4x5"
+    kinds = {name: row for name, row in figures.items() if isinstance(row, dict)}
+    assert len(kinds) == 10
+    assert all(row["at_once_ms"] > 0 and row["held_ms"] > 0 for row in kinds.values())
+    assert set(figures["over_20_ms"]) <= set(kinds)
+
+
+async def test_a_hold_is_as_long_as_the_longest_piece_and_not_as_all_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    now_s = 0.0
+
+    async def pieces(*seconds: float) -> None:
+        nonlocal now_s
+        for one in seconds:
+            now_s += one
+            await asyncio.sleep(0)
+
+    monkeypatch.setattr(loop, "time", SimpleNamespace(perf_counter=lambda: now_s))
+    assert await loop.longest_hold_ms(lambda: pieces(0.002, 0.003, 0.002)) == pytest.approx(3.0)
+    assert await loop.longest_hold_ms(lambda: pieces(0.007)) == pytest.approx(7.0)
 
 
 @pytest.mark.e2e

@@ -23,7 +23,7 @@ def test_the_timeline_shows_sums_users_losses_and_the_slot() -> None:
     planned, achieved, users = made["series"]
     assert planned["data"] == [3.0, 3.0, 3.0]
     assert achieved["data"] == [3.0, 1.0, None]
-    assert users["data"] == [[0, 0, 3.0], [1, 0, 1.0]]
+    assert users["data"] == ((0, 0, 3.0), (1, 0, 1.0))  # tuples: NiceGUI wraps every list to watch it
     marks = planned["markLine"]["data"]
     assert [mark["xAxis"] for mark in marks] == [1, 1]
     assert "uav-3 lost" in marks[0]["label"]["formatter"]

@@ -2,10 +2,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import pairwise
+from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pymap3d import enu2geodetic
 
 from mavlink_bridge import (
     Command,
@@ -16,6 +19,7 @@ from mavlink_bridge import (
     TooManyItems,
     UnknownUav,
     compile_mission,
+    geodesy,
     geodetic_to_east_north,
 )
 from planner.plans import Plan
@@ -177,3 +181,22 @@ def test_a_mission_with_gaps_or_without_a_current_item_cannot_be_made() -> None:
             slot_of_item={},
             duration_s=1,
         )
+
+
+def test_a_long_mission_asks_for_its_places_as_often_as_a_short_one(
+    plan_of: PlanOf, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[int] = []
+
+    def counted(*args: Any) -> Any:
+        asked.append(np.size(args[0]))
+        return enu2geodetic(*args)
+
+    monkeypatch.setattr(geodesy, "enu2geodetic", counted)
+    calls = []
+    for slots in (4, 40):
+        asked.clear()
+        compile_mission(plan_of({"uav-1": alternating(slots)}), "uav-1")
+        assert set(asked) == {slots}
+        calls.append(len(asked))
+    assert calls[0] == calls[1]

@@ -7,7 +7,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymap3d.vincenty import vdist
 
-from mavlink_bridge.geodesy import east_north_to_geodetic, from_e7, geodetic_to_east_north, to_e7
+from mavlink_bridge.geodesy import (
+    east_north_to_geodetic,
+    from_e7,
+    geodetic_to_east_north,
+    points_to_geodetic,
+    to_e7,
+)
 from planner.scenario import Origin
 
 metres = st.floats(-100_000, 100_000)
@@ -36,6 +42,13 @@ def test_distance_from_the_origin_is_the_geodesic_of_vincenty(origin: Origin, ea
     lat, lon = east_north_to_geodetic(origin, east, north)
     distance, _ = vdist(origin.lat_deg, origin.lon_deg, lat, lon)
     assert float(distance) == pytest.approx(hypot(east, north), rel=1e-6)
+
+
+@given(origin=origins, points=st.lists(st.tuples(metres, metres), max_size=5))
+def test_many_points_are_where_each_is_alone(origin: Origin, points: list[tuple[float, float]]) -> None:
+    together = points_to_geodetic(origin, points)
+    for place, point in zip(together, points, strict=True):
+        assert place == pytest.approx(east_north_to_geodetic(origin, *point), abs=1e-12)
 
 
 def test_east_raises_longitude_and_north_raises_latitude() -> None:

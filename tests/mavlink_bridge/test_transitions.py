@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from itertools import combinations, pairwise
+from math import hypot
 from typing import Any
 
 import pytest
@@ -55,6 +57,38 @@ def test_reserved_air_is_recalled_as_it_was() -> None:
     assert again.document() == air.document()
     flown = {"uav-1": [(3.0, 0.0), (3.0, 8.0)]}
     assert again.conflicts(flown, [0.0, 5.0], 4.0) == air.conflicts(flown, [0.0, 5.0], 4.0) != []
+
+
+def closest(first: list[Point], second: list[Point], times: list[float]) -> tuple[float, float]:
+    """(least distance, when), leg by leg with the formula for a point and a line."""
+    found = []
+    between = [(a[0] - b[0], a[1] - b[1]) for a, b in zip(first, second, strict=True)]
+    for (start, end), (begin, stop) in zip(pairwise(between), pairwise(times), strict=True):
+        east, north = end[0] - start[0], end[1] - start[1]
+        length2 = east**2 + north**2
+        share = 0.0 if length2 == 0 else min(1.0, max(0.0, -(start[0] * east + start[1] * north) / length2))
+        found.append((hypot(start[0] + share * east, start[1] + share * north), begin + share * (stop - begin)))
+    return min(found)
+
+
+@given(ways=st.lists(st.lists(st.tuples(*[st.integers(-9, 9).map(float)] * 2), min_size=3, max_size=3), max_size=5))
+def test_the_first_two_of_a_fleet_that_come_too_close_are_named(ways: list[list[Point]]) -> None:
+    named, times = {f"uav-{number}": way for number, way in enumerate(ways)}, [2.0, 5.0, 10.0]
+    near = [
+        (one, two, *found)
+        for one, two in combinations(named, 2)
+        if (found := closest(named[one], named[two], times))[0] < 4.0
+    ]
+    live, paths = {uav: way[0] for uav, way in named.items()}, {uav: way[1:] for uav, way in named.items()}
+    if not near:
+        check_transition(live, paths, **HOW)
+        return
+    one, two, apart_m, _ = near[0]
+    with pytest.raises(TransitionTooClose, match=f"'{one}' and '{two}' would come within {apart_m:.2f} m") as refused:
+        check_transition(live, paths, **HOW)
+    at = float(str(refused.value).split(" at ")[1].split(" s")[0])
+    here, there = (place_at(min(at, 10.0), times, named[uav]) for uav in (one, two))
+    assert hypot(here[0] - there[0], here[1] - there[1]) == pytest.approx(apart_m, abs=1.5)  # `at` is rounded to 0.1 s
 
 
 @given(

@@ -1,0 +1,33 @@
+"""The record of a flight: what goes in comes out, and it is small."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from api.track import Track
+
+UAVS = ("uav-1", "uav-2", "uav-3")
+metres = st.floats(-1e5, 1e5)
+heard = st.fixed_dictionaries({}, optional=dict.fromkeys(UAVS, st.tuples(metres, metres)))
+
+
+@given(record=st.lists(st.tuples(st.floats(0, 1e5), heard), max_size=6), begin=st.integers(-7, 7))
+def test_what_is_recorded_comes_back_as_it_was(
+    record: list[tuple[float, dict[str, tuple[float, float]]]], begin: int
+) -> None:
+    track = Track(UAVS)
+    for at, where in record:
+        track.append(at, where)
+    assert len(track) == len(record)
+    assert list(track) == record
+    assert track[begin:] == record[begin:]
+    if record:
+        assert track[-1] == record[-1]
+        assert track.at_s(-1) == record[-1][0]
+
+
+def test_a_sample_takes_sixteen_bytes_for_each_uav_and_eight_for_its_time() -> None:
+    track = Track(UAVS)
+    for number in range(1000):
+        track.append(0.5 * number, dict.fromkeys(UAVS, (1.0, 2.0)))
+    held = sum(len(part) * part.itemsize for part in (track._at_s, track._places_m))
+    assert held == 1000 * (8 + 16 * len(UAVS))
