@@ -144,13 +144,17 @@ def test_an_operation_that_is_aborted_while_a_proposal_waits_closes_the_incident
     assert_unanswered(flown, operation_id, 1)
 
 
-def test_an_operation_that_lands_while_a_proposal_waits_closes_the_incident() -> None:
+def test_a_proposal_that_nobody_decides_on_ends_when_no_slot_is_left_to_fly_differently() -> None:
     with service(SPEEDUP) as served, flight(*served, SCENARIO.with_changes(slots=8), SPEEDUP) as flown:
         operation_id = flown.take_off(replanning="approve")
         flown.fleet.inject(sim.Kill(3))
         flown.until(operation_id, lambda view: view.proposal)
-        assert flown.ended(operation_id).state == State.COMPLETED
-        assert_unanswered(flown, operation_id, 1)
+        ended = flown.ended(operation_id)
+        assert ended.proposal is None
+        (report,) = ended.recoveries
+        assert (report.incident, report.outcome) == (1, "too_late")
+        assert "nobody decided" in str(report.error)
+        assert steps(flown, operation_id, 1)[-1] == "closed"
 
 
 def test_a_proposal_that_waited_when_the_service_stopped_is_closed_by_the_next_one(tmp_path: Path) -> None:
@@ -277,7 +281,9 @@ def test_a_uav_that_a_human_took_over_is_planned_around_and_never_commanded_agai
     flown.client.command(operation_id, "abort", action="land")
     assert missions_taken(flown, 3) == 1
     modes = [event.detail["mode"] for event in flown.fleet.fleet.truth.happened("mode", 3)]
-    assert modes[modes.index("POSITION") :] == ["POSITION", "LAND"]
+    after = modes[modes.index("POSITION") :]
+    assert after[:2] == ["POSITION", "LAND"]
+    assert set(after[2:]) <= {"POSITION"}  # PX4 goes back to the pilot's mode once it is disarmed
     conditions = events_of(flown, operation_id, "condition")
     assert {("uav-1", "low_battery"), ("uav-3", "human_took_over")} <= {
         (event["uav_id"], event["after"]) for event in conditions
