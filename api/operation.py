@@ -144,10 +144,11 @@ class Operation:
             await flight.guidance.end()
             await self.incidents.end()
             self._rows.write_track(flight.record)
-        if flight.roster.own_link.is_lost:
-            raise BridgeError(f"link_lost: nobody was heard until {', '.join(flight.still_up())} must have landed")
-        if up := flight.still_up():
-            raise BridgeError(f"landing: {', '.join(up)} not down {LANDING_LIMIT_S:g} s after the plan")
+        up = ", ".join(flight.still_up())
+        if up and flight.roster.own_link.is_lost:
+            raise BridgeError(f"link_lost: nobody was heard until {up} must have landed")
+        if up:
+            raise BridgeError(f"landing: {up} not down {LANDING_LIMIT_S:g} s after the plan")
         if not any(end.is_down for end in ends_of(flight).values()):
             raise BridgeError(f"lost: every vehicle is lost ({', '.join(sorted(flight.lost))})")
         self.error = shortfall(flight)
