@@ -17,9 +17,10 @@ from api.clock import FleetClock
 from api.trial import ALTITUDE_M, SQUARE, trial_plan
 from mavlink_bridge import BridgeError, FleetLink, HeartbeatMonitor, LinkOptions, MissionItem, Signing, compile_mission
 from mavlink_bridge.fence import fence_items, rally_items
+from mavlink_bridge.findings import Finding, Level
 from mavlink_bridge.listening import ANYBODY
 from mavlink_bridge.mission_messages import MissionType
-from mavlink_bridge.preflight import Finding, Level, audit
+from mavlink_bridge.preflight import audit
 from mavlink_bridge.results import UploadResult
 from planner import Origin, Plan
 

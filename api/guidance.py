@@ -14,12 +14,13 @@ from api.given import Given, MissionBook
 from api.streaming import Streaming
 from mavlink_bridge import Mission, OnEnd, ReturnPathsTooClose, check_return_paths, compile_mission
 from mavlink_bridge.deviations import AltitudeOffPlan, AltitudeWatch, Deviation, HomeWatch
+from mavlink_bridge.findings import Finding
 from mavlink_bridge.ghosts import DEADLINE_S, Airspace, Ghost
 from mavlink_bridge.ghosts import Way as GhostWay
 from mavlink_bridge.guidance import FallBack, Kept, keep
 from mavlink_bridge.keeper import Keeper, Order, Slip
 from mavlink_bridge.pace import Point
-from mavlink_bridge.preflight import Finding, audit
+from mavlink_bridge.preflight import audit
 from mavlink_bridge.reach import head_start_s
 from mavlink_bridge.route import Route
 from mavlink_bridge.verified import OnBoard

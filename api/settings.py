@@ -13,7 +13,7 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from api.store import TEMPORARY
 from mavlink_bridge.conditions import Timing
-from mavlink_bridge.preflight import START_WITHIN_M
+from mavlink_bridge.findings import START_WITHIN_M
 
 Seconds = Annotated[float, Field(gt=0)]
 Count = Annotated[int, Field(ge=1)]

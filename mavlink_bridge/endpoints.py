@@ -9,51 +9,21 @@ serial://DEVICE:BAUD    a telemetry radio or cable, opened again whenever it is 
 from __future__ import annotations
 
 import asyncio
-import os
 import re
 from collections.abc import Callable, Hashable
 from contextlib import suppress
-from typing import Any, Protocol
-
-import serial
+from typing import Any
 
 from mavlink_bridge.errors import ConnectionFailed
-from mavlink_bridge.framing import Frame, Framer
+from mavlink_bridge.framing import Framer
 from mavlink_bridge.heartbeat import AUTOPILOT
+from mavlink_bridge.links import MOST_WAITING_BYTES, READ_BYTES, RETRY_S, Endpoint, OneEnd, OnFrames
+from mavlink_bridge.serial_line import SerialLine
 
-OnFrames = Callable[["Endpoint", list[Frame]], None]
 Address = tuple[Any, ...]
-
-RETRY_S = 1.0
-"""Before a broken connection is tried again."""
-MOST_WAITING_BYTES = 16_384
-"""Bytes that may wait for a slow line; whole frames beyond are dropped: an old setpoint is worse than none."""
 MAX_PEERS = 256
-_READ_BYTES = 65536
 NETWORK = re.compile(r"(?P<scheme>udpin|udpout|tcpout|tcp)://(?P<host>\[[0-9a-fA-F:]+\]|[^:/\s]+):(?P<port>\d{1,5})")
 _SERIAL = re.compile(r"serial://(?P<device>[^:]+):(?P<baud>\d+)")
-
-
-class Endpoint(Protocol):
-    """What the hub needs of a connection."""
-
-    url: str
-
-    async def open(self) -> None:
-        """Begin; raises ConnectionFailed. What may come later (a vehicle that is switched on) is no failure."""
-        ...
-
-    def send(self, frame: bytes, system_id: int) -> None:
-        """Send one frame to a vehicle, or to all that were heard here (0); nothing while it is broken. Never waits."""
-        ...
-
-    def place(self, system_id: int, component_id: int, source: Hashable) -> None:
-        """Take in that a component is heard from this address, by a frame that passed every check."""
-        ...
-
-    def close(self) -> None:
-        """End it for good."""
-        ...
 
 
 class Datagrams(asyncio.DatagramProtocol):
@@ -120,14 +90,7 @@ class UdpIn:
             self._on_frames(self, frames)
 
 
-class _OneEnd:
-    """A link with one other end: everybody is answered there."""
-
-    def place(self, system_id: int, component_id: int, source: Hashable) -> None:
-        """Nothing to learn."""
-
-
-class UdpOut(_OneEnd):
+class UdpOut(OneEnd):
     """One remote address; it learns of us by our heartbeats."""
 
     def __init__(self, url: str, host: str, port: int, on_frames: OnFrames) -> None:
@@ -165,7 +128,7 @@ class UdpOut(_OneEnd):
             self._on_frames(self, frames)
 
 
-class TcpOut(_OneEnd):
+class TcpOut(OneEnd):
     """A connection that is made again whenever it breaks."""
 
     def __init__(self, url: str, host: str, port: int, on_frames: OnFrames) -> None:
@@ -220,102 +183,10 @@ class TcpOut(_OneEnd):
     async def _read(self, reader: asyncio.StreamReader) -> None:
         framer = Framer()
         with suppress(OSError):
-            while data := await reader.read(_READ_BYTES):
+            while data := await reader.read(READ_BYTES):
                 frames = framer.feed(data)
                 if frames:
                     self._on_frames(self, frames)
-
-
-class SerialLine(_OneEnd):
-    """A telemetry radio or a cable; opened again whenever it was unplugged."""
-
-    def __init__(self, url: str, device: str, baud: int, on_frames: OnFrames) -> None:
-        self.url = url
-        self._device, self._baud = device, baud
-        self._on_frames = on_frames
-        self._framer = Framer()
-        self._loop = asyncio.get_running_loop()
-        self.dropped = 0
-        """Frames that were not sent because too much waited."""
-        self._waiting = bytearray()
-        self._port: serial.Serial | None = None
-        self._again: asyncio.TimerHandle | None = None
-
-    async def open(self) -> None:
-        """Open the device."""
-        try:
-            self._begin()
-        except (OSError, ValueError) as error:  # SerialException is an OSError
-            raise ConnectionFailed(self.url, str(error)) from error
-
-    def send(self, frame: bytes, system_id: int) -> None:
-        """Into the line, if it is plugged in: whole, or not at all while too much waits for it."""
-        del system_id
-        if self._port is None:
-            return
-        if len(self._waiting) + len(frame) > MOST_WAITING_BYTES:
-            self.dropped += 1
-            return
-        self._waiting += frame
-        self._flush()
-
-    def close(self) -> None:
-        """Close the device."""
-        if self._again is not None:
-            self._again.cancel()
-        self._end()
-
-    def _begin(self) -> None:
-        self._port = serial.Serial(self._device, self._baud, timeout=0, write_timeout=0)
-        os.set_blocking(self._port.fileno(), False)
-        self._loop.add_reader(self._port.fileno(), self._read)
-
-    def _flush(self) -> None:
-        """Write what the line takes now; the rest when it takes more."""
-        if self._port is None:
-            return
-        try:
-            written = os.write(self._port.fileno(), self._waiting) if self._waiting else 0
-        except BlockingIOError:
-            written = 0
-        except OSError:
-            self._broken()
-            return
-        del self._waiting[:written]
-        if self._waiting:
-            self._loop.add_writer(self._port.fileno(), self._flush)
-        else:
-            self._loop.remove_writer(self._port.fileno())
-
-    def _read(self) -> None:
-        if self._port is None:
-            return
-        try:
-            data = self._port.read(_READ_BYTES)
-        except OSError:
-            self._broken()
-            return
-        frames = self._framer.feed(data)
-        if frames:
-            self._on_frames(self, frames)
-
-    def _end(self) -> None:
-        port, self._port = self._port, None
-        self._waiting.clear()
-        if port is not None:
-            self._loop.remove_reader(port.fileno())
-            self._loop.remove_writer(port.fileno())
-            port.close()
-
-    def _broken(self) -> None:
-        self._end()
-        self._again = self._loop.call_later(RETRY_S, self._try_again)
-
-    def _try_again(self) -> None:
-        try:
-            self._begin()
-        except OSError:
-            self._broken()
 
 
 def endpoint_of(url: str, on_frames: OnFrames) -> Endpoint:

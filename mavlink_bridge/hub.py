@@ -16,8 +16,9 @@ import logging
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
-from mavlink_bridge.endpoints import Endpoint, endpoint_of
+from mavlink_bridge.endpoints import endpoint_of
 from mavlink_bridge.framing import Frame, Framer
+from mavlink_bridge.links import Endpoint
 from mavlink_bridge.routing import Routes
 from mavlink_bridge.senders import SenderNotice, Senders
 from mavlink_bridge.signing import Signing

@@ -9,13 +9,14 @@ from functools import partial
 from typing import TypeVar
 
 from mavlink_bridge import departure, flight
+from mavlink_bridge.findings import START_WITHIN_M, Facts, Needs
 from mavlink_bridge.geodesy import geodetic_to_east_north
 from mavlink_bridge.heartbeat import LinkState
 from mavlink_bridge.items import MAX_ITEMS, Mission, MissionItem
 from mavlink_bridge.listening import ListeningLink
 from mavlink_bridge.mission_messages import MissionType
 from mavlink_bridge.models import model_from_parameters
-from mavlink_bridge.preflight import START_WITHIN_M, Facts, Needs, parameter_names
+from mavlink_bridge.preflight import parameter_names
 from mavlink_bridge.readiness import wait_for_facts
 from mavlink_bridge.results import CommandResult, ReadResult, Recognised, SwapResult, UploadResult
 from mavlink_bridge.transfer import ATTEMPTS, read_items, read_parameters, recognise, upload_items, upload_verified

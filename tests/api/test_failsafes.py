@@ -172,7 +172,11 @@ def test_a_reboot_in_flight_is_a_loss(served: Served) -> None:
             flown.fleet.inject(sim.Reboot(3, for_s=1.0))
             view = answered(flown, operation_id)
             assert view.lost == ["uav-3"]
-            assert view.recoveries[0].cause in {"rebooted", "crashed", "disarmed_in_air"}  # never landed: its motors have stopped
+            assert view.recoveries[0].cause in {
+                "rebooted",
+                "crashed",
+                "disarmed_in_air",
+            }  # never landed: its motors have stopped
 
     side_by_side(check)
 

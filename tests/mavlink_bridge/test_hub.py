@@ -16,10 +16,10 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from mavlink_bridge import ConnectionFailed, LinkOptions, Signing, compile_mission
-from mavlink_bridge.endpoints import SerialLine
 from mavlink_bridge.framing import Frame, Framer
 from mavlink_bridge.hub import Hub
 from mavlink_bridge.routing import FRESH_S, STEADY_S, Routes
+from mavlink_bridge.serial_line import SerialLine
 from mavlink_bridge.tlog import TelemetryLog
 from planner.plans import Plan
 

@@ -11,9 +11,10 @@ import pytest
 
 from api.virtual_wire import fields_of, incoming
 from mavlink_bridge import Autopilot, model_from_parameters
+from mavlink_bridge.findings import Facts, Level, Needs
 from mavlink_bridge.models import ARDUCOPTER, PX4
 from mavlink_bridge.parameters import ParameterRead, parameter_value
-from mavlink_bridge.preflight import Facts, Level, Needs, audit, parameter_names
+from mavlink_bridge.preflight import audit, parameter_names
 from sim import VehicleSpec
 from sim.autopilot import Autopilot as SimAutopilot
 

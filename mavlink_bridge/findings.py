@@ -1,0 +1,87 @@
+"""What the preflight audit is given, and what it finds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+
+from mavlink_bridge.autopilots import Autopilot
+from mavlink_bridge.pace import Point, VehicleModel
+
+START_WITHIN_M = 15.0
+"""A UAV that stands further from its first point flies through air in which the plan has others."""
+
+
+class Level(StrEnum):
+    """How grave a finding is."""
+
+    BLOCKER = "blocker"
+    WARNING = "warning"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """One row of the audit. `name`: parameter or measurement; `found` and `should` as text with units.
+
+    refuses: a blocker that keeps it on the ground even where blockers are only reported.
+    """
+
+    level: Level
+    name: str
+    found: str
+    should: str
+    why: str
+    refuses: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Facts:
+    """What a vehicle said. Positions in metres east/north of the origin; None: not told.
+
+    gps_fix: GPS_FIX_TYPE (3 is a 3D fix). battery: share of charge, 0..1, of which nothing is known unless
+    `battery_told`. mav_type: MAV_TYPE of its HEARTBEAT. model: from its own parameters.
+    """
+
+    autopilot: Autopilot
+    parameters: Mapping[str, float]
+    model: VehicleModel
+    at_m: Point | None = None
+    home_m: Point | None = None
+    gps_fix: int | None = None
+    satellites: int | None = None
+    battery: float | None = None
+    battery_told: bool = True
+    mav_type: int | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Needs:
+    """What the operation needs of this vehicle.
+
+    path_m: (n_slots, 2) metres east/north. `stream`: guided by setpoints; force_stream: even a vehicle that would not
+    hold when they end. lost_after_s: when we declare a link lost. items: of its mission, of at most max_items it
+    stores. start_within_m: further from its first point nobody takes off.
+    """
+
+    path_m: list[Point]
+    slot_s: float
+    altitude_m: float
+    max_speed_mps: float
+    items: int
+    max_items: int
+    stream: bool = False
+    force_stream: bool = False
+    start_within_m: float = START_WITHIN_M
+    lost_after_s: float = 5.5
+    battery_at_least: float = 0.3
+
+
+def blocker(name: str, found: str, should: str, why: str) -> Finding:
+    """Return a finding of this level; what was found, what it should be, and why."""
+    return Finding(level=Level.BLOCKER, name=name, found=found, should=should, why=why)
+
+
+def warning(name: str, found: str, should: str, why: str) -> Finding:
+    """Return a finding of this level; what was found, what it should be, and why."""
+    return Finding(level=Level.WARNING, name=name, found=found, should=should, why=why)
