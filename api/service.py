@@ -139,9 +139,12 @@ class Service:
 
     async def pulse(self) -> float | None:
         """Milliseconds of a tiny solve, from asking to result: the last one, asked for anew when it is some seconds old
-        and no client's job is in its way. None before the first. Raises BusyError when workers do not answer.
+        and no client's job is in its way. None before the first, and while the workers start (`readiness` tells).
+        Raises BusyError when workers that have answered do not.
         """
         lane = self.solver[LaneName.REQUESTS]
+        if self._pulse is None and not lane.warm:
+            return None
         fresh = self._pulse is not None and time.monotonic() - self._pulse[0] < PULSE_S
         if not fresh and (self._pulsing is not None or not lane.busy):
             self._pulsing = self._pulsing or asyncio.create_task(self._feel_pulse(lane), name="pulse")

@@ -108,8 +108,9 @@ class Settings(BaseSettings):
     def _said_once(cls, value: Any) -> Any:
         """Silence has settings of its own: the same thing said here would be ignored."""
         for name, setting in SET_ELSEWHERE.items():
-            said = name in value if isinstance(value, Mapping) else getattr(value, name, None) != getattr(Timing, name)
-            if said:
+            default = getattr(Timing, name)
+            given = value.get(name, default) if isinstance(value, Mapping) else getattr(value, name, default)
+            if given != default:
                 raise ValueError(f"{name} is not set here but by {setting} ({PREFIX}{setting.upper()})")
         return value
 

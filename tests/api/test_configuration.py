@@ -155,3 +155,8 @@ def test_no_command_works_elsewhere_than_a_misspelt_variable_means(
         main()
     assert ended.value.code == 2
     assert f"did you mean {meant}?" in capfd.readouterr().err
+
+
+def test_settings_survive_being_written_as_json() -> None:
+    settings = Settings(heartbeat_lost_s=7.0, timing=Timing(proof_s=9))
+    assert Settings.model_validate_json(settings.model_dump_json()) == settings
