@@ -136,7 +136,8 @@ async def test_half_an_hour_of_random_faults_loses_no_event_and_no_memory(tmp_pa
     assert all(row["ended_at"] for row in operations)
     for journal in journals:
         assert_closed(journal, outcomes)
-    assert sum(len(journal) for journal in journals) > 20, "the faults were answered"
+    steps = [entry["step"] for journal in journals for entry in journal]
+    assert {"detected", "replanned", "closed"} <= set(steps), "faults were answered"
     settled_at = len(memory) // 2
     assert memory[-1] - memory[settled_at] < FLAT_MB, memory
 
