@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import hypot, inf
 
+from mavlink_bridge.autopilots import Autopilot
 from mavlink_bridge.items import Command, Mission
 from mavlink_bridge.pace import Point, VehicleModel, cruise_speed, lateness
 from mavlink_bridge.reach import head_start_s
@@ -22,6 +23,10 @@ EVERY_S = 0.5
 """Between two orders to one vehicle, fleet seconds: a command takes a while to show."""
 WORTH_MPS = 0.15
 """A smaller change of speed is not worth a command."""
+ANEW_S = 1.0
+"""A hold that is to go on is begun anew this early."""
+WORTH_WAITING_S = 1.5
+"""Leaving a hold by less too early is made up for by a slower leg."""
 LEAST_TIME_S = 0.6
 """With less time left to a point the one after it is what counts."""
 
@@ -88,6 +93,9 @@ class Keeper:
         self._speed_mps: float | None = None
         self._has_our_speed = False
         self._nearest: tuple[int, float, float] = (-1, inf, 0.0)
+        self._since_s = since_s
+        self._holding: tuple[int, float] | None = None
+        """The item at which it holds, and since when as far as that was seen."""
         self._next_slot = int(max(since_s, 0.0) // slot_s) + 1
 
     @property
@@ -107,6 +115,7 @@ class Keeper:
                 return None
             order = (
                 self._leave(number, now_s, point_m)
+                or self._stay(number, now_s, point_m)
                 or self._free(number, now_s, point_m)
                 or self._fly(number, now_s, point_m, velocity_mps)
             )
@@ -171,17 +180,43 @@ class Keeper:
         seq, slot = self._stops[number]
         if number + 1 >= len(self._stops) or self._mission.items[seq].param1 <= 0 or seq == self._ordered_item:
             return None
-        at = self._route.path_m[slot]
-        departs = self._departs(number)
-        leaves_s = self._route.due_s(departs) - head_start_s(
-            self._route.path_m, departs, self._route.slot_s, self.model
-        )
-        near = hypot(point_m[0] - at[0], point_m[1] - at[1]) <= max(2.0, self.model.acceptance_radius_m)
-        if not near or now_s + LEAD_S < leaves_s:
+        leaves_s = self._leaves_s(number)
+        if not self._is_near(slot, point_m) or now_s + LEAD_S < leaves_s:
             return None
         self._ordered_item = seq
         self._speed_mps = None
         return Order(late_s=now_s - leaves_s, item=self._next_item(seq))
+
+    def _stay(self, number: int, now_s: float, point_m: Point) -> Order | None:
+        """Begin a hold anew that would end before its time: the vehicle came early while nobody kept it.
+
+        ArduCopter counts its hold from the moment it is told its current item again; PX4 ignores that (it is current).
+        """
+        seq, slot = self._stops[number]
+        hold_s = self._mission.items[seq].param1
+        if hold_s <= 0 or self._mission.autopilot is not Autopilot.ARDUPILOT or not self._is_near(slot, point_m):
+            return None
+        if self._holding is None:
+            self._holding = (seq, now_s - hold_s if self._since_s > 0 else now_s)  # nobody saw when it came
+        elif self._holding[0] != seq:
+            self._holding = (seq, now_s)
+        left_s = self._holding[1] + hold_s - now_s
+        early_s = self._leaves_s(number) - now_s - max(left_s, 0.0)
+        if left_s > ANEW_S or early_s < WORTH_WAITING_S:
+            return None
+        self._holding = (seq, now_s)
+        return Order(late_s=-early_s, item=seq)
+
+    def _leaves_s(self, number: int) -> float:
+        """When it should leave a stop: with the leg that follows, or at the end of the last slot."""
+        departs = self._departs(number)
+        if number + 1 >= len(self._stops):
+            return self._route.due_s(departs) + self._route.slot_s
+        return self._route.due_s(departs) - head_start_s(self._route.path_m, departs, self._route.slot_s, self.model)
+
+    def _is_near(self, slot: int, point_m: Point) -> bool:
+        at = self._route.path_m[slot]
+        return hypot(point_m[0] - at[0], point_m[1] - at[1]) <= max(2.0, self.model.acceptance_radius_m)
 
     def _departs(self, number: int) -> int:
         """The last slot spent at a stop: the leg that follows begins with it."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 
 import pytest
 
@@ -165,3 +166,21 @@ def test_a_hold_before_a_leg_that_begins_slowly_is_left_early(plan_of: PlanOf) -
         times = [12.0 + 0.1 * n for n in range(40)]
         left = next((at for at in times if keeper.advise(at, (0.0, 0.0), (0.0, 0.0), hold) is not None), None)
         assert left == pytest.approx(15.0 - 0.2 - ahead_s, abs=0.11)
+
+
+def test_an_arducopter_that_came_early_while_nobody_kept_it_holds_until_its_time(plan_of: PlanOf) -> None:
+    mission = compile_mission(
+        plan_of({"uav-1": PATH}), "uav-1", on_end=OnEnd.HOLD, autopilot=Autopilot.ARDUPILOT, model=ARDUCOPTER
+    )
+    seq = next(seq for seq, first in mission.slot_of_item.items() if first == 2)
+    assert mission.items[seq].param1 > 0
+    kept = Keeper(PATH, 5.0, mission, ARDUCOPTER, since_s=8.0)  # after a restart: since when it holds, nobody knows
+    held = [now for now in (8.0 + 0.5 * n for n in range(30)) if (order := kept.advise(now, PATH[2], (0.0, 0.0), seq))
+            and order.item == seq]  # fmt: skip
+    assert held[0] == 8.0
+    hold_s = mission.items[seq].param1
+    assert all(later - sooner <= hold_s for sooner, later in pairwise(held))
+    leaves_s = 20.0
+    assert leaves_s - hold_s - 2.0 <= held[-1] < leaves_s
+    on_time = Keeper(PATH, 5.0, mission, ARDUCOPTER)
+    assert on_time.advise(10.0, PATH[2], (0.0, 0.0), seq) is None
