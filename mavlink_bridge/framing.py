@@ -24,6 +24,7 @@ _HEADER_V1 = 6
 _CHECKSUM = 2
 _HEARTBEAT, _MAV_TYPE, _MAV_AUTOPILOT = 0, 4, 5
 """HEARTBEAT, and where its type and autopilot are in the payload."""
+_AUTOPILOT = 1
 SIGNATURE = 13
 
 
@@ -124,8 +125,8 @@ def _frame(data: bytes, source: Hashable) -> Frame | None:
 
 
 def is_foreign_heartbeat(frame: Frame) -> bool:
-    """Whether it is a HEARTBEAT that no aircraft's autopilot sends, whatever component it claims."""
-    if frame.message_id != _HEARTBEAT:
+    """Return whether it is a HEARTBEAT that claims to be an autopilot's (component 1) and is none."""
+    if frame.message_id != _HEARTBEAT or frame.component_id != _AUTOPILOT:
         return False
     header = HEADER if frame.version == 2 else _HEADER_V1
     payload = frame.data[header : header + frame.data[1]].ljust(

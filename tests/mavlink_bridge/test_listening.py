@@ -76,3 +76,9 @@ def test_a_foreign_heartbeat_is_known_by_its_bytes() -> None:
 
 def test_a_heartbeat_cut_short_is_read_as_zeros_behind_it() -> None:
     assert not is_foreign_heartbeat(Frame(bytes([0xFD, 0, 0, 0, 0, 1, 1, 0, 0, 0, 6, 8]), 1, 1, 0, 0, 2, False))
+
+
+def test_a_companions_heartbeat_is_its_own_and_not_foreign() -> None:
+    companion = Frame(bytes([0xFD, 6, 0, 0, 0, 1, 191, 0, 0, 0, 0, 0, 0, 0, 18, 8]), 1, 191, 0, 0, 2, False)
+    assert not is_foreign_heartbeat(companion)
+    assert is_foreign_heartbeat(companion._replace(component_id=1))
