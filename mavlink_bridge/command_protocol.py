@@ -89,6 +89,7 @@ class CommandCall:
         if self._in_progress_s is not None or now_s < self._sent_s + self._round_trip.timeout_s:
             return []
         self._round_trip.missed()
+        self.strays = 0  # they were sent before: what has not come by now was lost, as on a link that was dead
         return self._send(now_s)
 
     def give_up(self, why: str = "given up") -> None:

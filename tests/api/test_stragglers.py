@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from api.ends import UavEnd
 from api.operation_views import State
 from api.stragglers import STILL_S, Stillness
 from mavlink_bridge import Autopilot
@@ -45,6 +46,6 @@ def test_one_that_was_left_hovering_lands_after_the_plan_and_an_event_says_so(au
         finally:
             fleet.stop()
         gone(flown.client)
-    assert view.state == State.COMPLETED_PARTLY  # it was brought down, but did not fly its plan
-    assert view.uavs["uav-2"].end in {"landed_elsewhere", "returned"}  # it was held near where it took off
+    assert (view.state, view.uavs["uav-2"].end) == (State.COMPLETED_PARTLY, UavEnd.RETURNED), view.error
+    assert view.uavs["uav-1"].end == UavEnd.FLOWN
     assert [(one.data["uav_id"], one.data["action"], one.data["error"]) for one in told] == [("uav-2", "land", None)]

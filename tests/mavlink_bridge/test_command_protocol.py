@@ -159,3 +159,19 @@ def test_a_late_answer_to_a_copy_of_the_order_before_is_not_taken_for_this_ones(
     assert not second.ended
     answered(second, CommandAnswer.FAILED, 0.8)
     assert second.error == "FAILED"
+
+
+def test_answers_to_copies_that_a_dead_link_lost_are_not_waited_for_once_it_works_again() -> None:
+    round_trip = RoundTrip()
+    unheard = CommandCall(order(), round_trip)
+    unheard.start(0.0)
+    while not unheard.ended:
+        unheard.tick(unheard.due_s)
+    assert (unheard.error, unheard.strays > 2) == ("TIMEOUT", True)
+    again = CommandCall(order(), round_trip, strays=unheard.strays)
+    again.start(3.0)
+    answered(again, CommandAnswer.ACCEPTED, 3.1)
+    again.alive(again.due_s)
+    again.tick(again.due_s)
+    answered(again, CommandAnswer.ACCEPTED, again.due_s)
+    assert (again.answer, again.error) == (CommandAnswer.ACCEPTED, None)
