@@ -259,6 +259,13 @@ class Fleet:
         """Who else flies it at this moment, a human or a failsafe, in words; None if we may command it."""
         return self.link.classifier.taken(system_id, self._clock.now())
 
+    def height_amsl_m(self, system_id: int, altitude_m: float) -> float | None:
+        """Metres above sea level of an altitude above a vehicle's home; None before it has told of its home."""
+        if system_id not in self.link.heard_systems:
+            return None
+        home_amsl_m = self.link.vehicle(system_id).state.home_amsl_m
+        return None if home_amsl_m is None else home_amsl_m + altitude_m
+
     def is_heard(self, system_id: int) -> bool:
         """Whether it was heard, and its link is not lost."""
         monitor = self.link.monitor

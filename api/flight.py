@@ -6,7 +6,7 @@ import asyncio
 import time
 from collections.abc import Collection, Mapping
 from contextlib import AbstractContextManager, suppress
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,6 +22,9 @@ from mavlink_bridge.autopilots import HOLD_MODE, STREAM_MODE
 from mavlink_bridge.results import CommandResult, SwapResult
 from mavlink_bridge.verified import OnBoard
 from planner import Plan
+
+if TYPE_CHECKING:
+    from api.skies import Traffic
 
 SAMPLE_EVERY_S = 0.5
 TOLD_WITHIN_S = 3.0
@@ -50,6 +53,8 @@ class Flight:
             last_slot_s=(plan.scenario.slots - 1) * plan.scenario.slot_duration_s,
         )
         self.take_off = TakeOff(plan, systems, fleet, clock, self.guidance)
+        self.traffic: Traffic | None = None
+        """What it knows of other flights, once it has entered their skies."""
         self._began: float | None = None
         self._frozen_s: float | None = None
         self._record: list[tuple[float, dict[str, Point]]] = []

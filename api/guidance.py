@@ -187,6 +187,10 @@ class FlightGuidance:
             )
         )
 
+    def may_fly(self, uav: str) -> tuple[Given, ...]:
+        """What this UAV may have on board, as far as it was sent."""
+        return self._aboard.may_fly(uav)
+
     def found(self, uav: str) -> bool:
         """It was seen on the ground, or is guided again; whether air was reserved for it until now."""
         reserved = uav in self.airspace.ghosts

@@ -22,6 +22,7 @@ from api.operation_rows import Books, Head
 from api.operation_views import ENDED, OperationView, Policy, State
 from api.reattach import Record, restored, settle, stored_track
 from api.resilience import Parts
+from api.skies import Skies
 from api.store.tables import operations as table
 from mavlink_bridge import OnEnd, ReturnPathsTooClose, check_return_paths
 from planner import Plan
@@ -39,6 +40,7 @@ class Operations:
         self._unsaved: dict[str, Operation] = {}
         """Operations that have ended and whose end is not stored yet."""
         self._aborts = Aborts(fleet, books, self._taken, self._end)
+        self._skies = Skies(fleet)
         self._number = 0
         self._starting = asyncio.Lock()
 
@@ -69,6 +71,7 @@ class Operations:
             systems = {uav: self._fleet.system_of(uav) for uav in plan.scenario.uav_ids}
             self._require_free(plan)
             _require_ways_home(plan, way or Way())
+            await self._skies.require_clear(plan, systems, way or Way())
             self._number += 1
             head = Head(
                 id=creation.id,
@@ -174,6 +177,7 @@ class Operations:
 
     def _run(self, operation: Operation, work: Any) -> None:
         self._active[operation.id] = operation
+        self._skies.enter(operation.id, operation.flight)
         task = asyncio.create_task(work, name=operation.id)
         self._tasks[operation.id] = task
         task.add_done_callback(lambda done: self._over(operation, done))
@@ -191,6 +195,7 @@ class Operations:
     def _end(self, operation: Operation) -> None:
         """It is active no more, and is remembered until its end is stored."""
         self._active.pop(operation.id, None)
+        self._skies.leave(operation.id)
         self._tasks.pop(operation.id, None)
         saved = operation.saved
         if saved is not None and not saved.done():
