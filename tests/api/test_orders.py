@@ -13,7 +13,7 @@ import sim
 from api.client import ApiError
 from api.ends import UavEnd
 from api.operation_views import State
-from planner import EXAMPLES, Scenario
+from planner import EXAMPLES
 from tests.api.flying import FleetThread, Flight, flight, gone, service
 
 pytestmark = [pytest.mark.e2e, pytest.mark.beside]
@@ -45,12 +45,6 @@ def until(condition: Callable[[], bool], limit_s: float = 60.0) -> None:
 
 def modes(fleet: FleetThread, system_id: int) -> list[str]:
     return [event.detail["mode"] for event in fleet.fleet.truth.happened("mode", system_id)]
-
-
-def only(scenario: Scenario, number: int, name: str) -> Scenario:
-    """One UAV of a scenario, under another name."""
-    uav = scenario.uavs[number]
-    return scenario.with_changes(uavs=(uav.model_copy(update={"id": name}),))
 
 
 @contextmanager
