@@ -83,7 +83,10 @@ def fleet(
     key: Key = None,
     as_json: Json = False,
 ) -> None:
-    """Order vehicles of a service to hold, return or land, whatever they do. Exits with 1 when one does not obey."""
+    """Order vehicles of a service to hold, return or land now.
+
+    Whatever they do. Exits with 1 when one does not obey.
+    """
     _one_of("action", action, "hold", "return", "land")
     if force and action == "hold":
         raise InvalidError("force: nobody is made to hold whom a human or a failsafe flies")

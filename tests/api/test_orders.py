@@ -12,6 +12,7 @@ from fastapi.testclient import TestClient
 import sim
 from api.client import ApiError
 from api.ends import UavEnd
+from api.journal import Step
 from api.operation_views import State
 from planner import EXAMPLES
 from tests.api.flying import FleetThread, Flight, flight, gone, service
@@ -100,6 +101,19 @@ def test_one_vehicle_of_several_leaves_its_operation_and_the_others_get_a_new_pl
     assert [one.outcome for one in flown.client.order("land", ["uav-1", "uav-2"])] == ["ok", "ok"]
     assert flown.client.operation(operation_id).state == State.ABORTED  # with the last that it had
     assert modes(flown.fleet, 3)[-1] == "RTL"
+
+
+def test_an_order_while_missions_are_swapped_is_not_undone_by_the_swap(flown: Flight) -> None:
+    operation_id = flown.take_off()
+    flown.fleet.inject(sim.MotorFailure(3))
+    until(lambda: any(entry.step is Step.UPLOADING for entry in flown.client.journal(operation_id)))
+    assert flown.client.order("hold", ["uav-1"])[0].outcome == "ok"
+    view = flown.until(operation_id, lambda view: len(view.recoveries) == 2)
+    assert set(view.lost) == {"uav-1", "uav-3"}
+    assert set(view.recoveries[1].vehicles) == {"uav-2"}
+    assert modes(flown.fleet, 1)[-1] == "HOLD"
+    assert modes(flown.fleet, 2)[-1] == "MISSION"
+    flown.client.order("land")
 
 
 def test_a_human_is_never_overruled_by_hold_and_by_land_only_with_force(flown: Flight) -> None:
