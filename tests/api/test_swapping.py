@@ -61,14 +61,13 @@ class OneFlight:
     def on_board(self, _uav: str) -> None:
         return None
 
-    async def swap(self, missions: dict[str, Mission]) -> dict[str, str | None]:
-        (uav,) = missions
+    async def swap(self, uav: str, _mission: Mission) -> str | None:
         self.sent.append(uav)
         if uav == "uav-2" and self._failures:
             self._failures -= 1
             self._live = self._later
-            return {uav: "TIMEOUT"}
-        return {uav: None}
+            return "TIMEOUT"
+        return None
 
 
 class Steps:
