@@ -42,7 +42,7 @@ class OneFlight:
     """Two UAVs; the upload to uav-2 fails as often as said, and takes as long as the others need to get elsewhere."""
 
     def __init__(self, old: Plan, live: dict[str, Point], later: dict[str, Point], failures: int) -> None:
-        self.plan, self.guidance, self.slot_s = old, Guidance(), SLOT_S
+        self.plan, self.guidance, self.slot_s, self.traffic = old, Guidance(), SLOT_S, None
         self.sent: list[str] = []
         self._live, self._later, self._failures = live, later, failures
 
