@@ -38,6 +38,7 @@ class _Commands(LaterGroup):
         ),
         "status": Later("api.remote_cli:status", "Show where an operation is, and each of its UAVs."),
         "drill": Later("api.remote_cli:drill", "Let a fault strike a simulated vehicle, to see the service answer it."),
+        "fleet": Later("api.remote_cli:fleet", "Order vehicles of a service to hold, return or land now."),
         "check": Later(
             "api.check_cli:check",
             "Check vehicles on the ground: audit them, and try what is put on board; then restore what was there.",

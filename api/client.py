@@ -19,12 +19,14 @@ from typing import Any, Literal, Self, TypeVar
 import httpx2
 from pydantic import BaseModel
 
+from api.commander import Action
 from api.drills import DrillView
 from api.errors import ServiceError
 from api.events import PROVISIONAL, Event
 from api.guidance import Mode
 from api.journal import Entry
 from api.operation_views import OperationRow, OperationView, Policy
+from api.orders import OrderResult
 from api.plan_records import PlanRow, UnfinishedPlan
 from api.problems import Problem
 from api.routes.contingencies import ContingencyTable
@@ -135,6 +137,14 @@ class Client:
     def vehicles(self) -> list[VehicleView]:
         """All registered vehicles."""
         return [VehicleView.model_validate(row) for row in self._call("GET", "/v1/fleet/vehicles").json()]
+
+    def order(self, action: Action, uav_ids: Sequence[str] | None = None, *, force: bool = False) -> list[OrderResult]:
+        """Let these vehicles (None: all) hold, land or return now, whatever they do; a result for each.
+
+        force: also from a human or a failsafe, but never to hold.
+        """
+        body = {"uav_ids": None if uav_ids is None else list(uav_ids)} | ({"force": True} if force else {})
+        return [OrderResult.model_validate(row) for row in self._call("POST", f"/v1/fleet:{action}", json=body).json()]
 
     def fly(
         self,

@@ -11,6 +11,7 @@ from typing import Any
 from sqlalchemy import delete, insert, select
 
 from api.clock import FleetClock
+from api.commander import Commander
 from api.errors import ConflictError, InvalidError, NotFoundError
 from api.events import EventLog
 from api.own_link import Heard, OwnLink
@@ -76,6 +77,8 @@ class Fleet:
             lost_after_s=settings.heartbeat_lost_s,
             recovered_after_s=settings.timing.recovered_after_s,
         )
+        self.commander = Commander(lambda: self.link)
+        """Through whom vehicles are commanded."""
         self._followers: set[asyncio.Queue[LinkEvent]] = set()
         self._changes: dict[int, Change] = {}
         self._asked: set[int] = set()
@@ -246,6 +249,36 @@ class Fleet:
     def own_link(self) -> OwnLink:
         """A judgement for one flight of who is silent and what is our link, by this fleet's limits."""
         return OwnLink(stale_after_s=self._monitor.stale_after_s, lost_after_s=self._monitor.lost_after_s)
+
+    @property
+    def uav_ids(self) -> list[str]:
+        """Every registered vehicle."""
+        return sorted(self._systems)
+
+    def taken(self, system_id: int) -> str | None:
+        """Who else flies it at this moment, a human or a failsafe, in words; None if we may command it."""
+        return self.link.classifier.taken(system_id, self._clock.now())
+
+    def height_amsl_m(self, system_id: int, altitude_m: float) -> float | None:
+        """Metres above sea level of an altitude above a vehicle's home; None before it has told of its home."""
+        if system_id not in self.link.heard_systems:
+            return None
+        home_amsl_m = self.link.vehicle(system_id).state.home_amsl_m
+        return None if home_amsl_m is None else home_amsl_m + altitude_m
+
+    def is_heard(self, system_id: int) -> bool:
+        """Whether it was heard, and its link is not lost."""
+        monitor = self.link.monitor
+        return (
+            system_id in self.link.heard_systems
+            and system_id in monitor.watched
+            and monitor.state(system_id) is not LinkState.LOST
+        )
+
+    def is_down(self, system_id: int) -> bool:
+        """Whether it last said that it is disarmed, and is not seen to be in the air all the same."""
+        said = self.link.telemetry(system_id)
+        return said is not None and not said.armed and not self.is_aloft(system_id)
 
     def now_s(self) -> float:
         """Fleet seconds."""

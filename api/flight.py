@@ -6,9 +6,10 @@ import asyncio
 import time
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from api.clock import FleetClock
+from api.commander import Action, OvertakenError
 from api.fleet import HEARD_WITHIN_S, Fleet
 from api.flown_rates import FlownRates
 from api.guidance import FlightGuidance, Way
@@ -18,8 +19,12 @@ from api.take_off import LOOK_EVERY_S, FlightError, TakeOff, each
 from api.track import Seen, Track
 from mavlink_bridge import Autopilot, Mission, OnEnd, Telemetry, VehiclesMissing, geodetic_to_east_north
 from mavlink_bridge.autopilots import HOLD_MODE, STREAM_MODE
+from mavlink_bridge.results import CommandResult, SwapResult
 from mavlink_bridge.verified import OnBoard
 from planner import Plan
+
+if TYPE_CHECKING:
+    from api.skies import Traffic
 
 SAMPLE_EVERY_S = 0.5
 TOLD_WITHIN_S = 3.0
@@ -48,6 +53,8 @@ class Flight:
             last_slot_s=(plan.scenario.slots - 1) * plan.scenario.slot_duration_s,
         )
         self.take_off = TakeOff(plan, systems, fleet, clock, self.guidance)
+        self.traffic: Traffic | None = None
+        """What it knows of other flights, once it has entered their skies."""
         self._began: float | None = None
         self._frozen_s: float | None = None
         self._record = Track(systems)
@@ -123,47 +130,65 @@ class Flight:
         self._began = began_s
         self.guidance.begin()
 
-    async def swap(self, missions: Mapping[str, Mission]) -> dict[str, str | None]:
-        """Replace missions in flight; for each UAV None when it verifiably flies the new one, else what went wrong."""
-        ours = {uav: mission for uav, mission in missions.items() if self.roster.may_command(uav)}
-        await self.guidance.missions_only(ours)
-        results = await self._fleet.link.swap({self.systems[uav]: mission for uav, mission in ours.items()})
-        told: dict[str, str | None] = {}
-        for uav in missions.keys() - ours.keys():
-            told[uav] = "lost, and left alone"
-            self.guidance.settled(uav, missions[uav], OnBoard.OLD)
-        for uav, mission in ours.items():
-            result = results[self.systems[uav]]
-            told[uav] = (
-                None if result.ok else f"{result.error or 'failed'}{'; its old mission goes on' * result.went_on}"
-            )
-            sent = result.upload.attempts > 0
-            self.guidance.settled(uav, mission, result.upload.on_board if sent else OnBoard.OLD)
-            if result.ok and uav not in self.lost:
-                self.guidance.follow(uav, mission)
-        return told
+    async def swap(self, uav: str, mission: Mission) -> str | None:
+        """Replace a mission in flight; None when the UAV verifiably flies the new one, else what went wrong.
 
-    async def stop_where_it_is(self, action: Literal["hold", "land", "return"]) -> dict[str, str | None]:
-        """Hold, land or return every vehicle that still answers; what went wrong with each, None when it does.
+        An order of the operator ends it at once; then it is not known which of the two is on board.
+        """
+        if not self.roster.may_command(uav):
+            self.guidance.settled(uav, mission, OnBoard.OLD)
+            return "not ours to command any more, and left alone"
+        try:
+            result = await self._fleet.commander.carry_out(self.systems[uav], self._swap(uav, mission))
+        except OvertakenError as error:
+            self.guidance.settled(uav, mission, OnBoard.UNKNOWN)
+            return str(error)
+        sent = result.upload.attempts > 0
+        self.guidance.settled(uav, mission, result.upload.on_board if sent else OnBoard.OLD)
+        if result.ok and self.roster.may_command(uav):
+            self.guidance.follow(uav, mission)
+        return None if result.ok else f"{result.error or 'failed'}{'; its old mission goes on' * result.went_on}"
+
+    async def _swap(self, uav: str, mission: Mission) -> SwapResult:
+        await self.guidance.missions_only([uav])
+        system = self.systems[uav]
+        return (await self._fleet.link.swap({system: mission}))[system]
+
+    def stop(self) -> list[str]:
+        """The operation is over, now: nobody is guided or commanded any more; who may be given a last order."""
+        left = [uav for uav in self.still_up() if self.roster.is_ours(uav)]
+        self.roster.stopped = True
+        self.guidance.let_go()
+        return left
+
+    async def hover(self) -> dict[str, str | None]:
+        """Hold every vehicle that may be commanded; what went wrong with each, None when it does.
 
         Each is told at once: nobody waits for another one, nor for what a stream would do first.
         """
-        systems = {self.systems[uav] for uav in self.still_up() if self.roster.may_command(uav)}
         self.guidance.drop_stream()
-        link = self._fleet.link
-        act = {"hold": link.hold, "land": link.land, "return": link.return_home}[action]
-        results = await act(systems)
-        return {self._uavs[system]: result.error for system, result in results.items()}
+        ours = [uav for uav in self.still_up() if self.roster.may_command(uav)]
+        return self._by_uav(await self._fleet.commander.each(self._fleet.link.hold, self._systems_of(ours)))
+
+    async def order(self, action: Action, uavs: Collection[str]) -> dict[str, str | None]:
+        """Hold, land or return these before whatever else is sent to them; what went wrong with each, or None."""
+        return self._by_uav(await self._fleet.commander.order(action, self._systems_of(uavs)))
 
     async def bring_down(self, uavs: Collection[str], *, home: bool) -> dict[str, str | None]:
         """Land these where they are, or return them; what went wrong with each, None when it is on its way."""
         link = self._fleet.link
-        results = await (link.return_home if home else link.land)(self.systems[uav] for uav in uavs)
-        return {self._uavs[system]: result.error for system, result in results.items()}
+        command = link.return_home if home else link.land
+        return self._by_uav(await self._fleet.commander.each(command, self._systems_of(uavs)))
+
+    def _systems_of(self, uavs: Collection[str]) -> list[int]:
+        return [self.systems[uav] for uav in uavs]
+
+    def _by_uav(self, errors: Mapping[int, str | None]) -> dict[str, str | None]:
+        return {self._uavs[system]: error for system, error in errors.items()}
 
     async def pause(self) -> None:
         """Hover. Raises FlightError with each vehicle that does not."""
-        bad = {uav: error for uav, error in (await self.stop_where_it_is("hold")).items() if error}
+        bad = {uav: error for uav, error in (await self.hover()).items() if error}
         if bad:
             raise FlightError(f"hold failed for {each(bad)}")
 
@@ -174,13 +199,13 @@ class Flight:
     async def fly_on(self, uavs: Collection[str]) -> None:
         """Enter mission mode at the item that is current on board. Raises FlightError."""
 
-        async def one(uav: str) -> str | None:
-            system = self.systems[uav]
-            said = self._fleet.link.telemetry(system)
-            item = (said.mission_current if said else None) or 0
-            return (await self._fleet.link.start([system], item=item))[system].error
+        link = self._fleet.link
 
-        errors = dict(zip(uavs, await asyncio.gather(*map(one, uavs)), strict=True))
+        async def start(systems: list[int]) -> dict[int, CommandResult]:
+            said = link.telemetry(systems[0])
+            return await link.start(systems, item=(said.mission_current if said else None) or 0)
+
+        errors = self._by_uav(await self._fleet.commander.each(start, self._systems_of(uavs)))
         bad = {uav: error for uav, error in errors.items() if error}
         if bad:
             raise FlightError(f"start failed for {each(bad)}")

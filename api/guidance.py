@@ -68,6 +68,8 @@ class FlightGuidance:
         self._homes: dict[str, HomeWatch] = {}
         self._homes_m = homes_m
         self._keeping: dict[str, asyncio.Task[None]] = {}
+        self._left: set[str] = set()
+        """Whom somebody else flies, until they follow a mission of ours again."""
         self.airspace = Airspace()
         """Air that UAVs we lost may still fly in."""
         self._streaming = Streaming(systems, fleet, clock, elapsed_s=elapsed_s, fall_back=self.way.fall_back)
@@ -156,13 +158,14 @@ class FlightGuidance:
             self._fleet.note(
                 "guidance_resumed", uav_id=uav, level="warning" if flown is None else "ok", error=result.error
             )
-            if flown is not None:
+            if flown is not None and uav not in self._left:
                 self.settled(uav, flown, OnBoard.NEW)
                 self.follow(uav, flown)
 
     def leave(self, uav: str, *, setpoints_too: bool = False) -> None:
         """Correct this UAV no more. One that is only silent may still hear its setpoints, and is safest with them."""
         if setpoints_too:
+            self._left.add(uav)
             self._streaming.leave(uav)
         task = self._keeping.pop(uav, None)
         if task is not None:
@@ -184,6 +187,10 @@ class FlightGuidance:
                 deadline_s=now_s + DEADLINE_S,
             )
         )
+
+    def may_fly(self, uav: str) -> tuple[Given, ...]:
+        """What this UAV may have on board, as far as it was sent."""
+        return self._aboard.may_fly(uav)
 
     def found(self, uav: str) -> bool:
         """It was seen on the ground, or is guided again; whether air was reserved for it until now."""
@@ -253,6 +260,7 @@ class FlightGuidance:
         if one is None:
             return
         self.leave(uav)
+        self._left.discard(uav)
         system = self._systems[uav]
         since_s = self._elapsed_s() - one.began_s
         keeper = Keeper(one.path_m, one.slot_s, mission, self._fleet.link.model(system), since_s=since_s)
@@ -292,6 +300,14 @@ class FlightGuidance:
     def drop_stream(self) -> None:
         """End the stream at once, with nothing in its place: the caller commands the vehicles and waits for nobody."""
         self._streaming.drop()
+
+    def let_go(self) -> None:
+        """Guide nobody any more, from this moment: whoever calls this commands the vehicles and waits for nobody."""
+        self.drop_stream()
+        if self._resuming is not None:
+            self._resuming.cancel()
+        for uav in list(self._keeping):
+            self.leave(uav)
 
     async def end(self) -> None:
         """Guide nobody any more."""

@@ -19,6 +19,7 @@ LossKind = Literal[
     "in_failsafe",
     "rebooted",
     "battery",
+    "ordered",
 ]
 LOSS_KINDS: tuple[LossKind, ...] = get_args(LossKind)
 
@@ -74,7 +75,8 @@ def silent(silent_for_s: float) -> Loss:
 def seen(change: Change | None, *, plan_is_flown: bool) -> Loss | None:
     """What a UAV's present condition, if any is known, means for an operation; None when it still counts.
 
-    A low battery is none: it is offered to the operator (`battery` is the loss of a UAV that was told to go home).
+    A low battery is none: it is offered to the operator (`battery` is the loss of a UAV that was told to go home, and
+    `ordered` that of one which the operator commanded apart from its operation).
     One that rebooted in the air counts only if it proves that it flies its mission on.
     plan_is_flown: whether its mission should still be flying the plan, so that a return or a landing is none of ours.
     """

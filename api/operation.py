@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Collection
 from contextlib import suppress
 from dataclasses import asdict
-from typing import Any, Literal
+from typing import Any
 
 import structlog
 
+from api.commander import Action
 from api.ends import ends_of, shortfall
 from api.errors import ConflictError, PreconditionError
 from api.flight import Flight
@@ -18,7 +19,7 @@ from api.given import MissionBook
 from api.incidents import Incidents
 from api.journal import Journal
 from api.operation_rows import Books, Head, OperationRows
-from api.operation_views import ENDED, IN_THE_AIR, OperationView, Proposal, State, is_off_plan, slip_m, uav_views
+from api.operation_views import ENDED, IN_THE_AIR, Abort, OperationView, Proposal, State, is_off_plan, slip_m, uav_views
 from api.resilience import Parts
 from api.stragglers import Stragglers
 from mavlink_bridge import BridgeError
@@ -39,6 +40,8 @@ class Operation:
         self.state = State.UPLOADING
         self.version = 0
         self.error: str | None = None
+        self.aborted_by: Abort | None = None
+        self._stopped = False
         self.incidents = Incidents(head.id, head.policy, flight, parts, books.journal, books.events)
         self.incidents.save = self.save
         flight.guidance.book = MissionBook(books.database, head.id)
@@ -85,6 +88,7 @@ class Operation:
             proposal=Proposal(incident=proposal[0], plan_id=proposal[1].id, lost=proposal[2]) if proposal else None,
             user_rates_bps={user: list(row) for user, row in flight.reported_rates_bps().items()},
             error=self.error,
+            abort=self.aborted_by,
         )
 
     # -- from the ground to the ground ----------------------------------------------------------------------------
@@ -242,19 +246,46 @@ class Operation:
             self.require(State.FLYING, version=version)
             await self.incidents.retire(uav_id)
 
-    async def abort(self, action: Literal["hold", "land", "return"]) -> None:
-        """Tell every vehicle that still answers to hold or land where it is, or to return home."""
-        await self.incidents.close("the operation was aborted")
-        await self.enter(State.ABORTING)
-        failed = {uav: error for uav, error in (await self.flight.stop_where_it_is(action)).items() if error}
-        if failed:
-            self.error = f"{action} failed for {'; '.join(f'{uav}: {error}' for uav, error in failed.items())}"
+    def stop(self) -> list[str]:
+        """End it now, before anything is waited for: whoever waits for a turn finds it aborting, and gets none.
+
+        Returns the UAVs that may be given a last order.
+        """
+        self._stopped, self.state = True, State.ABORTING
+        return self.flight.stop()
+
+    async def has_aborted(self, by: Abort, why: str | None = None) -> None:
+        """The last order was given: close the books. `why`: what led to it, when that was not an abort."""
+        if self.state not in ENDED:
+            await self.enter(State.ABORTING)
+        self.aborted_by = by
+        self.error = "; ".join(said for said in (why, by.error) if said) or None
         await self.enter(State.ABORTED)
+
+    def give_way(self, addressed: Collection[str], told: Collection[str], action: Action) -> bool:
+        """The operator gives orders to vehicles, apart from operations: leave them alone from this moment.
+
+        told: those that are sent the order; addressed: those, and who is left alone. Returns whether that ends the
+        operation: it has none left, or slot 0 has not begun.
+        """
+        flight = self.flight
+        if self.state in IN_THE_AIR and flight.elapsed_s() is not None:
+            mine = [uav for uav in flight.still_up() if uav in told]
+            if not mine:
+                return False
+            if set(mine) == set(flight.still_up()):
+                return True
+            for uav in mine:
+                flight.roster.leave_to_operator(uav, action)
+            return False
+        return not self._stopped and not flight.systems.keys().isdisjoint(addressed)
 
     # -- the books ------------------------------------------------------------------------------------------------
 
     async def enter(self, state: State) -> None:
         """Change the state; stored when it returns."""
+        if self._stopped and state not in {State.ABORTING, State.ABORTED}:
+            raise ConflictError(f"operation {self.id!r} is {self.state.value}")
         if state in ENDED:
             await self.incidents.close(self.error or f"the operation is {state.value}")
             await self.flight.settle_rates()
@@ -319,5 +350,5 @@ class Operation:
             if self.flight.elapsed_s() is None:
                 await self.flight.take_off.stand_down()
             else:
-                await self.flight.stop_where_it_is("hold")
+                await self.flight.hover()
         await self.enter(State.FAILED)

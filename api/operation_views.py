@@ -8,6 +8,7 @@ from typing import Literal
 
 from pydantic import BaseModel
 
+from api.commander import Action
 from api.ends import UavEnd, ends_of
 from api.flight import Flight
 from api.resilience import Recovery
@@ -71,6 +72,19 @@ class Proposal(BaseModel):
     lost: dict[str, float]
 
 
+class Abort(BaseModel):
+    """The last order by which an operation was ended: what went wrong with each vehicle that was told, or None."""
+
+    action: Action
+    vehicles: dict[str, str | None]
+
+    @property
+    def error(self) -> str | None:
+        """What went wrong, in words."""
+        failed = [f"{uav}: {error}" for uav, error in sorted(self.vehicles.items()) if error]
+        return f"{self.action} failed for {'; '.join(failed)}" if failed else None
+
+
 class OperationView(BaseModel):
     """An operation. `elapsed_s` counts fleet seconds since slot 0 began; `slot` counts from 0. Rates in bit/s.
 
@@ -96,6 +110,7 @@ class OperationView(BaseModel):
     proposal: Proposal | None = None
     user_rates_bps: dict[str, list[float | None]]
     error: str | None
+    abort: Abort | None = None
 
 
 class OperationRow(BaseModel):

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import json
-from contextlib import suppress
-from typing import Any, Literal
+from collections.abc import Awaitable, Collection
+from typing import Any
 
 import structlog
 from sqlalchemy import Row, func, select
 
+from api.aborts import Aborts
+from api.commander import Action
 from api.creation import Creation
-from api.errors import ConflictError, InvalidError, NotFoundError
+from api.errors import ConflictError, InvalidError, NotFoundError, PreconditionError
 from api.fleet import Fleet
 from api.flight import Flight
 from api.guidance import Way
@@ -20,6 +22,7 @@ from api.operation_rows import Books, Head
 from api.operation_views import ENDED, OperationView, Policy, State
 from api.reattach import Record, restored, settle, stored_track
 from api.resilience import Parts
+from api.skies import Skies
 from api.store.tables import operations as table
 from mavlink_bridge import OnEnd, ReturnPathsTooClose, check_return_paths
 from planner import Plan
@@ -36,6 +39,8 @@ class Operations:
         self._tasks: dict[str, asyncio.Task[None]] = {}
         self._unsaved: dict[str, Operation] = {}
         """Operations that have ended and whose end is not stored yet."""
+        self._aborts = Aborts(fleet, books, self._taken, self._end)
+        self._skies = Skies(fleet)
         self._number = 0
         self._starting = asyncio.Lock()
 
@@ -66,6 +71,7 @@ class Operations:
             systems = {uav: self._fleet.system_of(uav) for uav in plan.scenario.uav_ids}
             self._require_free(plan)
             _require_ways_home(plan, way or Way())
+            await self._skies.require_clear(plan, systems, way or Way())
             self._number += 1
             head = Head(
                 id=creation.id,
@@ -104,19 +110,42 @@ class Operations:
         operation.require(*states, version=version)
         return operation
 
-    async def abort(
-        self, operation_id: str, action: Literal["hold", "land", "return"], version: int | None = None
-    ) -> Operation:
-        """End an operation now. Raises NotFoundError, ConflictError when it has ended, PreconditionError."""
-        operation = await self.commanded(operation_id, version=version)
-        task = self._tasks.pop(operation_id)
-        operation.flight.guidance.drop_stream()  # nobody is sent on by mission first
-        task.cancel()
-        with suppress(asyncio.CancelledError):
-            await task
-        await operation.abort(action)
-        self._end(operation)
-        return operation
+    async def abort(self, operation_id: str, action: Action, version: int | None = None) -> OperationView:
+        """End an operation now, in any state, and as often as it is said: of an aborted one vehicles get the new order.
+
+        Raises NotFoundError, ConflictError when it has ended otherwise, PreconditionError.
+        """
+        operation = self._active.get(operation_id)
+        if operation is not None:
+            operation.require(version=version)
+            await self._aborts.abort(operation, action)
+            return operation.view()
+        view = await self.view(operation_id)
+        if version is not None and version != view.version:
+            raise PreconditionError(f"If-Match: operation {operation_id!r} is in version {view.version}")
+        await self._aborts.again(view, action, self.owners(), self._unsaved.get(operation_id))
+        return await self.view(operation_id)
+
+    def owners(self) -> dict[str, str]:
+        """The operation that each UAV flies for, of those that have not ended."""
+        return {uav: operation.id for operation in self._active.values() for uav in operation.flight.systems}
+
+    def give_way(
+        self,
+        addressed: Collection[str],
+        told: Collection[str],
+        action: Action,
+        results: asyncio.Future[dict[str, str | None]],
+    ) -> list[Awaitable[None]]:
+        """Leave vehicles alone that the operator commands, from this moment; what waits for the operations it ends.
+
+        told: those that are sent the order; addressed: those, and who is left alone. results: how it goes.
+        """
+        return [
+            self._aborts.by_order(operation, action, told, results)
+            for operation in list(self._active.values())
+            if operation.give_way(addressed, told, action)
+        ]
 
     async def rows(self, limit: int, before: int | None) -> list[Row[Any]]:
         """The newest operations (older than number `before`)."""
@@ -149,6 +178,7 @@ class Operations:
 
     def _run(self, operation: Operation, work: Any) -> None:
         self._active[operation.id] = operation
+        self._skies.enter(operation.id, operation.flight)
         task = asyncio.create_task(work, name=operation.id)
         self._tasks[operation.id] = task
         task.add_done_callback(lambda done: self._over(operation, done))
@@ -160,9 +190,13 @@ class Operations:
         if not done.cancelled() and operation.state in ENDED:
             self._end(operation)
 
+    def _taken(self, operation: Operation) -> asyncio.Task[None] | None:
+        return self._tasks.pop(operation.id, None)
+
     def _end(self, operation: Operation) -> None:
         """It is active no more, and is remembered until its end is stored."""
         self._active.pop(operation.id, None)
+        self._skies.leave(operation.id)
         self._tasks.pop(operation.id, None)
         saved = operation.saved
         if saved is not None and not saved.done():

@@ -75,6 +75,34 @@ def status(
         _show(client.operation(wanted), as_json=as_json)
 
 
+def fleet(
+    action: Annotated[str, typer.Argument(help="hold, return or land.")],
+    uav_ids: Annotated[list[str] | None, typer.Argument(help="Which UAVs; default: all that are registered.")] = None,
+    force: Annotated[bool, typer.Option(help="Return or land also who is flown by a human or a failsafe.")] = False,
+    service: ServiceUrl = LOCAL,
+    key: Key = None,
+    as_json: Json = False,
+) -> None:
+    """Order vehicles of a service to hold, return or land now.
+
+    Whatever they do. Exits with 1 when one does not obey.
+    """
+    _one_of("action", action, "hold", "return", "land")
+    if force and action == "hold":
+        raise InvalidError("force: nobody is made to hold whom a human or a failsafe flies")
+    with _Asking(service, key) as client:
+        given = client.order(action, uav_ids or None, force=force)  # type: ignore[arg-type]
+    if as_json:
+        _print(json.dumps([one.model_dump(mode="json") for one in given], indent=2))
+    else:
+        table = Table("uav", "outcome", "reason", title=f"ordered to {action}")
+        for one in given:
+            table.add_row(one.uav_id, one.outcome.replace("_", " "), one.reason or "")
+        Console().print(table)
+    if any(one.outcome == "failed" for one in given):
+        raise typer.Exit(1)
+
+
 def drill(
     operation_id: Annotated[str, typer.Argument(help="Operation in the air.")],
     uav_id: Annotated[str, typer.Argument(help="The UAV that is struck; the service must simulate it.")],

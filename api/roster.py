@@ -57,6 +57,9 @@ class Roster:
         self._warned: dict[str, str] = {}
         self._last_seen_m: dict[str, Point] = {}
         self._broke_off: dict[str, Loss] = {}
+        self._ordered: dict[str, Loss] = {}
+        self.stopped = False
+        """Whether the operation has ended, so that it commands nobody any more."""
         self.retired: set[str] = set()
         """UAVs that were sent home by order, whatever is seen of them since."""
 
@@ -94,7 +97,8 @@ class Roster:
             self._guidance.airspace.seen(uav, at_m)
         self._warn()
         self._note_broken_off()
-        return found | self._seen_lost()
+        ordered, self._ordered = self._ordered, {}
+        return ordered | found | self._seen_lost()
 
     def _heard(self) -> dict[str, Heard]:
         heard = self._fleet.heard()
@@ -236,14 +240,23 @@ class Roster:
             raise ConflictError(f"uav_id: {uav!r} is not in the air, or not ours to command")
         because = self.low_on_battery.get(uav, "no low battery")
         system = self._systems[uav]
-        error = (await self._fleet.link.return_home([system]))[system].error
+        error = (await self._fleet.commander.each(self._fleet.link.return_home, [system]))[system]
         if error is not None:
             raise ConflictError(f"uav_id: {uav!r} does not return: {error}")
         self.retired.add(uav)
         return self._lose(uav, Loss("battery", f"sent home by the operator: {because}"))
 
+    def leave_to_operator(self, uav: str, action: str) -> None:
+        """The operator commands it, apart from this operation: it counts no more, and is told nothing any more."""
+        if uav not in self.lost:
+            self._ordered[uav] = self._lose(uav, Loss("ordered", f"told to {action} by order"))
+
     def may_command(self, uav: str) -> bool:
-        """Whether it is ours: a human, a failsafe or a crash is never overruled, not even before it is declared."""
+        """Whether this operation may command it now."""
+        return not self.stopped and self.is_ours(uav)
+
+    def is_ours(self, uav: str) -> bool:
+        """Whether it counts: a human, a failsafe or a crash is never overruled, not even before it is declared."""
         return uav not in self.lost and self._seen(uav) is None
 
     def _seen(self, uav: str) -> Loss | None:
@@ -266,5 +279,4 @@ class Roster:
 
     def is_down(self, uav: str) -> bool:
         """Whether it last said that it is disarmed, and is not seen to be in the air all the same."""
-        said = self._fleet.link.telemetry(self._systems[uav])
-        return said is not None and not said.armed and not self._fleet.is_aloft(self._systems[uav])
+        return self._fleet.is_down(self._systems[uav])

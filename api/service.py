@@ -23,6 +23,7 @@ from api.journal import Entry, Journal
 from api.metrics import Metrics
 from api.operation_rows import Books
 from api.operations import Operations
+from api.orders import Orders
 from api.plan_book import PlanBook
 from api.plan_store import PlanStore
 from api.resilience import Parts
@@ -62,6 +63,7 @@ class Service:
         self.fleet = Fleet(settings, self.clock, events, database, background=self.background, healthy=self.can_replan)
         parts = Parts(settings, self.clock, self.plans, self.contingencies, self.metrics)
         self.operations = Operations(parts, Books(database, self.journal, events), self.fleet)
+        self.orders = Orders(self.fleet, self.operations)
         self.drills = Drills(self.fleet, self.operations, events, database, self.simulated)
         self.ready = False
         self._pulse: tuple[float, float] | None = None

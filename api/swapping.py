@@ -67,7 +67,7 @@ class Swap:
         return nowhere | dict(zip(missions, results, strict=True))
 
     async def _one(self, plan: Plan, uav: str, mission: Mission) -> str | None:
-        error = (await self._flight.swap({uav: mission}))[uav]
+        error = await self._flight.swap(uav, mission)
         if error is not None:
             return error
         if plan is self._new and self._flight.plan is not plan:

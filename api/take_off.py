@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Coroutine, Mapping
+from collections.abc import Collection, Coroutine, Mapping
 from contextlib import suppress
 from dataclasses import asdict
 from typing import Any, TypeVar
@@ -90,18 +90,22 @@ class TakeOff:
         goes_on = said is not None and said.armed
         return loss if (happened if loss.is_over else goes_on) else None
 
-    async def stand_down(self) -> None:
-        """The launch has failed: who is armed and ours hovers where it is, or lands if it is low."""
-        told: set[str] = set()
+    async def stand_down(self, but: Collection[str] = ()) -> None:
+        """The launch has failed: who is armed and ours hovers where it is, or lands if it is low.
+
+        `but`: these have other orders.
+        """
+        told = set(but)
         until = time.monotonic() + (ONE_MORE_HEARTBEAT_S if self._launched else 0.0)
         while True:
             up = {uav: up_m for uav in self._systems if uav not in told and (up_m := self._height_m(uav)) is not None}
             if not up and time.monotonic() >= until:
                 return
             told |= up.keys()
+            link, commander = self._fleet.link, self._fleet.commander
             await asyncio.gather(
-                self._fleet.link.land(self._systems[uav] for uav, up_m in up.items() if up_m < LOW_M),
-                self._fleet.link.hold(self._systems[uav] for uav, up_m in up.items() if up_m >= LOW_M),
+                commander.each(link.land, [self._systems[uav] for uav, up_m in up.items() if up_m < LOW_M]),
+                commander.each(link.hold, [self._systems[uav] for uav, up_m in up.items() if up_m >= LOW_M]),
             )
             await asyncio.sleep(LOOK_EVERY_S)
 

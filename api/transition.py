@@ -5,13 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import hypot
+from typing import TYPE_CHECKING
 
 from api.flight import Flight
 from api.rates import Point
+from mavlink_bridge.corridors import Meeting, meetings
 from mavlink_bridge.errors import TransitionTooClose
 from mavlink_bridge.ghosts import Airspace, Conflict
 from mavlink_bridge.transitions import check_transition
 from planner import Plan, ReplanError
+
+if TYPE_CHECKING:
+    from api.skies import Traffic
 
 SPEED_TOLERANCE = 1.25
 """A first leg may ask for this share of the maximum speed before it is called out of reach: it begins in mid-slot."""
@@ -80,18 +85,20 @@ def way_into(plan: Plan, uav_id: str, live_m: Point, now_s: float, *, first_slot
 class Present:
     """The moment from which everybody changes over: fleet seconds since slot 0, places in metres east/north.
 
-    `plan`: what the missions on board fly. `airspace`: air that UAVs we lost may still be in.
+    `plan`: what the missions on board fly. `airspace`: air that UAVs we lost may still be in. `traffic`:
+    what other operations fly.
     """
 
     now_s: float
     positions_m: Mapping[str, Point]
     plan: Plan
     airspace: Airspace
+    traffic: Traffic | None = None
 
     @classmethod
     def of(cls, flight: Flight) -> Present:
         """As of now."""
-        return cls(flight.now_s(), flight.positions_m(), flight.plan, flight.guidance.airspace)
+        return cls(flight.now_s(), flight.positions_m(), flight.plan, flight.guidance.airspace, flight.traffic)
 
     def require_located(self, uavs: Iterable[str]) -> None:
         """Raise ReplanError naming each of these that does not know where it is."""
@@ -105,7 +112,8 @@ def require_separated(plans: Mapping[str, Plan], present: Present) -> None:
 
     Between them `D_min` holds at every moment. A UAV that is lost keeps the air it may still be in: whoever meets it
     later flies above (`FlightGuidance.compile`), but on the first leg, on which one climbs, nobody may enter air that
-    the mission now on board stays out of. Raises ReplanError naming who, how close and when.
+    the mission now on board stays out of; and where other operations fly, all the rest of the way. Raises ReplanError
+    naming who, how close and when.
     """
     present.require_located(plans)
     now_s, live = present.now_s, {uav: present.positions_m[uav] for uav in plans}
@@ -122,6 +130,41 @@ def require_separated(plans: Mapping[str, Plan], present: Present) -> None:
         raise ReplanError(str(error)) from error
     for uav, plan in plans.items():
         _require_clear_of_ghosts(uav, plan, present, required_m)
+    if present.traffic is not None:
+        _require_clear_of_others(plans, present, present.traffic)
+
+
+def _require_clear_of_others(plans: Mapping[str, Plan], present: Present, traffic: Traffic) -> None:
+    """Nobody may enter air that other operations sweep, whenever they do, and that its plan in force stays out of."""
+    others = traffic.others()
+    if not others:
+        return
+
+    def meets(flown: Mapping[str, Plan]) -> dict[tuple[str, str], Meeting]:
+        ours = [
+            traffic.corridor(
+                uav, [present.positions_m[uav], *_rest_of(plan, uav, present.now_s)], _altitude_m(plan, uav)
+            )
+            for uav, plan in flown.items()
+        ]
+        return {(one.first.uav_id, one.second.uav_id): one for one in meetings(ours, others, ROUNDING_M)}
+
+    new = meets(plans)
+    flies_on = {uav: present.plan for uav in plans if uav in present.plan.trajectories_m}
+    old = meets(flies_on) if new else {}
+    for pair, meeting in new.items():
+        if pair not in old:
+            raise ReplanError(f"transition: {meeting}")
+
+
+def _rest_of(plan: Plan, uav: str, now_s: float) -> Sequence[Point]:
+    path = plan.trajectories_m[uav]
+    slot = int(now_s // plan.scenario.slot_duration_s) + 1 - plan.first_slot
+    return path[min(max(slot, 1), len(path) - 1) :]
+
+
+def _altitude_m(plan: Plan, uav: str) -> float:
+    return plan.scenario.altitude_of(plan.scenario.uav(uav))
 
 
 def _require_clear_of_ghosts(uav: str, plan: Plan, present: Present, required_m: float) -> None:

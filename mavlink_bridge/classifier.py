@@ -75,6 +75,18 @@ class Classifier:
         known = self._known.get(system_id)
         return known is not None and known.fate(now_s) in (Fate.UNKNOWN, Fate.ALOFT)
 
+    def taken(self, system_id: int, now_s: float) -> str | None:
+        """Who else flies it at this moment, a human or a failsafe, and what is seen of that; None if we may command it.
+
+        Conditions count what lasts; here one heartbeat is enough, for whoever would overrule somebody.
+        """
+        known = self._known.get(system_id)
+        if known is None or not known.armed:
+            return None
+        if known.fails:
+            return f"a failsafe flies it: {known.failing}"
+        return f"somebody else flies it: {known.taken_over(now_s)}" if known.is_taken else None
+
     def expect(self, system_id: int, modes: frozenset[FlightMode], now_s: float, until_s: float | None = None) -> None:
         """We command one of these modes now, or its mission ends in one; it counts as ours if entered by `until_s`.
 

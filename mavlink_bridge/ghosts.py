@@ -7,7 +7,7 @@ that moment, to where it was last seen, or to any point of the straight way from
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import hypot
@@ -69,10 +69,12 @@ class Conflict:
 
 
 class Airspace:
-    """Reserved air of the UAVs we lost."""
+    """Reserved air of the UAVs we lost, and sight of that of UAVs which others have."""
 
     def __init__(self) -> None:
         self._ghosts: dict[str, Ghost] = {}
+        self.elsewhere: Callable[[], Iterable[Ghost]] = tuple
+        """Tells of UAVs that others have lost, on the same clock and from the same origin."""
 
     @property
     def ghosts(self) -> Mapping[str, Ghost]:
@@ -125,8 +127,9 @@ class Airspace:
     ) -> list[Conflict]:
         """Where these paths, flown straight between the times, come too close to a ghost; the closest of each pair."""
         found = []
+        ghosts = [*self._ghosts.values(), *self.elsewhere()]
         for uav_id, path in paths_m.items():
-            for ghost in self._ghosts.values():
+            for ghost in ghosts:
                 worst = min(_approaches(uav_id, path, times_s, ghost), key=lambda c: c.apart_m, default=None)
                 if worst is not None and worst.apart_m < required_m:
                     found.append(worst)

@@ -188,8 +188,10 @@ class Stream:
                 await asyncio.shield(asyncio.wait(handed_over.values()))
 
     def leave(self, system_id: int) -> None:
-        """Send it nothing any more, and leave its mode to whoever flies it now."""
+        """Send it nothing any more, and leave its mode to whoever flies it now, at once."""
         self._streamed.pop(system_id, None)
+        if system_id in self._handing:
+            self._handing[system_id].cancel()
 
     def hand_over(self, elapsed_s: float) -> Mapping[int, asyncio.Task[str | None]]:
         """No setpoints any more: let each go, once; the tasks that do it, by system id, each for itself."""

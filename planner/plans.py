@@ -35,6 +35,7 @@ class Cause(Frozen):
         "in_failsafe",
         "rebooted",
         "battery",
+        "ordered",
         "users_changed",
         "uav_returned",
         "retuned",

@@ -15,6 +15,7 @@ from api.dashboard.views import (
     Happening,
     Operation,
     OperationLine,
+    Ordered,
     PlanState,
     TrackPoint,
     Vehicle,
@@ -124,6 +125,10 @@ class Feed:
     async def abort(self, operation_id: str, action: str) -> None:
         """End it: every vehicle that answers holds (`hold`) or returns home (`return`)."""
         await self._rest.call("POST", f"/v1/operations/{operation_id}:abort", json={"action": action})
+
+    async def order(self, action: str) -> list[Ordered]:
+        """Every vehicle that is heard and in the air holds, returns home or lands now, whatever it does."""
+        return [Ordered.model_validate(row) for row in await self._rest.call("POST", f"/v1/fleet:{action}", json={})]
 
     async def decide(self, operation_id: str, incident: int, *, agreed: bool) -> None:
         """Fly the proposed plan, or keep the one in force."""

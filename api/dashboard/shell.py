@@ -1,4 +1,4 @@
-"""The frame of every page: navigation, what is flying, and the three controls that are always there."""
+"""The frame of every page: navigation, what is flying, and the four controls that are always there."""
 
 from __future__ import annotations
 
@@ -6,11 +6,14 @@ from collections.abc import Awaitable, Callable
 
 from nicegui import ui
 
-from api.dashboard.elements import attempt, text
+from api.dashboard.elements import attempt, say_refusal, text
+from api.dashboard.rest import RestError
 from api.dashboard.watch import Watch
 
 PAGES = (("Fly", "./"), ("Plan", "plan"), ("Drill", "drill"), ("Replay", "replay"))
 REFRESH_S = 0.5
+HEARD = ("live", "stale")
+"""Links of vehicles that can be told something."""
 THEME = """
 const kept = localStorage.getItem("skyfolio-theme");
 const dark = kept ? kept === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
@@ -45,31 +48,48 @@ class Shell:
         ui.timer(REFRESH_S, self._refresh)
 
     def _controls(self) -> None:
+        self._confirm_rtl = self._asking(
+            "Return the whole fleet home?", "flies home and lands", "RTL ALL", "rtl", "#b84a00", self._rtl_all
+        )
+        self._confirm_land = self._asking(
+            "Land the whole fleet?", "lands where it is", "LAND ALL", "land", "#7a2e8a", self._land_all
+        )
         with ui.element("div").classes("sf-controls").props('role="group" aria-label="fleet control"'):
             self._pause = ui.button("PAUSE", on_click=self._toggle_pause, color=None).classes("sf-act-pause")
             self._hold = ui.button("HOLD ALL", on_click=self._hold_all, color=None).classes("sf-act-hold")
-            self._rtl = ui.button("RTL ALL", on_click=self._ask_rtl, color=None).classes("sf-act-rtl")
+            self._rtl = ui.button("RTL ALL", on_click=self._confirm_rtl.open, color=None).classes("sf-act-rtl")
+            self._land = ui.button("LAND ALL", on_click=self._confirm_land.open, color=None).classes("sf-act-land")
             for button, key, what in (
                 (self._pause, "Shift+P", "hold where they are, to go on later"),
-                (self._hold, "Shift+H", "end the operation: every vehicle holds"),
-                (self._rtl, "Shift+R", "end the operation: every vehicle returns home"),
+                (self._hold, "Shift+H", "every vehicle that is heard holds; operations end"),
+                (self._rtl, "Shift+R", "every vehicle that is heard returns home; operations end"),
+                (self._land, "Shift+L", "every vehicle that is heard lands where it is; operations end"),
             ):
                 button.props(f'unelevated title="{what} ({key})"')
-        with ui.dialog() as self._confirm, ui.card():
-            text("h2", "Return the whole fleet home?")
-            ui.label("The operation ends. Every vehicle that answers flies home and lands.")
+
+    @staticmethod
+    def _asking(
+        question: str, what: str, label: str, name: str, colour: str, act: Callable[[], Awaitable[None]]
+    ) -> ui.dialog:
+        """A dialog that asks before the fleet comes down."""
+        with ui.dialog() as dialog, ui.card():
+            text("h2", question)
+            ui.label(f"Every vehicle that is heard {what}. Operations end.")
             with ui.element("div").classes("sf-row"):
-                ui.button("RTL ALL", on_click=self._rtl_all, color=None).props("unelevated autofocus").classes(
-                    "sf-act-rtl sf-confirm-rtl"
-                ).style("background:#b84a00;color:#fff")
-                ui.button("Keep flying", on_click=self._confirm.close).props("flat")
+                ui.button(label, on_click=act, color=None).props("unelevated autofocus").classes(
+                    f"sf-act-{name} sf-confirm-{name}"
+                ).style(f"background:{colour};color:#fff")
+                ui.button("Keep flying", on_click=dialog.close).props("flat")
+        return dialog
 
     def _refresh(self) -> None:
         operation = self._watch.operation
         under_way = operation is not None and not operation.ended
         self._what.set_text(self._words())
-        for button in (self._pause, self._hold, self._rtl):
-            button.set_enabled(under_way)
+        heard = any(seen.vehicle.link in HEARD for seen in self._watch.seen.values())
+        self._pause.set_enabled(under_way)
+        for button in (self._hold, self._rtl, self._land):
+            button.set_enabled(heard)
         self._pause.set_text("RESUME" if operation and operation.state == "paused" else "PAUSE")
         self._banner.set_text(
             f"The service does not answer as it should: {self._watch.error}" if self._watch.error else ""
@@ -102,16 +122,28 @@ class Shell:
             await self._on_operation(self._watch.feed.pause, "Paused: every vehicle holds where it is")
 
     async def _hold_all(self) -> None:
-        await self._on_operation(lambda one: self._watch.feed.abort(one, "hold"), "Every vehicle was told to hold")
-
-    def _ask_rtl(self) -> None:
-        self._confirm.open()
+        await self._order("hold", "holds")
 
     async def _rtl_all(self) -> None:
-        self._confirm.close()
-        await self._on_operation(
-            lambda one: self._watch.feed.abort(one, "return"), "Every vehicle was told to return home"
-        )
+        self._confirm_rtl.close()
+        await self._order("return", "returns home")
+
+    async def _land_all(self) -> None:
+        self._confirm_land.close()
+        await self._order("land", "lands")
+
+    async def _order(self, action: str, does: str) -> None:
+        """Order the whole fleet; whoever does not obey is named until the operator has seen it."""
+        try:
+            given = await self._watch.feed.order(action)
+        except RestError as error:
+            say_refusal(error)
+            return
+        obeys = [one.uav_id for one in given if one.outcome == "ok"]
+        ui.notify(f"{does}: {', '.join(obeys) or 'nobody'}", type="positive", position="bottom-left", timeout=2500)
+        failed = "; ".join(f"{one.uav_id}: {one.reason}" for one in given if one.outcome == "failed")
+        if failed:
+            say_refusal(RestError(502, f"Not every vehicle {does}", failed))
 
     async def _on_key(self, event: object) -> None:
         key, action, modifiers = (getattr(event, name) for name in ("key", "action", "modifiers"))
@@ -122,4 +154,6 @@ class Shell:
         elif key == "H":
             await self._hold_all()
         elif key == "R":
-            self._ask_rtl()
+            self._confirm_rtl.open()
+        elif key == "L":
+            self._confirm_land.open()

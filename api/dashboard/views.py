@@ -38,6 +38,14 @@ class Vehicle(View):
     slip_s: float | None = None
 
 
+class Ordered(View):
+    """What became of an order to one vehicle."""
+
+    uav_id: str
+    outcome: str
+    reason: str | None = None
+
+
 class Step(View):
     """One step of an answer to a loss: what, and when or how long, in words ready to be shown."""
 

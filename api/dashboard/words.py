@@ -45,6 +45,8 @@ def _link(data: Data) -> tuple[str, str]:
 
 def _lost(data: Data) -> tuple[str, str]:
     cause = data.get("cause", "heartbeat_lost")
+    if cause == "ordered":
+        return f"{data.get('uav_id')} left its operation: {data.get('detail')}", "warn"
     if cause != "heartbeat_lost":
         return f"{data.get('uav_id')} declared LOST: {cause.replace('_', ' ')} ({data.get('detail')})", "alarm"
     return f"{data.get('uav_id')} declared LOST after {data.get('silent_for_s', 0):.1f} s of silence", "alarm"
@@ -64,6 +66,15 @@ def _rally_point(data: Data) -> tuple[str, str]:
 
 def _telemetry_log(data: Data) -> tuple[str, str]:
     return f"the telemetry log is not written: {data.get('error')}", "warn"
+
+
+def _order(data: Data) -> tuple[str, str]:
+    vehicles = data.get("vehicles") or []
+    told = [str(one.get("uav_id")) for one in vehicles if one.get("outcome") == "ok"]
+    others = [f"{one.get('uav_id')}: {one.get('reason')}" for one in vehicles if one.get("outcome") != "ok"]
+    text = f"ordered to {data.get('action')}: {', '.join(told) or 'nobody'}"
+    failed = any(one.get("outcome") == "failed" for one in vehicles)
+    return text + (f" (not {'; '.join(others)})" if others else ""), "alarm" if failed else "warn"
 
 
 def _low(data: Data) -> tuple[str, str]:
@@ -218,6 +229,7 @@ WORDS: Mapping[str, Callable[[Data], tuple[str, str]]] = {
     "link_moved": _moved,
     "two_senders": _two_senders,
     "second_link": _second_link,
+    "fleet_order": _order,
     "uav_low_on_battery": _low,
     "uav_warning": _warning,
     "verdict_withdrawn": _withdrawn,

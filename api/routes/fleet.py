@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from api.creation import Creation
 from api.errors import ConflictError
+from api.orders import OrderResult
 from api.routes.deps import KNOWN, ServiceDep, creates, requires
 from api.routes.examples import VEHICLE_EXAMPLES
 from api.security import Role
@@ -24,6 +25,38 @@ class VehicleRequest(BaseModel):
 
     uav_id: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$")]
     system_id: Annotated[int, Field(ge=1, le=254, strict=True)]
+
+
+Force = Annotated[
+    bool,
+    Field(description="Also a vehicle that a human or a failsafe flies: it is taken from them."),
+]
+UavIds = Annotated[
+    list[Annotated[str, Field(max_length=64)]] | None,
+    Field(max_length=254, description="Only these vehicles; none: all that are registered."),
+]
+
+
+class HoldRequest(BaseModel):
+    """Who shall hover."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    uav_ids: UavIds = None
+
+
+class OrderRequest(HoldRequest):
+    """Who shall come down."""
+
+    force: Force = False
+
+
+class ForceRequest(BaseModel):
+    """Whether the vehicle is taken from whoever flies it."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    force: Force = False
 
 
 @router.post("/fleet/vehicles", status_code=201, dependencies=[requires(Role.PILOT)], openapi_extra=VEHICLE_EXAMPLES)
@@ -45,6 +78,51 @@ async def list_vehicles(service: ServiceDep) -> list[VehicleView]:
 async def read_vehicle(uav_id: str, service: ServiceDep) -> VehicleView:
     """One vehicle, as it was last heard."""
     return service.fleet.find(uav_id)
+
+
+@router.post("/fleet:hold", dependencies=[requires(Role.PILOT)])
+async def hold_fleet(service: ServiceDep, body: HoldRequest | None = None) -> list[OrderResult]:
+    """Every vehicle that is heard and in the air stops and hovers, in every state of every operation.
+
+    One result for each. Operations leave these vehicles alone, and end as `aborted` with the last one. Who is flown by
+    a human or a failsafe is never made to hold.
+    """
+    return await service.orders.give("hold", body.uav_ids if body else None)
+
+
+@router.post("/fleet:return", dependencies=[requires(Role.PILOT)])
+async def return_fleet(service: ServiceDep, body: OrderRequest | None = None) -> list[OrderResult]:
+    """Every vehicle that is heard and in the air returns home, in every state of every operation."""
+    wanted = body or OrderRequest()
+    return await service.orders.give("return", wanted.uav_ids, force=wanted.force)
+
+
+@router.post("/fleet:land", dependencies=[requires(Role.PILOT)])
+async def land_fleet(service: ServiceDep, body: OrderRequest | None = None) -> list[OrderResult]:
+    """Every vehicle that is heard and in the air lands where it is, in every state of every operation."""
+    wanted = body or OrderRequest()
+    return await service.orders.give("land", wanted.uav_ids, force=wanted.force)
+
+
+@router.post("/fleet/vehicles/{uav_id}:hold", dependencies=[requires(Role.PILOT)])
+async def hold_vehicle(uav_id: str, service: ServiceDep) -> OrderResult:
+    """One vehicle stops and hovers; its operation goes on without it."""
+    (given,) = await service.orders.give("hold", [uav_id])
+    return given
+
+
+@router.post("/fleet/vehicles/{uav_id}:return", dependencies=[requires(Role.PILOT)])
+async def return_vehicle(uav_id: str, service: ServiceDep, body: ForceRequest | None = None) -> OrderResult:
+    """One vehicle returns home; its operation goes on without it."""
+    (given,) = await service.orders.give("return", [uav_id], force=bool(body and body.force))
+    return given
+
+
+@router.post("/fleet/vehicles/{uav_id}:land", dependencies=[requires(Role.PILOT)])
+async def land_vehicle(uav_id: str, service: ServiceDep, body: ForceRequest | None = None) -> OrderResult:
+    """One vehicle lands where it is; its operation goes on without it."""
+    (given,) = await service.orders.give("land", [uav_id], force=bool(body and body.force))
+    return given
 
 
 @router.delete("/fleet/vehicles/{uav_id}", status_code=204, dependencies=[requires(Role.PILOT)])

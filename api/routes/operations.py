@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Depends, Header, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 
+from api.commander import Action
 from api.creation import Creation
 from api.errors import InvalidError, NotFoundError
 from api.guidance import Way
@@ -67,7 +68,7 @@ class AbortRequest(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    action: Literal["hold", "land", "return"] = "hold"
+    action: Action = "hold"
 
 
 class ReadmitRequest(BaseModel):
@@ -215,10 +216,13 @@ async def abort_operation(
     body: AbortRequest | None = None,
     if_match: IfMatch = None,
 ) -> OperationView:
-    """End the operation: every vehicle that still answers holds, lands where it is, or returns home."""
+    """End the operation: every vehicle that still answers holds, lands where it is, or returns home.
+
+    It goes before whatever is being done, and may be said again: the same action is repeated only if it failed, another
+    one (land after hold) is carried out for vehicles that still fly and have no other operation, also after the end.
+    """
     action = body.action if body else "hold"
-    operation = await service.operations.abort(operation_id, action, _version(if_match))
-    return _tagged(response, operation.view())
+    return _tagged(response, await service.operations.abort(operation_id, action, _version(if_match)))
 
 
 @router.post("/operations/{operation_id}:readmit", dependencies=pilot_only)

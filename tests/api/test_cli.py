@@ -9,7 +9,9 @@ from typing import Any
 import pytest
 
 from api import cli, kernels
+from api.client import Client
 from api.later import load
+from api.orders import OrderResult
 from planner import EXAMPLES, Plan, plan, violations
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -131,6 +133,9 @@ def test_keys_are_made_listed_and_revoked_and_shown_only_once(
         (["serve", "--port", "0", "--database-url", "temporary", "--time-scale", "0"], "time_scale: "),
         (["status", "--service", "http://127.0.0.1:9"], "nobody answers at http://127.0.0.1:9"),
         (["fly", "--example", "none"], "must be one of"),
+        (["fleet", "fall"], "action: 'fall' must be one of hold, return, land"),
+        (["fleet", "hold", "--force"], "force: nobody is made to hold"),
+        (["fleet", "land", "--service", "http://127.0.0.1:9"], "nobody answers at http://127.0.0.1:9"),
     ],
 )
 def test_a_service_that_cannot_be_run_or_reached_is_one_message(
@@ -143,6 +148,25 @@ def test_a_service_that_cannot_be_run_or_reached_is_one_message(
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     assert run(monkeypatch, *arguments) == 2
     assert said in " ".join(capsys.readouterr().err.split())
+
+
+def test_orders_to_the_fleet_are_told_one_by_one_and_one_that_fails_is_status_1(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked: list[tuple[str, list[str] | None, bool]] = []
+    outcomes = [OrderResult(uav_id="uav-1", outcome="ok"), OrderResult(uav_id="uav-2", outcome="left_alone")]
+
+    def order(_: Client, action: str, uav_ids: list[str] | None = None, *, force: bool = False) -> list[OrderResult]:
+        asked.append((action, uav_ids, force))
+        return outcomes
+
+    monkeypatch.setattr(Client, "order", order)
+    assert run(monkeypatch, "fleet", "hold") == 0
+    assert "left alone" in capsys.readouterr().out
+    outcomes.append(OrderResult(uav_id="uav-3", outcome="failed", reason="no answer"))
+    assert run(monkeypatch, "fleet", "land", "uav-3", "--force", "--json") == 1
+    assert json.loads(capsys.readouterr().out)[2]["reason"] == "no answer"
+    assert asked == [("hold", None, False), ("land", ["uav-3"], True)]
 
 
 def scenario_file(tmp_path: Path, encoding: str = "utf-8", **changes: Any) -> str:

@@ -230,7 +230,9 @@ def test_an_aborted_operation_leaves_vehicles_holding(service: tuple[TestClient,
         answer = client.post(f"{path}:abort", json={"action": "hold"})
         assert answer.json()["state"] == "aborted"
         assert {vehicle.mode for vehicle in fleet.fleet.vehicles.values()} == {sim.Mode.HOLD}
-        assert client.post(f"{path}:abort").status_code == 409
+        held = client.get(path).json()
+        assert client.post(f"{path}:abort").json() == held  # the same again changes nothing
+        assert client.post(f"{path}:pause").status_code == 409
     finally:
         fleet.stop()
 

@@ -8,6 +8,7 @@ from typing import Any, cast
 
 import pytest
 
+from api.commander import Commander, Link
 from api.fleet import Fleet
 from api.guidance import FlightGuidance
 from api.own_link import Heard, OwnLink
@@ -29,7 +30,9 @@ class Sky:
         self.notes: list[tuple[str, dict[str, Any]]] = []
         self.reserved: set[str] = set()
         self.slots_s = 30.0
-        self.link = SimpleNamespace(telemetry=self._telemetry, return_home=self._return_home)
+        orders = dict.fromkeys(("hold", "land", "return_home"), self._return_home)
+        self.link = SimpleNamespace(telemetry=self._telemetry, **orders)
+        self.commander = Commander(lambda: cast("Link", self.link))
         self.airspace = SimpleNamespace(seen=lambda _uav, _at_m: None)
         self.roster = Roster(
             {"a": 1, "b": 2},
@@ -66,6 +69,9 @@ class Sky:
 
     def is_aloft(self, system_id: int) -> bool:
         return system_id in self.aloft
+
+    def is_down(self, system_id: int) -> bool:
+        return not self.told[system_id]["armed"] and system_id not in self.aloft
 
     def warning(self, system_id: int) -> str | None:
         return self.warnings.get(system_id)

@@ -42,7 +42,7 @@ class OneFlight:
     """Two UAVs; the upload to uav-2 fails as often as said, and takes as long as the others need to get elsewhere."""
 
     def __init__(self, old: Plan, live: dict[str, Point], later: dict[str, Point], failures: int) -> None:
-        self.plan, self.guidance, self.slot_s = old, Guidance(), SLOT_S
+        self.plan, self.guidance, self.slot_s, self.traffic = old, Guidance(), SLOT_S, None
         self.sent: list[str] = []
         self._live, self._later, self._failures = live, later, failures
 
@@ -61,14 +61,13 @@ class OneFlight:
     def on_board(self, _uav: str) -> None:
         return None
 
-    async def swap(self, missions: dict[str, Mission]) -> dict[str, str | None]:
-        (uav,) = missions
+    async def swap(self, uav: str, _mission: Mission) -> str | None:
         self.sent.append(uav)
         if uav == "uav-2" and self._failures:
             self._failures -= 1
             self._live = self._later
-            return {uav: "TIMEOUT"}
-        return {uav: None}
+            return "TIMEOUT"
+        return None
 
 
 class Steps:

@@ -95,7 +95,7 @@ def test_before_anything_flies_the_page_says_what_to_do(page: Page, idle: Servic
     page.open(idle.url)
     page.see(".sf-overlay h2", "No operation yet")
     page.see(".sf-fleet .sf-empty", "No vehicle is registered")
-    for label in ("PAUSE", "HOLD ALL", "RTL ALL"):
+    for label in ("PAUSE", "HOLD ALL", "RTL ALL", "LAND ALL"):
         assert not page.button(label).is_enabled()
     page.press("Make a plan")
     page.see('nav a[aria-current="page"]', "Plan")
@@ -249,6 +249,13 @@ def test_an_operation_is_paused_loses_a_uav_recovers_and_is_held(flying: Service
     page.see(".sf-what", "ABORTED")
     modes = {row["uav_id"]: row["mode"] for row in flying.call("GET", "/v1/fleet/vehicles")}
     assert {mode for uav, mode in modes.items() if uav != LOST} == {"hold"}
+    page.press("LAND ALL")  # the operation is over, the fleet is not
+    page.see(".q-dialog h2", "Land the whole fleet?")
+    page.run("document.querySelector('.sf-confirm-land').click()")
+    page.until(
+        lambda: all(row["mode"] == "land" for row in flying.call("GET", "/v1/fleet/vehicles") if row["uav_id"] != LOST),
+        "everybody landing",
+    )
 
 
 def test_a_drill_is_approved_reported_and_replayed(flying: Service, page: Page, folder: Path) -> None:

@@ -17,6 +17,24 @@ from api.dashboard.words import words
             "alarm",
         ),
         (
+            "fleet_order",
+            {
+                "action": "hold",
+                "vehicles": [
+                    {"uav_id": "uav-1", "outcome": "ok"},
+                    {"uav_id": "uav-2", "outcome": "failed", "reason": "no answer"},
+                ],
+            },
+            "ordered to hold: uav-1 (not uav-2: no answer)",
+            "alarm",
+        ),
+        (
+            "uav_lost",
+            {"uav_id": "uav-1", "cause": "ordered", "detail": "told to land by order", "silent_for_s": 0.0},
+            "uav-1 left its operation: told to land by order",
+            "warn",
+        ),
+        (
             "condition",
             {"uav_id": "uav-1", "after": "low_battery", "cause": "18% of charge left"},
             "uav-1 low battery: 18% of charge left",

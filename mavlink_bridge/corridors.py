@@ -1,0 +1,98 @@
+"""Air that UAVs sweep, whenever they do: what is kept apart where clocks have nothing in common. Pure.
+
+Two operations begin when they like, pause and replan; so what keeps them apart is not when a UAV is somewhere but where
+it may be at all: the whole rest of its route, at its height, and at every height the places where it climbs, lands, or
+flies home.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import shapely
+
+from mavlink_bridge.pace import Point
+
+Mapped = Callable[[Point], Point]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Corridor:
+    """The air of one UAV; metres east/north of one origin for all that are compared.
+
+    level_m: a line that is flown at `height_m` above sea level (None: at a height that is not known). upright_m: lines
+    that are flown at any height, single points included. owner: for whom it flies, in words.
+    """
+
+    uav_id: str
+    owner: str
+    required_m: float
+    level_m: Sequence[Point] = ()
+    height_m: float | None = None
+    upright_m: tuple[Sequence[Point], ...] = ()
+
+    def mapped(self, to: Mapped) -> Corridor:
+        """The same air, seen from another origin."""
+        return replace(
+            self,
+            level_m=[to(point) for point in self.level_m],
+            upright_m=tuple([to(point) for point in line] for line in self.upright_m),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Meeting:
+    """Two UAVs could come closer than `required_m`: as close as `apart_m`, in metres east/north."""
+
+    first: Corridor
+    second: Corridor
+    apart_m: float
+    required_m: float
+
+    def __str__(self) -> str:
+        return (
+            f"'{self.first.uav_id}' could come within {self.apart_m:.1f} m of '{self.second.uav_id}' of "
+            f"{self.second.owner}; {self.required_m:g} m are asked for"
+        )
+
+
+def meetings(ours: Iterable[Corridor], others: Iterable[Corridor], slack_m: float = 0.0) -> list[Meeting]:
+    """Return each pair of ours and others that could meet; both keep the larger distance that either asks for.
+
+    slack_m: how much less is let pass as rounding.
+    """
+    shapes = [(one, *_shapes(one)) for one in others]
+    found = []
+    for mine in ours:
+        level, upright = _shapes(mine)
+        for other, other_level, other_upright in shapes:
+            required_m = max(mine.required_m, other.required_m)
+            pairs = [(level, other_upright), (upright, other_level), (upright, other_upright)]
+            if not _one_above_the_other(mine, other, required_m):
+                pairs.append((level, other_level))
+            near = [shapely.distance(a, b) for a, b in pairs if shapely.dwithin(a, b, required_m - slack_m)]
+            near = [float(apart_m) for apart_m in near if apart_m < required_m - slack_m]
+            if near:
+                found.append(Meeting(first=mine, second=other, apart_m=min(near), required_m=required_m))
+    return found
+
+
+def _one_above_the_other(one: Corridor, other: Corridor, required_m: float) -> bool:
+    if one.height_m is None or other.height_m is None:
+        return False
+    return abs(one.height_m - other.height_m) >= required_m
+
+
+def _shapes(corridor: Corridor) -> tuple[Any, Any]:
+    """Its level line, and its upright ones, either of them empty where there is none."""
+    level = _line(corridor.level_m) if corridor.level_m else shapely.GeometryCollection()
+    upright = shapely.GeometryCollection([_line(line) for line in corridor.upright_m if line])
+    for shape in (level, upright):
+        shapely.prepare(shape)
+    return level, upright
+
+
+def _line(points: Sequence[Point]) -> Any:
+    return shapely.Point(points[0]) if len(set(points)) == 1 else shapely.LineString(points)
