@@ -13,6 +13,7 @@ from api import flown_rates
 from api.clock import FleetClock
 from api.flight import Flight
 from api.flown_rates import FlownRates
+from api.own_link import OwnLink
 from api.rates import InForce, Sample, rates_by_sample, rates_by_slot
 from api.track import Track
 from planner import EXAMPLES, Plan, plan, replan
@@ -169,6 +170,9 @@ class Nobody:
     """A fleet whose vehicles are never heard."""
 
     link = None
+
+    def own_link(self) -> OwnLink:
+        return OwnLink(stale_after_s=3.0, lost_after_s=5.0)
 
 
 def test_a_recalled_record_gives_the_same_rates_in_pieces_that_let_others_take_turns(

@@ -168,7 +168,7 @@ async def test_stored_plans_ahead_are_read_once_for_all_uavs_and_in_turns(
         for uav in uavs
     ]
     database, turns = Rows(rows), Turns()
-    ahead = Contingencies({LaneName.FLIGHT: None}, database)  # type: ignore[arg-type]
+    ahead = Contingencies({LaneName.AHEAD: None}, database)  # type: ignore[arg-type]
     await turns.while_it(ahead.make(made, 2, uavs))
     assert database.asked == 1
     assert turns.count >= len(uavs)
@@ -197,7 +197,7 @@ async def nothing(*_args: Any, **_options: Any) -> None:
 
 
 def taking_off(made: Plan, guidance: Guidance) -> Any:
-    link = SimpleNamespace(wait_for=nothing, prepare=nothing)
+    link = SimpleNamespace(wait_for=nothing, prepare=nothing, wait_for_facts=nothing)
     clock = SimpleNamespace(now=lambda: 0.0)
     systems = {"uav-1": 1, "uav-2": 2}
     take_off = TakeOff(made, systems, SimpleNamespace(link=link), clock, guidance)  # type: ignore[arg-type]
