@@ -200,7 +200,7 @@ def taking_off(made: Plan, guidance: Guidance) -> Any:
     link = SimpleNamespace(wait_for=nothing, prepare=nothing, wait_for_facts=nothing)
     clock = SimpleNamespace(now=lambda: 0.0)
     systems = {"uav-1": 1, "uav-2": 2}
-    take_off = TakeOff(made, systems, SimpleNamespace(link=link), clock, guidance)  # type: ignore[arg-type]
+    take_off = TakeOff(made, systems, SimpleNamespace(link=link, enforces_preflight=False), clock, guidance)  # type: ignore[arg-type]
 
     async def upload() -> None:
         with pytest.raises(FlightError, match="far enough"):
