@@ -30,6 +30,7 @@ from mavlink_bridge import (
     VehiclesMissing,
 )
 from mavlink_bridge.conditions import Change, Condition
+from mavlink_bridge.findings import Finding, warning
 from mavlink_bridge.mission_messages import GROUND
 from mavlink_bridge.senders import SenderKind, SenderNotice
 from mavlink_bridge.speeds import SpeedRestored
@@ -70,6 +71,8 @@ class Fleet:
         self._settings, self._clock, self._events = settings, clock, events
         self._database = database
         self._simulated: set[str] = set()
+        self._doubts: dict[int, SenderNotice] = {}
+        """Systems of which it is not certain who speaks for them, and why."""
         self._systems: dict[str, int] = {}
         self._link: FleetLink | None = None
         self._monitor = HeartbeatMonitor(
@@ -150,6 +153,7 @@ class Fleet:
         self._changes.pop(system_id, None)
         self._asked.discard(system_id)
         self._simulated.discard(uav_id)
+        self._doubts.pop(system_id, None)
         await self._database.write(delete(table).where(table.c.uav_id == uav_id))
         self._events.add("vehicle_removed", uav_id=uav_id)
 
@@ -357,6 +361,9 @@ class Fleet:
     def _note_sender(self, notice: SenderNotice) -> None:
         """Report who speaks for a vehicle: a move, a second sender, a second link. Unsigned, it is a warning."""
         uav_id = next((uav for uav, system in self._systems.items() if system == notice.system_id), None)
+        doubtful = notice.kind is SenderKind.CONTESTED or not notice.signed
+        if doubtful:
+            self._doubts[notice.system_id] = notice
         self._events.add(
             notice.kind.value,
             uav_id=uav_id,
@@ -365,8 +372,16 @@ class Fleet:
             before=notice.before,
             now=notice.now,
             signed=notice.signed,
-            level="ok" if notice.signed and notice.kind is not SenderKind.CONTESTED else "warning",
+            level="warning" if doubtful else "ok",
         )
+
+    def doubts_about(self, system_id: int) -> list[Finding]:
+        """Return a preflight warning if it is not certain who speaks for this vehicle."""
+        notice = self._doubts.get(system_id)
+        if notice is None:
+            return []
+        found = f"{notice.kind.value.replace('_', ' ')}: {notice.before}, then {notice.now}"
+        return [warning("sender", found, "one sender, or signed frames", "another aircraft may have its system id")]
 
     def _speed_restored(self, restored: SpeedRestored) -> None:
         names = {system: uav for uav, system in self._systems.items()}

@@ -3,6 +3,7 @@
 import asyncio
 import socket
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -11,6 +12,7 @@ from api.errors import ConflictError
 from api.service import Service
 from api.settings import Settings
 from api.vehicle_view import VehicleView
+from mavlink_bridge.senders import SenderKind, SenderNotice
 from tests.ports import free_port
 
 
@@ -70,3 +72,23 @@ async def test_a_telemetry_log_that_cannot_be_written_is_one_event_and_the_fligh
                 pass
     assert event["operation_id"] == "op-1"
     assert "Not a directory" in str(event["error"])
+
+
+async def test_who_may_be_another_aircraft_is_a_preflight_warning_until_it_is_registered_anew(tmp_path: Path) -> None:
+    settings = Settings(
+        database_url=f"sqlite+aiosqlite:///{tmp_path}/service.db",
+        fleet_url=f"udpin://127.0.0.1:{free_port(socket.SOCK_DGRAM)}",
+        warm_up=False,
+    )
+    app = create_app(settings)
+    async with app.router.lifespan_context(app):
+        fleet = app.state.service.fleet
+        await fleet.register("uav-1", 7)
+        told: dict[str, Any] = {"system_id": 7, "component_id": 1, "before": "10.0.0.1:14550", "now": "10.0.0.66:9"}
+        fleet._note_sender(SenderNotice(kind=SenderKind.MOVED, signed=True, **told))
+        assert fleet.doubts_about(7) == []
+        fleet._note_sender(SenderNotice(kind=SenderKind.CONTESTED, signed=False, **told))
+        (finding,) = fleet.doubts_about(7)
+        assert finding.found == "two senders: 10.0.0.1:14550, then 10.0.0.66:9"
+        await fleet.remove("uav-1")
+        assert fleet.doubts_about(7) == []
