@@ -14,6 +14,7 @@ from api.clock import FleetClock
 from api.commander import Commander
 from api.errors import ConflictError, InvalidError, NotFoundError
 from api.events import EventLog
+from api.fleet_news import FleetNews
 from api.own_link import Heard, OwnLink
 from api.settings import Settings
 from api.store import Database
@@ -23,32 +24,20 @@ from api.vehicle_view import VehicleView, view_of
 from mavlink_bridge import (
     FleetLink,
     HeartbeatMonitor,
-    LinkEvent,
     LinkOptions,
     LinkState,
     Signing,
     VehiclesMissing,
 )
-from mavlink_bridge.conditions import Change, Condition
-from mavlink_bridge.findings import Finding, warning
+from mavlink_bridge.conditions import Change
 from mavlink_bridge.mission_messages import GROUND
-from mavlink_bridge.senders import SenderKind, SenderNotice
-from mavlink_bridge.speeds import SpeedRestored
 
-ASK_EVERY_S = 0.5
-"""Wall seconds between two looks for vehicles that were not asked for their telemetry yet."""
 HEARD_WITHIN_S = 5.0
 """Wall seconds a vehicle may take to be heard before an upload, or the watch of its heartbeats, goes on without it."""
 LATER_S = 1.0
 """Wall seconds after a loss would be declared, from when on a vehicle may be heard from another address."""
 LINKS_FREE_S = 20.0
 """Wall seconds that a restarted service waits for its links."""
-_FORGETS_STREAMS = frozenset({Condition.REBOOTED, Condition.DISARMED})
-"""A restarted ArduCopter streams nothing until it is asked again."""
-_TOLD_AS_LINK = frozenset(
-    {Condition.LIVE, Condition.STALE, Condition.BACK, Condition.LINK_LOST, Condition.AUTOPILOT_SILENT}
-)
-"""Changes between these are told by `link` events."""
 
 
 class Fleet:
@@ -71,9 +60,9 @@ class Fleet:
         self._settings, self._clock, self._events = settings, clock, events
         self._database = database
         self._simulated: set[str] = set()
-        self._doubts: dict[int, SenderNotice] = {}
-        """Systems of which it is not certain who speaks for them, and why."""
         self._systems: dict[str, int] = {}
+        self.news = FleetNews(self._systems, events)
+        """What is heard of them."""
         self._link: FleetLink | None = None
         self._monitor = HeartbeatMonitor(
             stale_after_s=settings.heartbeat_stale_s,
@@ -82,10 +71,6 @@ class Fleet:
         )
         self.commander = Commander(lambda: self.link)
         """Through whom vehicles are commanded."""
-        self._followers: set[asyncio.Queue[LinkEvent]] = set()
-        self._changes: dict[int, Change] = {}
-        self._asked: set[int] = set()
-        """Who was asked for its telemetry."""
         self._watchers: list[asyncio.Task[None]] = []
         self._opening = asyncio.Lock()
         self._finding: asyncio.Task[None] | None = None
@@ -150,10 +135,8 @@ class Fleet:
             raise NotFoundError(f"vehicle {uav_id!r} does not exist")
         system_id = self._systems.pop(uav_id)
         self.link.classifier.unwatch(system_id)
-        self._changes.pop(system_id, None)
-        self._asked.discard(system_id)
+        self.news.forget(system_id)
         self._simulated.discard(uav_id)
-        self._doubts.pop(system_id, None)
         await self._database.write(delete(table).where(table.c.uav_id == uav_id))
         self._events.add("vehicle_removed", uav_id=uav_id)
 
@@ -207,7 +190,7 @@ class Fleet:
     def view(self, uav_id: str) -> VehicleView:
         """One vehicle as it was last heard."""
         system_id = self.system_of(uav_id)
-        change = self._changes.get(system_id)
+        change = self.news.changes.get(system_id)
         return view_of(
             self.link,
             uav_id,
@@ -237,7 +220,7 @@ class Fleet:
 
     def condition(self, system_id: int) -> Change | None:
         """What its autopilot was last seen to be in, and how that was seen; None while it has always been live."""
-        return self._changes.get(system_id)
+        return self.news.changes.get(system_id)
 
     def heard(self) -> dict[int, Heard]:
         """How each registered vehicle is heard, those of which nothing is expected yet left out."""
@@ -300,16 +283,6 @@ class Fleet:
         """Add an event about a vehicle to the log."""
         self._events.add(kind, **data)
 
-    def follow(self) -> asyncio.Queue[LinkEvent]:
-        """A queue that gets every link event from now on; give it back to `unfollow`."""
-        queue: asyncio.Queue[LinkEvent] = asyncio.Queue()
-        self._followers.add(queue)
-        return queue
-
-    def unfollow(self, queue: asyncio.Queue[LinkEvent]) -> None:
-        """Stop filling the queue."""
-        self._followers.discard(queue)
-
     async def close(self) -> None:
         """Close the link; the vehicles keep what they have on board."""
         for task in (self._finding, *self._watchers):
@@ -337,13 +310,8 @@ class Fleet:
                     for url in self.links:
                         await link.connect(url, patience_s=patience_s)
                     opening.pop_all()  # it stays open: `close` ends it
-                link.speeds.tell = self._speed_restored
                 self._link = link
-                self._watchers = [
-                    self._background.start("fleet-links", lambda: self._watch(link)),
-                    self._background.start("fleet-conditions", lambda: self._watch_conditions(link)),
-                    self._background.start("fleet-streams", lambda: self._ask(link)),
-                ]
+                self._watchers = self.news.start(link, self._background)
 
     def _options(self) -> LinkOptions:
         """Signing and the forward port, as the settings have them, and the dead man's switch."""
@@ -354,83 +322,6 @@ class Fleet:
             forward=settings.forward_url,
             forward_commands=settings.forward_commands,
             healthy=self._healthy,
-            on_sender=self._note_sender,
+            on_sender=self.news.note_sender,
             moves_after_s=settings.heartbeat_lost_s / self._clock.scale + LATER_S,
         )
-
-    def _note_sender(self, notice: SenderNotice) -> None:
-        """Report who speaks for a vehicle: a move, a second sender, a second link. Unsigned, it is a warning."""
-        uav_id = next((uav for uav, system in self._systems.items() if system == notice.system_id), None)
-        doubtful = notice.kind is SenderKind.CONTESTED or not notice.signed
-        if doubtful:
-            self._doubts[notice.system_id] = notice
-        self._events.add(
-            notice.kind.value,
-            uav_id=uav_id,
-            system_id=notice.system_id,
-            component_id=notice.component_id,
-            before=notice.before,
-            now=notice.now,
-            signed=notice.signed,
-            level="warning" if doubtful else "ok",
-        )
-
-    def doubts_about(self, system_id: int) -> list[Finding]:
-        """Return a preflight warning if it is not certain who speaks for this vehicle."""
-        notice = self._doubts.get(system_id)
-        if notice is None:
-            return []
-        found = f"{notice.kind.value.replace('_', ' ')}: {notice.before}, then {notice.now}"
-        return [warning("sender", found, "one sender, or signed frames", "another aircraft may have its system id")]
-
-    def _speed_restored(self, restored: SpeedRestored) -> None:
-        names = {system: uav for uav, system in self._systems.items()}
-        if restored.system_id in names:
-            self._events.add(
-                "speed_restored",
-                uav_id=names[restored.system_id],
-                level="ok" if restored.error is None else "warning",
-                mode=restored.mode.value,
-                speed_mps=restored.speed_mps,
-                error=restored.error,
-            )
-
-    async def _watch(self, link: FleetLink) -> None:
-        async for event in link.events():
-            names = {system: uav for uav, system in self._systems.items()}
-            if event.system_id not in names:
-                continue
-            self._events.add(
-                "link",
-                uav_id=names[event.system_id],
-                before=event.before.value,
-                after=event.after.value,
-                silent_for_s=round(event.silent_for_s, 3),
-            )
-            for queue in self._followers:
-                queue.put_nowait(event)
-
-    async def _ask(self, link: FleetLink) -> None:
-        """Ask whoever is heard for its telemetry, so that it shows before a flight: ArduCopter sends none unasked."""
-        while True:
-            new = link.heard_systems.intersection(self._systems.values()) - self._asked
-            self._asked |= new
-            await link.ask_for_streams(new)
-            await asyncio.sleep(ASK_EVERY_S)
-
-    async def _watch_conditions(self, link: FleetLink) -> None:
-        async for change in link.changes():
-            names = {system: uav for uav, system in self._systems.items()}
-            if change.system_id not in names:
-                continue
-            self._changes[change.system_id] = change
-            if change.after in _FORGETS_STREAMS:
-                self._asked.discard(change.system_id)
-            if not {change.before, change.after} <= _TOLD_AS_LINK:
-                self._events.add(
-                    "condition",
-                    uav_id=names[change.system_id],
-                    before=change.before.value,
-                    after=change.after.value,
-                    cause=change.cause,
-                )

@@ -251,7 +251,7 @@ class FlightGuidance:
                 force_stream=self.way.force_stream,
                 start_within_m=self._fleet.start_within_m,
             )
-            found[uav] = [*audit(facts, needs), *self._fleet.doubts_about(self._systems[uav])]
+            found[uav] = [*audit(facts, needs), *self._fleet.news.doubts_about(self._systems[uav])]
         return found
 
     def follow(self, uav: str, mission: Mission) -> None:

@@ -72,11 +72,11 @@ class Roster:
     @contextmanager
     def following(self) -> Iterator[asyncio.Queue[LinkEvent]]:
         """A queue that gets every link event meanwhile."""
-        queue = self._fleet.follow()
+        queue = self._fleet.news.follow()
         try:
             yield queue
         finally:
-            self._fleet.unfollow(queue)
+            self._fleet.news.unfollow(queue)
 
     def newly_lost(self, queue: asyncio.Queue[LinkEvent]) -> dict[str, Loss]:
         """UAVs that are lost since the last call, and why: fallen silent in flight, or seen in no state to serve."""

@@ -85,10 +85,10 @@ async def test_who_may_be_another_aircraft_is_a_preflight_warning_until_it_is_re
         fleet = app.state.service.fleet
         await fleet.register("uav-1", 7)
         told: dict[str, Any] = {"system_id": 7, "component_id": 1, "before": "10.0.0.1:14550", "now": "10.0.0.66:9"}
-        fleet._note_sender(SenderNotice(kind=SenderKind.MOVED, signed=True, **told))
-        assert fleet.doubts_about(7) == []
-        fleet._note_sender(SenderNotice(kind=SenderKind.CONTESTED, signed=False, **told))
-        (finding,) = fleet.doubts_about(7)
+        fleet.news.note_sender(SenderNotice(kind=SenderKind.MOVED, signed=True, **told))
+        assert fleet.news.doubts_about(7) == []
+        fleet.news.note_sender(SenderNotice(kind=SenderKind.CONTESTED, signed=False, **told))
+        (finding,) = fleet.news.doubts_about(7)
         assert finding.found == "two senders: 10.0.0.1:14550, then 10.0.0.66:9"
         await fleet.remove("uav-1")
-        assert fleet.doubts_about(7) == []
+        assert fleet.news.doubts_about(7) == []
