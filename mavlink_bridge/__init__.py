@@ -6,14 +6,15 @@
     vehicle --endpoints, hub (routing, signing, watchers, tlog)--> MAVSDK --vehicle, telemetry--> classifier --> Change
     readiness: wait for facts, arm    departure: launch, go to, start together    flight: swap in flight, hold, land
     guidance: keeper over missions, or stream of setpoints       guard: a process that ends the stream if we die
-    before take-off: models, parameters, preflight, fence        after a loss: ghosts, transitions
+    before take-off: models, parameters, preflight (findings, parameter_rules), fence
+    after a loss: ghosts, transitions, corridors    what a vehicle is: senders (who speaks for it), evidence, disarming
 
 Pure and testable without a socket: everything that plans, compares, judges or speaks a protocol (`mission_protocol`,
 `command_protocol`, `verified`, `parameters`, `keeper`, `stream`, `classifier`, `routing`, ...): messages and time go
 in, messages come out.
 Sockets, threads and waiting are in endpoints, hub, listening, link, vehicle, transfer, readiness, departure, flight,
 guidance and guard.
-A new autopilot is a new writer, a row in `autopilots` and `models`, its rows in `readback`, and rules in `preflight`.
+A new autopilot is a new writer, a row in `autopilots` and `models`, its rows in `readback`, and rules in `parameter_rules`.
 The package knows the planner's plan type and nothing of the service or the simulator. pymavlink is only used for what
 MAVSDK has not: framing and signing.
 """
