@@ -14,7 +14,8 @@ Pure and testable without a socket: everything that plans, compares, judges or s
 in, messages come out.
 Sockets, threads and waiting are in endpoints, hub, listening, link, vehicle, transfer, readiness, departure, flight,
 guidance and guard.
-A new autopilot is a new writer, a row in `autopilots` and `models`, its rows in `readback`, and rules in `parameter_rules`.
+A new autopilot is a new writer, a row in `autopilots` and `models`, its rows in `readback`, and its rules in
+`parameter_rules`.
 The package knows the planner's plan type and nothing of the service or the simulator. pymavlink is only used for what
 MAVSDK has not: framing and signing.
 """
