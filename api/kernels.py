@@ -34,6 +34,8 @@ VARIABLE = "NUMBA_CACHE_DIR"
 TOLD = "_SKYFOLIO_KERNELS_TOLD"
 """Set for this process and its children once somebody has read on standard error where kernels are kept."""
 SAY_EVERY_S = 5.0
+_OURS = "skyfolio-"
+"""How our folders among the temporary ones begin; code that was put among them has its kernels beside it."""
 _PLANNER = Path(__file__).resolve().parents[1] / "planner"
 _STEMS = ("fast/*.py", "cells.py", "repair.py")
 
@@ -62,7 +64,9 @@ def place() -> Path:
 
 def explain(say: Callable[[str], None]) -> None:
     """Say once, for this process and its children, when kernels are only kept in a temporary folder."""
-    if os.environ.get(TOLD) or not place().is_relative_to(tempfile.gettempdir()):
+    temporary = Path(tempfile.gettempdir())
+    in_ours = place().is_relative_to(temporary) and place().relative_to(temporary).parts[0].startswith(_OURS)
+    if os.environ.get(TOLD) or not in_ours:
         return
     os.environ[TOLD] = "1"
     say(f"compiled kernels are kept in {place()}: neither the code nor a home can be written (set {VARIABLE})")
@@ -181,7 +185,7 @@ def _writable(folder: Path) -> bool:
 
 def _temporary(name: str) -> Path:
     """A temporary folder that nobody else can write: what is in it is run. Kept when it is ours, else ended with us."""
-    shared = Path(tempfile.gettempdir()) / f"skyfolio-{os.getuid()}"
+    shared = Path(tempfile.gettempdir()) / f"{_OURS}{os.getuid()}"
     try:
         shared.mkdir(mode=0o700, exist_ok=True)
         found = shared.lstat()
@@ -191,7 +195,7 @@ def _temporary(name: str) -> Path:
         kept = shared / name
         if _writable(kept):
             return kept
-    own = Path(tempfile.mkdtemp(prefix="skyfolio-kernels-"))
+    own = Path(tempfile.mkdtemp(prefix=f"{_OURS}kernels-"))
     atexit.register(_remove, own, os.getpid())
     return own
 

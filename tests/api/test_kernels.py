@@ -54,6 +54,14 @@ def test_they_lie_beside_the_sources_where_those_can_be_written(machine: Callabl
     assert said() == []
 
 
+def test_code_that_lies_among_temporary_files_is_nothing_to_speak_of(
+    machine: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert machine("code").parts[:2] == ("code", "__pycache__")
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    assert said() == []
+
+
 def test_another_user_keeps_them_in_the_own_home(machine: Callable[..., Path]) -> None:
     assert machine("home", "tmp").parts[:3] == ("home", ".cache", "skyfolio")
 
