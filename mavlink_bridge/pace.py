@@ -37,6 +37,7 @@ class VehicleModel:
     speed and end in a hold. acceptance_radius_m: a waypoint counts as reached this far away (param2 of NAV_WAYPOINT);
     less where the legs beside it are short. jerk_mps3: how fast the acceleration itself builds up (WPNAV_JERK), and
     jerk_from_rest_mps3 the same where all of it counts, on the first leg (MPC_JERK_AUTO: PX4 hardly brakes at corners).
+    departure_mps2: the acceleration with which it really leaves a place of rest, for predictions of a first leg.
     cruise_mps: its own speed when nobody orders one (MPC_XY_CRUISE, WPNAV_SPEED). rests_in_plan: its autopilot plans
     each leg from rest to rest and blends the ends (ArduCopter's S-curves), so that a short leg is flown no faster than
     it could be braked from, whatever speed is asked for. settle_s: what a hold costs beside its own seconds, because
@@ -51,6 +52,7 @@ class VehicleModel:
     acceptance_radius_m: float = 1.0
     jerk_mps3: float = inf
     jerk_from_rest_mps3: float = inf
+    departure_mps2: float = inf
     cruise_mps: float = 5.0
     rests_in_plan: bool = False
     settle_s: float = 0.0
@@ -63,12 +65,16 @@ class VehicleModel:
             if name in ("settle_s", "hold_step_s"):
                 if not (isfinite(value) and value >= 0):
                     raise ValueError(f"{name}: {value} must be a finite number of seconds, at least 0")
-            elif not (value > 0 and (isfinite(value) or name.startswith("jerk"))):
+            elif not (value > 0 and (isfinite(value) or name.startswith(("jerk", "departure")))):
                 raise ValueError(f"{name}: {value} must be a finite number above 0")
 
     def from_rest(self) -> VehicleModel:
         """The model for a leg that begins at rest."""
         return replace(self, jerk_mps3=min(self.jerk_mps3, self.jerk_from_rest_mps3))
+
+    def departing(self) -> VehicleModel:
+        """The model of what it really does in its first seconds from rest, whatever speed was ordered."""
+        return replace(self.from_rest(), acceleration_mps2=min(self.acceleration_mps2, self.departure_mps2))
 
 
 def cruise_speed(

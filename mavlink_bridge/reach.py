@@ -40,7 +40,7 @@ def first_leg_miss(path_m: Sequence[Point], slot_s: float, model: VehicleModel) 
     speed_mps = min(leg.speed_mps, fastest_on_leg(leg.distance_m, model))
     leg_m = hypot(*(b - a for a, b in zip(path_m[leaves], path_m[leaves + 1], strict=True)))
     ahead_s = head_start_s(path_m, leaves, slot_s, model)
-    flown_m = way_from_rest_m(speed_mps, slot_s + ahead_s - UNDER_WAY_S, model.from_rest())
+    flown_m = way_from_rest_m(speed_mps, slot_s + ahead_s - UNDER_WAY_S, model.departing())
     return Miss(slot=leaves + 1, miss_m=max(leg_m - flown_m, 0.0), leg_m=leg_m)
 
 
@@ -56,7 +56,7 @@ def head_start_s(path_m: Sequence[Point], slot: int, slot_s: float, model: Vehic
     if leg_m < SAME_PLACE_M:
         return 0.0
     speed_mps = min(model.max_speed_mps, fastest_on_leg(leg_m, model))
-    model = model.from_rest()
+    model = model.departing()
     missing_m = leg_m - way_from_rest_m(speed_mps, slot_s - UNDER_WAY_S, model)
     if missing_m <= 0:
         return 0.0

@@ -77,19 +77,20 @@ async def mavproxy(autopilot: str, port: int, folder: Path) -> AsyncIterator[tup
         await process.wait()
 
 
-async def transfer(console: Console, fleet: Fleet, folder: Path) -> None:
+async def transfer(console: Console, fleet: Fleet, folder: Path, *, frame: int) -> None:
+    """Loads a mission and reads it back; `frame` is the MAV_FRAME the autopilot tells it in."""
     await console.say("param fetch")
     await console.expect(f"parameters to {folder}")
     await console.say("wp load mission.txt")
     await console.expect("Got MISSION_ACK: TYPE_MISSION: ACCEPTED")
     await console.say("wp list")
-    await console.expect("16 3 47.3980000000 8.5460000000 20.0")
+    await console.expect(f"16 {frame} 47.3980000000 8.5460000000 20.0")
     assert len(fleet.vehicles[1].mission) == 4
 
 
 async def test_mavproxy_flies_an_arducopter(free_port: int, tmp_path: Path) -> None:
     async with mavproxy("ardupilot", free_port, tmp_path) as (fleet, console):
-        await transfer(console, fleet, tmp_path)
+        await transfer(console, fleet, tmp_path, frame=3)
         await console.say("param set AUTO_OPTIONS 3")
         await asyncio.sleep(0.5)
         await console.say("mode auto")
@@ -105,7 +106,7 @@ async def test_mavproxy_flies_an_arducopter(free_port: int, tmp_path: Path) -> N
 
 async def test_mavproxy_flies_a_px4_by_commands_as_it_cannot_name_its_modes(free_port: int, tmp_path: Path) -> None:
     async with mavproxy("px4", free_port, tmp_path) as (fleet, console):
-        await transfer(console, fleet, tmp_path)
+        await transfer(console, fleet, tmp_path, frame=6)
         await console.say("arm throttle")
         await console.expect("ARMED")
         await console.say("long MAV_CMD_MISSION_START 0 0 0 0 0 0 0")

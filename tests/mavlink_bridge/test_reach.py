@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from mavlink_bridge import VehicleModel
 from mavlink_bridge.models import ARDUCOPTER, PX4
 from mavlink_bridge.pace import fastest_on_leg, mean_acceleration, way_from_rest_m
-from mavlink_bridge.reach import first_leg_miss, head_start_s
+from mavlink_bridge.reach import UNDER_WAY_S, first_leg_miss, head_start_s
 
 
 def integrated_m(speed_mps: float, time_s: float, model: VehicleModel) -> float:
@@ -69,6 +69,23 @@ def test_who_hardly_moves_at_first_sets_out_before_its_slot_and_no_sooner_than_a
     missed = first_leg_miss(path, 5.0, ARDUCOPTER)
     assert missed is not None
     assert missed.miss_m < 5.0  # without, measured on ArduCopter 4.6: 11.6 m
-    assert head_start_s(path, 0, 5.0, PX4) == 0.0
     assert head_start_s([(0.0, 0.0), (5.0, 0.0)], 0, 5.0, ARDUCOPTER) == 0.0
     assert head_start_s(path, 2, 5.0, ARDUCOPTER) == 0.0  # nowhere to go
+
+
+@pytest.mark.parametrize(
+    ("time_s", "flown_m"),
+    [(0.89, 0.3), (1.49, 1.2), (2.10, 2.8), (2.70, 5.1), (3.31, 7.9), (3.91, 11.2), (4.52, 14.8)],
+)
+def test_px4_leaves_rest_as_real_ones_did(time_s: float, flown_m: float) -> None:
+    """Metres flown after mode MISSION began, mean of two quads in software-in-the-loop (PX4 1.18)."""
+    assert way_from_rest_m(8.4, time_s - UNDER_WAY_S, PX4.departing()) == pytest.approx(flown_m, abs=1.0)
+
+
+def test_a_px4_sets_out_before_its_slot_too_and_a_leg_it_cannot_fly_in_time_is_known() -> None:
+    path = [(0.0, 0.0), (25.0, 0.0), (25.0, 25.0)]
+    assert head_start_s(path, 0, 5.0, PX4) == pytest.approx(0.58, abs=0.02)
+    assert head_start_s([(0.0, 0.0), (10.0, 0.0)], 0, 5.0, PX4) == 0.0
+    missed = first_leg_miss([(0.0, 0.0), (40.0, 0.0), (40.0, 40.0)], 5.0, PX4)
+    assert missed is not None
+    assert missed.miss_m > 8.0
