@@ -157,7 +157,7 @@ def test_a_speed_that_was_not_taken_is_ordered_again(plan_of: PlanOf) -> None:
 
 def test_a_hold_before_a_leg_that_begins_slowly_is_left_early(plan_of: PlanOf) -> None:
     path = [(0.0, 0.0)] * 4 + [(0.0, 25.0), (25.0, 25.0)]
-    for model, autopilot, ahead_s in ((ARDUCOPTER, Autopilot.ARDUPILOT, 1.8), (PX4, Autopilot.PX4, 0.0)):
+    for model, autopilot, ahead_s in ((ARDUCOPTER, Autopilot.ARDUPILOT, 1.82), (PX4, Autopilot.PX4, 0.58)):
         mission = compile_mission(
             plan_of({"uav-1": path}), "uav-1", on_end=OnEnd.HOLD, autopilot=autopilot, model=model
         )

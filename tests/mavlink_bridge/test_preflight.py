@@ -139,7 +139,11 @@ def test_a_first_leg_that_ends_more_than_eight_metres_behind_is_reported_with_th
     assert late.found.startswith("12.1 m behind when slot 1 begins")
     nimble = audit(facts(Autopilot.ARDUPILOT), long_legs)
     assert "speed not reachable" not in {one.name for one in nimble}
-    assert audit(facts(Autopilot.PX4), long_legs) == []
+    (late,) = audit(facts(Autopilot.PX4, model=PX4), long_legs)
+    assert (late.name, late.level) == ("speed not reachable", Level.WARNING)
+    assert late.found.startswith("11.7 m behind when slot 1 begins")
+    shorter_legs = replace(NEEDS, path_m=[(0.0, 0.0), (30.0, 0.0), (30.0, 30.0)])
+    assert audit(facts(Autopilot.PX4, model=PX4), shorter_legs) == []
 
 
 def test_only_multirotors_fly_and_a_blocker_about_that_is_never_only_reported() -> None:
