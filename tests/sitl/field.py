@@ -50,6 +50,8 @@ MARKS = [
 SLOTS, SLOT_S, SPEED_MPS, ALTITUDE_M, AWAY_M = 12, 5.0, 4.0, 15.0, 35.0
 HEARD_WITHIN_S, READY_WITHIN_S, MORE_WITHIN_S = 60.0, 300.0, 2.0
 OTHER_STATION = 250
+INJECT_FAILURE, FAILURE_OK, FAILURE_OFF = 420, 0.0, 1.0
+"""MAV_CMD_INJECT_FAILURE and two FAILURE_TYPEs."""
 INT_TYPES = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}
 """MAV_PARAM_TYPE as PX4 packs them into the float of PARAM_SET."""
 
@@ -231,6 +233,7 @@ class Field:
     scenario: Scenario = field(init=False)
     process: subprocess.Popen[bytes] | None = None
     changed: list[tuple[Standing, str, float, int]] = field(default_factory=list)
+    failed: list[tuple[Standing, float]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.scenario = scenario_of(self.vehicles)
@@ -313,9 +316,18 @@ class Field:
         self.changed.append((vehicle, name, float(told.param_value), int(told.param_type)))
         return True
 
+    def fail(self, vehicle: Standing, unit: float) -> bool:
+        """Let a part of a PX4 fail until the test ends (MAV_CMD_INJECT_FAILURE); whether it accepts that."""
+        if not self.set(vehicle, "SYS_FAILURE_EN", 1):
+            return False
+        self.failed.append((vehicle, unit))
+        return self.station.command(vehicle.system_id, INJECT_FAILURE, unit, FAILURE_OFF, 0) == 0
+
     def clear_up(self) -> None:
-        """Parameters as they were, everybody on the ground, no service."""
+        """Parts and parameters as they were, everybody on the ground, no service."""
         try:
+            for vehicle, unit in self.failed:
+                self.station.command(vehicle.system_id, INJECT_FAILURE, unit, FAILURE_OK, 0)
             for vehicle, name, raw, kind in reversed(self.changed):
                 self.station.set_raw(vehicle, name, raw, kind)
             for row in self.client.operations():

@@ -23,8 +23,6 @@ pytestmark = MARKS
 DECLARED_WITHIN_S = 5.5
 ANSWERED_WITHIN_S = 30.0
 TOLD_WITHIN_S = 60.0
-OFF = 1.0
-"""FAILURE_TYPE_OFF of MAV_CMD_INJECT_FAILURE (420)."""
 GPS, BATTERY, MOTOR = 4.0, 100.0, 101.0
 """FAILURE_UNIT."""
 
@@ -119,7 +117,7 @@ def injected(unit: float) -> Strike:
     """PX4 lets a part fail by MAV_CMD_INJECT_FAILURE, when SYS_FAILURE_EN allows it."""
 
     def strike(flown: Field, one: Standing) -> bool:
-        return flown.set(one, "SYS_FAILURE_EN", 1) and flown.station.command(one.system_id, 420, unit, OFF, 0) == 0
+        return flown.fail(one, unit)
 
     return strike
 
