@@ -96,6 +96,8 @@ class Keeper:
         self._since_s = since_s
         self._holding: tuple[int, float] | None = None
         """The item at which it holds, and since when as far as that was seen."""
+        self._anew: int | None = None
+        """The hold that was last begun anew."""
         self._next_slot = int(max(since_s, 0.0) // slot_s) + 1
 
     @property
@@ -108,7 +110,7 @@ class Keeper:
         if now_s - self._ordered_s < EVERY_S:
             return None
         if now_s >= self._route.due_s(self._route.last):
-            order = self._give_back(now_s)
+            order = self._give_back(now_s) or self._end(now_s, current_item)
         else:
             number = next((n for n, (seq, _) in enumerate(self._stops) if seq >= current_item), None)
             if number is None:
@@ -205,7 +207,17 @@ class Keeper:
         if left_s > ANEW_S or early_s < WORTH_WAITING_S:
             return None
         self._holding = (seq, now_s)
+        self._anew = seq
         return Order(late_s=-early_s, item=seq)
+
+    def _end(self, now_s: float, current_item: int) -> Order | None:
+        """Go on after the last slot from a hold that was begun anew, and so lasts longer than the plan."""
+        seq, _ = self._stops[-1]
+        over_s = now_s - self._route.due_s(self._route.last) - self._route.slot_s
+        if over_s < 0 or not self._anew == current_item == seq or self._next_item(seq) >= len(self._mission.items):
+            return None
+        self._anew = None
+        return Order(late_s=over_s, item=self._next_item(seq))
 
     def _leaves_s(self, number: int) -> float:
         """When it should leave a stop: with the leg that follows, or at the end of the last slot."""

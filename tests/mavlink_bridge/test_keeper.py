@@ -184,3 +184,16 @@ def test_an_arducopter_that_came_early_while_nobody_kept_it_holds_until_its_time
     assert leaves_s - hold_s - 2.0 <= held[-1] < leaves_s
     on_time = Keeper(PATH, 5.0, mission, ARDUCOPTER)
     assert on_time.advise(10.0, PATH[2], (0.0, 0.0), seq) is None
+
+
+def test_a_last_hold_that_was_begun_anew_ends_with_the_plan(plan_of: PlanOf) -> None:
+    path = [(0.0, 0.0), (0.0, 25.0), *[(0.0, 50.0)] * 6]
+    mission = compile_mission(
+        plan_of({"uav-1": path}), "uav-1", on_end=OnEnd.LAND, autopilot=Autopilot.ARDUPILOT, model=ARDUCOPTER
+    )
+    hold = max(mission.slot_of_item)
+    keeper = Keeper(path, 5.0, mission, ARDUCOPTER, since_s=12.0)
+    orders = {at / 2: keeper.advise(at / 2, (0.0, 50.0), (0.0, 0.0), hold) for at in range(24, 110)}
+    asked = [(at, order.item) for at, order in orders.items() if order is not None and order.item is not None]
+    assert hold in [item for _, item in asked[:-1]]
+    assert asked[-1] == (40.0, hold + 1)  # said once, when the last slot is over
