@@ -214,9 +214,11 @@ class Keeper:
         """Go on after the last slot from a hold that was begun anew, and so lasts longer than the plan."""
         seq, _ = self._stops[-1]
         over_s = now_s - self._route.due_s(self._route.last) - self._route.slot_s
-        if over_s < 0 or not self._anew == current_item == seq or self._next_item(seq) >= len(self._mission.items):
+        if over_s < 0 or seq == self._ordered_item or not self._anew == current_item == seq:
             return None
-        self._anew = None
+        if self._next_item(seq) >= len(self._mission.items):
+            return None
+        self._ordered_item = seq
         return Order(late_s=over_s, item=self._next_item(seq))
 
     def _leaves_s(self, number: int) -> float:

@@ -197,3 +197,8 @@ def test_a_last_hold_that_was_begun_anew_ends_with_the_plan(plan_of: PlanOf) -> 
     asked = [(at, order.item) for at, order in orders.items() if order is not None and order.item is not None]
     assert hold in [item for _, item in asked[:-1]]
     assert asked[-1] == (40.0, hold + 1)  # said once, when the last slot is over
+    told = orders[40.0]
+    assert told is not None
+    keeper.not_taken(told)
+    assert keeper.advise(56.0, (0.0, 50.0), (0.0, 0.0), hold) is not None  # once more
+    assert keeper.advise(57.0, (0.0, 50.0), (0.0, 0.0), hold) is None
