@@ -21,21 +21,3 @@
 `service.py` puts the parts together, `app.py` the routes. A step that reaches a vehicle is in the journal before it is
 sent: whoever adds one keeps to that, and adds it to the kill matrix in the tests.
 """
-
-from typing import TYPE_CHECKING
-
-from api import kernels
-
-if TYPE_CHECKING:
-    __version__: str
-
-kernels.settle()  # before anything imports numba, in whatever process
-
-
-def __getattr__(name: str) -> str:
-    """`__version__`, read when it is asked for. Raises AttributeError for any other name."""
-    if name != "__version__":
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from importlib.metadata import version  # noqa: PLC0415 - 30 ms that `skyfolio --help` does not need
-
-    return version("skyfolio")

@@ -10,31 +10,31 @@ from typing import Any
 
 import structlog
 
-from api.attempts import Door
-from api.audit import AuditLog
-from api.clock import FleetClock
-from api.contingencies import Contingencies
-from api.drills import Drills
-from api.errors import BusyError
-from api.events import Event, EventLog
-from api.fleet import Fleet
-from api.jobs import Job
-from api.journal import Entry, Journal
-from api.metrics import Metrics
-from api.operation_rows import Books
-from api.operations import Operations
-from api.orders import Orders
-from api.plan_book import PlanBook
-from api.plan_store import PlanStore
-from api.resilience import Parts
-from api.retention import Retention
-from api.security import KeyRing
-from api.settings import Settings
-from api.simulated import SimulatedFleet, own_endpoint, scenario_of
-from api.solver import Lane, LaneName, Solver
-from api.store import Database, StoreError
-from api.supervise import Supervisor
-from planner import EXAMPLES
+from skyfolio.api.access.api_keys import KeyRing
+from skyfolio.api.access.audit_log import AuditLog
+from skyfolio.api.access.key_attempts import Door
+from skyfolio.api.common.errors import BusyError
+from skyfolio.api.common.fleet_clock import FleetClock
+from skyfolio.api.common.metrics import Metrics
+from skyfolio.api.common.settings import Settings
+from skyfolio.api.common.supervision import Supervisor
+from skyfolio.api.fleet.registry import Fleet
+from skyfolio.api.fleet.simulated_fleet import SimulatedFleet, own_endpoint, scenario_of
+from skyfolio.api.flights.drills import Drills
+from skyfolio.api.flights.journal import Entry, Journal
+from skyfolio.api.flights.operation_store import Books
+from skyfolio.api.flights.operations import Operations
+from skyfolio.api.flights.orders import Orders
+from skyfolio.api.flights.recovery import Parts
+from skyfolio.api.plans.contingencies import Contingencies
+from skyfolio.api.plans.jobs import Job
+from skyfolio.api.plans.plan_book import PlanBook
+from skyfolio.api.plans.plan_store import PlanStore
+from skyfolio.api.plans.solver import Lane, LaneName, Solver
+from skyfolio.api.store import Database, StoreError
+from skyfolio.api.store.event_log import Event, EventLog
+from skyfolio.api.store.retention import Retention
+from skyfolio.planner import EXAMPLES
 
 log = structlog.get_logger()
 PULSE_S = 5.0

@@ -20,10 +20,10 @@ The package knows the planner's plan type and nothing of the service or the simu
 MAVSDK has not: framing and signing.
 """
 
-from mavlink_bridge.autopilots import Autopilot, FlightMode
-from mavlink_bridge.compare import mission_differences
-from mavlink_bridge.compiler import compile_mission
-from mavlink_bridge.errors import (
+from skyfolio.mavlink_bridge.autopilots import Autopilot, FlightMode
+from skyfolio.mavlink_bridge.compare import mission_differences
+from skyfolio.mavlink_bridge.compiler import compile_mission
+from skyfolio.mavlink_bridge.errors import (
     BridgeError,
     CompileError,
     ConnectionFailed,
@@ -36,20 +36,20 @@ from mavlink_bridge.errors import (
     UnknownUav,
     VehiclesMissing,
 )
-from mavlink_bridge.formats import from_qgc_plan, from_waypoints, to_qgc_plan, to_waypoints
-from mavlink_bridge.geodesy import east_north_to_geodetic, geodetic_to_east_north
-from mavlink_bridge.heartbeat import AUTOPILOT, HeartbeatMonitor, LinkEvent, LinkState
-from mavlink_bridge.hub import LinkOptions
-from mavlink_bridge.items import MAX_ITEMS, Command, Frame, Mission, MissionItem
-from mavlink_bridge.link import FleetLink
-from mavlink_bridge.models import model_from_parameters
-from mavlink_bridge.pace import VehicleModel
-from mavlink_bridge.plan_extras import fence_from_qgc_plan, rally_from_qgc_plan
-from mavlink_bridge.results import CommandResult, SwapResult, UploadResult
-from mavlink_bridge.returns import check_return_paths
-from mavlink_bridge.signing import Signing
-from mavlink_bridge.telemetry import LandedState, Telemetry
-from mavlink_bridge.writer import OnEnd
+from skyfolio.mavlink_bridge.formats import from_qgc_plan, from_waypoints, to_qgc_plan, to_waypoints
+from skyfolio.mavlink_bridge.geodesy import east_north_to_geodetic, geodetic_to_east_north
+from skyfolio.mavlink_bridge.heartbeat import AUTOPILOT, HeartbeatMonitor, LinkEvent, LinkState
+from skyfolio.mavlink_bridge.hub import LinkOptions
+from skyfolio.mavlink_bridge.items import MAX_ITEMS, Command, Frame, Mission, MissionItem
+from skyfolio.mavlink_bridge.link import FleetLink
+from skyfolio.mavlink_bridge.models import model_from_parameters
+from skyfolio.mavlink_bridge.pace import VehicleModel
+from skyfolio.mavlink_bridge.plan_extras import fence_from_qgc_plan, rally_from_qgc_plan
+from skyfolio.mavlink_bridge.results import CommandResult, SwapResult, UploadResult
+from skyfolio.mavlink_bridge.returns import check_return_paths
+from skyfolio.mavlink_bridge.signing import Signing
+from skyfolio.mavlink_bridge.telemetry import LandedState, Telemetry
+from skyfolio.mavlink_bridge.writer import OnEnd
 
 __all__ = [
     "AUTOPILOT",

@@ -7,10 +7,10 @@ altitudes in centimetres. Read back, commands without a place have frame 0.
 
 from __future__ import annotations
 
-from mavlink_bridge.items import Command, Frame
-from mavlink_bridge.pace import Point
-from mavlink_bridge.schedule import Stop
-from mavlink_bridge.writer import MissionWriter
+from skyfolio.mavlink_bridge.items import Command, Frame
+from skyfolio.mavlink_bridge.pace import Point
+from skyfolio.mavlink_bridge.schedule import Stop
+from skyfolio.mavlink_bridge.writer import MissionWriter
 
 
 class ArduPilotWriter(MissionWriter):

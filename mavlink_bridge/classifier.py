@@ -12,11 +12,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from mavlink_bridge.autopilots import FlightMode, speaks_as_autopilot
-from mavlink_bridge.conditions import Change, Condition, Timing
-from mavlink_bridge.disarming import Fate
-from mavlink_bridge.evidence import Evidence
-from mavlink_bridge.heartbeat import AUTOPILOT, HeartbeatMonitor, LinkEvent, LinkState
+from skyfolio.mavlink_bridge.autopilots import FlightMode, speaks_as_autopilot
+from skyfolio.mavlink_bridge.conditions import Change, Condition, Timing
+from skyfolio.mavlink_bridge.disarming import Fate
+from skyfolio.mavlink_bridge.evidence import Evidence
+from skyfolio.mavlink_bridge.heartbeat import AUTOPILOT, HeartbeatMonitor, LinkEvent, LinkState
 
 _LANDING = 4
 """MAV_LANDED_STATE_LANDING."""

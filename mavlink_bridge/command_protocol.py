@@ -9,9 +9,9 @@ from __future__ import annotations
 from math import inf
 from typing import Any
 
-from mavlink_bridge.answers import CommandAnswer
-from mavlink_bridge.mission_messages import GROUND, Message
-from mavlink_bridge.round_trip import RoundTrip
+from skyfolio.mavlink_bridge.answers import CommandAnswer
+from skyfolio.mavlink_bridge.mission_messages import GROUND, Message
+from skyfolio.mavlink_bridge.round_trip import RoundTrip
 
 ANSWER_S = 2.0
 """A vehicle of which nothing is heard is given this long to answer, beside two round trips."""

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from mavlink_bridge.autopilots import Autopilot
-from mavlink_bridge.items import MissionItem
-from mavlink_bridge.mission_messages import MissionType
-from mavlink_bridge.readback import Kept, kept_of
+from skyfolio.mavlink_bridge.autopilots import Autopilot
+from skyfolio.mavlink_bridge.items import MissionItem
+from skyfolio.mavlink_bridge.mission_messages import MissionType
+from skyfolio.mavlink_bridge.readback import Kept, kept_of
 
 _DATUM = {5: 0, 6: 3, 11: 10}
 """MAV_FRAME of integer coordinates: the same datum as its older number; autopilots read either back."""

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from math import isfinite
 
-from mavlink_bridge.ardupilot import ArduPilotWriter
-from mavlink_bridge.autopilots import Autopilot
-from mavlink_bridge.errors import TooManyItems, UnknownUav
-from mavlink_bridge.geodesy import points_to_geodetic
-from mavlink_bridge.items import MAX_ITEMS, Mission
-from mavlink_bridge.models import DEFAULTS
-from mavlink_bridge.pace import VehicleModel
-from mavlink_bridge.px4 import Px4Writer
-from mavlink_bridge.schedule import Schedule, airborne_schedule, ground_schedule
-from mavlink_bridge.writer import OnEnd
-from planner.plans import Plan
+from skyfolio.mavlink_bridge.ardupilot import ArduPilotWriter
+from skyfolio.mavlink_bridge.autopilots import Autopilot
+from skyfolio.mavlink_bridge.errors import TooManyItems, UnknownUav
+from skyfolio.mavlink_bridge.geodesy import points_to_geodetic
+from skyfolio.mavlink_bridge.items import MAX_ITEMS, Mission
+from skyfolio.mavlink_bridge.models import DEFAULTS
+from skyfolio.mavlink_bridge.pace import VehicleModel
+from skyfolio.mavlink_bridge.px4 import Px4Writer
+from skyfolio.mavlink_bridge.schedule import Schedule, airborne_schedule, ground_schedule
+from skyfolio.mavlink_bridge.writer import OnEnd
+from skyfolio.planner.plans import Plan
 
 _WRITERS = {Autopilot.PX4: Px4Writer, Autopilot.ARDUPILOT: ArduPilotWriter}
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import shapely
 
-from mavlink_bridge.pace import Point
+from skyfolio.mavlink_bridge.pace import Point
 
 Mapped = Callable[[Point], Point]
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 import asyncio
 from math import hypot, nan
 
-from mavlink_bridge import readiness
-from mavlink_bridge.autopilots import HOLD_MODE, Autopilot, FlightMode, mode_numbers
-from mavlink_bridge.flight import (
+from skyfolio.mavlink_bridge import readiness
+from skyfolio.mavlink_bridge.autopilots import HOLD_MODE, Autopilot, FlightMode, mode_numbers
+from skyfolio.mavlink_bridge.flight import (
     CUSTOM_MODE,
     SET_MODE,
     ask_until,
@@ -20,11 +20,11 @@ from mavlink_bridge.flight import (
     seen_of,
     set_mode,
 )
-from mavlink_bridge.geodesy import geodetic_to_east_north, to_e7
-from mavlink_bridge.items import Frame
-from mavlink_bridge.readiness import ARMABLE_WITHIN_S, OnRefused
-from mavlink_bridge.vehicle import NotDone, Vehicle
-from planner.scenario import Origin
+from skyfolio.mavlink_bridge.geodesy import geodetic_to_east_north, to_e7
+from skyfolio.mavlink_bridge.items import Frame
+from skyfolio.mavlink_bridge.readiness import ARMABLE_WITHIN_S, OnRefused
+from skyfolio.mavlink_bridge.vehicle import NotDone, Vehicle
+from skyfolio.planner.scenario import Origin
 
 ALTITUDE_TOLERANCE_M = 1.0
 ARRIVAL_TOLERANCE_M = 1.0

@@ -10,9 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import hypot
 
-from mavlink_bridge.conditions import Lasting
-from mavlink_bridge.geodesy import geodetic_to_east_north
-from planner.scenario import Origin
+from skyfolio.mavlink_bridge.conditions import Lasting
+from skyfolio.mavlink_bridge.geodesy import geodetic_to_east_north
+from skyfolio.planner.scenario import Origin
 
 OFF_M, BACK_M = 5.0, 2.0
 """Altitude is off beyond the first, and right again inside of the second."""

@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
-from mavlink_bridge.conditions import Timing
-from mavlink_bridge.height import Height
+from skyfolio.mavlink_bridge.conditions import Timing
+from skyfolio.mavlink_bridge.height import Height
 
 _BEATS = 2
 """HEARTBEATs in a row that must say so before it is believed of a UAV in the air."""

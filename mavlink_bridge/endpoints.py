@@ -14,11 +14,11 @@ from collections.abc import Callable, Hashable
 from contextlib import suppress
 from typing import Any
 
-from mavlink_bridge.errors import ConnectionFailed
-from mavlink_bridge.framing import Framer
-from mavlink_bridge.heartbeat import AUTOPILOT
-from mavlink_bridge.links import MOST_WAITING_BYTES, READ_BYTES, RETRY_S, Endpoint, OneEnd, OnFrames
-from mavlink_bridge.serial_line import SerialLine
+from skyfolio.mavlink_bridge.errors import ConnectionFailed
+from skyfolio.mavlink_bridge.framing import Framer
+from skyfolio.mavlink_bridge.heartbeat import AUTOPILOT
+from skyfolio.mavlink_bridge.links import MOST_WAITING_BYTES, READ_BYTES, RETRY_S, Endpoint, OneEnd, OnFrames
+from skyfolio.mavlink_bridge.serial_line import SerialLine
 
 Address = tuple[Any, ...]
 MAX_PEERS = 256

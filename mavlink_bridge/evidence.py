@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from mavlink_bridge.autopilots import (
+from skyfolio.mavlink_bridge.autopilots import (
     HOLD_MODE,
     OURS,
     Autopilot,
@@ -14,10 +14,10 @@ from mavlink_bridge.autopilots import (
     items_on_board,
     mode_of,
 )
-from mavlink_bridge.conditions import Lasting, Timing
-from mavlink_bridge.disarming import Disarmed, Fate
-from mavlink_bridge.height import Height
-from mavlink_bridge.status_texts import StatusTexts
+from skyfolio.mavlink_bridge.conditions import Lasting, Timing
+from skyfolio.mavlink_bridge.disarming import Disarmed, Fate
+from skyfolio.mavlink_bridge.height import Height
+from skyfolio.mavlink_bridge.status_texts import StatusTexts
 
 STATE_CRITICAL = 5
 """MAV_STATE_CRITICAL of HEARTBEAT.system_status: a failsafe is on; what it makes of it, its mode tells."""

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from mavlink_bridge.geodesy import east_north_to_geodetic, to_e7
-from mavlink_bridge.items import Command, Frame, MissionItem
-from mavlink_bridge.pace import Point
-from planner.scenario import Scenario
+from skyfolio.mavlink_bridge.geodesy import east_north_to_geodetic, to_e7
+from skyfolio.mavlink_bridge.items import Command, Frame, MissionItem
+from skyfolio.mavlink_bridge.pace import Point
+from skyfolio.planner.scenario import Scenario
 
 MARGIN_M = 20.0
 """The fence stands this far outside of the area: a corner flown wide should not end a mission."""

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
-from mavlink_bridge.autopilots import Autopilot
-from mavlink_bridge.pace import Point, VehicleModel
+from skyfolio.mavlink_bridge.autopilots import Autopilot
+from skyfolio.mavlink_bridge.pace import Point, VehicleModel
 
 START_WITHIN_M = 15.0
 """A UAV that stands further from its first point flies through air in which the plan has others."""

@@ -9,12 +9,12 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Awaitable, Callable
 
-from mavlink_bridge.autopilots import HOLD_MODE, OURS, Autopilot, FlightMode, mode_numbers
-from mavlink_bridge.items import Mission, told_as_current
-from mavlink_bridge.mission_messages import Message
-from mavlink_bridge.results import CommandResult, SwapResult, UploadResult
-from mavlink_bridge.transfer import upload_verified
-from mavlink_bridge.vehicle import NotDone, Vehicle
+from skyfolio.mavlink_bridge.autopilots import HOLD_MODE, OURS, Autopilot, FlightMode, mode_numbers
+from skyfolio.mavlink_bridge.items import Mission, told_as_current
+from skyfolio.mavlink_bridge.mission_messages import Message
+from skyfolio.mavlink_bridge.results import CommandResult, SwapResult, UploadResult
+from skyfolio.mavlink_bridge.transfer import upload_verified
+from skyfolio.mavlink_bridge.vehicle import NotDone, Vehicle
 
 CONFIRM_S = 3.0
 """Wall seconds to report that it does what it acknowledged; HEARTBEAT and MISSION_CURRENT come at 1 Hz."""

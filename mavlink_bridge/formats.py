@@ -12,11 +12,11 @@ from collections.abc import Mapping, Sequence
 from math import isinf, isnan, nan
 from typing import Any
 
-from mavlink_bridge.autopilots import Autopilot
-from mavlink_bridge.errors import FormatError
-from mavlink_bridge.geodesy import from_e7, to_e7
-from mavlink_bridge.items import Command, Frame, Mission, MissionItem
-from mavlink_bridge.plan_extras import fence_to_json, rally_to_json
+from skyfolio.mavlink_bridge.autopilots import Autopilot
+from skyfolio.mavlink_bridge.errors import FormatError
+from skyfolio.mavlink_bridge.geodesy import from_e7, to_e7
+from skyfolio.mavlink_bridge.items import Command, Frame, Mission, MissionItem
+from skyfolio.mavlink_bridge.plan_extras import fence_to_json, rally_to_json
 
 _FIRMWARE = {Autopilot.PX4: 12, Autopilot.ARDUPILOT: 3}
 _VEHICLE_QUADROTOR = 2

@@ -15,7 +15,7 @@ from typing import NamedTuple
 from fastcrc import crc16
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from mavlink_bridge.autopilots import speaks_as_autopilot
+from skyfolio.mavlink_bridge.autopilots import speaks_as_autopilot
 
 V1, V2 = 0xFE, 0xFD
 SIGNED = 0x01

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from pymap3d import enu2geodetic, geodetic2enu
 
-from planner.scenario import Origin
+from skyfolio.planner.scenario import Origin
 
 _PASSES = 6
 """Each pass shrinks the height error by about (distance / Earth radius)^2; six reach nanometres at 100 km."""

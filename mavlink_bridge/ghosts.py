@@ -13,9 +13,9 @@ from itertools import pairwise
 from math import hypot
 from typing import Any
 
-from mavlink_bridge.pace import Point
-from mavlink_bridge.returns import segment_distance_m
-from mavlink_bridge.route import Route
+from skyfolio.mavlink_bridge.pace import Point
+from skyfolio.mavlink_bridge.returns import segment_distance_m
+from skyfolio.mavlink_bridge.route import Route
 
 DEADLINE_S = 30 * 60.0
 """After this long in the air no battery of the class we fly lasts: the air is free again."""

@@ -22,12 +22,12 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from mavlink_bridge.errors import ConnectionFailed, GuardFailed, VehiclesMissing
-from mavlink_bridge.guidance import FallBack, let_go, next_slot
-from mavlink_bridge.heartbeat import HeartbeatMonitor
-from mavlink_bridge.hub import LinkOptions
-from mavlink_bridge.link import FleetLink
-from mavlink_bridge.signing import Signing
+from skyfolio.mavlink_bridge.errors import ConnectionFailed, GuardFailed, VehiclesMissing
+from skyfolio.mavlink_bridge.guidance import FallBack, let_go, next_slot
+from skyfolio.mavlink_bridge.heartbeat import HeartbeatMonitor
+from skyfolio.mavlink_bridge.hub import LinkOptions
+from skyfolio.mavlink_bridge.link import FleetLink
+from skyfolio.mavlink_bridge.signing import Signing
 
 READY = b"guarding\n"
 """What the process says once orders can be given."""
@@ -35,7 +35,7 @@ LINKS_FREE_S = 3.0
 """Wall seconds until the links of a killed process are free; later, somebody else has them."""
 HEARD_S = 5.0
 TRIES = 3
-_LOGGER = logging.getLogger("mavlink_bridge.guard")
+_LOGGER = logging.getLogger("skyfolio.mavlink_bridge.guard")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,16 +13,16 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
-from mavlink_bridge import departure, flight, speeds
-from mavlink_bridge.autopilots import STREAM_MODE, FlightMode
-from mavlink_bridge.deviations import AltitudeWatch, Deviation, HomeWatch
-from mavlink_bridge.geodesy import geodetic_to_east_north
-from mavlink_bridge.items import Mission
-from mavlink_bridge.keeper import Keeper, Order, Slip
-from mavlink_bridge.stream import RATE_HZ, Streamer
-from mavlink_bridge.telemetry import Telemetry
-from mavlink_bridge.vehicle import NotDone, Vehicle
-from planner.scenario import Origin
+from skyfolio.mavlink_bridge import departure, flight, speeds
+from skyfolio.mavlink_bridge.autopilots import STREAM_MODE, FlightMode
+from skyfolio.mavlink_bridge.deviations import AltitudeWatch, Deviation, HomeWatch
+from skyfolio.mavlink_bridge.geodesy import geodetic_to_east_north
+from skyfolio.mavlink_bridge.items import Mission
+from skyfolio.mavlink_bridge.keeper import Keeper, Order, Slip
+from skyfolio.mavlink_bridge.stream import RATE_HZ, Streamer
+from skyfolio.mavlink_bridge.telemetry import Telemetry
+from skyfolio.mavlink_bridge.vehicle import NotDone, Vehicle
+from skyfolio.planner.scenario import Origin
 
 LOOK_S = 0.1
 """Fleet seconds between two looks of the keeper."""

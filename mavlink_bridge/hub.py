@@ -16,14 +16,14 @@ import logging
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
-from mavlink_bridge.endpoints import endpoint_of
-from mavlink_bridge.framing import Frame, Framer
-from mavlink_bridge.links import Endpoint
-from mavlink_bridge.routing import Routes
-from mavlink_bridge.senders import SenderNotice, Senders
-from mavlink_bridge.signing import Signing
-from mavlink_bridge.tlog import TelemetryLog
-from mavlink_bridge.watchers import Watchers
+from skyfolio.mavlink_bridge.endpoints import endpoint_of
+from skyfolio.mavlink_bridge.framing import Frame, Framer
+from skyfolio.mavlink_bridge.links import Endpoint
+from skyfolio.mavlink_bridge.routing import Routes
+from skyfolio.mavlink_bridge.senders import SenderNotice, Senders
+from skyfolio.mavlink_bridge.signing import Signing
+from skyfolio.mavlink_bridge.tlog import TelemetryLog
+from skyfolio.mavlink_bridge.watchers import Watchers
 
 _HEARTBEAT = 0
 _LOGGER = logging.getLogger(__name__)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from types import MappingProxyType
 
-from mavlink_bridge.autopilots import Autopilot
+from skyfolio.mavlink_bridge.autopilots import Autopilot
 
 MAX_ITEMS = 200
 """Items one mission may have: what every common autopilot stores."""

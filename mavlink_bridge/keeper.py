@@ -12,12 +12,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import hypot, inf
 
-from mavlink_bridge.autopilots import Autopilot
-from mavlink_bridge.items import Command, Mission
-from mavlink_bridge.pace import Point, VehicleModel, cruise_speed, lateness
-from mavlink_bridge.reach import head_start_s
-from mavlink_bridge.route import Route
-from mavlink_bridge.schedule import SAME_PLACE_M
+from skyfolio.mavlink_bridge.autopilots import Autopilot
+from skyfolio.mavlink_bridge.items import Command, Mission
+from skyfolio.mavlink_bridge.pace import Point, VehicleModel, cruise_speed, lateness
+from skyfolio.mavlink_bridge.reach import head_start_s
+from skyfolio.mavlink_bridge.route import Route
+from skyfolio.mavlink_bridge.schedule import SAME_PLACE_M
 
 EVERY_S = 0.5
 """Between two orders to one vehicle, fleet seconds: a command takes a while to show."""

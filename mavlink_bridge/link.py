@@ -8,20 +8,27 @@ from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from functools import partial
 from typing import TypeVar
 
-from mavlink_bridge import departure, flight
-from mavlink_bridge.findings import START_WITHIN_M, Facts, Needs
-from mavlink_bridge.geodesy import geodetic_to_east_north
-from mavlink_bridge.heartbeat import LinkState
-from mavlink_bridge.items import MAX_ITEMS, Mission, MissionItem
-from mavlink_bridge.listening import ListeningLink
-from mavlink_bridge.mission_messages import MissionType
-from mavlink_bridge.models import model_from_parameters
-from mavlink_bridge.preflight import parameter_names
-from mavlink_bridge.readiness import wait_for_facts
-from mavlink_bridge.results import CommandResult, ReadResult, Recognised, SwapResult, UploadResult
-from mavlink_bridge.transfer import ATTEMPTS, read_items, read_parameters, recognise, upload_items, upload_verified
-from mavlink_bridge.vehicle import NotDone, Vehicle
-from planner.plans import Plan
+from skyfolio.mavlink_bridge import departure, flight
+from skyfolio.mavlink_bridge.findings import START_WITHIN_M, Facts, Needs
+from skyfolio.mavlink_bridge.geodesy import geodetic_to_east_north
+from skyfolio.mavlink_bridge.heartbeat import LinkState
+from skyfolio.mavlink_bridge.items import MAX_ITEMS, Mission, MissionItem
+from skyfolio.mavlink_bridge.listening import ListeningLink
+from skyfolio.mavlink_bridge.mission_messages import MissionType
+from skyfolio.mavlink_bridge.models import model_from_parameters
+from skyfolio.mavlink_bridge.preflight import parameter_names
+from skyfolio.mavlink_bridge.readiness import wait_for_facts
+from skyfolio.mavlink_bridge.results import CommandResult, ReadResult, Recognised, SwapResult, UploadResult
+from skyfolio.mavlink_bridge.transfer import (
+    ATTEMPTS,
+    read_items,
+    read_parameters,
+    recognise,
+    upload_items,
+    upload_verified,
+)
+from skyfolio.mavlink_bridge.vehicle import NotDone, Vehicle
+from skyfolio.planner.plans import Plan
 
 SET_ITEM_TIMES = 2
 """Nobody starts before everybody has its item, so a link that loses a tenth gets a second chance."""

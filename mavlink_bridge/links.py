@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable
 from typing import Protocol
 
-from mavlink_bridge.framing import Frame
+from skyfolio.mavlink_bridge.framing import Frame
 
 OnFrames = Callable[["Endpoint", list[Frame]], None]
 RETRY_S = 1.0

@@ -16,21 +16,21 @@ from typing import Any, Self, TypeVar
 
 from mavsdk import ComponentType, Configuration, ForwardingOption, Mavsdk
 
-from mavlink_bridge.autopilots import Autopilot, FlightMode
-from mavlink_bridge.classifier import Classifier
-from mavlink_bridge.conditions import Change, Timing
-from mavlink_bridge.errors import ConnectionFailed, LinkClosed, VehiclesMissing
-from mavlink_bridge.framing import Frame, is_foreign_heartbeat
-from mavlink_bridge.heartbeat import AUTOPILOT, HeartbeatMonitor, LinkEvent
-from mavlink_bridge.hub import Hub, LinkOptions
-from mavlink_bridge.mavsdk_log import to_python_logging
-from mavlink_bridge.mission_messages import GROUND
-from mavlink_bridge.models import DEFAULTS
-from mavlink_bridge.pace import VehicleModel
-from mavlink_bridge.speeds import SpeedWatch
-from mavlink_bridge.telemetry import Telemetry
-from mavlink_bridge.tlog import TelemetryLog
-from mavlink_bridge.vehicle import Clock, Vehicle
+from skyfolio.mavlink_bridge.autopilots import Autopilot, FlightMode
+from skyfolio.mavlink_bridge.classifier import Classifier
+from skyfolio.mavlink_bridge.conditions import Change, Timing
+from skyfolio.mavlink_bridge.errors import ConnectionFailed, LinkClosed, VehiclesMissing
+from skyfolio.mavlink_bridge.framing import Frame, is_foreign_heartbeat
+from skyfolio.mavlink_bridge.heartbeat import AUTOPILOT, HeartbeatMonitor, LinkEvent
+from skyfolio.mavlink_bridge.hub import Hub, LinkOptions
+from skyfolio.mavlink_bridge.mavsdk_log import to_python_logging
+from skyfolio.mavlink_bridge.mission_messages import GROUND
+from skyfolio.mavlink_bridge.models import DEFAULTS
+from skyfolio.mavlink_bridge.pace import VehicleModel
+from skyfolio.mavlink_bridge.speeds import SpeedWatch
+from skyfolio.mavlink_bridge.telemetry import Telemetry
+from skyfolio.mavlink_bridge.tlog import TelemetryLog
+from skyfolio.mavlink_bridge.vehicle import Clock, Vehicle
 
 log = logging.getLogger(__name__)
 Outcome = TypeVar("Outcome")

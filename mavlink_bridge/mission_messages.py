@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, NamedTuple
 
-from mavlink_bridge.answers import Ack
+from skyfolio.mavlink_bridge.answers import Ack
 
 GROUND = (245, 190)
 """System and component id of MAVSDK's ground station: who we are on the link."""

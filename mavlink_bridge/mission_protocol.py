@@ -16,9 +16,9 @@ from collections.abc import Callable, Sequence
 from math import inf
 from typing import Any
 
-from mavlink_bridge.answers import Ack
-from mavlink_bridge.items import MissionItem
-from mavlink_bridge.mission_messages import (
+from skyfolio.mavlink_bridge.answers import Ack
+from skyfolio.mavlink_bridge.items import MissionItem
+from skyfolio.mavlink_bridge.mission_messages import (
     AUTOPILOT_COMPONENT,
     GROUND,
     PASSING,
@@ -27,7 +27,7 @@ from mavlink_bridge.mission_messages import (
     Message,
     MissionType,
 )
-from mavlink_bridge.round_trip import RoundTrip
+from skyfolio.mavlink_bridge.round_trip import RoundTrip
 
 MOST_AHEAD = 2
 """Items sent beyond the one that was asked for."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from mavlink_bridge.autopilots import Autopilot
-from mavlink_bridge.pace import VehicleModel
+from skyfolio.mavlink_bridge.autopilots import Autopilot
+from skyfolio.mavlink_bridge.pace import VehicleModel
 
 _DEPARTURE_SHARE = 0.6
 """PX4 waits for a vehicle that lags behind its setpoint: from rest, so much of MPC_ACC_HOR is left (measured, 1.18)."""

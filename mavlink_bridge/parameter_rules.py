@@ -6,9 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import dist
 
-from mavlink_bridge.autopilots import Autopilot
-from mavlink_bridge.findings import Facts, Finding, Level, Needs, warning
-from mavlink_bridge.mission_messages import GROUND
+from skyfolio.mavlink_bridge.autopilots import Autopilot
+from skyfolio.mavlink_bridge.findings import Facts, Finding, Level, Needs, warning
+from skyfolio.mavlink_bridge.mission_messages import GROUND
 
 Check = Callable[[float, Facts, Needs], list[Finding]]
 

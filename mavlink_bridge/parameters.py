@@ -10,9 +10,9 @@ from collections.abc import Iterable
 from math import inf
 from typing import Any
 
-from mavlink_bridge.autopilots import Autopilot
-from mavlink_bridge.mission_messages import AUTOPILOT_COMPONENT, Message
-from mavlink_bridge.round_trip import RoundTrip
+from skyfolio.mavlink_bridge.autopilots import Autopilot
+from skyfolio.mavlink_bridge.mission_messages import AUTOPILOT_COMPONENT, Message
+from skyfolio.mavlink_bridge.round_trip import RoundTrip
 
 _AGAIN_S = 0.3
 _ROUNDS = 3

@@ -10,9 +10,9 @@ from collections.abc import Mapping, Sequence
 from math import isfinite
 from typing import Any
 
-from mavlink_bridge.errors import FormatError
-from mavlink_bridge.geodesy import from_e7, to_e7
-from mavlink_bridge.items import Command, Frame, MissionItem
+from skyfolio.mavlink_bridge.errors import FormatError
+from skyfolio.mavlink_bridge.geodesy import from_e7, to_e7
+from skyfolio.mavlink_bridge.items import Command, Frame, MissionItem
 
 _POLYGON = {
     True: Command.NAV_FENCE_POLYGON_VERTEX_INCLUSION,

@@ -10,13 +10,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 from math import hypot
 
-from mavlink_bridge.autopilots import Autopilot
-from mavlink_bridge.findings import Facts, Finding, Level, Needs, blocker, warning
-from mavlink_bridge.models import MODEL_PARAMETERS
-from mavlink_bridge.pace import Point, mean_acceleration
-from mavlink_bridge.parameter_rules import RULES
-from mavlink_bridge.reach import first_leg_miss
-from mavlink_bridge.telemetry import FIX_3D
+from skyfolio.mavlink_bridge.autopilots import Autopilot
+from skyfolio.mavlink_bridge.findings import Facts, Finding, Level, Needs, blocker, warning
+from skyfolio.mavlink_bridge.models import MODEL_PARAMETERS
+from skyfolio.mavlink_bridge.pace import Point, mean_acceleration
+from skyfolio.mavlink_bridge.parameter_rules import RULES
+from skyfolio.mavlink_bridge.reach import first_leg_miss
+from skyfolio.mavlink_bridge.telemetry import FIX_3D
 
 
 def audit(facts: Facts, needs: Needs) -> list[Finding]:

@@ -7,10 +7,10 @@ Yaw is fixed to north (param4 = 0): the antenna of a base station keeps its orie
 
 from __future__ import annotations
 
-from mavlink_bridge.items import Command
-from mavlink_bridge.pace import Point
-from mavlink_bridge.schedule import Stop
-from mavlink_bridge.writer import MissionWriter
+from skyfolio.mavlink_bridge.items import Command
+from skyfolio.mavlink_bridge.pace import Point
+from skyfolio.mavlink_bridge.schedule import Stop
+from skyfolio.mavlink_bridge.writer import MissionWriter
 
 
 class Px4Writer(MissionWriter):

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import hypot, sqrt
 
-from mavlink_bridge.pace import Point, VehicleModel, fastest_on_leg, way_from_rest_m
-from mavlink_bridge.route import Route
-from mavlink_bridge.schedule import SAME_PLACE_M, ground_schedule
+from skyfolio.mavlink_bridge.pace import Point, VehicleModel, fastest_on_leg, way_from_rest_m
+from skyfolio.mavlink_bridge.route import Route
+from skyfolio.mavlink_bridge.schedule import SAME_PLACE_M, ground_schedule
 
 UNDER_WAY_S = 0.3
 """Until an order to start shows as acceleration."""

@@ -16,9 +16,9 @@ from dataclasses import dataclass, replace
 from math import fmod, isclose, isnan, trunc
 from types import MappingProxyType
 
-from mavlink_bridge.autopilots import Autopilot
-from mavlink_bridge.items import Command
-from mavlink_bridge.mission_messages import MissionType
+from skyfolio.mavlink_bridge.autopilots import Autopilot
+from skyfolio.mavlink_bridge.items import Command
+from skyfolio.mavlink_bridge.mission_messages import MissionType
 
 _REL = 2.0**-22
 """Two units in the last place of a float32."""

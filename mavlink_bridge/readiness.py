@@ -11,9 +11,9 @@ import asyncio
 from collections.abc import Callable
 from functools import partial
 
-from mavlink_bridge import flight
-from mavlink_bridge.telemetry import FIX_3D, TelemetryState
-from mavlink_bridge.vehicle import NotDone, Vehicle
+from skyfolio.mavlink_bridge import flight
+from skyfolio.mavlink_bridge.telemetry import FIX_3D, TelemetryState
+from skyfolio.mavlink_bridge.vehicle import NotDone, Vehicle
 
 TOLD_WITHIN_S = 10.0
 """In which what is only measured (satellites, battery) is told; streams come at 1 Hz."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mavlink_bridge.items import Mission, MissionItem
-from mavlink_bridge.verified import OnBoard
+from skyfolio.mavlink_bridge.items import Mission, MissionItem
+from skyfolio.mavlink_bridge.verified import OnBoard
 
 
 @dataclass(frozen=True, kw_only=True)

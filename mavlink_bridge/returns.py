@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from itertools import combinations
 from math import hypot
 
-from mavlink_bridge.errors import ReturnPathsTooClose
-from planner.plans import Plan
+from skyfolio.mavlink_bridge.errors import ReturnPathsTooClose
+from skyfolio.planner.plans import Plan
 
 Point = tuple[float, float]
 Segment = tuple[Point, Point]

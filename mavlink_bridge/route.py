@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from math import hypot
 
-from mavlink_bridge.pace import Point
+from skyfolio.mavlink_bridge.pace import Point
 
 
 @dataclass(frozen=True, slots=True)

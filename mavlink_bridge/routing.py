@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from dataclasses import dataclass
 
-from mavlink_bridge.framing import Frame
+from skyfolio.mavlink_bridge.framing import Frame
 
 FRESH_S = 2.5
 """A link on which a vehicle was not heard for this long is not used for it: two heartbeats and a half."""

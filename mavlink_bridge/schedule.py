@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import floor, hypot, isclose
 
-from mavlink_bridge.pace import Pacer, Point, VehicleModel, acceptance_radii
+from skyfolio.mavlink_bridge.pace import Pacer, Point, VehicleModel, acceptance_radii
 
 SAME_PLACE_M = 0.1
 """Points closer than this are one place: well below what GPS navigation resolves."""

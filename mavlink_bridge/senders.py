@@ -11,7 +11,7 @@ from collections.abc import Hashable
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from mavlink_bridge.framing import Frame
+from skyfolio.mavlink_bridge.framing import Frame
 
 TOLD_AGAIN_S = 60.0
 """A second sender that goes on is reported again after so long."""

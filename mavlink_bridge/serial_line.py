@@ -7,9 +7,9 @@ import os
 
 import serial
 
-from mavlink_bridge.errors import ConnectionFailed
-from mavlink_bridge.framing import Framer
-from mavlink_bridge.links import MOST_WAITING_BYTES, READ_BYTES, RETRY_S, OneEnd, OnFrames
+from skyfolio.mavlink_bridge.errors import ConnectionFailed
+from skyfolio.mavlink_bridge.framing import Framer
+from skyfolio.mavlink_bridge.links import MOST_WAITING_BYTES, READ_BYTES, RETRY_S, OneEnd, OnFrames
 
 
 class SerialLine(OneEnd):

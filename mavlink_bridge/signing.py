@@ -18,8 +18,8 @@ from pathlib import Path
 from pydantic import SecretBytes
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from mavlink_bridge.errors import SigningKeyInvalid
-from mavlink_bridge.framing import HEADER, SIGNATURE, SIGNED, V2, Frame, checksum
+from skyfolio.mavlink_bridge.errors import SigningKeyInvalid
+from skyfolio.mavlink_bridge.framing import HEADER, SIGNATURE, SIGNED, V2, Frame, checksum
 
 KEY_BYTES = 32
 _EPOCH_2015_S = 1420070400

@@ -14,9 +14,9 @@ import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from mavlink_bridge.autopilots import FlightMode
-from mavlink_bridge.flight import error_of, fresh_heartbeat, is_ours, seen_of
-from mavlink_bridge.vehicle import NotDone, Vehicle
+from skyfolio.mavlink_bridge.autopilots import FlightMode
+from skyfolio.mavlink_bridge.flight import error_of, fresh_heartbeat, is_ours, seen_of
+from skyfolio.mavlink_bridge.vehicle import NotDone, Vehicle
 
 TRIES = 5
 """Each lasts as long as a command is repeated (2 s); a later HEARTBEAT begins anew."""

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from mavlink_bridge.geodesy import to_e7
-from mavlink_bridge.items import Frame
-from mavlink_bridge.mission_messages import AUTOPILOT_COMPONENT, Message
-from mavlink_bridge.pace import Point
-from mavlink_bridge.route import Route
+from skyfolio.mavlink_bridge.geodesy import to_e7
+from skyfolio.mavlink_bridge.items import Frame
+from skyfolio.mavlink_bridge.mission_messages import AUTOPILOT_COMPONENT, Message
+from skyfolio.mavlink_bridge.pace import Point
+from skyfolio.mavlink_bridge.route import Route
 
 RATE_HZ = 10.0
 """ArduCopter followed within 2 m at 5 Hz and within 4.4 m at 2 Hz; 10 leaves room for lost messages."""

@@ -8,8 +8,8 @@ from enum import StrEnum
 from math import isfinite
 from typing import Any, TypeAlias
 
-from mavlink_bridge.autopilots import Autopilot, FlightMode, Speaker, items_on_board, mode_of
-from mavlink_bridge.geodesy import from_e7
+from skyfolio.mavlink_bridge.autopilots import Autopilot, FlightMode, Speaker, items_on_board, mode_of
+from skyfolio.mavlink_bridge.geodesy import from_e7
 
 MESSAGES = (
     *("HEARTBEAT", "GLOBAL_POSITION_INT", "MISSION_CURRENT", "MISSION_ACK"),

@@ -5,15 +5,15 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Iterable, Sequence
 
-from mavlink_bridge.autopilots import Autopilot
-from mavlink_bridge.compare import mission_differences
-from mavlink_bridge.items import Mission, MissionItem
-from mavlink_bridge.mission_messages import SILENCE_S, MissionType
-from mavlink_bridge.mission_protocol import Download
-from mavlink_bridge.parameters import ParameterRead
-from mavlink_bridge.results import ReadResult, Recognised, UploadResult
-from mavlink_bridge.vehicle import NotDone, Vehicle
-from mavlink_bridge.verified import ATTEMPTS, STATELESS_WINDOW, OnBoard, VerifiedUpload
+from skyfolio.mavlink_bridge.autopilots import Autopilot
+from skyfolio.mavlink_bridge.compare import mission_differences
+from skyfolio.mavlink_bridge.items import Mission, MissionItem
+from skyfolio.mavlink_bridge.mission_messages import SILENCE_S, MissionType
+from skyfolio.mavlink_bridge.mission_protocol import Download
+from skyfolio.mavlink_bridge.parameters import ParameterRead
+from skyfolio.mavlink_bridge.results import ReadResult, Recognised, UploadResult
+from skyfolio.mavlink_bridge.vehicle import NotDone, Vehicle
+from skyfolio.mavlink_bridge.verified import ATTEMPTS, STATELESS_WINDOW, OnBoard, VerifiedUpload
 
 
 def never() -> bool:

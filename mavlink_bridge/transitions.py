@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mavlink_bridge.errors import TransitionTooClose
-from mavlink_bridge.ghosts import Airspace
-from mavlink_bridge.pace import Point
+from skyfolio.mavlink_bridge.errors import TransitionTooClose
+from skyfolio.mavlink_bridge.ghosts import Airspace
+from skyfolio.mavlink_bridge.pace import Point
 
 Array = NDArray[np.float64]
 

@@ -13,15 +13,15 @@ from typing import Any, Protocol, TypeVar
 from mavsdk import System
 from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectError, MavlinkMessage
 
-from mavlink_bridge.answers import CommandAnswer
-from mavlink_bridge.autopilots import Autopilot, FlightMode
-from mavlink_bridge.command_protocol import CommandCall
-from mavlink_bridge.heartbeat import AUTOPILOT
-from mavlink_bridge.items import MissionItem
-from mavlink_bridge.mission_messages import GROUND, Message
-from mavlink_bridge.round_trip import RoundTrip
-from mavlink_bridge.status_texts import StatusTexts
-from mavlink_bridge.telemetry import MESSAGES, TelemetryState
+from skyfolio.mavlink_bridge.answers import CommandAnswer
+from skyfolio.mavlink_bridge.autopilots import Autopilot, FlightMode
+from skyfolio.mavlink_bridge.command_protocol import CommandCall
+from skyfolio.mavlink_bridge.heartbeat import AUTOPILOT
+from skyfolio.mavlink_bridge.items import MissionItem
+from skyfolio.mavlink_bridge.mission_messages import GROUND, Message
+from skyfolio.mavlink_bridge.round_trip import RoundTrip
+from skyfolio.mavlink_bridge.status_texts import StatusTexts
+from skyfolio.mavlink_bridge.telemetry import MESSAGES, TelemetryState
 
 Result = TypeVar("Result")
 

@@ -12,12 +12,12 @@ from enum import StrEnum
 from math import inf
 from typing import Any
 
-from mavlink_bridge.autopilots import Autopilot
-from mavlink_bridge.compare import mission_differences
-from mavlink_bridge.items import MissionItem
-from mavlink_bridge.mission_messages import SILENCE_S, Ended, Message, MissionType
-from mavlink_bridge.mission_protocol import Download, Upload
-from mavlink_bridge.round_trip import RoundTrip
+from skyfolio.mavlink_bridge.autopilots import Autopilot
+from skyfolio.mavlink_bridge.compare import mission_differences
+from skyfolio.mavlink_bridge.items import MissionItem
+from skyfolio.mavlink_bridge.mission_messages import SILENCE_S, Ended, Message, MissionType
+from skyfolio.mavlink_bridge.mission_protocol import Download, Upload
+from skyfolio.mavlink_bridge.round_trip import RoundTrip
 
 ATTEMPTS = 3
 STATELESS_WINDOW = 4

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
-from mavlink_bridge.endpoints import NETWORK, UdpOut
-from mavlink_bridge.errors import ConnectionFailed
-from mavlink_bridge.framing import Frame
-from mavlink_bridge.links import Endpoint
+from skyfolio.mavlink_bridge.endpoints import NETWORK, UdpOut
+from skyfolio.mavlink_bridge.errors import ConnectionFailed
+from skyfolio.mavlink_bridge.framing import Frame
+from skyfolio.mavlink_bridge.links import Endpoint
 
 
 class Watchers:

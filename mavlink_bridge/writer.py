@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from math import isclose
 
-from mavlink_bridge.geodesy import to_e7
-from mavlink_bridge.items import Command, Frame, MissionItem
-from mavlink_bridge.pace import Point
-from mavlink_bridge.schedule import Schedule, Stop
+from skyfolio.mavlink_bridge.geodesy import to_e7
+from skyfolio.mavlink_bridge.items import Command, Frame, MissionItem
+from skyfolio.mavlink_bridge.pace import Point
+from skyfolio.mavlink_bridge.schedule import Schedule, Stop
 
 _GROUND_SPEED = 1.0
 _THROTTLE_UNCHANGED = -1.0

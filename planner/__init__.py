@@ -13,20 +13,20 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from planner.changes import Changes, ReplanError
-    from planner.delivered import delivered_rates_bps
-    from planner.examples import EXAMPLES, letter
-    from planner.feasibility import InfeasiblePlanError, Violation, violations
-    from planner.methods import METHODS
-    from planner.plans import Cause, Iteration, Plan, PlanStatus, Summary
-    from planner.problem import Past
-    from planner.remainder import cause_of, remaining
-    from planner.replanning import replan
-    from planner.scenario import Channel, Origin, Scenario, Uav, User, Utility
-    from planner.separation import closest_approach
-    from planner.solve import converged, plan
-    from planner.stopping import AnyOf, Deadline, MaxIterations, RelativeGain, StopToken
-    from planner.unreachable import UnreachableEndError
+    from skyfolio.planner.changes import Changes, ReplanError
+    from skyfolio.planner.delivered import delivered_rates_bps
+    from skyfolio.planner.examples import EXAMPLES, letter
+    from skyfolio.planner.feasibility import InfeasiblePlanError, Violation, violations
+    from skyfolio.planner.methods import METHODS
+    from skyfolio.planner.plans import Cause, Iteration, Plan, PlanStatus, Summary
+    from skyfolio.planner.problem import Past
+    from skyfolio.planner.remainder import cause_of, remaining
+    from skyfolio.planner.replanning import replan
+    from skyfolio.planner.scenario import Channel, Origin, Scenario, Uav, User, Utility
+    from skyfolio.planner.separation import closest_approach
+    from skyfolio.planner.solve import converged, plan
+    from skyfolio.planner.stopping import AnyOf, Deadline, MaxIterations, RelativeGain, StopToken
+    from skyfolio.planner.unreachable import UnreachableEndError
 
 __all__ = [
     "EXAMPLES",

@@ -14,13 +14,13 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from planner import fast
-from planner.channel import spectral_efficiency, squared_distances
-from planner.plans import Iteration
-from planner.problem import Problem
-from planner.solution import Observer, Solution
-from planner.stopping import StoppingRule
-from planner.utility import utility_kbps
+from skyfolio.planner import fast
+from skyfolio.planner.channel import spectral_efficiency, squared_distances
+from skyfolio.planner.plans import Iteration
+from skyfolio.planner.problem import Problem
+from skyfolio.planner.solution import Observer, Solution
+from skyfolio.planner.stopping import StoppingRule
+from skyfolio.planner.utility import utility_kbps
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from planner.channel import sum_of_others
-from planner.problem import Problem
-from planner.reach import squared_distance_range
-from planner.utility import rate_weights, soft_mean, utility_kbps
+from skyfolio.planner.channel import sum_of_others
+from skyfolio.planner.problem import Problem
+from skyfolio.planner.reach import squared_distance_range
+from skyfolio.planner.utility import rate_weights, soft_mean, utility_kbps
 
 Array = NDArray[np.float64]
 TANGENTS = 12

@@ -13,12 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.bound import best_step, lifted_kbps, reachability_bound_kbps
-from planner.cells import split_cells
-from planner.fast.arena import plain
-from planner.problem import Problem
-from planner.reach import Reach, reach_of
-from planner.utility import rate_weights, utility_kbps
+from skyfolio.planner.bound import best_step, lifted_kbps, reachability_bound_kbps
+from skyfolio.planner.cells import split_cells
+from skyfolio.planner.fast.arena import plain
+from skyfolio.planner.problem import Problem
+from skyfolio.planner.reach import Reach, reach_of
+from skyfolio.planner.utility import rate_weights, utility_kbps
 
 Array = NDArray[np.float64]
 MAX_UAVS = 3

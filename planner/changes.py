@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from planner.scenario import Frozen, Hertz, Identifier, Scenario, Uav, User, Utility
+from skyfolio.planner.scenario import Frozen, Hertz, Identifier, Scenario, Uav, User, Utility
 
 
 class ReplanError(ValueError):

@@ -9,10 +9,10 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.scenario import Channel
+from skyfolio.planner.scenario import Channel
 
 if TYPE_CHECKING:
-    from planner.problem import Problem
+    from skyfolio.planner.problem import Problem
 
 Array = NDArray[np.float64]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.channel import fading_gains, sum_of_others
-from planner.plans import Plan
+from skyfolio.planner.channel import fading_gains, sum_of_others
+from skyfolio.planner.plans import Plan
 
 Array = NDArray[np.float64]
 

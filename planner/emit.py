@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.bound import reachability_bound_kbps
-from planner.fast import served_rates_bps
-from planner.feasibility import MIN_RATE_ROUNDING, require_feasible
-from planner.plans import Plan, PlanStatus, Summary
-from planner.problem import Past, Problem
-from planner.scenario import Scenario
-from planner.solution import Solution
-from planner.utility import jain_index, mean_variance_kbps, utility_kbps
+from skyfolio.planner.bound import reachability_bound_kbps
+from skyfolio.planner.fast import served_rates_bps
+from skyfolio.planner.feasibility import MIN_RATE_ROUNDING, require_feasible
+from skyfolio.planner.plans import Plan, PlanStatus, Summary
+from skyfolio.planner.problem import Past, Problem
+from skyfolio.planner.scenario import Scenario
+from skyfolio.planner.solution import Solution
+from skyfolio.planner.utility import jain_index, mean_variance_kbps, utility_kbps
 
 Array = NDArray[np.float64]
 

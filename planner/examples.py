@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from planner.scenario import Channel, Origin, Scenario, Uav, User, Utility
+from skyfolio.planner.scenario import Channel, Origin, Scenario, Uav, User, Utility
 
 ZURICH = Origin(lat_deg=47.397742, lon_deg=8.545594)
 STARTS_M = ((125.0, 375.0), (375.0, 375.0), (250.0, 125.0))

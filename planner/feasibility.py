@@ -13,8 +13,8 @@ from math import hypot, inf, isfinite
 from shapely import LineString, Polygon
 from shapely import Point as GeoPoint
 
-from planner.plans import Plan
-from planner.scenario import Frozen, NoFlyDisc, NoFlyPolygon, Uav
+from skyfolio.planner.plans import Plan
+from skyfolio.planner.scenario import Frozen, NoFlyDisc, NoFlyPolygon, Uav
 
 ROUNDING_M = 1e-9
 ROUNDING_HZ = 1e-6

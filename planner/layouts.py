@@ -6,8 +6,8 @@ from math import ceil, sqrt
 
 import numpy as np
 
-from planner.examples import ZURICH
-from planner.scenario import Channel, Scenario, Uav, User, Utility
+from skyfolio.planner.examples import ZURICH
+from skyfolio.planner.scenario import Channel, Scenario, Uav, User, Utility
 
 SPACING_M = 250.0
 """Between neighbouring starts, as in the letter's simulation."""

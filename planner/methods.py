@@ -7,10 +7,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from planner import baselines, fast
-from planner.problem import Problem
-from planner.solution import Observer, Solution
-from planner.stopping import StoppingRule
+from skyfolio.planner import baselines, fast
+from skyfolio.planner.problem import Problem
+from skyfolio.planner.solution import Observer, Solution
+from skyfolio.planner.stopping import StoppingRule
 
 Array = NDArray[np.float64]
 
@@ -45,7 +45,7 @@ def _paper(
     seed: int,  # noqa: ARG001 - and draws nothing
 ) -> Solution:
     """Algorithm 1 as printed; cvxpy is imported by who asks for it, because that takes a second."""
-    from planner.reference import algorithm_1  # noqa: PLC0415
+    from skyfolio.planner.reference import algorithm_1  # noqa: PLC0415
 
     return algorithm_1(problem, stop, fast.flyable(problem, start_m), observer)
 

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from planner.scenario import Frozen, Scenario
+from skyfolio.planner.scenario import Frozen, Scenario
 
 
 class PlanStatus(StrEnum):

@@ -9,8 +9,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.channel import fading_gains
-from planner.scenario import NoFlyDisc, NoFlyPolygon, Scenario
+from skyfolio.planner.channel import fading_gains
+from skyfolio.planner.scenario import NoFlyDisc, NoFlyPolygon, Scenario
 
 Array: TypeAlias = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.problem import Problem
+from skyfolio.planner.problem import Problem
 
 Array: TypeAlias = NDArray[np.float64]
 

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from planner.branch_and_bound import certificate
-from planner.examples import minimal
-from planner.fast import optimise, served_rates_bps
-from planner.problem import problem_of
-from planner.scenario import NoFlyDisc
-from planner.stopping import MaxIterations
+from skyfolio.planner.branch_and_bound import certificate
+from skyfolio.planner.examples import minimal
+from skyfolio.planner.fast import optimise, served_rates_bps
+from skyfolio.planner.problem import problem_of
+from skyfolio.planner.scenario import NoFlyDisc
+from skyfolio.planner.stopping import MaxIterations
 
 
 def rehearse() -> None:

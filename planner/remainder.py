@@ -13,10 +13,10 @@ from pydantic import ValidationError
 from shapely import Point as GeoPoint
 from shapely import Polygon
 
-from planner.changes import Changes, ReplanError, uavs_after, users_after
-from planner.plans import Cause, Plan
-from planner.problem import Past
-from planner.scenario import NoFlyDisc, NoFlyPolygon, Point, Scenario, Uav, zone_holds
+from skyfolio.planner.changes import Changes, ReplanError, uavs_after, users_after
+from skyfolio.planner.plans import Cause, Plan
+from skyfolio.planner.problem import Past
+from skyfolio.planner.scenario import NoFlyDisc, NoFlyPolygon, Point, Scenario, Uav, zone_holds
 
 Array = NDArray[np.float64]
 CLEAR_M = 1e-6

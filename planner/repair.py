@@ -6,8 +6,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from planner.problem import Problem
-from planner.separation import closest_approach
+from skyfolio.planner.problem import Problem
+from skyfolio.planner.separation import closest_approach
 
 Array = NDArray[np.float64]
 SHRINK = 1.0 - 1e-9

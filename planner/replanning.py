@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from planner.changes import Changes
-from planner.plans import Cause, Plan
-from planner.remainder import cause_of, remaining
-from planner.solve import plan
+from skyfolio.planner.changes import Changes
+from skyfolio.planner.plans import Cause, Plan
+from skyfolio.planner.remainder import cause_of, remaining
+from skyfolio.planner.solve import plan
 
 
 def replan(

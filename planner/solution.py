@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.plans import Iteration
+from skyfolio.planner.plans import Iteration
 
 Array: TypeAlias = NDArray[np.float64]
 

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.emit import emit
-from planner.methods import DEFAULT_METHOD, method_of
-from planner.plans import Iteration, Plan, PlanStatus
-from planner.problem import Past, problem_of
-from planner.scenario import Scenario
-from planner.solution import Observer, Solution
-from planner.stopping import AnyOf, MaxIterations, RelativeGain, StoppingRule
-from planner.unreachable import UnreachableEndError
+from skyfolio.planner.emit import emit
+from skyfolio.planner.methods import DEFAULT_METHOD, method_of
+from skyfolio.planner.plans import Iteration, Plan, PlanStatus
+from skyfolio.planner.problem import Past, problem_of
+from skyfolio.planner.scenario import Scenario
+from skyfolio.planner.solution import Observer, Solution
+from skyfolio.planner.stopping import AnyOf, MaxIterations, RelativeGain, StoppingRule
+from skyfolio.planner.unreachable import UnreachableEndError
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
-from planner.plans import Iteration
+from skyfolio.planner.plans import Iteration
 
 
 class StoppingRule(Protocol):

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.special import softmax
 
 if TYPE_CHECKING:
-    from planner.problem import Problem
+    from skyfolio.planner.problem import Problem
 
 Array = NDArray[np.float64]
 

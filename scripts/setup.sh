@@ -24,5 +24,9 @@ if ! make_venv 2>/dev/null; then
     fi
 fi
 "$venv/bin/python" -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+# the folders as one package, for tools that read sources and follow no import hook (mypy, editors)
+mkdir -p "$venv/typing/skyfolio"
+for part in planner mavlink_bridge sim api; do ln -sfn "$PWD/$part" "$venv/typing/skyfolio/$part"; done
+for part in __init__.py __main__.py py.typed; do ln -sfn "$PWD/api/skyfolio/$part" "$venv/typing/skyfolio/$part"; done
 sh "$(dirname "$0")/browser.sh"
 "$venv/bin/skyfolio" warm-up # compiles the optimiser once, for a minute, so that nobody waits for it later

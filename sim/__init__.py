@@ -11,9 +11,9 @@ virtual time. `station` adds a radio (`link`, `impairments`), `fleet` steps all 
         ...
 """
 
-from sim.boot import BOOTED_S_AGO
-from sim.clock import Clock, ScaledClock, VirtualClock
-from sim.faults import (
+from skyfolio.sim.boot import BOOTED_S_AGO
+from skyfolio.sim.clock import Clock, ScaledClock, VirtualClock
+from skyfolio.sim.faults import (
     FAULTS,
     ClockJump,
     CorruptUpload,
@@ -32,18 +32,18 @@ from sim.faults import (
     fault_from,
     impairments_from,
 )
-from sim.fleet import DEFAULT_ENDPOINT, Fleet, serve
-from sim.impairments import Impairments
-from sim.lineup import AUTOPILOTS, VehicleSpec, grid_of
-from sim.missions import Mission, MissionItem
-from sim.modes import Mode
-from sim.recording import TlogWriter
-from sim.schedule import parse_fault, value_of
-from sim.slots import SlotGrid
-from sim.station import Vehicle
-from sim.truth import Event, Sample, TruthLog, as_line
-from sim.vehicle import Limits
-from sim.weather import Weather
+from skyfolio.sim.fleet import DEFAULT_ENDPOINT, Fleet, serve
+from skyfolio.sim.impairments import Impairments
+from skyfolio.sim.kinematics import Limits
+from skyfolio.sim.missions import Mission, MissionItem
+from skyfolio.sim.modes import Mode
+from skyfolio.sim.recording import TlogWriter
+from skyfolio.sim.schedule import parse_fault, value_of
+from skyfolio.sim.slots import SlotGrid
+from skyfolio.sim.specs import AUTOPILOTS, VehicleSpec, grid_of
+from skyfolio.sim.station import Vehicle
+from skyfolio.sim.truth import Event, Sample, TruthLog, as_line
+from skyfolio.sim.weather import Weather
 
 __all__ = [
     "AUTOPILOTS",

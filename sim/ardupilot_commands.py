@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.commands import (
+from skyfolio.sim.commands import (
     ACCEPTED,
     DENIED,
     FAILED,
@@ -19,11 +19,11 @@ from sim.commands import (
     Outcome,
     index_of,
 )
-from sim.modes import Mode
-from sim.wire import Message
+from skyfolio.sim.modes import Mode
+from skyfolio.sim.wire import Message
 
 if TYPE_CHECKING:
-    from sim.autopilot import Autopilot
+    from skyfolio.sim.autopilot import Autopilot
 
 _WITH_SPEED = (Mode.MISSION, Mode.RTL, Mode.GUIDED)
 _CLIMB_SPEED = 2.0

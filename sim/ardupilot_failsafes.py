@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.failsafes import Failsafes
-from sim.modes import Mode
-from sim.tuning import Action, Breach, LowBattery
+from skyfolio.sim.failsafes import Failsafes
+from skyfolio.sim.modes import Mode
+from skyfolio.sim.tuning import Action, Breach, LowBattery
 
 if TYPE_CHECKING:
-    from sim.autopilot import Autopilot
+    from skyfolio.sim.autopilot import Autopilot
 
 _WARNING, _CRITICAL, _NOTICE = dialect.MAV_SEVERITY_WARNING, dialect.MAV_SEVERITY_CRITICAL, dialect.MAV_SEVERITY_NOTICE
 _FENCES = {Breach.CEILING: "Max Alt", Breach.RADIUS: "Circle", Breach.SHAPES: "Polygon"}

@@ -15,10 +15,18 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.ardupilot_storage import as_stored
-from sim.mission_protocol import MISSION, TYPES, MissionHost, MissionProtocol, Partner, ack_message, item_message
-from sim.missions import Mission, MissionItem, bad_fence, rejection
-from sim.wire import Message, text
+from skyfolio.sim.ardupilot_storage import as_stored
+from skyfolio.sim.mission_protocol import (
+    MISSION,
+    TYPES,
+    MissionHost,
+    MissionProtocol,
+    Partner,
+    ack_message,
+    item_message,
+)
+from skyfolio.sim.missions import Mission, MissionItem, bad_fence, rejection
+from skyfolio.sim.wire import Message, text
 
 RETRY_S = 1.0
 GIVE_UP_S = 8.0

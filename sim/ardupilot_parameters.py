@@ -3,9 +3,9 @@
 import math
 from collections.abc import Mapping
 
-from sim.parameters import INT8, INT16, INT32, Parameter
-from sim.tuning import Action, FenceRule, LinkLoss, LowBattery, Tuning
-from sim.vehicle import Limits
+from skyfolio.sim.kinematics import Limits
+from skyfolio.sim.parameters import INT8, INT16, INT32, Parameter
+from skyfolio.sim.tuning import Action, FenceRule, LinkLoss, LowBattery, Tuning
 
 ARDUCOPTER_LIMITS = Limits(
     max_speed_mps=20.0,

@@ -11,12 +11,12 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.geo import Place
-from sim.mission_runner import MissionRunner
-from sim.mission_state import Handover, MissionState, Target
-from sim.missions import Mission, MissionItem
-from sim.modes import Mode
-from sim.vehicle import Body, Guidance
+from skyfolio.sim.geo import Place
+from skyfolio.sim.kinematics import Body, Guidance
+from skyfolio.sim.mission_runner import MissionRunner
+from skyfolio.sim.mission_state import Handover, MissionState, Target
+from skyfolio.sim.missions import Mission, MissionItem
+from skyfolio.sim.modes import Mode
 
 _NAMES = {
     dialect.MAV_CMD_NAV_WAYPOINT: "WP",

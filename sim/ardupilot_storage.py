@@ -12,7 +12,7 @@ from dataclasses import replace
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.missions import FENCE_CIRCLES, FENCE_POLYGONS, RELATIVE_FRAMES, MissionItem
+from skyfolio.sim.missions import FENCE_CIRCLES, FENCE_POLYGONS, RELATIVE_FRAMES, MissionItem
 
 _PLACELESS = (dialect.MAV_CMD_DO_CHANGE_SPEED, dialect.MAV_CMD_NAV_RETURN_TO_LAUNCH, dialect.MAV_CMD_NAV_DELAY)
 _Params = tuple[float, float, float, float]

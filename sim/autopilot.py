@@ -9,26 +9,26 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.airframe import Battery
-from sim.boot import Boot
-from sim.chatter import Chatter
-from sim.dynamics import Dynamics
-from sim.flavours import FLAVOURS
-from sim.geo import LocalFrame, Place
-from sim.ground import Ground
-from sim.inbox import Inbox
-from sim.lineup import VehicleSpec
-from sim.metadata import metadata_files
-from sim.mishaps import Mishaps
-from sim.modes import Mode
-from sim.navigator import Navigator
-from sim.parameters import ParameterStore
-from sim.plans import Plans
-from sim.setpoints import Setpoint
-from sim.telemetry import Telemetry
-from sim.vehicle import Body, Limits
-from sim.weather import Air, Weather
-from sim.wire import Message, texts
+from skyfolio.sim.airframe import Battery
+from skyfolio.sim.boot import Boot
+from skyfolio.sim.chatter import Chatter
+from skyfolio.sim.component_failures import Mishaps
+from skyfolio.sim.dynamics import Dynamics
+from skyfolio.sim.flavours import FLAVOURS
+from skyfolio.sim.geo import LocalFrame, Place
+from skyfolio.sim.ground import Ground
+from skyfolio.sim.inbox import Inbox
+from skyfolio.sim.kinematics import Body, Limits
+from skyfolio.sim.metadata import metadata_files
+from skyfolio.sim.modes import Mode
+from skyfolio.sim.navigator import Navigator
+from skyfolio.sim.parameters import ParameterStore
+from skyfolio.sim.plans import Plans
+from skyfolio.sim.setpoints import Setpoint
+from skyfolio.sim.specs import VehicleSpec
+from skyfolio.sim.telemetry import Telemetry
+from skyfolio.sim.weather import Air, Weather
+from skyfolio.sim.wire import Message, texts
 
 Observer = Callable[[str, dict[str, Any]], None]
 _FORGOTTEN_MODES = (Mode.TAKEOFF, Mode.RTL, Mode.LAND)

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.knobs import LONGEST_S, check_number
+from skyfolio.sim.knobs import LONGEST_S, check_number
 
 if TYPE_CHECKING:
-    from sim.autopilot import Autopilot
+    from skyfolio.sim.autopilot import Autopilot
 
 BOOTED_S_AGO = 60.0
 """How long a vehicle has been on when nobody says otherwise: long enough to be ready."""

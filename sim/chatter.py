@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.wire import Message
+from skyfolio.sim.wire import Message
 
 if TYPE_CHECKING:
-    from sim.autopilot import Autopilot
+    from skyfolio.sim.autopilot import Autopilot
 
 REPEATS_S = (0.0, 0.5, 1.0, 2.0)
 """When each order is said, after its first time."""

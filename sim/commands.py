@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.missions import NOT_GIVEN, RELATIVE_FRAMES
-from sim.modes import Mode
-from sim.wire import Message
+from skyfolio.sim.missions import NOT_GIVEN, RELATIVE_FRAMES
+from skyfolio.sim.modes import Mode
+from skyfolio.sim.wire import Message
 
 if TYPE_CHECKING:
-    from sim.autopilot import Autopilot
+    from skyfolio.sim.autopilot import Autopilot
 
 ACCEPTED = dialect.MAV_RESULT_ACCEPTED
 REJECTED_FOR_NOW = dialect.MAV_RESULT_TEMPORARILY_REJECTED

@@ -4,11 +4,11 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from sim.airframe import ARMED_IDLE_W, GUST_SHARE, IDLE_W, MAX_AIRSPEED_MPS, flight_power_w
-from sim.vehicle import Body, Guidance, fall, step
+from skyfolio.sim.airframe import ARMED_IDLE_W, GUST_SHARE, IDLE_W, MAX_AIRSPEED_MPS, flight_power_w
+from skyfolio.sim.kinematics import Body, Guidance, fall, step
 
 if TYPE_CHECKING:
-    from sim.autopilot import Autopilot
+    from skyfolio.sim.autopilot import Autopilot
 
 SOFT_TOUCHDOWN_MPS = 1.5
 """A frozen vehicle that sinks or slides no faster than this when it touches the ground has landed, not crashed."""

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.modes import Mode
-from sim.tuning import Action, Breach, LowBattery
+from skyfolio.sim.modes import Mode
+from skyfolio.sim.tuning import Action, Breach, LowBattery
 
 if TYPE_CHECKING:
-    from sim.autopilot import Autopilot
+    from skyfolio.sim.autopilot import Autopilot
 
 SEVERITY = [Action.NONE, Action.WARN, Action.HOLD, Action.RETURN, Action.LAND, Action.DISARM]
 _DOING = {Mode.RTL: Action.RETURN, Mode.LAND: Action.LAND}

@@ -8,10 +8,10 @@ good; durations are fleet seconds. Every knob is checked where a fault is made: 
 from dataclasses import MISSING, asdict, dataclass, fields
 from typing import Any, Protocol
 
-from sim.impairments import Impairments
-from sim.knobs import LONGEST_S, MOST_UPLOADS, check_duration, check_number, check_vehicle, check_whole
-from sim.modes import Mode
-from sim.station import REBOOT_S, Vehicle
+from skyfolio.sim.impairments import Impairments
+from skyfolio.sim.knobs import LONGEST_S, MOST_UPLOADS, check_duration, check_number, check_vehicle, check_whole
+from skyfolio.sim.modes import Mode
+from skyfolio.sim.station import REBOOT_S, Vehicle
 
 
 class Fault(Protocol):

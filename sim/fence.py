@@ -5,10 +5,10 @@ from collections.abc import Sequence
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.geo import LocalFrame, Place
-from sim.missions import FENCE_CIRCLES, FENCE_POLYGONS, Mission
-from sim.tuning import Breach, FenceRule
-from sim.vehicle import Body
+from skyfolio.sim.geo import LocalFrame, Place
+from skyfolio.sim.kinematics import Body
+from skyfolio.sim.missions import FENCE_CIRCLES, FENCE_POLYGONS, Mission
+from skyfolio.sim.tuning import Breach, FenceRule
 
 _KEEP_IN = (dialect.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION, dialect.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION)
 

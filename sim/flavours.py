@@ -5,31 +5,31 @@ from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.ardupilot_commands import ArdupilotCommands
-from sim.ardupilot_failsafes import ArdupilotFailsafes
-from sim.ardupilot_missions import ArdupilotMissions
-from sim.ardupilot_parameters import ARDUCOPTER_LIMITS, ardupilot_parameters, ardupilot_tuning
-from sim.ardupilot_runner import ArdupilotRunner
-from sim.boot import ARDUPILOT_BOOT, PX4_BOOT, BootPlan
-from sim.commands import Commands
-from sim.failsafes import Failsafes
-from sim.mission_protocol import MissionProtocol
-from sim.mission_runner import MissionRunner
-from sim.modes import Mode, ardupilot_base_mode, px4_base_mode
-from sim.parameters import Parameter
-from sim.px4_commands import Px4Commands
-from sim.px4_failsafes import Px4Failsafes
-from sim.px4_missions import Px4Missions
-from sim.px4_parameters import PX4_LIMITS, px4_parameters, px4_tuning
-from sim.refusals import (
+from skyfolio.sim.ardupilot_commands import ArdupilotCommands
+from skyfolio.sim.ardupilot_failsafes import ArdupilotFailsafes
+from skyfolio.sim.ardupilot_missions import ArdupilotMissions
+from skyfolio.sim.ardupilot_parameters import ARDUCOPTER_LIMITS, ardupilot_parameters, ardupilot_tuning
+from skyfolio.sim.ardupilot_runner import ArdupilotRunner
+from skyfolio.sim.boot import ARDUPILOT_BOOT, PX4_BOOT, BootPlan
+from skyfolio.sim.commands import Commands
+from skyfolio.sim.failsafes import Failsafes
+from skyfolio.sim.kinematics import Limits
+from skyfolio.sim.mission_protocol import MissionProtocol
+from skyfolio.sim.mission_runner import MissionRunner
+from skyfolio.sim.modes import Mode, ardupilot_base_mode, px4_base_mode
+from skyfolio.sim.parameters import Parameter
+from skyfolio.sim.px4_commands import Px4Commands
+from skyfolio.sim.px4_failsafes import Px4Failsafes
+from skyfolio.sim.px4_missions import Px4Missions
+from skyfolio.sim.px4_parameters import PX4_LIMITS, px4_parameters, px4_tuning
+from skyfolio.sim.refusals import (
     Refusal,
     ardupilot_arming_refusal,
     ardupilot_mode_refusal,
     px4_arming_refusal,
     px4_mode_refusal,
 )
-from sim.tuning import Tuning
-from sim.vehicle import Limits
+from skyfolio.sim.tuning import Tuning
 
 
 @dataclass(frozen=True, kw_only=True)

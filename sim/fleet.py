@@ -9,21 +9,21 @@ from functools import partial
 from types import TracebackType
 from typing import Any, Self
 
-from sim.clock import Clock
-from sim.faults import Fault, describe
-from sim.impairments import Impairments
-from sim.knobs import LONGEST_S, check_number, check_whole
-from sim.lineup import VehicleSpec
-from sim.link import Address, MemoryLink, Radio, endpoints_of, open_link
-from sim.reports import EPOCH_S
-from sim.schedule import Schedule
-from sim.signing import Signature
-from sim.slots import GeoPoint, SlotGrid
-from sim.station import Vehicle
-from sim.truth import SAMPLE_INTERVAL_S, Event, TruthLog
-from sim.vehicle import Limits
-from sim.weather import Air, Weather
-from sim.wire import Decoder, Encoder
+from skyfolio.sim.clock import Clock
+from skyfolio.sim.faults import Fault, describe
+from skyfolio.sim.impairments import Impairments
+from skyfolio.sim.kinematics import Limits
+from skyfolio.sim.knobs import LONGEST_S, check_number, check_whole
+from skyfolio.sim.link import Address, MemoryLink, Radio, endpoints_of, open_link
+from skyfolio.sim.reports import EPOCH_S
+from skyfolio.sim.schedule import Schedule
+from skyfolio.sim.signing import Signature
+from skyfolio.sim.slots import GeoPoint, SlotGrid
+from skyfolio.sim.specs import VehicleSpec
+from skyfolio.sim.station import Vehicle
+from skyfolio.sim.truth import SAMPLE_INTERVAL_S, Event, TruthLog
+from skyfolio.sim.weather import Air, Weather
+from skyfolio.sim.wire import Decoder, Encoder
 
 DEFAULT_ENDPOINT = "udpout://127.0.0.1:14540"
 STEP_S = 0.05

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.wire import Message
+from skyfolio.sim.wire import Message
 
 DATA_BYTES = 239
 _HEADER = struct.Struct("<HBBBBBBI")

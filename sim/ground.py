@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 if TYPE_CHECKING:
-    from sim.autopilot import Autopilot
+    from skyfolio.sim.autopilot import Autopilot
 
 CRASH_NOTICED_S = 2.0
 """How long it lies there until an autopilot knows."""

@@ -10,7 +10,7 @@ import random
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-from sim.knobs import check_number
+from skyfolio.sim.knobs import check_number
 
 Payload = TypeVar("Payload")
 QUEUE_S = 1.0

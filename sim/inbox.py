@@ -5,13 +5,13 @@ from typing import TYPE_CHECKING, Any
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.ftp import FileServer
-from sim.setpoints import MESSAGES as SETPOINTS
-from sim.setpoints import setpoint_of
-from sim.wire import AUTOPILOT_COMPONENT, Message
+from skyfolio.sim.ftp import FileServer
+from skyfolio.sim.setpoints import MESSAGES as SETPOINTS
+from skyfolio.sim.setpoints import setpoint_of
+from skyfolio.sim.wire import AUTOPILOT_COMPONENT, Message
 
 if TYPE_CHECKING:
-    from sim.autopilot import Autopilot
+    from skyfolio.sim.autopilot import Autopilot
 
 Handler = Callable[[Any], list[Message]]
 

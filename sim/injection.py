@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 if TYPE_CHECKING:
-    from sim.autopilot import Autopilot
+    from skyfolio.sim.autopilot import Autopilot
 
 _GPS = dialect.FAILURE_UNIT_SENSOR_GPS
 _BATTERY = dialect.FAILURE_UNIT_SYSTEM_BATTERY

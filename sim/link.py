@@ -12,8 +12,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any, cast
 
-from sim.impairments import Channel, Impairments
-from sim.wire import Decoder
+from skyfolio.sim.impairments import Channel, Impairments
+from skyfolio.sim.wire import Decoder
 
 Address = tuple[Any, ...]
 OnMessage = Callable[[Any, Address], None]

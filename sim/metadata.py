@@ -7,9 +7,9 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
-from sim.ftp import crc32
-from sim.parameters import REAL32, Parameter
-from sim.wire import Unlisted
+from skyfolio.sim.ftp import crc32
+from skyfolio.sim.parameters import REAL32, Parameter
+from skyfolio.sim.wire import Unlisted
 
 COMPONENT_METADATA = 397
 """The message's id; pymavlink 2.4.50 does not know it."""

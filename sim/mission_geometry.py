@@ -4,10 +4,10 @@ import math
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.geo import LocalFrame, Place, corner_speed
-from sim.missions import Mission, MissionItem
-from sim.parameters import ParameterStore
-from sim.vehicle import BRAKING_SHARE, JERK_SHARE, jerk_limited_approach
+from skyfolio.sim.geo import LocalFrame, Place, corner_speed
+from skyfolio.sim.kinematics import BRAKING_SHARE, JERK_SHARE, jerk_limited_approach
+from skyfolio.sim.missions import Mission, MissionItem
+from skyfolio.sim.parameters import ParameterStore
 
 
 class MissionGeometry:

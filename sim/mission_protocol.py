@@ -13,8 +13,8 @@ from typing import Any, NamedTuple, Protocol
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.missions import COMMANDS_OF, Mission, MissionItem
-from sim.wire import Message
+from skyfolio.sim.missions import COMMANDS_OF, Mission, MissionItem
+from skyfolio.sim.wire import Message
 
 MISSION = dialect.MAV_MISSION_TYPE_MISSION
 ALL = dialect.MAV_MISSION_TYPE_ALL

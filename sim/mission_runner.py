@@ -11,13 +11,13 @@ from collections.abc import Callable
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.geo import LocalFrame, Place, distance_from_segment
-from sim.mission_geometry import MissionGeometry, changed_speed
-from sim.mission_state import MISSION_MODES, NOTHING_REACHED, Handover, MissionState, Target
-from sim.missions import Mission, MissionItem
-from sim.modes import Mode
-from sim.parameters import ParameterStore
-from sim.vehicle import Body, Guidance, stopping_point
+from skyfolio.sim.geo import LocalFrame, Place, distance_from_segment
+from skyfolio.sim.kinematics import Body, Guidance, stopping_point
+from skyfolio.sim.mission_geometry import MissionGeometry, changed_speed
+from skyfolio.sim.mission_state import MISSION_MODES, NOTHING_REACHED, Handover, MissionState, Target
+from skyfolio.sim.missions import Mission, MissionItem
+from skyfolio.sim.modes import Mode
+from skyfolio.sim.parameters import ParameterStore
 
 DAY_S = 86_400.0
 _HOVERS = (dialect.MAV_CMD_NAV_WAYPOINT, dialect.MAV_CMD_NAV_LOITER_TIME)

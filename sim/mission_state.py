@@ -5,7 +5,7 @@ from enum import Enum, auto
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.modes import Mode
+from skyfolio.sim.modes import Mode
 
 NOTHING_REACHED = -1
 MISSION_MODES = (Mode.MISSION, Mode.TAKEOFF, Mode.LAND)

@@ -4,13 +4,13 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from sim.mission_state import Handover
-from sim.modes import Mode
-from sim.setpoints import Setpoint
-from sim.vehicle import Body, Guidance, stopping_point
+from skyfolio.sim.kinematics import Body, Guidance, stopping_point
+from skyfolio.sim.mission_state import Handover
+from skyfolio.sim.modes import Mode
+from skyfolio.sim.setpoints import Setpoint
 
 if TYPE_CHECKING:
-    from sim.autopilot import Autopilot
+    from skyfolio.sim.autopilot import Autopilot
 
 _AT_HEIGHT_M = 0.5
 """A climb counts as done this close below its height, when the vehicle takes off or returns."""

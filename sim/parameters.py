@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.tuning import Tuning
-from sim.vehicle import Limits
-from sim.wire import Message, text
+from skyfolio.sim.kinematics import Limits
+from skyfolio.sim.tuning import Tuning
+from skyfolio.sim.wire import Message, text
 
 INT8 = dialect.MAV_PARAM_TYPE_INT8
 INT16 = dialect.MAV_PARAM_TYPE_INT16

@@ -5,16 +5,16 @@ from typing import TYPE_CHECKING
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.fence import Fence
-from sim.geo import Place
-from sim.mission_protocol import MISSION
-from sim.missions import NOT_GIVEN, Mission, MissionItem
-from sim.modes import Mode
-from sim.reports import mission_current
-from sim.wire import Message
+from skyfolio.sim.fence import Fence
+from skyfolio.sim.geo import Place
+from skyfolio.sim.mission_protocol import MISSION
+from skyfolio.sim.missions import NOT_GIVEN, Mission, MissionItem
+from skyfolio.sim.modes import Mode
+from skyfolio.sim.reports import mission_current
+from skyfolio.sim.wire import Message
 
 if TYPE_CHECKING:
-    from sim.autopilot import Autopilot
+    from skyfolio.sim.autopilot import Autopilot
 
 _FENCE, _RALLY = dialect.MAV_MISSION_TYPE_FENCE, dialect.MAV_MISSION_TYPE_RALLY
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.commands import (
+from skyfolio.sim.commands import (
     ACCEPTED,
     DENIED,
     FAILED,
@@ -17,12 +17,12 @@ from sim.commands import (
     Outcome,
     index_of,
 )
-from sim.injection import injected_failure
-from sim.modes import Mode
-from sim.wire import Message
+from skyfolio.sim.injection import injected_failure
+from skyfolio.sim.modes import Mode
+from skyfolio.sim.wire import Message
 
 if TYPE_CHECKING:
-    from sim.autopilot import Autopilot
+    from skyfolio.sim.autopilot import Autopilot
 
 MISSION_CURRENT = dialect.MAVLINK_MSG_ID_MISSION_CURRENT
 

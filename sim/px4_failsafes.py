@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.failsafes import SEVERITY, Failsafes
-from sim.modes import Mode
-from sim.tuning import Action, Breach, LowBattery
+from skyfolio.sim.failsafes import SEVERITY, Failsafes
+from skyfolio.sim.modes import Mode
+from skyfolio.sim.tuning import Action, Breach, LowBattery
 
 if TYPE_CHECKING:
-    from sim.autopilot import Autopilot
+    from skyfolio.sim.autopilot import Autopilot
 
 _CRITICAL = dialect.MAV_SEVERITY_CRITICAL
 _DELAYED = (Action.RETURN, Action.LAND)

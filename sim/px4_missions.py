@@ -10,10 +10,19 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.mission_protocol import ALL, MISSION, TYPES, MissionHost, MissionProtocol, Partner, ack_message, item_message
-from sim.missions import Mission, MissionItem, bad_fence, rejection
-from sim.px4_storage import as_read
-from sim.wire import Extended, Message, text
+from skyfolio.sim.mission_protocol import (
+    ALL,
+    MISSION,
+    TYPES,
+    MissionHost,
+    MissionProtocol,
+    Partner,
+    ack_message,
+    item_message,
+)
+from skyfolio.sim.missions import Mission, MissionItem, bad_fence, rejection
+from skyfolio.sim.px4_storage import as_read
+from skyfolio.sim.wire import Extended, Message, text
 
 RETRY_S = 0.25
 """PX4 asks again for a missing item after this long."""

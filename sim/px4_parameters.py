@@ -6,9 +6,9 @@ from dataclasses import replace
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.parameters import Parameter
-from sim.tuning import Action, FenceRule, LinkLoss, LowBattery, Tuning
-from sim.vehicle import Limits
+from skyfolio.sim.kinematics import Limits
+from skyfolio.sim.parameters import Parameter
+from skyfolio.sim.tuning import Action, FenceRule, LinkLoss, LowBattery, Tuning
 
 PX4_LIMITS = Limits()
 _LIMIT_OF = {

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.missions import FENCE_CIRCLES, FENCE_POLYGONS, RELATIVE_FRAMES, MissionItem
+from skyfolio.sim.missions import FENCE_CIRCLES, FENCE_POLYGONS, RELATIVE_FRAMES, MissionItem
 
 _FENCE = dialect.MAV_MISSION_TYPE_FENCE
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, Protocol, Self
 
-from sim.reports import EPOCH_S
+from skyfolio.sim.reports import EPOCH_S
 
 
 class Tap(Protocol):

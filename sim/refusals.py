@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.modes import Mode
+from skyfolio.sim.modes import Mode
 
 if TYPE_CHECKING:
-    from sim.autopilot import Autopilot
+    from skyfolio.sim.autopilot import Autopilot
 
 Refusal = tuple[tuple[str, int], ...]
 _CRITICAL, _WARNING = dialect.MAV_SEVERITY_CRITICAL, dialect.MAV_SEVERITY_WARNING

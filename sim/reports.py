@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.airframe import CELLS
-from sim.mission_state import MISSION_MODES
-from sim.modes import Mode
-from sim.tuning import Action
-from sim.wire import Extended, Message
+from skyfolio.sim.airframe import CELLS
+from skyfolio.sim.mission_state import MISSION_MODES
+from skyfolio.sim.modes import Mode
+from skyfolio.sim.tuning import Action
+from skyfolio.sim.wire import Extended, Message
 
 if TYPE_CHECKING:
-    from sim.autopilot import Autopilot
+    from skyfolio.sim.autopilot import Autopilot
 
 EPOCH_S = 1_767_225_600 + 12 * 3600
 """Unix time at fleet time 0: 2026-01-01, noon UTC."""

@@ -3,8 +3,8 @@
 import re
 from typing import Any
 
-from sim.faults import FAULTS, Fault, fault_from
-from sim.slots import SlotGrid
+from skyfolio.sim.faults import FAULTS, Fault, fault_from
+from skyfolio.sim.slots import SlotGrid
 
 _TEXT = re.compile(
     r"(?P<kind>[a-z_-]+):(?P<system_id>\d+)(@(?:slot=(?P<slot>\d+)|(?P<at>\d+(?:\.\d+)?)))?(,(?P<knobs>.+))?"

@@ -6,9 +6,9 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.geo import LocalFrame
-from sim.missions import ABSOLUTE_FRAMES, RELATIVE_FRAMES
-from sim.vehicle import Body, Guidance
+from skyfolio.sim.geo import LocalFrame
+from skyfolio.sim.kinematics import Body, Guidance
+from skyfolio.sim.missions import ABSOLUTE_FRAMES, RELATIVE_FRAMES
 
 MESSAGES = frozenset({"SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT"})
 _NO_POSITION = 0b0000_0000_0111

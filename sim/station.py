@@ -5,15 +5,15 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from sim.autopilot import Autopilot
-from sim.lineup import VehicleSpec
-from sim.link import Address, Link, Radio
-from sim.missions import Mission
-from sim.modes import Mode
-from sim.recording import Tap
-from sim.vehicle import Limits
-from sim.weather import Air
-from sim.wire import Encoder, Message
+from skyfolio.sim.autopilot import Autopilot
+from skyfolio.sim.kinematics import Limits
+from skyfolio.sim.link import Address, Link, Radio
+from skyfolio.sim.missions import Mission
+from skyfolio.sim.modes import Mode
+from skyfolio.sim.recording import Tap
+from skyfolio.sim.specs import VehicleSpec
+from skyfolio.sim.weather import Air
+from skyfolio.sim.wire import Encoder, Message
 
 MAX_DATAGRAM_BYTES = 1200
 UNREAD = 256

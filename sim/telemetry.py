@@ -5,13 +5,13 @@ from typing import TYPE_CHECKING
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.metadata import COMPONENT_METADATA, metadata_message
-from sim.mission_state import NOTHING_REACHED
-from sim.reports import BUILDERS, boot_ms
-from sim.wire import Message
+from skyfolio.sim.metadata import COMPONENT_METADATA, metadata_message
+from skyfolio.sim.mission_state import NOTHING_REACHED
+from skyfolio.sim.reports import BUILDERS, boot_ms
+from skyfolio.sim.wire import Message
 
 if TYPE_CHECKING:
-    from sim.autopilot import Autopilot
+    from skyfolio.sim.autopilot import Autopilot
 
 FASTEST_INTERVAL_S = 0.02
 GROUPS: dict[int, tuple[int, ...]] = {

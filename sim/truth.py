@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field, is_dataclass
 from typing import Any
 
-from sim.recording import TlogWriter
-from sim.station import Vehicle
+from skyfolio.sim.recording import TlogWriter
+from skyfolio.sim.station import Vehicle
 
 SAMPLE_INTERVAL_S = 0.1
 MAX_SAMPLES = 1_000_000

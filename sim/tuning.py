@@ -10,7 +10,7 @@ from enum import Enum, auto
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.vehicle import Limits
+from skyfolio.sim.kinematics import Limits
 
 
 class Action(Enum):

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.signing import Signature, SignedMavlink
+from skyfolio.sim.signing import Signature, SignedMavlink
 
 AUTOPILOT_COMPONENT = 1
 MAVLINK_2_MARKER = 0xFD

@@ -6,7 +6,7 @@ import socket
 import pytest
 from hypothesis import settings
 
-import api  # noqa: F401 - first of all, so that kernels are where set-up has compiled them
+from skyfolio import api  # noqa: F401 - first of all, so that kernels are where set-up has compiled them
 from tests import ports
 
 os.environ.setdefault("SKYFOLIO_ALLOWED_HOSTS", "testserver")  # the name under which Starlette's TestClient asks

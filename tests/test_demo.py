@@ -13,7 +13,7 @@ pytestmark = pytest.mark.e2e
 
 
 def fly(out: Path, *options: str) -> tuple[int, dict[str, Any]]:
-    command = [sys.executable, "-m", "api", "demo", "--json", "--speedup", "10", "--out", str(out), *options]
+    command = [sys.executable, "-m", "skyfolio", "demo", "--json", "--speedup", "10", "--out", str(out), *options]
     done = subprocess.run(command, capture_output=True, text=True, timeout=200)
     assert done.stdout.startswith("{"), done.stderr
     report: dict[str, Any] = json.loads(done.stdout)
@@ -43,7 +43,7 @@ def test_with_the_loop_the_survivors_truly_fly_a_new_plan_and_users_get_more(tmp
 
 
 def test_a_drill_that_makes_no_sense_is_refused(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "api", "demo", "--kill", "uav-9", "--out", str(tmp_path)]
+    command = [sys.executable, "-m", "skyfolio", "demo", "--kill", "uav-9", "--out", str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert done.returncode == 1
     assert "kill: 'uav-9' must be one of" in done.stderr

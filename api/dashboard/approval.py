@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from nicegui import ui
 
-from api.dashboard import comparison, picture
-from api.dashboard.elements import MapView, attempt, figures, text
-from api.dashboard.views import Operation, Transaction
-from api.dashboard.watch import Watch
-from planner import Plan
+from skyfolio.api.dashboard import comparison
+from skyfolio.api.dashboard import map_scene as picture
+from skyfolio.api.dashboard.elements import MapView, attempt, figures, text
+from skyfolio.api.dashboard.views import Operation, Transaction
+from skyfolio.api.dashboard.watch import Watch
+from skyfolio.planner import Plan
 
 
 class Notices:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from api.dashboard.picture import PALETTE
+from skyfolio.api.dashboard.map_scene import PALETTE
 
 Json = dict[str, Any]
 Row = Sequence[float | None]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planner import Plan, delivered_rates_bps
+from skyfolio.planner import Plan, delivered_rates_bps
 
 SERVED_BPS = 100.0
 """A user with a lower mean rate counts as not served."""

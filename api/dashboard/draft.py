@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from pydantic import ValidationError
 
-from planner import Scenario
+from skyfolio.planner import Scenario
 
 Kind = Literal["uav", "user"]
 LISTS: dict[str, str] = {"uav": "uavs", "user": "users"}

@@ -8,8 +8,8 @@ from typing import Any
 from nicegui import ui
 from nicegui.elements.mixins.text_element import TextElement
 
-from api.dashboard.picture import Json
-from api.dashboard.rest import RestError
+from skyfolio.api.dashboard.map_scene import Json
+from skyfolio.api.dashboard.rest import RestError
 
 
 class MapView(ui.element, component="components/map.js"):

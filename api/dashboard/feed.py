@@ -7,9 +7,9 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from api.dashboard.rest import Rest, RestError
-from api.dashboard.transactions import transactions
-from api.dashboard.views import (
+from skyfolio.api.dashboard.recoveries import transactions
+from skyfolio.api.dashboard.rest import Rest, RestError
+from skyfolio.api.dashboard.views import (
     OVER,
     Drill,
     Happening,
@@ -21,8 +21,8 @@ from api.dashboard.views import (
     Vehicle,
     WhatIf,
 )
-from planner import Plan, Scenario
-from sim import FAULTS, fault_from
+from skyfolio.planner import Plan, Scenario
+from skyfolio.sim import FAULTS, fault_from
 
 ENDED = {"succeeded", "infeasible", "cancelled", "failed", "interrupted"}
 TRACK_AT_ONCE = 200

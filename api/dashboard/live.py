@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from api.dashboard import picture
-from api.dashboard.views import Operation
-from api.dashboard.watch import Seen, Watch
-from planner import Plan
+from skyfolio.api.dashboard import map_scene as picture
+from skyfolio.api.dashboard.views import Operation
+from skyfolio.api.dashboard.watch import Seen, Watch
+from skyfolio.planner import Plan
 
 
 def spots(watch: Watch) -> list[picture.Spot]:

@@ -12,14 +12,14 @@ from fastapi.responses import RedirectResponse
 from nicegui import Client, ui
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from api.dashboard.feed import Feed
-from api.dashboard.pages.drill import DrillPage
-from api.dashboard.pages.fly import FlyPage
-from api.dashboard.pages.plan import PlanPage
-from api.dashboard.pages.replay import ReplayPage
-from api.dashboard.rest import Rest
-from api.dashboard.watch import Watch
-from api.gate import COOKIE, DASHBOARD, INSIDE
+from skyfolio.api.dashboard.feed import Feed
+from skyfolio.api.dashboard.pages.drill import DrillPage
+from skyfolio.api.dashboard.pages.fly import FlyPage
+from skyfolio.api.dashboard.pages.plan import PlanPage
+from skyfolio.api.dashboard.pages.replay import ReplayPage
+from skyfolio.api.dashboard.rest import Rest
+from skyfolio.api.dashboard.watch import Watch
+from skyfolio.api.http.middleware import COOKIE, DASHBOARD, INSIDE
 
 HERE = Path(__file__).parent
 MOST_KEYS = 64

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from datetime import datetime
 from math import atan2, degrees
 
-from api.dashboard import picture
-from api.dashboard.views import Happening, Operation, TrackPoint
-from planner import Plan
+from skyfolio.api.dashboard import map_scene as picture
+from skyfolio.api.dashboard.views import Happening, Operation, TrackPoint
+from skyfolio.planner import Plan
 
 COURSE_OVER_S = 1.5
 STILL_M = 0.4

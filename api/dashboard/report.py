@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from api.dashboard.comparison import without
-from api.dashboard.views import Drill, Operation, TrackPoint
-from planner import Plan
+from skyfolio.api.dashboard.comparison import without
+from skyfolio.api.dashboard.views import Drill, Operation, TrackPoint
+from skyfolio.planner import Plan
 
 Rate = float | None
 

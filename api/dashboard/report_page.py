@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from html import escape
 
-from api.dashboard.picture import PALETTE
-from api.dashboard.report import Rate, Report
+from skyfolio.api.dashboard.map_scene import PALETTE
+from skyfolio.api.dashboard.report import Rate, Report
 
 ALARM = "#b84a00"
 GREY = "#6b7783"

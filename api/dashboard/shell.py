@@ -6,9 +6,9 @@ from collections.abc import Awaitable, Callable
 
 from nicegui import ui
 
-from api.dashboard.elements import attempt, say_refusal, text
-from api.dashboard.rest import RestError
-from api.dashboard.watch import Watch
+from skyfolio.api.dashboard.elements import attempt, say_refusal, text
+from skyfolio.api.dashboard.rest import RestError
+from skyfolio.api.dashboard.watch import Watch
 
 PAGES = (("Fly", "./"), ("Plan", "plan"), ("Drill", "drill"), ("Replay", "replay"))
 REFRESH_S = 0.5

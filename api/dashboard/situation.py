@@ -7,12 +7,12 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from nicegui import events, ui
 
-from api.dashboard import charts
-from api.dashboard.elements import FleetTable, MapView, panel, text
-from api.dashboard.picture import Json
-from api.dashboard.views import Happening, Transaction
-from api.dashboard.words import words
-from planner import Plan
+from skyfolio.api.dashboard import charts
+from skyfolio.api.dashboard.elements import FleetTable, MapView, panel, text
+from skyfolio.api.dashboard.event_text import words
+from skyfolio.api.dashboard.map_scene import Json
+from skyfolio.api.dashboard.views import Happening, Transaction
+from skyfolio.planner import Plan
 
 SHOWN_EVENTS = 120
 Row = Sequence[float | None]

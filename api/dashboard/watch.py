@@ -12,12 +12,12 @@ from math import atan2, degrees, hypot
 import structlog
 from pydantic import ValidationError
 
-from api.dashboard.feed import Feed
-from api.dashboard.rest import RestError
-from api.dashboard.views import Happening, Operation, Vehicle
-from api.dashboard.words import words
-from mavlink_bridge import geodetic_to_east_north
-from planner import Origin, Plan
+from skyfolio.api.dashboard.event_text import words
+from skyfolio.api.dashboard.feed import Feed
+from skyfolio.api.dashboard.rest import RestError
+from skyfolio.api.dashboard.views import Happening, Operation, Vehicle
+from skyfolio.mavlink_bridge import geodetic_to_east_north
+from skyfolio.planner import Origin, Plan
 
 log = structlog.get_logger()
 PERIOD_S = 0.2

@@ -17,10 +17,10 @@ from sqlalchemy.engine import make_url
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine, create_async_engine
 
-from api.store.errors import StoreError
-from api.store.migrate import upgrade
-from api.store.spill import Spill
-from api.store.writer import InThread, OnLoop, Statement, Writer
+from skyfolio.api.store.errors import StoreError
+from skyfolio.api.store.migrate import upgrade
+from skyfolio.api.store.spill import Spill
+from skyfolio.api.store.writer import InThread, OnLoop, Statement, Writer
 
 log = structlog.get_logger()
 LOOK_EVERY_S = 0.1

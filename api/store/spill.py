@@ -21,7 +21,7 @@ from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.engine import URL
 from sqlalchemy.exc import IntegrityError
 
-from api.store.writer import Statement
+from skyfolio.api.store.writer import Statement
 
 log = structlog.get_logger()
 _DIALECTS: dict[str, Dialect] = {

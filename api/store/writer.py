@@ -20,7 +20,7 @@ from sqlalchemy import Engine, Executable
 from sqlalchemy.exc import DataError, DBAPIError, IntegrityError, ProgrammingError
 from sqlalchemy.ext.asyncio import AsyncEngine
 
-from api.store.errors import StoreError
+from skyfolio.api.store.errors import StoreError
 
 log = structlog.get_logger()
 Params: TypeAlias = dict[str, Any] | list[dict[str, Any]]

@@ -9,7 +9,7 @@ to begin.
 The kernels see an `Arena`, the problem as plain arrays; nothing here keeps state between calls.
 """
 
-from planner.fast.optimise import default_starts, flyable, linked, optimise
-from planner.fast.served import served_rates_bps
+from skyfolio.planner.fast.optimise import default_starts, flyable, linked, optimise
+from skyfolio.planner.fast.served import served_rates_bps
 
 __all__ = ["default_starts", "flyable", "linked", "optimise", "served_rates_bps"]

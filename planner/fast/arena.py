@@ -13,8 +13,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from planner.problem import Problem
-from planner.repair import step_limits_m
+from skyfolio.planner.problem import Problem
+from skyfolio.planner.repair import step_limits_m
 
 Array: TypeAlias = NDArray[np.float64]
 Ints: TypeAlias = NDArray[np.int64]
@@ -35,8 +35,8 @@ def entry(function: Function) -> Function:
     """Compile a kernel that Python calls: serial, without the GIL, cached on disk.
 
     Arguments are made new or pass through `plain`. numba looks only at a function's own file to see whether what is
-    cached is still right, and not at the kernels that it calls: `api.kernels` keeps a cache for each version of all
-    sources, and who uses the planner alone deletes the caches (`make clean`) after editing a kernel.
+    cached is still right, and not at the kernels that it calls: `api.common.kernels` keeps a cache for each version
+    of all sources, and who uses the planner alone deletes the caches (`make clean`) after editing a kernel.
     """
     return cast("Function", njit(**_OPTIONS)(function))
 

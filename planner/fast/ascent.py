@@ -12,10 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planner.fast.arena import Arena, Array, Links, kernel
-from planner.fast.flight import fly
-from planner.fast.floors import free_bands, refit, reweigh
-from planner.fast.rates import gradient, link_rates, value
+from skyfolio.planner.fast.arena import Arena, Array, Links, kernel
+from skyfolio.planner.fast.flight import fly
+from skyfolio.planner.fast.floors import free_bands, refit, reweigh
+from skyfolio.planner.fast.rates import gradient, link_rates, value
 
 TRIES = 12
 FIRST_MOVE_M = 50.0

@@ -11,11 +11,11 @@ from itertools import combinations
 
 import numpy as np
 
-from planner.fast.arena import arena_of
-from planner.fast.routes import with_routes
-from planner.fast.seeds import hovering
-from planner.problem import Problem
-from planner.unreachable import Blocked
+from skyfolio.planner.fast.arena import arena_of
+from skyfolio.planner.fast.routes import with_routes
+from skyfolio.planner.fast.seeds import hovering
+from skyfolio.planner.problem import Problem
+from skyfolio.planner.unreachable import Blocked
 
 MOST_PAIRS = 500
 """So many pairs are tried at most: in a large fleet the message is then about the fleet."""

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from planner.fast.arena import MARGIN, SUM, Arena, Array, Ints, Links, entry, kernel
-from planner.fast.ascent import Ascent, ascend, ascent_of
-from planner.fast.matching import match_all
-from planner.fast.rates import link_rates, slot_signals, value
-from planner.fast.shares import copy_links, new_links, share_all, tangent_weights
+from skyfolio.planner.fast.arena import MARGIN, SUM, Arena, Array, Ints, Links, entry, kernel
+from skyfolio.planner.fast.ascent import Ascent, ascend, ascent_of
+from skyfolio.planner.fast.matching import match_all
+from skyfolio.planner.fast.rates import link_rates, slot_signals, value
+from skyfolio.planner.fast.shares import copy_links, new_links, share_all, tangent_weights
 
 RELINKS = 4
 """Minorants in a row in each pass."""

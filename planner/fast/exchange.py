@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planner.fast.arena import SUM, Arena, Array, Ints, kernel
+from skyfolio.planner.fast.arena import SUM, Arena, Array, Ints, kernel
 
 SWEEPS = 4
 ROUNDING = 4e-15

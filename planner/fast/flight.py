@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from planner.fast.arena import Arena, Array, Flag, Ints, entry, kernel, smooth
-from planner.fast.routes import one_step, way_on
-from planner.fast.zones import SLACK_M, push_from_zones, push_out
+from skyfolio.planner.fast.arena import Arena, Array, Flag, Ints, entry, kernel, smooth
+from skyfolio.planner.fast.routes import one_step, way_on
+from skyfolio.planner.fast.zones import SLACK_M, push_from_zones, push_out
 
 PUSHES = 8
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from planner.fast.arena import Arena, Array, Links, kernel
+from skyfolio.planner.fast.arena import Arena, Array, Links, kernel
 
 
 @kernel

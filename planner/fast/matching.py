@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planner.fast.arena import Arena, Array, Ints, Links, kernel, smooth
-from planner.fast.rates import slot_signals
+from skyfolio.planner.fast.arena import Arena, Array, Ints, Links, kernel, smooth
+from skyfolio.planner.fast.rates import slot_signals
 
 
 class Search(NamedTuple):

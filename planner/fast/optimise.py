@@ -7,17 +7,17 @@ from functools import partial
 
 import numpy as np
 
-from planner.fast.arena import Arena, Array, Links, arena_of, copy_of, links_of, plain
-from planner.fast.blocked import who_is_blocked
-from planner.fast.climb import climb as climb_on
-from planner.fast.climb import tables
-from planner.fast.routes import with_routes
-from planner.fast.seeds import flown, hovering, next_start
-from planner.plans import Iteration
-from planner.problem import Problem
-from planner.solution import Observer, Solution, ignore
-from planner.stopping import StoppingRule
-from planner.unreachable import UnreachableEndError
+from skyfolio.planner.fast.arena import Arena, Array, Links, arena_of, copy_of, links_of, plain
+from skyfolio.planner.fast.blocked import who_is_blocked
+from skyfolio.planner.fast.climb import climb as climb_on
+from skyfolio.planner.fast.climb import tables
+from skyfolio.planner.fast.routes import with_routes
+from skyfolio.planner.fast.seeds import flown, hovering, next_start
+from skyfolio.planner.plans import Iteration
+from skyfolio.planner.problem import Problem
+from skyfolio.planner.solution import Observer, Solution, ignore
+from skyfolio.planner.stopping import StoppingRule
+from skyfolio.planner.unreachable import UnreachableEndError
 
 STEPS = 30
 TOLERANCE = 3e-6

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from planner.fast.arena import Arena, Array, Ints, entry, kernel
-from planner.fast.zones import push_from_zones
-from planner.problem import Problem
+from skyfolio.planner.fast.arena import Arena, Array, Ints, entry, kernel
+from skyfolio.planner.fast.zones import push_from_zones
+from skyfolio.planner.problem import Problem
 
 FAR = 1_000_000_000
 """More slots than any plan has: not to be reached."""

@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from planner.fast.arena import Arena, Array, plain
-from planner.fast.flight import fly
-from planner.fast.routes import lead
+from skyfolio.planner.fast.arena import Arena, Array, plain
+from skyfolio.planner.fast.flight import fly
+from skyfolio.planner.fast.routes import lead
 
 SCATTERED = 6
 """So many starts are scattered before the best is varied."""

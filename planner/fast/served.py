@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from planner.fast.arena import Array, Ints, entry, is_mean, plain
-from planner.problem import Problem
-from planner.solution import Solution
+from skyfolio.planner.fast.arena import Array, Ints, entry, is_mean, plain
+from skyfolio.planner.problem import Problem
+from skyfolio.planner.solution import Solution
 
 
 def served_rates_bps(problem: Problem, solution: Solution) -> Array:

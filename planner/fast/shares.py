@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from planner.fast.arena import Arena, Array, Ints, Links, kernel
-from planner.fast.exchange import THOROUGH, exchange, market_of, share_slot
-from planner.fast.rates import PER_LN, slot_signals, user_sums
+from skyfolio.planner.fast.arena import Arena, Array, Ints, Links, kernel
+from skyfolio.planner.fast.exchange import THOROUGH, exchange, market_of, share_slot
+from skyfolio.planner.fast.rates import PER_LN, slot_signals, user_sums
 
 
 @kernel

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from planner.fast.arena import Arena, Array, Ints, kernel
+from skyfolio.planner.fast.arena import Arena, Array, Ints, kernel
 
 SLACK_M = 1e-10
 """A leg this little too close is not: rounding."""

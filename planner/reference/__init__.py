@@ -4,6 +4,6 @@ This is documentation that runs. It is slow, reads beside the letter equation by
 fast path is tested against. Start at `algorithm1.py`.
 """
 
-from planner.reference.algorithm1 import algorithm_1
+from skyfolio.planner.reference.algorithm1 import algorithm_1
 
 __all__ = ["algorithm_1"]

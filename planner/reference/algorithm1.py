@@ -9,17 +9,17 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.channel import spectral_efficiency
-from planner.plans import Iteration
-from planner.problem import Problem
-from planner.reference.association import nearest_binary, relaxed_association
-from planner.reference.bandwidth import best_bandwidth, whole_shares
-from planner.reference.objective import SubproblemError
-from planner.reference.trajectory import steered
-from planner.repair import toward
-from planner.solution import Observer, Solution, ignore
-from planner.stopping import StoppingRule
-from planner.utility import utility_kbps
+from skyfolio.planner.channel import spectral_efficiency
+from skyfolio.planner.plans import Iteration
+from skyfolio.planner.problem import Problem
+from skyfolio.planner.reference.association import nearest_binary, relaxed_association
+from skyfolio.planner.reference.bandwidth import best_bandwidth, whole_shares
+from skyfolio.planner.reference.objective import SubproblemError
+from skyfolio.planner.reference.trajectory import steered
+from skyfolio.planner.repair import toward
+from skyfolio.planner.solution import Observer, Solution, ignore
+from skyfolio.planner.stopping import StoppingRule
+from skyfolio.planner.utility import utility_kbps
 
 Array = NDArray[np.float64]
 

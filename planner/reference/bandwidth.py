@@ -6,8 +6,8 @@ import cvxpy as cp
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.problem import Problem
-from planner.reference.objective import least_rates, maximise_with_least_rates
+from skyfolio.planner.problem import Problem
+from skyfolio.planner.reference.objective import least_rates, maximise_with_least_rates
 
 Array = NDArray[np.float64]
 RESIDUE = 1e-5

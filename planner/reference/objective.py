@@ -8,7 +8,7 @@ import cvxpy as cp
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.problem import Problem
+from skyfolio.planner.problem import Problem
 
 Array = NDArray[np.float64]
 SHORTFALL_PRICE = 1e3

@@ -8,10 +8,10 @@ import cvxpy as cp
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.channel import spectral_efficiency, squared_distances
-from planner.problem import Problem
-from planner.reference.objective import least_rates, maximise_with_least_rates
-from planner.reference.zones import half_planes, outside
+from skyfolio.planner.channel import spectral_efficiency, squared_distances
+from skyfolio.planner.problem import Problem
+from skyfolio.planner.reference.objective import least_rates, maximise_with_least_rates
+from skyfolio.planner.reference.zones import half_planes, outside
 
 Array = NDArray[np.float64]
 UNIT_M = 100.0

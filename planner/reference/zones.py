@@ -13,7 +13,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from planner.problem import Problem
+from skyfolio.planner.problem import Problem
 
 Array = NDArray[np.float64]
 MARGIN_M = 1e-4

@@ -9,9 +9,9 @@ from fastapi.testclient import TestClient
 from sqlalchemy import text
 from sqlalchemy.ext.asyncio import create_async_engine
 
-from api.app import create_app
-from api.settings import Settings
-from planner import EXAMPLES
+from skyfolio.api.common.settings import Settings
+from skyfolio.api.http.app import create_app
+from skyfolio.planner import EXAMPLES
 from tests.api import postgres
 
 

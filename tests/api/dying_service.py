@@ -14,10 +14,10 @@ from typing import Any
 import uvicorn
 from fastapi import FastAPI
 
-from api.app import create_app
-from api.journal import Entry
-from api.logs import configure_logging
-from api.settings import Settings
+from skyfolio.api.common.logs import configure_logging
+from skyfolio.api.common.settings import Settings
+from skyfolio.api.flights.journal import Entry
+from skyfolio.api.http.app import create_app
 
 
 def dying(settings: Settings, step: str, when: str, count: int) -> FastAPI:

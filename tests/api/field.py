@@ -13,10 +13,10 @@ from typing import Any, Self
 
 import httpx2
 
-import sim
-from api.settings import Settings
-from api.simulate import specs_at_starts
-from planner import EXAMPLES
+from skyfolio import sim
+from skyfolio.api.common.settings import Settings
+from skyfolio.api.lab.simulate import specs_at_starts
+from skyfolio.planner import EXAMPLES
 from tests.ports import free_port
 
 SPEEDUP = 5.0

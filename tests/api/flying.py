@@ -12,15 +12,15 @@ from typing import Any
 from fastapi import FastAPI
 from fastapi.testclient import TestClient
 
-import sim
-from api.app import create_app
-from api.client import Client
-from api.operation_views import ENDED, OperationView, State
-from api.service import Service
-from api.settings import Settings
-from api.simulate import specs_at_starts
-from mavlink_bridge import Autopilot
-from planner import Plan, Scenario
+from skyfolio import sim
+from skyfolio.api.client import Client
+from skyfolio.api.common.settings import Settings
+from skyfolio.api.flights.operation_views import ENDED, OperationView, State
+from skyfolio.api.http.app import create_app
+from skyfolio.api.lab.simulate import specs_at_starts
+from skyfolio.api.service import Service
+from skyfolio.mavlink_bridge import Autopilot
+from skyfolio.planner import Plan, Scenario
 from tests.ports import free_port
 
 

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from api import cli
-from api.bench import loop, markdown, planner_figures, table
-from api.bench.cases import CASES, instance, stop, value_kbps
-from api.bench.ipopt import Trajectories, alternate, utility_of
-from api.bench.planner import in_a_process
-from planner.fast import linked, optimise
-from planner.problem import problem_of
+from skyfolio.api.cli import main as cli
+from skyfolio.api.lab.bench import loop, markdown, planner_figures, table
+from skyfolio.api.lab.bench.cases import CASES, instance, stop, value_kbps
+from skyfolio.api.lab.bench.ipopt import Trajectories, alternate, utility_of
+from skyfolio.api.lab.bench.planner import in_a_process
+from skyfolio.planner.fast import linked, optimise
+from skyfolio.planner.problem import problem_of
 
 TINY = ((2, 4, 5), (3, 5, 6))
 

@@ -8,11 +8,12 @@ from typing import Any
 
 import pytest
 
-from api import cli, kernels
-from api.client import Client
-from api.later import load
-from api.orders import OrderResult
-from planner import EXAMPLES, Plan, plan, violations
+from skyfolio.api.cli import main as cli
+from skyfolio.api.cli.lazy import load
+from skyfolio.api.client import Client
+from skyfolio.api.common import kernels
+from skyfolio.api.flights.orders import OrderResult
+from skyfolio.planner import EXAMPLES, Plan, plan, violations
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -231,7 +232,7 @@ HEAVY = {"numpy", "numba", "scipy", "pydantic", "fastapi", "sqlalchemy", "mavsdk
 )
 def test_help_loads_neither_planner_nor_service(arguments: list[str], allowed: set[str]) -> None:
     look = (
-        "import sys\nfrom api.cli import cli\n"
+        "import sys\nfrom skyfolio.api.cli.main import cli\n"
         f"try: cli({arguments!r})\nexcept SystemExit: pass\n"
         "print(*{name.split('.')[0] for name in sys.modules}, file=sys.stderr)"
     )
@@ -261,7 +262,7 @@ def test_a_plan_is_only_timed_once_kernels_are_there(
         return plan(*given, **named)
 
     monkeypatch.setattr(kernels, "prepare", prepare)
-    monkeypatch.setattr("api.planning_cli.plan", planned)
+    monkeypatch.setattr("skyfolio.api.cli.planning.plan", planned)
     assert run(monkeypatch, "plan", "--example", "minimal", "--json") == 0
     assert order == ["kernels", "plan"]
     printed = capsys.readouterr()

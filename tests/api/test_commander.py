@@ -5,8 +5,8 @@ from collections.abc import Iterable
 
 import pytest
 
-from api.commander import OVERTAKEN, Commander, OvertakenError
-from mavlink_bridge.results import CommandResult
+from skyfolio.api.fleet.commander import OVERTAKEN, Commander, OvertakenError
+from skyfolio.mavlink_bridge.results import CommandResult
 
 
 class Link:

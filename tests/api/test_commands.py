@@ -3,8 +3,8 @@
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 
-from api.operation_views import State
-from planner import EXAMPLES
+from skyfolio.api.flights.operation_views import State
+from skyfolio.planner import EXAMPLES
 from tests.api.flying import Flight, flight, service
 
 SPEEDUP = 10.0

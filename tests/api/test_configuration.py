@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from api.cli import main
-from api.configuration import bound, require_known, require_usable, settings_from
-from api.errors import InvalidError
-from api.settings import Settings
-from mavlink_bridge.conditions import Timing
+from skyfolio.api.cli.main import main
+from skyfolio.api.common.configuration import bound, require_known, require_usable, settings_from
+from skyfolio.api.common.errors import InvalidError
+from skyfolio.api.common.settings import Settings
+from skyfolio.mavlink_bridge.conditions import Timing
 from tests.ports import free_port
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 import uvicorn
 
-from api.connections import HEADERS_WITHIN_S, PatientProtocol
+from skyfolio.api.http.connections import HEADERS_WITHIN_S, PatientProtocol
 from tests.ports import free_port
 
 SOON_S = 0.3

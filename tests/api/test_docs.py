@@ -24,7 +24,7 @@ def api(tmp_path: Path) -> Iterator[str]:
     port = free_port(socket.SOCK_STREAM)
     more = ["--port", str(port), "--database-url", f"sqlite+aiosqlite:///{tmp_path}/service.db", "--json"]
     with (tmp_path / "service.log").open("wb") as log:
-        process = subprocess.Popen([sys.executable, "-m", "api", *command.split(), *more], stdout=log, stderr=log)
+        process = subprocess.Popen([sys.executable, "-m", "skyfolio", *command.split(), *more], stdout=log, stderr=log)
         try:
             url = f"http://127.0.0.1:{port}"
             deadline = time.monotonic() + 150

@@ -10,8 +10,8 @@ from pathlib import Path
 import httpx2
 import pytest
 
-from api.service import Service, _ended
-from api.settings import Settings
+from skyfolio.api.common.settings import Settings
+from skyfolio.api.service import Service, _ended
 from tests.ports import free_port
 
 
@@ -59,7 +59,7 @@ def test_an_open_event_stream_does_not_keep_the_service_from_ending(tmp_path: Pa
     url = f"http://127.0.0.1:{port}"
     command = ["serve", "--port", str(port), "--database-url", f"sqlite+aiosqlite:///{tmp_path}/service.db", "--json"]
     with log.open("wb") as out:
-        process = subprocess.Popen([sys.executable, "-m", "api", *command], stdout=out, stderr=out)
+        process = subprocess.Popen([sys.executable, "-m", "skyfolio", *command], stdout=out, stderr=out)
         try:
             while not _is_ready(url):
                 assert process.poll() is None, log.read_text()

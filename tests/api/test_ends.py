@@ -11,14 +11,14 @@ from typing import Any
 import pytest
 from fastapi.testclient import TestClient
 
-import sim
-from api.app import create_app
-from api.ends import LastSeen, UavEnd, end_of, shortfall
-from api.losses import Loss
-from api.operation_views import State
-from api.settings import Settings
-from mavlink_bridge import FlightMode
-from planner import EXAMPLES
+from skyfolio import sim
+from skyfolio.api.common.settings import Settings
+from skyfolio.api.flights.ends import LastSeen, UavEnd, end_of, shortfall
+from skyfolio.api.flights.losses import Loss
+from skyfolio.api.flights.operation_views import State
+from skyfolio.api.http.app import create_app
+from skyfolio.mavlink_bridge import FlightMode
+from skyfolio.planner import EXAMPLES
 from tests.api.flying import flight
 from tests.ports import free_port
 

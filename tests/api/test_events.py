@@ -5,9 +5,9 @@ from collections.abc import AsyncIterator
 
 import pytest
 
-from api import events as module
-from api.events import EventLog
-from api.store import Database
+from skyfolio.api.store import Database
+from skyfolio.api.store import event_log as module
+from skyfolio.api.store.event_log import EventLog
 
 
 @pytest.fixture

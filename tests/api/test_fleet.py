@@ -7,12 +7,12 @@ from typing import Any
 
 import pytest
 
-from api.app import create_app
-from api.errors import ConflictError
-from api.service import Service
-from api.settings import Settings
-from api.vehicle_view import VehicleView
-from mavlink_bridge.senders import SenderKind, SenderNotice
+from skyfolio.api.common.errors import ConflictError
+from skyfolio.api.common.settings import Settings
+from skyfolio.api.fleet.vehicle_view import VehicleView
+from skyfolio.api.http.app import create_app
+from skyfolio.api.service import Service
+from skyfolio.mavlink_bridge.senders import SenderKind, SenderNotice
 from tests.ports import free_port
 
 

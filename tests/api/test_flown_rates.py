@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from api import flown_rates
-from api.clock import FleetClock
-from api.flight import Flight
-from api.flown_rates import FlownRates
-from api.own_link import OwnLink
-from api.rates import InForce, Sample, rates_by_sample, rates_by_slot
-from api.track import Track
-from planner import EXAMPLES, Plan, plan, replan
+from skyfolio.api.common.fleet_clock import FleetClock
+from skyfolio.api.fleet.own_link import OwnLink
+from skyfolio.api.flights import flown_rates
+from skyfolio.api.flights.flight import Flight
+from skyfolio.api.flights.flown_rates import FlownRates
+from skyfolio.api.flights.rates import InForce, Sample, rates_by_sample, rates_by_slot
+from skyfolio.api.flights.track import Track
+from skyfolio.planner import EXAMPLES, Plan, plan, replan
 
 SLOT_S, N_SLOTS = 5.0, 4
 UAVS = ("uav-1", "uav-2")

@@ -12,12 +12,12 @@ import pytest
 from sqlalchemy import insert, select
 from sqlalchemy.exc import IntegrityError, OperationalError
 
-from api.events import EventLog
-from api.journal import Entry, Journal, Step
-from api.store import Database, StoreError
-from api.store.spill import Spill
-from api.store.tables import events, journal, operations
-from api.store.writer import Statement, Writer, is_passing
+from skyfolio.api.flights.journal import Entry, Journal, Step
+from skyfolio.api.store import Database, StoreError
+from skyfolio.api.store.event_log import EventLog
+from skyfolio.api.store.spill import Spill
+from skyfolio.api.store.tables import events, journal, operations
+from skyfolio.api.store.writer import Statement, Writer, is_passing
 
 INSERT = insert(events)
 LOCKED = OperationalError("INSERT", {}, sqlite3.OperationalError("database is locked"))
@@ -92,7 +92,7 @@ async def test_a_full_disk_holds_what_flights_store_in_order_and_refuses_clients
 async def test_a_commit_that_hangs_holds_up_a_flight_once_and_not_at_each_step(
     database: Database, disk: Disk, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("api.store.writer.STUCK_AFTER_S", 0.05)
+    monkeypatch.setattr("skyfolio.api.store.writer.STUCK_AFTER_S", 0.05)
     go_on = asyncio.Event()
     commit = disk._commit
 

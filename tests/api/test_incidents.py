@@ -11,13 +11,13 @@ from typing import Any
 import pytest
 from fastapi.testclient import TestClient
 
-import sim
-from api.app import create_app
-from api.client import ApiError, Client
-from api.journal import Entry, Step
-from api.operation_views import OperationView, State
-from api.settings import Settings
-from planner import EXAMPLES
+from skyfolio import sim
+from skyfolio.api.client import ApiError, Client
+from skyfolio.api.common.settings import Settings
+from skyfolio.api.flights.journal import Entry, Step
+from skyfolio.api.flights.operation_views import OperationView, State
+from skyfolio.api.http.app import create_app
+from skyfolio.planner import EXAMPLES
 from tests.api.flying import Flight, flight, service
 from tests.ports import free_port
 

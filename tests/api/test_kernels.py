@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from api import kernels
+from skyfolio.api.common import kernels
 
 ROOT = Path(__file__).resolve().parents[2]
 NOBODY = 65_534
@@ -142,7 +142,7 @@ def test_another_user_without_a_home_plans_from_code_that_it_cannot_write() -> N
     try:
         for command in (["--help"], ["plan", "--example", "minimal", "--json"], ["warm-up", "--json"]):
             done = subprocess.run(
-                _as_nobody("-m", "api", *command), env=environment, cwd="/", capture_output=True, text=True
+                _as_nobody("-m", "skyfolio", *command), env=environment, cwd="/", capture_output=True, text=True
             )
             assert done.returncode == 0, done.stderr[-2000:]
             told.append(done.stderr.count("compiled kernels are kept in"))

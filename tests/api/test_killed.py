@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-import sim
+from skyfolio import sim
 from tests.api.field import ENDED, Case, Field, died, events_of
 
 pytestmark = pytest.mark.e2e

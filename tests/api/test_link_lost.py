@@ -7,11 +7,11 @@ from typing import Any
 import pytest
 from fastapi.testclient import TestClient
 
-import sim
-from api.ends import UavEnd
-from api.operation_views import State
-from mavlink_bridge import Autopilot
-from planner import EXAMPLES
+from skyfolio import sim
+from skyfolio.api.flights.ends import UavEnd
+from skyfolio.api.flights.operation_views import State
+from skyfolio.mavlink_bridge import Autopilot
+from skyfolio.planner import EXAMPLES
 from tests.api.flying import FleetThread, Flight, flight, gone, service
 
 pytestmark = [pytest.mark.e2e, pytest.mark.beside]
@@ -86,7 +86,7 @@ def test_an_operator_can_end_an_operation_whose_link_is_lost(flown: Flight) -> N
 def test_an_operation_that_is_never_heard_again_ends_when_its_missions_must_have(
     flown: Flight, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("api.operation.LANDING_LIMIT_S", 8.0)
+    monkeypatch.setattr("skyfolio.api.flights.operation.LANDING_LIMIT_S", 8.0)
     operation_id = flown.take_off()
     mute(flown, 1, 2, 3, for_s=600.0)
     deadline = time.monotonic() + 90

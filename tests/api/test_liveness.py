@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 from fastapi.testclient import TestClient
 
-from api.jobs import Job
-from api.liveness import COLD_STUCK_S, SILENT_S, STUCK_S, Beats, Place
-from api.solver import Lane, LaneName
-from planner import EXAMPLES, Scenario, Uav, User
+from skyfolio.api.plans.jobs import Job
+from skyfolio.api.plans.liveness import COLD_STUCK_S, SILENT_S, STUCK_S, Beats, Place
+from skyfolio.api.plans.solver import Lane, LaneName
+from skyfolio.planner import EXAMPLES, Scenario, Uav, User
 from tests.api.flying import FleetThread, Flight, service
 
 SCENARIO = EXAMPLES["minimal"]()
@@ -70,7 +70,7 @@ async def test_a_stopped_worker_does_not_answer_until_it_goes_on(lane: Lane) -> 
 
 
 async def test_a_worker_that_stays_stuck_is_killed_and_replaced(lane: Lane, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("api.liveness.STUCK_S", 1.0)
+    monkeypatch.setattr("skyfolio.api.plans.liveness.STUCK_S", 1.0)
     await lane.warm_up()
     (pid,) = pids(lane)
     os.kill(pid, signal.SIGSTOP)
@@ -96,8 +96,10 @@ class Clock:
 def beats(monkeypatch: pytest.MonkeyPatch) -> tuple[Beats, Place, Clock, list[int]]:
     """A worker's place among the beats, where time stands still, and whom the watch killed."""
     clock, killed = Clock(), list[int]()
-    monkeypatch.setattr("api.liveness.time", clock)
-    monkeypatch.setattr("api.liveness.os.kill", lambda pid, number: killed.append(pid) if number else None)
+    monkeypatch.setattr("skyfolio.api.plans.liveness.time", clock)
+    monkeypatch.setattr(
+        "skyfolio.api.plans.liveness.os.kill", lambda pid, number: killed.append(pid) if number else None
+    )
     made = Beats(multiprocessing.get_context("spawn"), 1)
     place = Place(*made.shared)
     place.beat()

@@ -2,8 +2,8 @@
 
 import pytest
 
-from api.losses import LOSS_KINDS, Loss, seen, silent
-from mavlink_bridge.conditions import Change, Condition
+from skyfolio.api.flights.losses import LOSS_KINDS, Loss, seen, silent
+from skyfolio.mavlink_bridge.conditions import Change, Condition
 
 
 def change(after: Condition) -> Change:

@@ -7,13 +7,13 @@ from typing import Any
 import pytest
 from fastapi.testclient import TestClient
 
-from api.app import create_app
-from api.client import ApiError, Client
-from api.creation import fresh
-from api.errors import NotFoundError
-from api.service import Service
-from api.settings import Settings
-from planner import EXAMPLES, Plan, plan, violations
+from skyfolio.api.client import ApiError, Client
+from skyfolio.api.common.errors import NotFoundError
+from skyfolio.api.common.idempotency import fresh
+from skyfolio.api.common.settings import Settings
+from skyfolio.api.http.app import create_app
+from skyfolio.api.service import Service
+from skyfolio.planner import EXAMPLES, Plan, plan, violations
 
 LONG = EXAMPLES["paper"]().with_changes(slots=160)
 

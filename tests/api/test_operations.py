@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 from fastapi.testclient import TestClient
 
-import sim
-from api.app import create_app
-from api.settings import Settings
-from planner import EXAMPLES, Scenario
+from skyfolio import sim
+from skyfolio.api.common.settings import Settings
+from skyfolio.api.http.app import create_app
+from skyfolio.planner import EXAMPLES, Scenario
 from tests.api.flying import FleetThread
 from tests.ports import free_port
 

@@ -9,12 +9,12 @@ from contextlib import contextmanager
 import pytest
 from fastapi.testclient import TestClient
 
-import sim
-from api.client import ApiError
-from api.ends import UavEnd
-from api.journal import Step
-from api.operation_views import State
-from planner import EXAMPLES
+from skyfolio import sim
+from skyfolio.api.client import ApiError
+from skyfolio.api.flights.ends import UavEnd
+from skyfolio.api.flights.journal import Step
+from skyfolio.api.flights.operation_views import State
+from skyfolio.planner import EXAMPLES
 from tests.api.flying import FleetThread, Flight, flight, gone, service
 
 pytestmark = [pytest.mark.e2e, pytest.mark.beside]

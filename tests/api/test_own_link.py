@@ -1,6 +1,6 @@
 """When everybody is silent it is our own link: nobody is given up for that, and nobody is forgotten either."""
 
-from api.own_link import Heard, OwnLink
+from skyfolio.api.fleet.own_link import Heard, OwnLink
 
 LOST_AFTER_S, STALE_AFTER_S = 5.0, 3.0
 STEP_S = 0.25

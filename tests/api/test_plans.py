@@ -7,12 +7,12 @@ import httpx2
 import pytest
 from fastapi.testclient import TestClient
 
-from api.client import Client
-from api.plan_records import UnfinishedPlan
-from api.routes.examples import REPLAN_EXAMPLES
-from mavlink_bridge import Autopilot, compile_mission, from_qgc_plan, from_waypoints
-from planner import EXAMPLES, Changes, Plan, Uav, violations
-from planner.layouts import scattered
+from skyfolio.api.client import Client
+from skyfolio.api.http.routes.examples import REPLAN_EXAMPLES
+from skyfolio.api.plans.plan_records import UnfinishedPlan
+from skyfolio.mavlink_bridge import Autopilot, compile_mission, from_qgc_plan, from_waypoints
+from skyfolio.planner import EXAMPLES, Changes, Plan, Uav, violations
+from skyfolio.planner.layouts import scattered
 
 CROWD = [{"id": f"guest-{k}", "position_m": [1.0, 1.0]} for k in range(1000)]
 LONG = {"starts": 64}

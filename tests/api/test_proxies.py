@@ -14,12 +14,12 @@ import uvicorn
 from fastapi.testclient import TestClient
 from pydantic import ValidationError
 
-from api.app import create_app
-from api.connections import PatientProtocol
-from api.proxies import FORWARDED
-from api.security import KeyRing, Role
-from api.settings import Settings
-from api.store import Database
+from skyfolio.api.access.api_keys import KeyRing, Role
+from skyfolio.api.common.settings import Settings
+from skyfolio.api.http.app import create_app
+from skyfolio.api.http.connections import PatientProtocol
+from skyfolio.api.http.proxies import FORWARDED
+from skyfolio.api.store import Database
 from tests.ports import free_port
 from tests.proxy import Proxy, running
 

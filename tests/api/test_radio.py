@@ -1,15 +1,15 @@
-"""api.radio: what users truly get, drawn anew"""
+"""api.lab.radio: what users truly get, drawn anew"""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from api.radio import RadioTruth, in_unseen_air
-from api.rates import InForce, Sample, rates_by_slot
-from mavlink_bridge import east_north_to_geodetic
-from planner import EXAMPLES, Plan, plan
-from sim import Fleet, VehicleSpec, VirtualClock
+from skyfolio.api.flights.rates import InForce, Sample, rates_by_slot
+from skyfolio.api.lab.radio import RadioTruth, in_unseen_air
+from skyfolio.mavlink_bridge import east_north_to_geodetic
+from skyfolio.planner import EXAMPLES, Plan, plan
+from skyfolio.sim import Fleet, VehicleSpec, VirtualClock
 
 
 @pytest.fixture(scope="module")

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from api.rates import InForce, Sample, rates_by_sample, rates_by_slot
-from planner import EXAMPLES, Plan, plan, replan
+from skyfolio.api.flights.rates import InForce, Sample, rates_by_sample, rates_by_slot
+from skyfolio.planner import EXAMPLES, Plan, plan, replan
 
 
 @pytest.fixture(scope="module")

@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 from sqlalchemy import func, insert, select
 
-from api.audit import MOST_CLIENTS, REFUSALS_A_MINUTE, AuditLog
-from api.retention import Retention
-from api.settings import Settings
-from api.store import Database
-from api.store.tables import audit, events, journal, operations, plans, track
+from skyfolio.api.access.audit_log import MOST_CLIENTS, REFUSALS_A_MINUTE, AuditLog
+from skyfolio.api.common.settings import Settings
+from skyfolio.api.store import Database
+from skyfolio.api.store.retention import Retention
+from skyfolio.api.store.tables import audit, events, journal, operations, plans, track
 
 DAY_S = 86_400.0
 NOW = 1_000 * DAY_S

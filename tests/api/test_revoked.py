@@ -12,12 +12,12 @@ import pytest
 import uvicorn
 from starlette.types import Message
 
-from api.app import create_app
-from api.demo.client import free_port
-from api.gate import Gate
-from api.security import KeyRing, Role
-from api.settings import Settings
-from api.store import Database
+from skyfolio.api.access.api_keys import KeyRing, Role
+from skyfolio.api.common.settings import Settings
+from skyfolio.api.http.app import create_app
+from skyfolio.api.http.middleware import Gate
+from skyfolio.api.lab.demo.client import free_port
+from skyfolio.api.store import Database
 
 SOON_S = 2.5
 Revoke = Callable[[str], Awaitable[None]]

@@ -8,14 +8,14 @@ from typing import Any, cast
 
 import pytest
 
-from api.commander import Commander, Link
-from api.fleet import Fleet
-from api.guidance import FlightGuidance
-from api.own_link import Heard, OwnLink
-from api.roster import Roster
-from mavlink_bridge import LinkEvent
-from mavlink_bridge.conditions import Change, Condition
-from planner import Origin
+from skyfolio.api.fleet.commander import Commander, Link
+from skyfolio.api.fleet.own_link import Heard, OwnLink
+from skyfolio.api.fleet.registry import Fleet
+from skyfolio.api.flights.guidance import FlightGuidance
+from skyfolio.api.flights.roster import Roster
+from skyfolio.mavlink_bridge import LinkEvent
+from skyfolio.mavlink_bridge.conditions import Change, Condition
+from skyfolio.planner import Origin
 
 
 class Sky:

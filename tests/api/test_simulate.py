@@ -1,4 +1,4 @@
-"""api.simulate: the options of `skyfolio simulate`"""
+"""api.lab.simulate: the options of `skyfolio simulate`"""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from api.simulate import SimulateConfig, SimulateError, begin_slots, fleet_of, run_fleet
-from planner import EXAMPLES, Scenario, plan
-from sim import Impairments, Mission, MissionItem, Mode, Mute
+from skyfolio.api.lab.simulate import SimulateConfig, SimulateError, begin_slots, fleet_of, run_fleet
+from skyfolio.planner import EXAMPLES, Scenario, plan
+from skyfolio.sim import Impairments, Mission, MissionItem, Mode, Mute
 from tests.ports import free_port
 
 

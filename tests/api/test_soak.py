@@ -9,7 +9,7 @@ from typing import Any
 import httpx2
 import pytest
 
-import sim
+from skyfolio import sim
 from tests.api.field import Field, events_of
 
 pytestmark = pytest.mark.e2e

@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 import pytest
 
-from api.solving import BestSoFar
-from planner import EXAMPLES, Plan, plan
+from skyfolio.api.plans.solving import BestSoFar
+from skyfolio.planner import EXAMPLES, Plan, plan
 
 MADE = plan(EXAMPLES["minimal"](), n_starts=1)
 

@@ -3,11 +3,11 @@
 import pytest
 from fastapi.testclient import TestClient
 
-from api.app import create_app
-from api.settings import Settings
-from api.solving import starts_of
-from planner import EXAMPLES, Plan, Scenario, plan
-from planner.layouts import scattered
+from skyfolio.api.common.settings import Settings
+from skyfolio.api.http.app import create_app
+from skyfolio.api.plans.solving import starts_of
+from skyfolio.planner import EXAMPLES, Plan, Scenario, plan
+from skyfolio.planner.layouts import scattered
 
 
 @pytest.mark.parametrize(("asked", "used"), [({}, 3), ({"starts": 1}, 1), ({"starts": 5}, 5)])

@@ -9,8 +9,8 @@ from alembic.migration import MigrationContext
 from sqlalchemy import Connection, insert, select
 from sqlalchemy.ext.asyncio import create_async_engine
 
-from api.store import Database, StoreError, metadata
-from api.store.tables import events
+from skyfolio.api.store import Database, StoreError, metadata
+from skyfolio.api.store.tables import events
 
 INSERT = insert(events)
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from api.ends import UavEnd
-from api.operation_views import State
-from api.stragglers import STILL_S, Stillness
-from mavlink_bridge import Autopilot
-from planner import EXAMPLES
+from skyfolio.api.flights.ends import UavEnd
+from skyfolio.api.flights.operation_views import State
+from skyfolio.api.flights.stragglers import STILL_S, Stillness
+from skyfolio.mavlink_bridge import Autopilot
+from skyfolio.planner import EXAMPLES
 from tests.api.flying import FleetThread, Flight, gone, service
 
 SCENARIO = EXAMPLES["paper"]().with_changes(slots=8, altitude_m=8.0)

@@ -8,10 +8,10 @@ from typing import Any, TypeAlias
 import pytest
 from fastapi.testclient import TestClient
 
-import sim
-from api.operation_views import ENDED, OperationView, State
-from mavlink_bridge import Autopilot
-from planner import EXAMPLES
+from skyfolio import sim
+from skyfolio.api.flights.operation_views import ENDED, OperationView, State
+from skyfolio.mavlink_bridge import Autopilot
+from skyfolio.planner import EXAMPLES
 from tests.api.flying import FleetThread, Flight, gone, side_by_side, two_services
 
 pytestmark = [pytest.mark.e2e, pytest.mark.beside]

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from api.track import Track
+from skyfolio.api.flights.track import Track
 
 UAVS = ("uav-1", "uav-2", "uav-3")
 metres = st.floats(-1e5, 1e5)

@@ -2,10 +2,10 @@
 
 import pytest
 
-from api.transition import Present, begun_at, expected_position, require_separated, way_into
-from mavlink_bridge.ghosts import Airspace, Ghost, Way
-from mavlink_bridge.route import Route
-from planner import EXAMPLES, Plan, ReplanError, plan
+from skyfolio.api.flights.transition import Present, begun_at, expected_position, require_separated, way_into
+from skyfolio.mavlink_bridge.ghosts import Airspace, Ghost, Way
+from skyfolio.mavlink_bridge.route import Route
+from skyfolio.planner import EXAMPLES, Plan, ReplanError, plan
 
 
 @pytest.fixture(scope="module")

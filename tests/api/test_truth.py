@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-import sim
-from api.demo.orders import DemoConfig, Outcome
-from api.demo.truth import judge
-from mavlink_bridge import east_north_to_geodetic
-from planner import EXAMPLES, Plan, plan, replan
+from skyfolio import sim
+from skyfolio.api.lab.demo.orders import DemoConfig, Outcome
+from skyfolio.api.lab.demo.truth import judge
+from skyfolio.mavlink_bridge import east_north_to_geodetic
+from skyfolio.planner import EXAMPLES, Plan, plan, replan
 
 CONFIG = DemoConfig(kill="uav-2", kill_slot=3)
 SLOT0_S = 40.0

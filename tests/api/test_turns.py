@@ -12,21 +12,21 @@ import pytest
 import pytest_asyncio
 from sqlalchemy import insert
 
-from api import contingencies
-from api.app import create_app
-from api.contingencies import Contingencies
-from api.creation import fresh
-from api.dashboard.feed import TRACK_AT_ONCE, Feed
-from api.dashboard.rest import Rest
-from api.given import Given, MissionBook
-from api.missions import Missions
-from api.service import Service
-from api.settings import Settings
-from api.solver import LaneName
-from api.store.tables import operations, track
-from api.swapping import Swap
-from api.take_off import FlightError, TakeOff
-from planner import EXAMPLES, Plan, plan, replan
+from skyfolio.api.common.idempotency import fresh
+from skyfolio.api.common.settings import Settings
+from skyfolio.api.dashboard.feed import TRACK_AT_ONCE, Feed
+from skyfolio.api.dashboard.rest import Rest
+from skyfolio.api.flights.assigned_missions import Given, MissionBook
+from skyfolio.api.flights.swap import Swap
+from skyfolio.api.flights.take_off import FlightError, TakeOff
+from skyfolio.api.http.app import create_app
+from skyfolio.api.plans import contingencies
+from skyfolio.api.plans.contingencies import Contingencies
+from skyfolio.api.plans.mission_files import Missions
+from skyfolio.api.plans.solver import LaneName
+from skyfolio.api.service import Service
+from skyfolio.api.store.tables import operations, track
+from skyfolio.planner import EXAMPLES, Plan, plan, replan
 
 
 @pytest.fixture(scope="module")

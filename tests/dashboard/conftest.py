@@ -2,8 +2,8 @@
 
 import pytest
 
-from api.dashboard.views import Operation
-from planner import EXAMPLES, Plan, Scenario, plan
+from skyfolio.api.dashboard.views import Operation
+from skyfolio.planner import EXAMPLES, Plan, Scenario, plan
 
 
 @pytest.fixture(scope="session")

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from planner import EXAMPLES, Scenario, Uav, User
+from skyfolio.planner import EXAMPLES, Scenario, Uav, User
 from tests.api.flying import FleetThread
 from tests.dashboard.stack import Page, Service
 

@@ -50,7 +50,7 @@ class Service:
         self.fleet_port, port = free_port(socket.SOCK_DGRAM), free_port(socket.SOCK_STREAM)
         self.url = f"http://127.0.0.1:{port}"
         self.log = folder / "service.log"
-        command = [sys.executable, "-m", "api", "serve", "--port", str(port), "--time-scale", str(speedup)]
+        command = [sys.executable, "-m", "skyfolio", "serve", "--port", str(port), "--time-scale", str(speedup)]
         command += ["--fleet-url", f"udpin://127.0.0.1:{self.fleet_port}", "--database-url", "temporary", *options]
         with self.log.open("wb") as sink:
             self._process = subprocess.Popen(
@@ -301,7 +301,19 @@ def missing_browser() -> str | None:
 def key_for(folder: Path, role: str) -> tuple[str, str]:
     """A database with one key of this role: its URL, and the key."""
     url = f"sqlite+aiosqlite:///{folder / role}.db"
-    command = [sys.executable, "-m", "api", "keys", "create", "tower", "--role", role, "--json", "--database-url", url]
+    command = [
+        sys.executable,
+        "-m",
+        "skyfolio",
+        "keys",
+        "create",
+        "tower",
+        "--role",
+        role,
+        "--json",
+        "--database-url",
+        url,
+    ]
     done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment(), cwd=folder)
     return url, json.loads(done.stdout)["key"]
 

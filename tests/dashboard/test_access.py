@@ -5,10 +5,10 @@ from pathlib import Path
 
 from fastapi.testclient import TestClient
 
-from api.app import create_app
-from api.security import KeyRing, Role
-from api.settings import Settings
-from api.store import Database
+from skyfolio.api.access.api_keys import KeyRing, Role
+from skyfolio.api.common.settings import Settings
+from skyfolio.api.http.app import create_app
+from skyfolio.api.store import Database
 
 
 async def _key(url: str) -> str:

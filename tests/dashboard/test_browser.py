@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from selenium.webdriver.common.by import By
 
-from planner import EXAMPLES
+from skyfolio.planner import EXAMPLES
 from tests.dashboard.stack import Page, Service, key_for, missing_browser
 
 pytestmark = [

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from api.dashboard import charts
+from skyfolio.api.dashboard import charts
 
 
 def test_a_sum_is_unknown_where_any_user_is() -> None:

@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from api.dashboard.draft import Draft, DraftError
-from planner import Plan, Scenario
+from skyfolio.api.dashboard.draft import Draft, DraftError
+from skyfolio.planner import Plan, Scenario
 
 
 def test_an_unchanged_draft_is_the_scenario_it_came_from(minimal: Scenario) -> None:

@@ -6,12 +6,12 @@ from collections.abc import AsyncIterator
 import pytest
 import pytest_asyncio
 
-from api.app import create_app
-from api.dashboard.feed import Feed
-from api.dashboard.rest import Rest, RestError
-from api.dashboard.watch import Watch
-from api.settings import Settings
-from planner import Scenario
+from skyfolio.api.common.settings import Settings
+from skyfolio.api.dashboard.feed import Feed
+from skyfolio.api.dashboard.rest import Rest, RestError
+from skyfolio.api.dashboard.watch import Watch
+from skyfolio.api.http.app import create_app
+from skyfolio.planner import Scenario
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 

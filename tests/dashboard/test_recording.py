@@ -4,11 +4,11 @@ import re
 
 import pytest
 
-from api.dashboard import comparison, report_page
-from api.dashboard.recording import Recording, placed
-from api.dashboard.report import lost_at, report_of
-from api.dashboard.views import Drill, Happening, Operation, TrackPoint, Transaction
-from planner import Plan, Scenario, plan, replan
+from skyfolio.api.dashboard import comparison, report_page
+from skyfolio.api.dashboard.recording import Recording, placed
+from skyfolio.api.dashboard.report import lost_at, report_of
+from skyfolio.api.dashboard.views import Drill, Happening, Operation, TrackPoint, Transaction
+from skyfolio.planner import Plan, Scenario, plan, replan
 
 SLOT_S = 5.0
 FALLS_S = 11.0

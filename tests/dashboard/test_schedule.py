@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from api.dashboard.schedule import point_at, slip_s
+from skyfolio.api.dashboard.schedule import point_at, slip_s
 
 EAST = [(25.0 * n, 0.0) for n in range(11)]
 coordinates = st.floats(-500, 500)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from api.dashboard import mount
+from skyfolio.api.dashboard import mount
 
 STYLE = (Path(mount.__file__).parent / "style.css").read_text()
 

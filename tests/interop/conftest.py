@@ -19,7 +19,7 @@ from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
 from mavsdk.component_type import ComponentType
 from mavsdk.plugins.mission_raw.mission_raw import MissionItem
 
-from sim import Fleet, ScaledClock, Vehicle, grid_of
+from skyfolio.sim import Fleet, ScaledClock, Vehicle, grid_of
 from tests.ports import free_ports
 
 HOME = (47.397742, 8.545594)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from sim import Fleet, ScaledClock, grid_of
+from skyfolio.sim import Fleet, ScaledClock, grid_of
 
 HOME = (47.397742, 8.545594)
 WAYPOINTS = """QGC WPL 110

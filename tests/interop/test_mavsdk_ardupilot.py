@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from sim import Mode
+from skyfolio.sim import Mode
 
 if TYPE_CHECKING:
     from tests.interop.conftest import Client, OpenClients, Until

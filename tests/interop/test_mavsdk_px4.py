@@ -11,8 +11,8 @@ from mavsdk.asyncio.plugins.failure import FailureAsync
 from mavsdk.plugins.component_metadata.component_metadata import ComponentMetadataError, MetadataType
 from mavsdk.plugins.failure.failure import FailureError, FailureType, FailureUnit
 
-from sim import Fleet, Kill, Mode
-from sim.flavours import PX4
+from skyfolio.sim import Fleet, Kill, Mode
+from skyfolio.sim.flavours import PX4
 
 if TYPE_CHECKING:
     from tests.interop.conftest import Client, OpenClients, Until

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from pymavlink import mavparm, mavutil, mavwp
 
-from sim import Fleet, ScaledClock, grid_of
+from skyfolio.sim import Fleet, ScaledClock, grid_of
 
 HOME = (47.397742, 8.545594)
 WAYPOINTS = """QGC WPL 110

@@ -12,10 +12,10 @@ from typing import Self
 
 import pytest
 
-from mavlink_bridge import Autopilot, FleetLink, HeartbeatMonitor, LinkOptions, east_north_to_geodetic
-from planner.plans import Plan, Summary
-from planner.scenario import Origin, Scenario, Uav, User
-from sim import Fleet, ScaledClock, VehicleSpec
+from skyfolio.mavlink_bridge import Autopilot, FleetLink, HeartbeatMonitor, LinkOptions, east_north_to_geodetic
+from skyfolio.planner.plans import Plan, Summary
+from skyfolio.planner.scenario import Origin, Scenario, Uav, User
+from skyfolio.sim import Fleet, ScaledClock, VehicleSpec
 from tests.ports import free_port
 
 Path = Sequence[tuple[float, float]]

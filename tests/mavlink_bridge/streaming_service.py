@@ -9,10 +9,10 @@ import asyncio
 import sys
 import time
 
-from mavlink_bridge import Autopilot, FleetLink, HeartbeatMonitor, compile_mission, east_north_to_geodetic
-from mavlink_bridge.guard import Guard, Orders
-from mavlink_bridge.guidance import FallBack, Stream, Streamed
-from mavlink_bridge.stream import Streamer
+from skyfolio.mavlink_bridge import Autopilot, FleetLink, HeartbeatMonitor, compile_mission, east_north_to_geodetic
+from skyfolio.mavlink_bridge.guard import Guard, Orders
+from skyfolio.mavlink_bridge.guidance import FallBack, Stream, Streamed
+from skyfolio.mavlink_bridge.stream import Streamer
 from tests.mavlink_bridge.conftest import Path, plan_of
 
 SLOTS = 40

@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from mavlink_bridge import Autopilot, Mission, compile_mission, mission_differences
-from mavlink_bridge.items import told_as_current
-from planner.plans import Plan
-from sim import Impair, Impairments, Mode
+from skyfolio.mavlink_bridge import Autopilot, Mission, compile_mission, mission_differences
+from skyfolio.mavlink_bridge.items import told_as_current
+from skyfolio.planner.plans import Plan
+from skyfolio.sim import Impair, Impairments, Mode
 
 Open = Callable[..., Any]
 PlanOf = Callable[..., Plan]

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mavlink_bridge.autopilots import FlightMode
-from mavlink_bridge.classifier import Classifier
-from mavlink_bridge.conditions import Change, Condition, Lasting, Timing
+from skyfolio.mavlink_bridge.autopilots import FlightMode
+from skyfolio.mavlink_bridge.classifier import Classifier
+from skyfolio.mavlink_bridge.conditions import Change, Condition, Lasting, Timing
 
 PX4_MISSION, PX4_LAND, PX4_RETURN, PX4_POSITION = (4 << 16 | 4 << 24, 4 << 16 | 6 << 24, 4 << 16 | 5 << 24, 3 << 16)
 PX4_HOLD, PX4_TAKEOFF, PX4_OFFBOARD = (4 << 16 | 3 << 24, 4 << 16 | 2 << 24, 6 << 16)

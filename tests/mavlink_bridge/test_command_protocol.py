@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from api.virtual_wire import Wire, autopilot_on
-from mavlink_bridge import Autopilot
-from mavlink_bridge.answers import Ack, CommandAnswer
-from mavlink_bridge.command_protocol import CommandCall
-from mavlink_bridge.mission_messages import Message
-from mavlink_bridge.round_trip import RoundTrip
+from skyfolio.api.lab.virtual_wire import Wire, autopilot_on
+from skyfolio.mavlink_bridge import Autopilot
+from skyfolio.mavlink_bridge.answers import Ack, CommandAnswer
+from skyfolio.mavlink_bridge.command_protocol import CommandCall
+from skyfolio.mavlink_bridge.mission_messages import Message
+from skyfolio.mavlink_bridge.round_trip import RoundTrip
 
 ARM, NO_SUCH = 400, 31_000
 TO_US = {"target_system": 245, "target_component": 190}

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mavlink_bridge import Frame, MissionItem, mission_differences
+from skyfolio.mavlink_bridge import Frame, MissionItem, mission_differences
 
 WAYPOINT = MissionItem(seq=0, frame=6, command=16, current=1, param1=12.3, param2=1.0, x=473977420, y=85455940, z=60.1)
 SPEED = MissionItem(seq=1, frame=Frame.MISSION, command=178, param1=1.0, param2=4.753, param3=-1.0)

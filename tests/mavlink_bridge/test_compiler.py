@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymap3d import enu2geodetic
 
-from mavlink_bridge import (
+from skyfolio.mavlink_bridge import (
     Command,
     Frame,
     Mission,
@@ -22,7 +22,7 @@ from mavlink_bridge import (
     geodesy,
     geodetic_to_east_north,
 )
-from planner.plans import Plan
+from skyfolio.planner.plans import Plan
 
 coordinate = st.one_of(st.sampled_from([0.0, 10.0, 25.0]), st.floats(-300, 300))
 paths = st.lists(st.tuples(coordinate, coordinate), min_size=1, max_size=40)

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from mavlink_bridge.corridors import Corridor, meetings
+from skyfolio.mavlink_bridge.corridors import Corridor, meetings
 
 
 def corridor(name: str, *level_m: tuple[float, float], required_m: float = 5.0, **options: Any) -> Corridor:

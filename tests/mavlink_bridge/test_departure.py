@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from mavlink_bridge import Autopilot, compile_mission
-from planner.plans import Plan
-from sim import Impair, Impairments, ModeChange, MotorFailure
+from skyfolio.mavlink_bridge import Autopilot, compile_mission
+from skyfolio.planner.plans import Plan
+from skyfolio.sim import Impair, Impairments, ModeChange, MotorFailure
 
 Open = Callable[..., Any]
 PlanOf = Callable[..., Plan]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mavlink_bridge.deviations import AltitudeOffPlan, AltitudeWatch, Deviation, HomeMoved, HomeWatch
+from skyfolio.mavlink_bridge.deviations import AltitudeOffPlan, AltitudeWatch, Deviation, HomeMoved, HomeWatch
 
 HOME = (47.397742, 8.545594)
 TEN_M_NORTH = (47.397832, 8.545594)

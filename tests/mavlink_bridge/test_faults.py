@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from mavlink_bridge import Autopilot, compile_mission
-from mavlink_bridge.conditions import Condition
-from planner.plans import Plan
-from sim import Kill
-from sim.faults import ClockJump, ModeChange, Reboot
+from skyfolio.mavlink_bridge import Autopilot, compile_mission
+from skyfolio.mavlink_bridge.conditions import Condition
+from skyfolio.planner.plans import Plan
+from skyfolio.sim import Kill
+from skyfolio.sim.faults import ClockJump, ModeChange, Reboot
 
 Open = Callable[..., Any]
 pytestmark = pytest.mark.e2e

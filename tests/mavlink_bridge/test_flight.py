@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from mavlink_bridge import (
+from skyfolio.mavlink_bridge import (
     Autopilot,
     FlightMode,
     Mission,
@@ -18,8 +18,8 @@ from mavlink_bridge import (
     geodetic_to_east_north,
     mission_differences,
 )
-from planner.plans import Plan
-from sim import Kill, Mode, Mute
+from skyfolio.planner.plans import Plan
+from skyfolio.sim import Kill, Mode, Mute
 
 Open = Callable[..., Any]
 PlanOf = Callable[..., Plan]

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink import mavwp
 
-from mavlink_bridge import (
+from skyfolio.mavlink_bridge import (
     Autopilot,
     FormatError,
     Mission,
@@ -25,10 +25,10 @@ from mavlink_bridge import (
     to_qgc_plan,
     to_waypoints,
 )
-from mavlink_bridge.fence import fence_items, rally_items
-from mavlink_bridge.items import Command
-from mavlink_bridge.plan_extras import fence_from_qgc_plan, fence_to_json, rally_from_qgc_plan
-from planner.plans import Plan
+from skyfolio.mavlink_bridge.fence import fence_items, rally_items
+from skyfolio.mavlink_bridge.items import Command
+from skyfolio.mavlink_bridge.plan_extras import fence_from_qgc_plan, fence_to_json, rally_from_qgc_plan
+from skyfolio.planner.plans import Plan
 
 places = st.builds(
     MissionItem,

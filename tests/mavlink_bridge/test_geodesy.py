@@ -7,14 +7,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymap3d.vincenty import vdist
 
-from mavlink_bridge.geodesy import (
+from skyfolio.mavlink_bridge.geodesy import (
     east_north_to_geodetic,
     from_e7,
     geodetic_to_east_north,
     points_to_geodetic,
     to_e7,
 )
-from planner.scenario import Origin
+from skyfolio.planner.scenario import Origin
 
 metres = st.floats(-100_000, 100_000)
 near = st.floats(-5_000, 5_000)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from mavlink_bridge import Autopilot, OnEnd, compile_mission, to_waypoints
+from skyfolio.mavlink_bridge import Autopilot, OnEnd, compile_mission, to_waypoints
 from tests.mavlink_bridge.conftest import plan_of
 
 GOLDEN = Path(__file__).parent / "golden"

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mavlink_bridge import ConnectionFailed, GuardFailed, guard
-from mavlink_bridge.guard import Guard, Orders, last_of, take_over
+from skyfolio.mavlink_bridge import ConnectionFailed, GuardFailed, guard
+from skyfolio.mavlink_bridge.guard import Guard, Orders, last_of, take_over
 
 ITEMS = st.lists(st.integers(0, 200), min_size=1, max_size=30).map(tuple)
 

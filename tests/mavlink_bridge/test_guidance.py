@@ -13,12 +13,12 @@ from typing import Any
 
 import pytest
 
-from mavlink_bridge import Autopilot, compile_mission, east_north_to_geodetic, geodetic_to_east_north
-from mavlink_bridge.guidance import FallBack, Kept, Stream, Streamed, keep
-from mavlink_bridge.keeper import Keeper, Order, Slip
-from mavlink_bridge.stream import Streamer
-from planner.plans import Plan
-from sim import Fleet, Mode, ScaledClock
+from skyfolio.mavlink_bridge import Autopilot, compile_mission, east_north_to_geodetic, geodetic_to_east_north
+from skyfolio.mavlink_bridge.guidance import FallBack, Kept, Stream, Streamed, keep
+from skyfolio.mavlink_bridge.keeper import Keeper, Order, Slip
+from skyfolio.mavlink_bridge.stream import Streamer
+from skyfolio.planner.plans import Plan
+from skyfolio.sim import Fleet, Mode, ScaledClock
 from tests.ports import free_port
 
 Open = Callable[..., Any]

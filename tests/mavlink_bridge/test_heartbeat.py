@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mavlink_bridge import AUTOPILOT, HeartbeatMonitor, LinkEvent, LinkState
+from skyfolio.mavlink_bridge import AUTOPILOT, HeartbeatMonitor, LinkEvent, LinkState
 
 LIVE, STALE, LOST = LinkState.LIVE, LinkState.STALE, LinkState.LOST
 NEIGHBOURS = {(LIVE, STALE), (STALE, LOST), (LOST, STALE), (STALE, LIVE)}

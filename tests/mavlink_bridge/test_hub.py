@@ -15,13 +15,13 @@ import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from mavlink_bridge import ConnectionFailed, LinkOptions, Signing, compile_mission
-from mavlink_bridge.framing import Frame, Framer
-from mavlink_bridge.hub import Hub
-from mavlink_bridge.routing import FRESH_S, STEADY_S, Routes
-from mavlink_bridge.serial_line import SerialLine
-from mavlink_bridge.tlog import TelemetryLog
-from planner.plans import Plan
+from skyfolio.mavlink_bridge import ConnectionFailed, LinkOptions, Signing, compile_mission
+from skyfolio.mavlink_bridge.framing import Frame, Framer
+from skyfolio.mavlink_bridge.hub import Hub
+from skyfolio.mavlink_bridge.routing import FRESH_S, STEADY_S, Routes
+from skyfolio.mavlink_bridge.serial_line import SerialLine
+from skyfolio.mavlink_bridge.tlog import TelemetryLog
+from skyfolio.planner.plans import Plan
 
 Open = Callable[..., Any]
 

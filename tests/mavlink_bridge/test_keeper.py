@@ -7,10 +7,10 @@ from itertools import pairwise
 
 import pytest
 
-from mavlink_bridge import Autopilot, OnEnd, compile_mission
-from mavlink_bridge.keeper import Keeper, Order
-from mavlink_bridge.models import ARDUCOPTER, PX4
-from planner.plans import Plan
+from skyfolio.mavlink_bridge import Autopilot, OnEnd, compile_mission
+from skyfolio.mavlink_bridge.keeper import Keeper, Order
+from skyfolio.mavlink_bridge.models import ARDUCOPTER, PX4
+from skyfolio.planner.plans import Plan
 
 PlanOf = Callable[..., Plan]
 PATH = [(0.0, 0.0), (0.0, 20.0), (0.0, 40.0), (0.0, 40.0), (0.0, 40.0), (20.0, 40.0), (40.0, 40.0)]

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from mavlink_bridge import (
+from skyfolio.mavlink_bridge import (
     BridgeError,
     ConnectionFailed,
     FleetLink,
@@ -23,8 +23,8 @@ from mavlink_bridge import (
     east_north_to_geodetic,
     mission_differences,
 )
-from planner.plans import Plan
-from sim import Kill, Mute, ScaledClock
+from skyfolio.planner.plans import Plan
+from skyfolio.sim import Kill, Mute, ScaledClock
 
 Open = Callable[..., Any]
 PlanOf = Callable[..., Plan]
@@ -175,7 +175,7 @@ def raise_item_3(datagram: bytes) -> list[bytes]:
 async def test_qgroundcontrols_plan_reader_of_mavsdk_reads_our_plan_files(airfield: Open, line_and_hover: Plan) -> None:
     from mavsdk.plugins.mission_raw import MissionRaw  # noqa: PLC0415
 
-    from mavlink_bridge import to_qgc_plan  # noqa: PLC0415
+    from skyfolio.mavlink_bridge import to_qgc_plan  # noqa: PLC0415
 
     async with airfield(line_and_hover) as field:
         mission = compile_mission(line_and_hover, "uav-1")

@@ -8,9 +8,9 @@ from collections.abc import AsyncIterator
 
 import pytest
 
-from mavlink_bridge import AUTOPILOT, HeartbeatMonitor, LinkEvent, LinkState
-from mavlink_bridge.framing import Frame, Framer, is_foreign_heartbeat
-from mavlink_bridge.listening import POLL_S, STALL_S, ListeningLink
+from skyfolio.mavlink_bridge import AUTOPILOT, HeartbeatMonitor, LinkEvent, LinkState
+from skyfolio.mavlink_bridge.framing import Frame, Framer, is_foreign_heartbeat
+from skyfolio.mavlink_bridge.listening import POLL_S, STALL_S, ListeningLink
 from tests.recordings.reading import messages
 
 LOST_AFTER_S = 1.5

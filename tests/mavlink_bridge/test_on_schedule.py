@@ -9,9 +9,9 @@ from statistics import mean
 
 import pytest
 
-from api.virtual_flight import Guidance, VirtualFlight
-from mavlink_bridge import Autopilot
-from planner.plans import Plan
+from skyfolio.api.lab.virtual_flight import Guidance, VirtualFlight
+from skyfolio.mavlink_bridge import Autopilot
+from skyfolio.planner.plans import Plan
 
 PlanOf = Callable[..., Plan]
 Path = list[tuple[float, float]]

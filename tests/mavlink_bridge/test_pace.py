@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mavlink_bridge import VehicleModel
-from mavlink_bridge.pace import Pacer, acceptance_radii, cruise_speed
+from skyfolio.mavlink_bridge import VehicleModel
+from skyfolio.mavlink_bridge.pace import Pacer, acceptance_radii, cruise_speed
 
 PX4 = VehicleModel()
 Points = list[tuple[float, float]]

@@ -9,14 +9,14 @@ from typing import Any
 
 import pytest
 
-from api.virtual_wire import fields_of, incoming
-from mavlink_bridge import Autopilot, model_from_parameters
-from mavlink_bridge.findings import Facts, Level, Needs
-from mavlink_bridge.models import ARDUCOPTER, PX4
-from mavlink_bridge.parameters import ParameterRead, parameter_value
-from mavlink_bridge.preflight import audit, parameter_names
-from sim import VehicleSpec
-from sim.autopilot import Autopilot as SimAutopilot
+from skyfolio.api.lab.virtual_wire import fields_of, incoming
+from skyfolio.mavlink_bridge import Autopilot, model_from_parameters
+from skyfolio.mavlink_bridge.findings import Facts, Level, Needs
+from skyfolio.mavlink_bridge.models import ARDUCOPTER, PX4
+from skyfolio.mavlink_bridge.parameters import ParameterRead, parameter_value
+from skyfolio.mavlink_bridge.preflight import audit, parameter_names
+from skyfolio.sim import VehicleSpec
+from skyfolio.sim.autopilot import Autopilot as SimAutopilot
 
 NEEDS = Needs(
     path_m=[(0.0, 0.0), (20.0, 0.0), (40.0, 0.0)],

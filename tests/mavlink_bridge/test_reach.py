@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mavlink_bridge import VehicleModel
-from mavlink_bridge.models import ARDUCOPTER, PX4
-from mavlink_bridge.pace import fastest_on_leg, mean_acceleration, way_from_rest_m
-from mavlink_bridge.reach import UNDER_WAY_S, first_leg_miss, head_start_s
+from skyfolio.mavlink_bridge import VehicleModel
+from skyfolio.mavlink_bridge.models import ARDUCOPTER, PX4
+from skyfolio.mavlink_bridge.pace import fastest_on_leg, mean_acceleration, way_from_rest_m
+from skyfolio.mavlink_bridge.reach import UNDER_WAY_S, first_leg_miss, head_start_s
 
 
 def integrated_m(speed_mps: float, time_s: float, model: VehicleModel) -> float:

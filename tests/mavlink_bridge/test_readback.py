@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
-from api.virtual_wire import Wire, autopilot_on
-from mavlink_bridge import Autopilot, Command, MissionItem, mission_differences
-from mavlink_bridge.mission_messages import MissionType
-from mavlink_bridge.readback import TABLE
-from mavlink_bridge.verified import OnBoard, VerifiedUpload
+from skyfolio.api.lab.virtual_wire import Wire, autopilot_on
+from skyfolio.mavlink_bridge import Autopilot, Command, MissionItem, mission_differences
+from skyfolio.mavlink_bridge.mission_messages import MissionType
+from skyfolio.mavlink_bridge.readback import TABLE
+from skyfolio.mavlink_bridge.verified import OnBoard, VerifiedUpload
 
 COPTER, PX4 = Autopilot.ARDUPILOT, Autopilot.PX4
 MISSION, FENCE, RALLY = MissionType.MISSION, MissionType.FENCE, MissionType.RALLY

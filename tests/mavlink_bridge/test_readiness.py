@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from mavlink_bridge import Autopilot, FlightMode, departure, readiness
-from mavlink_bridge.status_texts import StatusTexts
-from mavlink_bridge.telemetry import TelemetryState
-from mavlink_bridge.vehicle import NotDone
+from skyfolio.mavlink_bridge import Autopilot, FlightMode, departure, readiness
+from skyfolio.mavlink_bridge.status_texts import StatusTexts
+from skyfolio.mavlink_bridge.telemetry import TelemetryState
+from skyfolio.mavlink_bridge.vehicle import NotDone
 from tests.virtual_loop import run
 
 ARM, TAKEOFF, REQUEST_MESSAGE = 400, 22, 512

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mavlink_bridge import ReturnPathsTooClose, check_return_paths
-from mavlink_bridge.returns import segment_distance_m
-from planner.plans import Plan
+from skyfolio.mavlink_bridge import ReturnPathsTooClose, check_return_paths
+from skyfolio.mavlink_bridge.returns import segment_distance_m
+from skyfolio.planner.plans import Plan
 
 PlanOf = Callable[..., Plan]
 points = st.tuples(st.floats(-50, 50), st.floats(-50, 50))

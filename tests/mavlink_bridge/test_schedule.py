@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mavlink_bridge import VehicleModel
-from mavlink_bridge.returns import segment_distance_m
-from mavlink_bridge.schedule import SAME_PLACE_M, STRAIGHT_M, Schedule, airborne_schedule, ground_schedule
+from skyfolio.mavlink_bridge import VehicleModel
+from skyfolio.mavlink_bridge.returns import segment_distance_m
+from skyfolio.mavlink_bridge.schedule import SAME_PLACE_M, STRAIGHT_M, Schedule, airborne_schedule, ground_schedule
 
 PX4 = VehicleModel()
 coordinate = st.one_of(st.sampled_from([0.0, 10.0, 25.0]), st.floats(-300, 300))

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mavlink_bridge.framing import Frame
-from mavlink_bridge.senders import SenderKind, Senders
+from skyfolio.mavlink_bridge.framing import Frame
+from skyfolio.mavlink_bridge.senders import SenderKind, Senders
 
 URL = "udpin://0.0.0.0:14540"
 GENUINE, FORGER = ("10.0.0.1", 14550), ("10.0.0.66", 9999)

@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from mavlink_bridge import LinkOptions, Signing, compile_mission
-from mavlink_bridge.errors import SigningKeyInvalid
-from mavlink_bridge.framing import Frame, Framer
-from planner.plans import Plan
+from skyfolio.mavlink_bridge import LinkOptions, Signing, compile_mission
+from skyfolio.mavlink_bridge.errors import SigningKeyInvalid
+from skyfolio.mavlink_bridge.framing import Frame, Framer
+from skyfolio.planner.plans import Plan
 
 KEY, OTHER = bytes(range(32)), bytes(range(1, 33))
 NOW_S = 1_800_000_000.0

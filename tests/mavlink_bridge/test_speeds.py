@@ -8,14 +8,14 @@ from typing import Any
 
 import pytest
 
-from mavlink_bridge import Autopilot, FlightMode, compile_mission
-from mavlink_bridge.guidance import Kept, keep
-from mavlink_bridge.keeper import Keeper
-from mavlink_bridge.models import PX4
-from mavlink_bridge.speeds import SpeedRestored, SpeedWatch, order_speed, restore_speed
-from mavlink_bridge.telemetry import TelemetryState
-from mavlink_bridge.vehicle import NotDone
-from planner.plans import Plan
+from skyfolio.mavlink_bridge import Autopilot, FlightMode, compile_mission
+from skyfolio.mavlink_bridge.guidance import Kept, keep
+from skyfolio.mavlink_bridge.keeper import Keeper
+from skyfolio.mavlink_bridge.models import PX4
+from skyfolio.mavlink_bridge.speeds import SpeedRestored, SpeedWatch, order_speed, restore_speed
+from skyfolio.mavlink_bridge.telemetry import TelemetryState
+from skyfolio.mavlink_bridge.vehicle import NotDone
+from skyfolio.planner.plans import Plan
 
 PlanOf = Callable[..., Plan]
 MISSION, RETURN = 0x04040000, 0x05040000

@@ -4,9 +4,9 @@ from typing import Any
 
 import pytest
 
-from mavlink_bridge import FlightMode, LandedState
-from mavlink_bridge.autopilots import Autopilot, mode_of
-from mavlink_bridge.telemetry import TelemetryState, place_of
+from skyfolio.mavlink_bridge import FlightMode, LandedState
+from skyfolio.mavlink_bridge.autopilots import Autopilot, mode_of
+from skyfolio.mavlink_bridge.telemetry import TelemetryState, place_of
 
 POSITION: dict[str, Any] = {
     "time_boot_ms": 12_000,

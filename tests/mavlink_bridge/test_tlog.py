@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from mavlink_bridge import tlog
-from mavlink_bridge.tlog import TelemetryLog
+from skyfolio.mavlink_bridge import tlog
+from skyfolio.mavlink_bridge.tlog import TelemetryLog
 
 FRAMES = [bytes([253, n]) for n in range(5)]
 

@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mavlink_bridge.errors import TransitionTooClose
-from mavlink_bridge.ghosts import Airspace, Ghost, Way
-from mavlink_bridge.route import Route
-from mavlink_bridge.transitions import check_transition
+from skyfolio.mavlink_bridge.errors import TransitionTooClose
+from skyfolio.mavlink_bridge.ghosts import Airspace, Ghost, Way
+from skyfolio.mavlink_bridge.route import Route
+from skyfolio.mavlink_bridge.transitions import check_transition
 
 HOW: Any = {"now_s": 2.0, "first_due_s": 5.0, "slot_s": 5.0, "required_m": 4.0}
 Point = tuple[float, float]

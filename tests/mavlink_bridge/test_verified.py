@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from api.virtual_wire import Wire, autopilot_on, lossy
-from mavlink_bridge import Autopilot, Mission, compile_mission, mission_differences
-from mavlink_bridge.answers import Ack
-from mavlink_bridge.mission_messages import Message
-from mavlink_bridge.verified import OnBoard, VerifiedUpload
-from planner.plans import Plan
+from skyfolio.api.lab.virtual_wire import Wire, autopilot_on, lossy
+from skyfolio.mavlink_bridge import Autopilot, Mission, compile_mission, mission_differences
+from skyfolio.mavlink_bridge.answers import Ack
+from skyfolio.mavlink_bridge.mission_messages import Message
+from skyfolio.mavlink_bridge.verified import OnBoard, VerifiedUpload
+from skyfolio.planner.plans import Plan
 
 PlanOf = Callable[..., Plan]
 FLAVOURS = list(Autopilot)

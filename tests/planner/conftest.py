@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
-from planner import Channel, Origin, Scenario, Uav, User, Utility
-from planner.problem import Problem, problem_of
+from skyfolio.planner import Channel, Origin, Scenario, Uav, User, Utility
+from skyfolio.planner.problem import Problem, problem_of
 
 settings.register_profile("planner", deadline=None)  # the first example may wait for a compiler
 settings.load_profile("planner")

@@ -5,9 +5,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from planner import EXAMPLES, Iteration, Scenario, StopToken, plan, replan, violations
-from planner.layouts import scattered
-from planner.scenario import NoFlyDisc, Utility
+from skyfolio.planner import EXAMPLES, Iteration, Scenario, StopToken, plan, replan, violations
+from skyfolio.planner.layouts import scattered
+from skyfolio.planner.scenario import NoFlyDisc, Utility
 
 ByHand = Callable[..., Scenario]
 SCHEMES = ["baseline1", "baseline2", "baseline2_fixed", "sr_max", "static"]

@@ -9,16 +9,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from planner import EXAMPLES
-from planner.bound import best_tables, lifted_kbps, reachability_bound_kbps, slot_bounds_kbps
-from planner.branch_and_bound import certificate
-from planner.channel import spectral_efficiency, squared_distances
-from planner.layouts import scattered
-from planner.problem import Problem, problem_of
-from planner.reach import squared_distance_range
-from planner.repair import within_limits
-from planner.scenario import NoFlyDisc
-from planner.utility import utility_kbps
+from skyfolio.planner import EXAMPLES
+from skyfolio.planner.bound import best_tables, lifted_kbps, reachability_bound_kbps, slot_bounds_kbps
+from skyfolio.planner.branch_and_bound import certificate
+from skyfolio.planner.channel import spectral_efficiency, squared_distances
+from skyfolio.planner.layouts import scattered
+from skyfolio.planner.problem import Problem, problem_of
+from skyfolio.planner.reach import squared_distance_range
+from skyfolio.planner.repair import within_limits
+from skyfolio.planner.scenario import NoFlyDisc
+from skyfolio.planner.utility import utility_kbps
 
 Array = NDArray[np.float64]
 KINDS = ("sum", "per_user", "pooled")

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from planner import EXAMPLES, Channel, delivered_rates_bps, plan
-from planner import delivered as module
-from planner.channel import fading_gains
+from skyfolio.planner import EXAMPLES, Channel, delivered_rates_bps, plan
+from skyfolio.planner import delivered as module
+from skyfolio.planner.channel import fading_gains
 
 
 def test_a_sample_costs_its_own_slot_and_gets_what_it_gets_among_all_others(monkeypatch: pytest.MonkeyPatch) -> None:

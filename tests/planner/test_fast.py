@@ -5,9 +5,20 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from planner import EXAMPLES, Iteration, MaxIterations, Plan, Scenario, StopToken, Utility, plan, replan, violations
-from planner.fast import optimise
-from planner.problem import problem_of
+from skyfolio.planner import (
+    EXAMPLES,
+    Iteration,
+    MaxIterations,
+    Plan,
+    Scenario,
+    StopToken,
+    Utility,
+    plan,
+    replan,
+    violations,
+)
+from skyfolio.planner.fast import optimise
+from skyfolio.planner.problem import problem_of
 
 
 def scenario(kind: str = "sum", mu: float = -0.1) -> Scenario:

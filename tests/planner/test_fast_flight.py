@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planner import (
+from skyfolio.planner import (
     Channel,
     Deadline,
     Origin,
@@ -26,8 +26,8 @@ from planner import (
     replan,
     violations,
 )
-from planner.scenario import NoFlyDisc, NoFlyPolygon
-from planner.unreachable import UnreachableEndError
+from skyfolio.planner.scenario import NoFlyDisc, NoFlyPolygon
+from skyfolio.planner.unreachable import UnreachableEndError
 
 
 def _zones(rng: np.random.Generator, side: float) -> Iterator[NoFlyDisc | NoFlyPolygon]:

@@ -12,17 +12,17 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from planner import Channel, Origin, Scenario, Uav, User, Utility
-from planner.channel import spectral_efficiency
-from planner.fast import optimise
-from planner.fast.arena import Arena, Links, arena_of, links_of
-from planner.fast.climb import climb
-from planner.fast.exchange import water_fill
-from planner.fast.rates import gradient, link_rates, value
-from planner.problem import Problem, problem_of
-from planner.solution import Solution
-from planner.stopping import MaxIterations
-from planner.utility import utility_kbps
+from skyfolio.planner import Channel, Origin, Scenario, Uav, User, Utility
+from skyfolio.planner.channel import spectral_efficiency
+from skyfolio.planner.fast import optimise
+from skyfolio.planner.fast.arena import Arena, Links, arena_of, links_of
+from skyfolio.planner.fast.climb import climb
+from skyfolio.planner.fast.exchange import water_fill
+from skyfolio.planner.fast.rates import gradient, link_rates, value
+from skyfolio.planner.problem import Problem, problem_of
+from skyfolio.planner.solution import Solution
+from skyfolio.planner.stopping import MaxIterations
+from skyfolio.planner.utility import utility_kbps
 
 Array = NDArray[np.float64]
 

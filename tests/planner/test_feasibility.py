@@ -4,9 +4,9 @@ from typing import Any
 
 import pytest
 
-from planner import EXAMPLES, InfeasiblePlanError, Plan, Scenario, Summary, violations
-from planner.feasibility import require_feasible
-from planner.scenario import NoFlyDisc, NoFlyPolygon
+from skyfolio.planner import EXAMPLES, InfeasiblePlanError, Plan, Scenario, Summary, violations
+from skyfolio.planner.feasibility import require_feasible
+from skyfolio.planner.scenario import NoFlyDisc, NoFlyPolygon
 
 NOTHING = Summary(
     utility_bps=0.0,

@@ -2,8 +2,8 @@
 
 import pytest
 
-from planner.layouts import scattered
-from planner.problem import problem_of
+from skyfolio.planner.layouts import scattered
+from skyfolio.planner.problem import problem_of
 
 
 @pytest.mark.parametrize(("n_uavs", "n_users"), [(1, 1), (3, 9), (10, 100)])

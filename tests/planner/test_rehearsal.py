@@ -15,14 +15,14 @@ import numpy as np
 import pytest
 from numba.core.dispatcher import Dispatcher
 
-from planner import METHODS, Changes, Plan, ReplanError, Scenario, Uav, User, Utility, plan, replan
-from planner.branch_and_bound import certificate
-from planner.fast import linked
-from planner.problem import problem_of
-from planner.rehearsal import rehearse
-from planner.scenario import NoFlyDisc, NoFlyPolygon
-from planner.stopping import MaxIterations
-from planner.unreachable import UnreachableEndError
+from skyfolio.planner import METHODS, Changes, Plan, ReplanError, Scenario, Uav, User, Utility, plan, replan
+from skyfolio.planner.branch_and_bound import certificate
+from skyfolio.planner.fast import linked
+from skyfolio.planner.problem import problem_of
+from skyfolio.planner.rehearsal import rehearse
+from skyfolio.planner.scenario import NoFlyDisc, NoFlyPolygon
+from skyfolio.planner.stopping import MaxIterations
+from skyfolio.planner.unreachable import UnreachableEndError
 
 ROOT = Path(__file__).resolve().parents[2]
 AREA_M = ((0.0, 0.0), (400.0, 300.0))
@@ -169,5 +169,5 @@ def test_the_rehearsal_calls_every_kernel_that_python_calls(told: dict[str, Any]
     assert [name for name, count in told["rehearsed"].items() if count != 1 and not name.startswith(INNER)] == []
 
 
-INNER = "planner.cells._"
+INNER = "skyfolio.planner.cells._"
 """Kernels that only kernels call, compiled with a wrapper for Python all the same."""

@@ -3,10 +3,23 @@
 import numpy as np
 import pytest
 
-from planner import EXAMPLES, Changes, Past, Plan, ReplanError, Uav, User, Utility, plan, remaining, replan, violations
-from planner.problem import problem_of
-from planner.scenario import NoFlyDisc
-from planner.utility import utility_kbps
+from skyfolio.planner import (
+    EXAMPLES,
+    Changes,
+    Past,
+    Plan,
+    ReplanError,
+    Uav,
+    User,
+    Utility,
+    plan,
+    remaining,
+    replan,
+    violations,
+)
+from skyfolio.planner.problem import problem_of
+from skyfolio.planner.scenario import NoFlyDisc
+from skyfolio.planner.utility import utility_kbps
 
 
 @pytest.fixture(scope="module")

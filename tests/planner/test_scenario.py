@@ -5,8 +5,8 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from planner import EXAMPLES, Scenario
-from planner.scenario import NoFlyDisc, NoFlyPolygon, zone_holds
+from skyfolio.planner import EXAMPLES, Scenario
+from skyfolio.planner.scenario import NoFlyDisc, NoFlyPolygon, zone_holds
 
 SQUARE = [[90.0, 40.0], [110.0, 40.0], [110.0, 60.0], [90.0, 60.0]]
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from planner import AnyOf, Deadline, Iteration, MaxIterations, RelativeGain, StopToken
+from skyfolio.planner import AnyOf, Deadline, Iteration, MaxIterations, RelativeGain, StopToken
 
 
 def history(*utilities: float) -> list[Iteration]:

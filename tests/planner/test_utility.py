@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from planner import EXAMPLES
-from planner.problem import Problem, problem_of
-from planner.utility import jain_index, mean_variance_kbps, rate_weights, soft_mean, utility_kbps
+from skyfolio.planner import EXAMPLES
+from skyfolio.planner.problem import Problem, problem_of
+from skyfolio.planner.utility import jain_index, mean_variance_kbps, rate_weights, soft_mean, utility_kbps
 
 Array = NDArray[np.float64]
 KINDS = ("sum", "per_user", "pooled")

@@ -6,10 +6,10 @@ from collections import defaultdict
 from dataclasses import dataclass, field
 from math import inf
 
-from mavlink_bridge.autopilots import Autopilot, FlightMode, mode_of
-from mavlink_bridge.classifier import Classifier
-from mavlink_bridge.conditions import Change, Condition, Timing
-from mavlink_bridge.telemetry import MESSAGES, TelemetryState
+from skyfolio.mavlink_bridge.autopilots import Autopilot, FlightMode, mode_of
+from skyfolio.mavlink_bridge.classifier import Classifier
+from skyfolio.mavlink_bridge.conditions import Change, Condition, Timing
+from skyfolio.mavlink_bridge.telemetry import MESSAGES, TelemetryState
 from tests.recordings.reading import Recorded, messages, vehicles
 
 POLL_S = 0.05

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mavlink_bridge.conditions import Condition
+from skyfolio.mavlink_bridge.conditions import Condition
 from tests.recordings.player import Played, play
 from tests.recordings.reading import NAMES, vehicles
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from api.reproduce.claims import Verdict, _number, _trend, rank_agreement
+from skyfolio.api.lab.reproduce.claims import Verdict, _number, _trend, rank_agreement
 
 
 @pytest.mark.parametrize(

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from api.reproduce.claims import KINDS, MUS, rank_agreement
-from api.reproduce.courses import COMPARED, Choices, Job, Scheme, compute, fly, pro_alg
-from api.reproduce.document import document
-from api.reproduce.study import pictures
-from planner import EXAMPLES
+from skyfolio.api.lab.reproduce.claims import KINDS, MUS, rank_agreement
+from skyfolio.api.lab.reproduce.courses import COMPARED, Choices, Job, Scheme, compute, fly, pro_alg
+from skyfolio.api.lab.reproduce.document import document
+from skyfolio.api.lab.reproduce.study import pictures
+from skyfolio.planner import EXAMPLES
 
 DOCS = Path(__file__).parents[2] / "docs"
 CASES = [(seed, failed) for seed in (Choices().layout_seed, 100) for failed in ("uav-1", "uav-3")]

@@ -2,8 +2,8 @@
 
 import pytest
 
-from api.reproduce.tuning import Limits, closest, tune
-from planner import EXAMPLES
+from skyfolio.api.lab.reproduce.tuning import Limits, closest, tune
+from skyfolio.planner import EXAMPLES
 
 MUS = (0.0, -0.1, -1.0)
 

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import settings
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim import Fleet
-from sim.autopilot import Autopilot
-from sim.lineup import VehicleSpec
-from sim.wire import Decoder
+from skyfolio.sim import Fleet
+from skyfolio.sim.autopilot import Autopilot
+from skyfolio.sim.specs import VehicleSpec
+from skyfolio.sim.wire import Decoder
 
 settings.register_profile("sim", deadline=None)
 settings.load_profile("sim")

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.modes import Mode
+from skyfolio.sim.modes import Mode
 
 if TYPE_CHECKING:
     from tests.sim.conftest import Bench, Items

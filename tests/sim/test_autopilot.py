@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.flavours import ARDUPILOT, PX4
-from sim.modes import Mode, ardupilot_base_mode, px4_base_mode
+from skyfolio.sim.flavours import ARDUPILOT, PX4
+from skyfolio.sim.modes import Mode, ardupilot_base_mode, px4_base_mode
 
 if TYPE_CHECKING:
     from tests.sim.conftest import Bench, Items

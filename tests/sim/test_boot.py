@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim import Fleet, Reboot, VehicleSpec, VirtualClock, grid_of
-from sim.modes import Mode
+from skyfolio.sim import Fleet, Reboot, VehicleSpec, VirtualClock, grid_of
+from skyfolio.sim.modes import Mode
 
 if TYPE_CHECKING:
     from collections.abc import Callable

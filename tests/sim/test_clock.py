@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from sim.clock import ScaledClock, VirtualClock
+from skyfolio.sim.clock import ScaledClock, VirtualClock
 
 
 def test_a_scaled_clock_starts_at_zero_and_runs_speedup_times_as_fast() -> None:

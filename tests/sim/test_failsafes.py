@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from sim.modes import Mode
+from skyfolio.sim.modes import Mode
 
 if TYPE_CHECKING:
     from tests.sim.conftest import Bench, Items

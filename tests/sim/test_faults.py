@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim import (
+from skyfolio.sim import (
     FAULTS,
     ClockJump,
     CorruptUpload,
@@ -33,8 +33,8 @@ from sim import (
     grid_of,
     parse_fault,
 )
-from sim.reports import BUILDERS, boot_ms
-from sim.wire import Decoder
+from skyfolio.sim.reports import BUILDERS, boot_ms
+from skyfolio.sim.wire import Decoder
 
 if TYPE_CHECKING:
     from tests.sim.conftest import GroundStation, Items

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from sim import Fleet, Kill, Limits, Mode, Mute, ScaledClock, VehicleSpec, VirtualClock, grid_of, serve
+from skyfolio.sim import Fleet, Kill, Limits, Mode, Mute, ScaledClock, VehicleSpec, VirtualClock, grid_of, serve
 
 if TYPE_CHECKING:
     from tests.sim.conftest import GroundStation, Items, Listener

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.ftp import ACK, BURST, CRC, LIST, NAK, OPEN, READ, TERMINATE, FileServer, Request, crc32
-from sim.metadata import COMPONENT_METADATA, GENERAL, PARAMETERS
+from skyfolio.sim.ftp import ACK, BURST, CRC, LIST, NAK, OPEN, READ, TERMINATE, FileServer, Request, crc32
+from skyfolio.sim.metadata import COMPONENT_METADATA, GENERAL, PARAMETERS
 
 if TYPE_CHECKING:
     from tests.sim.conftest import Bench, GroundStation

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from sim.link import MAX_PEERS, DatagramLink, Radio, endpoints_of
+from skyfolio.sim.link import MAX_PEERS, DatagramLink, Radio, endpoints_of
 
 if TYPE_CHECKING:
     from tests.sim.conftest import GroundStation

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from sim import Fleet, Impairments, VirtualClock, grid_of
+from skyfolio.sim import Fleet, Impairments, VirtualClock, grid_of
 
 if TYPE_CHECKING:
     from tests.sim.conftest import Items, VirtualGcs

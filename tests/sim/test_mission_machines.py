@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.ardupilot_missions import ArdupilotMissions
-from sim.autopilot import Autopilot
-from sim.lineup import VehicleSpec
-from sim.mission_protocol import TYPES
-from sim.missions import Mission, MissionItem
-from sim.px4_missions import Px4Missions
-from sim.wire import Decoder, Encoder
+from skyfolio.sim.ardupilot_missions import ArdupilotMissions
+from skyfolio.sim.autopilot import Autopilot
+from skyfolio.sim.mission_protocol import TYPES
+from skyfolio.sim.missions import Mission, MissionItem
+from skyfolio.sim.px4_missions import Px4Missions
+from skyfolio.sim.specs import VehicleSpec
+from skyfolio.sim.wire import Decoder, Encoder
 
 Who = tuple[int, int]
 stations = st.sampled_from([(245, 190), (99, 190), (245, 191)])

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from sim.modes import Mode
+from skyfolio.sim.modes import Mode
 
 if TYPE_CHECKING:
     from tests.sim.conftest import Bench, Items

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.missions import NOT_GIVEN, Mission, MissionItem, rejection
+from skyfolio.sim.missions import NOT_GIVEN, Mission, MissionItem, rejection
 
 WAYPOINT = MissionItem(0, 6, 16, 0, 1, 0.0, 0.0, 0.0, math.nan, 473977420, 85455940, 20.0)
 SPEED = replace(WAYPOINT, command=178, frame=2, param1=1.0, param2=5.0, x=0, y=0, z=0.0)

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from sim.flavours import FLAVOURS, PX4
-from sim.parameters import INT32, REAL32, ParameterStore
-from sim.vehicle import Limits
+from skyfolio.sim.flavours import FLAVOURS, PX4
+from skyfolio.sim.kinematics import Limits
+from skyfolio.sim.parameters import INT32, REAL32, ParameterStore
 
 if TYPE_CHECKING:
     from tests.sim.conftest import Bench

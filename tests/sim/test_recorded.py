@@ -17,10 +17,10 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.autopilot import Autopilot
-from sim.lineup import VehicleSpec
-from sim.modes import Mode
-from sim.wire import Decoder
+from skyfolio.sim.autopilot import Autopilot
+from skyfolio.sim.modes import Mode
+from skyfolio.sim.specs import VehicleSpec
+from skyfolio.sim.wire import Decoder
 from tests.recordings.reading import NAMES, SERVICE, Recorded, messages, vehicles
 
 STEP_S = 0.05

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from pymavlink import mavutil
 
-from sim import (
+from skyfolio.sim import (
     Fleet,
     GpsLoss,
     Impairments,

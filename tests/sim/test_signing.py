@@ -5,10 +5,10 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim import Fleet, VirtualClock, grid_of
-from sim.reports import EPOCH_S
-from sim.signing import Signature
-from sim.wire import Decoder, Encoder
+from skyfolio.sim import Fleet, VirtualClock, grid_of
+from skyfolio.sim.reports import EPOCH_S
+from skyfolio.sim.signing import Signature
+from skyfolio.sim.wire import Decoder, Encoder
 
 KEY, OTHER = b"k" * 32, b"o" * 32
 HOME = (47.397742, 8.545594)

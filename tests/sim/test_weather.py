@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from sim import Fleet, Mode, SlotGrid, VirtualClock, Weather, grid_of
-from sim.weather import Air
+from skyfolio.sim import Fleet, Mode, SlotGrid, VirtualClock, Weather, grid_of
+from skyfolio.sim.weather import Air
 
 HOME = (47.397742, 8.545594)
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sim.wire import Decoder, Encoder, Extended, text
+from skyfolio.sim.wire import Decoder, Encoder, Extended, text
 
 if TYPE_CHECKING:
     from tests.sim.conftest import GroundStation

@@ -27,13 +27,13 @@ import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from api.client import Client
-from api.clock import FleetClock
-from api.operation_views import ENDED, OperationView, State
-from mavlink_bridge import Autopilot, FleetLink, HeartbeatMonitor, geodetic_to_east_north
-from mavlink_bridge.listening import ANYBODY
-from planner import Origin, Scenario
-from planner.scenario import Uav, User
+from skyfolio.api.client import Client
+from skyfolio.api.common.fleet_clock import FleetClock
+from skyfolio.api.flights.operation_views import ENDED, OperationView, State
+from skyfolio.mavlink_bridge import Autopilot, FleetLink, HeartbeatMonitor, geodetic_to_east_north
+from skyfolio.mavlink_bridge.listening import ANYBODY
+from skyfolio.planner import Origin, Scenario
+from skyfolio.planner.scenario import Uav, User
 from tests.ports import free_port
 
 URLS = tuple(url.strip() for url in os.environ.get("SITL_URL", "").split(",") if url.strip())
@@ -250,7 +250,7 @@ class Field:
             "SKYFOLIO_TELEMETRY_LOG_DIR": str(self.folder),
         }
         command = [
-            *(sys.executable, "-m", "api", "serve", "--no-ui", "--port", str(self._port)),
+            *(sys.executable, "-m", "skyfolio", "serve", "--no-ui", "--port", str(self._port)),
             *("--fleet-url", ",".join(URLS), "--database-url", f"sqlite+aiosqlite:///{self.folder}/service.db"),
         ]
         with (self.folder / "service.log").open("ab") as log:

@@ -15,8 +15,8 @@ from pathlib import Path
 
 import pytest
 
-from api.operation_views import OperationView, State
-from mavlink_bridge import Autopilot
+from skyfolio.api.flights.operation_views import OperationView, State
+from skyfolio.mavlink_bridge import Autopilot
 from tests.sitl.field import MARKS, PIDS, Field, Standing, field_of
 
 pytestmark = MARKS

@@ -14,8 +14,8 @@ from math import hypot
 
 import pytest
 
-from api.trial import ALTITUDE_M, SLOT_S, SQUARE, trial_plan
-from mavlink_bridge import (
+from skyfolio.api.fleet.trial_mission import ALTITUDE_M, SLOT_S, SQUARE, trial_plan
+from skyfolio.mavlink_bridge import (
     FleetLink,
     FlightMode,
     HeartbeatMonitor,
@@ -25,12 +25,12 @@ from mavlink_bridge import (
     geodetic_to_east_north,
     mission_differences,
 )
-from mavlink_bridge.fence import fence_items
-from mavlink_bridge.guidance import FallBack, Kept, Stream, Streamed, keep
-from mavlink_bridge.keeper import Keeper, Slip
-from mavlink_bridge.preflight import audit
-from mavlink_bridge.stream import Streamer
-from planner import Origin, Plan
+from skyfolio.mavlink_bridge.fence import fence_items
+from skyfolio.mavlink_bridge.guidance import FallBack, Kept, Stream, Streamed, keep
+from skyfolio.mavlink_bridge.keeper import Keeper, Slip
+from skyfolio.mavlink_bridge.preflight import audit
+from skyfolio.mavlink_bridge.stream import Streamer
+from skyfolio.planner import Origin, Plan
 from tests.sitl.field import MARKS, SYSTEMS, URLS
 
 SYSTEM = SYSTEMS[0] if SYSTEMS else 1

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from nicegui import ui
 
-from api.dashboard import live
-from api.dashboard.elements import MapView, attempt, figures, panel, text
-from api.dashboard.pages.fly_dialog import POLICIES
-from api.dashboard.report import Report, report_of
-from api.dashboard.report_page import page
-from api.dashboard.rest import RestError
-from api.dashboard.shell import Shell
-from api.dashboard.situation import answer
-from api.dashboard.views import Drill, Operation
-from api.dashboard.watch import Watch
-from planner import Plan, Scenario
+from skyfolio.api.dashboard import live
+from skyfolio.api.dashboard.elements import MapView, attempt, figures, panel, text
+from skyfolio.api.dashboard.pages.fly_dialog import POLICIES
+from skyfolio.api.dashboard.report import Report, report_of
+from skyfolio.api.dashboard.report_page import page
+from skyfolio.api.dashboard.rest import RestError
+from skyfolio.api.dashboard.shell import Shell
+from skyfolio.api.dashboard.situation import answer
+from skyfolio.api.dashboard.views import Drill, Operation
+from skyfolio.api.dashboard.watch import Watch
+from skyfolio.planner import Plan, Scenario
 
 SLOT = 10
 

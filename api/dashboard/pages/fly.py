@@ -6,14 +6,15 @@ from typing import Any
 
 from nicegui import ui
 
-from api.dashboard import charts, live, picture
-from api.dashboard.approval import Notices
-from api.dashboard.report import lost_at
-from api.dashboard.shell import Shell
-from api.dashboard.situation import Situation, achieved_line, stats_line
-from api.dashboard.views import Operation
-from api.dashboard.watch import Watch
-from planner import Plan
+from skyfolio.api.dashboard import charts, live
+from skyfolio.api.dashboard import map_scene as picture
+from skyfolio.api.dashboard.approval import Notices
+from skyfolio.api.dashboard.report import lost_at
+from skyfolio.api.dashboard.shell import Shell
+from skyfolio.api.dashboard.situation import Situation, achieved_line, stats_line
+from skyfolio.api.dashboard.views import Operation
+from skyfolio.api.dashboard.watch import Watch
+from skyfolio.planner import Plan
 
 TABLE_EVERY = 2
 Point = tuple[float, float]

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 
 from nicegui import ui
 
-from api.dashboard import worth
-from api.dashboard.elements import attempt, text
-from api.dashboard.watch import Watch
-from planner import Plan
+from skyfolio.api.dashboard import plan_metrics as worth
+from skyfolio.api.dashboard.elements import attempt, text
+from skyfolio.api.dashboard.watch import Watch
+from skyfolio.planner import Plan
 
 POLICIES = {"auto": "replan and fly it", "approve": "replan, then ask me", "off": "only tell me"}
 

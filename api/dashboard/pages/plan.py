@@ -7,14 +7,14 @@ from typing import Any
 
 from nicegui import events, ui
 
-from api.dashboard import picture
-from api.dashboard.draft import Draft, DraftError
-from api.dashboard.elements import MapView, attempt, panel, text
-from api.dashboard.pages.desk import Desk
-from api.dashboard.pages.results import Results
-from api.dashboard.shell import Shell
-from api.dashboard.watch import Watch
-from planner import Plan
+from skyfolio.api.dashboard import map_scene as picture
+from skyfolio.api.dashboard.draft import Draft, DraftError
+from skyfolio.api.dashboard.elements import MapView, attempt, panel, text
+from skyfolio.api.dashboard.pages.desk import Desk
+from skyfolio.api.dashboard.pages.results import Results
+from skyfolio.api.dashboard.shell import Shell
+from skyfolio.api.dashboard.watch import Watch
+from skyfolio.planner import Plan
 
 TOOLS = {None: "Look", "user": "+ User", "uav": "+ UAV", "remove": "Remove"}
 FIELDS = (

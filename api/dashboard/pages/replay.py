@@ -7,14 +7,15 @@ from typing import Any
 
 from nicegui import events, ui
 
-from api.dashboard import charts, picture
-from api.dashboard.elements import attempt, text
-from api.dashboard.recording import Recording, placed
-from api.dashboard.report import lost_at
-from api.dashboard.shell import Shell
-from api.dashboard.situation import Situation, achieved_line, stats_line
-from api.dashboard.views import Happening
-from api.dashboard.watch import Watch
+from skyfolio.api.dashboard import charts
+from skyfolio.api.dashboard import map_scene as picture
+from skyfolio.api.dashboard.elements import attempt, text
+from skyfolio.api.dashboard.recording import Recording, placed
+from skyfolio.api.dashboard.report import lost_at
+from skyfolio.api.dashboard.shell import Shell
+from skyfolio.api.dashboard.situation import Situation, achieved_line, stats_line
+from skyfolio.api.dashboard.views import Happening
+from skyfolio.api.dashboard.watch import Watch
 
 SPEEDS = (1, 2, 5, 10, 20, 50)
 TICK_S = 0.2

@@ -10,13 +10,14 @@ from dataclasses import dataclass
 
 from nicegui import events, ui
 
-from api.dashboard import charts, worth
-from api.dashboard.elements import attempt, figures, panel, say_refusal, text
-from api.dashboard.pages.desk import Desk
-from api.dashboard.pages.fly_dialog import FlyDialog
-from api.dashboard.rest import RestError
-from api.dashboard.watch import Watch
-from planner import Plan, Scenario
+from skyfolio.api.dashboard import charts
+from skyfolio.api.dashboard import plan_metrics as worth
+from skyfolio.api.dashboard.elements import attempt, figures, panel, say_refusal, text
+from skyfolio.api.dashboard.pages.desk import Desk
+from skyfolio.api.dashboard.pages.fly_dialog import FlyDialog
+from skyfolio.api.dashboard.rest import RestError
+from skyfolio.api.dashboard.watch import Watch
+from skyfolio.planner import Plan, Scenario
 
 TRADE_OFF_MUS = (0.0, -0.02, -0.05, -0.1, -0.2, -0.5, -1.0, -2.0)
 

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from planner import AnyOf, MaxIterations, RelativeGain, Scenario
-from planner.fast import linked, optimise, served_rates_bps
-from planner.layouts import scattered
-from planner.problem import Past, Problem, problem_of
-from planner.reference import algorithm_1
-from planner.scenario import Utility
-from planner.solution import Solution
-from planner.utility import utility_kbps
+from skyfolio.planner import AnyOf, MaxIterations, RelativeGain, Scenario
+from skyfolio.planner.fast import linked, optimise, served_rates_bps
+from skyfolio.planner.layouts import scattered
+from skyfolio.planner.problem import Past, Problem, problem_of
+from skyfolio.planner.reference import algorithm_1
+from skyfolio.planner.scenario import Utility
+from skyfolio.planner.solution import Solution
+from skyfolio.planner.utility import utility_kbps
 
 
 def still(scenario: Scenario) -> Scenario:

@@ -8,18 +8,18 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from planner import AnyOf, Iteration, MaxIterations, RelativeGain, Scenario, StopToken, violations
-from planner.channel import spectral_efficiency
-from planner.emit import emit
-from planner.layouts import scattered
-from planner.plans import Plan
-from planner.problem import Past, Problem, problem_of
-from planner.reference.algorithm1 import algorithm_1
-from planner.reference.association import nearest_binary, relaxed_association
-from planner.reference.bandwidth import best_bandwidth, whole_shares
-from planner.repair import within_limits
-from planner.scenario import NoFlyDisc, Utility
-from planner.utility import utility_kbps
+from skyfolio.planner import AnyOf, Iteration, MaxIterations, RelativeGain, Scenario, StopToken, violations
+from skyfolio.planner.channel import spectral_efficiency
+from skyfolio.planner.emit import emit
+from skyfolio.planner.layouts import scattered
+from skyfolio.planner.plans import Plan
+from skyfolio.planner.problem import Past, Problem, problem_of
+from skyfolio.planner.reference.algorithm1 import algorithm_1
+from skyfolio.planner.reference.association import nearest_binary, relaxed_association
+from skyfolio.planner.reference.bandwidth import best_bandwidth, whole_shares
+from skyfolio.planner.repair import within_limits
+from skyfolio.planner.scenario import NoFlyDisc, Utility
+from skyfolio.planner.utility import utility_kbps
 
 Array = NDArray[np.float64]
 ByHand = Callable[..., Scenario]

@@ -6,10 +6,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from shapely import LineString, Point, Polygon
 
-from planner.layouts import scattered
-from planner.problem import problem_of
-from planner.reference.zones import half_planes
-from planner.scenario import NoFlyDisc, NoFlyPolygon
+from skyfolio.planner.layouts import scattered
+from skyfolio.planner.problem import problem_of
+from skyfolio.planner.reference.zones import half_planes
+from skyfolio.planner.scenario import NoFlyDisc, NoFlyPolygon
 
 Array = NDArray[np.float64]
 ARROW = ((100.0, 100.0), (150.0, 150.0), (200.0, 100.0), (150.0, 220.0))

@@ -1,5 +1,0 @@
-"""`python -m api` is the `skyfolio` command."""
-
-from api.cli import main
-
-main()

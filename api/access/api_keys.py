@@ -1,0 +1,138 @@
+"""Who may do what: API keys, kept as digests, and three roles.
+
+A viewer looks, a planner also plans, a pilot also flies. Until there is a first key the service is open, which is only
+allowed on loopback; revoking the last one closes it, `skyfolio keys reset` opens it again. Keys are 256 random bits, so
+a plain digest cannot be turned back.
+"""
+
+from __future__ import annotations
+
+import hmac
+import secrets
+import time
+from dataclasses import dataclass
+from enum import StrEnum
+from hashlib import sha256
+
+from pydantic import BaseModel
+from sqlalchemy import delete, insert, select, update
+
+from skyfolio.api.common.errors import ConflictError, NotFoundError
+from skyfolio.api.store import Database
+from skyfolio.api.store.tables import api_keys as table
+
+REMEMBER_S = 1.0
+"""A revoked key works at most this long; a new one is known after it."""
+RECHECK_S = 0.5
+"""How often what stays open looks whether its key still works."""
+MOST_REMEMBERED = 10_000
+
+
+class Role(StrEnum):
+    """What a key may do; each may do what the one before may."""
+
+    VIEWER = "viewer"
+    PLANNER = "planner"
+    PILOT = "pilot"
+
+    def covers(self, needed: Role) -> bool:
+        """Whether this role may do what `needed` may."""
+        order = list(Role)
+        return order.index(self) >= order.index(needed)
+
+
+@dataclass(frozen=True)
+class Principal:
+    """Who asks."""
+
+    name: str
+    role: Role
+
+
+LOCAL = Principal("local", Role.PILOT)
+"""Everybody, until there is a key."""
+
+
+class KeyView(BaseModel):
+    """A key as it is kept: without its secret. Times are UTC seconds since 1970."""
+
+    id: str
+    name: str
+    role: Role
+    created_at: float
+    revoked_at: float | None
+
+
+class KeyRing:
+    """The keys of one database."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+        self._known: dict[str, tuple[float, Principal | None]] = {}
+        self._in_use: tuple[float, bool] = (-REMEMBER_S, False)
+
+    async def create(self, name: str, role: Role) -> str:
+        """A new key; this is the only time that it is seen."""
+        key_id, secret = secrets.token_hex(6), secrets.token_urlsafe(32)
+        key = f"sky_{key_id}_{secret}"
+        row = {"id": key_id, "name": name, "role": role.value, "digest": _digest(key), "created_at": time.time()}
+        await self._database.write((insert(table), row))
+        return key
+
+    async def revoke(self, key_id: str) -> None:
+        """End a key. Raises NotFoundError."""
+        if not await self._database.rows(select(table.c.id).where(table.c.id == key_id)):
+            raise NotFoundError(f"key {key_id!r} does not exist")
+        await self._database.write(update(table).where(table.c.id == key_id).values(revoked_at=time.time()))
+        self._known.clear()
+
+    async def reset(self) -> int:
+        """Forget all keys, how many there were: everybody on this machine may do everything again.
+
+        Raises ConflictError while one works.
+        """
+        keys = await self.all()
+        if working := [key.id for key in keys if key.revoked_at is None]:
+            raise ConflictError(f"keys: {', '.join(working)} still work; revoke them first")
+        await self._database.write(delete(table))
+        self._known.clear()
+        return len(keys)
+
+    async def all(self) -> list[KeyView]:
+        """Every key, the oldest first."""
+        rows = await self._database.rows(select(table).order_by(table.c.created_at))
+        return [KeyView(**{name: getattr(row, name) for name in KeyView.model_fields}) for row in rows]
+
+    async def in_use(self) -> bool:
+        """Whether there ever was a key, also one that is revoked by now: then every request needs one that works."""
+        asked, answer = self._in_use
+        if time.monotonic() - asked >= REMEMBER_S:
+            rows = await self._database.rows(select(table.c.id).limit(1))
+            answer = bool(rows)
+            self._in_use = (time.monotonic(), answer)
+        return answer
+
+    async def identify(self, key: str) -> Principal | None:
+        """Whose key this is, None for one that is unknown or revoked."""
+        digest = _digest(key)
+        asked, found = self._known.get(digest, (-REMEMBER_S, None))
+        if time.monotonic() - asked < REMEMBER_S:
+            return found
+        found = await self._look_up(key, digest)
+        if len(self._known) >= MOST_REMEMBERED:
+            self._known.clear()
+        self._known[digest] = (time.monotonic(), found)
+        return found
+
+    async def _look_up(self, key: str, digest: str) -> Principal | None:
+        parts = key.split("_", 2)
+        if len(parts) != 3 or parts[0] != "sky" or not parts[1].isalnum() or len(parts[1]) > 16:
+            return None
+        rows = await self._database.rows(select(table).where(table.c.id == parts[1], table.c.revoked_at.is_(None)))
+        if not rows or not hmac.compare_digest(rows[0].digest, digest):
+            return None
+        return Principal(rows[0].name, Role(rows[0].role))
+
+
+def _digest(key: str) -> str:
+    return sha256(key.encode("utf-8", "replace")).hexdigest()

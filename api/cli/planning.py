@@ -1,0 +1,117 @@
+"""Commands that plan, prove and export by themselves, without a service."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+from rich.console import Console
+
+from skyfolio.api.cli import terminal as show
+from skyfolio.api.cli.files import Json, Out, UsageError, read_as, read_scenario, write
+from skyfolio.planner import EXAMPLES, AnyOf, Changes, Deadline, Plan, converged, plan, replan
+
+UNMET_STATUS = 3
+"""Exit status of a plan that could not give every user its least rate: it was written, and flies."""
+
+DeadlineS = Annotated[float | None, typer.Option(min=0.001, help="Return the best plan after this many seconds.")]
+ScenarioFile = Annotated[Path | None, typer.Argument(help="Scenario as JSON.")]
+Example = Annotated[str | None, typer.Option(help=f"A ready scenario: {', '.join(EXAMPLES)}.")]
+
+
+def plan_command(
+    file: ScenarioFile = None,
+    example: Example = None,
+    deadline_s: DeadlineS = None,
+    out: Out = None,
+    as_json: Json = False,
+) -> None:
+    """Plan a scenario."""
+    scenario = read_scenario(file, example)
+    _deliver(plan(scenario, stop=_stop(deadline_s), clock=time.perf_counter), out, as_json)
+
+
+def replan_command(
+    file: Annotated[Path, typer.Argument(help="Plan as JSON, as `skyfolio plan --json` prints it.")],
+    at_slot: Annotated[int, typer.Option(min=0, help="First slot to plan, counted from 0.")],
+    failed: Annotated[list[str] | None, typer.Option(help="A UAV that is gone; may be given several times.")] = None,
+    changes: Annotated[
+        Path | None,
+        typer.Option(
+            help="JSON of what else is different: failed, returned, users_joined, users_left, utility, bandwidth_hz."
+        ),
+    ] = None,
+    deadline_s: DeadlineS = None,
+    out: Out = None,
+    as_json: Json = False,
+) -> None:
+    """Plan the remaining slots of a plan: for the survivors, and for what else is different."""
+    previous = read_as(Plan, file)
+    other = read_as(Changes, changes) if changes else None
+    if not failed and other is None:
+        raise UsageError("give --failed UAV or --changes FILE: what is different?")
+    made = replan(
+        previous, failed=failed or (), at_slot=at_slot, changes=other, stop=_stop(deadline_s), clock=time.perf_counter
+    )
+    _deliver(made, out, as_json)
+
+
+def export(
+    file: Annotated[Path, typer.Argument(help="Plan as JSON.")],
+    uav_id: Annotated[str | None, typer.Option(help="Which UAV; not needed for --format json.")] = None,
+    format: Annotated[Literal["plan", "waypoints", "json"], typer.Option(help="File format.")] = "plan",  # noqa: A002
+    autopilot: Annotated[Literal["px4", "ardupilot"], typer.Option(help="Which autopilot will fly it.")] = "px4",
+    out: Out = None,
+    as_json: Json = False,
+) -> None:
+    """Write the MAVLink missions of a plan as QGroundControl `.plan`, `.waypoints` text or JSON."""
+    from skyfolio.api.plans.mission_files import Missions  # noqa: PLC0415 - MAVSDK is only loaded where it is used
+
+    missions = Missions(read_as(Plan, file), autopilot)
+    if format == "json" or as_json:
+        text = json.dumps(missions.as_json(uav_id), indent=2)
+    elif format == "plan":
+        text = json.dumps(missions.qgc_plan(uav_id), indent=4)
+    else:
+        text = missions.waypoints(uav_id)
+    write(text, out)
+
+
+def bound(
+    file: ScenarioFile = None,
+    example: Example = None,
+    tolerance: Annotated[float, typer.Option(min=1e-6, max=1, help="Relative gap at which a slot is settled.")] = 0.005,
+    seconds: Annotated[float, typer.Option(min=0.001, help="Stop branching after this long; the bound holds.")] = 60.0,
+    as_json: Json = False,
+) -> None:
+    """Plan a scenario of up to three UAVs and prove by branch and bound how good the plan is."""
+    from skyfolio.api.plans.certificate import TooManyUavsError, certify, shown  # noqa: PLC0415
+
+    try:
+        figures = certify(read_scenario(file, example), tolerance=tolerance, seconds=seconds)
+    except TooManyUavsError as error:
+        raise UsageError(str(error)) from error
+    if as_json:
+        write(json.dumps(figures, indent=2), None)
+    else:
+        Console().print(shown(figures), highlight=False)
+
+
+def _stop(deadline_s: float | None) -> AnyOf:
+    if deadline_s is None:
+        return converged()
+    return AnyOf(converged(), Deadline(deadline_s, clock=time.monotonic))
+
+
+def _deliver(made: Plan, out: Path | None, as_json: bool) -> None:
+    if as_json or out is not None:
+        write(made.model_dump_json(indent=2), out)
+    if not as_json:
+        Console().print(show.plan_table(made))
+    if made.unmet_min_rate_slots:
+        for line in show.unmet(made):
+            Console(stderr=True).print(f"[yellow]not served:[/] {line}", highlight=False, soft_wrap=True)
+        raise typer.Exit(UNMET_STATUS)

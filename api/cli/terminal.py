@@ -1,0 +1,56 @@
+"""Plans for the eye, in a terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rich.console import Group
+from rich.table import Table
+
+from skyfolio.planner import Plan
+
+
+def plan_table(plan: Plan) -> Group:
+    """Summary of a plan and the average rate of each user."""
+    summary = Table(title=f"{plan.id} (revision {plan.revision}, {plan.status.value})", show_header=False)
+    measures = plan.summary
+    for name, value in (
+        ("slots", f"{plan.first_slot} to {plan.first_slot + plan.scenario.slots - 1}"),
+        ("utility", f"{measures.utility_bps / 1e3:.2f} kbit/s"),
+        ("mean sum rate", f"{measures.mean_sum_rate_bps / 1e3:.2f} kbit/s"),
+        ("variance of the sum rate", f"{measures.sum_rate_variance_kbps2:.3f} (kbit/s)^2"),
+        ("Jain index", f"{measures.jain:.3f}"),
+        ("upper bound", f"{measures.upper_bound_bps / 1e3:.2f} kbit/s (gap {measures.gap:.1%})"),
+        ("solved in", "-" if plan.solve_ms is None else f"{plan.solve_ms:.1f} ms"),
+    ):
+        summary.add_row(name, value)
+    users = Table("user", "mean rate, kbit/s", "served by")
+    for user, rates in plan.user_rates_bps.items():
+        serving = [uav for uav, rate in zip(plan.association[user], rates, strict=True) if rate > 0]
+        users.add_row(user, f"{sum(rates) / len(rates) / 1e3:.2f}", ", ".join(sorted(set(serving))) or "-")
+    return Group(summary, users)
+
+
+def unmet(plan: Plan) -> list[str]:
+    """Return a line for each user that does not get its least rate: which, how much of what, and in which slots.
+
+    Slots are counted on the operation's grid.
+    """
+    least = {user.id: user.min_rate_bps for user in plan.scenario.users}
+    return [
+        f"{user} gets less than its min_rate_bps {least[user]:g} in slots "
+        f"{ranges([plan.first_slot + slot for slot in slots])} "
+        f"(at least {min(plan.user_rates_bps[user][slot] for slot in slots) / 1e3:.2f} kbit/s)"
+        for user, slots in plan.unmet_min_rate_slots.items()
+    ]
+
+
+def ranges(slots: Sequence[int]) -> str:
+    """Return ascending slots as text, runs shortened: '0-4, 7'."""
+    runs: list[list[int]] = []
+    for slot in slots:
+        if runs and slot == runs[-1][-1] + 1:
+            runs[-1].append(slot)
+        else:
+            runs.append([slot])
+    return ", ".join(f"{run[0]}" if len(run) == 1 else f"{run[0]}-{run[-1]}" for run in runs)

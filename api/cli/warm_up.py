@@ -1,0 +1,23 @@
+"""`skyfolio warm-up`: what set-up runs, so that the first plan on a machine is as fast as any other."""
+
+from __future__ import annotations
+
+import json
+import time
+
+from skyfolio.api.cli.files import Json, write
+from skyfolio.api.cli.lazy import typer_err
+from skyfolio.api.common import kernels
+
+
+def warm_up(as_json: Json = False) -> None:
+    """Compile the optimiser's kernels now, so that nobody waits later."""
+    kernels.explain(typer_err)
+    began_s = time.perf_counter()
+    compiled = kernels.prepare(typer_err)
+    took_s = round(time.perf_counter() - began_s, 3)
+    if as_json:
+        write(json.dumps({"compiled": compiled, "seconds": took_s, "folder": str(kernels.place())}), None)
+    else:
+        said = f"{compiled} kernels compiled" if compiled else "all kernels were compiled before"
+        write(f"{said}; ready after {took_s} s", None)

@@ -1,0 +1,97 @@
+"""What is wrong with how the service was set up, said before anything starts: by name, in one line, exit status 2."""
+
+from __future__ import annotations
+
+import difflib
+import os
+import socket
+import tempfile
+from collections.abc import Collection, Mapping
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic_settings import SettingsError
+
+from skyfolio.api.common.errors import InvalidError
+from skyfolio.api.common.settings import NESTED, PREFIX, SET_ELSEWHERE, Settings
+from skyfolio.mavlink_bridge import Signing
+from skyfolio.mavlink_bridge.errors import SigningKeyInvalid
+
+OF_COMMANDS = frozenset({"SERVICE", "KEY", "SIM_SIGNING_KEY", "API"})
+"""Variables that are no settings: of `fly`, `status` and `drill`, of `simulate`, of the tour of the API."""
+
+
+def settings_from(given: Mapping[str, Any], environment: Mapping[str, str] | None = None) -> Settings:
+    """The settings from arguments and environment. Raises InvalidError and pydantic's ValidationError."""
+    require_known(os.environ if environment is None else environment)
+    try:
+        return Settings(**given)
+    except SettingsError as error:
+        raise InvalidError(f"{PREFIX}*: {error}: not JSON") from error
+
+
+def require_known(environment: Mapping[str, str]) -> None:
+    """Refuse variables that nobody reads. Raises InvalidError with the name that was probably meant."""
+    known = _variables()
+    unknown = [name for name in sorted(environment) if name.upper().startswith(PREFIX) and name.upper() not in known]
+    if unknown:
+        raise InvalidError("; ".join(_not_known(name, known) for name in unknown))
+
+
+def require_usable(settings: Settings) -> None:
+    """Refuse what cannot work: key file, folder of logs, example. Raises InvalidError naming the setting."""
+    if settings.signing_key_file is not None:
+        try:
+            Signing.from_file(settings.signing_key_file)
+        except SigningKeyInvalid as error:
+            raise InvalidError(f"signing_key_file: {error}") from error
+    if settings.telemetry_log_dir is not None:
+        _require_writable("telemetry_log_dir", settings.telemetry_log_dir)
+    if settings.simulate is not None:
+        from skyfolio.api.fleet.simulated_fleet import scenario_of  # noqa: PLC0415 - the simulator, which other commands do without
+
+        scenario_of(settings.simulate)
+
+
+def bound(settings: Settings) -> socket.socket:
+    """The socket of the service, bound and not listening yet. Raises InvalidError when the address is not to be had."""
+    family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
+    made = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        made.bind((settings.host, settings.port))
+    except OSError as error:
+        made.close()
+        raise InvalidError(f"host, port: {settings.host}:{settings.port} cannot be bound: {error.strerror}") from error
+    made.set_inheritable(True)
+    return made
+
+
+def _variables() -> set[str]:
+    names = {PREFIX + name for name in OF_COMMANDS}
+    for name, field in Settings.model_fields.items():
+        names.add(PREFIX + name.upper())
+        kind = field.annotation
+        if isinstance(kind, type) and is_dataclass(kind):
+            names |= {f"{PREFIX}{name.upper()}{NESTED}{part.name.upper()}" for part in fields(kind)}
+    return names
+
+
+def _not_known(name: str, known: Collection[str]) -> str:
+    part = name.rpartition(".")[2]
+    if "." in name and part in SET_ELSEWHERE:
+        meant = [PREFIX + SET_ELSEWHERE[part].upper()]
+    else:
+        meant = difflib.get_close_matches(name.upper().replace(".", NESTED), sorted(known), n=1)
+    return f"{name}: is no setting of skyfolio" + (f"; did you mean {meant[0]}?" if meant else "")
+
+
+def _require_writable(field: str, folder: Path) -> None:
+    """Raises InvalidError when no file can be made there, or the folder cannot."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise InvalidError(f"{field}: nothing can be written to {folder}: {error.strerror}") from error

@@ -1,0 +1,143 @@
+"""Settings of the service: environment variables `SKYFOLIO_*`, or arguments of `skyfolio serve`."""
+
+from __future__ import annotations
+
+import ipaddress
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, field_validator
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+from skyfolio.api.store import TEMPORARY
+from skyfolio.mavlink_bridge.conditions import Timing
+from skyfolio.mavlink_bridge.findings import START_WITHIN_M
+
+Seconds = Annotated[float, Field(gt=0)]
+Count = Annotated[int, Field(ge=1)]
+PREFIX = "SKYFOLIO_"
+NESTED = "__"
+SUB_PATH = r"(/[A-Za-z0-9._~-]+)*"
+SET_ELSEWHERE = {"stale_after_s": "heartbeat_stale_s", "lost_after_s": "heartbeat_lost_s"}
+"""Fields of `timing` that have a setting of their own."""
+
+
+class Settings(BaseSettings):
+    """How the service runs. It binds to loopback unless told otherwise.
+
+    database_url: `sqlite+aiosqlite:///FILE`, `postgresql+asyncpg://...`, or `temporary`, which is forgotten at the end.
+    time_scale: how much faster than real time the (simulated) fleet lives; leave it at 1 for real aircraft.
+    fleet_url: where vehicles are; several links, the preferred first, separated by commas. forward_url: udpout://HOST:PORT
+    where a ground station watches the fleet; forward_commands: whether it may command too. signing_key_file: 32 bytes
+    (or 64 hexadecimal digits); MAVLink is then signed both ways. telemetry_log_dir: one .tlog an operation.
+    preflight: whether a blocker of the audit only is an event, or keeps the fleet on the ground. start_within_m: a
+    vehicle further than this from its first point keeps the fleet on the ground in any case.
+    simulate: fly this example's fleet in software inside the service, ready for drills.
+    heartbeat_stale_s, heartbeat_lost_s: fleet seconds of silence. timing: when everything else about a vehicle counts
+    (`mavlink_bridge.conditions.Timing`), as JSON: `{"takeover_after_s": 2, "proof_s": 4}`, or one by one:
+    `SKYFOLIO_TIMING__PROOF_S=4`.
+    solve_deadline_s, replan_deadline_s: wall seconds a solve may take. warm_up: begin to serve when the workers have
+    started; else they start with the first solve. plan_starts: starts to climb from at most when a request for a plan
+    does not say `starts`; by size, fewer.
+    guidance_lead_s: wall seconds reserved for replan and upload; the new plan begins with the first slot after that.
+    keep_ended_s: how long ended plans that no operation flew are kept; keep_operations_s: ended operations with their
+    plans, journals and tracks; keep_events_s, keep_audit_s: events and audit rows, at most keep_events and keep_audit
+    of them. max_cells: UAVs times users times slots.
+    tile_url: of a map server for the dashboard, with {z}, {x} and {y}; without one it draws a grid and asks nobody.
+    allowed_hosts: names under which browsers reach the service, separated by commas, beside loopback, the bound address
+    and, when more than loopback is bound, IP addresses and this machine's name; `*.example.org` is all below it.
+    trusted_proxies: addresses or networks, separated by commas, of proxies whose `X-Forwarded-*` headers are believed.
+    root_path: the sub-path under which a proxy offers the service; a trusted proxy may say it in `X-Forwarded-Prefix`.
+    rate_per_s, rate_burst: requests of one client. failed_keys_per_minute: wrong API keys that one address may try.
+    swap_attempts: tries of a mission swap before the last good plan.
+    """
+
+    model_config = SettingsConfigDict(env_prefix=PREFIX, env_nested_delimiter=NESTED, frozen=True, extra="forbid")
+
+    host: str = "127.0.0.1"
+    port: Annotated[int, Field(ge=0, le=65535)] = 8080
+    database_url: str = TEMPORARY
+    fleet_url: str = "udpin://127.0.0.1:14540"
+    forward_url: str | None = None
+    forward_commands: bool = False
+    signing_key_file: Path | None = None
+    telemetry_log_dir: Path | None = None
+    preflight: Literal["report", "enforce"] = "report"
+    start_within_m: Annotated[float, Field(gt=0)] = START_WITHIN_M
+    simulate: str | None = None
+    time_scale: Annotated[float, Field(gt=0, le=100)] = 1.0
+    workers: Annotated[int, Field(ge=1, le=64)] = 1
+    warm_up: bool = True
+    queue_limit: Annotated[int, Field(ge=1, le=1024)] = 32
+    solve_deadline_s: Annotated[float, Field(gt=0, le=3600)] = 60.0
+    heartbeat_stale_s: Seconds = 3.0
+    heartbeat_lost_s: Seconds = 5.0
+    timing: Timing = Timing()
+    replan_deadline_s: Seconds = 2.0
+    guidance_lead_s: Annotated[float, Field(ge=0)] = 1.0
+    tile_url: Annotated[
+        str | None, Field(pattern=r"^https?://.*\{z\}.*\{x\}.*\{y\}|^https?://.*\{z\}.*\{y\}.*\{x\}")
+    ] = None
+    plan_ahead: bool = True
+    swap_attempts: Annotated[int, Field(ge=1, le=5)] = 2
+    telemetry_hz: Annotated[float, Field(gt=0, le=50)] = 10.0
+    plan_starts: Annotated[int, Field(ge=1, le=64)] = 24
+    keep_ended_s: Seconds = 7 * 86_400.0
+    keep_operations_s: Seconds = 90 * 86_400.0
+    keep_events_s: Seconds = 90 * 86_400.0
+    keep_events: Count = 1_000_000
+    keep_audit_s: Seconds = 365 * 86_400.0
+    keep_audit: Count = 200_000
+    max_body_bytes: Count = 2_000_000
+    max_uavs: Count = 64
+    max_users: Count = 1_000
+    max_slots: Count = 2_000
+    max_cells: Count = 2_000_000
+    max_subscribers: Count = 256
+    rate_per_s: Seconds = 500.0
+    rate_burst: Count = 1_000
+    failed_keys_per_minute: Count = 10
+    allowed_hosts: Annotated[str, Field(pattern=r"^\s*((\*\.)?[\w.:\[\]-]+\s*(,\s*|$))*$")] = ""
+    trusted_proxies: str = ""
+    root_path: Annotated[str, Field(pattern=f"^{SUB_PATH}$")] = ""
+
+    @field_validator("timing", mode="before")
+    @classmethod
+    def _said_once(cls, value: Any) -> Any:
+        """Silence has settings of its own: the same thing said here would be ignored."""
+        for name, setting in SET_ELSEWHERE.items():
+            default = getattr(Timing, name)
+            given = value.get(name, default) if isinstance(value, Mapping) else getattr(value, name, default)
+            if given != default:
+                raise ValueError(f"{name} is not set here but by {setting} ({PREFIX}{setting.upper()})")
+        return value
+
+    @field_validator("trusted_proxies")
+    @classmethod
+    def _addresses(cls, value: str) -> str:
+        for one in listed(value):
+            ipaddress.ip_network(one, strict=False)
+        return value
+
+    @property
+    def on_loopback(self) -> bool:
+        """Whether only this machine can reach the service."""
+        if self.host == "localhost":
+            return True
+        try:
+            return ipaddress.ip_address(self.host).is_loopback
+        except ValueError:
+            return False
+
+
+def listed(value: str) -> list[str]:
+    """What a setting with several values, separated by commas, holds."""
+    return [one.strip() for one in value.split(",") if one.strip()]
+
+
+def default_database_url() -> str:
+    """Where `skyfolio serve` and `skyfolio keys` keep things unless told otherwise."""
+    state = os.environ.get("XDG_STATE_HOME") or str(Path.home() / ".local" / "state")
+    return f"sqlite+aiosqlite:///{state}/skyfolio/skyfolio.db"

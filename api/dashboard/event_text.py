@@ -1,0 +1,256 @@
+"""Events in an operator's words. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from skyfolio.api.dashboard.views import Happening
+
+Data = Mapping[str, Any]
+WORTH_TELLING_S, WORTH_TELLING_M = 2.0, 2.0
+"""A UAV is late at the end of nearly every slot by a little; less than this is not told. Nor is a way of less than
+this, however long it takes at the pace of a leg of a few metres."""
+SKIP = {"operation_id", "plan_id"}
+
+
+def words(happening: Happening) -> tuple[str, str]:
+    """(what happened, level): the level is ok, warn, alarm or empty. No words: not worth an operator's look."""
+    known = WORDS.get(happening.kind)
+    if known is not None:
+        return known(happening.data)
+    rest = ", ".join(
+        f"{name} {value}" for name, value in happening.data.items() if name not in SKIP and value is not None
+    )
+    return f"{happening.kind.replace('_', ' ')} {rest}".strip(), ""
+
+
+def _operation(data: Data) -> tuple[str, str]:
+    state, error = str(data.get("state")), data.get("error")
+    if state == "link_lost":
+        return "nobody is heard: our own link is lost, and vehicles fly on by the missions on board", "alarm"
+    ends = ", ".join(f"{uav} {str(end).replace('_', ' ')}" for uav, end in (data.get("ends") or {}).items())
+    text = f"operation {state.replace('_', ' ')}" + (f": {error}" if error else f": {ends}" if ends else "")
+    levels = {"failed": "alarm", "aborted": "warn", "completed_partly": "alarm", "completed": "ok"}
+    return text, levels.get(state, "")
+
+
+def _link(data: Data) -> tuple[str, str]:
+    after = str(data.get("after"))
+    text = f"{data.get('uav_id')} link {data.get('before')} → {after}"
+    if after != "live":
+        text += f", silent for {data.get('silent_for_s', 0):.1f} s"
+    return text, {"lost": "alarm", "stale": "warn", "live": "ok"}.get(after, "")
+
+
+def _lost(data: Data) -> tuple[str, str]:
+    cause = data.get("cause", "heartbeat_lost")
+    if cause == "ordered":
+        return f"{data.get('uav_id')} left its operation: {data.get('detail')}", "warn"
+    if cause != "heartbeat_lost":
+        return f"{data.get('uav_id')} declared LOST: {cause.replace('_', ' ')} ({data.get('detail')})", "alarm"
+    return f"{data.get('uav_id')} declared LOST after {data.get('silent_for_s', 0):.1f} s of silence", "alarm"
+
+
+def _geofence(data: Data) -> tuple[str, str]:
+    if data.get("error"):
+        return f"{data.get('uav_id')} flies without a geofence: {data.get('error')}", "warn"
+    return f"{data.get('uav_id')} has the plan's area as its geofence", "ok"
+
+
+def _rally_point(data: Data) -> tuple[str, str]:
+    if data.get("error"):
+        return f"{data.get('uav_id')} flies without a rally point: {data.get('error')}", "warn"
+    return f"{data.get('uav_id')} has where it stands as its rally point", "ok"
+
+
+def _telemetry_log(data: Data) -> tuple[str, str]:
+    return f"the telemetry log is not written: {data.get('error')}", "warn"
+
+
+def _order(data: Data) -> tuple[str, str]:
+    vehicles = data.get("vehicles") or []
+    told = [str(one.get("uav_id")) for one in vehicles if one.get("outcome") == "ok"]
+    others = [f"{one.get('uav_id')}: {one.get('reason')}" for one in vehicles if one.get("outcome") != "ok"]
+    text = f"ordered to {data.get('action')}: {', '.join(told) or 'nobody'}"
+    failed = any(one.get("outcome") == "failed" for one in vehicles)
+    return text + (f" (not {'; '.join(others)})" if others else ""), "alarm" if failed else "warn"
+
+
+def _low(data: Data) -> tuple[str, str]:
+    return f"{data.get('uav_id')} is low on battery ({data.get('detail')}): it may be sent home", "warn"
+
+
+def _warning(data: Data) -> tuple[str, str]:
+    return f"{data.get('uav_id')} tells of a failsafe and goes on: {data.get('detail')}", "warn"
+
+
+def _withdrawn(data: Data) -> tuple[str, str]:
+    verdict = str(data.get("verdict")).replace("_", " ")
+    return f"{data.get('uav_id')} was not {verdict}: {data.get('because')}; its air is reserved again", "alarm"
+
+
+def _gcs_heartbeat(data: Data) -> tuple[str, str]:
+    if data.get("sent"):
+        return "vehicles hear the service again", "ok"
+    return f"vehicles hear the service no more: {data.get('because')}", "alarm"
+
+
+def _condition(data: Data) -> tuple[str, str]:
+    after = str(data.get("after"))
+    level = {"live": "ok", "low_battery": "warn", "landed": "", "rebooted": "warn", "stale": "warn"}.get(after, "alarm")
+    return f"{data.get('uav_id')} {after.replace('_', ' ')}: {data.get('cause')}", level
+
+
+def _recovery(data: Data) -> tuple[str, str]:
+    if data.get("outcome") == "flying":
+        solved = data.get("replan_ms") or 0.0
+        return f"survivors fly {data.get('plan_id')} (replanned in {solved:.0f} ms)", "ok"
+    return f"answer to the loss: {str(data.get('outcome')).replace('_', ' ')}: {data.get('error')}", "alarm"
+
+
+def _plan_ended(data: Data) -> tuple[str, str]:
+    error = data.get("error")
+    return f"{data.get('plan_id')} {data.get('status')}" + (f": {error}" if error else ""), "warn" if error else ""
+
+
+def _uploaded(data: Data) -> tuple[str, str]:
+    return f"{data.get('uavs')} missions uploaded and verified in {data.get('upload_s', 0):.2f} s", "ok"
+
+
+def _incident(data: Data) -> tuple[str, str]:
+    step, uav = str(data.get("step")), data.get("uav_id")
+    text = f"answer {data.get('incident')}: {step}" + (f" {uav}" if uav else "")
+    return text, "warn" if step in {"refused", "proposed"} else ""
+
+
+def _drill(data: Data) -> tuple[str, str]:
+    return f"drill: {data.get('fault')} of {data.get('uav_id')} {data.get('state')}", "warn"
+
+
+def _returned(data: Data) -> tuple[str, str]:
+    return f"{data.get('uav_id')} is heard again, and offered", "ok"
+
+
+def _resumed(data: Data) -> tuple[str, str]:
+    if data.get("error"):
+        return f"{data.get('uav_id')} flies on unguided: {data.get('error')}", "warn"
+    return f"{data.get('uav_id')} is kept on schedule again", "ok"
+
+
+def _guard(data: Data) -> tuple[str, str]:
+    return f"nobody guards the stream: UAVs would hold if the service died ({data.get('error')})", "warn"
+
+
+def _lands(data: Data) -> tuple[str, str]:
+    return f"UAVs land where they are, ways home would meet: {data.get('because')}", "warn"
+
+
+def _registered(data: Data) -> tuple[str, str]:
+    simulated = ", simulated" if data.get("simulated") else ""
+    return f"{data.get('uav_id')} is system {data.get('system_id')}{simulated}", ""
+
+
+def _slip(data: Data) -> tuple[str, str]:
+    late, far = float(data.get("late_s") or 0.0), float(data.get("distance_m") or 0.0)
+    if abs(late) < WORTH_TELLING_S or far < WORTH_TELLING_M:
+        return "", ""
+    way = "behind" if late > 0 else "ahead of"
+    return f"{data.get('uav_id')} is {abs(late):.1f} s {way} schedule, {far:.1f} m off", "warn"
+
+
+def _preflight(data: Data) -> tuple[str, str]:
+    text = f"{data.get('uav_id')} preflight: {data.get('name')} is {data.get('found')}, should be {data.get('should')}"
+    return f"{text}: {data.get('why')}", "alarm" if data.get("level") == "blocker" else "warn"
+
+
+def _moved(data: Data) -> tuple[str, str]:
+    signed = "" if data.get("signed") else "; its frames are not signed, so check that it is the same aircraft"
+    return f"{data.get('uav_id')} is heard from {data.get('now')}, before from {data.get('before')}{signed}", "warn"
+
+
+def _two_senders(data: Data) -> tuple[str, str]:
+    uav, known, other = data.get("uav_id"), data.get("before"), data.get("now")
+    return f"two senders use the system id of {uav}: {known}, and {other}, which is not believed", "alarm"
+
+
+def _second_link(data: Data) -> tuple[str, str]:
+    signed = "" if data.get("signed") else "; unsigned, it may be another aircraft with the same system id"
+    return f"{data.get('uav_id')} is heard on a second link, {data.get('now')}{signed}", "warn" if signed else ""
+
+
+def _brought_down(data: Data) -> tuple[str, str]:
+    if data.get("error"):
+        return f"{data.get('uav_id')} still hovers and does not come down: {data.get('error')}", "alarm"
+    doing = "returns" if data.get("action") == "return" else "lands"
+    return f"{data.get('uav_id')} {doing}: {data.get('because')}", "warn"
+
+
+def _speed_restored(data: Data) -> tuple[str, str]:
+    text = f"{data.get('uav_id')} left our modes ({data.get('mode')}) at a speed of ours"
+    if data.get("error"):
+        return f"{text}, and does not take its own back: {data.get('error')}", "alarm"
+    return f"{text}: {data.get('speed_mps'):g} m/s again, its own", "warn"
+
+
+def _stuck(data: Data) -> tuple[str, str]:
+    where = f"stayed {data.get('distance_m')} m from item {data.get('item')} for {data.get('for_s')} s"
+    return f"{data.get('uav_id')} {where}: told to go on with item {data.get('next_item')}", "warn"
+
+
+def _altitude(data: Data) -> tuple[str, str]:
+    if data.get("level") == "ok":
+        return f"{data.get('uav_id')} is at its altitude again", "ok"
+    off_m = float(data.get("off_m") or 0.0)
+    return f"{data.get('uav_id')} is {abs(off_m):.1f} m {'above' if off_m > 0 else 'below'} its altitude", "warn"
+
+
+def _home_moved(data: Data) -> tuple[str, str]:
+    where = f"{data.get('moved_m')} m away and {data.get('up_m')} m up"
+    return f"{data.get('uav_id')} has a new home, {where}: its altitudes count from there", "warn"
+
+
+def _waits(data: Data) -> tuple[str, str]:
+    return f"{data.get('uav_id')} has not told its {', '.join(data.get('missing') or ())} yet: waiting", "warn"
+
+
+def _arming_refused(data: Data) -> tuple[str, str]:
+    return f"{data.get('uav_id')} cannot be armed yet: {data.get('because')}", "warn"
+
+
+WORDS: Mapping[str, Callable[[Data], tuple[str, str]]] = {
+    "operation": _operation,
+    "link": _link,
+    "uav_lost": _lost,
+    "condition": _condition,
+    "geofence": _geofence,
+    "rally_point": _rally_point,
+    "telemetry_log": _telemetry_log,
+    "link_moved": _moved,
+    "two_senders": _two_senders,
+    "second_link": _second_link,
+    "fleet_order": _order,
+    "uav_low_on_battery": _low,
+    "uav_warning": _warning,
+    "verdict_withdrawn": _withdrawn,
+    "gcs_heartbeat": _gcs_heartbeat,
+    "recovery": _recovery,
+    "plan_ended": _plan_ended,
+    "missions_uploaded": _uploaded,
+    "incident": _incident,
+    "drill": _drill,
+    "slip": _slip,
+    "stuck": _stuck,
+    "speed_restored": _speed_restored,
+    "altitude_off_plan": _altitude,
+    "home_moved": _home_moved,
+    "preflight": _preflight,
+    "waiting_for_facts": _waits,
+    "arming_refused": _arming_refused,
+    "uav_returned": _returned,
+    "guidance_resumed": _resumed,
+    "guard": _guard,
+    "lands_instead_of_returning": _lands,
+    "brought_down": _brought_down,
+    "vehicle_registered": _registered,
+}

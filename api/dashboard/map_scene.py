@@ -1,0 +1,234 @@
+"""What the map and the fleet table draw: a scene that stays, and frames that move. Pure; metres east/north."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from math import atan2, degrees
+from typing import Any
+
+from skyfolio.api.dashboard.schedule import point_at, slip_s
+from skyfolio.api.dashboard.views import Operation, Vehicle
+from skyfolio.planner import Plan, Scenario
+
+Json = dict[str, Any]
+Point = tuple[float, float]
+
+PALETTE = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00")
+"""Okabe and Ito's colours, told apart by colour-blind eyes; a UAV is also always named."""
+
+
+WORTH_BPS = 100.0
+"""A promised rate below this is no service anyway."""
+CUT_SHARE = 0.02
+"""A user that gets less than this share of what was promised is cut off."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spot:
+    """One UAV on the map. `link` as the heartbeat monitor has it; `lost` for this operation."""
+
+    uav_id: str
+    at_m: Point | None
+    course_deg: float = 0.0
+    vehicle: Vehicle | None = None
+    lost: bool = False
+    slip_s: float | None = None
+
+
+def scene(scenario: Scenario, plans: Sequence[tuple[str, Plan]] = (), **more: Any) -> Json:
+    """What stays: area, zones, users, and each plan's paths in a style (`current`, `former` or `other`)."""
+    rates = [rate for _, plan in plans for row in plan.user_rates_bps.values() for rate in row]
+    return {
+        "area": scenario.area_m,
+        "origin": scenario.origin.model_dump(),
+        "no_fly": [zone.model_dump() for zone in scenario.no_fly],
+        "users": [(user.id, *user.position_m) for user in scenario.users],
+        "uavs": list(scenario.uav_ids),
+        "d_min": scenario.min_separation_m,
+        "rate_max": max([1e3, *rates]) if rates else None,
+        "plans": [{"style": style, "paths": plan.trajectories_m} for style, plan in plans],
+        "reserved": {},
+        "tiles": None,
+        **more,
+    }
+
+
+def sketch(data: Json) -> tuple[Json, Json]:
+    """Scene and frame of a scenario as JSON, planned or not, even one that breaks rules: what is wrong must be seen."""
+    drawn = {
+        "area": data["area_m"],
+        "origin": data["origin"],
+        "no_fly": data["no_fly"],
+        "users": [(user["id"], *user["position_m"]) for user in data["users"]],
+        "uavs": [uav["id"] for uav in data["uavs"]],
+        "d_min": data["min_separation_m"] or 0.0,
+        "rate_max": None,
+        "plans": [],
+        "reserved": {},
+        "tiles": None,
+    }
+    spots = [Spot(uav_id=uav["id"], at_m=tuple(uav["start_m"])) for uav in data["uavs"]]
+    return drawn, frame(spots, None, None, {}, live=False)
+
+
+def reserved(former: Plan, lost: Iterable[str], from_slot: int) -> dict[str, list[Point]]:
+    """Air that stays taken by a lost UAV: what was left of its route, and the way home from there."""
+    air = {}
+    for uav in lost:
+        if uav in former.trajectories_m:
+            rest = former.trajectories_m[uav][max(from_slot - former.first_slot, 0) :]
+            air[uav] = [*rest, former.scenario.uav(uav).start_m]
+    return air
+
+
+def frame(
+    spots: Sequence[Spot],
+    plan: Plan | None,
+    slot: int | None,
+    rates: Mapping[str, float | None],
+    *,
+    promise: Plan | None = None,
+    **more: Any,
+) -> Json:
+    """What moves. `slot` is on the operation's grid; `rates` of the users of `plan`, bit/s, None where not known.
+
+    promise: the plan whose rates users were promised (default `plan`): who gets next to nothing of it is cut off.
+    """
+    known = {user: rates.get(user) for user in plan.scenario.user_ids} if plan else {}
+    return {
+        "uavs": [_drawn(spot) for spot in spots],
+        "links": links(plan, slot) if plan and slot is not None else [],
+        "rates": known,
+        "cut": cut_off(promise or plan, slot, known) if plan and slot is not None else [],
+        "slot": slot,
+        "live": True,
+        **more,
+    }
+
+
+def links(plan: Plan, slot: int) -> list[tuple[str, str, float]]:
+    """Return (user, UAV, bandwidth in Hz) of every link of that slot of the operation's grid."""
+    n = min(max(slot - plan.first_slot, 0), plan.scenario.slots - 1)
+    return [(user, row[n], plan.bandwidth_hz[user][n]) for user, row in plan.association.items() if row[n]]
+
+
+def cut_off(plan: Plan, slot: int, rates: Mapping[str, float | None]) -> list[str]:
+    """Return the users that get next to nothing of what the plan promises them in that slot; `rates` in bit/s by id."""
+    n = min(max(slot - plan.first_slot, 0), plan.scenario.slots - 1)
+    found = []
+    for user, promised in plan.user_rates_bps.items():
+        rate = rates.get(user)
+        if rate is not None and promised[n] > WORTH_BPS and rate < CUT_SHARE * promised[n]:
+            found.append(user)
+    return found
+
+
+def planned_frame(
+    plan: Plan,
+    slot: int,
+    rates: Mapping[str, float | None] | None = None,
+    ghosts: Mapping[str, Point] | None = None,
+) -> Json:
+    """The situation as the plan has it when that slot begins; `ghosts`: lost UAVs, and where they were."""
+    n = min(max(slot - plan.first_slot, 0), plan.scenario.slots - 1)
+    spots = [Spot(uav_id=uav, at_m=path[n], course_deg=_course(path, n)) for uav, path in plan.trajectories_m.items()]
+    spots += [Spot(uav_id=uav, at_m=at, lost=True) for uav, at in (ghosts or {}).items()]
+    planned = {user: row[n] for user, row in plan.user_rates_bps.items()}
+    return frame(spots, plan, slot, planned if rates is None else rates, live=False)
+
+
+def rows(spots: Sequence[Spot], operation: Operation | None) -> list[Json]:
+    """The fleet table, most urgent first."""
+    made = [_row(number, spot, operation) for number, spot in enumerate(spots)]
+    return sorted(made, key=lambda row: ("alarm", "warn", "ok", "idle").index(row["level"]))
+
+
+def recorded_row(number: int, uav_id: str, *, lost: bool, slip_s: float | None) -> Json:
+    """A row of the fleet table from a record, which has positions only."""
+    state, level = ("LOST", "alarm") if lost else ("RECORDED", "ok")
+    nothing = dict.fromkeys(("age", "battery", "alt", "item", "items", "quality", "cause"))
+    colour = PALETTE[number % len(PALETTE)]
+    said = {
+        "id": uav_id,
+        "state": state,
+        "level": level,
+        "lost": lost,
+        "slip": slip_s,
+        "colour": colour,
+        "link": "live",
+    }
+    return {**nothing, **said}
+
+
+def slip_of(plan: Plan | None, uav: str, elapsed_s: float | None, at_m: Point | None) -> float | None:
+    """Seconds behind schedule, None where there is none: not begun, over, or not a UAV of the plan."""
+    if plan is None or elapsed_s is None or at_m is None or uav not in plan.trajectories_m:
+        return None
+    slot_s = plan.scenario.slot_duration_s
+    local = elapsed_s - plan.first_slot * slot_s
+    if not 0 <= local <= plan.scenario.slots * slot_s:
+        return None
+    return slip_s(plan.trajectories_m[uav], slot_s, local, at_m)
+
+
+def state_of(vehicle: Vehicle | None, *, lost: bool, flying: bool) -> tuple[str, str, str]:
+    """(state, cause, level) in a ground station's words; the level is ok, warn, alarm or idle."""
+    silent = vehicle.silent_for_s if vehicle else None
+    quiet = "" if silent is None else f"silent for {silent:.1f} s"
+    if lost:
+        heard = vehicle is not None and vehicle.link == "live"
+        seen = vehicle.condition_cause if vehicle is not None and heard else None
+        return "LOST", seen or quiet or "declared lost", "alarm"
+    if vehicle is None or vehicle.mode is None:
+        return "NOT HEARD", quiet, "warn"
+    if vehicle.link == "lost":
+        return "LOST", quiet, "alarm"
+    if vehicle.link == "stale":
+        return "STALE", quiet, "warn"
+    if not vehicle.armed:
+        return "ON GROUND", "disarmed", "idle"
+    mode = vehicle.mode.upper()
+    if flying and mode not in {"MISSION", "AUTO", "GUIDED", "TAKEOFF", "OFFBOARD", "LAND"}:
+        return mode, "not flying the plan", "warn"
+    return mode, "", "ok"
+
+
+def _row(number: int, spot: Spot, operation: Operation | None) -> Json:
+    vehicle = spot.vehicle
+    flying = operation is not None and operation.state == "flying"
+    state, cause, level = state_of(vehicle, lost=spot.lost, flying=flying)
+    drawn = _drawn(spot)
+    return {
+        **{name: drawn[name] for name in ("id", "age", "battery", "alt", "item", "link", "lost")},
+        "state": state,
+        "cause": cause,
+        "level": level,
+        "items": vehicle.mission_items if vehicle else None,
+        "slip": spot.slip_s,
+        "quality": vehicle.link_quality if vehicle else None,
+        "colour": PALETTE[number % len(PALETTE)],
+    }
+
+
+def _drawn(spot: Spot) -> Json:
+    vehicle = spot.vehicle
+    state, _, _ = state_of(vehicle, lost=spot.lost, flying=False) if vehicle else ("", "", "")
+    return {
+        "id": spot.uav_id,
+        "e": None if spot.at_m is None else round(spot.at_m[0], 2),
+        "n": None if spot.at_m is None else round(spot.at_m[1], 2),
+        "heading": round(spot.course_deg, 1),
+        "alt": vehicle.relative_alt_m if vehicle else None,
+        "age": vehicle.silent_for_s if vehicle else None,
+        "battery": vehicle.battery_percent if vehicle else None,
+        "item": vehicle.mission_item if vehicle else None,
+        "link": vehicle.link if vehicle else "live",
+        "lost": spot.lost,
+        "state": state,
+    }
+
+
+def _course(path: Sequence[Point], n: int) -> float:
+    here, ahead = point_at(path, n), point_at(path, n + 1)
+    return degrees(atan2(ahead[0] - here[0], ahead[1] - here[1])) % 360 if here != ahead else 0.0

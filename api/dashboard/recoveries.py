@@ -1,0 +1,153 @@
+"""Answers to losses as steps with timings: the journal's entries and the final report, in an operator's order. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+from typing import Any
+
+from skyfolio.api.dashboard.views import Step, Transaction
+
+Json = Mapping[str, Any]
+NAMES = {
+    "detected": "Loss detected",
+    "classified": "Classified",
+    "waiting": "Waiting for positions",
+    "replanned": "Replan",
+    "checked": "Checked",
+    "refused": "Plan refused",
+    "proposed": "Waiting for your approval",
+    "approved": "Approved",
+    "uploading": "Upload",
+    "verified": "Verified on board",
+    "flying": "Flying the new plan",
+    "closed": "Closed",
+}
+ENDINGS = {
+    "flying": "survivors fly the new plan",
+    "partly_flying": "not every survivor flies the new plan",
+    "too_late": "too late to fly differently",
+    "declined": "declined: the plan in force stays",
+    "superseded": "overtaken by another change",
+    "interrupted": "interrupted by a restart",
+    "unanswered": "not answered: the operation ended before",
+    "failed": "failed: the plan in force stays",
+}
+PHASES = {
+    "answering": "being answered",
+    "proposed": "a replan waits for your word",
+    "unanswered": "not answered: the operation ended before",
+}
+GOOD = {"flying", "declined", "superseded"}
+TAKES_TIME = {"waiting", "replanned", "checked", "proposed", "uploading", "verified"}
+
+
+def transactions(
+    recoveries: Sequence[Json], journal: Sequence[Json], proposal: Json | None, *, over: bool = False
+) -> list[Transaction]:
+    """One for each incident, the oldest first: those that are over, and the one that is being answered now.
+
+    over: the operation has ended; what is not answered by then never is.
+    """
+    reports = {int(report["incident"]): report for report in recoveries}
+    entries: dict[int, list[Json]] = {}
+    for entry in journal:
+        entries.setdefault(int(entry["incident"]), []).append(entry)
+    return [
+        _transaction(number, entries.get(number, []), reports.get(number), proposal, over=over)
+        for number in sorted({*reports, *entries})
+    ]
+
+
+def _transaction(
+    number: int, entries: list[Json], report: Json | None, proposal: Json | None, *, over: bool
+) -> Transaction:
+    proposed = report is None and proposal is not None and proposal["incident"] == number
+    detected = next((entry for entry in entries if entry["step"] == "detected"), None)
+    told: Json = report or (detected["data"] if detected else {})
+    phase = str(report["outcome"]) if report else "proposed" if proposed else "unanswered" if over else "answering"
+    planned = [entry["data"]["plan_id"] for entry in entries if entry["data"].get("plan_id")]
+    return Transaction(
+        number=number,
+        lost=told.get("lost", {}),
+        phase=phase,
+        title=f"{', '.join(told.get('lost', {})) or 'Change'}: {PHASES.get(phase) or ENDINGS.get(phase, phase)}",
+        at_slot=report["at_slot"] if report else None,
+        declared_at_s=report["declared_at_s"] if report else detected["elapsed_s"] if detected else None,
+        in_force_at_s=report["in_force_at_s"] if report else None,
+        plan_id=report["plan_id"] if report else planned[-1] if planned else None,
+        proposed=proposed,
+        steps=tuple(_steps(entries, report, over=over)),
+        vehicles=report["vehicles"] if report else {},
+        error=report["error"] if report else None,
+    )
+
+
+def _steps(entries: list[Json], report: Json | None, *, over: bool) -> list[Step]:
+    groups: list[list[Json]] = []
+    for entry in entries:
+        same = next((group for group in groups if group[0]["step"] == entry["step"] and entry["uav_id"]), None)
+        if same:
+            same.append(entry)
+        else:
+            groups.append([entry])
+    made = []
+    for index, group in enumerate(groups):
+        if group[0]["step"] == "closed":
+            break
+        following = groups[index + 1] if index + 1 < len(groups) else None
+        made.append(_step(group, following, over=over or report is not None))
+    if report is not None:
+        outcome = str(report["outcome"])
+        detail = "" if report["error"] is None else str(report["error"])
+        took = _total(entries)
+        state = "done" if outcome in GOOD else "failed"
+        made.append(Step(name=ENDINGS.get(outcome, outcome).capitalize(), took=took, detail=detail, state=state))
+    elif over and made:
+        made.append(Step(name="The operation ended before an answer", state="failed"))
+    return made
+
+
+def _step(group: list[Json], following: list[Json] | None, *, over: bool) -> Step:
+    kind = str(group[0]["step"])
+    active = following is None and not over
+    state = "active" if active else "failed" if kind == "refused" else "done"
+    if active and kind == "proposed":
+        state = "waiting"
+    took = ""
+    if following is not None and kind in TAKES_TIME:
+        took = _span(_at(group[0]), _at(following[0]))
+    return Step(name=NAMES.get(kind, kind), took=took, detail=_detail(kind, group), state=state)
+
+
+def _detail(kind: str, group: list[Json]) -> str:
+    data: Json = group[0]["data"]
+    if kind == "detected":
+        return ", ".join(f"{uav}, {silent:.1f} s silent" for uav, silent in data.get("lost", {}).items())
+    if kind == "classified":
+        return ", ".join(f"{uav}: {_words(seen.get('verdict'))}" for uav, seen in data.get("evidence", {}).items())
+    if kind == "replanned":
+        return f"from slot {data.get('at_slot')}, attempt {data.get('attempt')}"
+    if kind == "checked":
+        solved = "" if data.get("replan_ms") is None else f", solved in {data['replan_ms']:.0f} ms"
+        return f"{data.get('plan_id')}, {_words(data.get('source'))}{solved}"
+    if kind in {"uploading", "verified"}:
+        return ", ".join(str(entry["uav_id"]) for entry in group if entry["uav_id"])
+    return str(data.get("error") or data.get("plan_id") or "")
+
+
+def _total(entries: list[Json]) -> str:
+    return f"{_span(_at(entries[0]), _at(entries[-1]))} in all" if len(entries) > 1 else ""
+
+
+def _at(entry: Json) -> datetime:
+    return datetime.fromisoformat(str(entry["at"]))
+
+
+def _span(begin: datetime, end: datetime) -> str:
+    seconds = (end - begin).total_seconds()
+    return f"{seconds:.1f} s" if seconds >= 10 else f"{seconds * 1e3:.0f} ms"
+
+
+def _words(value: object) -> str:
+    return "" if value is None else str(value).replace("_", " ")

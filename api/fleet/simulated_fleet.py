@@ -1,0 +1,74 @@
+"""A fleet in software inside the service, for drills: real MAVLink on a real socket, in a thread of its own."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import threading
+from typing import Any
+
+from skyfolio import sim
+from skyfolio.api.common.errors import InvalidError
+from skyfolio.api.lab.simulate import specs_at_starts
+from skyfolio.planner import EXAMPLES, Scenario
+
+
+def scenario_of(name: str) -> Scenario:
+    """The example to simulate. Raises InvalidError for a name that is not there."""
+    if name not in EXAMPLES:
+        raise InvalidError(f"simulate: {name!r} must be one of {', '.join(sorted(EXAMPLES))}")
+    return EXAMPLES[name]()
+
+
+def own_endpoint() -> str:
+    """HOST:PORT of a loopback UDP port that is free now: the simulated fleet keeps to itself."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"127.0.0.1:{probe.getsockname()[1]}"
+
+
+def fault_of(kind: str, system_id: int, options: dict[str, Any]) -> sim.Fault:
+    """A fault ready to strike. Raises InvalidError for an unknown kind or option."""
+    if kind not in sim.FAULTS:
+        raise InvalidError(f"fault: {kind!r} must be one of {', '.join(sim.FAULTS)}")
+    if {"kind", "system_id"} & set(options):
+        raise InvalidError("options: the kind and the vehicle are given beside them")
+    try:
+        return sim.fault_from({"kind": kind, "system_id": system_id, **options})
+    except (TypeError, ValueError) as error:
+        raise InvalidError(f"options: {error}") from error
+
+
+class SimulatedFleet:
+    """Vehicles at the starts of a scenario, flying in their own thread from `start` to `stop`."""
+
+    def __init__(self, scenario: Scenario, endpoint: str, speedup: float) -> None:
+        self.fleet = sim.Fleet(
+            specs_at_starts(scenario), clock=sim.ScaledClock(speedup), endpoint=f"udpout://{endpoint}"
+        )
+        for vehicle in self.fleet.vehicles.values():
+            if "COM_OBL_RC_ACT" in vehicle.autopilot.parameters:
+                vehicle.autopilot.parameters["COM_OBL_RC_ACT"] = 5  # hold: it may be streamed to
+        self._loop = asyncio.new_event_loop()
+        self._until = asyncio.Event()
+        self._thread = threading.Thread(target=self._run, name="simulated-fleet", daemon=True)
+
+    def start(self) -> None:
+        """Let it fly."""
+        self._thread.start()
+
+    def inject(self, fault: sim.Fault) -> None:
+        """Let a fault strike now."""
+        self._loop.call_soon_threadsafe(self.fleet.inject, fault)
+
+    def stop(self) -> None:
+        """Land nothing, just end."""
+        if self._thread.is_alive():
+            self._loop.call_soon_threadsafe(self._until.set)
+            self._thread.join()
+
+    def _run(self) -> None:
+        try:
+            self._loop.run_until_complete(sim.serve(self.fleet, until=self._until))
+        finally:
+            self._loop.close()

@@ -1,0 +1,58 @@
+"""A small plan around where vehicles stand: what a check puts on board, and what flight tests fly."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from skyfolio.mavlink_bridge.pace import Point
+from skyfolio.planner import Origin, Plan, Scenario
+from skyfolio.planner.plans import Summary
+from skyfolio.planner.scenario import Uav, User
+
+SLOT_S, ALTITUDE_M, SPEED_MPS, ROOM_M, APART_M = 5.0, 15.0, 4.0, 60.0, 4.0
+SQUARE: tuple[Point, ...] = (
+    *((0.0, 0.0), (0.0, 15.0), (0.0, 30.0), (0.0, 30.0)),
+    *((12.0, 30.0), (24.0, 30.0), (24.0, 15.0), (24.0, 0.0)),
+)
+"""Metres east/north: north, a hover, east, and back south; legs of 12 and 15 m."""
+
+
+def trial_plan(origin: Origin, paths_m: Mapping[str, Sequence[Point]], *, altitude_m: float = ALTITUDE_M) -> Plan:
+    """A plan that flies these paths, metres east/north of the origin, one point a slot; it serves nobody in particular.
+
+    Its area, and so its geofence, reaches ROOM_M beyond them.
+    """
+    uavs = list(paths_m)
+    points = [point for path in paths_m.values() for point in path]
+    slots = len(paths_m[uavs[0]])
+    scenario = Scenario(
+        origin=origin,
+        area_m=(
+            (min(east for east, _ in points) - ROOM_M, min(north for _, north in points) - ROOM_M),
+            (max(east for east, _ in points) + ROOM_M, max(north for _, north in points) + ROOM_M),
+        ),
+        slots=slots,
+        slot_duration_s=SLOT_S,
+        altitude_m=altitude_m,
+        min_separation_m=APART_M,
+        uavs=tuple(Uav(id=uav, start_m=paths_m[uav][0], max_speed_mps=SPEED_MPS) for uav in uavs),
+        users=(User(id="user-1", position_m=points[0]),),
+    )
+    return Plan(
+        id="trial",
+        method="by hand",
+        scenario=scenario,
+        trajectories_m={uav: list(path) for uav, path in paths_m.items()},
+        association={"user-1": [uavs[0]] * slots},
+        bandwidth_hz={"user-1": [scenario.uavs[0].bandwidth_hz] * slots},
+        user_rates_bps={"user-1": [0.0] * slots},
+        summary=Summary(
+            utility_bps=0.0,
+            mean_sum_rate_bps=0.0,
+            sum_rate_variance_kbps2=0.0,
+            mean_variance_eq5_bps=0.0,
+            jain=1.0,
+            upper_bound_bps=0.0,
+            gap=0.0,
+        ),
+    )

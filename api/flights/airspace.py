@@ -1,0 +1,251 @@
+"""The air of all operations of one service: nobody is sent where a UAV of another operation may be.
+
+Before a take-off whole sweeps are compared (`mavlink_bridge.corridors`), in flight every change of plan, and UAVs that
+one operation has lost are ghosts to all: also after it is over, until they are seen on the ground.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from skyfolio.api.common.errors import ConflictError
+from skyfolio.api.flights.rates import Point
+from skyfolio.mavlink_bridge import OnEnd, east_north_to_geodetic, geodetic_to_east_north
+from skyfolio.mavlink_bridge.corridors import Corridor, Mapped, meetings
+from skyfolio.mavlink_bridge.ghosts import Ghost
+from skyfolio.mavlink_bridge.ghosts import Way as GhostWay
+from skyfolio.mavlink_bridge.route import Route
+from skyfolio.planner import Origin, Plan
+
+if TYPE_CHECKING:
+    from skyfolio.api.fleet.registry import Fleet
+    from skyfolio.api.flights.flight import Flight
+    from skyfolio.api.flights.guidance import Way
+
+NO_OPERATION = "no operation"
+ROUNDING_M = 0.01
+"""Separation that stored plans may miss by rounding."""
+
+
+@dataclass(frozen=True)
+class LeftBehind:
+    """A ghost of an operation that is over; its times are on the fleet's clock."""
+
+    ghost: Ghost
+    origin: Origin
+    required_m: float
+
+
+class Traffic:
+    """What one flight knows of the others, and its own air; metres east/north of its origin."""
+
+    def __init__(self, skies: Skies, operation_id: str, flight: Flight, fleet: Fleet) -> None:
+        self._skies, self._id, self._flight, self._fleet = skies, operation_id, flight, fleet
+        self.owner = f"operation '{operation_id}'"
+
+    def others(self) -> list[Corridor]:
+        """Who flies for other operations, or for none, and is heard."""
+        return self._skies.others(self._flight.first_plan.scenario.origin, self._id, ghosts=False)
+
+    def corridor(
+        self, uav: str, level_m: Sequence[Point], altitude_m: float | None, *, climbs: bool = False
+    ) -> Corridor:
+        """The air of a UAV of this flight that flies this line at that altitude above its home, and then comes down.
+
+        climbs: it does so at the first point. Without an altitude it comes down from where it is.
+        """
+        flight = self._flight
+        down = _way_down(level_m[-1], flight.home_m(uav), flight.guidance.way.at_end)
+        return Corridor(
+            uav_id=uav,
+            owner=self.owner,
+            required_m=flight.first_plan.scenario.min_separation_m,
+            level_m=() if altitude_m is None else level_m,
+            height_m=None if altitude_m is None else self._fleet.height_amsl_m(flight.systems[uav], altitude_m),
+            upright_m=((level_m[0],), down) if climbs else (down,),
+        )
+
+
+class Skies:
+    """Who flies where. Flights `enter` when their operation begins and `leave` when it is over."""
+
+    def __init__(self, fleet: Fleet) -> None:
+        self._fleet = fleet
+        self._flights: dict[str, Flight] = {}
+        self._traffic: dict[str, Traffic] = {}
+        self._left: dict[str, LeftBehind] = {}
+
+    def enter(self, operation_id: str, flight: Flight) -> None:
+        """From now on its air is reserved, and it is told of that of the others."""
+        self._flights[operation_id] = flight
+        for uav in flight.systems:
+            self._left.pop(uav, None)
+        self._traffic[operation_id] = flight.traffic = Traffic(self, operation_id, flight, self._fleet)
+        flight.guidance.airspace.elsewhere = lambda: self._ghosts_for(operation_id)
+
+    def leave(self, operation_id: str) -> None:
+        """It is over: what it has lost stays reserved, what is heard is where it is."""
+        self._traffic.pop(operation_id, None)
+        flight = self._flights.pop(operation_id, None)
+        if flight is None:
+            return
+        shift_s = self._fleet.now_s() - flight.now_s()
+        scenario = flight.first_plan.scenario
+        for uav, ghost in flight.guidance.airspace.ghosts.items():
+            self._left[uav] = LeftBehind(
+                _moved(ghost, shift_s, lambda point: point), scenario.origin, scenario.min_separation_m
+            )
+
+    async def require_clear(self, plan: Plan, systems: dict[str, int], way: Way) -> None:
+        """Raise ConflictError when a UAV of this plan could meet one of another operation, or one that just flies."""
+        ours = [
+            Corridor(
+                uav_id=uav,
+                owner="this plan",
+                required_m=plan.scenario.min_separation_m,
+                level_m=path,
+                height_m=self._fleet.height_amsl_m(systems[uav], plan.scenario.altitude_of(plan.scenario.uav(uav))),
+                upright_m=((path[0],), _way_down(path[-1], path[0], way.at_end)),
+            )
+            for uav, path in plan.trajectories_m.items()
+        ]
+        others = [one for one in self.others(plan.scenario.origin) if one.uav_id not in systems]
+        found = await asyncio.to_thread(meetings, ours, others, ROUNDING_M)
+        if found:
+            more = f", and {len(found) - 1} more" if len(found) > 1 else ""
+            raise ConflictError(f"separation: {found[0]}{more}")
+
+    # -- who is there -----------------------------------------------------------------------------------------------
+
+    def others(self, origin: Origin, but: str | None = None, *, ghosts: bool = True) -> list[Corridor]:
+        """Corridors of all operations `but` one, and of who flies for none; metres east/north of `origin`.
+
+        ghosts: with what may fly where nobody hears it.
+        """
+        found = [
+            corridor
+            for operation_id, flight in self._flights.items()
+            if operation_id != but
+            for corridor in self._of_flight(operation_id, flight, origin, ghosts=ghosts)
+        ]
+        if ghosts:
+            now_s = self._fleet.now_s()
+            found += [
+                _of_ghost(left.ghost, NO_OPERATION, left.required_m, now_s).mapped(_between(left.origin, origin))
+                for left in self._still_left().values()
+            ]
+        flown = {uav for flight in self._flights.values() for uav in flight.systems}
+        return found + [one for uav in self._fleet.uav_ids if uav not in flown for one in self._of_stray(uav, origin)]
+
+    def _of_flight(self, operation_id: str, flight: Flight, origin: Origin, *, ghosts: bool) -> Iterator[Corridor]:
+        traffic, mapped = self._traffic[operation_id], _between(flight.first_plan.scenario.origin, origin)
+        live, begun = flight.positions_m(), flight.elapsed_s() is not None
+        for uav, system in flight.systems.items():
+            ghost, here = flight.guidance.airspace.ghosts.get(uav), live.get(uav)
+            if ghost is not None:
+                if ghosts:
+                    scenario = flight.first_plan.scenario
+                    yield _of_ghost(ghost, traffic.owner, scenario.min_separation_m, flight.now_s()).mapped(mapped)
+                continue
+            if begun and self._fleet.is_down(system):
+                continue
+            routes = [] if uav in flight.lost else list(_remaining(flight, uav))
+            if not routes and here is not None:
+                yield traffic.corridor(uav, [here], None).mapped(mapped)
+            for path, altitude_m in routes:
+                level_m = [here, *path] if begun and here is not None else path
+                yield traffic.corridor(uav, level_m, altitude_m, climbs=not begun).mapped(mapped)
+
+    def _of_stray(self, uav: str, origin: Origin) -> Iterator[Corridor]:
+        """One that flies for no operation: where it is, and the way home, at any height."""
+        system = self._fleet.system_of(uav)
+        said = self._fleet.link.telemetry(system)
+        if said is None or said.place_deg is None or not self._fleet.is_heard(system) or self._fleet.is_down(system):
+            return
+        here = geodetic_to_east_north(origin, *said.place_deg)
+        home = self._fleet.link.home_deg(system)
+        ways = [(here,)] if home is None else [(here, geodetic_to_east_north(origin, *home))]
+        yield Corridor(uav_id=uav, owner=NO_OPERATION, required_m=0.0, upright_m=tuple(ways))
+
+    # -- ghosts -----------------------------------------------------------------------------------------------------
+
+    def _ghosts_for(self, operation_id: str) -> list[Ghost]:
+        """Ghosts of the others, in the time and place of this operation."""
+        mine = self._flights[operation_id]
+        origin, now_s = mine.first_plan.scenario.origin, mine.now_s()
+        found = [
+            _moved(ghost, now_s - flight.now_s(), _between(flight.first_plan.scenario.origin, origin))
+            for other, flight in self._flights.items()
+            if other != operation_id
+            for ghost in flight.guidance.airspace.ghosts.values()
+        ]
+        shift_s = now_s - self._fleet.now_s()
+        return found + [
+            _moved(left.ghost, shift_s, _between(left.origin, origin)) for left in self._still_left().values()
+        ]
+
+    def _still_left(self) -> dict[str, LeftBehind]:
+        """Ghosts of operations that are over, without those that were seen on the ground, or must be there."""
+        now_s, known = self._fleet.now_s(), set(self._fleet.uav_ids)
+        for uav, left in list(self._left.items()):
+            system = self._fleet.system_of(uav) if uav in known else None
+            is_down = system is not None and self._fleet.is_heard(system) and self._fleet.is_down(system)
+            if is_down or now_s >= left.ghost.deadline_s:
+                del self._left[uav]
+        return self._left
+
+
+def _remaining(flight: Flight, uav: str) -> Iterator[tuple[list[Point], float]]:
+    """(path, altitude above home) of each route that a UAV may fly from here on: the plan's, and those on board."""
+    plan, now_s = flight.plan, flight.now_s()
+    if uav in plan.trajectories_m:
+        slot_s = plan.scenario.slot_duration_s
+        path = _rest(plan.trajectories_m[uav], plan.first_slot * slot_s, slot_s, now_s)
+        yield path, plan.scenario.altitude_of(plan.scenario.uav(uav))
+    for given in flight.guidance.may_fly(uav):
+        yield _rest(given.path_m, given.began_s, given.slot_s, now_s), given.altitude_m
+
+
+def _rest(path: Sequence[Point], began_s: float, slot_s: float, now_s: float) -> list[Point]:
+    return list(path[min(max(int((now_s - began_s) // slot_s), 0), len(path) - 1) :])
+
+
+def _way_down(last_m: Point, home_m: Point, at_end: OnEnd) -> Sequence[Point]:
+    """Where it comes down after its last point, at any height."""
+    return (last_m, home_m) if at_end is OnEnd.RETURN else (last_m,)
+
+
+def _of_ghost(ghost: Ghost, owner: str, required_m: float, now_s: float) -> Corridor:
+    """Nobody knows its height: the rest of each route, where it was last seen, and its ways home."""
+    rests = [_rest(way.route.path_m, way.began_s, way.route.slot_s, now_s) for way in ghost.ways]
+    homes = [] if ghost.home_m is None else [(rest[-1], ghost.home_m) for rest in rests]
+    seen = (ghost.last_seen_m,) if ghost.home_m is None else (ghost.last_seen_m, ghost.home_m)
+    return Corridor(uav_id=ghost.uav_id, owner=owner, required_m=required_m, upright_m=(*rests, *homes, seen))
+
+
+def _moved(ghost: Ghost, shift_s: float, mapped: Mapped) -> Ghost:
+    """The ghost on another clock, which shows `shift_s` more, and from another origin."""
+    return replace(
+        ghost,
+        lost_at_s=ghost.lost_at_s + shift_s,
+        deadline_s=ghost.deadline_s + shift_s,
+        last_seen_m=mapped(ghost.last_seen_m),
+        home_m=None if ghost.home_m is None else mapped(ghost.home_m),
+        ways=tuple(
+            GhostWay(
+                route=Route([mapped(point) for point in way.route.path_m], way.route.slot_s),
+                began_s=way.began_s + shift_s,
+            )
+            for way in ghost.ways
+        ),
+    )
+
+
+def _between(origin: Origin, other: Origin) -> Mapped:
+    """Metres east/north of one origin as those of another."""
+    if origin == other:
+        return lambda point: point
+    return lambda point: geodetic_to_east_north(other, *east_north_to_geodetic(origin, *point))

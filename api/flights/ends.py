@@ -1,0 +1,117 @@
+"""How each UAV of an operation ended, and what that makes of the operation.
+
+What happened while nobody was heard is told by where a UAV is down: one that went home then has not flown its plan.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from math import dist
+
+from skyfolio.api.flights.flight import Flight
+from skyfolio.api.flights.losses import Loss
+from skyfolio.api.flights.rates import Point
+
+NEAR_M = 15.0
+"""Down within this of a place a UAV has landed there; autopilots land within a few metres of it, and GPS wanders."""
+GROUND_M = 3.0
+"""Disarmed higher than this above home is falling, not landed."""
+
+
+class UavEnd(StrEnum):
+    """Where a UAV was when its operation ended."""
+
+    FLOWN = "flown"
+    """It flew its plan to the end, and is down."""
+    RETURNED = "returned"
+    """It left its plan, and is down at its home."""
+    LANDED_ELSEWHERE = "landed_elsewhere"
+    """It left its plan, and is down somewhere else."""
+    LOST = "lost"
+    """It crashed, or was not heard any more."""
+    IN_THE_AIR = "in_the_air"
+    """It is heard, and still flies."""
+
+    @property
+    def is_down(self) -> bool:
+        """Whether it stands on the ground, and whole."""
+        return self in {UavEnd.FLOWN, UavEnd.RETURNED, UavEnd.LANDED_ELSEWHERE}
+
+
+@dataclass(frozen=True, kw_only=True)
+class LastSeen:
+    """What a UAV last said. Metres east/north of the origin; `up_m` above its home. heard: its link is not lost.
+
+    ends_m: where its plan ends on the ground, any of these; none where that is not known.
+    """
+
+    heard: bool
+    armed: bool
+    up_m: float
+    mode: str
+    at_m: Point | None
+    home_m: Point
+    ends_m: tuple[Point, ...] = ()
+
+    def is_near(self, *places_m: Point) -> bool:
+        """Whether it knows where it is, and that is at one of these places."""
+        at_m = self.at_m
+        return at_m is not None and any(dist(at_m, place_m) <= NEAR_M for place_m in places_m)
+
+
+def end_of(seen: LastSeen | None, loss: Loss | None) -> UavEnd:
+    """The end of one UAV; `loss`: why it no longer counted or left its plan before the end, None: it did not."""
+    if seen is None or (loss is not None and loss.kind == "crashed"):
+        return UavEnd.LOST
+    if seen.armed:
+        return UavEnd.IN_THE_AIR if seen.heard else UavEnd.LOST
+    if loss is None:
+        if seen.at_m is None or not seen.ends_m or seen.is_near(*seen.ends_m):
+            return UavEnd.FLOWN
+    elif seen.up_m > GROUND_M and loss.kind != "landed":
+        return UavEnd.LOST
+    return UavEnd.RETURNED if seen.is_near(seen.home_m) else UavEnd.LANDED_ELSEWHERE
+
+
+def ends_of(flight: Flight) -> dict[str, UavEnd]:
+    """The end of every UAV of a flight that has begun, as of now; before slot 0 nobody has flown anything."""
+    if flight.elapsed_s() is None:
+        return {}
+    return {uav: end_of(_last_seen(flight, uav), flight.roster.left_its_plan(uav)) for uav in flight.systems}
+
+
+def shortfall(flight: Flight) -> str | None:
+    """Why the operation is not completed, by name; None when it is.
+
+    It is when every UAV that the last plan in force counts has flown to its end, and nobody is in the air; one that was
+    sent home by order, and is down, has done what it should.
+    """
+    counted, retired = set(flight.plan.scenario.uav_ids), flight.roster.retired
+    short = {
+        uav: _words(end, _last_seen(flight, uav), flight.roster.left_its_plan(uav))
+        for uav, end in ends_of(flight).items()
+        if end is UavEnd.IN_THE_AIR
+        or (uav in counted and end is not UavEnd.FLOWN and not (uav in retired and end.is_down))
+    }
+    return "; ".join(f"{uav} {words}" for uav, words in short.items()) or None
+
+
+def _words(end: UavEnd, seen: LastSeen | None, loss: Loss | None) -> str:
+    where = "" if end is not UavEnd.IN_THE_AIR or seen is None else f" at {seen.up_m:.0f} m in mode '{seen.mode}'"
+    return f"{end.value.replace('_', ' ')}{where}" + ("" if loss is None else f" ({loss})")
+
+
+def _last_seen(flight: Flight, uav: str) -> LastSeen | None:
+    said = flight.on_board(uav)
+    if said is None:
+        return None
+    return LastSeen(
+        heard=flight.roster.is_heard(uav),
+        armed=said.armed,
+        up_m=said.relative_alt_m,
+        mode=said.mode.value,
+        at_m=flight.roster.last_seen_m(uav),
+        home_m=flight.home_m(uav),
+        ends_m=flight.ends_m(uav),
+    )

@@ -1,0 +1,123 @@
+"""Rates of a flight, kept as it is flown: every sample is evaluated once, when it comes.
+
+What is learned late about the past (since when a UAV is lost, a plan in force earlier than thought) makes the slots
+that it touches be summed anew, and only those. The work is done in pieces, because it is done on the event loop.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from math import inf, nextafter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyfolio.api.flights.rates import InForce, Sample, rates_by_sample
+from skyfolio.api.flights.track import Seen, Track
+
+Array = NDArray[np.float64]
+
+
+AT_ONCE = 8
+"""Samples that are evaluated before the event loop may turn to something else: some milliseconds for a large fleet."""
+
+
+@dataclass
+class _Slot:
+    """Which samples of the track are of one slot, and the sum over the first `done` of them: (K,) bit/s."""
+
+    total: Array
+    samples: list[int] = field(default_factory=list)
+    done: int = 0
+
+
+class FlownRates:
+    """Mean rate of each user in each slot of an operation, as `rates_by_slot` has it, kept up to date in pieces.
+
+    track: where everybody was; it grows.
+    """
+
+    def __init__(self, track: Track, user_ids: Sequence[str], n_slots: int, slot_s: float) -> None:
+        self._track, self._known = track, 0
+        self._slot_s, self._end_s, self._n_slots = slot_s, n_slots * slot_s, n_slots
+        self._by_user: dict[str, list[float | None]] = {user: [None] * n_slots for user in user_ids}
+        self._slots: dict[int, _Slot] = {}
+        self._behind: set[int] = set()
+        self._plans = 0
+        self._lost: dict[str, float] = {}
+
+    @property
+    def by_user(self) -> Mapping[str, Sequence[float | None]]:
+        """Bit/s of each user in each slot; None for slots without a sample that was evaluated."""
+        return self._by_user
+
+    def is_behind(self, timeline: Sequence[InForce], lost: Mapping[str, float]) -> bool:
+        """Whether samples wait for `work`; as `work` otherwise."""
+        self._learn(timeline, lost)
+        return bool(self._behind)
+
+    def work(self, timeline: Sequence[InForce], lost: Mapping[str, float], most: int = AT_ONCE) -> None:
+        """Evaluate up to `most` samples that wait, those of the newest slot first.
+
+        lost: since when each UAV serves nobody, fleet seconds. A slot that is summed anew keeps its old rates until
+        all its samples are in the new sum.
+        """
+        self._learn(timeline, lost)
+        while self._behind and most > 0:
+            number = max(self._behind)
+            slot = self._slots[number]
+            some = slot.samples[slot.done : slot.done + most]
+            rates = rates_by_sample(timeline, [_sample(self._track[one], lost) for one in some])
+            slot.total += rates.sum(axis=0)
+            slot.done += len(some)
+            most -= len(some)
+            if slot.done == len(slot.samples):
+                self._behind.discard(number)
+                for row, rate in zip(self._by_user.values(), (slot.total / slot.done).tolist(), strict=True):
+                    row[number] = rate
+
+    async def settle(self, timeline: Sequence[InForce], lost: Mapping[str, float]) -> None:
+        """Evaluate every sample that waits, and let others take turns meanwhile; as `work` otherwise."""
+        while self.is_behind(timeline, lost):
+            self.work(timeline, lost, AT_ONCE)
+            await asyncio.sleep(0)
+
+    def _learn(self, timeline: Sequence[InForce], lost: Mapping[str, float]) -> None:
+        """Take in new samples, and find out which old ones the present knowledge of plans and losses makes untrue."""
+        for one in range(self._known, len(self._track)):
+            self._take_in(one, self._track.at_s(one))
+        self._known = len(self._track)
+        for entry in timeline[self._plans :]:
+            self._forget(nextafter(entry.from_s, -inf), inf)
+        self._plans = len(timeline)
+        if lost != self._lost:
+            for uav in lost.keys() | self._lost.keys():
+                before, after = self._lost.get(uav, inf), lost.get(uav, inf)
+                if before != after:
+                    self._forget(min(before, after), max(before, after))
+            self._lost = dict(lost)
+
+    def _take_in(self, one: int, at_s: float) -> None:
+        number = int(at_s // self._slot_s)
+        if not 0 <= number < self._n_slots or at_s >= self._end_s:
+            return
+        if number not in self._slots:
+            self._slots[number] = _Slot(np.zeros(len(self._by_user)))
+        self._slots[number].samples.append(one)
+        self._behind.add(number)
+
+    def _forget(self, after_s: float, to_s: float) -> None:
+        """Sum slots anew that have an evaluated sample with `after_s` < time <= `to_s`."""
+        for number, slot in self._slots.items():
+            if (number + 1) * self._slot_s < after_s or number * self._slot_s > to_s:
+                continue
+            if any(after_s < self._track.at_s(one) <= to_s for one in slot.samples[: slot.done]):
+                slot.done, slot.total = 0, np.zeros_like(slot.total)
+                self._behind.add(number)
+
+
+def _sample(seen: Seen, lost: Mapping[str, float]) -> Sample:
+    at_s, positions_m = seen
+    return Sample(at_s, positions_m, frozenset(uav for uav in positions_m if at_s <= lost.get(uav, inf)))

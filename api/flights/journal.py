@@ -1,0 +1,157 @@
+"""The journal of operations in the air: each step is stored before it is done.
+
+    detected -> classified [-> waiting] -> replanned -> checked [-> proposed -> approved]
+    -> uploading (per UAV) -> verified (per UAV) -> flying -> closed
+
+What a killed service has stored tells the next one what was certainly not begun, what was certainly done, and which
+commands are in doubt. Commands in doubt are never sent again: the vehicles are asked what they fly.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
+from enum import StrEnum
+from typing import Any
+
+from pydantic import BaseModel
+from sqlalchemy import insert, select
+
+from skyfolio.api.store import Database
+from skyfolio.api.store.tables import journal as table
+
+_INSERT = insert(table)
+
+
+class Step(StrEnum):
+    """What is about to be done, or (verified, flying, closed) has been seen."""
+
+    DETECTED = "detected"
+    CLASSIFIED = "classified"
+    WAITING = "waiting"
+    REPLANNED = "replanned"
+    CHECKED = "checked"
+    REFUSED = "refused"
+    PROPOSED = "proposed"
+    APPROVED = "approved"
+    UPLOADING = "uploading"
+    VERIFIED = "verified"
+    FLYING = "flying"
+    CLOSED = "closed"
+
+
+class Entry(BaseModel):
+    """One step. `elapsed_s`: fleet seconds since slot 0. `incident` counts the changes that an operation answered."""
+
+    operation_id: str
+    incident: int
+    step: Step
+    uav_id: str | None = None
+    at: datetime
+    elapsed_s: float | None = None
+    data: dict[str, Any] = {}
+
+
+Listener = Callable[[Entry, bool], None]
+"""Called before (False) and after (True) an entry is stored."""
+
+
+class Journal:
+    """Append-only. If the database does not answer, entries are held and the flight goes on."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+        self.listeners: list[Listener] = []
+
+    async def write(self, *entries: Entry) -> None:
+        """Store entries in one transaction."""
+        for entry in entries:
+            self._tell(entry, stored=False)
+        await self._database.keep(*((_INSERT, _row(entry)) for entry in entries))
+        for entry in entries:
+            self._tell(entry, stored=True)
+
+    async def of(self, operation_id: str) -> list[Entry]:
+        """Everything about one operation, the oldest first."""
+        wanted = select(table).where(table.c.operation_id == operation_id).order_by(table.c.id)
+        return [_entry(row) for row in await self._database.rows(wanted)]
+
+    def _tell(self, entry: Entry, *, stored: bool) -> None:
+        for listener in self.listeners:
+            listener(entry, stored)
+
+
+class IncidentLog:
+    """Writes the steps of one incident, and knows how far it is."""
+
+    def __init__(self, journal: Journal, operation_id: str, number: int, elapsed_s: Callable[[], float]) -> None:
+        self._journal, self._operation_id, self.number, self._elapsed_s = journal, operation_id, number, elapsed_s
+        self.sending = False
+        """Whether anything may have reached a vehicle."""
+        self.closed = False
+        """Whether the last step is written, or is being written."""
+        self.timings_s: dict[str, float] = {}
+        self._last = (Step.DETECTED, time.monotonic())
+
+    async def step(self, step: Step, **data: Any) -> None:
+        """Store that `step` is about to be done."""
+        self._time(step)
+        self.closed = self.closed or step is Step.CLOSED
+        await self._journal.write(self._entry(step, None, data))
+
+    async def step_each(self, step: Step, data: dict[str, dict[str, Any]]) -> None:
+        """Store that `step` is about to be done with each of these UAVs."""
+        self._time(step)
+        self.sending = self.sending or step is Step.UPLOADING
+        await self._journal.write(*(self._entry(step, uav, said) for uav, said in data.items()))
+
+    def _entry(self, step: Step, uav_id: str | None, data: dict[str, Any]) -> Entry:
+        return Entry(
+            operation_id=self._operation_id,
+            incident=self.number,
+            step=step,
+            uav_id=uav_id,
+            at=datetime.now(UTC),
+            elapsed_s=round(self._elapsed_s(), 3),
+            data=data,
+        )
+
+    def _time(self, step: Step) -> None:
+        """Wall seconds from each step to the next one of another kind."""
+        before, at = self._last
+        if step is not before:
+            now = time.monotonic()
+            self.timings_s[before.value] = round(self.timings_s.get(before.value, 0.0) + now - at, 4)
+            self._last = (step, now)
+
+
+def last_incident(entries: Sequence[Entry]) -> list[Entry]:
+    """The entries of the newest incident."""
+    newest = max((entry.incident for entry in entries), default=0)
+    return [entry for entry in entries if entry.incident == newest]
+
+
+def _row(entry: Entry) -> dict[str, Any]:
+    return {
+        "operation_id": entry.operation_id,
+        "incident": entry.incident,
+        "step": entry.step.value,
+        "uav_id": entry.uav_id,
+        "at": entry.at.timestamp(),
+        "elapsed_s": entry.elapsed_s,
+        "data": json.dumps(entry.data),
+    }
+
+
+def _entry(row: Any) -> Entry:
+    return Entry(
+        operation_id=row.operation_id,
+        incident=row.incident,
+        step=row.step,
+        uav_id=row.uav_id,
+        at=datetime.fromtimestamp(row.at, UTC),
+        elapsed_s=row.elapsed_s,
+        data=json.loads(row.data),
+    )

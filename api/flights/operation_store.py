@@ -1,0 +1,120 @@
+"""What is stored of one operation: its row, and the track of its flight."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from sqlalchemy import bindparam, insert, update
+
+from skyfolio.api.flights.journal import Journal
+from skyfolio.api.flights.operation_views import ENDED, Policy, State
+from skyfolio.api.flights.rates import Point
+from skyfolio.api.store import Database
+from skyfolio.api.store.event_log import EventLog
+from skyfolio.api.store.tables import operations as table
+from skyfolio.api.store.tables import plans as plans_table
+from skyfolio.api.store.tables import track as track_table
+from skyfolio.api.store.writer import Statement
+
+TRACK_EVERY_S = 0.5
+_INSERT = insert(table)
+_TRACK = insert(track_table)
+_COLUMNS = ("state", "version", "document", "ended_at")
+_UPDATE = (
+    update(table)
+    .where(table.c.id == bindparam("operation_id"))
+    .values({name: bindparam(f"new_{name}") for name in _COLUMNS})
+)
+_MARK = (
+    update(plans_table).where(plans_table.c.id == bindparam("plan_id_")).values(operation_id=bindparam("operation_id_"))
+)
+
+
+@dataclass(kw_only=True)
+class Head:
+    """What identifies an operation and never changes."""
+
+    id: str
+    number: int
+    policy: Policy
+    created_at: float = field(default_factory=time.time)
+    fingerprint: str | None = None
+    launch_itself: bool = True
+
+
+@dataclass(frozen=True)
+class Books:
+    """Where operations write."""
+
+    database: Database
+    journal: Journal
+    events: EventLog
+
+
+class OperationRows:
+    """The row of one operation, written whole each time, and its track, of which only the new part is."""
+
+    def __init__(self, database: Database, head: Head) -> None:
+        self._database, self._head = database, head
+        self.saved: asyncio.Future[None] | None = None
+        """When the newest state is durable; None before the first save."""
+        self._marked: set[str] = set()
+        self._tracked = 0
+        self._tracked_at = 0.0
+
+    async def create(self, plan_id: str, state: State, document: dict[str, Any]) -> None:
+        """Store a new operation. Raises StoreError."""
+        head = self._head
+        row = {
+            **{name: getattr(head, name) for name in ("id", "number", "created_at", "fingerprint", "policy")},
+            "plan_id": plan_id,
+            **_values(state, 0, document),
+        }
+        await self._database.write((_INSERT, row), *self._flown([plan_id]))
+
+    async def save(self, state: State, version: int, document: dict[str, Any]) -> None:
+        """Store how it is now. The flight goes on when the database does not answer."""
+        row = {f"new_{name}": value for name, value in _values(state, version, document).items()}
+        flown = self._flown([entry["plan_id"] for entry in document["timeline"]])
+        self.saved = self._database.write_soon((_UPDATE, {"operation_id": self._head.id, **row}), *flown, keep=True)
+        await self._database.kept(self.saved)
+
+    def _flown(self, plan_ids: Sequence[str]) -> list[Statement]:
+        """Return statements that mark plans as flown by this operation, each once."""
+        new = [one for one in plan_ids if one not in self._marked]
+        self._marked.update(new)
+        return [(_MARK, {"operation_id_": self._head.id, "plan_id_": one}) for one in new]
+
+    @property
+    def track_is_due(self) -> bool:
+        """Whether the track was last stored some time ago."""
+        return time.monotonic() - self._tracked_at >= TRACK_EVERY_S
+
+    def write_track(self, record: Sequence[tuple[float, dict[str, Point]]]) -> None:
+        """Store where everyone was since the last time; `record` is all of it, the oldest first."""
+        self._tracked_at = time.monotonic()
+        new = record[self._tracked :]
+        self.has_track_of(record)
+        if new:
+            rows = [
+                {"operation_id": self._head.id, "elapsed_s": at, "positions": json.dumps(where)} for at, where in new
+            ]
+            self._database.write_soon((_TRACK, rows), keep=True)
+
+    def has_track_of(self, record: Sequence[tuple[float, dict[str, Point]]]) -> None:
+        """This record is stored already."""
+        self._tracked = len(record)
+
+
+def _values(state: State, version: int, document: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "state": state.value,
+        "version": version,
+        "document": json.dumps(document),
+        "ended_at": time.time() if state in ENDED else None,
+    }

@@ -1,0 +1,165 @@
+"""What clients see of an operation."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from math import hypot
+from typing import Literal
+
+from pydantic import BaseModel
+
+from skyfolio.api.fleet.commander import Action
+from skyfolio.api.flights.ends import UavEnd, ends_of
+from skyfolio.api.flights.flight import Flight
+from skyfolio.api.flights.recovery import Recovery
+from skyfolio.api.flights.transition import scheduled_at
+
+Policy = Literal["auto", "approve", "off"]
+"""What happens after a loss: fly a new plan, propose one, or nothing."""
+
+
+class State(StrEnum):
+    """Life of an operation. `interrupted`: commands are in doubt after a restart; only `abort` goes on from there.
+
+    `link_lost`: nobody is heard, which is our own link: vehicles fly their missions, and it goes on when one is heard.
+    `completed`: every UAV that the last plan in force counts flew it to the end and is down, those that were sent home
+    by order apart, and nobody is in the air. `completed_partly`: some did, or at least came down whole;
+    `error` names who did not fly it, and why.
+    """
+
+    UPLOADING = "uploading"
+    READY = "ready"
+    LAUNCHING = "launching"
+    STARTING = "starting"
+    FLYING = "flying"
+    PAUSED = "paused"
+    LANDING = "landing"
+    LINK_LOST = "link_lost"
+    ABORTING = "aborting"
+    INTERRUPTED = "interrupted"
+    COMPLETED = "completed"
+    COMPLETED_PARTLY = "completed_partly"
+    ABORTED = "aborted"
+    FAILED = "failed"
+
+
+IN_THE_AIR = {State.FLYING, State.LANDING, State.PAUSED, State.LINK_LOST}
+ENDED = {State.COMPLETED, State.COMPLETED_PARTLY, State.ABORTED, State.FAILED}
+
+
+class UavView(BaseModel):
+    """One UAV of an operation. `slip_m`: metres from where the plan has it now, None before slot 0 and after the last.
+
+    `state`: lost, returned (heard again, and offered to the operator), grounded, flying its mission, holding, or in
+    another mode, which is then named. `end`: where it was when the operation ended, None before that, and for an
+    operation that never began slot 0.
+    """
+
+    system_id: int
+    state: str
+    mode: str | None = None
+    mission_item: int | None = None
+    relative_alt_m: float | None = None
+    slip_m: float | None = None
+    end: UavEnd | None = None
+
+
+class Proposal(BaseModel):
+    """A new plan that waits for the operator's yes."""
+
+    incident: int
+    plan_id: str
+    lost: dict[str, float]
+
+
+class Abort(BaseModel):
+    """The last order by which an operation was ended: what went wrong with each vehicle that was told, or None."""
+
+    action: Action
+    vehicles: dict[str, str | None]
+
+    @property
+    def error(self) -> str | None:
+        """What went wrong, in words."""
+        failed = [f"{uav}: {error}" for uav, error in sorted(self.vehicles.items()) if error]
+        return f"{self.action} failed for {'; '.join(failed)}" if failed else None
+
+
+class OperationView(BaseModel):
+    """An operation. `elapsed_s` counts fleet seconds since slot 0 began; `slot` counts from 0. Rates in bit/s.
+
+    `returned` and `low_on_battery` are offers, and unasked nothing happens to either: `:readmit` plans with the former
+    again, `:retire` sends the latter home and plans without them.
+    `version` is the ETag: it counts changes of what can be commanded, not of what is measured.
+    """
+
+    id: str
+    version: int
+    state: State
+    replanning: Policy
+    plan_id: str
+    plan_ids: list[str]
+    vehicles: dict[str, int]
+    uavs: dict[str, UavView]
+    lost: list[str]
+    returned: list[str]
+    low_on_battery: list[str] = []
+    elapsed_s: float | None
+    slot: int | None
+    recoveries: list[Recovery]
+    proposal: Proposal | None = None
+    user_rates_bps: dict[str, list[float | None]]
+    error: str | None
+    abort: Abort | None = None
+
+
+class OperationRow(BaseModel):
+    """A line of the list of operations. Times are UTC seconds since 1970."""
+
+    id: str
+    state: State
+    version: int
+    plan_id: str
+    replanning: Policy
+    created_at: float
+    ended_at: float | None
+
+
+def uav_views(flight: Flight, *, over: bool) -> dict[str, UavView]:
+    """Every UAV of a flight as it was last heard; `over`: with how it ended."""
+    positions, ends = flight.positions_m(), ends_of(flight) if over else {}
+    return {
+        uav: _uav(flight, uav, positions.get(uav)).model_copy(update={"end": ends.get(uav)}) for uav in flight.systems
+    }
+
+
+def slip_m(flight: Flight, uav: str, here: tuple[float, float] | None) -> float | None:
+    """Metres between a UAV and where the plan in force has it now."""
+    if here is None or flight.slot() is None or uav not in flight.plan.trajectories_m:
+        return None
+    there = scheduled_at(flight.plan, uav, flight.now_s())
+    return round(hypot(here[0] - there[0], here[1] - there[1]), 2)
+
+
+def is_off_plan(flight: Flight, uav: str, here: tuple[float, float] | None) -> bool:
+    """Whether a UAV is farther from where it should be than it flies in a slot."""
+    far = slip_m(flight, uav, here)
+    return far is not None and far > flight.plan.scenario.uav(uav).max_speed_mps * flight.slot_s
+
+
+def _uav(flight: Flight, uav: str, here: tuple[float, float] | None) -> UavView:
+    said = flight.on_board(uav)
+    view = UavView(system_id=flight.systems[uav], state="unheard", slip_m=slip_m(flight, uav, here))
+    if said is not None:
+        doing = {"mission": "flying", "hold": "holding"}.get(said.mode.value, said.mode.value)
+        view = view.model_copy(
+            update={
+                "state": doing if said.armed else "grounded",
+                "mode": said.mode.value,
+                "mission_item": said.mission_current,
+                "relative_alt_m": said.relative_alt_m,
+            }
+        )
+    if uav in flight.returned:
+        return view.model_copy(update={"state": "returned"})
+    return view.model_copy(update={"state": "lost"}) if uav in flight.lost else view

@@ -1,0 +1,76 @@
+"""What users got in flight: samples of true or reported positions, and the plan that was in force."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyfolio.planner import Plan, delivered_rates_bps
+
+Array = NDArray[np.float64]
+Point = tuple[float, float]
+AT_ONCE = 64
+"""Samples that are evaluated together: (samples, UAVs, users) is what takes the memory."""
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Where UAVs were and which of them served, `elapsed_s` fleet seconds after slot 0 began."""
+
+    elapsed_s: float
+    positions_m: Mapping[str, Point]
+    transmitting: frozenset[str]
+
+
+@dataclass(frozen=True)
+class InForce:
+    """Users follow `plan` from `from_s` on, until the next entry of the timeline."""
+
+    from_s: float
+    plan: Plan
+
+
+def rates_by_sample(timeline: Sequence[InForce], samples: Sequence[Sample]) -> Array:
+    """Rate of each user at each sample: (S, K) bit/s, users in the order of the first plan's scenario."""
+    starts = [entry.from_s for entry in timeline]
+    rates = np.zeros((len(samples), len(timeline[0].plan.scenario.users)))
+    entry_of = [max(bisect_right(starts, sample.elapsed_s) - 1, 0) for sample in samples]
+    for number, entry in enumerate(timeline):
+        rows = [row for row, chosen in enumerate(entry_of) if chosen == number]
+        for begin in range(0, len(rows), AT_ONCE):
+            some = rows[begin : begin + AT_ONCE]
+            rates[some] = _under(entry.plan, [samples[row] for row in some])
+    return rates
+
+
+def rates_by_slot(timeline: Sequence[InForce], samples: Sequence[Sample], n_slots: int) -> Array:
+    """Mean rate of each user in each slot of the operation: (K, n_slots) bit/s; NaN for slots without a sample."""
+    slot_s = timeline[0].plan.scenario.slot_duration_s
+    by_sample = rates_by_sample(timeline, samples)
+    slots = np.array([int(sample.elapsed_s // slot_s) for sample in samples], dtype=int)
+    table = np.full((by_sample.shape[1], n_slots), np.nan)
+    for n in range(n_slots):
+        if (slots == n).any():
+            table[:, n] = by_sample[slots == n].mean(axis=0)
+    return table
+
+
+def _under(plan: Plan, samples: Sequence[Sample]) -> Array:
+    scenario = plan.scenario
+    last = scenario.slots - 1
+    local = [int(sample.elapsed_s // scenario.slot_duration_s) - plan.first_slot for sample in samples]
+    slots = np.clip(np.array(local, dtype=np.intp), 0, last)
+    planned = {uav: plan.trajectories_m[uav] for uav in scenario.uav_ids}
+    positions = np.array(
+        [
+            [sample.positions_m.get(uav, planned[uav][slot]) for uav in scenario.uav_ids]
+            for sample, slot in zip(samples, slots, strict=True)
+        ],
+        dtype=float,
+    )
+    transmitting = np.array([[uav in sample.transmitting for uav in scenario.uav_ids] for sample in samples])
+    return delivered_rates_bps(plan, slots, positions, transmitting)

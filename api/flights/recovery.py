@@ -1,0 +1,326 @@
+"""The resilience loop: a UAV is lost -> replan for the survivors -> swap their missions in flight -> fly on.
+
+One `Answer` answers one incident, and writes each step into the journal before it does it. When a step fails the
+ladder is: plan again for a later slot; try a swap again from where the UAV then is; give it the last good plan; leave
+it holding. The survivors' missions on board fly the last good plan all the while.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass, field
+from math import ceil
+from typing import Any, Literal
+
+import structlog
+from pydantic import BaseModel
+
+from skyfolio.api.common.errors import ServiceError
+from skyfolio.api.common.fleet_clock import FleetClock
+from skyfolio.api.common.idempotency import fresh
+from skyfolio.api.common.metrics import Metrics
+from skyfolio.api.common.settings import Settings
+from skyfolio.api.flights.flight import Flight
+from skyfolio.api.flights.journal import IncidentLog, Step
+from skyfolio.api.flights.losses import LossKind
+from skyfolio.api.flights.swap import Swap
+from skyfolio.api.flights.transition import Present, achieved, expected_position, require_in_reach, require_separated
+from skyfolio.api.plans.contingencies import Contingencies
+from skyfolio.api.plans.plan_book import PlanBook
+from skyfolio.api.plans.solver import LaneName
+from skyfolio.mavlink_bridge import BridgeError
+from skyfolio.planner import Cause, Plan, ReplanError, remaining
+
+log = structlog.get_logger()
+PLANNING_ATTEMPTS = 3
+DECIDED_S = 0.2
+"""Wall seconds between looks whether there is still time to wait for the operator."""
+LOCATED_LOOK_S = 0.1
+"""Wall seconds between looks whether everybody knows its place again."""
+
+
+Outcome = Literal[
+    "flying", "partly_flying", "too_late", "declined", "superseded", "interrupted", "unanswered", "failed"
+]
+
+
+class Recovery(BaseModel):
+    """One answer to a change. `_s` of the flight are fleet seconds since slot 0; solve, upload, timings are wall time.
+
+    `source`: whether the plan was ready ahead of the loss or solved for. `vehicles`: None for each UAV that flies the
+    new plan, else what went wrong. `timings_s`: wall seconds spent in each step of the journal. `unanswered`: the
+    operation ended before the answer was complete.
+    """
+
+    outcome: Outcome
+    incident: int = 0
+    cause: str = "heartbeat_lost"
+    lost: dict[str, float]
+    declared_at_s: float
+    at_slot: int
+    plan_id: str | None = None
+    source: Literal["solved", "planned_ahead"] | None = None
+    replan_ms: float | None = None
+    upload_s: float | None = None
+    in_force_at_s: float | None = None
+    vehicles: dict[str, str | None] = {}
+    timings_s: dict[str, float] = {}
+    error: str | None = None
+
+
+@dataclass
+class Incident:
+    """What has to be answered, and how far the answer is. `approval`: set when the operator has decided."""
+
+    log: IncidentLog
+    cause: LossKind | Literal["uav_returned", "retuned"]
+    lost: dict[str, float]
+    ask: bool = False
+    readmitted: tuple[str, ...] = ()
+    proposed: Plan | None = None
+    approval: asyncio.Future[bool] | None = None
+    attempts: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Parts:
+    """What answers are made with."""
+
+    settings: Settings
+    clock: FleetClock
+    plans: PlanBook
+    ahead: Contingencies
+    metrics: Metrics
+
+
+class TooLateError(Exception):
+    """No slot is left to fly differently."""
+
+
+class Answer:
+    """Answers one incident. A failed answer leaves the last good plan in force, and the missions that fly it."""
+
+    def __init__(self, parts: Parts, flight: Flight, incident: Incident) -> None:
+        self._parts, self._flight, self._incident = parts, flight, incident
+        self.report = Recovery(
+            outcome="failed",
+            incident=incident.log.number,
+            cause=incident.cause,
+            lost=incident.lost,
+            declared_at_s=flight.now_s(),
+            at_slot=self._next_slot(),
+        )
+
+    async def run(self) -> Recovery:
+        """From classified to closed; what was done, step by step, with timings."""
+        try:
+            plan = await self._agreed_plan()
+            if plan is None:
+                self._update(outcome="declined", error="the operator declined the new plan")
+            else:
+                await self._swap(plan)
+        except TooLateError as error:
+            self._update(outcome="too_late", error=str(error))
+        except (ReplanError, ServiceError, BridgeError) as error:
+            log.warning("recovery failed", reason=str(error))
+            self._update(error=str(error))
+        await self.close()
+        return self.report
+
+    async def close(self, **changes: Any) -> None:
+        """Write the last step and the figures, once."""
+        steps = self._incident.log
+        if steps.closed:
+            return
+        self._update(**changes)
+        await steps.step(Step.CLOSED, outcome=self.report.outcome, error=self.report.error)
+        self._update(timings_s=dict(steps.timings_s))
+        for phase, seconds in steps.timings_s.items():
+            self._parts.metrics.replan_phase.labels(phase).observe(seconds)
+        self._parts.metrics.replans.labels(self._incident.cause, self.report.outcome).inc()
+
+    # -- a plan that may be flown ---------------------------------------------------------------------------------
+
+    async def _agreed_plan(self) -> Plan | None:
+        """A checked plan, agreed to where the policy says so; None when it was declined."""
+        agreed = not self._incident.ask
+        for attempt in range(1, PLANNING_ATTEMPTS + 1):
+            plan = await self._checked_plan(attempt)
+            if plan is None:
+                continue
+            if not agreed:
+                if not await self._ask(plan):
+                    return None
+                agreed = True
+                if not self._still_fits(plan):  # the operator took a while: the same decision, newer numbers
+                    continue
+            return plan
+        raise ReplanError(f"transition: no plan could be flown to: {'; '.join(self._incident.attempts)}")
+
+    async def _checked_plan(self, attempt: int) -> Plan | None:
+        steps, flight = self._incident.log, self._flight
+        await self._all_located()
+        at_slot = self._next_slot() + attempt - 1
+        if at_slot >= flight.n_slots - 1:
+            raise TooLateError("no slot is left to fly differently")
+        self._update(at_slot=at_slot)
+        await steps.step(Step.REPLANNED, at_slot=at_slot, attempt=attempt)
+        try:
+            plan = await self._plan(at_slot, use_ready=attempt == 1)
+            await steps.step(Step.CHECKED, plan_id=plan.id, source=self.report.source, replan_ms=plan.solve_ms)
+            self._check(plan)
+        except (ReplanError, ServiceError) as error:
+            self._incident.attempts.append(str(error))
+            await steps.step(Step.REFUSED, attempt=attempt, error=str(error))
+            return None
+        self._update(plan_id=plan.id, replan_ms=plan.solve_ms)
+        return plan
+
+    async def _all_located(self) -> None:
+        """Wait until every survivor knows where it is: no way into a plan can be made from nowhere.
+
+        Whoever does not find its place again is declared lost when it lands, which ends this answer. Raises
+        TooLateError when no slot is left.
+        """
+        told = False
+        while nowhere := self._nowhere():
+            if not told:
+                told = True
+                await self._incident.log.step(Step.WAITING, because=f"no position of {', '.join(nowhere)}")
+            if self._next_slot() >= self._flight.n_slots - 1:
+                raise TooLateError(f"no slot is left to fly differently: no position of {', '.join(nowhere)}")
+            await asyncio.sleep(LOCATED_LOOK_S)
+
+    def _nowhere(self) -> list[str]:
+        """Survivors that are heard and do not know where they are."""
+        known = self._flight.positions_m()
+        return [uav for uav in self._flight.surviving() if uav not in known and self._flight.on_board(uav) is not None]
+
+    def _next_slot(self) -> int:
+        """The first slot that can still be flown differently."""
+        lead_s = self._parts.settings.guidance_lead_s * self._parts.clock.scale
+        return ceil((self._flight.now_s() + lead_s) / self._flight.slot_s)
+
+    async def _plan(self, at_slot: int, *, use_ready: bool) -> Plan:
+        flight, incident = self._flight, self._incident
+        detail = ", ".join(
+            f"{uav} {flight.roster.losses[uav].detail}" for uav in incident.lost if uav in flight.roster.losses
+        )
+        cause = Cause(
+            kind=incident.cause,
+            uav_ids=tuple(incident.lost) or incident.readmitted,
+            detail=detail,
+            silent_for_s=max(incident.lost.values(), default=None),
+        )
+        if use_ready and (ready := self._ready(at_slot)) is not None:
+            self._update(source="planned_ahead")
+            return await self._parts.plans.adopt(ready.model_copy(update={"cause": cause}), fresh("plan"))
+        self._update(source="solved")
+        previous = flight.first_plan if incident.readmitted else flight.plan
+        await flight.settle_rates()
+        request = self._request(previous, at_slot)
+        remaining(previous, **request)
+        record = await self._parts.plans.submit_replan(
+            previous,
+            request,
+            cause,
+            fresh("plan"),
+            deadline_s=self._parts.settings.replan_deadline_s,
+            lane=LaneName.FLIGHT,
+        )
+        try:
+            await record.done.wait()
+        except asyncio.CancelledError:
+            await self._parts.plans.cancel(record.id)
+            raise
+        return await self._parts.plans.finished(record.id)
+
+    def _ready(self, at_slot: int) -> Plan | None:
+        """The plan made ahead for exactly this loss, if the survivors can still get into it from where they are."""
+        flight = self._flight
+        gone = [uav for uav in flight.plan.scenario.uav_ids if uav in flight.lost]
+        plan = self._parts.ahead.ready(flight.plan, at_slot, gone[0]) if len(gone) == 1 else None
+        if plan is None:
+            return None
+        try:
+            self._check(plan)
+        except ReplanError as error:
+            log.info("the plan made ahead does not fit", reason=str(error))
+            return None
+        return plan
+
+    def _request(self, previous: Plan, at_slot: int) -> dict[str, Any]:
+        flight = self._flight
+        live, now = flight.positions_m(), flight.now_s()
+        return {
+            "failed": [uav for uav in previous.scenario.uav_ids if uav in flight.lost],
+            "at_slot": at_slot,
+            "positions_m": {
+                uav: live[uav]
+                if uav in self._incident.readmitted
+                else expected_position(flight.plan, uav, live[uav], now, at_slot)
+                for uav in previous.scenario.uav_ids
+                if uav in live and uav not in flight.lost
+            },
+            "achieved_rates_bps": achieved(flight, at_slot),
+        }
+
+    def _check(self, plan: Plan) -> None:
+        """Raises ReplanError when the survivors cannot fly from where they are into the plan."""
+        live = self._flight.positions_m()
+        missing = [uav for uav in plan.scenario.uav_ids if uav not in live]
+        if missing:
+            raise ReplanError(f"positions_m: nothing was heard of {', '.join(missing)}")
+        if not self._in_time(plan):
+            raise ReplanError(f"at_slot: slot {plan.first_slot} is over before its plan could be flown")
+        require_separated(dict.fromkeys(plan.scenario.uav_ids, plan), Present.of(self._flight))
+        require_in_reach(plan, live, (plan.first_slot + 1) * self._flight.slot_s - self._flight.now_s())
+
+    def _still_fits(self, plan: Plan) -> bool:
+        """Whether what was checked before the operator was asked still holds, from where everybody now is."""
+        try:
+            self._check(plan)
+        except ReplanError as error:
+            self._incident.attempts.append(str(error))
+            return False
+        return True
+
+    def _in_time(self, plan: Plan) -> bool:
+        return self._flight.now_s() < (plan.first_slot + 0.5) * self._flight.slot_s
+
+    async def _ask(self, plan: Plan) -> bool:
+        """Propose the plan and wait for the operator; True when the answer is yes."""
+        incident = self._incident
+        incident.proposed, incident.approval = plan, asyncio.get_running_loop().create_future()
+        await incident.log.step(Step.PROPOSED, plan_id=plan.id)
+        try:
+            while not incident.approval.done():
+                if self._next_slot() >= self._flight.n_slots - 1:
+                    raise TooLateError("nobody decided while a slot was left to fly differently")
+                await asyncio.wait({incident.approval}, timeout=DECIDED_S)
+            agreed = incident.approval.result()
+        finally:
+            incident.proposed = incident.approval = None
+        if agreed:
+            await incident.log.step(Step.APPROVED, plan_id=plan.id)
+        return agreed
+
+    # -- into the air ---------------------------------------------------------------------------------------------
+
+    async def _swap(self, plan: Plan) -> None:
+        swap = Swap(self._flight, self._incident.log, self._parts.metrics, self._parts.settings.swap_attempts)
+        results = await swap.into(plan)
+        flying = [uav for uav, error in results.items() if error is None]
+        outcome = "flying" if len(flying) == len(results) else "partly_flying" if flying else "failed"
+        self._update(
+            outcome=outcome,
+            upload_s=swap.seconds,
+            in_force_at_s=swap.in_force_at_s,
+            vehicles=results,
+            error=None if outcome == "flying" else "not every survivor confirmed its new mission",
+        )
+        if flying:
+            await self._incident.log.step(Step.FLYING, plan_id=plan.id, vehicles=results)
+
+    def _update(self, **changes: Any) -> None:
+        self.report = self.report.model_copy(update=changes)

@@ -1,0 +1,46 @@
+"""Who was where, for a whole flight, in as little memory as a long flight of a large fleet needs."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Iterable, Mapping, Sequence
+from math import isnan, nan
+from typing import overload
+
+from skyfolio.api.flights.rates import Point
+
+Seen = tuple[float, dict[str, Point]]
+"""Fleet seconds since slot 0, and metres east/north of each UAV that was heard."""
+
+
+class Track(Sequence[Seen]):
+    """Samples of these UAVs, the oldest first: 16 bytes for each UAV and sample. Others are not recorded."""
+
+    def __init__(self, uav_ids: Iterable[str]) -> None:
+        self._uavs = tuple(uav_ids)
+        self._at_s, self._places_m = array("d"), array("d")
+
+    def append(self, at_s: float, positions_m: Mapping[str, Point]) -> None:
+        """Add where each UAV that was heard is at `at_s`."""
+        self._at_s.append(at_s)
+        for uav in self._uavs:
+            self._places_m.extend(positions_m.get(uav, (nan, nan)))
+
+    def __len__(self) -> int:
+        return len(self._at_s)
+
+    @overload
+    def __getitem__(self, index: int) -> Seen: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Seen]: ...
+    def __getitem__(self, index: int | slice) -> Seen | list[Seen]:
+        if isinstance(index, slice):
+            return [self[number] for number in range(*index.indices(len(self)))]
+        at_s, begin = self._at_s[index], index % len(self) * 2 * len(self._uavs)
+        row = self._places_m[begin : begin + 2 * len(self._uavs)]
+        places = zip(self._uavs, row[::2], row[1::2], strict=True)
+        return at_s, {uav: (east, north) for uav, east, north in places if not isnan(east)}
+
+    def at_s(self, index: int) -> float:
+        """When that sample was taken."""
+        return self._at_s[index]

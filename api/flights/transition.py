@@ -1,0 +1,208 @@
+"""From where the survivors are into a new plan: where they will be, and whether they get there safely."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from math import hypot
+from typing import TYPE_CHECKING
+
+from skyfolio.api.flights.flight import Flight
+from skyfolio.api.flights.rates import Point
+from skyfolio.mavlink_bridge.corridors import Meeting, meetings
+from skyfolio.mavlink_bridge.errors import TransitionTooClose
+from skyfolio.mavlink_bridge.ghosts import Airspace, Conflict
+from skyfolio.mavlink_bridge.transitions import check_transition
+from skyfolio.planner import Plan, ReplanError
+
+if TYPE_CHECKING:
+    from skyfolio.api.flights.airspace import Traffic
+
+SPEED_TOLERANCE = 1.25
+"""A first leg may ask for this share of the maximum speed before it is called out of reach: it begins in mid-slot."""
+ROUNDING_M = 0.01
+"""Separation that a stored plan may miss by rounding; positions are not known to the centimetre anyway."""
+
+
+def expected_position(plan: Plan, uav_id: str, live_m: Point, now_s: float, at_slot: int) -> Point:
+    """Where a UAV that follows `plan` will be when slot `at_slot` begins, in metres east/north.
+
+    It flies from where it is now toward the points of the slots between, at most at its maximum speed.
+    """
+    scenario = plan.scenario
+    speed = next(uav.max_speed_mps for uav in scenario.uavs if uav.id == uav_id)
+    budget = max(at_slot * scenario.slot_duration_s - now_s, 0.0) * speed
+    first = int(now_s // scenario.slot_duration_s) + 1 - plan.first_slot
+    path: Sequence[Point] = plan.trajectories_m[uav_id][max(first, 0) : at_slot - plan.first_slot + 1]
+    here = live_m
+    for point in path:
+        step = hypot(point[0] - here[0], point[1] - here[1])
+        if step > budget:
+            share = budget / step
+            return here[0] + share * (point[0] - here[0]), here[1] + share * (point[1] - here[1])
+        here, budget = point, budget - step
+    return here
+
+
+def scheduled_at(plan: Plan, uav_id: str, now_s: float) -> Point:
+    """Where the plan has a UAV `now_s` fleet seconds after slot 0 of the operation began, metres east/north."""
+    path = plan.trajectories_m[uav_id]
+    slots = max(now_s / plan.scenario.slot_duration_s - plan.first_slot, 0.0)
+    begin = min(int(slots), len(path) - 1)
+    (e0, n0), (e1, n1) = path[begin], path[min(begin + 1, len(path) - 1)]
+    share = min(slots - begin, 1.0)
+    return e0 + share * (e1 - e0), n0 + share * (n1 - n0)
+
+
+def begun_at(plan: Plan, uav_id: str, live_m: Point) -> Plan:
+    """The plan with this UAV's first point where it really is, so that its first leg is timed from there."""
+    path = [live_m, *plan.trajectories_m[uav_id][1:]]
+    return plan.model_copy(update={"trajectories_m": {**plan.trajectories_m, uav_id: path}})
+
+
+def way_into(plan: Plan, uav_id: str, live_m: Point, now_s: float, *, first_slot: int, slots: int) -> list[Point]:
+    """Where a UAV that flies from `live_m` into `plan` is at the beginnings of `slots` slots from `first_slot` on.
+
+    Metres east/north. Its first leg is straight and even, and ends when the slot after the plan's first begins; after
+    the plan's end it stays.
+    """
+    path, slot_s = plan.trajectories_m[uav_id], plan.scenario.slot_duration_s
+    joins = min(1, len(path) - 1)
+    due_s = (plan.first_slot + joins) * slot_s
+    way = []
+    for slot in range(first_slot, first_slot + slots):
+        at = slot - plan.first_slot
+        if at >= joins:
+            way.append(path[min(at, len(path) - 1)])
+            continue
+        share = (slot * slot_s - now_s) / (due_s - now_s)
+        (e0, n0), (e1, n1) = live_m, path[joins]
+        way.append((e0 + share * (e1 - e0), n0 + share * (n1 - n0)))
+    return way
+
+
+@dataclass(frozen=True)
+class Present:
+    """The moment from which everybody changes over: fleet seconds since slot 0, places in metres east/north.
+
+    `plan`: what the missions on board fly. `airspace`: air that UAVs we lost may still be in. `traffic`:
+    what other operations fly.
+    """
+
+    now_s: float
+    positions_m: Mapping[str, Point]
+    plan: Plan
+    airspace: Airspace
+    traffic: Traffic | None = None
+
+    @classmethod
+    def of(cls, flight: Flight) -> Present:
+        """As of now."""
+        return cls(flight.now_s(), flight.positions_m(), flight.plan, flight.guidance.airspace, flight.traffic)
+
+    def require_located(self, uavs: Iterable[str]) -> None:
+        """Raise ReplanError naming each of these that does not know where it is."""
+        nowhere = [uav for uav in uavs if uav not in self.positions_m]
+        if nowhere:
+            raise ReplanError(f"positions_m: {', '.join(nowhere)} does not know where it is")
+
+
+def require_separated(plans: Mapping[str, Plan], present: Present) -> None:
+    """Refuse a change in which UAVs come too close, from where they are now to the end; `plans` has the plan of each.
+
+    Between them `D_min` holds at every moment. A UAV that is lost keeps the air it may still be in: whoever meets it
+    later flies above (`FlightGuidance.compile`), but on the first leg, on which one climbs, nobody may enter air that
+    the mission now on board stays out of; and where other operations fly, all the rest of the way. Raises ReplanError
+    naming who, how close and when.
+    """
+    present.require_located(plans)
+    now_s, live = present.now_s, {uav: present.positions_m[uav] for uav in plans}
+    slot_s = present.plan.scenario.slot_duration_s
+    first = int(now_s // slot_s) + 1
+    slots = max(1, *(plan.first_slot + plan.scenario.slots - first for plan in plans.values()))
+    ways = {uav: way_into(plan, uav, live[uav], now_s, first_slot=first, slots=slots) for uav, plan in plans.items()}
+    required_m = max(plan.scenario.min_separation_m for plan in plans.values())
+    try:
+        check_transition(
+            live, ways, now_s=now_s, first_due_s=first * slot_s, slot_s=slot_s, required_m=required_m - ROUNDING_M
+        )
+    except TransitionTooClose as error:
+        raise ReplanError(str(error)) from error
+    for uav, plan in plans.items():
+        _require_clear_of_ghosts(uav, plan, present, required_m)
+    if present.traffic is not None:
+        _require_clear_of_others(plans, present, present.traffic)
+
+
+def _require_clear_of_others(plans: Mapping[str, Plan], present: Present, traffic: Traffic) -> None:
+    """Nobody may enter air that other operations sweep, whenever they do, and that its plan in force stays out of."""
+    others = traffic.others()
+    if not others:
+        return
+
+    def meets(flown: Mapping[str, Plan]) -> dict[tuple[str, str], Meeting]:
+        ours = [
+            traffic.corridor(
+                uav, [present.positions_m[uav], *_rest_of(plan, uav, present.now_s)], _altitude_m(plan, uav)
+            )
+            for uav, plan in flown.items()
+        ]
+        return {(one.first.uav_id, one.second.uav_id): one for one in meetings(ours, others, ROUNDING_M)}
+
+    new = meets(plans)
+    flies_on = {uav: present.plan for uav in plans if uav in present.plan.trajectories_m}
+    old = meets(flies_on) if new else {}
+    for pair, meeting in new.items():
+        if pair not in old:
+            raise ReplanError(f"transition: {meeting}")
+
+
+def _rest_of(plan: Plan, uav: str, now_s: float) -> Sequence[Point]:
+    path = plan.trajectories_m[uav]
+    slot = int(now_s // plan.scenario.slot_duration_s) + 1 - plan.first_slot
+    return path[min(max(slot, 1), len(path) - 1) :]
+
+
+def _altitude_m(plan: Plan, uav: str) -> float:
+    return plan.scenario.altitude_of(plan.scenario.uav(uav))
+
+
+def _require_clear_of_ghosts(uav: str, plan: Plan, present: Present, required_m: float) -> None:
+    now_s, live = present.now_s, present.positions_m[uav]
+    slot_s = plan.scenario.slot_duration_s
+    due = max(plan.first_slot + 1, int(now_s // slot_s) + 1)
+
+    def entered(there: Point) -> dict[tuple[str, str], Conflict]:
+        found = present.airspace.conflicts({uav: [live, there]}, [now_s, due * slot_s], required_m)
+        return {(one.ghost_id, one.because): one for one in found}
+
+    new = entered(way_into(plan, uav, live, now_s, first_slot=due, slots=1)[0])
+    flies_on = uav in present.plan.trajectories_m
+    old = entered(scheduled_at(present.plan, uav, due * slot_s) if flies_on else live) if new else {}
+    for air, conflict in new.items():
+        if air not in old:
+            raise ReplanError(f"transition: {conflict}")
+
+
+def require_in_reach(plan: Plan, live: Mapping[str, Point], left_s: float) -> None:
+    """Refuse a plan whose first point a survivor cannot reach in the `left_s` fleet seconds that its first leg has.
+
+    Raises ReplanError naming the UAV.
+    """
+    for uav in plan.scenario.uavs:
+        first = plan.trajectories_m[uav.id][min(1, plan.scenario.slots - 1)]
+        here = live[uav.id]
+        far = hypot(first[0] - here[0], first[1] - here[1])
+        if far > uav.max_speed_mps * SPEED_TOLERANCE * left_s + plan.scenario.min_separation_m:
+            raise ReplanError(f"transition: {uav.id!r} is {far:.1f} m from its first point with {left_s:.1f} s to go")
+
+
+def achieved(flight: Flight, at_slot: int) -> dict[str, list[float]]:
+    """Rates of every slot before `at_slot`: as reported, and as last seen for slots that are still to come."""
+    table = {}
+    for user, row in flight.reported_rates_bps().items():
+        filled: list[float] = []
+        for rate in row[:at_slot]:
+            filled.append(rate if rate is not None else (filled[-1] if filled else 0.0))
+        table[user] = filled
+    return table

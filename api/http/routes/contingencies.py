@@ -1,0 +1,62 @@
+"""What if a UAV were lost: the N-1 table of a plan."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Query, Response
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel
+
+from skyfolio.api.access.api_keys import Role
+from skyfolio.api.common.errors import InvalidError
+from skyfolio.api.http.routes.deps import KNOWN, ServiceDep, requires
+from skyfolio.api.plans.contingencies import Contingency
+
+router = APIRouter(prefix="/v1", tags=["plans"], dependencies=[*KNOWN, requires(Role.PLANNER)])
+
+
+class ContingencyTable(BaseModel):
+    """For each UAV of the plan, what users get when it is lost as slot `at_slot` begins. Rates in bit/s.
+
+    `mean_sum_rate_bps`: as planned, over the same slots. `complete`: whether every row is there.
+    """
+
+    plan_id: str
+    at_slot: int
+    mean_sum_rate_bps: float
+    complete: bool
+    rows: list[Contingency]
+
+
+ANSWERS: dict[int | str, dict[str, Any]] = {
+    200: {"description": "Every row.", "model": ContingencyTable},
+    202: {"description": "Some rows are still being made; ask again after `Retry-After`.", "model": ContingencyTable},
+}
+
+
+@router.get("/plans/{plan_id}/contingencies", responses=ANSWERS, response_model=None)
+async def read_contingencies(
+    plan_id: str,
+    service: ServiceDep,
+    at_slot: Annotated[
+        int | None, Query(ge=0, le=1_000_000, description="The slot at which it is lost; default: the second.")
+    ] = None,
+    wait_s: Annotated[float, Query(ge=0, le=60, description="Wait up to this many seconds for all rows.")] = 10,
+) -> Response:
+    """N-1: for each UAV lost at a slot, the rates that the survivors' new plan gives, and those without one.
+
+    Each plan is made once, kept, and flown when that loss really happens.
+    """
+    plan = await service.plans.finished(plan_id)
+    slot = plan.first_slot + 1 if at_slot is None else at_slot
+    last = plan.first_slot + plan.scenario.slots - 1
+    if not plan.first_slot <= slot <= last:
+        raise InvalidError(f"at_slot: {slot} must lie in {plan.first_slot}..{last}")
+    rows = await service.contingencies.table_of(plan, slot, wait_s)
+    complete = len(rows) == len(plan.scenario.uavs)
+    begin = slot - plan.first_slot
+    planned = sum(sum(rates[begin:]) for rates in plan.user_rates_bps.values()) / (plan.scenario.slots - begin)
+    table = ContingencyTable(plan_id=plan.id, at_slot=slot, mean_sum_rate_bps=planned, complete=complete, rows=rows)
+    headers = {} if complete else {"Retry-After": "1"}
+    return JSONResponse(table.model_dump(mode="json"), status_code=200 if complete else 202, headers=headers)

@@ -1,0 +1,98 @@
+"""What the routes need of the running service, and the manners that they share."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Awaitable, Callable
+from typing import Annotated, Any
+
+from fastapi import Depends, Header, Query, Request, Security
+from fastapi.security import HTTPBearer
+
+from skyfolio.api.access.api_keys import Principal, Role
+from skyfolio.api.common.errors import ForbiddenError, InvalidError
+from skyfolio.api.common.idempotency import Creation, fresh, keyed
+from skyfolio.api.common.settings import Settings
+from skyfolio.api.service import Service
+from skyfolio.planner import Scenario
+
+_bearer = HTTPBearer(
+    auto_error=False,
+    scheme_name="apiKey",
+    description="A key made by `skyfolio keys create`. Not needed on loopback while there is no key.",
+)
+Limit = Annotated[int, Query(ge=1, le=200, description="At most this many.")]
+Before = Annotated[
+    int | None, Query(ge=1, le=2**53, alias="cursor", description="`next` of the page before; none: the newest.")
+]
+WaitS = Annotated[float, Query(ge=0, le=60, description="Wait up to this many seconds for the result.")]
+
+
+async def _service(request: Request) -> Service:  # a plain function would be called in a thread
+    service: Service = request.app.state.service
+    return service
+
+
+ServiceDep = Annotated[Service, Depends(_service)]
+
+
+def principal_of(request: Request) -> Principal:
+    """Who asks; the gate has found out."""
+    principal: Principal = request.state.principal
+    return principal
+
+
+def requires(role: Role) -> Any:
+    """A dependency for a router or a route: only keys of this role or a higher one pass. Raises ForbiddenError."""
+
+    async def check(request: Request) -> None:
+        principal = principal_of(request)
+        if not principal.role.covers(role):
+            raise ForbiddenError(f"role: '{principal.name}' is a {principal.role.value}; this needs a {role.value}")
+
+    return Depends(check)
+
+
+KNOWN = [Security(_bearer)]
+"""Dependency of every router: shows in the OpenAPI that a key may be needed. The gate checks it."""
+
+Key = Annotated[
+    str | None,
+    Header(
+        alias="Idempotency-Key",
+        min_length=1,
+        max_length=255,
+        description="A name you choose for this request. Sending it again makes nothing new and answers with the "
+        "resource as it is now; the same key with another request is refused with 422.",
+        examples=["8e03978e-40d5-43dd-bc93-6894a57f9324"],
+    ),
+]
+
+
+def creates(prefix: str) -> Callable[..., Awaitable[Creation]]:
+    """A dependency that gives the resource to be made its id, the same one for the same `Idempotency-Key`."""
+
+    async def creation(request: Request, key: Key = None) -> Creation:
+        owner = principal_of(request).name
+        if key is None:
+            return fresh(prefix, owner)
+        query = sorted((name, value) for name, value in request.query_params.multi_items() if name != "wait_s")
+        return keyed(prefix, owner, key, request.url.path, json.dumps(query).encode() + await request.body())
+
+    return creation
+
+
+def require_within_limits(scenario: Scenario, settings: Settings) -> None:
+    """Refuse what is too large for this service. Raises InvalidError naming field and limit."""
+    for field, size, limit in (
+        ("uavs", len(scenario.uavs), settings.max_uavs),
+        ("users", len(scenario.users), settings.max_users),
+        ("slots", scenario.slots, settings.max_slots),
+    ):
+        if size > limit:
+            raise InvalidError(f"{field}: {size} are more than the {limit} that this service plans")
+    cells = len(scenario.uavs) * len(scenario.users) * scenario.slots
+    if cells > settings.max_cells:
+        raise InvalidError(
+            f"slots: UAVs x users x slots is {cells}, more than the {settings.max_cells} of this service"
+        )

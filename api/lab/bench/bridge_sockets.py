@@ -1,0 +1,100 @@
+"""Swaps in flight and the load of a large fleet on the bridge: real sockets in real time."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from math import ceil
+from typing import Any
+
+from skyfolio import sim
+from skyfolio.api.lab.bench.measure import quantile
+from skyfolio.api.lab.bench.tracks import moving_plan
+from skyfolio.api.lab.demo.client import free_port
+from skyfolio.api.lab.simulate import specs_at_starts
+from skyfolio.mavlink_bridge import Autopilot, FleetLink, HeartbeatMonitor, SwapResult, compile_mission
+from skyfolio.planner import Plan
+
+
+async def swap_row(autopilot: Autopilot, swaps: int) -> dict[str, Any]:
+    """Seconds from the order to swap until the new mission is proven and flown, on real sockets in real time."""
+    flown = moving_plan(slots=60)
+    low = flown.model_copy(update={"scenario": flown.scenario.with_changes(altitude_m=10.0)})
+    results: list[SwapResult] = []
+    async with hovering(low, autopilot) as (_, link, ids):
+        await link.start(ids)
+        await asyncio.sleep(5.0)
+        for number in range(ceil(swaps / len(ids))):
+            later = _from_slot(low, number + 2)
+            new = {n: compile_mission(later, uav, airborne=True, autopilot=autopilot) for n, uav in ids.items()}
+            results += (await link.swap(new)).values()
+            await asyncio.sleep(1.0)
+    seconds = [result.seconds for result in results if result.ok]
+    return {
+        "autopilot": autopilot.value,
+        "swaps": len(results),
+        "failures": len(results) - len(seconds),
+        "items": len(new[1].items),
+        "p50_s": round(quantile(seconds, 0.5), 3),
+        "p95_s": round(quantile(seconds, 0.95), 3),
+    }
+
+
+@asynccontextmanager
+async def hovering(
+    flown: Plan, autopilot: Autopilot, *, speedup: float = 1.0
+) -> AsyncIterator[tuple[sim.Fleet, FleetLink, dict[int, str]]]:
+    """A fleet over its slot-0 points with the plan's missions on board, and which vehicle flies for which UAV."""
+    specs = specs_at_starts(flown.scenario, autopilot.value)
+    ids = {spec.system_id: uav for spec, uav in zip(specs, flown.trajectories_m, strict=True)}
+    port, clock = free_port(socket.SOCK_DGRAM), sim.ScaledClock(speedup)
+    fleet = sim.Fleet(specs, clock=clock, endpoint=f"udpout://127.0.0.1:{port}")
+    async with fleet, FleetLink(clock=clock, monitor=HeartbeatMonitor()) as link:
+        await link.connect(f"udpin://127.0.0.1:{port}")
+        await link.wait_for(ids, timeout_s=10)
+        await link.prepare(ids)
+        await link.upload({n: compile_mission(flown, uav, autopilot=autopilot) for n, uav in ids.items()})
+        await link.launch(dict.fromkeys(ids, flown.scenario.altitude_m), timeout_s=60)
+        yield fleet, link, ids
+
+
+def _from_slot(flown: Plan, first: int) -> Plan:
+    paths = {uav: path[first:] for uav, path in flown.trajectories_m.items()}
+    scenario = flown.scenario.with_changes(slots=flown.scenario.slots - first)
+    return flown.model_copy(update={"trajectories_m": paths, "scenario": scenario})
+
+
+async def load_row(seconds: float, vehicles: int = 50) -> dict[str, Any]:
+    """Processor time of this process while it follows 50 vehicles of another one, in real time."""
+    port, clock = free_port(socket.SOCK_DGRAM), sim.ScaledClock(1.0)
+    command = [
+        sys.executable,
+        "-m",
+        "skyfolio",
+        "simulate",
+        "--vehicles",
+        str(vehicles),
+        "--booted-s-ago",
+        "60",
+        "--json",
+    ]
+    fleet = subprocess.Popen(  # noqa: S603, ASYNC220
+        [*command, "--endpoint", f"udpout://127.0.0.1:{port}"], stdout=subprocess.DEVNULL
+    )
+    try:
+        async with FleetLink(clock=clock, monitor=HeartbeatMonitor()) as link:
+            await link.connect(f"udpin://127.0.0.1:{port}")
+            await link.wait_for(range(1, vehicles + 1), timeout_s=60)
+            began, used = time.perf_counter(), time.process_time()
+            await asyncio.sleep(seconds)
+            share = (time.process_time() - used) / (time.perf_counter() - began)
+            heard = sum(link.telemetry(n) is not None for n in range(1, vehicles + 1))
+    finally:
+        fleet.terminate()
+        fleet.wait()
+    return {"vehicles": vehicles, "heard": heard, "seconds": seconds, "share_of_one_core": round(share, 3)}

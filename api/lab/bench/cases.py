@@ -1,0 +1,191 @@
+"""What is measured: sizes, utilities, instances, and the figures of one case."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyfolio.api.lab.bench.ablation import variants
+from skyfolio.api.lab.bench.measure import peak_mb, timed
+from skyfolio.planner import AnyOf, MaxIterations, Plan, RelativeGain, Scenario, Utility, plan, replan
+from skyfolio.planner.bound import reachability_bound_kbps
+from skyfolio.planner.branch_and_bound import MAX_UAVS, certificate
+from skyfolio.planner.fast import linked, optimise, served_rates_bps
+from skyfolio.planner.layouts import scattered
+from skyfolio.planner.problem import Problem, problem_of
+from skyfolio.planner.remainder import remaining
+from skyfolio.planner.solution import Solution
+from skyfolio.planner.utility import utility_kbps
+
+Array = NDArray[np.float64]
+SIZES = ((3, 9, 20), (10, 100, 50), (20, 300, 100), (50, 1000, 100))
+KINDS = ("sum", "per_user")
+SEED = 1
+STARTS = 32
+IPOPT_STARTS = 50
+
+
+def stop() -> AnyOf:
+    """The planner's default rule, a fresh one."""
+    return AnyOf(MaxIterations(50), RelativeGain(1e-4))
+
+
+def instance(size: tuple[int, int, int], kind: str, seed: int = SEED) -> Scenario:
+    """The benchmark's scenario of this size.
+
+    mu is -0.1 per kbit/s for `per_user`, and for `sum` -0.3/U, because the sum rate grows with the fleet: at the
+    letter's size that is -0.1 too.
+    """
+    mu = -0.3 / size[0] if kind == "sum" else -0.1
+    return scattered(*size, seed=seed, utility=Utility(kind=kind, mu_per_kbps=mu))
+
+
+def value_kbps(problem: Problem, solution: Solution) -> float:
+    """The true utility of a solution."""
+    rates = served_rates_bps(problem, solution) / 1e3
+    return utility_kbps(problem.counted_kbps(rates), problem.kind, problem.mu)
+
+
+def fast(size: tuple[int, int, int], kind: str, *, quick: bool) -> dict[str, Any]:
+    """The product: a cold plan from one start, from several, and a replan after the last UAV is lost half-way.
+
+    `plan` and `replan` time the optimiser alone, as the yardsticks are timed; `*_call` the whole `planner.plan` and
+    `planner.replan` with arrays, certificate, feasibility check and the plan object.
+    """
+    runs, budget_s = (5, 2.0) if quick else (200, 6.0)
+    scenario = instance(size, kind)
+    problem = problem_of(scenario)
+    before = peak_mb()
+    cold, solution = timed(lambda: optimise(problem, stop(), n_starts=1), runs=runs, budget_s=budget_s)
+    figures: dict[str, Any] = {"plan": {**cold, "utility_kbps": value_kbps(problem, solution)}}
+    if size[0] <= MAX_UAVS:
+        many, best = timed(lambda: optimise(problem, stop(), n_starts=STARTS), runs=runs, budget_s=budget_s)
+        figures["plan_starts"] = {**many, "starts": STARTS, "utility_kbps": value_kbps(problem, best)}
+    call, made = timed(lambda: plan(scenario, n_starts=1), runs=runs, budget_s=budget_s / 3)
+    figures["plan_call"] = call
+    figures["bound_kbps"] = reachability_bound_kbps(problem)
+    figures["gap"] = figures["bound_kbps"] / figures["plan"]["utility_kbps"] - 1
+    figures |= _replanned(scenario, made, runs, budget_s)
+    return figures | {"peak_mb": peak_mb(), "peak_before_mb": before}
+
+
+def _replanned(scenario: Scenario, made: Plan, runs: int, budget_s: float) -> dict[str, Any]:
+    half, lost = scenario.slots // 2, scenario.uav_ids[-1]
+    rest, past = remaining(made, [lost], half)
+    problem = problem_of(rest, past)
+    warm = np.array([made.trajectories_m[uav][half:] for uav in rest.uav_ids])
+    again, solution = timed(lambda: optimise(problem, stop(), warm, n_starts=1), runs=runs, budget_s=budget_s)
+    call, _ = timed(lambda: replan(made, failed=[lost], at_slot=half, n_starts=1), runs=runs, budget_s=budget_s / 3)
+    return {"replan": {**again, "utility_kbps": value_kbps(problem, solution)}, "replan_call": call}
+
+
+def reference(size: tuple[int, int, int], kind: str, *, quick: bool) -> dict[str, Any]:
+    """The letter's own method from the same start: Algorithm 1 on cvxpy and Clarabel, and its replan."""
+    from skyfolio.planner.reference import algorithm_1  # noqa: PLC0415 - cvxpy takes a second to load
+
+    scenario = instance(size, kind)
+    problem = problem_of(scenario)
+    cold, solution = timed(lambda: algorithm_1(problem, stop()), runs=1 if quick else 3, budget_s=1.0)
+    made = plan(scenario, n_starts=1)
+    rest, past = remaining(made, [scenario.uav_ids[-1]], scenario.slots // 2)
+    later = problem_of(rest, past)
+    warm = np.array([made.trajectories_m[uav][scenario.slots // 2 :] for uav in rest.uav_ids])
+    again, replanned = timed(lambda: algorithm_1(later, stop(), warm), runs=1 if quick else 3, budget_s=1.0)
+    return {
+        "plan": {**cold, "utility_kbps": value_kbps(problem, solution), "iterations": len(solution.history)},
+        "replan": {**again, "utility_kbps": value_kbps(later, replanned)},
+        "peak_mb": peak_mb(),
+    }
+
+
+def ipopt(size: tuple[int, int, int], kind: str, *, quick: bool) -> dict[str, Any]:
+    """IPOPT for the trajectories, in turn with the fast path's association and bandwidth, from the same start.
+
+    `solve_ms` is what IPOPT's own calls took, all passes together; building the program (`build_ms`) is not in it.
+    """
+    from skyfolio.api.lab.bench.ipopt import alternate  # noqa: PLC0415 - CasADi is a development dependency
+
+    problem = problem_of(instance(size, kind))
+    links = size[0] if kind == "sum" else size[1]
+
+    def shares(paths: Array) -> tuple[NDArray[np.intp], Array]:
+        found = linked(problem, paths)
+        return found.serving, found.bandwidth_hz
+
+    solved = [
+        alternate(problem, shares, problem.hover(), links) for _ in range(1 if quick or size[0] > MAX_UAVS else 3)
+    ]
+    median = {
+        key: float(np.median([one[key] for one in solved])) * 1e3 for key in ("solve_s", "solve_cpu_s", "build_s")
+    }
+    figures: dict[str, Any] = {
+        "plan": {"p50_ms": median["solve_s"], "cpu_p50_ms": median["solve_cpu_s"], "runs": len(solved)},
+        "build_ms": median["build_s"],
+        "peak_mb": peak_mb(),
+    }
+    figures["plan"] |= {"utility_kbps": solved[0]["utility_kbps"], "passes": solved[0]["passes"]}
+    if size[0] <= MAX_UAVS and kind == "sum" and not quick:
+        figures["best_of"] = _best_of(problem, shares, links)
+    return figures
+
+
+def _best_of(problem: Problem, shares: Any, links: int) -> dict[str, Any]:
+    """IPOPT from many starts: hovering, and straight flights to points drawn uniformly in the area."""
+    from skyfolio.api.lab.bench.ipopt import Trajectories, alternate  # noqa: PLC0415
+    from skyfolio.planner.fast import flyable  # noqa: PLC0415
+
+    rng = np.random.default_rng(SEED)
+    program, values, began = Trajectories(problem, links), [], time.perf_counter()
+    for number in range(IPOPT_STARTS):
+        places = rng.uniform(problem.low_m, problem.high_m, (problem.n_uavs, 2))
+        wanted = np.repeat(places[:, None], problem.n_slots, axis=1)
+        start = problem.hover() if number == 0 else flyable(problem, wanted)
+        values.append(alternate(problem, shares, start, links, program=program)["utility_kbps"])
+    return {"starts": IPOPT_STARTS, "utility_kbps": max(values), "total_ms": (time.perf_counter() - began) * 1e3}
+
+
+def ablation(size: tuple[int, int, int], kind: str, *, quick: bool) -> dict[str, Any]:
+    """What each part gains, mean over layouts: the letter's alternation, the joint step, one start, many starts."""
+    layouts = 2 if quick else 8
+    totals: dict[str, list[tuple[float, float]]] = {}
+    for seed in range(layouts):
+        problem = problem_of(instance(size, kind, seed))
+        for name, solve in variants(problem, stop, STARTS).items():
+            began = time.perf_counter()
+            solution = solve()
+            totals.setdefault(name, []).append((value_kbps(problem, solution), (time.perf_counter() - began) * 1e3))
+    means = {name: np.mean(rows, axis=0) for name, rows in totals.items()}
+    return {
+        "layouts": layouts,
+        "rows": [{"what": name, "utility_kbps": float(mean[0]), "ms": float(mean[1])} for name, mean in means.items()],
+    }
+
+
+def proof(size: tuple[int, int, int], kind: str, *, quick: bool) -> dict[str, Any]:
+    """The certificate at the letter's size: root and branch-and-bound gap of the best plan, mean over layouts."""
+    rows = []
+    for seed in range(2 if quick else 8):
+        problem = problem_of(instance(size, kind, seed))
+        solution = optimise(problem, stop(), n_starts=STARTS)
+        worth = value_kbps(problem, solution)
+        began = time.perf_counter()
+        proven = certificate(problem, served_rates_bps(problem, solution) / 1e3, tolerance=0.01, max_nodes=1_000_000)
+        rows.append(
+            (proven.root_kbps / worth - 1, proven.bound_kbps / worth - 1, proven.nodes, time.perf_counter() - began)
+        )
+    root, bound, nodes, seconds = np.array(rows).T
+    return {
+        "layouts": len(rows),
+        "root_gap_mean": float(root.mean()),
+        "root_gap_max": float(root.max()),
+        "gap_mean": float(bound.mean()),
+        "gap_max": float(bound.max()),
+        "nodes_mean": float(nodes.mean()),
+        "seconds_mean": float(seconds.mean()),
+    }
+
+
+CASES = {"fast": fast, "reference": reference, "ipopt": ipopt, "ablation": ablation, "proof": proof}

@@ -1,0 +1,35 @@
+"""How a drill is to be flown, and what the service said of it in the end."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from skyfolio.planner import Plan, Utility
+
+
+@dataclass(frozen=True, kw_only=True)
+class DemoConfig:
+    """How to fly it. kill_slot counts from 1, as the letter does; speedup is fleet seconds per wall second.
+
+    The default utility trades between users, so that what a loss does to each, and what replanning mends, is seen.
+    Under `sum` the planner pays no heed to users that nobody serves, before the loss or after it.
+    """
+
+    utility: Utility = field(default_factory=lambda: Utility(kind="pooled", mu_per_kbps=-0.3))
+    speedup: float = 5.0
+    kill: str = "uav-3"
+    kill_slot: int = 11
+    replan: bool = True
+    out: Path = Path("out/demo")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What the service said in the end, and when slot 0 began on the simulator's clock."""
+
+    operation: dict[str, Any]
+    plans: list[Plan]
+    slot0_s: float
+    kill_at_s: float

@@ -1,0 +1,131 @@
+"""Flying the drill: plan over REST, launch the simulated fleet, make one UAV fall, follow what the service does."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import time
+from typing import Any
+
+import httpx2
+from rich.console import Console
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+from skyfolio import sim
+from skyfolio.api.flights.operation_views import ENDED as ENDED_STATES
+from skyfolio.api.lab.demo import truth
+from skyfolio.api.lab.demo.client import DemoError, call, free_port, service_process
+from skyfolio.api.lab.demo.orders import DemoConfig, Outcome
+from skyfolio.api.lab.demo.page import result_table, write_page
+from skyfolio.api.lab.demo.report import DemoReport
+from skyfolio.api.lab.simulate import specs_at_starts
+from skyfolio.planner import EXAMPLES, Plan, Scenario
+
+POLL_S = 0.1
+ENDED = {state.value for state in ENDED_STATES}
+
+
+async def run_demo(config: DemoConfig, *, quiet: bool = False) -> DemoReport:
+    """Fly the drill on the paper scenario and judge it; writes `report.html` and `report.json` into `config.out`."""
+    scenario = EXAMPLES["paper"]().with_changes(utility=config.utility)
+    _check(config, scenario)
+    config.out.mkdir(parents=True, exist_ok=True)
+    began = time.monotonic()
+    endpoint = f"127.0.0.1:{free_port(socket.SOCK_DGRAM)}"
+    fleet = sim.Fleet(specs_at_starts(scenario), clock=sim.ScaledClock(config.speedup), endpoint=f"udpout://{endpoint}")
+    console = Console(quiet=quiet, stderr=quiet)
+    with _progress(console) as progress:
+        drill = Drill(config, scenario, fleet, progress)
+        log = config.out / "service.log"
+        async with service_process(config.speedup, f"udpin://{endpoint}", log) as client, fleet:
+            outcome = await drill.fly(client)
+    report = truth.judge(config, scenario, fleet.truth, outcome, wall_s=time.monotonic() - began)
+    (config.out / "report.json").write_text(report.model_dump_json(indent=2), encoding="utf-8")
+    write_page(report, config.out / "report.html")
+    console.print(result_table(report))
+    console.print(f"report: {config.out / 'report.html'}, {config.out / 'report.json'}")
+    return report
+
+
+class Drill:
+    """One drill in progress."""
+
+    def __init__(self, config: DemoConfig, scenario: Scenario, fleet: sim.Fleet, progress: Progress) -> None:
+        self._config, self._scenario, self._fleet = config, scenario, fleet
+        self._progress = progress
+        self._bar = progress.add_task("starting the service", total=scenario.slots)
+
+    async def fly(self, client: httpx2.AsyncClient) -> Outcome:
+        """From the plan to the landing. Raises DemoError when the service refuses something."""
+        self._say("planning")
+        plan = await call(
+            client, "POST", "/v1/plans", params={"wait_s": 60}, json=self._scenario.model_dump(mode="json")
+        )
+        for system_id, uav in enumerate(self._scenario.uavs, start=1):
+            await call(client, "POST", "/v1/fleet/vehicles", json={"uav_id": uav.id, "system_id": system_id})
+        order = {"plan_id": plan["id"], "replanning": "auto" if self._config.replan else "off"}
+        operation = await call(client, "POST", "/v1/operations", json=order)
+        path = f"/v1/operations/{operation['id']}"
+        operation = await self._until(client, path, {"flying"} | ENDED)
+        slot0_s = await self._slot0(client, path)
+        kill_at_s = slot0_s + (self._config.kill_slot - 1) * self._scenario.slot_duration_s
+        system_id = 1 + self._scenario.uav_ids.index(self._config.kill)
+        self._fleet.inject(sim.Kill(system_id), at_s=kill_at_s)
+        operation = await self._until(client, path, ENDED)
+        plans = [Plan.model_validate(await call(client, "GET", f"/v1/plans/{one}")) for one in operation["plan_ids"]]
+        return Outcome(operation, plans, slot0_s, kill_at_s)
+
+    async def _slot0(self, client: httpx2.AsyncClient, path: str) -> float:
+        """When slot 0 began on the simulator's clock, from the quickest of a few round trips."""
+        best = (float("inf"), 0.0)
+        for _ in range(5):
+            asked = self._fleet.clock.now()
+            operation = await call(client, "GET", path)
+            answered = self._fleet.clock.now()
+            if operation["elapsed_s"] is None:
+                raise DemoError(f"the operation is {operation['state']}: {operation['error']}")
+            best = min(best, (answered - asked, (asked + answered) / 2 - operation["elapsed_s"]))
+        return best[1]
+
+    async def _until(self, client: httpx2.AsyncClient, path: str, states: set[str]) -> dict[str, Any]:
+        while True:
+            operation: dict[str, Any] = await call(client, "GET", path)
+            self._show(operation)
+            if operation["state"] in states:
+                return operation
+            await asyncio.sleep(POLL_S)
+
+    def _show(self, operation: dict[str, Any]) -> None:
+        words = [str(operation["state"])]
+        if operation["slot"] is not None:
+            words.append(f"slot {operation['slot'] + 1}/{self._scenario.slots}")
+        words += [f"[red]{uav} lost[/]" for uav in operation["lost"]]
+        words += [f"[green]replanned in {r['replan_ms']:.0f} ms[/]" for r in operation["recoveries"] if r["replan_ms"]]
+        self._say(", ".join(words))
+        done = (
+            self._scenario.slots
+            if operation["state"] in {"landing", "completed", "completed_partly"}
+            else operation["slot"] or 0
+        )
+        self._progress.update(self._bar, completed=done)
+
+    def _say(self, text: str) -> None:
+        self._progress.update(self._bar, description=text)
+
+
+def _check(config: DemoConfig, scenario: Scenario) -> None:
+    if config.kill not in scenario.uav_ids:
+        raise DemoError(f"kill: {config.kill!r} must be one of {', '.join(scenario.uav_ids)}")
+    if not 2 <= config.kill_slot <= scenario.slots - 3:
+        raise DemoError(f"kill_slot: {config.kill_slot} must lie in 2..{scenario.slots - 3}")
+
+
+def _progress(console: Console) -> Progress:
+    return Progress(
+        SpinnerColumn(),
+        BarColumn(),
+        TextColumn("{task.description}"),
+        TimeElapsedColumn(),
+        console=console,
+        disable=console.quiet,
+    )

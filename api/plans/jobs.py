@@ -1,0 +1,36 @@
+"""What goes to a planner process and what comes back. Light: whoever asks for a solve loads no solver."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from skyfolio.planner import PlanStatus
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """One solve, as JSON: a scenario to plan, or a previous plan to replan with `request` (as `planner.replan`).
+
+    `starts`: how many the optimiser climbs from; None lets it choose by size, a plan's then at most `most_starts`.
+    """
+
+    scenario: str | None = None
+    previous: str | None = None
+    request: dict[str, Any] = field(default_factory=dict)
+    identity: dict[str, Any] = field(default_factory=dict)
+    deadline_s: float = 60.0
+    starts: int | None = None
+    most_starts: int = 64
+
+
+@dataclass(frozen=True, kw_only=True)
+class Solved:
+    """What a worker hands back: a plan as JSON with its status, or how it failed."""
+
+    status: PlanStatus
+    plan: str = ""
+    summary: str = ""
+    iterations: int = 0
+    solve_ms: float = 0.0
+    error: str | None = None

@@ -1,0 +1,50 @@
+"""The MAVLink missions of a plan, as the formats the service and the command line give out."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any, Literal
+
+from skyfolio.api.common.errors import InvalidError
+from skyfolio.mavlink_bridge import Autopilot, Mission, compile_mission, to_qgc_plan, to_waypoints
+from skyfolio.mavlink_bridge.fence import fence_items, rally_items
+from skyfolio.planner import Plan
+
+
+class Missions:
+    """The missions of one plan, for this autopilot with its default parameters."""
+
+    def __init__(self, plan: Plan, autopilot: Literal["px4", "ardupilot"] = "px4") -> None:
+        self._plan, self._autopilot = plan, Autopilot(autopilot)
+
+    def as_json(self, uav_id: str | None = None) -> dict[str, list[dict[str, Any]]]:
+        """MISSION_ITEM_INT rows of each UAV (or of one): degrees times 1e7, metres above home."""
+        ids = self._plan.scenario.uav_ids if uav_id is None else (self._one(uav_id),)
+        return {one: [asdict(item) for item in self._mission(one).items] for one in ids}
+
+    def qgc_plan(self, uav_id: str | None) -> dict[str, Any]:
+        """One UAV's mission as a QGroundControl `.plan`, with the geofence and rally point of its flight."""
+        scenario, uav = self._plan.scenario, self._plan.scenario.uav(self._one(uav_id))
+        return to_qgc_plan(
+            self._mission(uav.id),
+            fence=fence_items(scenario),
+            rally=rally_items(scenario, [uav.start_m], scenario.altitude_of(uav)),
+        )
+
+    def waypoints(self, uav_id: str | None) -> str:
+        """One UAV's mission as a `QGC WPL 110` text."""
+        return to_waypoints(self._mission(self._one(uav_id)))
+
+    def _mission(self, uav_id: str) -> Mission:
+        return compile_mission(self._plan, uav_id, autopilot=self._autopilot)
+
+    def _one(self, uav_id: str | None) -> str:
+        """These files hold one vehicle. Raises InvalidError for an unknown UAV, or none where there are several."""
+        ids = self._plan.scenario.uav_ids
+        if uav_id is None and len(ids) == 1:
+            return ids[0]
+        if uav_id is None:
+            raise InvalidError(f"uav_id: this format holds one vehicle; choose one of {', '.join(ids)}")
+        if uav_id not in ids:
+            raise InvalidError(f"uav_id: {uav_id!r} is not in the plan; it has {', '.join(ids)}")
+        return uav_id

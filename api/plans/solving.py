@@ -1,0 +1,82 @@
+"""How a planner process solves a job, and shows how far it is. Imported by workers alone (`worker`)."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from math import sqrt
+
+from skyfolio.api.plans.job_board import Board
+from skyfolio.api.plans.jobs import Job
+from skyfolio.planner import (
+    AnyOf,
+    Cause,
+    Deadline,
+    Plan,
+    Scenario,
+    StopToken,
+    converged,
+    plan,
+    replan,
+)
+from skyfolio.planner.fast.optimise import default_starts
+from skyfolio.planner.problem import problem_of
+
+SHOW_EVERY_S = 0.25
+SOLVING_PER_SHOWING = 19.0
+"""The best plan so far is shown at most four times a second, and in at most a twentieth of the time."""
+
+STARTS_PER_ROOT = 2.0
+"""Starts per square root of UAVs x users x slots: 11 for two UAVs, four users and four slots, 24 from size 144 on."""
+
+
+class BestSoFar:
+    """Makes and shows the best plan so far, seldom enough that solving hardly notices. `clock`: monotonic seconds."""
+
+    def __init__(self, show: Callable[[str], None], clock: Callable[[], float]) -> None:
+        self._show, self._clock = show, clock
+        self._make: Callable[[], Plan] | None = None
+        self._due_s = clock() + SHOW_EVERY_S
+
+    def offer(self, make: Callable[[], Plan]) -> None:
+        """There is a better one."""
+        self._make = make
+
+    def show_if_due(self) -> None:
+        """Show the best one, unless it has been shown or the last time was just now."""
+        began = self._clock()
+        if self._make is None or began < self._due_s:
+            return
+        make, self._make = self._make, None
+        self._show(make().model_dump_json())
+        now = self._clock()
+        self._due_s = now + max(SHOW_EVERY_S, SOLVING_PER_SHOWING * (now - began))
+
+
+def solve(job: Job, board: Board, token: int) -> Plan:
+    """Solve one job, showing on the board how far it is. Raises ValueError when the problem has no solution."""
+    best = BestSoFar(lambda text: board.show(token, text), time.monotonic)
+
+    def asked_to_stop() -> bool:
+        best.show_if_due()
+        return board.stopped(token)
+
+    options = {
+        "stop": AnyOf(converged(), StopToken(asked_to_stop), Deadline(job.deadline_s, clock=time.monotonic)),
+        "clock": time.perf_counter,
+        "observer": lambda iteration: board.note(token, iteration),
+        "offer": best.offer,
+        **job.identity,
+        "cause": Cause.model_validate(job.identity.get("cause", {})),
+    }
+    if job.previous is not None:
+        return replan(Plan.model_validate_json(job.previous), **job.request, n_starts=job.starts, **options)
+    assert job.scenario is not None  # noqa: S101 - one of the two is always given
+    scenario = Scenario.model_validate_json(job.scenario)
+    return plan(scenario, n_starts=job.starts or starts_of(scenario, job.most_starts), **options)
+
+
+def starts_of(scenario: Scenario, most: int) -> int:
+    """How many starts a plan is climbed from when nobody says: by size, few where a few already find the best."""
+    size = len(scenario.uavs) * len(scenario.users) * scenario.slots
+    return max(1, min(most, int(STARTS_PER_ROOT * sqrt(size)), default_starts(problem_of(scenario))))

@@ -1,0 +1,199 @@
+"""The event log: everything that happened, in order, with a number each; a client can resume after any number.
+
+Events are stored before anyone hears of them by number, so that a number never means two things, whatever is killed
+when. While the database does not answer, followers hear of an event at once all the same, as `provisional` and without
+a number; with its number it comes when it is stored.
+Telemetry is different: it is made ten times a second while somebody listens, has no number, and is not kept.
+No subscriber has a queue of its own: all read the same two bounded rings, each at its own pace. Who falls behind
+reads events from the database, and misses old telemetry, never an event.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+from collections import deque
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import suppress
+from datetime import UTC, datetime
+from typing import Any, TypeAlias
+
+from fastapi.sse import format_sse_event
+from pydantic import BaseModel
+from sqlalchemy import func, select
+
+from skyfolio.api.access.api_keys import RECHECK_S
+from skyfolio.api.store import Database
+from skyfolio.api.store.tables import events as table
+
+KEEP_EVENTS = 4096
+KEEP_TELEMETRY = 32
+KEEP_PROVISIONAL = 256
+PROVISIONAL = "provisional"
+"""SSE event of something that has happened and is not stored yet; its `id` is null, and so is that of the stream."""
+PAGE = 500
+KEEP_ALIVE = b": keep-alive\n\n"
+KEEP_ALIVE_S = 15.0
+Allowed: TypeAlias = Callable[[], Awaitable[bool]]
+_INSERT = table.insert()
+
+
+class Event(BaseModel):
+    """One thing that happened. `id` grows by one; `at` is UTC."""
+
+    id: int
+    at: datetime
+    kind: str
+    data: dict[str, Any]
+
+
+class Frame(BaseModel):
+    """An event or a telemetry picture, encoded once for all subscribers. `number` of telemetry counts pictures."""
+
+    number: int
+    wire: bytes
+
+
+class EventLog:
+    """Appends events, wakes those who follow. Made by `open`, on the event loop that it is used on."""
+
+    def __init__(self, database: Database, last_id: int) -> None:
+        self._database = database
+        self._last_id = last_id
+        self._stored_id = last_id
+        self._recent: deque[Frame] = deque(maxlen=KEEP_EVENTS)
+        self._pictures: deque[Frame] = deque(maxlen=KEEP_TELEMETRY)
+        self._provisional: deque[Frame] = deque(maxlen=KEEP_PROVISIONAL)
+        self._picture = self._announced = 0
+        self._news = asyncio.Event()
+        self._followers = 0
+        self._ended = False
+        self.listeners: list[Callable[[Event], None]] = []
+
+    @classmethod
+    async def open(cls, database: Database) -> EventLog:
+        """The log of this database, ready to go on after its last event."""
+        last_id = (await database.rows(select(func.max(table.c.id))))[0][0]
+        return cls(database, last_id or 0)
+
+    @property
+    def followers(self) -> int:
+        """How many subscribers there are now."""
+        return self._followers
+
+    @property
+    def last_id(self) -> int:
+        """Number of the newest stored event."""
+        return self._stored_id
+
+    def add(self, kind: str, **data: Any) -> Event:
+        """Append an event; followers get it once it is stored, which is right after."""
+        self._last_id += 1
+        event = Event(id=self._last_id, at=datetime.fromtimestamp(time.time(), UTC), kind=kind, data=data)
+        row = {"id": event.id, "at": event.at.timestamp(), "kind": kind, "data": json.dumps(data)}
+        stored = self._database.write_soon((_INSERT, row), keep=True)
+        frame = Frame(number=event.id, wire=_encoded(event))
+        stored.add_done_callback(lambda _done: self._publish(event, frame))
+        if self._database.trouble is not None:
+            self._announce(event)
+        return event
+
+    def end(self) -> None:
+        """The service ends: so does every stream, once it has shown what there is."""
+        self._ended = True
+        self._wake()
+
+    def _announce(self, event: Event) -> None:
+        """Show an event that cannot be stored yet, without the number that it will have."""
+        self._announced += 1
+        data = json.dumps({**event.model_dump(mode="json"), "id": None})
+        self._provisional.append(Frame(number=self._announced, wire=format_sse_event(data_str=data, event=PROVISIONAL)))
+        self._wake()
+
+    def picture(self, data: Any) -> None:
+        """Show telemetry to those who listen now."""
+        self._picture += 1
+        wire = format_sse_event(data_str=json.dumps(data, separators=(",", ":")), event="telemetry")
+        self._pictures.append(Frame(number=self._picture, wire=wire))
+        self._wake()
+
+    async def after(self, last_id: int, limit: int = PAGE) -> list[Event]:
+        """Stored events with a greater id, oldest first, at most `limit`. Raises StoreError."""
+        rows = await self._database.rows(
+            select(table).where(table.c.id > last_id, table.c.id <= self._stored_id).order_by(table.c.id).limit(limit)
+        )
+        return [
+            Event(id=row.id, at=datetime.fromtimestamp(row.at, UTC), kind=row.kind, data=json.loads(row.data))
+            for row in rows
+        ]
+
+    async def follow(
+        self, last_id: int = 0, *, telemetry: bool = False, forever: bool = True, allowed: Allowed | None = None
+    ) -> AsyncIterator[bytes]:
+        """Server-sent events after `last_id`, then each new one as it comes; each item is one or more whole events.
+
+        telemetry: also pictures made from now on. forever: False ends after what is stored now. allowed: asked again
+        and again; the stream ends when the answer is no.
+        """
+        self._followers += 1
+        seen, announced = self._picture, self._announced
+        asked_s = said_s = time.monotonic()
+        try:
+            while True:
+                now_s = time.monotonic()
+                if allowed is not None and now_s - asked_s >= RECHECK_S:
+                    if not await allowed():
+                        return
+                    asked_s = now_s
+                news = self._news
+                last_id, wire = await self._since(last_id)
+                wire += b"".join(frame.wire for frame in self._provisional if frame.number > announced)
+                announced = self._announced
+                if telemetry:
+                    wire += b"".join(frame.wire for frame in self._pictures if frame.number > seen)
+                    seen = self._picture
+                if not wire and (self._ended or not forever):
+                    return
+                if not wire and now_s - said_s >= KEEP_ALIVE_S:
+                    wire = KEEP_ALIVE
+                if wire:
+                    said_s = now_s
+                    yield wire
+                else:
+                    await _pause(news)
+        finally:
+            self._followers -= 1
+
+    async def _since(self, last_id: int) -> tuple[int, bytes]:
+        """The next events after `last_id` on the wire, and the id of the last of them."""
+        if last_id >= self._stored_id:
+            return last_id, b""
+        if self._recent and self._recent[0].number <= last_id + 1:
+            frames = [frame for frame in self._recent if frame.number > last_id]
+            return frames[-1].number, b"".join(frame.wire for frame in frames)
+        events = await self.after(last_id)
+        return (events[-1].id if events else self._stored_id), b"".join(_encoded(event) for event in events)
+
+    def _publish(self, event: Event, frame: Frame) -> None:
+        """Show a stored event, or one that the database has refused for good: the fleet flies on."""
+        self._stored_id = event.id
+        self._recent.append(frame)
+        for listener in self.listeners:
+            listener(event)
+        self._wake()
+
+    def _wake(self) -> None:
+        news, self._news = self._news, asyncio.Event()
+        news.set()
+
+
+async def _pause(news: asyncio.Event) -> None:
+    """Wait for news, and not too long to look whether one may still wait."""
+    with suppress(TimeoutError):
+        async with asyncio.timeout(RECHECK_S):
+            await news.wait()
+
+
+def _encoded(event: Event) -> bytes:
+    return format_sse_event(data_str=event.model_dump_json(), event=event.kind, id=str(event.id))

@@ -1,0 +1,94 @@
+"""An answer that must wait for survivors that do not know where they are, in virtual time."""
+
+from __future__ import annotations
+
+import asyncio
+from types import SimpleNamespace
+from typing import Any
+
+from skyfolio.api.flights.journal import Step
+from skyfolio.api.flights.recovery import Answer, Incident, Recovery
+from skyfolio.planner import Plan, ReplanError
+from tests.virtual_loop import run
+
+SLOT_S, SLOTS = 5.0, 20
+FOUND_S = 12.0
+"""When uav-2 knows its place again."""
+
+
+class Steps:
+    """The log of one incident."""
+
+    number, closed, timings_s = 1, False, {}  # type: ignore[var-annotated]
+
+    def __init__(self) -> None:
+        self.taken: list[tuple[float, Step, dict[str, Any]]] = []
+
+    async def step(self, step: Step, **data: Any) -> None:
+        self.taken.append((asyncio.get_running_loop().time(), step, data))
+
+
+class Planning(Answer):
+    """An answer whose planner refuses everything."""
+
+    async def _plan(self, at_slot: int, *, use_ready: bool) -> Plan:
+        del use_ready
+        raise ReplanError(f"nothing to fly from slot {at_slot} on")
+
+
+def answered(found_s: float, began_s: float = 0.0) -> tuple[Recovery, Steps]:
+    """What becomes of an answer to the loss of uav-3 while uav-2 is nowhere until `found_s`."""
+
+    def now_s() -> float:
+        return began_s + asyncio.get_running_loop().time()
+
+    def positions_m() -> dict[str, tuple[float, float]]:
+        known = {"uav-1": (0.0, 0.0), "uav-3": (90.0, 0.0)}
+        return known | ({"uav-2": (50.0, 0.0)} if now_s() >= found_s else {})
+
+    async def answer() -> Recovery:
+        flight: Any = SimpleNamespace(
+            now_s=now_s, slot_s=SLOT_S, n_slots=SLOTS, positions_m=positions_m, on_board=lambda _uav: "heard",
+            surviving=lambda: ["uav-1", "uav-2"],
+        )  # fmt: skip
+        parts: Any = SimpleNamespace(
+            settings=SimpleNamespace(guidance_lead_s=1.0), clock=SimpleNamespace(scale=1.0), metrics=Metrics()
+        )
+        return await Planning(parts, flight, Incident(steps, "heartbeat_lost", {"uav-3": 5.0})).run()  # type: ignore[arg-type]
+
+    steps = Steps()
+    return run(answer())[0], steps
+
+
+class Metrics:
+    """Counts nothing."""
+
+    def __getattr__(self, _name: str) -> Any:
+        return self
+
+    def __call__(self, *_: object) -> Any:
+        return self
+
+
+def test_an_answer_waits_until_every_survivor_knows_its_place_again() -> None:
+    report, steps = answered(FOUND_S)
+    kinds = [step for _, step, _ in steps.taken]
+    assert kinds[:2] == [Step.WAITING, Step.REPLANNED]
+    assert steps.taken[0][2] == {"because": "no position of uav-2"}
+    at_s, _, data = steps.taken[1]
+    assert FOUND_S <= at_s < FOUND_S + 0.5
+    assert data["at_slot"] == 3
+    assert report.outcome == "failed"  # by its planner, and not for want of a place
+    assert "nothing to fly" in str(report.error)
+
+
+def test_nobody_waits_when_everybody_knows_its_place() -> None:
+    _, steps = answered(0.0)
+    assert [step for _, step, _ in steps.taken][:1] == [Step.REPLANNED]
+    assert steps.taken[0][0] == 0.0
+
+
+def test_a_place_that_is_not_found_in_time_ends_the_answer_as_too_late() -> None:
+    report, _ = answered(1e9, began_s=60.0)
+    assert report.outcome == "too_late"
+    assert report.error == "no slot is left to fly differently: no position of uav-2"

@@ -1,0 +1,104 @@
+"""The end of a stream: whoever asks waits for the vehicles it needs, nobody for one that is dead."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Mapping
+from contextlib import asynccontextmanager
+from typing import Any
+
+import pytest
+
+from skyfolio.api.common.fleet_clock import FleetClock
+from skyfolio.api.flights.setpoint_streams import Streaming
+from skyfolio.mavlink_bridge.guidance import FallBack
+
+SYSTEMS = {"uav-1": 1, "uav-2": 2}
+
+
+class OneStream:
+    """What `Streaming` needs of a stream: uav-1 lets go after a moment, uav-2 is dead and never answers."""
+
+    def __init__(self) -> None:
+        self.dropped = False
+        self.let_go: list[int] = []
+        self.answers = asyncio.Event()
+        self._handing: dict[int, asyncio.Task[str | None]] = {}
+
+    async def run(self, _elapsed_s: Any) -> None:
+        await asyncio.Event().wait()
+
+    def hand_over(self, _elapsed_s: float) -> Mapping[int, asyncio.Task[str | None]]:
+        if not self._handing:
+            self._handing = {system: asyncio.create_task(self._let_go(system)) for system in (1, 2)}
+        return self._handing
+
+    def drop(self) -> None:
+        self.dropped = True
+        for task in self._handing.values():
+            task.cancel()
+
+    async def _let_go(self, system: int) -> str | None:
+        await (self.answers.wait() if system == 1 else asyncio.Event().wait())
+        self.let_go.append(system)
+        return None
+
+
+class Monitor:
+    watched = frozenset({1, 2})
+
+    def silent_for_s(self, system_id: int, _now_s: float) -> float:
+        return 4.0 if system_id == 2 else 0.1
+
+
+class NoFleet:
+    class link:  # noqa: N801
+        monitor = Monitor()
+
+
+@asynccontextmanager
+async def streaming() -> AsyncIterator[tuple[Streaming, OneStream]]:
+    fleet: Any = NoFleet()
+    made = Streaming(SYSTEMS, fleet, FleetClock(1.0), elapsed_s=lambda: 7.0, fall_back=FallBack.MISSION)
+    stream: Any = OneStream()
+    made._stream = stream
+    made.begin()
+    yield made, stream
+    await made.close()
+
+
+async def is_waiting(task: asyncio.Task[None]) -> bool:
+    for _ in range(10):
+        await asyncio.sleep(0)
+    return not task.done()
+
+
+async def test_a_second_caller_waits_as_long_as_the_first() -> None:
+    async with streaming() as (stream_to, stream):
+        first, second = (asyncio.create_task(stream_to.end(["uav-1"])) for _ in range(2))
+        assert await is_waiting(first)
+        assert await is_waiting(second)
+        stream.answers.set()
+        await asyncio.gather(first, second)
+        assert stream.let_go == [1]
+
+
+@pytest.mark.parametrize("uavs", [["uav-1"], None], ids=["for one", "for all"])
+async def test_nobody_waits_for_a_uav_that_is_not_heard(uavs: list[str] | None) -> None:
+    async with streaming() as (stream_to, stream):
+        stream.answers.set()
+        async with asyncio.timeout(1.0):
+            await stream_to.end(uavs)
+        assert stream.let_go == [1]
+
+
+async def test_a_stream_that_is_dropped_sends_nobody_onto_a_mission_and_waits_for_nobody() -> None:
+    async with streaming() as (stream_to, stream):
+        waiting = asyncio.create_task(stream_to.end(None))
+        assert await is_waiting(waiting)
+        stream_to.drop()
+        assert stream.dropped
+        async with asyncio.timeout(1.0):
+            await waiting
+            await stream_to.end(None)
+        assert stream.let_go == []
