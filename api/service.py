@@ -22,7 +22,7 @@ from skyfolio.api.fleet.registry import Fleet
 from skyfolio.api.fleet.simulated_fleet import SimulatedFleet, own_endpoint, scenario_of
 from skyfolio.api.flights.drills import Drills
 from skyfolio.api.flights.journal import Entry, Journal
-from skyfolio.api.flights.operation_store import Books
+from skyfolio.api.flights.operation_store import Stores
 from skyfolio.api.flights.operations import Operations
 from skyfolio.api.flights.orders import Orders
 from skyfolio.api.flights.recovery import Parts
@@ -62,7 +62,7 @@ class Service:
         self.simulated, settings = _simulated(settings)
         self.fleet = Fleet(settings, self.clock, events, database, background=self.background, healthy=self.can_replan)
         parts = Parts(settings, self.clock, self.plans, self.contingencies, self.metrics)
-        self.operations = Operations(parts, Books(database, self.journal, events), self.fleet)
+        self.operations = Operations(parts, Stores(database, self.journal, events), self.fleet)
         self.orders = Orders(self.fleet, self.operations)
         self.drills = Drills(self.fleet, self.operations, events, database, self.simulated)
         self.ready = False

@@ -26,7 +26,7 @@ ROOMS = {
     "service": {"common", "store", "access", "plans", "fleet", "flights"},
     "http": {"common", "store", "access", "plans", "fleet", "flights", "service", "dashboard"},
     "client": {"common", "plans", "fleet", "flights", "store"},
-    "dashboard": {"client"},
+    "dashboard": {"common", "client"},
     "cli": {"common", "store", "access", "plans", "fleet", "flights", "http", "client", "lab"},
     "lab": {"common", "store", "plans", "fleet", "flights", "http", "client"},
 }
@@ -111,9 +111,10 @@ def edges_of(name: str, source: Path, known: dict[str, Path]) -> set[str]:
     tree = ast.Module(body=list(at_import(ast.parse(source.read_text()))), type_ignores=[])
     reached = set()
     for target in imported(tree):
-        while target and target not in known:
-            target = target.rpartition(".")[0]
-        reached.add(target)
+        module = target
+        while module and module not in known:
+            module = module.rpartition(".")[0]
+        reached.add(module)
     package = name if source.name == "__init__.py" else name.rpartition(".")[0]
     return reached - {"", name} - ({package} if source.name != "__init__.py" else set())
 

@@ -17,8 +17,8 @@ from rich.table import Table
 from skyfolio.api.access.api_keys import KeyRing, KeyView, Role
 from skyfolio.api.common.configuration import require_known
 from skyfolio.api.common.errors import InvalidError
-from skyfolio.api.common.settings import default_database_url
-from skyfolio.api.store import TEMPORARY, Database
+from skyfolio.api.common.settings import TEMPORARY, default_database_url
+from skyfolio.api.store import Database
 
 Result = TypeVar("Result")
 keys = typer.Typer(no_args_is_help=True, help="API keys of the service.")

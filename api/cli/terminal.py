@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from rich.console import Group
 from rich.table import Table
 
+from skyfolio.api.common.slots import slot_ranges
 from skyfolio.planner import Plan
 
 
@@ -39,18 +38,7 @@ def unmet(plan: Plan) -> list[str]:
     least = {user.id: user.min_rate_bps for user in plan.scenario.users}
     return [
         f"{user} gets less than its min_rate_bps {least[user]:g} in slots "
-        f"{ranges([plan.first_slot + slot for slot in slots])} "
+        f"{slot_ranges([plan.first_slot + slot for slot in slots])} "
         f"(at least {min(plan.user_rates_bps[user][slot] for slot in slots) / 1e3:.2f} kbit/s)"
         for user, slots in plan.unmet_min_rate_slots.items()
     ]
-
-
-def ranges(slots: Sequence[int]) -> str:
-    """Return ascending slots as text, runs shortened: '0-4, 7'."""
-    runs: list[list[int]] = []
-    for slot in slots:
-        if runs and slot == runs[-1][-1] + 1:
-            runs[-1].append(slot)
-        else:
-            runs.append([slot])
-    return ", ".join(f"{run[0]}" if len(run) == 1 else f"{run[0]}-{run[-1]}" for run in runs)

@@ -20,6 +20,7 @@ import httpx2
 from pydantic import BaseModel
 
 from skyfolio.api.common.errors import ServiceError
+from skyfolio.api.common.problem import Problem
 from skyfolio.api.fleet.commander import Action
 from skyfolio.api.fleet.vehicle_view import VehicleView
 from skyfolio.api.flights.drills import DrillView
@@ -27,8 +28,7 @@ from skyfolio.api.flights.guidance import Mode
 from skyfolio.api.flights.journal import Entry
 from skyfolio.api.flights.operation_views import OperationRow, OperationView, Policy
 from skyfolio.api.flights.orders import OrderResult
-from skyfolio.api.http.problems import Problem
-from skyfolio.api.http.routes.contingencies import ContingencyTable
+from skyfolio.api.plans.contingencies import ContingencyTable
 from skyfolio.api.plans.plan_records import PlanRow, UnfinishedPlan
 from skyfolio.api.store.event_log import PROVISIONAL, Event
 from skyfolio.planner import Changes, Plan, Scenario

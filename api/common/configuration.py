@@ -49,9 +49,10 @@ def require_usable(settings: Settings) -> None:
     if settings.telemetry_log_dir is not None:
         _require_writable("telemetry_log_dir", settings.telemetry_log_dir)
     if settings.simulate is not None:
-        from skyfolio.api.fleet.simulated_fleet import scenario_of  # noqa: PLC0415 - the simulator, which other commands do without
+        from skyfolio.planner import EXAMPLES  # noqa: PLC0415 - other commands do without it
 
-        scenario_of(settings.simulate)
+        if settings.simulate not in EXAMPLES:
+            raise InvalidError(f"simulate: {settings.simulate!r} must be one of {', '.join(sorted(EXAMPLES))}")
 
 
 def bound(settings: Settings) -> socket.socket:

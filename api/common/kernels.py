@@ -37,7 +37,7 @@ TOLD = "_SKYFOLIO_KERNELS_TOLD"
 SAY_EVERY_S = 5.0
 _OURS = "skyfolio-"
 """How our folders among the temporary ones begin; code that was put among them has its kernels beside it."""
-_PLANNER = Path(str(find_spec("skyfolio.planner").origin)).parent  # type: ignore[union-attr] - it is installed with us
+_PLANNER = Path(str(getattr(find_spec("skyfolio.planner"), "origin", None))).parent
 _STEMS = ("fast/*.py", "cells.py", "repair.py")
 
 

@@ -11,13 +11,14 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
-from skyfolio.api.store import TEMPORARY
 from skyfolio.mavlink_bridge.conditions import Timing
 from skyfolio.mavlink_bridge.findings import START_WITHIN_M
 
 Seconds = Annotated[float, Field(gt=0)]
 Count = Annotated[int, Field(ge=1)]
 PREFIX = "SKYFOLIO_"
+TEMPORARY = "temporary"
+"""Database URL of a service that forgets everything at its end."""
 NESTED = "__"
 SUB_PATH = r"(/[A-Za-z0-9._~-]+)*"
 SET_ELSEWHERE = {"stale_after_s": "heartbeat_stale_s", "lost_after_s": "heartbeat_lost_s"}

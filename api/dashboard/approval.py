@@ -7,7 +7,7 @@ from nicegui import ui
 from skyfolio.api.dashboard import comparison
 from skyfolio.api.dashboard import map_scene as picture
 from skyfolio.api.dashboard.elements import MapView, attempt, figures, text
-from skyfolio.api.dashboard.views import Operation, Transaction
+from skyfolio.api.dashboard.views import Operation, Recovery
 from skyfolio.api.dashboard.watch import Watch
 from skyfolio.planner import Plan
 
@@ -49,7 +49,7 @@ class Notices:
             self._fill(operation, proposal)
             self._dialog.open()
 
-    def _banner(self, operation: Operation, proposal: Transaction) -> None:
+    def _banner(self, operation: Operation, proposal: Recovery) -> None:
         with ui.element("div").classes("sf-proposal"):
             text("span", f"{', '.join(proposal.lost)} lost. A replan for the survivors waits for your word.", "sf-what")
             ui.button("Before and after", on_click=self._dialog.open).props("outline")
@@ -73,7 +73,7 @@ class Notices:
             text("span", f"{uav} is low on battery. It flies its plan on unless you send it home.", "sf-what")
             ui.button(f"Send {uav} home", on_click=home).props("unelevated")
 
-    def _buttons(self, operation: Operation, proposal: Transaction) -> None:
+    def _buttons(self, operation: Operation, proposal: Recovery) -> None:
         async def decide(*, agreed: bool) -> None:
             done = "Approved: the new plan is being uploaded" if agreed else "Rejected: the plan in force stays"
             if await attempt(lambda: self._watch.feed.decide(operation.id, proposal.number, agreed=agreed), done):
@@ -82,7 +82,7 @@ class Notices:
         ui.button("Approve", on_click=lambda: decide(agreed=True)).props("unelevated color=positive")
         ui.button("Reject", on_click=lambda: decide(agreed=False)).props("outline color=negative")
 
-    def _fill(self, operation: Operation, proposal: Transaction) -> None:
+    def _fill(self, operation: Operation, proposal: Recovery) -> None:
         now, new = self._watch.plan_in_force(), self._watch.plans.get(proposal.plan_id or "")
         self._figures_of = (operation.slot, proposal.plan_id)
         self._card.clear()

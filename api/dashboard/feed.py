@@ -7,7 +7,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from skyfolio.api.dashboard.recoveries import transactions
+from skyfolio.api.dashboard.recoveries import recoveries
 from skyfolio.api.dashboard.rest import Rest, RestError
 from skyfolio.api.dashboard.views import (
     OVER,
@@ -208,6 +208,6 @@ def _finished(text: str) -> Plan:
 
 def _operation(body: Mapping[str, Any], journal: Sequence[Mapping[str, Any]] = ()) -> Operation:
     over = body["state"] in OVER
-    answers = transactions(body["recoveries"], journal, body["proposal"], over=over)
+    answers = recoveries(body["recoveries"], journal, body["proposal"], over=over)
     ends = {uav: seen["end"] for uav, seen in body["uavs"].items() if seen["end"] is not None}
-    return Operation.model_validate({**body, "policy": body["replanning"], "transactions": answers, "ends": ends})
+    return Operation.model_validate({**body, "policy": body["replanning"], "recoveries": answers, "ends": ends})

@@ -17,9 +17,9 @@ from skyfolio.api.dashboard.pages.drill import DrillPage
 from skyfolio.api.dashboard.pages.fly import FlyPage
 from skyfolio.api.dashboard.pages.plan import PlanPage
 from skyfolio.api.dashboard.pages.replay import ReplayPage
+from skyfolio.api.dashboard.port import COOKIE, INSIDE, PATH
 from skyfolio.api.dashboard.rest import Rest
 from skyfolio.api.dashboard.watch import Watch
-from skyfolio.api.http.middleware import COOKIE, DASHBOARD, INSIDE
 
 HERE = Path(__file__).parent
 MOST_KEYS = 64
@@ -66,9 +66,7 @@ def mount(service_app: FastAPI, *, time_scale: float = 1.0, tile_url: str | None
     }
     for path, build in pages.items():
         _page(path, build, watches)
-    ui.run_with(
-        service_app, mount_path=DASHBOARD, title="skyfolio", dark=None, tailwind=False, show_welcome_message=False
-    )
+    ui.run_with(service_app, mount_path=PATH, title="skyfolio", dark=None, tailwind=False, show_welcome_message=False)
     service_app.add_api_route("/", _front_door, include_in_schema=False)
     _end_with(service_app, watches)
 
@@ -84,7 +82,7 @@ def _from_inside(app: FastAPI) -> ASGIApp:
 
 def _front_door() -> RedirectResponse:
     """Who asks for the service alone wants to see it."""
-    return RedirectResponse(f"{DASHBOARD}/")
+    return RedirectResponse(f"{PATH}/")
 
 
 def _page(path: str, build: Callable[[Watch], object], watches: Watches) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from skyfolio.api.cli.terminal import ranges
+from skyfolio.api.common.slots import slot_ranges
 from skyfolio.api.dashboard import charts
 from skyfolio.api.dashboard.views import WhatIf
 from skyfolio.planner import Plan, Scenario
@@ -54,7 +54,7 @@ def unmet(plan: Plan) -> list[tuple[str, ...]]:
             user,
             f"{least[user] / 1e3:.2f}",
             f"{min(plan.user_rates_bps[user][slot] for slot in slots) / 1e3:.2f}",
-            ranges([plan.first_slot + slot for slot in slots]),
+            slot_ranges([plan.first_slot + slot for slot in slots]),
         )
         for user, slots in plan.unmet_min_rate_slots.items()
     ]

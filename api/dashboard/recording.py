@@ -51,14 +51,14 @@ class Recording:
     def in_force(self, at_s: float) -> Plan:
         """The plan users and survivors followed then."""
         plan = self.first
-        for one in self.operation.transactions:
+        for one in self.operation.recoveries:
             if one.in_force_at_s is not None and one.in_force_at_s <= at_s:
                 plan = self.plans.get(one.plan_id or "", plan)
         return plan
 
     def lost(self, at_s: float) -> tuple[str, ...]:
         """UAVs declared lost by then."""
-        declared = (one for one in self.operation.transactions if one.declared_at_s is not None)
+        declared = (one for one in self.operation.recoveries if one.declared_at_s is not None)
         return tuple(uav for one in declared if (one.declared_at_s or 0.0) <= at_s for uav in one.lost)
 
     def where(self, at_s: float) -> dict[str, tuple[Point, float]]:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from datetime import datetime
 from typing import Any
 
-from skyfolio.api.dashboard.views import Step, Transaction
+from skyfolio.api.dashboard.views import Recovery, Step
 
 Json = Mapping[str, Any]
 NAMES = {
@@ -42,9 +42,9 @@ GOOD = {"flying", "declined", "superseded"}
 TAKES_TIME = {"waiting", "replanned", "checked", "proposed", "uploading", "verified"}
 
 
-def transactions(
+def recoveries(
     recoveries: Sequence[Json], journal: Sequence[Json], proposal: Json | None, *, over: bool = False
-) -> list[Transaction]:
+) -> list[Recovery]:
     """One for each incident, the oldest first: those that are over, and the one that is being answered now.
 
     over: the operation has ended; what is not answered by then never is.
@@ -54,20 +54,18 @@ def transactions(
     for entry in journal:
         entries.setdefault(int(entry["incident"]), []).append(entry)
     return [
-        _transaction(number, entries.get(number, []), reports.get(number), proposal, over=over)
+        _recovery(number, entries.get(number, []), reports.get(number), proposal, over=over)
         for number in sorted({*reports, *entries})
     ]
 
 
-def _transaction(
-    number: int, entries: list[Json], report: Json | None, proposal: Json | None, *, over: bool
-) -> Transaction:
+def _recovery(number: int, entries: list[Json], report: Json | None, proposal: Json | None, *, over: bool) -> Recovery:
     proposed = report is None and proposal is not None and proposal["incident"] == number
     detected = next((entry for entry in entries if entry["step"] == "detected"), None)
     told: Json = report or (detected["data"] if detected else {})
     phase = str(report["outcome"]) if report else "proposed" if proposed else "unanswered" if over else "answering"
     planned = [entry["data"]["plan_id"] for entry in entries if entry["data"].get("plan_id")]
-    return Transaction(
+    return Recovery(
         number=number,
         lost=told.get("lost", {}),
         phase=phase,

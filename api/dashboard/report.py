@@ -42,7 +42,7 @@ def report_of(operation: Operation, plans: Sequence[Plan], track: Sequence[Track
     flown = sums(table, n)
     unanswered = sums(_unanswered(first, lost), n)
     begins = min(lost.values(), default=float(n))
-    answers = [one for one in operation.transactions if one.in_force_at_s is not None]
+    answers = [one for one in operation.recoveries if one.in_force_at_s is not None]
     again = answers[0].in_force_at_s / slot_s if answers and answers[0].in_force_at_s is not None else None
     recovered = operation.state == "completed" and (not lost or again is not None)
     return Report(
@@ -58,14 +58,14 @@ def report_of(operation: Operation, plans: Sequence[Plan], track: Sequence[Track
         unanswered=unanswered,
         users=table,
         tracks_m=_tracks(track),
-        steps=[(step.name, step.took, step.detail) for one in operation.transactions for step in one.steps],
+        steps=[(step.name, step.took, step.detail) for one in operation.recoveries for step in one.steps],
     )
 
 
 def lost_at(operation: Operation, slot_s: float) -> dict[str, float]:
     """UAV to the slot, with fractions, in which it fell silent."""
     found = {}
-    for one in operation.transactions:
+    for one in operation.recoveries:
         for uav, silent in one.lost.items():
             if one.declared_at_s is not None:
                 found[uav] = max(one.declared_at_s - silent, 0.0) / slot_s
@@ -109,7 +109,7 @@ def _rows(
         ("variance of the sum rate", _variance(flown), _variance(silent)),
         ("Jain index of the users", _jain(table), "-"),
     ]
-    for one in operation.transactions:
+    for one in operation.recoveries:
         silence = max(one.lost.values(), default=0.0)
         rows.append((f"{', '.join(one.lost)}: declared after", f"{silence:.2f} s of silence", "-"))
         if one.in_force_at_s is not None and one.declared_at_s is not None:

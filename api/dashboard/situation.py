@@ -11,7 +11,7 @@ from skyfolio.api.dashboard import charts
 from skyfolio.api.dashboard.elements import FleetTable, MapView, panel, text
 from skyfolio.api.dashboard.event_text import words
 from skyfolio.api.dashboard.map_scene import Json
-from skyfolio.api.dashboard.views import Happening, Transaction
+from skyfolio.api.dashboard.views import Happening, Recovery
 from skyfolio.planner import Plan
 
 SHOWN_EVENTS = 120
@@ -115,7 +115,7 @@ class Situation:
         """Begin anew."""
         self._events.clear()
 
-    def show_answers(self, answers: Sequence[Transaction]) -> None:
+    def show_answers(self, answers: Sequence[Recovery]) -> None:
         """The answers to losses, newest first, with their steps."""
         self._answers_panel.set_visibility(bool(answers))
         self._answers.clear()
@@ -147,7 +147,7 @@ class Situation:
         self._on_slot(int(cell[0] if isinstance(cell, list) else event.data_index))
 
 
-def answer(one: Transaction) -> None:
+def answer(one: Recovery) -> None:
     """One answer to a loss: its steps, and how long each took."""
     with ui.element("div").classes("sf-tx").props(f'data-phase="{one.phase}"'):
         text("h3", one.title)

@@ -56,7 +56,7 @@ class Step(View):
     """done, active, failed or waiting."""
 
 
-class Transaction(View):
+class Recovery(View):
     """One answer to a loss, from detection to flying on. `proposed` while it waits for the operator's word."""
 
     number: int
@@ -96,7 +96,7 @@ class Operation(View):
     elapsed_s: float | None = None
     slot: int | None = None
     user_rates_bps: dict[str, list[float | None]] = {}
-    transactions: tuple[Transaction, ...] = ()
+    recoveries: tuple[Recovery, ...] = ()
     error: str | None = None
 
     @property
@@ -105,9 +105,9 @@ class Operation(View):
         return self.state in OVER
 
     @property
-    def proposal(self) -> Transaction | None:
+    def proposal(self) -> Recovery | None:
         """The replan that waits for approval, if one does."""
-        return next((one for one in self.transactions if one.proposed), None)
+        return next((one for one in self.recoveries if one.proposed), None)
 
 
 class OperationLine(View):

@@ -149,7 +149,7 @@ class Watch:
 
     async def _read_operation(self, operation_id: str) -> None:
         operation = await self.feed.operation(operation_id)
-        wanted = {*operation.plan_ids, *(one.plan_id for one in operation.transactions if one.plan_id)}
+        wanted = {*operation.plan_ids, *(one.plan_id for one in operation.recoveries if one.plan_id)}
         for plan_id in wanted - set(self.plans):
             with suppress(RestError):  # one that is still being solved is read later
                 self.plans[plan_id] = await self.feed.plan(plan_id)

@@ -9,7 +9,7 @@ from typing import Any
 
 from skyfolio import sim
 from skyfolio.api.common.errors import InvalidError
-from skyfolio.api.lab.simulate import specs_at_starts
+from skyfolio.mavlink_bridge import east_north_to_geodetic
 from skyfolio.planner import EXAMPLES, Scenario
 
 
@@ -18,6 +18,17 @@ def scenario_of(name: str) -> Scenario:
     if name not in EXAMPLES:
         raise InvalidError(f"simulate: {name!r} must be one of {', '.join(sorted(EXAMPLES))}")
     return EXAMPLES[name]()
+
+
+def specs_at_starts(
+    scenario: Scenario, autopilot: str = "px4", booted_s_ago: float = sim.BOOTED_S_AGO
+) -> list[sim.VehicleSpec]:
+    """One vehicle on the ground at each UAV's start; system ids 1, 2, ... in the scenario's order."""
+    specs = []
+    for system_id, uav in enumerate(scenario.uavs, start=1):
+        lat_deg, lon_deg = east_north_to_geodetic(scenario.origin, *uav.start_m)
+        specs.append(sim.VehicleSpec(system_id, lat_deg, lon_deg, autopilot=autopilot, booted_s_ago=booted_s_ago))
+    return specs
 
 
 def own_endpoint() -> str:

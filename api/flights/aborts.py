@@ -15,11 +15,11 @@ from sqlalchemy import select, update
 
 from skyfolio.api.common.errors import ConflictError
 from skyfolio.api.fleet.commander import Action
+from skyfolio.api.fleet.obedience import left_alone
 from skyfolio.api.fleet.registry import Fleet
 from skyfolio.api.flights.operation import Operation
-from skyfolio.api.flights.operation_store import Books
+from skyfolio.api.flights.operation_store import Stores
 from skyfolio.api.flights.operation_views import Abort, OperationView, State
-from skyfolio.api.flights.orders import left_alone
 from skyfolio.api.store.tables import operations as table
 
 ENDING_S = 5.0
@@ -40,7 +40,7 @@ class Aborts:
     def __init__(
         self,
         fleet: Fleet,
-        books: Books,
+        books: Stores,
         take: Callable[[Operation], asyncio.Task[None] | None],
         over: Callable[[Operation], None],
     ) -> None:

@@ -9,9 +9,11 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 from skyfolio.api.common.errors import ConflictError
+from skyfolio.api.fleet.registry import Fleet
+from skyfolio.api.flights.flight import Flight
+from skyfolio.api.flights.guidance import Way
 from skyfolio.api.flights.rates import Point
 from skyfolio.mavlink_bridge import OnEnd, east_north_to_geodetic, geodetic_to_east_north
 from skyfolio.mavlink_bridge.corridors import Corridor, Mapped, meetings
@@ -19,11 +21,6 @@ from skyfolio.mavlink_bridge.ghosts import Ghost
 from skyfolio.mavlink_bridge.ghosts import Way as GhostWay
 from skyfolio.mavlink_bridge.route import Route
 from skyfolio.planner import Origin, Plan
-
-if TYPE_CHECKING:
-    from skyfolio.api.fleet.registry import Fleet
-    from skyfolio.api.flights.flight import Flight
-    from skyfolio.api.flights.guidance import Way
 
 NO_OPERATION = "no operation"
 ROUNDING_M = 0.01
@@ -39,10 +36,10 @@ class LeftBehind:
     required_m: float
 
 
-class Traffic:
+class FlightTraffic:
     """What one flight knows of the others, and its own air; metres east/north of its origin."""
 
-    def __init__(self, skies: Skies, operation_id: str, flight: Flight, fleet: Fleet) -> None:
+    def __init__(self, skies: SharedAirspace, operation_id: str, flight: Flight, fleet: Fleet) -> None:
         self._skies, self._id, self._flight, self._fleet = skies, operation_id, flight, fleet
         self.owner = f"operation '{operation_id}'"
 
@@ -69,13 +66,13 @@ class Traffic:
         )
 
 
-class Skies:
+class SharedAirspace:
     """Who flies where. Flights `enter` when their operation begins and `leave` when it is over."""
 
     def __init__(self, fleet: Fleet) -> None:
         self._fleet = fleet
         self._flights: dict[str, Flight] = {}
-        self._traffic: dict[str, Traffic] = {}
+        self._traffic: dict[str, FlightTraffic] = {}
         self._left: dict[str, LeftBehind] = {}
 
     def enter(self, operation_id: str, flight: Flight) -> None:
@@ -83,7 +80,7 @@ class Skies:
         self._flights[operation_id] = flight
         for uav in flight.systems:
             self._left.pop(uav, None)
-        self._traffic[operation_id] = flight.traffic = Traffic(self, operation_id, flight, self._fleet)
+        self._traffic[operation_id] = flight.traffic = FlightTraffic(self, operation_id, flight, self._fleet)
         flight.guidance.airspace.elsewhere = lambda: self._ghosts_for(operation_id)
 
     def leave(self, operation_id: str) -> None:

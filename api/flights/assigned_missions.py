@@ -21,7 +21,7 @@ _INSERT = insert(table)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Given:
+class AssignedMission:
     """A mission and the path it was made from.
 
     path_m: (n, 2) metres east/north of `origin`, where the UAV shall be when slots `first_slot`, `first_slot` + 1, ...
@@ -56,7 +56,7 @@ class Given:
         )
 
     @classmethod
-    def of_document(cls, document: str) -> Given:
+    def of_document(cls, document: str) -> AssignedMission:
         """What `document` wrote."""
         said = json.loads(document)
         mission = said["mission"]
@@ -75,17 +75,17 @@ class MissionBook:
     def __init__(self, database: Database, operation_id: str) -> None:
         self._database, self._operation_id = database, operation_id
 
-    async def write(self, given: Mapping[str, Given]) -> None:
+    async def write(self, given: Mapping[str, AssignedMission]) -> None:
         """Store that these UAVs are about to be given these; held while the database does not answer."""
         if given:
             await self._database.keep((_INSERT, await asyncio.to_thread(self._rows, dict(given))))
 
-    async def read(self) -> dict[str, list[Given]]:
+    async def read(self) -> dict[str, list[AssignedMission]]:
         """For each UAV what it was given, the newest first. Raises StoreError."""
         wanted = select(table).where(table.c.operation_id == self._operation_id).order_by(table.c.id.desc())
         return await asyncio.to_thread(_by_uav, await self._database.rows(wanted))
 
-    def _rows(self, given: Mapping[str, Given]) -> list[dict[str, str]]:
+    def _rows(self, given: Mapping[str, AssignedMission]) -> list[dict[str, str]]:
         """What is stored of these; runs beside the event loop, which a large fleet's would hold up."""
         return [
             {"operation_id": self._operation_id, "uav_id": uav, "document": one.document()}
@@ -93,11 +93,11 @@ class MissionBook:
         ]
 
 
-def _by_uav(rows: Iterable[Row[Any]]) -> dict[str, list[Given]]:
+def _by_uav(rows: Iterable[Row[Any]]) -> dict[str, list[AssignedMission]]:
     """Return what each UAV was given, in the order of the rows."""
-    found: dict[str, list[Given]] = {}
+    found: dict[str, list[AssignedMission]] = {}
     for row in rows:
-        found.setdefault(row.uav_id, []).append(Given.of_document(row.document))
+        found.setdefault(row.uav_id, []).append(AssignedMission.of_document(row.document))
     return found
 
 

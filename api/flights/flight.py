@@ -6,7 +6,7 @@ import asyncio
 import time
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from skyfolio.api.common.fleet_clock import FleetClock
 from skyfolio.api.fleet.commander import Action, OvertakenError
@@ -17,14 +17,12 @@ from skyfolio.api.flights.rates import InForce, Point
 from skyfolio.api.flights.roster import Roster
 from skyfolio.api.flights.take_off import LOOK_EVERY_S, FlightError, TakeOff, each
 from skyfolio.api.flights.track import Seen, Track
+from skyfolio.api.flights.traffic import Traffic
 from skyfolio.mavlink_bridge import Autopilot, Mission, OnEnd, Telemetry, VehiclesMissing, geodetic_to_east_north
 from skyfolio.mavlink_bridge.autopilots import HOLD_MODE, STREAM_MODE
 from skyfolio.mavlink_bridge.results import CommandResult, SwapResult
 from skyfolio.mavlink_bridge.verified import OnBoard
 from skyfolio.planner import Plan
-
-if TYPE_CHECKING:
-    from skyfolio.api.flights.airspace import Traffic
 
 SAMPLE_EVERY_S = 0.5
 TOLD_WITHIN_S = 3.0

@@ -9,8 +9,8 @@ from typing import Any, Literal
 
 from skyfolio.api.common.fleet_clock import FleetClock
 from skyfolio.api.fleet.registry import Fleet
-from skyfolio.api.flights.assigned_missions import Given, MissionBook
-from skyfolio.api.flights.missions_on_board import Aboard
+from skyfolio.api.flights.assigned_missions import AssignedMission, MissionBook
+from skyfolio.api.flights.missions_on_board import MissionsOnBoard
 from skyfolio.api.flights.setpoint_streams import Streaming
 from skyfolio.mavlink_bridge import Mission, OnEnd, ReturnPathsTooClose, check_return_paths, compile_mission
 from skyfolio.mavlink_bridge.deviations import AltitudeOffPlan, AltitudeWatch, Deviation, HomeWatch
@@ -64,7 +64,7 @@ class FlightGuidance:
         self.way = way or Way()
         self._systems, self._fleet, self._clock = systems, fleet, clock
         self._elapsed_s = elapsed_s
-        self._aboard = Aboard()
+        self._aboard = MissionsOnBoard()
         self._homes: dict[str, HomeWatch] = {}
         self._homes_m = homes_m
         self._keeping: dict[str, asyncio.Task[None]] = {}
@@ -96,7 +96,7 @@ class FlightGuidance:
             model=self._fleet.link.model(system),
             on_end=self._end_of(plan),
         )
-        given = Given(
+        given = AssignedMission(
             mission=mission,
             path_m=path,
             first_slot=plan.first_slot,
@@ -188,7 +188,7 @@ class FlightGuidance:
             )
         )
 
-    def may_fly(self, uav: str) -> tuple[Given, ...]:
+    def may_fly(self, uav: str) -> tuple[AssignedMission, ...]:
         """What this UAV may have on board, as far as it was sent."""
         return self._aboard.may_fly(uav)
 

@@ -14,7 +14,7 @@ from skyfolio.api.flights.flight import Flight
 from skyfolio.api.flights.journal import IncidentLog, Journal, Step
 from skyfolio.api.flights.losses import LOSS_KINDS, Loss, LossKind
 from skyfolio.api.flights.operation_views import Policy
-from skyfolio.api.flights.recovery import Answer, Incident, Parts, Recovery
+from skyfolio.api.flights.recovery import Incident, Parts, Recovery, RecoveryReport
 from skyfolio.api.store.event_log import EventLog
 from skyfolio.planner import Plan
 
@@ -36,7 +36,7 @@ class Incidents:
     def __init__(
         self, operation_id: str, policy: Policy, flight: Flight, parts: Parts, journal: Journal, events: EventLog
     ) -> None:
-        self.reports: list[Recovery] = []
+        self.reports: list[RecoveryReport] = []
         self.pending: dict[str, float] = {}
         self.number = 0
         self.save: Callable[[], Awaitable[None]] = _nowhere
@@ -48,8 +48,8 @@ class Incidents:
         self._offered: set[str] = set()
         self._low: set[str] = set()
         self._incident: Incident | None = None
-        self._answer: Answer | None = None
-        self._task: asyncio.Task[Recovery] | None = None
+        self._answer: Recovery | None = None
+        self._task: asyncio.Task[RecoveryReport] | None = None
         self._ahead: asyncio.Task[None] | None = None
 
     @property
@@ -178,10 +178,10 @@ class Incidents:
         self._incident = Incident(steps, cause, dict(self.pending), ask=ask, readmitted=self._readmitted)
         self._readmitted = ()
         await self.save()
-        self._answer = Answer(self._parts, self._flight, self._incident)
+        self._answer = Recovery(self._parts, self._flight, self._incident)
         self._task = asyncio.create_task(self._answered(self._answer, self._incident))
 
-    async def _answered(self, answer: Answer, incident: Incident) -> Recovery:
+    async def _answered(self, answer: Recovery, incident: Incident) -> RecoveryReport:
         await incident.log.step(Step.DETECTED, cause=incident.cause, lost=incident.lost)
         await incident.log.step(Step.CLASSIFIED, evidence={uav: self._evidence(uav) for uav in incident.lost})
         try:
@@ -199,12 +199,12 @@ class Incidents:
         verdict = {} if loss is None else {"verdict": loss.kind, "detail": loss.detail}
         return {**verdict, "since_s": round(self._flight.lost.get(uav, 0.0), 3), **seen}
 
-    async def _collect(self, report: Recovery) -> None:
+    async def _collect(self, report: RecoveryReport) -> None:
         for uav in report.lost:
             self.pending.pop(uav, None)
         await self._keep(report)
 
-    async def _keep(self, report: Recovery) -> None:
+    async def _keep(self, report: RecoveryReport) -> None:
         self._task = self._answer = self._incident = None
         self.reports.append(report)
         await self.save()
@@ -267,9 +267,9 @@ class Incidents:
         self._wanted = document["wanted"] or ("heartbeat_lost" if self.pending else None)
         self._readmitted = tuple(document["readmitted"])
         self._offered = set(document["returned"])
-        self.reports = [Recovery.model_validate(report) for report in document["recoveries"]]
+        self.reports = [RecoveryReport.model_validate(report) for report in document["recoveries"]]
 
-    def settled(self, report: Recovery) -> None:
+    def settled(self, report: RecoveryReport) -> None:
         """A restart has found out how an interrupted answer ended."""
         self.reports.append(report)
         if report.outcome not in {"interrupted", "superseded"}:

@@ -18,7 +18,7 @@ from skyfolio.api.flights.ends import ends_of, shortfall
 from skyfolio.api.flights.flight import Flight
 from skyfolio.api.flights.incidents import Incidents
 from skyfolio.api.flights.journal import Journal
-from skyfolio.api.flights.operation_store import Books, Head, OperationRows
+from skyfolio.api.flights.operation_store import OperationIdentity, OperationRows, Stores
 from skyfolio.api.flights.operation_views import (
     ENDED,
     IN_THE_AIR,
@@ -43,7 +43,7 @@ LAUNCH_LIMIT_S = 120.0
 class Operation:
     """One flight of one plan. What goes wrong is its `error`. Its state is stored before commands go."""
 
-    def __init__(self, head: Head, flight: Flight, parts: Parts, books: Books) -> None:
+    def __init__(self, head: OperationIdentity, flight: Flight, parts: Parts, books: Stores) -> None:
         self.head, self.flight, self.parts = head, flight, parts
         self._books = books
         self._rows = OperationRows(books.database, head)

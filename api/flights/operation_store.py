@@ -36,7 +36,7 @@ _MARK = (
 
 
 @dataclass(kw_only=True)
-class Head:
+class OperationIdentity:
     """What identifies an operation and never changes."""
 
     id: str
@@ -48,7 +48,7 @@ class Head:
 
 
 @dataclass(frozen=True)
-class Books:
+class Stores:
     """Where operations write."""
 
     database: Database
@@ -59,7 +59,7 @@ class Books:
 class OperationRows:
     """The row of one operation, written whole each time, and its track, of which only the new part is."""
 
-    def __init__(self, database: Database, head: Head) -> None:
+    def __init__(self, database: Database, head: OperationIdentity) -> None:
         self._database, self._head = database, head
         self.saved: asyncio.Future[None] | None = None
         """When the newest state is durable; None before the first save."""

@@ -11,7 +11,7 @@ from pydantic import BaseModel
 from skyfolio.api.fleet.commander import Action
 from skyfolio.api.flights.ends import UavEnd, ends_of
 from skyfolio.api.flights.flight import Flight
-from skyfolio.api.flights.recovery import Recovery
+from skyfolio.api.flights.recovery import RecoveryReport
 from skyfolio.api.flights.transition import scheduled_at
 
 Policy = Literal["auto", "approve", "off"]
@@ -106,7 +106,7 @@ class OperationView(BaseModel):
     low_on_battery: list[str] = []
     elapsed_s: float | None
     slot: int | None
-    recoveries: list[Recovery]
+    recoveries: list[RecoveryReport]
     proposal: Proposal | None = None
     user_rates_bps: dict[str, list[float | None]]
     error: str | None

@@ -15,11 +15,11 @@ from skyfolio.api.common.idempotency import Creation
 from skyfolio.api.fleet.commander import Action
 from skyfolio.api.fleet.registry import Fleet
 from skyfolio.api.flights.aborts import Aborts
-from skyfolio.api.flights.airspace import Skies
+from skyfolio.api.flights.airspace import SharedAirspace
 from skyfolio.api.flights.flight import Flight
 from skyfolio.api.flights.guidance import Way
 from skyfolio.api.flights.operation import Operation
-from skyfolio.api.flights.operation_store import Books, Head
+from skyfolio.api.flights.operation_store import OperationIdentity, Stores
 from skyfolio.api.flights.operation_views import ENDED, OperationView, Policy, State
 from skyfolio.api.flights.recovery import Parts
 from skyfolio.api.flights.restart import Record, restored, settle, stored_track
@@ -33,14 +33,14 @@ log = structlog.get_logger()
 class Operations:
     """Starts, finds, commands, and after a restart goes on with operations."""
 
-    def __init__(self, parts: Parts, books: Books, fleet: Fleet) -> None:
+    def __init__(self, parts: Parts, books: Stores, fleet: Fleet) -> None:
         self._parts, self._books, self._fleet = parts, books, fleet
         self._active: dict[str, Operation] = {}
         self._tasks: dict[str, asyncio.Task[None]] = {}
         self._unsaved: dict[str, Operation] = {}
         """Operations that have ended and whose end is not stored yet."""
         self._aborts = Aborts(fleet, books, self._taken, self._end)
-        self._skies = Skies(fleet)
+        self._skies = SharedAirspace(fleet)
         self._number = 0
         self._starting = asyncio.Lock()
 
@@ -73,7 +73,7 @@ class Operations:
             _require_ways_home(plan, way or Way())
             await self._skies.require_clear(plan, systems, way or Way())
             self._number += 1
-            head = Head(
+            head = OperationIdentity(
                 id=creation.id,
                 number=self._number,
                 policy=policy,

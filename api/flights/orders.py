@@ -9,16 +9,15 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Collection, Iterable
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from pydantic import BaseModel
 
 from skyfolio.api.common.errors import NotFoundError
 from skyfolio.api.fleet.commander import Action
+from skyfolio.api.fleet.obedience import left_alone
 from skyfolio.api.fleet.registry import Fleet
-
-if TYPE_CHECKING:
-    from skyfolio.api.flights.operations import Operations
+from skyfolio.api.flights.operations import Operations
 
 
 class OrderResult(BaseModel):
@@ -31,19 +30,6 @@ class OrderResult(BaseModel):
     outcome: Literal["ok", "failed", "left_alone"]
     reason: str | None = None
     operation_id: str | None = None
-
-
-def left_alone(fleet: Fleet, uav: str, action: Action, *, force: bool = False) -> str | None:
-    """Why this vehicle is not given the order; None when it is."""
-    system = fleet.system_of(uav)
-    if not fleet.is_heard(system):
-        return "it is not heard"
-    if fleet.is_down(system):
-        return "it is on the ground"
-    taken = fleet.taken(system)
-    if taken is None or (force and action != "hold"):
-        return None
-    return f"{taken}; " + ("it is not made to hold" if action == "hold" else "`force` overrules that")
 
 
 class Orders:

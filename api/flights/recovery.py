@@ -1,6 +1,6 @@
 """The resilience loop: a UAV is lost -> replan for the survivors -> swap their missions in flight -> fly on.
 
-One `Answer` answers one incident, and writes each step into the journal before it does it. When a step fails the
+One `Recovery` answers one incident, and writes each step into the journal before it does it. When a step fails the
 ladder is: plan again for a later slot; try a swap again from where the UAV then is; give it the last good plan; leave
 it holding. The survivors' missions on board fly the last good plan all the while.
 """
@@ -44,7 +44,7 @@ Outcome = Literal[
 ]
 
 
-class Recovery(BaseModel):
+class RecoveryReport(BaseModel):
     """One answer to a change. `_s` of the flight are fleet seconds since slot 0; solve, upload, timings are wall time.
 
     `source`: whether the plan was ready ahead of the loss or solved for. `vehicles`: None for each UAV that flies the
@@ -97,12 +97,12 @@ class TooLateError(Exception):
     """No slot is left to fly differently."""
 
 
-class Answer:
+class Recovery:
     """Answers one incident. A failed answer leaves the last good plan in force, and the missions that fly it."""
 
     def __init__(self, parts: Parts, flight: Flight, incident: Incident) -> None:
         self._parts, self._flight, self._incident = parts, flight, incident
-        self.report = Recovery(
+        self.report = RecoveryReport(
             outcome="failed",
             incident=incident.log.number,
             cause=incident.cause,
@@ -111,7 +111,7 @@ class Answer:
             at_slot=self._next_slot(),
         )
 
-    async def run(self) -> Recovery:
+    async def run(self) -> RecoveryReport:
         """From classified to closed; what was done, step by step, with timings."""
         try:
             plan = await self._agreed_plan()

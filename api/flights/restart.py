@@ -22,10 +22,10 @@ from skyfolio.api.flights.guidance import Way
 from skyfolio.api.flights.journal import Entry, Step, last_incident
 from skyfolio.api.flights.losses import Loss
 from skyfolio.api.flights.operation import Operation
-from skyfolio.api.flights.operation_store import Books, Head
+from skyfolio.api.flights.operation_store import OperationIdentity, Stores
 from skyfolio.api.flights.operation_views import IN_THE_AIR, State
 from skyfolio.api.flights.rates import InForce, Point
-from skyfolio.api.flights.recovery import Outcome, Parts, Recovery
+from skyfolio.api.flights.recovery import Outcome, Parts, RecoveryReport
 from skyfolio.api.store.tables import track as track_table
 from skyfolio.mavlink_bridge import OnEnd
 from skyfolio.planner import Plan
@@ -34,7 +34,7 @@ log = structlog.get_logger()
 Record: TypeAlias = list[tuple[float, dict[str, Point]]]
 
 
-async def restored(row: Row[Any], parts: Parts, books: Books, fleet: Fleet) -> Operation:
+async def restored(row: Row[Any], parts: Parts, books: Stores, fleet: Fleet) -> Operation:
     """An operation as it was last stored, with its slot clock where it is now."""
     said = json.loads(row.document)
     timeline = [InForce(entry["from_s"], await parts.plans.finished(entry["plan_id"])) for entry in said["timeline"]]
@@ -48,7 +48,7 @@ async def restored(row: Row[Any], parts: Parts, books: Books, fleet: Fleet) -> O
     elif said["slot0_at"] is not None:
         flight.go_on_from((time.time() - said["slot0_at"]) * parts.clock.scale)
     flight.recall(await stored_track(row.id, books))
-    head = Head(
+    head = OperationIdentity(
         id=row.id,
         number=row.number,
         policy=row.policy,
@@ -96,12 +96,12 @@ async def _untold(operation: Operation) -> list[Entry]:
     return entries if entries and entries[0].incident not in told else []
 
 
-def _told(entries: list[Entry], outcome: Outcome, error: str | None) -> Recovery:
+def _told(entries: list[Entry], outcome: Outcome, error: str | None) -> RecoveryReport:
     """What the journal says of an incident; as it was closed, if it was."""
     first, last = entries[0], entries[-1]
     if last.step is Step.CLOSED:
         outcome, error = last.data["outcome"], last.data.get("error")
-    return Recovery(
+    return RecoveryReport(
         outcome=outcome,
         incident=first.incident,
         cause=first.data.get("cause", "heartbeat_lost"),
@@ -112,7 +112,7 @@ def _told(entries: list[Entry], outcome: Outcome, error: str | None) -> Recovery
     )
 
 
-async def _close(operation: Operation, entries: list[Entry], report: Recovery) -> None:
+async def _close(operation: Operation, entries: list[Entry], report: RecoveryReport) -> None:
     """Write the last step, if it is not written, and remember the report."""
     if entries[-1].step is not Step.CLOSED:
         await _write(operation, report.incident, Step.CLOSED, {"outcome": report.outcome, "error": report.error})
@@ -199,7 +199,7 @@ def _in_mission(operation: Operation, uav: str) -> bool:
 
 
 async def stored_track(
-    operation_id: str, books: Books, after_s: float | None = None, limit: int | None = None
+    operation_id: str, books: Stores, after_s: float | None = None, limit: int | None = None
 ) -> Record:
     """Where every UAV of an operation was heard, the oldest first: all, or at most `limit` samples after `after_s`."""
     wanted = select(track_table).where(track_table.c.operation_id == operation_id)

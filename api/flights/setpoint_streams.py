@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection, Mapping
 
 from skyfolio.api.common.fleet_clock import FleetClock
 from skyfolio.api.fleet.registry import Fleet
-from skyfolio.api.flights.assigned_missions import Given
+from skyfolio.api.flights.assigned_missions import AssignedMission
 from skyfolio.mavlink_bridge import GuardFailed, east_north_to_geodetic
 from skyfolio.mavlink_bridge.guard import Guard, Orders
 from skyfolio.mavlink_bridge.guidance import FallBack, Stream, Streamed
@@ -35,7 +35,7 @@ class Streaming:
     ) -> None:
         self._systems, self._fleet, self._clock = systems, fleet, clock
         self._elapsed_s, self._fall_back = elapsed_s, fall_back
-        self._given: dict[str, Given] = {}
+        self._given: dict[str, AssignedMission] = {}
         self._stream: Stream | None = None
         self._task: asyncio.Task[None] | None = None
         self._handing: Mapping[int, asyncio.Task[str | None]] = {}
@@ -48,7 +48,7 @@ class Streaming:
         """Whether setpoints are being sent."""
         return self._task is not None and not self._task.done()
 
-    async def get_ready(self, given: Mapping[str, Given]) -> dict[int, str | None]:
+    async def get_ready(self, given: Mapping[str, AssignedMission]) -> dict[int, str | None]:
         """Put these UAVs into the mode that follows setpoints; for each system what went wrong, or None."""
         self._given = dict(given)
         await self._post_guard()
@@ -132,7 +132,7 @@ class Streaming:
         else:
             self._guard = guard
 
-    def _tell_guard(self, given: Mapping[str, Given]) -> None:
+    def _tell_guard(self, given: Mapping[str, AssignedMission]) -> None:
         if self._guard is None:
             return
         orders = None
@@ -154,7 +154,7 @@ class Streaming:
     def _warn(self, error: GuardFailed) -> None:
         self._fleet.note("guard", level="warning", error=str(error))
 
-    def _streamed(self, uav: str, one: Given) -> Streamed:
+    def _streamed(self, uav: str, one: AssignedMission) -> Streamed:
         system = self._systems[uav]
         streamer = Streamer(
             system,
@@ -166,5 +166,5 @@ class Streaming:
         return Streamed(vehicle=self._fleet.link.vehicle(system), streamer=streamer, mission=one.mission)
 
 
-def _items(one: Given) -> tuple[int, ...]:
+def _items(one: AssignedMission) -> tuple[int, ...]:
     return tuple(one.mission.item_of_slot(slot) for slot in range(len(one.path_m)))

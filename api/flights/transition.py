@@ -5,18 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import hypot
-from typing import TYPE_CHECKING
 
 from skyfolio.api.flights.flight import Flight
 from skyfolio.api.flights.rates import Point
+from skyfolio.api.flights.traffic import Traffic
 from skyfolio.mavlink_bridge.corridors import Meeting, meetings
 from skyfolio.mavlink_bridge.errors import TransitionTooClose
 from skyfolio.mavlink_bridge.ghosts import Airspace, Conflict
 from skyfolio.mavlink_bridge.transitions import check_transition
 from skyfolio.planner import Plan, ReplanError
-
-if TYPE_CHECKING:
-    from skyfolio.api.flights.airspace import Traffic
 
 SPEED_TOLERANCE = 1.25
 """A first leg may ask for this share of the maximum speed before it is called out of reach: it begins in mid-slot."""

@@ -26,6 +26,7 @@ from skyfolio.api.common.errors import (
     TooManyRequestsError,
     UnauthorizedError,
 )
+from skyfolio.api.dashboard import port
 from skyfolio.api.http import response_headers as edge
 from skyfolio.api.http.origin_checks import Hosts, require_json, require_same_origin
 from skyfolio.api.http.problems import answer_to
@@ -34,12 +35,8 @@ from skyfolio.api.service import Service
 from skyfolio.api.store import StoreError
 
 log = structlog.get_logger()
-COOKIE = "skyfolio_key"
 OPEN_PATHS = frozenset({"/health", "/ready", "/docs", "/openapi.json", "/login"})
 OPEN_BELOW = "/docs/assets/"
-DASHBOARD = "/ui"
-INSIDE = "skyfolio.inside"
-"""Key of the scope of a call that the service makes to itself, for somebody who passed the gate before."""
 SAFE = frozenset({"GET", "HEAD", "OPTIONS"})
 BODY_LIMIT_S = 30.0
 """Wall seconds in which a body must have arrived."""
@@ -120,7 +117,7 @@ class Passage:
         self.headers = Headers(scope=scope)
         self.path = inner_path(scope)
         self.method: str = scope.get("method", "WEBSOCKET")
-        self.client = "inside" if scope.get(INSIDE) else (scope.get("client") or ("unknown", 0))[0]
+        self.client = "inside" if scope.get(port.INSIDE) else (scope.get("client") or ("unknown", 0))[0]
         given = self.headers.get("x-request-id", "")
         self.request_id = given if _ID.fullmatch(given) else secrets.token_hex(8)
         self.principal: Principal | None = None
@@ -138,7 +135,7 @@ class Passage:
         if "x-api-key" in self.headers:
             return self.headers["x-api-key"]
         try:
-            cookie = SimpleCookie(self.headers.get("cookie", "")).get(COOKIE)
+            cookie = SimpleCookie(self.headers.get("cookie", "")).get(port.COOKIE)
         except CookieError:
             return None
         return cookie.value if cookie else None
@@ -152,7 +149,7 @@ class Passage:
     @property
     def of_dashboard(self) -> bool:
         """Whether it is for the dashboard, which has a framework and a protocol of its own."""
-        return self.path == DASHBOARD or self.path.startswith(f"{DASHBOARD}/")
+        return self.path == port.PATH or self.path.startswith(f"{port.PATH}/")
 
     def require_ours(self, hosts: Hosts) -> None:
         """Raises MisdirectedError, CrossSiteError or MediaTypeError for what a browser must not be made to send."""
@@ -165,7 +162,7 @@ class Passage:
         """Who asks; None without the key that is needed. Raises what the client is told."""
         if await self._is_open():
             return LOCAL
-        if self.key is None or self.scope.get(INSIDE):
+        if self.key is None or self.scope.get(port.INSIDE):
             return await self._known()
         return await self.service.door.identify(self.client, self.key)
 

@@ -9,7 +9,7 @@ from typing import Any
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 from starlette.exceptions import HTTPException
 
 from skyfolio.api.common.errors import (
@@ -27,6 +27,7 @@ from skyfolio.api.common.errors import (
     TooManyRequestsError,
     UnauthorizedError,
 )
+from skyfolio.api.common.problem import Problem
 from skyfolio.api.common.validation import broken_rules
 from skyfolio.api.store.errors import StoreError
 from skyfolio.mavlink_bridge import BridgeError
@@ -51,16 +52,6 @@ TABLE: Mapping[type[Exception], tuple[int, str, str]] = {
     InfeasiblePlanError: (500, "internal", "The planner refused its own result"),
     BridgeError: (502, "fleet", "The fleet did not do what it was told"),
 }
-
-
-class Problem(BaseModel):
-    """What went wrong (RFC 9457). `errors` names the broken rules, each with the field it is about."""
-
-    type: str
-    title: str
-    status: int
-    detail: str
-    errors: list[dict[str, str]] | None = None
 
 
 def _described(said: str) -> dict[str, Any]:

@@ -13,17 +13,16 @@ from typing import Any
 
 from rich.console import Console
 
+from skyfolio.api.fleet.simulated_fleet import specs_at_starts
 from skyfolio.api.lab.radio import RadioTruth
 from skyfolio.mavlink_bridge import east_north_to_geodetic
 from skyfolio.planner import EXAMPLES, Plan, Scenario
 from skyfolio.sim import (
-    BOOTED_S_AGO,
     Event,
     Fleet,
     Impairments,
     ScaledClock,
     TlogWriter,
-    VehicleSpec,
     Weather,
     as_line,
     grid_of,
@@ -71,17 +70,6 @@ class SimulateConfig:
     booted_s_ago: float = 0.0
     as_json: bool = False
     console: Console = field(default_factory=Console)
-
-
-def specs_at_starts(
-    scenario: Scenario, autopilot: str = "px4", booted_s_ago: float = BOOTED_S_AGO
-) -> list[VehicleSpec]:
-    """One vehicle on the ground at each UAV's start; system ids 1, 2, ... in the scenario's order."""
-    specs = []
-    for system_id, uav in enumerate(scenario.uavs, start=1):
-        lat_deg, lon_deg = east_north_to_geodetic(scenario.origin, *uav.start_m)
-        specs.append(VehicleSpec(system_id, lat_deg, lon_deg, autopilot=autopilot, booted_s_ago=booted_s_ago))
-    return specs
 
 
 def fleet_of(config: SimulateConfig) -> Fleet:

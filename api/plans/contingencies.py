@@ -43,6 +43,19 @@ class Contingency(BaseModel):
     error: str | None = None
 
 
+class ContingencyTable(BaseModel):
+    """For each UAV of the plan, what users get when it is lost as slot `at_slot` begins. Rates in bit/s.
+
+    `mean_sum_rate_bps`: as planned, over the same slots. `complete`: whether every row is there.
+    """
+
+    plan_id: str
+    at_slot: int
+    mean_sum_rate_bps: float
+    complete: bool
+    rows: list[Contingency]
+
+
 class Contingencies:
     """All plans ahead of this service, by (plan, slot, UAV)."""
 

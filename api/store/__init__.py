@@ -5,8 +5,8 @@ and reads, `writer.py` writes: every write is durable when it returns, and write
 Times are UTC seconds since 1970; documents are JSON text, so that both databases hold the same bytes.
 """
 
-from skyfolio.api.store.database import TEMPORARY, Database
+from skyfolio.api.store.database import Database
 from skyfolio.api.store.errors import StoreError
 from skyfolio.api.store.tables import metadata
 
-__all__ = ["TEMPORARY", "Database", "StoreError", "metadata"]
+__all__ = ["Database", "StoreError", "metadata"]

@@ -17,6 +17,7 @@ from sqlalchemy.engine import make_url
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine, create_async_engine
 
+from skyfolio.api.common.settings import TEMPORARY
 from skyfolio.api.store.errors import StoreError
 from skyfolio.api.store.migrate import upgrade
 from skyfolio.api.store.spill import Spill
@@ -25,7 +26,6 @@ from skyfolio.api.store.writer import InThread, OnLoop, Statement, Writer
 log = structlog.get_logger()
 LOOK_EVERY_S = 0.1
 """How often a flight that waits for its write looks whether the database still answers."""
-TEMPORARY = "temporary"
 """Database URL of a service that keeps nothing after it ends."""
 SHRINK_PAGES = 2_000
 _PRAGMAS = (

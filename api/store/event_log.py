@@ -23,7 +23,6 @@ from fastapi.sse import format_sse_event
 from pydantic import BaseModel
 from sqlalchemy import func, select
 
-from skyfolio.api.access.api_keys import RECHECK_S
 from skyfolio.api.store import Database
 from skyfolio.api.store.tables import events as table
 
@@ -35,6 +34,8 @@ PROVISIONAL = "provisional"
 PAGE = 500
 KEEP_ALIVE = b": keep-alive\n\n"
 KEEP_ALIVE_S = 15.0
+ASK_AGAIN_S = 0.5
+"""How often a stream asks whether it may go on."""
 Allowed: TypeAlias = Callable[[], Awaitable[bool]]
 _INSERT = table.insert()
 
@@ -142,7 +143,7 @@ class EventLog:
         try:
             while True:
                 now_s = time.monotonic()
-                if allowed is not None and now_s - asked_s >= RECHECK_S:
+                if allowed is not None and now_s - asked_s >= ASK_AGAIN_S:
                     if not await allowed():
                         return
                     asked_s = now_s
@@ -191,7 +192,7 @@ class EventLog:
 async def _pause(news: asyncio.Event) -> None:
     """Wait for news, and not too long to look whether one may still wait."""
     with suppress(TimeoutError):
-        async with asyncio.timeout(RECHECK_S):
+        async with asyncio.timeout(ASK_AGAIN_S):
             await news.wait()
 
 

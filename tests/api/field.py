@@ -15,7 +15,7 @@ import httpx2
 
 from skyfolio import sim
 from skyfolio.api.common.settings import Settings
-from skyfolio.api.lab.simulate import specs_at_starts
+from skyfolio.api.fleet.simulated_fleet import specs_at_starts
 from skyfolio.planner import EXAMPLES
 from tests.ports import free_port
 

@@ -15,9 +15,9 @@ from fastapi.testclient import TestClient
 from skyfolio import sim
 from skyfolio.api.client import Client
 from skyfolio.api.common.settings import Settings
+from skyfolio.api.fleet.simulated_fleet import specs_at_starts
 from skyfolio.api.flights.operation_views import ENDED, OperationView, State
 from skyfolio.api.http.app import create_app
-from skyfolio.api.lab.simulate import specs_at_starts
 from skyfolio.api.service import Service
 from skyfolio.mavlink_bridge import Autopilot
 from skyfolio.planner import Plan, Scenario

@@ -12,10 +12,11 @@ from fastapi.testclient import TestClient
 from skyfolio.api.client import ApiError
 from skyfolio.api.common.errors import ConflictError
 from skyfolio.api.fleet.registry import Fleet
-from skyfolio.api.flights.airspace import Skies, Traffic
+from skyfolio.api.flights.airspace import SharedAirspace
 from skyfolio.api.flights.flight import Flight as Flown
 from skyfolio.api.flights.guidance import Way
 from skyfolio.api.flights.operation_views import State
+from skyfolio.api.flights.traffic import Traffic
 from skyfolio.api.flights.transition import Present, require_separated
 from skyfolio.mavlink_bridge import Telemetry, east_north_to_geodetic
 from skyfolio.mavlink_bridge.corridors import Corridor
@@ -102,7 +103,7 @@ def one(number: int, *users: str, **changes: Any) -> Scenario:
     return MINIMAL.with_changes(uavs=(MINIMAL.uavs[number],), users=chosen, **changes)
 
 
-def refusal(skies: Skies, made: Plan, field: Field) -> str | None:
+def refusal(skies: SharedAirspace, made: Plan, field: Field) -> str | None:
     systems = {uav: field.systems[uav] for uav in made.scenario.uav_ids}
     try:
         asyncio.run(skies.require_clear(made, systems, Way()))
@@ -113,7 +114,7 @@ def refusal(skies: Skies, made: Plan, field: Field) -> str | None:
 
 def test_a_plan_that_crosses_the_sweep_of_another_operation_is_refused_by_name(first: Plan, second: Plan) -> None:
     field = Field(uav_1=1, uav_2=2)
-    skies = Skies(cast("Fleet", field))
+    skies = SharedAirspace(cast("Fleet", field))
     skies.enter("op-1", cast("Flown", flight_of(along(first, (0.0, 0.0), (100.0, 0.0)), field)))
     crosses = along(second, (50.0, -50.0), (50.0, 50.0))
     told = refusal(skies, crosses, field)
@@ -127,7 +128,7 @@ def test_a_plan_that_crosses_the_sweep_of_another_operation_is_refused_by_name(f
 def test_what_was_flown_already_is_free_again_and_other_origins_are_reckoned_with(first: Plan, second: Plan) -> None:
     field = Field(uav_1=1, uav_2=2)
     field.down.clear()
-    skies = Skies(cast("Fleet", field))
+    skies = SharedAirspace(cast("Fleet", field))
     sweep = along(first, (0.0, 0.0), (50.0, 0.0), (100.0, 0.0), (150.0, 0.0))
     skies.enter("op-1", cast("Flown", flight_of(sweep, field, now_s=11.0)))
     assert refusal(skies, along(second, (20.0, -30.0), (20.0, 30.0)), field) is None
@@ -138,7 +139,7 @@ def test_what_was_flown_already_is_free_again_and_other_origins_are_reckoned_wit
 
 def test_one_that_hovers_for_no_operation_keeps_its_place(first: Plan) -> None:
     field = Field(uav_1=1, uav_2=2)
-    skies = Skies(cast("Fleet", field))
+    skies = SharedAirspace(cast("Fleet", field))
     field.at_deg[2] = east_north_to_geodetic(ORIGIN, 50.0, 1.0)
     crosses = along(first, (0.0, 0.0), (100.0, 0.0))
     assert refusal(skies, crosses, field) is None  # on the ground
@@ -161,7 +162,7 @@ def ghost(uav: str) -> Ghost:
 def test_a_ghost_of_one_operation_is_a_ghost_to_all_in_their_time_and_place(first: Plan, second: Plan) -> None:
     field = Field(uav_1=1, uav_2=2)
     field.down.clear()
-    skies = Skies(cast("Fleet", field))
+    skies = SharedAirspace(cast("Fleet", field))
     one, other = flight_of(first, field, now_s=20.0), flight_of(second, field, now_s=5.0)
     other.first_plan = along(second, (0.0, 0.0), (1.0, 0.0), origin=NORTH)
     skies.enter("op-1", cast("Flown", one))
@@ -179,7 +180,7 @@ def test_a_ghost_of_one_operation_is_a_ghost_to_all_in_their_time_and_place(firs
 def test_a_ghost_outlives_its_operation_until_it_is_seen_on_the_ground(first: Plan, second: Plan) -> None:
     field = Field(uav_1=1, uav_2=2)
     field.down.clear()
-    skies = Skies(cast("Fleet", field))
+    skies = SharedAirspace(cast("Fleet", field))
     one, other = flight_of(first, field, now_s=20.0), flight_of(second, field, now_s=5.0)
     skies.enter("op-1", cast("Flown", one))
     one.guidance.airspace.reserve(ghost("uav-1"))

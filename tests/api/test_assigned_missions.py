@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from sqlalchemy import insert
 
-from skyfolio.api.flights.assigned_missions import Given, MissionBook
+from skyfolio.api.flights.assigned_missions import AssignedMission, MissionBook
 from skyfolio.api.store import Database
 from skyfolio.api.store.tables import operations
 from skyfolio.mavlink_bridge import Autopilot, compile_mission, mission_differences
@@ -17,8 +17,8 @@ def made() -> Plan:
     return plan(EXAMPLES["minimal"]())
 
 
-def given(made: Plan, uav: str, autopilot: Autopilot, altitude_m: float = 60.0) -> Given:
-    return Given(
+def given(made: Plan, uav: str, autopilot: Autopilot, altitude_m: float = 60.0) -> AssignedMission:
+    return AssignedMission(
         mission=compile_mission(made, uav, autopilot=autopilot),
         path_m=list(made.trajectories_m[uav]),
         first_slot=3,
@@ -31,7 +31,7 @@ def given(made: Plan, uav: str, autopilot: Autopilot, altitude_m: float = 60.0) 
 @pytest.mark.parametrize("autopilot", list(Autopilot))
 def test_a_mission_comes_back_as_it_was(made: Plan, autopilot: Autopilot) -> None:
     before = given(made, "uav-1", autopilot)
-    after = Given.of_document(before.document())
+    after = AssignedMission.of_document(before.document())
     assert mission_differences(before.mission.items, after.mission.items) == ()
     for name in ("path_m", "first_slot", "slot_s", "origin", "altitude_m", "began_s"):
         assert getattr(after, name) == getattr(before, name)

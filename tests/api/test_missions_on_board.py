@@ -8,7 +8,7 @@ import pytest
 
 from skyfolio.api.common.fleet_clock import FleetClock
 from skyfolio.api.flights.guidance import FlightGuidance
-from skyfolio.api.flights.missions_on_board import Aboard
+from skyfolio.api.flights.missions_on_board import MissionsOnBoard
 from skyfolio.mavlink_bridge import Autopilot
 from skyfolio.mavlink_bridge.models import PX4
 from skyfolio.mavlink_bridge.verified import OnBoard
@@ -100,7 +100,7 @@ async def test_the_ways_of_a_ghost_survive_a_restart(guidance: FlightGuidance, m
 
 def test_after_a_restart_anything_that_was_sent_may_be_on_board(made: Plan) -> None:
     newest, older = (given(made, "uav-1", Autopilot.PX4, altitude_m) for altitude_m in (65.0, 60.0))
-    aboard = Aboard()
+    aboard = MissionsOnBoard()
     aboard.recall({"uav-1": [newest, older]})
     assert aboard.may_fly("uav-1") == (older, newest)
     assert aboard.newest() == {"uav-1": newest}

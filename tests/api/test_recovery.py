@@ -7,7 +7,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from skyfolio.api.flights.journal import Step
-from skyfolio.api.flights.recovery import Answer, Incident, Recovery
+from skyfolio.api.flights.recovery import Incident, Recovery, RecoveryReport
 from skyfolio.planner import Plan, ReplanError
 from tests.virtual_loop import run
 
@@ -28,7 +28,7 @@ class Steps:
         self.taken.append((asyncio.get_running_loop().time(), step, data))
 
 
-class Planning(Answer):
+class Planning(Recovery):
     """An answer whose planner refuses everything."""
 
     async def _plan(self, at_slot: int, *, use_ready: bool) -> Plan:
@@ -36,7 +36,7 @@ class Planning(Answer):
         raise ReplanError(f"nothing to fly from slot {at_slot} on")
 
 
-def answered(found_s: float, began_s: float = 0.0) -> tuple[Recovery, Steps]:
+def answered(found_s: float, began_s: float = 0.0) -> tuple[RecoveryReport, Steps]:
     """What becomes of an answer to the loss of uav-3 while uav-2 is nowhere until `found_s`."""
 
     def now_s() -> float:
@@ -46,7 +46,7 @@ def answered(found_s: float, began_s: float = 0.0) -> tuple[Recovery, Steps]:
         known = {"uav-1": (0.0, 0.0), "uav-3": (90.0, 0.0)}
         return known | ({"uav-2": (50.0, 0.0)} if now_s() >= found_s else {})
 
-    async def answer() -> Recovery:
+    async def answer() -> RecoveryReport:
         flight: Any = SimpleNamespace(
             now_s=now_s, slot_s=SLOT_S, n_slots=SLOTS, positions_m=positions_m, on_board=lambda _uav: "heard",
             surviving=lambda: ["uav-1", "uav-2"],

@@ -16,7 +16,7 @@ from skyfolio.api.common.idempotency import fresh
 from skyfolio.api.common.settings import Settings
 from skyfolio.api.dashboard.feed import TRACK_AT_ONCE, Feed
 from skyfolio.api.dashboard.rest import Rest
-from skyfolio.api.flights.assigned_missions import Given, MissionBook
+from skyfolio.api.flights.assigned_missions import AssignedMission, MissionBook
 from skyfolio.api.flights.swap import Swap
 from skyfolio.api.flights.take_off import FlightError, TakeOff
 from skyfolio.api.http.app import create_app
@@ -131,7 +131,7 @@ async def test_stored_missions_are_written_and_read_beside_the_loop(
     await with_track(service, 1)
     scenario = made.scenario
     given = {
-        uav: Given(
+        uav: AssignedMission(
             mission=Missions(made)._mission(uav),
             path_m=list(made.trajectories_m[uav]),
             first_slot=0,

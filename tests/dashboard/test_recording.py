@@ -7,7 +7,7 @@ import pytest
 from skyfolio.api.dashboard import comparison, report_page
 from skyfolio.api.dashboard.recording import Recording, placed
 from skyfolio.api.dashboard.report import lost_at, report_of
-from skyfolio.api.dashboard.views import Drill, Happening, Operation, TrackPoint, Transaction
+from skyfolio.api.dashboard.views import Drill, Happening, Operation, Recovery, TrackPoint
 from skyfolio.planner import Plan, Scenario, plan, replan
 
 SLOT_S = 5.0
@@ -24,7 +24,7 @@ def plans(minimal: Scenario) -> tuple[Plan, Plan]:
 def operation(plans: tuple[Plan, Plan]) -> Operation:
     first, second = plans
     flown = {user: [*first.user_rates_bps[user][:4], *second.user_rates_bps[user]] for user in first.scenario.user_ids}
-    answered = Transaction(
+    answered = Recovery(
         number=1,
         title="uav-2",
         lost={"uav-2": 5.0},
@@ -42,7 +42,7 @@ def operation(plans: tuple[Plan, Plan]) -> Operation:
         vehicles={"uav-1": 1, "uav-2": 2},
         lost=("uav-2",),
         user_rates_bps=flown,
-        transactions=(answered,),
+        recoveries=(answered,),
     )
 
 
@@ -137,9 +137,9 @@ def test_the_report_compares_what_was_flown_with_doing_nothing(
 
 
 def test_an_operation_that_did_not_end_well_is_no_recovery(operation: Operation, plans: tuple[Plan, Plan]) -> None:
-    failed = operation.model_copy(update={"state": "failed", "error": "lost: <everything>", "transactions": ()})
+    failed = operation.model_copy(update={"state": "failed", "error": "lost: <everything>", "recoveries": ()})
     made = report_of(failed, plans[:1], [], None)
     assert not made.recovered
     assert "&lt;everything&gt;" in report_page.page(made)
-    nothing = report_of(operation.model_copy(update={"transactions": ()}), plans[:1], [], None)
+    nothing = report_of(operation.model_copy(update={"recoveries": ()}), plans[:1], [], None)
     assert "no UAV was declared lost" in nothing.verdict

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from skyfolio.api.dashboard.recoveries import transactions
+from skyfolio.api.dashboard.recoveries import recoveries
 
 LOST = {"uav-3": 5.2}
 
@@ -30,7 +30,7 @@ REPORT = {
 
 
 def test_a_running_answer_shows_how_far_it_is() -> None:
-    (one,) = transactions([], [DETECTED, CLASSIFIED, REPLANNED], None)
+    (one,) = recoveries([], [DETECTED, CLASSIFIED, REPLANNED], None)
     assert one.lost == LOST
     assert one.phase == "answering"
     assert [(step.name, step.state) for step in one.steps] == [
@@ -44,7 +44,7 @@ def test_a_running_answer_shows_how_far_it_is() -> None:
 
 def test_a_proposal_waits_for_the_operator() -> None:
     journal = [DETECTED, REPLANNED, CHECKED, entry("proposed", 1.2, plan_id="plan-2")]
-    (one,) = transactions([], journal, {"incident": 1, "plan_id": "plan-2", "lost": LOST})
+    (one,) = recoveries([], journal, {"incident": 1, "plan_id": "plan-2", "lost": LOST})
     assert one.proposed
     assert one.plan_id == "plan-2"
     assert one.steps[-1].state == "waiting"
@@ -64,7 +64,7 @@ def test_a_finished_answer_shows_each_step_with_its_time_and_its_vehicles() -> N
         entry("flying", 1.5, plan_id="plan-2"),
         entry("closed", 1.51),
     ]
-    (one,) = transactions([REPORT], journal, None)
+    (one,) = recoveries([REPORT], journal, None)
     steps = {step.name: step for step in one.steps}
     assert steps["Replan"].took == "100 ms"
     assert steps["Upload"].detail == "uav-1, uav-2"
@@ -78,20 +78,20 @@ def test_a_finished_answer_shows_each_step_with_its_time_and_its_vehicles() -> N
 
 def test_a_failed_answer_says_why() -> None:
     report = {**REPORT, "outcome": "too_late", "error": "no slot is left", "in_force_at_s": None, "plan_id": None}
-    (one,) = transactions([report], [DETECTED, entry("refused", 1.1, attempt=1, error="too close")], None)
+    (one,) = recoveries([report], [DETECTED, entry("refused", 1.1, attempt=1, error="too close")], None)
     assert one.steps[1].state == "failed"
     assert one.steps[-1].state == "failed"
     assert one.steps[-1].detail == "no slot is left"
 
 
 def test_an_operation_that_ends_leaves_no_answer_running() -> None:
-    (one,) = transactions([], [DETECTED, REPLANNED], None, over=True)
+    (one,) = recoveries([], [DETECTED, REPLANNED], None, over=True)
     assert one.phase == "unanswered"
     assert [step.state for step in one.steps] == ["done", "done", "failed"]
 
 
 def test_two_incidents_are_two_answers() -> None:
     second = {**REPORT, "incident": 2, "lost": {"uav-1": 6.0}}
-    made = transactions([REPORT, second], [DETECTED, entry("detected", 9.0, incident=2, lost={"uav-1": 6.0})], None)
+    made = recoveries([REPORT, second], [DETECTED, entry("detected", 9.0, incident=2, lost={"uav-1": 6.0})], None)
     assert [one.number for one in made] == [1, 2]
     assert [list(one.lost) for one in made] == [["uav-3"], ["uav-1"]]

@@ -125,7 +125,7 @@ class DrillPage:
             return
         if self._drill is not None and self._drill.state == "scheduled":
             self._drill = await self._feed.drill_now(self._drill.id)
-        state = (operation.state, operation.slot, operation.lost, operation.transactions, self._drill)
+        state = (operation.state, operation.slot, operation.lost, operation.recoveries, self._drill)
         if state != self._drawn:
             self._drawn = state
             self._draw(operation, first)
@@ -139,7 +139,7 @@ class DrillPage:
             if self._drill is not None:
                 when = "at once" if self._drill.at_slot is None else f"when slot {self._drill.at_slot} begins"
                 text("p", f"{self._drill.fault} of {self._drill.uav_id} {when}: {self._drill.state}", "sf-sub")
-            for one in operation.transactions:
+            for one in operation.recoveries:
                 answer(one)
 
     async def _finish(self, operation: Operation) -> None:

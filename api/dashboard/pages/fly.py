@@ -54,8 +54,8 @@ class FlyPage:
         self._draw_scene(operation, plan, first)
         self._draw_timeline(operation, plan, first)
         self._notices.draw(operation)
-        if self._changed("answers", operation.transactions):
-            self._situation.show_answers(operation.transactions)
+        if self._changed("answers", operation.recoveries):
+            self._situation.show_answers(operation.recoveries)
         if self._slot is None:
             self._draw_live(operation, plan, first)
 

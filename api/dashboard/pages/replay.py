@@ -140,7 +140,7 @@ class ReplayPage:
         self._situation.show_slot(slot or 0, "" if slot is None else f"slot {slot}")
         self._draw_timeline(recording, slot)
         self._draw_events(recording, at_s, moved_back=back)
-        known = tuple(one for one in recording.operation.transactions if (one.declared_at_s or 0.0) <= at_s)
+        known = tuple(one for one in recording.operation.recoveries if (one.declared_at_s or 0.0) <= at_s)
         if self._changed("answers", known):
             self._situation.show_answers(known)
 

@@ -6,27 +6,13 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Response
 from fastapi.responses import JSONResponse
-from pydantic import BaseModel
 
 from skyfolio.api.access.api_keys import Role
 from skyfolio.api.common.errors import InvalidError
 from skyfolio.api.http.routes.deps import KNOWN, ServiceDep, requires
-from skyfolio.api.plans.contingencies import Contingency
+from skyfolio.api.plans.contingencies import ContingencyTable
 
 router = APIRouter(prefix="/v1", tags=["plans"], dependencies=[*KNOWN, requires(Role.PLANNER)])
-
-
-class ContingencyTable(BaseModel):
-    """For each UAV of the plan, what users get when it is lost as slot `at_slot` begins. Rates in bit/s.
-
-    `mean_sum_rate_bps`: as planned, over the same slots. `complete`: whether every row is there.
-    """
-
-    plan_id: str
-    at_slot: int
-    mean_sum_rate_bps: float
-    complete: bool
-    rows: list[Contingency]
 
 
 ANSWERS: dict[int | str, dict[str, Any]] = {

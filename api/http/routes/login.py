@@ -9,7 +9,7 @@ from fastapi.responses import HTMLResponse
 from pydantic import BaseModel, ConfigDict, Field
 
 from skyfolio.api.common.errors import UnauthorizedError
-from skyfolio.api.http.middleware import COOKIE
+from skyfolio.api.dashboard.port import COOKIE
 from skyfolio.api.http.response_headers import page_policy
 from skyfolio.api.http.routes.deps import ServiceDep
 

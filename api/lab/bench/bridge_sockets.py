@@ -13,10 +13,10 @@ from math import ceil
 from typing import Any
 
 from skyfolio import sim
+from skyfolio.api.fleet.simulated_fleet import specs_at_starts
 from skyfolio.api.lab.bench.measure import quantile
 from skyfolio.api.lab.bench.tracks import moving_plan
 from skyfolio.api.lab.demo.client import free_port
-from skyfolio.api.lab.simulate import specs_at_starts
 from skyfolio.mavlink_bridge import Autopilot, FleetLink, HeartbeatMonitor, SwapResult, compile_mission
 from skyfolio.planner import Plan
 

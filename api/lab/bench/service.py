@@ -23,10 +23,10 @@ import httpx2
 from rich.table import Table
 
 from skyfolio import sim
+from skyfolio.api.fleet.simulated_fleet import specs_at_starts
 from skyfolio.api.lab.bench.loop import loop_figures
 from skyfolio.api.lab.bench.streams import streams_figures
 from skyfolio.api.lab.demo.client import call, free_port, service_process
-from skyfolio.api.lab.simulate import specs_at_starts
 from skyfolio.planner import EXAMPLES, Scenario, Uav, User
 
 RATE_PER_S = 200

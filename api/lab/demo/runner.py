@@ -12,13 +12,13 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from skyfolio import sim
+from skyfolio.api.fleet.simulated_fleet import specs_at_starts
 from skyfolio.api.flights.operation_views import ENDED as ENDED_STATES
 from skyfolio.api.lab.demo import truth
 from skyfolio.api.lab.demo.client import DemoError, call, free_port, service_process
 from skyfolio.api.lab.demo.orders import DemoConfig, Outcome
 from skyfolio.api.lab.demo.page import result_table, write_page
 from skyfolio.api.lab.demo.report import DemoReport
-from skyfolio.api.lab.simulate import specs_at_starts
 from skyfolio.planner import EXAMPLES, Plan, Scenario
 
 POLL_S = 0.1
