@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skyfolio.mavlink_bridge.errors import TransitionTooClose
 from skyfolio.mavlink_bridge.ghosts import Airspace
 from skyfolio.mavlink_bridge.pace import Point
-
-Array = NDArray[np.float64]
+from skyfolio.planner.arrays import Array
 
 
 def check_transition(

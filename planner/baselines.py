@@ -15,14 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyfolio.planner import fast
-from skyfolio.planner.channel import spectral_efficiency, squared_distances
+from skyfolio.planner.arrays import Array
+from skyfolio.planner.channel import squared_distances
 from skyfolio.planner.plans import Iteration
 from skyfolio.planner.problem import Problem
+from skyfolio.planner.sinr import spectral_efficiency
 from skyfolio.planner.solution import Observer, Solution
 from skyfolio.planner.stopping import StoppingRule
 from skyfolio.planner.utility import utility_kbps
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 STEPS_M = (80.0, 40.0, 20.0, 10.0, 5.0)
 DIRECTIONS = np.array([(np.cos(angle), np.sin(angle)) for angle in np.arange(8) * np.pi / 4])

@@ -12,15 +12,14 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from skyfolio.planner.arrays import Array
 from skyfolio.planner.channel import sum_of_others
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.reach import squared_distance_range
 from skyfolio.planner.utility import rate_weights, soft_mean, utility_kbps
 
-Array = NDArray[np.float64]
 TANGENTS = 12
 """How many tangent planes are tried: each costs one assignment per slot."""
 SMALL = 200_000

@@ -11,8 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skyfolio.planner.arrays import Array
 from skyfolio.planner.bound import best_step, lifted_kbps, reachability_bound_kbps
 from skyfolio.planner.cells import split_cells
 from skyfolio.planner.fast.arena import plain
@@ -20,7 +20,6 @@ from skyfolio.planner.problem import Problem
 from skyfolio.planner.reach import Reach, reach_of
 from skyfolio.planner.utility import rate_weights, utility_kbps
 
-Array = NDArray[np.float64]
 MAX_UAVS = 3
 CHUNK = 4096
 """Nodes split between two looks at the stopping rule."""

@@ -13,7 +13,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-Array: TypeAlias = NDArray[np.float64]
+from skyfolio.planner.arrays import Array
+
 Indices: TypeAlias = NDArray[np.intp]
 ROUNDING_M = 1e-6
 FAR_M = 1e9

@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
 
+from skyfolio.planner.arrays import Array
 from skyfolio.planner.scenario import Channel
-
-if TYPE_CHECKING:
-    from skyfolio.planner.problem import Problem
-
-Array = NDArray[np.float64]
 
 
 def squared_distances(paths_m: Array, user_m: Array, altitude_m: Array) -> Array:
@@ -25,16 +20,6 @@ def squared_distances(paths_m: Array, user_m: Array, altitude_m: Array) -> Array
     apart = paths_m[:, None, :, :] - user_m[None, :, None, :]
     squared: Array = np.einsum("uknd,uknd->ukn", apart, apart) + altitude_m[:, None, None] ** 2
     return squared
-
-
-def spectral_efficiency(problem: Problem, paths_m: Array) -> Array:
-    """log2(1 + SINR) of eq. (4), as if each UAV served each user: (U, K, N) bit/s/Hz.
-
-    Every other UAV of the fleet interferes on the whole band, as in the letter.
-    """
-    snr = problem.snr_gain / squared_distances(paths_m, problem.user_m, problem.altitude_m)
-    efficiency: Array = np.log1p(snr / (1.0 + sum_of_others(snr))) / np.log(2)
-    return efficiency
 
 
 def sum_of_others(values: Array) -> Array:

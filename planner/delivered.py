@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from skyfolio.planner.arrays import Array
 from skyfolio.planner.channel import fading_gains, sum_of_others
 from skyfolio.planner.plans import Plan
-
-Array = NDArray[np.float64]
 
 
 def delivered_rates_bps(

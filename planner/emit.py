@@ -7,8 +7,8 @@ from hashlib import sha256
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skyfolio.planner.arrays import Array
 from skyfolio.planner.bound import reachability_bound_kbps
 from skyfolio.planner.fast import served_rates_bps
 from skyfolio.planner.feasibility import MIN_RATE_ROUNDING, require_feasible
@@ -17,8 +17,6 @@ from skyfolio.planner.problem import Past, Problem
 from skyfolio.planner.scenario import Scenario
 from skyfolio.planner.solution import Solution
 from skyfolio.planner.utility import jain_index, mean_variance_kbps, utility_kbps
-
-Array = NDArray[np.float64]
 
 
 def emit(

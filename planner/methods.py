@@ -4,15 +4,11 @@ from __future__ import annotations
 
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
 from skyfolio.planner import baselines, fast
+from skyfolio.planner.arrays import Array
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.solution import Observer, Solution
 from skyfolio.planner.stopping import StoppingRule
-
-Array = NDArray[np.float64]
 
 
 class Method(Protocol):

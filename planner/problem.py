@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from skyfolio.planner.arrays import Array
 from skyfolio.planner.channel import fading_gains
 from skyfolio.planner.scenario import NoFlyDisc, NoFlyPolygon, Scenario
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,17 +8,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ValidationError
 from shapely import Point as GeoPoint
 from shapely import Polygon
 
+from skyfolio.planner.arrays import Array
 from skyfolio.planner.changes import Changes, ReplanError, uavs_after, users_after
 from skyfolio.planner.plans import Cause, Plan
 from skyfolio.planner.problem import Past
 from skyfolio.planner.scenario import NoFlyDisc, NoFlyPolygon, Point, Scenario, Uav, zone_holds
 
-Array = NDArray[np.float64]
 CLEAR_M = 1e-6
 """A live position inside a no-fly zone is taken this far outside its edge."""
 

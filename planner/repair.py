@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
+from skyfolio.planner.arrays import Array
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.separation import closest_approach
 
-Array = NDArray[np.float64]
 SHRINK = 1.0 - 1e-9
 """Steps are kept this much below `D_max`, so that rounding never carries one over it."""
 ROUNDING_M = 2e-11

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from skyfolio.planner.arrays import Array
 
 
 def closest_approach(paths_m: Array) -> float:

@@ -9,9 +9,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from skyfolio.planner.arrays import Array
 from skyfolio.planner.plans import Iteration
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

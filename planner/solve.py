@@ -6,8 +6,8 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skyfolio.planner.arrays import Array
 from skyfolio.planner.emit import emit
 from skyfolio.planner.methods import DEFAULT_METHOD, method_of
 from skyfolio.planner.plans import Iteration, Plan, PlanStatus
@@ -16,8 +16,6 @@ from skyfolio.planner.scenario import Scenario
 from skyfolio.planner.solution import Observer, Solution
 from skyfolio.planner.stopping import AnyOf, MaxIterations, RelativeGain, StoppingRule
 from skyfolio.planner.unreachable import UnreachableEndError
-
-Array = NDArray[np.float64]
 
 
 def converged() -> AnyOf:

@@ -10,13 +10,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import softmax
+
+from skyfolio.planner.arrays import Array
 
 if TYPE_CHECKING:
     from skyfolio.planner.problem import Problem
-
-Array = NDArray[np.float64]
 
 
 def soft_mean(values: Array, mu: float) -> float:

@@ -12,13 +12,10 @@ from dataclasses import dataclass, field
 from math import inf, nextafter
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skyfolio.api.flights.rates import InForce, Sample, rates_by_sample
 from skyfolio.api.flights.track import Seen, Track
-
-Array = NDArray[np.float64]
-
+from skyfolio.planner.arrays import Array
 
 AT_ONCE = 8
 """Samples that are evaluated before the event loop may turn to something else: some milliseconds for a large fleet."""

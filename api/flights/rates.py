@@ -7,11 +7,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skyfolio.planner import Plan, delivered_rates_bps
+from skyfolio.planner.arrays import Array
 
-Array = NDArray[np.float64]
 Point = tuple[float, float]
 AT_ONCE = 64
 """Samples that are evaluated together: (samples, UAVs, users) is what takes the memory."""

@@ -10,14 +10,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skyfolio import sim
 from skyfolio.api.flights.rates import InForce, Sample, rates_by_slot
 from skyfolio.mavlink_bridge import geodetic_to_east_north
 from skyfolio.planner import Plan
-
-Array = NDArray[np.float64]
+from skyfolio.planner.arrays import Array
 
 
 def in_unseen_air(plan: Plan, seed: int) -> Plan:

@@ -13,10 +13,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from skyfolio.planner.arrays import Array
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.repair import step_limits_m
 
-Array: TypeAlias = NDArray[np.float64]
 Ints: TypeAlias = NDArray[np.int64]
 Flag: TypeAlias = bool | np.bool
 """A kernel compiles anew for each literal; `np.bool_(True)` is not one."""

@@ -12,7 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skyfolio.planner.fast.arena import Arena, Array, Links, kernel
+from skyfolio.planner.arrays import Array
+from skyfolio.planner.fast.arena import Arena, Links, kernel
 from skyfolio.planner.fast.flight import fly
 from skyfolio.planner.fast.floors import free_bands, refit, reweigh
 from skyfolio.planner.fast.rates import gradient, link_rates, value

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from skyfolio.planner.fast.arena import MARGIN, SUM, Arena, Array, Ints, Links, entry, kernel
+from skyfolio.planner.arrays import Array
+from skyfolio.planner.fast.arena import MARGIN, SUM, Arena, Ints, Links, entry, kernel
 from skyfolio.planner.fast.ascent import Ascent, ascend, ascent_of
 from skyfolio.planner.fast.matching import match_all
 from skyfolio.planner.fast.rates import link_rates, slot_signals, value

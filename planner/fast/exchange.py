@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skyfolio.planner.fast.arena import SUM, Arena, Array, Ints, kernel
+from skyfolio.planner.arrays import Array
+from skyfolio.planner.fast.arena import SUM, Arena, Ints, kernel
 
 SWEEPS = 4
 ROUNDING = 4e-15

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from skyfolio.planner.fast.arena import Arena, Array, Flag, Ints, entry, kernel, smooth
+from skyfolio.planner.arrays import Array
+from skyfolio.planner.fast.arena import Arena, Flag, Ints, entry, kernel, smooth
 from skyfolio.planner.fast.routes import one_step, way_on
 from skyfolio.planner.fast.zones import SLACK_M, push_from_zones, push_out
 

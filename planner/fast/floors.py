@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from skyfolio.planner.fast.arena import Arena, Array, Links, kernel
+from skyfolio.planner.arrays import Array
+from skyfolio.planner.fast.arena import Arena, Links, kernel
 
 
 @kernel

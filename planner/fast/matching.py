@@ -12,7 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skyfolio.planner.fast.arena import Arena, Array, Ints, Links, kernel, smooth
+from skyfolio.planner.arrays import Array
+from skyfolio.planner.fast.arena import Arena, Ints, Links, kernel, smooth
 from skyfolio.planner.fast.rates import slot_signals
 
 

@@ -7,7 +7,8 @@ from functools import partial
 
 import numpy as np
 
-from skyfolio.planner.fast.arena import Arena, Array, Links, arena_of, copy_of, links_of, plain
+from skyfolio.planner.arrays import Array
+from skyfolio.planner.fast.arena import Arena, Links, arena_of, copy_of, links_of, plain
 from skyfolio.planner.fast.blocked import who_is_blocked
 from skyfolio.planner.fast.climb import climb as climb_on
 from skyfolio.planner.fast.climb import tables

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from skyfolio.planner.fast.arena import PER_USER, POOLED, SUM, Arena, Array, Flag, Ints, Links, kernel, smooth
+from skyfolio.planner.arrays import Array
+from skyfolio.planner.fast.arena import PER_USER, POOLED, SUM, Arena, Flag, Ints, Links, kernel, smooth
 
 PER_LN = 1.0 / np.log(2.0)
 

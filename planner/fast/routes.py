@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from skyfolio.planner.fast.arena import Arena, Array, Ints, entry, kernel
+from skyfolio.planner.arrays import Array
+from skyfolio.planner.fast.arena import Arena, Ints, entry, kernel
 from skyfolio.planner.fast.zones import push_from_zones
 from skyfolio.planner.problem import Problem
 

@@ -9,7 +9,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from skyfolio.planner.fast.arena import Arena, Array, plain
+from skyfolio.planner.arrays import Array
+from skyfolio.planner.fast.arena import Arena, plain
 from skyfolio.planner.fast.flight import fly
 from skyfolio.planner.fast.routes import lead
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from skyfolio.planner.fast.arena import Array, Ints, entry, is_mean, plain
+from skyfolio.planner.arrays import Array
+from skyfolio.planner.fast.arena import Ints, entry, is_mean, plain
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.solution import Solution
 

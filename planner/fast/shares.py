@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from skyfolio.planner.fast.arena import Arena, Array, Ints, Links, kernel
+from skyfolio.planner.arrays import Array
+from skyfolio.planner.fast.arena import Arena, Ints, Links, kernel
 from skyfolio.planner.fast.exchange import THOROUGH, exchange, market_of, share_slot
 from skyfolio.planner.fast.rates import PER_LN, slot_signals, user_sums
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from skyfolio.planner.fast.arena import Arena, Array, Ints, kernel
+from skyfolio.planner.arrays import Array
+from skyfolio.planner.fast.arena import Arena, Ints, kernel
 
 SLACK_M = 1e-10
 """A leg this little too close is not: rounding."""

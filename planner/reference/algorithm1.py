@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
-from numpy.typing import NDArray
 
-from skyfolio.planner.channel import spectral_efficiency
+from skyfolio.planner.arrays import Array
 from skyfolio.planner.plans import Iteration
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.reference.association import nearest_binary, relaxed_association
@@ -17,11 +16,10 @@ from skyfolio.planner.reference.bandwidth import best_bandwidth, whole_shares
 from skyfolio.planner.reference.objective import SubproblemError
 from skyfolio.planner.reference.trajectory import steered
 from skyfolio.planner.repair import toward
+from skyfolio.planner.sinr import spectral_efficiency
 from skyfolio.planner.solution import Observer, Solution, ignore
 from skyfolio.planner.stopping import StoppingRule
 from skyfolio.planner.utility import utility_kbps
-
-Array = NDArray[np.float64]
 
 
 def algorithm_1(

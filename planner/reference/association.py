@@ -6,10 +6,9 @@ import cvxpy as cp
 import numpy as np
 from numpy.typing import NDArray
 
+from skyfolio.planner.arrays import Array
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.reference.objective import least_rates, maximise_with_least_rates
-
-Array = NDArray[np.float64]
 
 
 def relaxed_association(problem: Problem, bandwidth_hz: Array, efficiency: Array) -> Array:

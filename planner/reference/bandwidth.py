@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import cvxpy as cp
 import numpy as np
-from numpy.typing import NDArray
 
+from skyfolio.planner.arrays import Array
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.reference.objective import least_rates, maximise_with_least_rates
 
-Array = NDArray[np.float64]
 RESIDUE = 1e-5
 """Shares of a band below this are what an interior point method leaves of a zero."""
 

@@ -6,11 +6,10 @@ import warnings
 
 import cvxpy as cp
 import numpy as np
-from numpy.typing import NDArray
 
+from skyfolio.planner.arrays import Array
 from skyfolio.planner.problem import Problem
 
-Array = NDArray[np.float64]
 SHORTFALL_PRICE = 1e3
 """What a kbit/s below a minimum rate costs in kbit/s of utility: more than it can ever gain."""
 MIN_RATE_MARGIN = 1e-6

@@ -8,12 +8,13 @@ import cvxpy as cp
 import numpy as np
 from numpy.typing import NDArray
 
-from skyfolio.planner.channel import spectral_efficiency, squared_distances
+from skyfolio.planner.arrays import Array
+from skyfolio.planner.channel import squared_distances
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.reference.objective import least_rates, maximise_with_least_rates
 from skyfolio.planner.reference.zones import half_planes, outside
+from skyfolio.planner.sinr import spectral_efficiency
 
-Array = NDArray[np.float64]
 UNIT_M = 100.0
 """Lengths are solved in units of 100 m: the interior point method wants numbers near 1."""
 STEP_MARGIN = 1e-6

@@ -11,11 +11,10 @@ from collections.abc import Iterator
 import cvxpy as cp
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
+from skyfolio.planner.arrays import Array
 from skyfolio.planner.problem import Problem
 
-Array = NDArray[np.float64]
 MARGIN_M = 1e-4
 """Kept from a zone's edge where the last iterate keeps it too: the interior point method rounds."""
 

@@ -7,20 +7,20 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from skyfolio.planner import EXAMPLES
+from skyfolio.planner.arrays import Array
 from skyfolio.planner.bound import best_tables, lifted_kbps, reachability_bound_kbps, slot_bounds_kbps
 from skyfolio.planner.branch_and_bound import certificate
-from skyfolio.planner.channel import spectral_efficiency, squared_distances
+from skyfolio.planner.channel import squared_distances
 from skyfolio.planner.layouts import scattered
 from skyfolio.planner.problem import Problem, problem_of
 from skyfolio.planner.reach import squared_distance_range
 from skyfolio.planner.repair import within_limits
 from skyfolio.planner.scenario import NoFlyDisc
+from skyfolio.planner.sinr import spectral_efficiency
 from skyfolio.planner.utility import utility_kbps
 
-Array = NDArray[np.float64]
 KINDS = ("sum", "per_user", "pooled")
 
 

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from skyfolio.planner import EXAMPLES
-from skyfolio.planner.channel import fading_gains, spectral_efficiency, squared_distances, sum_of_others
+from skyfolio.planner.channel import fading_gains, squared_distances, sum_of_others
 from skyfolio.planner.problem import problem_of
 from skyfolio.planner.scenario import Channel
+from skyfolio.planner.sinr import spectral_efficiency
 
 SAMPLED = Channel(fading="sampled", seed=5, rician_k_db=3.0)
 

@@ -9,22 +9,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba import njit
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from skyfolio.planner import Channel, Origin, Scenario, Uav, User, Utility
-from skyfolio.planner.channel import spectral_efficiency
+from skyfolio.planner.arrays import Array
 from skyfolio.planner.fast import optimise
 from skyfolio.planner.fast.arena import Arena, Links, arena_of, links_of
 from skyfolio.planner.fast.climb import climb
 from skyfolio.planner.fast.exchange import water_fill
 from skyfolio.planner.fast.rates import gradient, link_rates, value
 from skyfolio.planner.problem import Problem, problem_of
+from skyfolio.planner.sinr import spectral_efficiency
 from skyfolio.planner.solution import Solution
 from skyfolio.planner.stopping import MaxIterations
 from skyfolio.planner.utility import utility_kbps
-
-Array = NDArray[np.float64]
 
 
 def _water_fill(decay: Array, first: Array, left: float, members: Any, khz: Array) -> float:

@@ -5,11 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from numpy.typing import NDArray
 
 from skyfolio.planner import closest_approach
+from skyfolio.planner.arrays import Array
 
-Array = NDArray[np.float64]
 two_paths = arrays(float, st.tuples(st.just(2), st.integers(1, 4), st.just(2)), elements=st.floats(-50, 50, width=32))
 
 

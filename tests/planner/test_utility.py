@@ -7,13 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from numpy.typing import NDArray
 
 from skyfolio.planner import EXAMPLES
+from skyfolio.planner.arrays import Array
 from skyfolio.planner.problem import Problem, problem_of
 from skyfolio.planner.utility import jain_index, mean_variance_kbps, rate_weights, soft_mean, utility_kbps
 
-Array = NDArray[np.float64]
 KINDS = ("sum", "per_user", "pooled")
 tables = arrays(float, st.tuples(st.integers(1, 4), st.integers(1, 6)), elements=st.floats(0, 200, width=32))
 kinds = st.sampled_from(KINDS)

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-from skyfolio.planner.channel import spectral_efficiency
+from skyfolio.planner.arrays import Array
 from skyfolio.planner.fast import linked, optimise
 from skyfolio.planner.plans import Iteration
 from skyfolio.planner.problem import Problem
@@ -15,11 +14,10 @@ from skyfolio.planner.reference.algorithm1 import algorithm_1
 from skyfolio.planner.reference.objective import SubproblemError
 from skyfolio.planner.reference.trajectory import steered
 from skyfolio.planner.repair import toward
+from skyfolio.planner.sinr import spectral_efficiency
 from skyfolio.planner.solution import Solution
 from skyfolio.planner.stopping import StoppingRule
 from skyfolio.planner.utility import utility_kbps
-
-Array = NDArray[np.float64]
 
 
 def variants(problem: Problem, stop: Callable[[], StoppingRule], starts: int) -> dict[str, Callable[[], Solution]]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from skyfolio.api.lab.bench.ablation import variants
 from skyfolio.api.lab.bench.measure import peak_mb, timed
 from skyfolio.planner import AnyOf, MaxIterations, Plan, RelativeGain, Scenario, Utility, plan, replan
+from skyfolio.planner.arrays import Array
 from skyfolio.planner.bound import reachability_bound_kbps
 from skyfolio.planner.branch_and_bound import MAX_UAVS, certificate
 from skyfolio.planner.fast import linked, optimise, served_rates_bps
@@ -20,7 +21,6 @@ from skyfolio.planner.remainder import remaining
 from skyfolio.planner.solution import Solution
 from skyfolio.planner.utility import utility_kbps
 
-Array = NDArray[np.float64]
 SIZES = ((3, 9, 20), (10, 100, 50), (20, 300, 100), (50, 1000, 100))
 KINDS = ("sum", "per_user")
 SEED = 1

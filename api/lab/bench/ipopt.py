@@ -14,11 +14,11 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from skyfolio.planner.channel import spectral_efficiency
+from skyfolio.planner.arrays import Array
 from skyfolio.planner.problem import Problem
+from skyfolio.planner.sinr import spectral_efficiency
 from skyfolio.planner.utility import utility_kbps
 
-Array = NDArray[np.float64]
 Shares = Callable[[Array], tuple[NDArray[np.intp], Array]]
 """From paths (U, N, 2) to the best serving UAV and bandwidth, each (K, N)."""
 

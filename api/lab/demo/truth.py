@@ -8,7 +8,6 @@ from math import ceil, hypot, inf
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skyfolio import sim
 from skyfolio.api.flights.rates import InForce, Point, Sample, rates_by_sample, rates_by_slot
@@ -16,9 +15,9 @@ from skyfolio.api.lab.demo.orders import DemoConfig, Outcome
 from skyfolio.api.lab.demo.report import Check, DemoReport, Rates, Tracking
 from skyfolio.mavlink_bridge import geodetic_to_east_north
 from skyfolio.planner import Plan, Scenario
+from skyfolio.planner.arrays import Array
 from skyfolio.planner.utility import jain_index, utility_kbps
 
-Array = NDArray[np.float64]
 PASSED_WITHIN_M = 3.0
 """A waypoint counts as flown when the true track passes this near: acceptance radius and cornering at 5 m/s."""
 

@@ -6,15 +6,14 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skyfolio.api.lab.reproduce.courses import FAILURE_SLOT, Choices, Course, fly, table, utility_of
 from skyfolio.planner import Utility, fast, plan
+from skyfolio.planner.arrays import Array
 from skyfolio.planner.baselines import nearest_uav
-from skyfolio.planner.channel import spectral_efficiency
 from skyfolio.planner.problem import Problem, problem_of
+from skyfolio.planner.sinr import spectral_efficiency
 
-Array = NDArray[np.float64]
 Rule = Literal["equal", "best"]
 SUM = Utility(kind="sum", mu_per_kbps=0.0)
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from pydantic import BaseModel
 
 from skyfolio.api.lab.reproduce.courses import BASELINE_1, READINGS, SR_MAX, pro_alg
+from skyfolio.planner.arrays import Array
 
-Array = NDArray[np.float64]
 Measured = Mapping[str, Mapping[str, Array]]
 """scheme name -> measure -> one value for each case (layout x failing UAV), in the same order of cases."""
 

@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skyfolio.planner import Plan, Scenario, Utility, letter, plan, replan
+from skyfolio.planner.arrays import Array
 from skyfolio.planner.examples import FADING, LAYOUT_SEED, NOISE_DBM, USER_RADIUS_M
 from skyfolio.planner.utility import jain_index, utility_kbps
 
-Array = NDArray[np.float64]
 FAILED = tuple(uav.id for uav in letter().uavs)
 """Each UAV fails in turn; the letter does not say which."""
 FAILURE_SLOT = 10

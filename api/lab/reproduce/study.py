@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skyfolio.api.lab.bench.measure import machine
 from skyfolio.api.lab.reproduce import ablation, figures
@@ -27,8 +26,8 @@ from skyfolio.api.lab.reproduce.courses import (
     pro_alg,
 )
 from skyfolio.planner import MaxIterations, Utility, plan
+from skyfolio.planner.arrays import Array
 
-Array = NDArray[np.float64]
 Study = dict[str, Any]
 FIGURES = ("2", "3", "5a", "5b", "all")
 CONVERGENCE_MUS = (0.0, -0.01, -0.1, -1.0, -10.0)

@@ -5,11 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from skyfolio.planner import AnyOf, Iteration, MaxIterations, RelativeGain, Scenario, StopToken, violations
-from skyfolio.planner.channel import spectral_efficiency
+from skyfolio.planner.arrays import Array
 from skyfolio.planner.emit import emit
 from skyfolio.planner.layouts import scattered
 from skyfolio.planner.plans import Plan
@@ -19,9 +18,9 @@ from skyfolio.planner.reference.association import nearest_binary, relaxed_assoc
 from skyfolio.planner.reference.bandwidth import best_bandwidth, whole_shares
 from skyfolio.planner.repair import within_limits
 from skyfolio.planner.scenario import NoFlyDisc, Utility
+from skyfolio.planner.sinr import spectral_efficiency
 from skyfolio.planner.utility import utility_kbps
 
-Array = NDArray[np.float64]
 ByHand = Callable[..., Scenario]
 KINDS = ["sum", "per_user", "pooled"]
 

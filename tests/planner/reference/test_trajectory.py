@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
-from skyfolio.planner.channel import spectral_efficiency, squared_distances
+from skyfolio.planner.arrays import Array
+from skyfolio.planner.channel import squared_distances
 from skyfolio.planner.layouts import scattered
 from skyfolio.planner.problem import Problem, problem_of
 from skyfolio.planner.reference.trajectory import UNIT_M, _distance_bounds, _separation, steered, surrogate_rates
+from skyfolio.planner.sinr import spectral_efficiency
 
-Array = NDArray[np.float64]
 seeds = st.integers(0, 2**32 - 1)
 
 

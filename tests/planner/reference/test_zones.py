@@ -3,15 +3,14 @@
 import numpy as np
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from shapely import LineString, Point, Polygon
 
+from skyfolio.planner.arrays import Array
 from skyfolio.planner.layouts import scattered
 from skyfolio.planner.problem import problem_of
 from skyfolio.planner.reference.zones import half_planes
 from skyfolio.planner.scenario import NoFlyDisc, NoFlyPolygon
 
-Array = NDArray[np.float64]
 ARROW = ((100.0, 100.0), (150.0, 150.0), (200.0, 100.0), (150.0, 220.0))
 SCENARIO = scattered(1, 1, 2, seed=0).with_changes(
     no_fly=(NoFlyDisc(center_m=(60.0, 60.0), radius_m=25.0), NoFlyPolygon(vertices_m=ARROW))
