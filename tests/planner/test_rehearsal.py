@@ -133,7 +133,7 @@ def signatures() -> dict[str, int]:
     return {
         f"{module.__name__}.{name}": len(kernel.signatures)
         for module in list(sys.modules.values())
-        if module is not None and getattr(module, "__name__", "").startswith("planner")
+        if module is not None and getattr(module, "__name__", "").startswith("skyfolio.planner")
         for name, kernel in vars(module).items()
         if isinstance(kernel, Dispatcher)
         and kernel.py_func.__module__ == module.__name__
@@ -151,7 +151,7 @@ def main() -> None:
 
 @pytest.fixture(scope="module")
 def told() -> dict[str, Any]:
-    code = "import api; from tests.planner.test_rehearsal import main; main()"
+    code = "import skyfolio; from tests.planner.test_rehearsal import main; main()"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr[-3000:]
     said: dict[str, Any] = json.loads(done.stdout)
