@@ -93,7 +93,7 @@ def flyable(problem: Problem, paths_m: Array) -> bool:
 
 
 def toward(problem: Problem, feasible_m: Array, wanted_m: Array) -> Array:
-    """Return the first feasible path at all, half, a quarter, ... of the way from a feasible to a wanted one; metres."""
+    """Return the first feasible path at all, half, a quarter, ... of the way from a feasible to a wanted path."""
     wanted_m = within_limits(problem, wanted_m)
     share = 1.0
     while share > 1e-3:

@@ -131,7 +131,7 @@ def binary_solution(now: Iterate, history: list[Iteration]) -> Solution:
 
 
 def _kept_shares(now: Iterate, binary: Array) -> Array:
-    """Return what users keep of the relaxed allocation, in filled bands: (U, K, N) Hz; equal parts if nothing is left."""
+    """Return what users keep of the relaxed allocation, in full bands: (U, K, N) Hz; equal parts if it is nothing."""
     band = now.problem.bandwidth_hz[:, None, None]
     kept = whole_shares(now.given / band, binary)
     equal = binary / np.maximum(binary.sum(axis=1, keepdims=True), 1.0)
