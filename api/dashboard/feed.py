@@ -14,7 +14,7 @@ from skyfolio.api.dashboard.views import (
     Drill,
     Operation,
     OperationLine,
-    Ordered,
+    OrderResult,
     PlanState,
     ServiceEvent,
     TrackPoint,
@@ -126,9 +126,11 @@ class Feed:
         """End an operation: every vehicle that is heard holds (`hold`), returns home (`return`) or lands (`land`)."""
         await self._rest.call("POST", f"/v1/operations/{operation_id}:abort", json={"action": action})
 
-    async def order(self, action: str) -> list[Ordered]:
+    async def order(self, action: str) -> list[OrderResult]:
         """Make every vehicle that is heard and in the air hold, return home or land now, whatever it is doing."""
-        return [Ordered.model_validate(row) for row in await self._rest.call("POST", f"/v1/fleet:{action}", json={})]
+        return [
+            OrderResult.model_validate(row) for row in await self._rest.call("POST", f"/v1/fleet:{action}", json={})
+        ]
 
     async def decide(self, operation_id: str, incident: int, *, agreed: bool) -> None:
         """Approve the proposed plan, or decline it and keep the plan in force."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from skyfolio.api.dashboard import map_scene
 from skyfolio.api.dashboard.views import Operation
-from skyfolio.api.dashboard.watch import Seen, Watch
+from skyfolio.api.dashboard.watch import TrackedVehicle, Watch
 from skyfolio.planner import Plan
 
 
@@ -13,17 +13,17 @@ def spots(watch: Watch) -> list[map_scene.Spot]:
     operation, plan, elapsed = watch.operation, watch.plan_in_force(), watch.elapsed_s()
     under_way = operation is not None and not operation.ended
     found = []
-    for uav, seen in sorted(watch.seen.items(), key=_natural):
+    for uav, tracked in sorted(watch.vehicles.items(), key=_natural):
         if under_way and operation is not None and uav not in operation.vehicles:
             continue
-        at = None if seen.east_m is None or seen.north_m is None else (seen.east_m, seen.north_m)
+        at = None if tracked.east_m is None or tracked.north_m is None else (tracked.east_m, tracked.north_m)
         lost = operation is not None and uav in operation.lost
         found.append(
             map_scene.Spot(
                 uav_id=uav,
                 at_m=at,
-                course_deg=seen.course_deg,
-                vehicle=seen.vehicle,
+                course_deg=tracked.course_deg,
+                vehicle=tracked.vehicle,
                 lost=lost,
                 slip_s=map_scene.slip_of(plan, uav, elapsed, at) if under_way and not lost else None,
             )
@@ -49,13 +49,13 @@ def scene(operation: Operation, plan: Plan, first: Plan, tile_url: str | None) -
 
 def tracks(watch: Watch) -> dict[str, list[tuple[float, float]]]:
     """Return the flown tracks of the shown operation, metres east/north."""
-    return {uav: [(e, n) for _, e, n in seen.track] for uav, seen in watch.seen.items()}
+    return {uav: [(e, n) for _, e, n in tracked.track] for uav, tracked in watch.vehicles.items()}
 
 
 def _latest(row: list[float | None], slot: int) -> float | None:
     return next((rate for rate in reversed(row[: slot + 1]) if rate is not None), None)
 
 
-def _natural(item: tuple[str, Seen]) -> tuple[str, int]:
+def _natural(item: tuple[str, TrackedVehicle]) -> tuple[str, int]:
     head, _, tail = item[0].rpartition("-")
     return (head, int(tail)) if tail.isdigit() else (item[0], 0)

@@ -183,8 +183,8 @@ def state_of(vehicle: Vehicle | None, *, lost: bool, flying: bool) -> tuple[str,
     quiet = "" if silent is None else f"silent for {silent:.1f} s"
     if lost:
         heard = vehicle is not None and vehicle.link == "live"
-        seen = vehicle.condition_cause if vehicle is not None and heard else None
-        return "LOST", seen or quiet or "declared lost", "alarm"
+        reported = vehicle.condition_cause if vehicle is not None and heard else None
+        return "LOST", reported or quiet or "declared lost", "alarm"
     if vehicle is None or vehicle.mode is None:
         return "NOT HEARD", quiet, "warn"
     if vehicle.link == "lost":

@@ -125,7 +125,7 @@ def _step(group: list[Json], following: list[Json] | None, *, over: bool) -> Ste
 def _detail(kind: str, group: list[Json]) -> str:
     data: Json = group[0]["data"]
     if kind == "detected":
-        return ", ".join(f"{uav}, {silent:.1f} s silent" for uav, silent in data.get("lost", {}).items())
+        return ", ".join(f"{uav}, {silent_s:.1f} s silent" for uav, silent_s in data.get("lost", {}).items())
     if kind == "classified":
         return ", ".join(f"{uav}: {_words(seen.get('verdict'))}" for uav, seen in data.get("evidence", {}).items())
     if kind == "replanned":

@@ -66,9 +66,9 @@ def lost_at(operation: Operation, slot_s: float) -> dict[str, float]:
     """Return, for each lost UAV, the slot, with fractions, in which it fell silent."""
     found = {}
     for recovery in operation.recoveries:
-        for uav, silent in recovery.lost.items():
+        for uav, silent_for_s in recovery.lost.items():
             if recovery.declared_at_s is not None:
-                found[uav] = max(recovery.declared_at_s - silent, 0.0) / slot_s
+                found[uav] = max(recovery.declared_at_s - silent_for_s, 0.0) / slot_s
     return found
 
 
@@ -99,14 +99,14 @@ def _rows(
     lost_at_slot: float,
     resumed_at_slot: float | None,
 ) -> list[tuple[str, ...]]:
-    flown, silent = courses
+    flown, unchanged = courses
     n = len(flown)
     first, back = int(lost_at_slot), n if resumed_at_slot is None else min(int(np.ceil(resumed_at_slot)), n)
     rows: list[tuple[str, ...]] = [
-        ("sum rate before the loss", _mean(flown[:first]), _mean(silent[:first])),
-        ("sum rate during the outage", _mean(flown[first:back]), _mean(silent[first:back])),
-        ("sum rate after the replan", _mean(flown[back:]), _mean(silent[back:])),
-        ("variance of the sum rate", _variance(flown), _variance(silent)),
+        ("sum rate before the loss", _mean(flown[:first]), _mean(unchanged[:first])),
+        ("sum rate during the outage", _mean(flown[first:back]), _mean(unchanged[first:back])),
+        ("sum rate after the replan", _mean(flown[back:]), _mean(unchanged[back:])),
+        ("variance of the sum rate", _variance(flown), _variance(unchanged)),
         ("Jain index of the users", _jain(table), "-"),
     ]
     for recovery in operation.recoveries:

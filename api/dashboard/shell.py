@@ -86,7 +86,7 @@ class Shell:
         operation = self._watch.operation
         under_way = operation is not None and not operation.ended
         self._what.set_text(self._status_text())
-        heard = any(seen.vehicle.link in HEARD for seen in self._watch.seen.values())
+        heard = any(tracked.vehicle.link in HEARD for tracked in self._watch.vehicles.values())
         self._pause.set_enabled(under_way)
         for button in (self._hold, self._rtl, self._land):
             button.set_enabled(heard)

@@ -38,7 +38,7 @@ class Vehicle(View):
     slip_s: float | None = None
 
 
-class Ordered(View):
+class OrderResult(View):
     """The result of an order to one vehicle."""
 
     uav_id: str

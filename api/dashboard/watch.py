@@ -29,7 +29,7 @@ Point = tuple[float, float]
 
 
 @dataclass
-class Seen:
+class TrackedVehicle:
     """One vehicle as the map needs it: metres east/north, course over ground in degrees, and its track."""
 
     vehicle: Vehicle
@@ -49,7 +49,7 @@ class Watch:
         self.version = 0
         self.error: str | None = None
         self.loaded = False
-        self.seen: dict[str, Seen] = {}
+        self.vehicles: dict[str, TrackedVehicle] = {}
         self.operation: Operation | None = None
         self.plans: dict[str, Plan] = {}
         self.events: deque[ServiceEvent] = deque(maxlen=KEEP_EVENTS)
@@ -63,7 +63,7 @@ class Watch:
         self._news = asyncio.Event()
         self._ticks = 0
         self._current: str | None = None
-        self._tracked: str | None = None
+        self._tracked_operation: str | None = None
         self._last_event: int | None = None
         self._tasks: list[asyncio.Task[None]] = []
 
@@ -142,10 +142,10 @@ class Watch:
         self._ticks += 1
         origin = self._origin()
         for vehicle in await self.feed.vehicles():
-            seen = self.seen.setdefault(vehicle.uav_id, Seen(vehicle))
-            seen.vehicle = vehicle
+            tracked = self.vehicles.setdefault(vehicle.uav_id, TrackedVehicle(vehicle))
+            tracked.vehicle = vehicle
             if vehicle.lat_deg is not None and vehicle.lon_deg is not None and origin is not None:
-                self._move(seen, geodetic_to_east_north(origin, vehicle.lat_deg, vehicle.lon_deg))
+                self._move(tracked, geodetic_to_east_north(origin, vehicle.lat_deg, vehicle.lon_deg))
 
     async def _read_operation(self, operation_id: str) -> None:
         operation = await self.feed.operation(operation_id)
@@ -153,42 +153,42 @@ class Watch:
         for plan_id in wanted - set(self.plans):
             with suppress(RestError):  # one that is still being solved is read later
                 self.plans[plan_id] = await self.feed.plan(plan_id)
-        if self._tracked != operation_id:
+        if self._tracked_operation != operation_id:
             await self._recall_track(operation_id)
         self.operation, self._read_at = operation, time.monotonic()
 
     async def _recall_track(self, operation_id: str) -> None:
         """Read the tracks flown before this watch began to poll."""
-        self._tracked = operation_id
+        self._tracked_operation = operation_id
         known = {vehicle.uav_id: vehicle for vehicle in await self.feed.vehicles()}
-        self.seen = {uav: Seen(vehicle) for uav, vehicle in known.items()}
+        self.vehicles = {uav: TrackedVehicle(vehicle) for uav, vehicle in known.items()}
         for point in await self.feed.track(operation_id):
             for uav, at in point.positions_m.items():
-                if uav in self.seen:
-                    self.seen[uav].track.append((point.elapsed_s, *at))
+                if uav in self.vehicles:
+                    self.vehicles[uav].track.append((point.elapsed_s, *at))
 
     def _origin(self) -> Origin | None:
         plan = self.first_plan()
         if plan is not None:
             return plan.scenario.origin
-        for seen in self.seen.values():
-            if seen.vehicle.lat_deg is not None and seen.vehicle.lon_deg is not None:
-                return Origin(lat_deg=seen.vehicle.lat_deg, lon_deg=seen.vehicle.lon_deg)
+        for tracked in self.vehicles.values():
+            if tracked.vehicle.lat_deg is not None and tracked.vehicle.lon_deg is not None:
+                return Origin(lat_deg=tracked.vehicle.lat_deg, lon_deg=tracked.vehicle.lon_deg)
         return None
 
-    def _move(self, seen: Seen, here: Point) -> None:
-        if seen.vehicle.heading_deg is not None:
-            seen.course_deg = seen.vehicle.heading_deg
-        elif seen.east_m is not None and seen.north_m is not None:
-            de, dn = here[0] - seen.east_m, here[1] - seen.north_m
+    def _move(self, tracked: TrackedVehicle, here: Point) -> None:
+        if tracked.vehicle.heading_deg is not None:
+            tracked.course_deg = tracked.vehicle.heading_deg
+        elif tracked.east_m is not None and tracked.north_m is not None:
+            de, dn = here[0] - tracked.east_m, here[1] - tracked.north_m
             if hypot(de, dn) > MOVED_M:
-                seen.course_deg = degrees(atan2(de, dn)) % 360
+                tracked.course_deg = degrees(atan2(de, dn)) % 360
             else:
-                here = seen.east_m, seen.north_m  # keep the older point, so that slow motion adds up to a course
-        seen.east_m, seen.north_m = here
+                here = tracked.east_m, tracked.north_m  # keep the older point, so that slow motion adds up to a course
+        tracked.east_m, tracked.north_m = here
         elapsed = self.elapsed_s()
         if elapsed is not None and self.operation and not self.operation.ended:
-            seen.track.append((elapsed, *here))
+            tracked.track.append((elapsed, *here))
 
     # --- following events ---
 

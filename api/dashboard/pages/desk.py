@@ -22,8 +22,8 @@ class Desk:
     @property
     def draft(self) -> dict[str, Any] | None:
         """The scenario as last edited, as JSON; None in a new tab."""
-        kept: dict[str, Any] | None = self._shelf.get(_DRAFT)
-        return kept
+        draft: dict[str, Any] | None = self._shelf.get(_DRAFT)
+        return draft
 
     def keep_draft(self, data: dict[str, Any]) -> None:
         """Store the scenario."""
@@ -42,8 +42,8 @@ class Desk:
     @property
     def running(self) -> str | None:
         """The id of the plan that is being made, None if there is none."""
-        kept: str | None = self._shelf.get(_RUNNING)
-        return kept
+        plan_id: str | None = self._shelf.get(_RUNNING)
+        return plan_id
 
     def keep_running(self, plan_id: str | None) -> None:
         """Store the id of the plan that is being made."""

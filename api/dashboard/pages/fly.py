@@ -141,8 +141,8 @@ class FlyPage:
         if not known:
             return planned
         spots = []
-        for uav, seen in self._watch.seen.items():
-            near = min(seen.track, key=lambda row: abs(row[0] - at_s), default=None)
+        for uav, tracked in self._watch.vehicles.items():
+            near = min(tracked.track, key=lambda row: abs(row[0] - at_s), default=None)
             if near is not None and abs(near[0] - at_s) < first.scenario.slot_duration_s:
-                spots.append(map_scene.Spot(uav_id=uav, at_m=near[1:], course_deg=seen.course_deg))
+                spots.append(map_scene.Spot(uav_id=uav, at_m=near[1:], course_deg=tracked.course_deg))
         return map_scene.frame(spots, then, slot, rates, promise=first, live=False) if spots else planned

@@ -45,7 +45,7 @@ class FlyDialog:
         self._agreed.set_visibility(bool(short))
         self._check()
         self._rows.clear()
-        known = {uav: seen.vehicle.system_id for uav, seen in self._watch.seen.items()}
+        known = {uav: tracked.vehicle.system_id for uav, tracked in self._watch.vehicles.items()}
         with self._rows:
             self._systems = {
                 uav: ui.number(uav, value=known.get(uav, number), min=1, max=254, step=1).props("dense outlined")

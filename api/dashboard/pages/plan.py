@@ -81,10 +81,10 @@ class PlanPage:
     async def _load(self) -> None:
         """Restore what this tab had before a reload, or begin with an example."""
         await self._desk.ready()
-        kept = self._desk.draft
-        await self._load_examples(choose=kept is None)
-        if kept is not None:
-            self._use(Draft.of_data(kept))
+        stored = self._desk.draft
+        await self._load_examples(choose=stored is None)
+        if stored is not None:
+            self._use(Draft.of_data(stored))
         await self._results.recall()
         if self._desk.running is not None:
             await self._awaiting(self._results.resume_running())

@@ -22,7 +22,7 @@ TRADE_OFF_MUS = (0.0, -0.02, -0.05, -0.1, -0.2, -0.5, -1.0, -2.0)
 
 
 @dataclass(frozen=True)
-class Kept:
+class TitledPlan:
     """A plan made on this page, and its title."""
 
     title: str
@@ -45,7 +45,7 @@ class Results:
     ) -> None:
         self._watch, self._feed, self._desk = watch, watch.feed, desk
         self._on_show, self._on_mu = on_show, on_mu
-        self._kept: dict[str, Kept] = {}
+        self._plans: dict[str, TitledPlan] = {}
         self._current: str | None = None
         self._tried: dict[float, Plan] = {}
         self._scenario: Scenario | None = None
@@ -115,10 +115,10 @@ class Results:
         """Show the plans that were made before a reload, except those that the service no longer stores."""
         for plan_id, title in self._desk.plans:
             with suppress(RestError):
-                self._kept[plan_id] = Kept(title, await self._feed.plan(plan_id))
-        if self._kept:
-            self._current = next(reversed(self._kept))
-            self._scenario = self._kept[self._current].plan.scenario
+                self._plans[plan_id] = TitledPlan(title, await self._feed.plan(plan_id))
+        if self._plans:
+            self._current = next(reversed(self._plans))
+            self._scenario = self._plans[self._current].plan.scenario
             self._refresh()
 
     def forget_current(self) -> None:
@@ -138,8 +138,8 @@ class Results:
             return None
 
     def _keep(self, title: str, plan: Plan) -> None:
-        self._kept[plan.id] = Kept(f"{len(self._kept) + 1}: {title}", plan)
-        self._desk.keep_plan(plan.id, self._kept[plan.id].title)
+        self._plans[plan.id] = TitledPlan(f"{len(self._plans) + 1}: {title}", plan)
+        self._desk.keep_plan(plan.id, self._plans[plan.id].title)
         self._current = plan.id
         self._refresh()
 
@@ -149,11 +149,11 @@ class Results:
             self._refresh()
 
     def _refresh(self) -> None:
-        options = {plan_id: kept.title for plan_id, kept in self._kept.items()}
+        options = {plan_id: titled.title for plan_id, titled in self._plans.items()}
         self._choice.set_options(options, value=self._current)
         others = {plan_id: title for plan_id, title in options.items() if plan_id != self._current}
         self._other.set_options(others, value=self._other.value if self._other.value in others else None)
-        plan = self._kept[self._current].plan if self._current else None
+        plan = self._plans[self._current].plan if self._current else None
         uavs = list(plan.scenario.uav_ids) if plan else []
         for select in (self._export_uav, self._lose):
             select.set_options(uavs, value=select.value if select.value in uavs else (uavs[0] if uavs else None))
@@ -163,9 +163,9 @@ class Results:
         self._show()
 
     def _show(self) -> None:
-        plan = self._kept[self._current].plan if self._current else None
+        plan = self._plans[self._current].plan if self._current else None
         chosen = self._other.value
-        other = self._kept[chosen].plan if chosen in self._kept else None
+        other = self._plans[chosen].plan if chosen in self._plans else None
         self._metrics.clear()
         with self._metrics:
             if plan is None:
@@ -210,14 +210,14 @@ class Results:
 
     def _draw_trade_off(self) -> None:
         points = plan_metrics.trade_off(self._tried)
-        current = self._kept[self._current].plan.scenario.utility.mu_per_kbps if self._current else None
+        current = self._plans[self._current].plan.scenario.utility.mu_per_kbps if self._current else None
         _redraw(self._curve, charts.trade_off(points, current))
 
     def _curve_clicked(self, event: events.EChartPointClickEventArguments) -> None:
         mu = plan_metrics.trade_off(self._tried)[event.data_index][0]
         plan = self._tried[mu]
         self._on_mu(mu)
-        if plan.id in self._kept:
+        if plan.id in self._plans:
             self._current = plan.id
             self._refresh()
         else:
@@ -266,7 +266,7 @@ class Results:
 
     def _open_fly(self) -> None:
         if self._current is not None:
-            self._fly.open(self._kept[self._current].plan)
+            self._fly.open(self._plans[self._current].plan)
 
 
 def _redraw(chart: ui.echart, options: charts.Json) -> None:
