@@ -133,12 +133,12 @@ def planned_frame(
     plan: Plan,
     slot: int,
     rates: Mapping[str, float | None] | None = None,
-    ghosts: Mapping[str, Point] | None = None,
+    lost_at_m: Mapping[str, Point] | None = None,
 ) -> Json:
-    """Return the planned situation at the beginning of that slot; `ghosts` are lost UAVs and their last positions."""
+    """Return the planned situation at the beginning of that slot; `lost_at_m` has the last positions of lost UAVs."""
     n = min(max(slot - plan.first_slot, 0), plan.scenario.slots - 1)
     spots = [Spot(uav_id=uav, at_m=path[n], course_deg=_course(path, n)) for uav, path in plan.trajectories_m.items()]
-    spots += [Spot(uav_id=uav, at_m=at, lost=True) for uav, at in (ghosts or {}).items()]
+    spots += [Spot(uav_id=uav, at_m=at, lost=True) for uav, at in (lost_at_m or {}).items()]
     planned = {user: row[n] for user, row in plan.user_rates_bps.items()}
     return frame(spots, plan, slot, planned if rates is None else rates, live=False)
 

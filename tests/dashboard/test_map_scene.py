@@ -82,7 +82,7 @@ def test_the_air_of_a_lost_uav_is_its_rest_of_the_route_and_the_way_home(small_p
 
 def test_scene_and_frames_are_plain_json(small_plan: Plan) -> None:
     scene = map_scene.scene(small_plan.scenario, [("current", small_plan)])
-    frame = map_scene.planned_frame(small_plan, 3, ghosts={"uav-7": (1.0, 2.0)})
+    frame = map_scene.planned_frame(small_plan, 3, lost_at_m={"uav-7": (1.0, 2.0)})
     assert json.loads(json.dumps([scene, frame]))[1]["uavs"][-1]["lost"] is True
     assert [one["id"] for one in frame["uavs"]] == ["uav-1", "uav-2", "uav-7"]
     assert frame["rates"] == {user: row[3] for user, row in small_plan.user_rates_bps.items()}

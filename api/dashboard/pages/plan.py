@@ -237,7 +237,7 @@ class PlanPage:
             self._other = other
             self._draw(plan, other)
 
-    def _ghosts(self, plan: Plan) -> dict[str, tuple[float, float]]:
+    def _last_positions(self, plan: Plan) -> dict[str, tuple[float, float]]:
         """Return the UAVs that only the compared plan has, and where they were lost."""
         other = self._other
         if other is None or plan.parent != other.id:
@@ -261,4 +261,4 @@ class PlanPage:
         if plan is not None:
             slot = int(self._slider.value or 0)
             self._slot_label.set_text(f"slot {slot}")
-            self._map.set_frame(map_scene.planned_frame(plan, slot, ghosts=self._ghosts(plan)))
+            self._map.set_frame(map_scene.planned_frame(plan, slot, lost_at_m=self._last_positions(plan)))
