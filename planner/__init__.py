@@ -2,11 +2,11 @@
 
 It plans bandwidth, UAV-user association and trajectories of a fleet of flying base stations, and replans after a
 loss. Nothing here touches files, sockets, clocks or global random state: seeds, observers, clocks and stopping rules
-are passed in. `scenario.py` and `plans.py` are what goes in and comes out, `reference/` is the letter as printed,
+are passed in. `scenario.py` and `plans.py` define the input and the output, `reference/` is the letter as printed,
 `feasibility.py` is the independent check that every emitted plan passes. Symbols of the letter are used only here.
 
-Names are loaded when they are first asked for (PEP 562): who only reads a `Scenario` or a `Plan` never loads numba.
-`rehearsal.py` compiles every kernel ahead of time; whoever adds an entry kernel adds it to that.
+Names are loaded on first use (PEP 562), so that a program that only reads a `Scenario` or a `Plan` never loads numba.
+`rehearsal.py` compiles every kernel ahead of time; add a new entry kernel there.
 """
 
 from importlib import import_module

@@ -1,4 +1,4 @@
-"""What the letter compares with, through the same interface: the same scenario, failures, constraints and summary.
+"""The letter's baselines, through the interface of the other methods: same scenario, failures, constraints, summary.
 
 `baseline1`: UAVs stay, each user is served by the nearest one, bands are shared equally. `baseline2`: UAVs fly to an
 optimised placement and hover, nearest association, bandwidth for the greatest sum rate. `sr_max`: the whole
@@ -38,7 +38,7 @@ def baseline1(
     n_starts: int | None,  # noqa: ARG001
     seed: int,  # noqa: ARG001
 ) -> Solution:
-    """Nearest UAV, equal bandwidth, no flight; minimum rates are not looked at."""
+    """Serve each user by the nearest UAV with equal bandwidth, without flight; minimum rates are ignored."""
     paths = fast.flyable(problem)
     serving = nearest_uav(problem, paths)
     mine = serving == np.arange(problem.n_uavs)[:, None, None]
@@ -55,7 +55,7 @@ def baseline2(
     n_starts: int | None,  # noqa: ARG001
     seed: int,  # noqa: ARG001
 ) -> Solution:
-    """Placement and bandwidth for the greatest sum rate under nearest association.
+    """Find placement and bandwidth for the greatest sum rate under nearest association.
 
     The paper the letter cites for it is not followed line by line: here a pattern search moves one UAV at a time from
     the start positions, for the mean channel. UAVs fly to their places at D_max and hover there; on the way, too, each
@@ -85,7 +85,7 @@ def baseline2_fixed(
     n_starts: int | None,  # noqa: ARG001
     seed: int,  # noqa: ARG001
 ) -> Solution:
-    """`baseline2` read more narrowly: the placement is the start positions, and only bandwidth is optimised."""
+    """Do as `baseline2`, read more narrowly: the start positions are the placement; only bandwidth is optimised."""
     return _reported(problem, _placed(problem, problem.start_m), observer)
 
 
@@ -98,7 +98,7 @@ def sr_max(
     n_starts: int | None,
     seed: int,
 ) -> Solution:
-    """The letter's SR-Max: everything is optimised for mu = 0; its iterations show the mean sum rate."""
+    """Run the letter's SR-Max: optimise everything for mu = 0. Its iterations show the mean sum rate."""
     return fast.optimise(replace(problem, mu=0.0), stop, start_m, observer, n_starts=n_starts, seed=seed)
 
 
@@ -111,12 +111,12 @@ def static(
     n_starts: int | None,  # noqa: ARG001
     seed: int,  # noqa: ARG001
 ) -> Solution:
-    """The best association and bandwidth for the problem's utility, without flight."""
+    """Find the best association and bandwidth for the problem's utility, without flight."""
     return _reported(problem, fast.linked(problem, fast.flyable(problem)), observer)
 
 
 def nearest_uav(problem: Problem, paths_m: Array) -> Indices:
-    """The nearest UAV that flies, by its distance in space: (K, N). paths_m: (U, N, 2) metres."""
+    """Return the UAV in flight that is nearest to each user: (K, N) indices. paths_m: (U, N, 2) metres."""
     distance2 = squared_distances(paths_m, problem.user_m, problem.altitude_m)
     nearest: Indices = np.where(problem.flying[:, None], distance2, np.inf).argmin(axis=0)
     return nearest
@@ -136,7 +136,7 @@ def _placed(problem: Problem, placement_m: Array) -> Solution:
 
 
 def _moved(problem: Problem, placement_m: Array, length_m: float) -> Array:
-    """Move one UAV after the other by `length_m` in the best direction, until none gains."""
+    """Move one UAV after the other by `length_m` in the best direction, until none gains any more."""
     gain = problem.snr_gain.sum(axis=2) / problem.n_flying[:, None]  # (U, K)
     here, best = placement_m, _sum_rates(problem, gain, placement_m[None])[0]
     improved = True
@@ -152,7 +152,7 @@ def _moved(problem: Problem, placement_m: Array, length_m: float) -> Array:
 
 
 def _apart(problem: Problem, placements_m: Array, u: int) -> NDArray[np.bool_]:
-    """Whether UAV u keeps `D_min` from the others in each of (C, U, 2) placements."""
+    """Return whether UAV u keeps `D_min` from the others in each of (C, U, 2) placements."""
     others = np.delete(placements_m, u, axis=1)
     near = np.linalg.norm(others - placements_m[:, u : u + 1], axis=2).min(axis=1, initial=np.inf)
     enough: NDArray[np.bool_] = near >= problem.separation_m
@@ -160,7 +160,7 @@ def _apart(problem: Problem, placements_m: Array, u: int) -> NDArray[np.bool_]:
 
 
 def _sum_rates(problem: Problem, gain: Array, placements_m: Array) -> Array:
-    """Sum rate of each of (C, U, 2) placements, each UAV's band to the best of its nearest users: (C,) Hz bit/s/Hz."""
+    """Return the sum rate of (C, U, 2) placements, each band for the best of its UAV's nearest users: (C,) bit/s."""
     apart = placements_m[:, :, None] - problem.user_m
     distance2 = np.einsum("cukd,cukd->cuk", apart, apart) + problem.altitude_m[:, None] ** 2
     snr = gain / distance2
@@ -172,7 +172,7 @@ def _sum_rates(problem: Problem, gain: Array, placements_m: Array) -> Array:
 
 
 def _reported(problem: Problem, solution: Solution, observer: Observer) -> Solution:
-    """The solution with its one iteration, which the observer has seen."""
+    """Return the solution with its one iteration, after passing it to the observer."""
     only = _iteration(problem, solution, 1)
     reported = replace(solution, history=[only])
     observer(only, lambda: reported)

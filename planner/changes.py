@@ -1,4 +1,4 @@
-"""What an operation can be told to adapt to."""
+"""The changes that an operation can adapt to by a replan."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from skyfolio.planner.scenario import Frozen, Hertz, Identifier, Scenario, Uav, 
 
 
 class ReplanError(ValueError):
-    """A replan was asked for that makes no sense: unknown UAV, slot outside the plan, nobody left."""
+    """The requested replan is impossible: unknown UAV, slot outside the plan, no UAV or user left."""
 
 
 class Changes(Frozen):
-    """What is different from the slot on from which a replan plans; all of it at once.
+    """Everything that changes from the first slot of a replan on.
 
     failed: UAVs that are gone. returned: UAVs that join or come back, whole, with `start_m` where they are then.
     users_joined, users_left: users by value and by id. A user that joins has no past: the slots before are not in its
@@ -29,7 +29,7 @@ class Changes(Frozen):
 
 
 def users_after(scenario: Scenario, changes: Changes) -> tuple[User, ...]:
-    """The users that stay, then those that join. Raises ReplanError for unknown ids, ids taken, and nobody left."""
+    """Return the users that stay, then those that join. Raises ReplanError for wrong ids, and if none is left."""
     known = set(scenario.user_ids)
     for one in changes.users_left:
         if one not in known:
@@ -46,7 +46,7 @@ def users_after(scenario: Scenario, changes: Changes) -> tuple[User, ...]:
 
 
 def uavs_after(survivors: tuple[Uav, ...], changes: Changes) -> tuple[Uav, ...]:
-    """The survivors and those that return, with their new bands. Raises ReplanError for ids that do not fit."""
+    """Return the survivors and the UAVs that return, with new bands. Raises ReplanError for ids that do not fit."""
     flying = {uav.id for uav in survivors}
     for uav in changes.returned:
         if uav.id in flying:

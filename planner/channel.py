@@ -13,7 +13,7 @@ from skyfolio.planner.scenario import Channel
 
 
 def squared_distances(paths_m: Array, user_m: Array, altitude_m: Array) -> Array:
-    """`d_uk^2[n]` of eq. (1): (U, K, N) m^2.
+    """Return `d_uk^2[n]` of eq. (1): (U, K, N) m^2.
 
     paths_m: (U, N, 2) and user_m: (K, 2), metres east/north; altitude_m: (U,).
     """
@@ -23,7 +23,7 @@ def squared_distances(paths_m: Array, user_m: Array, altitude_m: Array) -> Array
 
 
 def sum_of_others(values: Array) -> Array:
-    """Along axis 0, the sum of all entries but the own: added up, not subtracted, so nothing cancels."""
+    """Return the sum of all other entries along axis 0; added up rather than subtracted, so that nothing cancels."""
     others = np.zeros_like(values)
     others[1:] = np.cumsum(values[:-1], axis=0)
     others[:-1] += np.cumsum(values[:0:-1], axis=0)[::-1]
@@ -33,7 +33,7 @@ def sum_of_others(values: Array) -> Array:
 def fading_gains(
     channel: Channel, uav_ids: Sequence[str], user_ids: Sequence[str], first_slot: int, n_slots: int
 ) -> Array:
-    """Small-scale power gains |h|^2 of eq. (2): (U, K, N), mean 1.
+    """Return small-scale power gains |h|^2 of eq. (2): (U, K, N), mean 1.
 
     `"mean"` is all ones. `"sampled"` draws Rician gains that depend only on (seed, uav id, user id, slot), so that a
     replan with fewer UAVs, other users or later slots sees the very same channel.
@@ -54,7 +54,7 @@ def fading_gains(
 
 
 def _mix(x: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """SplitMix64's finaliser: a counter-based generator, so that each draw depends on its key alone."""
+    """Apply SplitMix64's finaliser: a counter-based generator, so that each draw depends on its key alone."""
     z = x + np.uint64(0x9E3779B97F4A7C15)
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
@@ -62,5 +62,5 @@ def _mix(x: NDArray[np.uint64]) -> NDArray[np.uint64]:
 
 
 def _uniform(bits: NDArray[np.uint64]) -> Array:
-    """Strictly inside (0, 1)."""
+    """Return uniform numbers strictly inside (0, 1)."""
     return ((bits >> np.uint64(11)).astype(float) + 0.5) * 2.0**-53

@@ -1,4 +1,4 @@
-"""What users get when the fleet is where it really is, and not where the plan wants it."""
+"""The rates that users get when the fleet is at its actual positions rather than the planned ones."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from skyfolio.planner.plans import Plan
 def delivered_rates_bps(
     plan: Plan, slots: NDArray[np.intp], positions_m: Array, transmitting: NDArray[np.bool_]
 ) -> Array:
-    """Rates of eqs. (3)-(4) under the plan's association and bandwidth, at the given positions: (S, K) bit/s.
+    """Return the rates of eqs. (3)-(4) by the plan's association and bandwidth, at the given positions: (S, K) bit/s.
 
     S samples; slots: (S,) index on the plan's own grid (0 is its first slot). positions_m: (S, U, 2) metres east/north
-    of the origin, in the plan's UAV order. transmitting: (S, U): a UAV that is off serves nobody and interferes with
-    nobody. Raises ValueError when the shapes do not agree or a slot lies outside the plan.
+    of the origin, in the plan's UAV order. transmitting: (S, U): a UAV that is off serves no user and does not
+    interfere. Raises ValueError when the shapes do not agree or a slot lies outside the plan.
     """
     scenario = plan.scenario
     n_samples, n_uavs = len(slots), len(scenario.uavs)
@@ -52,7 +52,7 @@ def delivered_rates_bps(
 
 
 def _fading(plan: Plan, slots: NDArray[np.intp]) -> Array:
-    """|h|^2 of eq. (2) in some slots of the plan's own grid, in rising order: (U, K, len(slots))."""
+    """Return |h|^2 of eq. (2) in some slots of the plan's own grid, in rising order: (U, K, len(slots))."""
     scenario = plan.scenario
     first, n_slots = int(slots[0]), int(slots[-1] - slots[0]) + 1
     gains = fading_gains(scenario.channel, scenario.uav_ids, scenario.user_ids, plan.first_slot + first, n_slots)

@@ -1,4 +1,4 @@
-"""From arrays to a `Plan`: ids, measures, certificate, and the feasibility check that nothing passes by."""
+"""From arrays to a `Plan`: ids, measures, certificate, and the feasibility check that every plan must pass."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from skyfolio.planner.utility import jain_index, mean_variance_kbps, utility_kbp
 def emit(
     scenario: Scenario, past: Past, problem: Problem, solution: Solution, inputs: Sequence[object] = (), **identity: Any
 ) -> Plan:
-    """The solution by ids, with its summary and certificate. Raises InfeasiblePlanError: a defect, never a plan.
+    """Return the solution by ids, with summary and certificate. Raises InfeasiblePlanError, which means a defect.
 
-    inputs: what else, beside the scenario and its past, makes this plan another one: it counts in the default id.
+    inputs: what distinguishes this plan beside the scenario and its past; it enters the default id.
     """
     rates_bps = served_rates_bps(problem, solution)
     unmet = unmet_min_rates(scenario, rates_bps)
@@ -56,14 +56,14 @@ def _by_id(ids: Sequence[str], table: Array) -> dict[str, list[float]]:
 
 
 def _achieved(scenario: Scenario, past: Past) -> dict[str, list[float]]:
-    """By user: what it got in the past slots in which it was there."""
+    """Return by user the rates in the past slots in which it was there."""
     if not past.rates_bps.size:
         return {user: [] for user in scenario.user_ids}
     return {user: row[np.isfinite(row)].tolist() for user, row in zip(scenario.user_ids, past.rates_bps, strict=True)}
 
 
 def unmet_min_rates(scenario: Scenario, rates_bps: Array) -> dict[str, list[int]]:
-    """The slots in which a user gets less than its `min_rate_bps`, by user; rates_bps: (K, N)."""
+    """Return by user the slots in which it gets less than its `min_rate_bps`; rates_bps: (K, N)."""
     short = {
         user.id: np.flatnonzero(row < user.min_rate_bps * (1 - MIN_RATE_ROUNDING)).tolist()
         for user, row in zip(scenario.users, rates_bps, strict=True)
@@ -73,7 +73,7 @@ def unmet_min_rates(scenario: Scenario, rates_bps: Array) -> dict[str, list[int]
 
 
 def summarise(problem: Problem, rates_kbps: Array) -> Summary:
-    """The measures of a (K, N) rate table; utility and bound count the past too, the rest the planned slots."""
+    """Return the measures of a (K, N) rate table; utility and bound include the past, the others only planned slots."""
     utility = utility_kbps(problem.counted_kbps(rates_kbps), problem.kind, problem.mu)
     bound = max(reachability_bound_kbps(problem), utility)
     per_slot = rates_kbps.sum(axis=0)

@@ -1,4 +1,4 @@
-"""Ready scenarios. `paper` is the letter's simulation; what the letter leaves out is chosen here and said so."""
+"""Built-in scenarios. `paper` is the letter's simulation; what the letter leaves out is chosen here, and marked so."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def letter(
     fading_seed: int = LAYOUT_SEED,
     utility: Utility | None = None,
 ) -> Scenario:
-    """Section IV of the letter: three UAVs, nine users, twenty slots.
+    """Return the scenario of Section IV of the letter: three UAVs, nine users, twenty slots.
 
     From the letter: starts, H = 60 m, rho = -20 dB, Rician factor 3 dB, 10 kHz per UAV, D_max = 25 m, D_min = 4 m,
     N = 20, K = 9. Not in the letter, and chosen: the area (500 m x 500 m, which the starts imply), 5 s slots (so D_max
@@ -66,7 +66,7 @@ def _position(rng: np.random.Generator, start: tuple[float, float], radius_m: fl
 
 
 def paper() -> Scenario:
-    """The letter's scenario with what it leaves out as the calibration found it (`skyfolio reproduce --calibrate`).
+    """Return the letter's scenario completed by the calibration (`skyfolio reproduce --calibrate`).
 
     Users within 75 m of the starts, -80 dBm, mean fading: five of its six numbers that do not depend on mu are met
     within 10 %, each on the mean over the failing UAV.
@@ -75,7 +75,7 @@ def paper() -> Scenario:
 
 
 def minimal() -> Scenario:
-    """Two UAVs and four users on four slots: small enough to follow by hand."""
+    """Return two UAVs and four users on four slots: small enough to follow by hand."""
     return Scenario(
         origin=ZURICH,
         area_m=((0.0, 0.0), (200.0, 100.0)),

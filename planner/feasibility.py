@@ -41,7 +41,7 @@ class InfeasiblePlanError(RuntimeError):
 
 
 def violations(plan: Plan) -> list[Violation]:
-    """Every broken constraint of the plan, in the order of the letter; empty for a feasible plan."""
+    """Return every broken constraint of the plan, in the order of the letter; empty for a feasible plan."""
     malformed = list(_shape(plan))
     if malformed:
         return malformed
@@ -56,7 +56,7 @@ def violations(plan: Plan) -> list[Violation]:
 
 
 def require_feasible(plan: Plan) -> Plan:
-    """The plan itself. Raises InfeasiblePlanError when it breaks a constraint."""
+    """Return the plan itself. Raises InfeasiblePlanError if it breaks a constraint."""
     found = violations(plan)
     if found:
         raise InfeasiblePlanError(found)
@@ -157,7 +157,7 @@ def _separation(plan: Plan) -> Iterator[Violation]:
 
 
 def _boxes_apart(a: list[tuple[float, float]], b: list[tuple[float, float]], limit: float) -> bool:
-    """Whether the bounding boxes of two paths alone keep them more than `limit` apart."""
+    """Return whether the bounding boxes of two paths alone keep them more than `limit` apart."""
     for axis in (0, 1):
         along_a, along_b = [point[axis] for point in a], [point[axis] for point in b]
         if min(along_a) > max(along_b) + limit or min(along_b) > max(along_a) + limit:
@@ -166,7 +166,7 @@ def _boxes_apart(a: list[tuple[float, float]], b: list[tuple[float, float]], lim
 
 
 def _no_fly(plan: Plan) -> Iterator[Violation]:
-    """Straight legs against the inside of each zone; a discs's by distance, a polygon's by shapely."""
+    """Check straight legs against the inside of each zone: of a disc by distance, of a polygon by shapely."""
     for number, zone in enumerate(plan.scenario.no_fly):
         for uav in plan.scenario.uavs:
             path = plan.trajectories_m[uav.id][: plan.scenario.last_slot(uav) + 1]
@@ -178,7 +178,7 @@ def _no_fly(plan: Plan) -> Iterator[Violation]:
 
 
 def _depth_m(zone: NoFlyDisc | NoFlyPolygon, here: tuple[float, float], there: tuple[float, float]) -> float:
-    """How far the leg reaches into the zone: below the disc's radius, or metres of it inside the polygon."""
+    """Return how far the leg reaches into the zone: below the disc's radius, or metres of it inside the polygon."""
     if isinstance(zone, NoFlyDisc):
         east, north = zone.center_m
         return zone.radius_m - _segment_distance((here[0] - east, here[1] - north), (there[0] - east, there[1] - north))
@@ -192,7 +192,7 @@ def _depth_m(zone: NoFlyDisc | NoFlyPolygon, here: tuple[float, float], there: t
 
 
 def _segment_distance(p: tuple[float, float], q: tuple[float, float]) -> float:
-    """Distance of the segment p-q to (0, 0): how near two UAVs come that fly straight through one slot."""
+    """Return the distance of the segment p-q to (0, 0): how near two UAVs come that fly straight through one slot."""
     de, dn = q[0] - p[0], q[1] - p[1]
     length2 = de * de + dn * dn
     along = 0.0 if length2 == 0 else min(1.0, max(0.0, -(p[0] * de + p[1] * dn) / length2))

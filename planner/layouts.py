@@ -14,7 +14,7 @@ SPACING_M = 250.0
 
 
 def scattered(n_uavs: int, n_users: int, n_slots: int, *, seed: int, utility: Utility | None = None) -> Scenario:
-    """UAVs start on a square grid, users stand anywhere (uniformly) in the area; the rest is as in `examples.paper`."""
+    """Return UAVs on a square grid and users uniformly in the area; the rest is as in `examples.paper`."""
     columns = ceil(sqrt(n_uavs))
     rows = ceil(n_uavs / columns)
     width, height = columns * SPACING_M, rows * SPACING_M

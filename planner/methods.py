@@ -1,4 +1,4 @@
-"""The ways to plan, by name: every method takes the same problem and gives back the same kind of solution."""
+"""The ways to plan, by name: every method takes the same problem and returns the same kind of solution."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from skyfolio.planner.stopping import StoppingRule
 
 
 class Method(Protocol):
-    """How a method is called."""
+    """The signature of every method."""
 
     def __call__(
         self,
@@ -24,7 +24,7 @@ class Method(Protocol):
         n_starts: int | None,
         seed: int,
     ) -> Solution:
-        """The best solution found from `start_m`, (U, N, 2) metres, until `stop` says so.
+        """Return the best solution found from `start_m`, (U, N, 2) metres, until `stop` returns True.
 
         n_starts, seed: for methods that try several starts; others begin once and draw nothing.
         """
@@ -40,7 +40,7 @@ def _paper(
     n_starts: int | None,  # noqa: ARG001 - the letter begins once
     seed: int,  # noqa: ARG001 - and draws nothing
 ) -> Solution:
-    """Algorithm 1 as printed; cvxpy is imported by who asks for it, because that takes a second."""
+    """Run Algorithm 1 as printed; cvxpy is imported here, on first use, because that takes a second."""
     from skyfolio.planner.reference import algorithm_1  # noqa: PLC0415
 
     return algorithm_1(problem, stop, fast.flyable(problem, start_m), observer)
@@ -59,7 +59,7 @@ DEFAULT_METHOD = "fast"
 
 
 def method_of(name: str) -> Method:
-    """The method of this name. Raises ValueError with the names there are."""
+    """Return the method of this name. Raises ValueError with the known names."""
     if name not in METHODS:
         raise ValueError(f"method: {name!r} must be one of {', '.join(METHODS)}")
     return METHODS[name]

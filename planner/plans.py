@@ -1,4 +1,4 @@
-"""The plan: where each UAV is in each slot, whom it serves, with how much bandwidth, and how good that is."""
+"""The plan: where each UAV is in each slot, which users it serves with how much bandwidth, and how good that is."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from skyfolio.planner.scenario import Frozen, Scenario
 
 
 class PlanStatus(StrEnum):
-    """Life of a plan as a resource; the planner itself only emits `succeeded` and `cancelled` (stopped early)."""
+    """States of a plan as a resource; the planner itself only emits `succeeded` and `cancelled` (stopped early)."""
 
     QUEUED = "queued"
     RUNNING = "running"
@@ -54,7 +54,7 @@ class Iteration(Frozen):
 
 
 class Summary(Frozen):
-    """What the plan is worth.
+    """The measures of a plan.
 
     Rates are bit/s; `sum_rate_variance_kbps2` is the variance over slots of the sum rate in (kbit/s)^2;
     `mean_variance_eq5_bps` is eq. (5) with beta = -mu/2; `jain` is Jain's index of the users' time-averaged rates;

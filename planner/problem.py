@@ -15,7 +15,7 @@ from skyfolio.planner.scenario import NoFlyDisc, NoFlyPolygon, Scenario
 
 @dataclass(frozen=True, kw_only=True)
 class Past:
-    """What has been flown before the plan begins: it counts in the utility and cannot be changed.
+    """What was flown before the plan begins: it counts in the utility and cannot be changed.
 
     `first_slot` is the plan's slot 0 on the operation's slot grid; `rates_bps` is (n_users, n_past_slots), bit/s, NaN
     before a user was there. Such a slot is not in that user's expectation, which counts by the share of the slots in
@@ -62,36 +62,36 @@ class Problem:
 
     @cached_property
     def n_uavs(self) -> int:
-        """U."""
+        """The number of UAVs, U."""
         return len(self.start_m)
 
     @cached_property
     def n_users(self) -> int:
-        """K."""
+        """The number of users, K."""
         return len(self.user_m)
 
     @cached_property
     def n_slots(self) -> int:
-        """N."""
+        """The number of slots, N."""
         return int(self.snr_gain.shape[2])
 
     @cached_property
     def flying(self) -> NDArray[np.bool_]:
-        """Who flies when: (U, N)."""
+        """Whether each UAV flies in each slot: (U, N)."""
         there: NDArray[np.bool_] = np.arange(self.n_slots) < self.n_flying[:, None]
         return there
 
     def counted_kbps(self, rates_kbps: Array) -> Array:
-        """The rate table whose utility is asked for: the past, then the planned slots that count; (K, M + ...)."""
+        """Return the rate table that the utility counts: the past, then the planned slots that count; (K, M + ...)."""
         return np.hstack([self.past_kbps, rates_kbps[:, self.counted_from :]])
 
     def hover(self) -> Array:
-        """Everyone stays at the start, the one path that is always feasible: (U, N, 2) metres."""
+        """Return paths on which every UAV stays at its start, which is always feasible: (U, N, 2) metres."""
         return np.repeat(self.start_m[:, None, :], self.n_slots, axis=1)
 
 
 def problem_of(scenario: Scenario, past: Past | None = None) -> Problem:
-    """The arrays of `scenario`, with the rates of `past` in user order.
+    """Return the arrays of `scenario`, with the rates of `past` in user order.
 
     Raises ValueError when `past.rates_bps` does not have one row per user.
     """
@@ -128,10 +128,10 @@ def problem_of(scenario: Scenario, past: Past | None = None) -> Problem:
 
 
 def _snr_gain(scenario: Scenario, first_slot: int, n_flying: NDArray[np.intp]) -> Array:
-    """`p_u rho |h_uk[n]|^2 / sigma^2`: (U, K, N) m^2, 0 where the UAV has left.
+    """Return `p_u rho |h_uk[n]|^2 / sigma^2`: (U, K, N) m^2, 0 where the UAV has left.
 
-    Under mean fading all users share one row in memory, read-only: the fast path sees that by the stride and saves
-    a table of U K N numbers.
+    Under mean fading all users share one row in memory, read-only: the fast path recognises this by the stride and
+    saves a table of U K N numbers.
     """
     channel = scenario.channel
     power_w = np.array([uav.transmit_power_w for uav in scenario.uavs])

@@ -1,4 +1,4 @@
-"""Where a UAV can be in a slot at all, and how near to and far from each user that lets it come."""
+"""Where a UAV can be in a slot at all, and how near to and far from each user it can be there."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from skyfolio.planner.problem import Problem
 class Reach:
     """A superset of the positions each UAV can take in each slot: two discs and the flying area, intersected.
 
-    from_start_m, to_end_m: (U, N), radii in metres of the disc around the start (eqs. 6d, 6g) and, where an end
-    position is asked for, around that end (infinite where not). The centres are in the problem.
+    from_start_m, to_end_m: (U, N), radii in metres of the disc around the start (eqs. 6d, 6g) and, where there is an
+    end position, around that end (infinite where not). The centres are in the problem.
     """
 
     from_start_m: Array
@@ -23,7 +23,10 @@ class Reach:
 
 
 def reach_of(problem: Problem) -> Reach:
-    """`n D_max` around the start, `(last slot - n) D_max` around the end; a UAV that has left keeps its last disc."""
+    """Return the discs: `n D_max` around the start, `(last slot - n) D_max` around the end.
+
+    A UAV that has left keeps its last disc.
+    """
     slot = np.arange(problem.n_slots)[None]
     last = problem.n_flying[:, None] - 1
     step = problem.step_m[:, None]
@@ -33,8 +36,7 @@ def reach_of(problem: Problem) -> Reach:
 
 
 def squared_distance_range(problem: Problem) -> tuple[Array, Array]:
-    """Least and greatest `d_uk^2[n]` over what is reachable: two (U, K, N), m^2, of which the first is a lower and the
-    second an upper bound."""
+    """Return bounds of `d_uk^2[n]` over the reachable positions: a lower and an upper one, each (U, K, N) in m^2."""
     reach = reach_of(problem)
     user = problem.user_m[None]
     to_area = np.linalg.norm(user[0] - np.clip(user[0], problem.low_m, problem.high_m), axis=-1)  # (K,)

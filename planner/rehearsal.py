@@ -1,7 +1,7 @@
-"""Every kernel that Python calls, once, on a tiny problem: so that none is left to compile while aircraft fly.
+"""Calls every kernel that Python uses once, on a tiny problem, so that none is left to compile while aircraft fly.
 
-An `entry` has one signature whatever the problem (`fast.arena.plain`), so one call of each compiles all there is.
-A test runs plans and replans of every kind after it, and fails for a kernel that was not rehearsed.
+An `entry` has one signature whatever the problem (`fast.arena.plain`), so one call of each compiles everything.
+A test then runs plans and replans of every kind, and fails if a kernel was not rehearsed.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """What is left of an operation after something changed: the remaining scenario, and the past that counts.
 
-Apart from `replanning`, which solves it, so that who only has to check a request loads no kernels.
+It is separate from `replanning`, which solves it, so that checking a request loads no kernels.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ CLEAR_M = 1e-6
 
 
 def cause_of(changes: Changes, failed: Sequence[str] = ()) -> Cause:
-    """What the changes alone say about why a replan is wanted."""
+    """Return the cause of a replan as far as the changes alone tell it."""
     gone = tuple(dict.fromkeys([*failed, *changes.failed]))
     if gone:
         return Cause(uav_ids=gone)
@@ -42,10 +42,10 @@ def remaining(
     achieved_rates_bps: Mapping[str, Sequence[float]] | None = None,
     changes: Changes | None = None,
 ) -> tuple[Scenario, Past]:
-    """The scenario that is left, survivors at their live positions, and the past that counts; as in `replan`.
+    """Return the remaining scenario, with survivors at their live positions, and the past that counts; as in `replan`.
 
-    Raises ReplanError for unknown ids, a slot outside the plan, nobody left, survivors closer than `D_min`, an end
-    that is out of reach by now, or rates that are not finite, negative or of the wrong length.
+    Raises ReplanError for unknown ids, a slot outside the plan, no UAV or user left, survivors closer than `D_min`, an
+    end position that is out of reach by now, or rates that are not finite, negative or of the wrong length.
     """
     changes = changes or Changes()
     gone = {*failed, *changes.failed}
@@ -73,7 +73,7 @@ def remaining(
 
 
 def _whose_fault(error: ValidationError, changes: Changes) -> str:
-    """The broken rule of the scenario that would be left, after the field of the request that broke it."""
+    """Return the broken rule of the remaining scenario, preceded by the field of the request that broke it."""
     said = str(error.errors()[0]["msg"]).removeprefix("Value error, ")
     if said.startswith("users:"):
         return f"users_joined: {said.removeprefix('users: ')}"
@@ -95,13 +95,13 @@ def _check_request(
 
 
 def _moved_on(scenario: Scenario, uav: Uav, now: Sequence[float], begin: int) -> Uav:
-    """The UAV at its live position, `begin` slots later."""
+    """Return the UAV at its live position, `begin` slots later."""
     leaves = None if uav.leaves_at_slot is None else uav.leaves_at_slot - begin
     return uav.model_copy(update={"start_m": _into_flying_area(scenario, now), "leaves_at_slot": leaves})
 
 
 def _into_flying_area(scenario: Scenario, point: Sequence[float]) -> Point:
-    """A live position a little outside the area, or inside a no-fly zone, is taken at the edge: the plan leads back."""
+    """Move a live position slightly outside the area, or inside a no-fly zone, to the edge; the plan leads back."""
     (west, south), (east, north) = scenario.area_m
     inside = min(max(float(point[0]), west), east), min(max(float(point[1]), south), north)
     for zone in scenario.no_fly:
@@ -126,7 +126,7 @@ def _out_of(zone: NoFlyDisc | NoFlyPolygon, point: Point) -> Point:
 
 
 def _achieved(previous: Plan, begin: int, given: Mapping[str, Sequence[float]] | None) -> dict[str, list[float]]:
-    """bit/s by user: all slots before the new plan in which it was there, from the report or else the promise."""
+    """Return each user's rates in bit/s in the slots before the new plan, as reported, otherwise as planned."""
     unknown = [user for user in given or {} if user not in previous.scenario.user_ids]
     if unknown:
         raise ReplanError(f"achieved_rates_bps: {unknown[0]!r} is not a user of plan {previous.id}")
@@ -143,7 +143,7 @@ def _achieved(previous: Plan, begin: int, given: Mapping[str, Sequence[float]] |
 
 
 def _for_users(scenario: Scenario, changes: Changes, achieved: dict[str, list[float]]) -> Array:
-    """(K, M) bit/s for the users of the new scenario, NaN in the slots before a user was there."""
+    """Return (K, M) bit/s for the users of the new scenario, NaN in the slots before a user was there."""
     new = {user.id for user in changes.users_joined}
     slots = max(len(row) for row in achieved.values())
     table = np.full((len(scenario.users), slots), np.nan)

@@ -1,4 +1,4 @@
-"""From a nearly feasible path to one that satisfies (6d)-(6g), ends and no-fly zones to the last bit."""
+"""Turns a nearly feasible path into one that satisfies (6d)-(6g), ends and no-fly zones to the last bit."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ INSIDE_M = 5e-10
 
 
 def step_limits_m(problem: Problem) -> Array:
-    """The longest step of each UAV, metres: (U,).
+    """Return the longest step of each UAV, metres: (U,).
 
     It is `D_max` less rounding, except where an end position lies just as far away as the UAV can fly: such an end is
     in reach, and there the rounding of each step is allowed on top of what the straight way needs.
@@ -52,7 +52,7 @@ def within_limits(problem: Problem, paths_m: Array) -> Array:
 
 
 def separated(problem: Problem, paths_m: Array) -> bool:
-    """Whether no two UAVs come closer than `D_min` while both fly, at the slots and between them."""
+    """Return whether no two UAVs come closer than `D_min` while both fly, at the slots and between them."""
     if len(np.unique(problem.n_flying)) == 1:
         return closest_approach(paths_m) >= problem.separation_m
     return all(
@@ -62,13 +62,13 @@ def separated(problem: Problem, paths_m: Array) -> bool:
 
 
 def arrived(problem: Problem, paths_m: Array) -> bool:
-    """Whether every UAV is at its end position, if it has one, in its last slot."""
+    """Return whether every UAV is at its end position, if it has one, in its last slot."""
     there = paths_m[np.arange(problem.n_uavs), problem.n_flying - 1]
     return bool((np.isnan(problem.end_m) | (there == problem.end_m)).all())
 
 
 def outside_zones(problem: Problem, paths_m: Array) -> bool:
-    """Whether no leg enters a no-fly zone; edges may be touched."""
+    """Return whether no leg enters a no-fly zone; edges may be touched."""
     zones = [shapely.Polygon(outline).buffer(-INSIDE_M) for outline in problem.polygons]
     for path, flying in zip(paths_m, problem.n_flying, strict=True):
         legs = np.stack([path[:flying], path[[*range(1, flying), flying - 1]]], axis=1)
@@ -80,7 +80,7 @@ def outside_zones(problem: Problem, paths_m: Array) -> bool:
 
 
 def _least_distance(legs: Array, centre: Array) -> float:
-    """The least distance of segments (L, 2, 2) to a point."""
+    """Return the least distance of segments (L, 2, 2) to a point."""
     begin, move = legs[:, 0] - centre, legs[:, 1] - legs[:, 0]
     length2 = (move**2).sum(axis=1)
     along = np.clip(-(begin * move).sum(axis=1) / np.where(length2 > 0, length2, 1.0), 0.0, 1.0)
@@ -88,12 +88,12 @@ def _least_distance(legs: Array, centre: Array) -> float:
 
 
 def flyable(problem: Problem, paths_m: Array) -> bool:
-    """Whether paths within speed and area limits also keep apart, out of no-fly zones, and reach their ends."""
+    """Return whether paths within speed and area limits also keep apart, out of no-fly zones, and reach their ends."""
     return arrived(problem, paths_m) and separated(problem, paths_m) and outside_zones(problem, paths_m)
 
 
 def toward(problem: Problem, feasible_m: Array, wanted_m: Array) -> Array:
-    """The furthest of wanted, half way, a quarter, ... from a feasible path that is feasible; (U, N, 2) metres."""
+    """Return the first feasible path at all, half, a quarter, ... of the way from a feasible to a wanted path."""
     wanted_m = within_limits(problem, wanted_m)
     share = 1.0
     while share > 1e-3:

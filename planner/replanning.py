@@ -1,4 +1,4 @@
-"""Planning the rest of an operation after something changed."""
+"""Plans the rest of an operation after something changed."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def replan(
     cause: Cause | None = None,
     **options: Any,
 ) -> Plan:
-    """Plan the remaining slots of `previous` for whoever is left.
+    """Plan the remaining slots of `previous` for the UAVs and users that are left.
 
     failed: ids of the UAVs that are gone. at_slot: the first slot to plan, on the operation's slot grid.
     positions_m: where the survivors are when that slot begins, metres east/north (default: where the plan has them).

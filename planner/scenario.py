@@ -1,7 +1,7 @@
-"""The scenario: who flies, who is served, over which ground, for how long.
+"""The scenario: which UAVs fly, which users they serve, over which area, and for how long.
 
 Positions are east/north metres from `Scenario.origin`; altitude is metres above each vehicle's own home.
-Every rule is checked where the object is made, and the message names the field, its value and the rule.
+Every rule is checked when the object is created, and the message names the field, its value and the rule.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ Identifier = Annotated[str, Field(strict=True, pattern=r"^[A-Za-z0-9][A-Za-z0-9.
 
 
 class Frozen(BaseModel):
-    """Immutable, keyword-only, and strict about unknown fields."""
+    """The base of all parts: immutable, keyword-only, and strict about unknown fields."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -187,15 +187,15 @@ class Scenario(Frozen):
             )
 
     def uav(self, uav_id: str) -> Uav:
-        """The UAV of this id. Raises KeyError."""
+        """Return the UAV of this id. Raises KeyError."""
         return {uav.id: uav for uav in self.uavs}[uav_id]
 
     def altitude_of(self, uav: Uav) -> float:
-        """Metres above this vehicle's own home: its own `altitude_m`, or the fleet's."""
+        """Return the altitude of this UAV in metres above its own home: its own `altitude_m`, or the fleet's."""
         return self.altitude_m if uav.altitude_m is None else uav.altitude_m
 
     def last_slot(self, uav: Uav) -> int:
-        """The last slot, counted from 0, in which this UAV flies."""
+        """Return the last slot, counted from 0, in which this UAV flies."""
         return min(uav.leaves_at_slot or self.slots, self.slots) - 1
 
     @property
@@ -209,13 +209,13 @@ class Scenario(Frozen):
         return tuple(user.id for user in self.users)
 
     def with_changes(self, **changes: Any) -> Self:
-        """A validated copy with some fields replaced."""
+        """Return a validated copy with some fields replaced."""
         fields = {name: getattr(self, name) for name in type(self).model_fields}
         return type(self)(**{**fields, **changes})
 
 
 def zone_holds(zone: NoFlyDisc | NoFlyPolygon, point: Point) -> bool:
-    """Whether the point, metres east/north, lies strictly inside the zone."""
+    """Return whether the point, metres east/north, lies strictly inside the zone."""
     if isinstance(zone, NoFlyDisc):
         return dist(zone.center_m, point) < zone.radius_m
     return bool(Polygon(zone.vertices_m).contains(GeoPoint(point)))

@@ -8,7 +8,7 @@ from skyfolio.planner.arrays import Array
 
 
 def closest_approach(paths_m: Array) -> float:
-    """The least distance between any two UAVs that fly straight from slot to slot, in metres.
+    """Return the least distance between any two UAVs that fly straight from slot to slot, in metres.
 
     paths_m: (U, N, 2), metres east/north. Infinite for one UAV. Within a slot both fly at constant velocity, so their
     relative position moves along a segment, whose distance to 0 has a closed form.
@@ -21,7 +21,7 @@ def closest_approach(paths_m: Array) -> float:
 
 
 def _least_squared(apart: Array) -> float:
-    """Least squared distance to 0 of the polylines `apart`: (pairs, N, 2)."""
+    """Return the least squared distance to 0 of the polylines `apart`: (pairs, N, 2)."""
     least = float((apart**2).sum(axis=-1).min())
     if apart.shape[1] < 2:
         return least

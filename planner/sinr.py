@@ -10,7 +10,7 @@ from skyfolio.planner.problem import Problem
 
 
 def spectral_efficiency(problem: Problem, paths_m: Array) -> Array:
-    """log2(1 + SINR) of eq. (4), as if each UAV served each user: (U, K, N) bit/s/Hz.
+    """Return log2(1 + SINR) of eq. (4), as if each UAV served each user: (U, K, N) bit/s/Hz.
 
     Every other UAV of the fleet interferes on the whole band, as in the letter.
     """

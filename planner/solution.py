@@ -15,7 +15,10 @@ from skyfolio.planner.plans import Iteration
 
 @dataclass(frozen=True)
 class Solution:
-    """paths_m: (U, N, 2) metres east/north. serving: (K, N) UAV index. bandwidth_hz: (K, N) Hz from that UAV."""
+    """A solution as arrays.
+
+    paths_m: (U, N, 2) metres east/north. serving: (K, N) UAV index. bandwidth_hz: (K, N) Hz from that UAV.
+    """
 
     paths_m: Array
     serving: NDArray[np.intp]
@@ -28,4 +31,4 @@ Observer: TypeAlias = Callable[[Iteration, Callable[[], Solution]], None]
 
 
 def ignore(iteration: Iteration, reached: Callable[[], Solution]) -> None:
-    """The observer that does not look."""
+    """Ignore every iteration: the default observer."""

@@ -1,4 +1,4 @@
-"""`plan()`: the call that everything above the planner uses."""
+"""`plan()`, the function that everything above the planner calls."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from skyfolio.planner.unreachable import UnreachableEndError
 
 
 def converged() -> AnyOf:
-    """The default stopping rule: less than 0.01 % gained, or 50 iterations."""
+    """Return the default stopping rule: a gain below 0.01 %, or 50 iterations."""
     return AnyOf(MaxIterations(50), RelativeGain(1e-4))
 
 
 def _ignore(what: object) -> None:
-    """The observer that does not look."""
+    """Ignore every iteration: the default observer."""
 
 
 def plan(

@@ -1,4 +1,4 @@
-"""Stopping rules: tiny callables that combine. A rule sees the history and says whether to stop.
+"""Stopping rules: tiny callables that combine. A rule receives the history and returns whether to stop.
 
 `AnyOf(MaxIterations(50), RelativeGain(1e-4), Deadline(0.2, clock=time.monotonic))`
 """
@@ -12,12 +12,12 @@ from skyfolio.planner.plans import Iteration
 
 
 class StoppingRule(Protocol):
-    """Whether the optimiser should return what it has. `interrupts` says that it did not finish by itself."""
+    """A rule that decides whether the optimiser returns what it has; `interrupts` if it stops before convergence."""
 
     interrupts: bool
 
     def __call__(self, history: Sequence[Iteration]) -> bool:
-        """True to stop after the iterations of `history`."""
+        """Return whether to stop after the iterations of `history`."""
         ...
 
 
@@ -32,6 +32,7 @@ class MaxIterations:
         self.limit = limit
 
     def __call__(self, history: Sequence[Iteration]) -> bool:
+        """Return whether `history` has reached the limit."""
         return len(history) >= self.limit
 
 
@@ -46,6 +47,7 @@ class RelativeGain:
         self.tolerance = tolerance
 
     def __call__(self, history: Sequence[Iteration]) -> bool:
+        """Return whether the last iteration gained too little."""
         if len(history) < 2:
             return False
         before, now = history[-2].utility_bps, history[-1].utility_bps
@@ -53,7 +55,7 @@ class RelativeGain:
 
 
 class Deadline:
-    """Stop `seconds` after the first question, by the given monotonic clock."""
+    """Stop `seconds` after the rule was created, by the given monotonic clock."""
 
     interrupts = True
 
@@ -63,11 +65,12 @@ class Deadline:
         self.clock, self.until = clock, clock() + seconds
 
     def __call__(self, history: Sequence[Iteration]) -> bool:  # noqa: ARG002
+        """Return whether the time is over."""
         return self.clock() >= self.until
 
 
 class StopToken:
-    """Stop when somebody asks: `is_set` is polled between steps (a threading or multiprocessing event fits)."""
+    """Stop on request: `is_set` is polled between steps (a threading or multiprocessing event fits)."""
 
     interrupts = True
 
@@ -75,17 +78,19 @@ class StopToken:
         self.is_set = is_set
 
     def __call__(self, history: Sequence[Iteration]) -> bool:  # noqa: ARG002
+        """Return whether a stop was requested."""
         return self.is_set()
 
 
 class AnyOf:
-    """Stop when any of the rules says so; it interrupts when an interrupting one did."""
+    """Stop when any of the rules says so; it interrupts if an interrupting rule did."""
 
     def __init__(self, *rules: StoppingRule) -> None:
         self.rules = rules
         self.interrupts = False
 
     def __call__(self, history: Sequence[Iteration]) -> bool:
+        """Return whether any rule stops after the iterations of `history`."""
         saying = [rule for rule in self.rules if rule(history)]
         self.interrupts = any(rule.interrupts for rule in saying)
         return bool(saying)

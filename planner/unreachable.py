@@ -1,4 +1,4 @@
-"""End positions to which no paths were found: an error that says who stands in whose way. Loads no optimiser."""
+"""End positions to which no paths were found: an error that names what is in the way. Loads no optimiser."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class Blocked:
 
 
 class UnreachableEndError(ValueError):
-    """No paths were found that bring every UAV to its `end_m` by its last slot; `blocked` says who stands in the way.
+    """No paths were found that bring every UAV to its `end_m` by its last slot; `blocked` says what stands in the way.
 
     The message names UAVs by index until `named` puts in their ids.
     """

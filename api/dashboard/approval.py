@@ -1,11 +1,10 @@
-"""What waits for the operator: a proposed replan with its before/after picture, and UAVs that are back or low."""
+"""What waits for the operator: a proposed replan, UAVs to readmit, and UAVs that are low on battery."""
 
 from __future__ import annotations
 
 from nicegui import ui
 
-from skyfolio.api.dashboard import comparison
-from skyfolio.api.dashboard import map_scene as picture
+from skyfolio.api.dashboard import comparison, map_scene
 from skyfolio.api.dashboard.elements import MapView, attempt, figures, text
 from skyfolio.api.dashboard.views import Operation, Recovery
 from skyfolio.api.dashboard.watch import Watch
@@ -13,27 +12,29 @@ from skyfolio.planner import Plan
 
 
 class Notices:
-    """Banners above the situation, and the dialog with the picture. `draw` is called when the operation has changed."""
+    """Banners above the situation, and the dialog that compares plans. Call `draw` when the operation has changed."""
 
     def __init__(self, watch: Watch) -> None:
         self._watch = watch
         self._drawn: object = None
         self._figures_of: object = None
-        self._place = ui.element("div").props('role="region" aria-label="waiting for you" aria-live="assertive"')
+        self._place = ui.element("div").props(
+            'role="region" aria-label="waiting for your decision" aria-live="assertive"'
+        )
         # seamless and at the bottom: the emergency controls in the header stay in sight and in reach
         with ui.dialog().props("full-width seamless position=bottom") as self._dialog, ui.card().classes("sf-decide"):
             pass
         self._card = self._dialog.default_slot.children[0]
 
     def draw(self, operation: Operation) -> None:
-        """Show what waits now."""
+        """Show what waits for a decision now."""
         proposal = operation.proposal
         ready = proposal is not None and proposal.plan_id in self._watch.plans
         number = proposal.number if proposal and ready else None
         waiting = (operation.id, number, operation.returned, operation.low_on_battery)
         if waiting == self._drawn:
             if proposal is not None and ready and (operation.slot, proposal.plan_id) != self._figures_of:
-                self._fill(operation, proposal)  # a slot later: other figures
+                self._fill(operation, proposal)  # a new slot changes the figures
             return
         self._drawn = waiting
         self._place.clear()
@@ -51,17 +52,23 @@ class Notices:
 
     def _banner(self, operation: Operation, proposal: Recovery) -> None:
         with ui.element("div").classes("sf-proposal"):
-            text("span", f"{', '.join(proposal.lost)} lost. A replan for the survivors waits for your word.", "sf-what")
+            text(
+                "span",
+                f"{', '.join(proposal.lost)} lost. A replan for the survivors waits for your approval.",
+                "sf-what",
+            )
             ui.button("Before and after", on_click=self._dialog.open).props("outline")
             self._buttons(operation, proposal)
 
     def _returned(self, operation: Operation, uav: str) -> None:
         async def back() -> None:
-            await attempt(lambda: self._watch.feed.readmit(operation.id, uav), f"{uav} is planned for again")
+            await attempt(
+                lambda: self._watch.feed.readmit(operation.id, uav), f"{uav} is readmitted; the fleet is replanned"
+            )
 
         with ui.element("div").classes("sf-proposal"):
-            text("span", f"{uav} is heard again. It is not commanded unless you take it back.", "sf-what")
-            ui.button(f"Take {uav} back", on_click=back).props("unelevated")
+            text("span", f"{uav} is heard again. It is not commanded unless you readmit it.", "sf-what")
+            ui.button(f"Readmit {uav}", on_click=back).props("unelevated")
 
     def _low(self, operation: Operation, uav: str) -> None:
         async def home() -> None:
@@ -70,7 +77,7 @@ class Notices:
             )
 
         with ui.element("div").classes("sf-proposal"):
-            text("span", f"{uav} is low on battery. It flies its plan on unless you send it home.", "sf-what")
+            text("span", f"{uav} is low on battery. It continues to fly its plan unless you send it home.", "sf-what")
             ui.button(f"Send {uav} home", on_click=home).props("unelevated")
 
     def _buttons(self, operation: Operation, proposal: Recovery) -> None:
@@ -89,16 +96,16 @@ class Notices:
         if now is None or new is None:
             return
         lost, slot = list(proposal.lost), max(new.first_slot, (operation.slot or 0) + 1)
-        silent = comparison.without(now, lost, slot)
+        unchanged = comparison.without(now, lost, slot)
         with self._card:
             text("h2", f"{', '.join(lost)} lost: fly the new plan from slot {slot}?")
             with ui.element("div").classes("sf-pair"):
-                top = max(picture.scene(one.scenario, [("current", one)])["rate_max"] for one in (now, new))
-                self._map("Before: nobody answers the loss", now, slot, lost, silent, top)
+                top = max(map_scene.scene(plan.scenario, [("current", plan)])["rate_max"] for plan in (now, new))
+                self._map("Before: no recovery", now, slot, lost, unchanged, top)
                 self._map("After: the proposed plan", new, slot, [], None, top)
-            courses = [comparison.rest(now, slot), silent, comparison.rest(new, slot)]
+            courses = [comparison.rest(now, slot), unchanged, comparison.rest(new, slot)]
             head = (f"slots {slot} to the end", "as planned", "if rejected", "if approved")
-            figures(comparison.rows([comparison.course(one) for one in courses]), head)
+            figures(comparison.rows([comparison.course(rates) for rates in courses]), head)
             with ui.element("div").classes("sf-row"):
                 self._buttons(operation, proposal)
                 ui.button("Later", on_click=self._dialog.close).props("flat")
@@ -106,22 +113,24 @@ class Notices:
     def _map(
         self, title: str, plan: Plan, slot: int, lost: list[str], rates: dict[str, list[float]] | None, top: float
     ) -> None:
-        """One side of the picture; `top`: the rate that both sides colour brightest, bit/s."""
+        """Draw one side of the comparison; `top` is the rate, in bit/s, that both sides colour brightest."""
         first = self._watch.first_plan() or plan
         n = min(max(slot - plan.first_slot, 0), plan.scenario.slots - 1)
-        spots = [picture.Spot(uav_id=uav, at_m=path[n], lost=uav in lost) for uav, path in plan.trajectories_m.items()]
-        got = {user: row[n] for user, row in plan.user_rates_bps.items()} if rates is None else _now(rates)
+        spots = [
+            map_scene.Spot(uav_id=uav, at_m=path[n], lost=uav in lost) for uav, path in plan.trajectories_m.items()
+        ]
+        rates_now = {user: row[n] for user, row in plan.user_rates_bps.items()} if rates is None else _now(rates)
         with ui.element("div"):
             text("h3", title)
             view = MapView(title)
-        made = picture.scene(
-            first.scenario, [("current", plan)], reserved=picture.reserved(plan, lost, slot), rate_max=top
+        scene = map_scene.scene(
+            first.scenario, [("current", plan)], reserved=map_scene.reserved(plan, lost, slot), rate_max=top
         )
-        moving = picture.frame(spots, plan, slot, got, promise=first, live=False)
+        frame = map_scene.frame(spots, plan, slot, rates_now, promise=first, live=False)
 
         def draw() -> None:
-            view.set_scene(made, {})
-            view.set_frame(moving)
+            view.set_scene(scene, {})
+            view.set_frame(frame)
 
         with self._card:
             ui.timer(0.3, draw, once=True)

@@ -17,12 +17,12 @@ PLANNED, ACHIEVED, AFTER = PALETTE[4], PALETTE[0], PALETTE[1]
 
 
 def kbps(row: Row) -> list[float | None]:
-    """Bit/s to kbit/s, gaps kept."""
+    """Convert bit/s to kbit/s; gaps stay."""
     return [None if value is None else round(value / 1e3, 3) for value in row]
 
 
 def total(table: Mapping[str, Row], n_slots: int) -> list[float | None]:
-    """Sum over users in each slot, None where any user's rate is not known."""
+    """Return the sum over users in each slot, None where any user's rate is unknown."""
     columns = ([row[n] if n < len(row) else None for row in table.values()] for n in range(n_slots))
     return [None if not column or None in column else sum(x for x in column if x is not None) for column in columns]
 
@@ -35,7 +35,15 @@ def timeline(
     cursor: int | None = None,
     lost: Mapping[str, float] | None = None,
 ) -> Json:
-    """Sum rates above, each user's rate in each slot below; bit/s in. `lost`: UAV to slot (fractions allowed)."""
+    """Return a chart of sum rates above and each user's rate in each slot below.
+
+    Args:
+        n_slots: Slots of the operation.
+        lines: Sum rates by name, bit/s in each slot.
+        users: Rates by user id, bit/s in each slot.
+        cursor: The slot to mark.
+        lost: The slot of each loss by UAV id, with fractions.
+    """
     slots = [str(n) for n in range(n_slots)]
     colours = {"planned": PLANNED, "achieved": ACHIEVED, "after replan": AFTER}
     series: list[Json] = [
@@ -84,7 +92,7 @@ def timeline(
         ],
         "yAxis": [
             {**_axis("value", None, 0), "name": "sum, kbit/s", "nameTextStyle": {"color": MUTED, "align": "left"}},
-            {**_axis("category", [each.replace("user-", "u") for each in ids], 1), "inverse": True},
+            {**_axis("category", [user.replace("user-", "u") for user in ids], 1), "inverse": True},
         ],
         "visualMap": {
             "show": False, "min": 0, "max": max(top, 1e-3), "seriesIndex": len(series), "inRange": {"color": CIVIDIS},
@@ -121,8 +129,7 @@ def _axis(kind: str, data: Sequence[str] | None, grid: int) -> Json:
 
 
 def trade_off(points: Sequence[tuple[float, float, float]], chosen: float | None) -> Json:
-    """Mean sum rate over its standard deviation for each mu tried: (mu, sd, mean), kbit/s, in the order of the line."""
-
+    """Return a chart of mean sum rate over standard deviation; points are (mu, deviation, mean) in kbit/s, in order."""
     together: dict[tuple[float, float], list[float]] = {}
     for mu, deviation, mean in points:
         together.setdefault((round(deviation, 1), round(mean, 1)), []).append(mu)
@@ -154,16 +161,17 @@ def trade_off(points: Sequence[tuple[float, float, float]], chosen: float | None
 
 
 def sums(lines: Mapping[str, Row], n_slots: int, *, lost: Mapping[str, float] | None = None) -> Json:
-    """Sum rates of several courses of events over the slots, bit/s in."""
-    made = timeline(n_slots, lines, {}, lost=lost)
-    made["series"] = made["series"][:-1]
-    for number, one in enumerate(made["series"]):
+    """Return a chart of several sum rates over the slots, given in bit/s."""
+    options = timeline(n_slots, lines, {}, lost=lost)
+    options["series"] = options["series"][:-1]
+    for number, series in enumerate(options["series"]):
         colour = PALETTE[number % len(PALETTE)]
-        one["itemStyle"] = {"color": colour}
-        one["lineStyle"] = {"width": 2.5, "color": colour, "type": "solid" if number == 0 else [7, 4]}
-    made.pop("visualMap")
-    made["grid"] = {"left": 52, "right": 14, "top": 30, "bottom": 38}
-    made["xAxis"] = {**_axis("category", [str(n) for n in range(n_slots)], 0), "name": "slot", "nameLocation": "middle",
-                     "nameGap": 22, "nameTextStyle": {"color": MUTED}}  # fmt: skip
-    made["yAxis"] = made["yAxis"][0]
-    return made
+        series["itemStyle"] = {"color": colour}
+        series["lineStyle"] = {"width": 2.5, "color": colour, "type": "solid" if number == 0 else [7, 4]}
+    options.pop("visualMap")
+    options["grid"] = {"left": 52, "right": 14, "top": 30, "bottom": 38}
+    slots = _axis("category", [str(n) for n in range(n_slots)], 0)
+    label = {"name": "slot", "nameLocation": "middle", "nameGap": 22, "nameTextStyle": {"color": MUTED}}
+    options["xAxis"] = {**slots, **label}
+    options["yAxis"] = options["yAxis"][0]
+    return options

@@ -1,4 +1,4 @@
-"""What a loss costs and what a replan gives back, over the slots that remain. Pure."""
+"""What a loss costs and what a replan regains, over the remaining slots. Pure."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SERVED_BPS = 100.0
 
 @dataclass(frozen=True)
 class Course:
-    """One course of events over the slots that remain: rates in bit/s, Jain's index of the users' means."""
+    """Figures of one alternative over the remaining slots: rates in bit/s, Jain's index of the users' means."""
 
     mean_sum_rate_bps: float
     worst_mean_bps: float
@@ -24,7 +24,7 @@ class Course:
 
 
 def without(plan: Plan, lost: Iterable[str], from_slot: int) -> dict[str, list[float]]:
-    """Rates of each user, bit/s, in each slot from `from_slot` (operation's grid) if the others flew on as planned."""
+    """Return each user's rates in bit/s from `from_slot` (operation's grid) on if the survivors flew on as planned."""
     gone = set(lost)
     begin = min(max(from_slot - plan.first_slot, 0), plan.scenario.slots - 1)
     slots = np.arange(begin, plan.scenario.slots)
@@ -36,7 +36,7 @@ def without(plan: Plan, lost: Iterable[str], from_slot: int) -> dict[str, list[f
 
 
 def course(rates_bps: Mapping[str, Sequence[float]]) -> Course:
-    """Figures of rates over the slots that remain."""
+    """Return the figures of rates, in bit/s, over the remaining slots."""
     table = np.array([list(row) for row in rates_bps.values()], dtype=float)
     means = table.mean(axis=1)
     squares = float((means**2).sum())
@@ -49,16 +49,16 @@ def course(rates_bps: Mapping[str, Sequence[float]]) -> Course:
 
 
 def rest(plan: Plan, from_slot: int) -> dict[str, list[float]]:
-    """What the plan promises from that slot of the operation's grid on, bit/s."""
+    """Return each user's planned rates in bit/s from that slot of the operation's grid on."""
     begin = min(max(from_slot - plan.first_slot, 0), plan.scenario.slots - 1)
     return {user: row[begin:] for user, row in plan.user_rates_bps.items()}
 
 
 def rows(courses: Sequence[Course]) -> list[tuple[str, ...]]:
-    """Rows of a table with one column a course."""
+    """Return the rows of a table with one column for each alternative."""
     return [
-        ("mean sum rate, kbit/s", *(f"{one.mean_sum_rate_bps / 1e3:.2f}" for one in courses)),
-        ("worst user's mean, kbit/s", *(f"{one.worst_mean_bps / 1e3:.2f}" for one in courses)),
-        ("users not served", *(str(one.unserved) for one in courses)),
-        ("Jain index", *(f"{one.jain:.3f}" for one in courses)),
+        ("mean sum rate, kbit/s", *(f"{course.mean_sum_rate_bps / 1e3:.2f}" for course in courses)),
+        ("worst user's mean, kbit/s", *(f"{course.worst_mean_bps / 1e3:.2f}" for course in courses)),
+        ("users not served", *(str(course.unserved) for course in courses)),
+        ("Jain index", *(f"{course.jain:.3f}" for course in courses)),
     ]

@@ -1,4 +1,4 @@
-"""The two elements that run in the browser, and small ones that pages share."""
+"""The two elements that run in the browser, and small elements that pages share."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from skyfolio.api.dashboard.rest import RestError
 
 
 class MapView(ui.element, component="components/map.js"):
-    """The canvas map. `tool` says what a click does: None looks, else it emits `place` with metres east/north."""
+    """The canvas map. Without a tool a click selects; with one it emits `place` with metres east/north."""
 
     def __init__(self, label: str) -> None:
         super().__init__()
@@ -21,49 +21,49 @@ class MapView(ui.element, component="components/map.js"):
         self._props["tool"] = None
 
     def set_scene(self, scene: Json, tracks: Json | None = None) -> None:
-        """What stays; `tracks` replaces what was flown: {uav: [[east, north]]}."""
+        """Draw what stays; `tracks` replaces the flown tracks: {uav: [[east, north]]}."""
         self.run_method("set_scene", scene, tracks)
 
     def set_frame(self, frame: Json) -> None:
-        """What moves."""
+        """Draw what moves."""
         self.run_method("set_frame", frame)
 
     def select(self, uav_id: str | None) -> None:
-        """Bring one UAV out, or none."""
+        """Highlight one UAV, or none."""
         self.run_method("select", uav_id)
 
     def use(self, tool: str | None) -> None:
-        """Choose what a click does."""
+        """Choose what a click on the map does."""
         self._props["tool"] = tool
         self.update()
 
 
 class FleetTable(ui.element, component="components/fleet.js"):
-    """The fleet, one row a UAV."""
+    """The fleet, with one row for each UAV."""
 
     def set_rows(self, rows: list[Json]) -> None:
         """Replace all rows."""
         self.run_method("set_rows", rows)
 
     def select(self, uav_id: str | None) -> None:
-        """Mark one row, or none."""
+        """Highlight one row, or none."""
         self.run_method("select", uav_id)
 
 
 def text(tag: str, words: str, classes: str = "") -> TextElement:
-    """An HTML element that holds words."""
+    """Return an HTML element that holds text."""
     return TextElement(tag=tag, text=words).classes(classes)
 
 
 def panel(title: str, classes: str = "") -> ui.element:
-    """A section with a heading; use it as a context."""
+    """Return a section with a heading, to be used as a context manager."""
     with ui.element("section").classes(f"sf-panel {classes}").props(f'aria-label="{title}"') as section:
         text("h2", title, "sf-title")
     return section
 
 
 async def attempt(action: Callable[[], Awaitable[Any]], done: str | None = None) -> bool:
-    """Do something for the operator; a refusal is said where it cannot be overlooked. Whether it was done."""
+    """Do something for the operator, show a refusal prominently, and return whether it succeeded."""
     try:
         await action()
     except RestError as error:
@@ -75,7 +75,7 @@ async def attempt(action: Callable[[], Awaitable[Any]], done: str | None = None)
 
 
 def say_refusal(error: RestError) -> None:
-    """Show a refusal until it is closed."""
+    """Show a refusal until the operator closes it."""
     ui.notify(
         f"{error.title}: {error.detail}",
         type="negative",
@@ -87,16 +87,16 @@ def say_refusal(error: RestError) -> None:
 
 
 def figures(rows: list[tuple[str, ...]], head: tuple[str, ...] | None = None) -> ui.element:
-    """A small table of figures; the first column names them."""
+    """Return a small table of figures; the first column names them."""
     with ui.element("table").classes("sf-figures") as table:
         if head:
             with ui.element("thead"), ui.element("tr"):
-                for one in head:
-                    text("th", one)
+                for name in head:
+                    text("th", name)
         with ui.element("tbody"):
             for first, *rest in rows:
                 with ui.element("tr"):
                     text("th", first)
-                    for one in rest:
-                        text("td", one)
+                    for cell in rest:
+                        text("td", cell)
     return table

@@ -1,34 +1,32 @@
-"""Events in an operator's words. Pure."""
+"""Describes events to the operator. Pure."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from skyfolio.api.dashboard.views import Happening
+from skyfolio.api.dashboard.views import ServiceEvent
 
 Data = Mapping[str, Any]
 WORTH_TELLING_S, WORTH_TELLING_M = 2.0, 2.0
-"""A UAV is late at the end of nearly every slot by a little; less than this is not told. Nor is a way of less than
-this, however long it takes at the pace of a leg of a few metres."""
+"""A slip below either of these is not shown: a UAV is a little late at the end of nearly every slot, and a distance of
+metres can take seconds at the pace of a short leg."""
 SKIP = {"operation_id", "plan_id"}
 
 
-def words(happening: Happening) -> tuple[str, str]:
-    """(what happened, level): the level is ok, warn, alarm or empty. No words: not worth an operator's look."""
-    known = WORDS.get(happening.kind)
+def describe(event: ServiceEvent) -> tuple[str, str]:
+    """Return (text, level). The level is ok, warn, alarm or empty; an empty text means that the event is not shown."""
+    known = DESCRIPTIONS.get(event.kind)
     if known is not None:
-        return known(happening.data)
-    rest = ", ".join(
-        f"{name} {value}" for name, value in happening.data.items() if name not in SKIP and value is not None
-    )
-    return f"{happening.kind.replace('_', ' ')} {rest}".strip(), ""
+        return known(event.data)
+    rest = ", ".join(f"{name} {value}" for name, value in event.data.items() if name not in SKIP and value is not None)
+    return f"{event.kind.replace('_', ' ')} {rest}".strip(), ""
 
 
 def _operation(data: Data) -> tuple[str, str]:
     state, error = str(data.get("state")), data.get("error")
     if state == "link_lost":
-        return "nobody is heard: our own link is lost, and vehicles fly on by the missions on board", "alarm"
+        return "no vehicle is heard: our own link is lost, and the vehicles fly on with the missions on board", "alarm"
     ends = ", ".join(f"{uav} {str(end).replace('_', ' ')}" for uav, end in (data.get("ends") or {}).items())
     text = f"operation {state.replace('_', ' ')}" + (f": {error}" if error else f": {ends}" if ends else "")
     levels = {"failed": "alarm", "aborted": "warn", "completed_partly": "alarm", "completed": "ok"}
@@ -55,34 +53,34 @@ def _lost(data: Data) -> tuple[str, str]:
 def _geofence(data: Data) -> tuple[str, str]:
     if data.get("error"):
         return f"{data.get('uav_id')} flies without a geofence: {data.get('error')}", "warn"
-    return f"{data.get('uav_id')} has the plan's area as its geofence", "ok"
+    return f"{data.get('uav_id')} has accepted the plan's area as its geofence", "ok"
 
 
 def _rally_point(data: Data) -> tuple[str, str]:
     if data.get("error"):
         return f"{data.get('uav_id')} flies without a rally point: {data.get('error')}", "warn"
-    return f"{data.get('uav_id')} has where it stands as its rally point", "ok"
+    return f"{data.get('uav_id')} has accepted its present position as its rally point", "ok"
 
 
 def _telemetry_log(data: Data) -> tuple[str, str]:
-    return f"the telemetry log is not written: {data.get('error')}", "warn"
+    return f"the telemetry log cannot be written: {data.get('error')}", "warn"
 
 
 def _order(data: Data) -> tuple[str, str]:
-    vehicles = data.get("vehicles") or []
-    told = [str(one.get("uav_id")) for one in vehicles if one.get("outcome") == "ok"]
-    others = [f"{one.get('uav_id')}: {one.get('reason')}" for one in vehicles if one.get("outcome") != "ok"]
-    text = f"ordered to {data.get('action')}: {', '.join(told) or 'nobody'}"
-    failed = any(one.get("outcome") == "failed" for one in vehicles)
+    results = data.get("vehicles") or []
+    obedient = [str(result.get("uav_id")) for result in results if result.get("outcome") == "ok"]
+    others = [f"{result.get('uav_id')}: {result.get('reason')}" for result in results if result.get("outcome") != "ok"]
+    text = f"ordered to {data.get('action')}: {', '.join(obedient) or 'no vehicle'}"
+    failed = any(result.get("outcome") == "failed" for result in results)
     return text + (f" (not {'; '.join(others)})" if others else ""), "alarm" if failed else "warn"
 
 
 def _low(data: Data) -> tuple[str, str]:
-    return f"{data.get('uav_id')} is low on battery ({data.get('detail')}): it may be sent home", "warn"
+    return f"{data.get('uav_id')} is low on battery ({data.get('detail')}): you can send it home", "warn"
 
 
 def _warning(data: Data) -> tuple[str, str]:
-    return f"{data.get('uav_id')} tells of a failsafe and goes on: {data.get('detail')}", "warn"
+    return f"{data.get('uav_id')} reports a failsafe and flies on: {data.get('detail')}", "warn"
 
 
 def _withdrawn(data: Data) -> tuple[str, str]:
@@ -92,8 +90,8 @@ def _withdrawn(data: Data) -> tuple[str, str]:
 
 def _gcs_heartbeat(data: Data) -> tuple[str, str]:
     if data.get("sent"):
-        return "vehicles hear the service again", "ok"
-    return f"vehicles hear the service no more: {data.get('because')}", "alarm"
+        return "the service sends its HEARTBEAT again", "ok"
+    return f"the service no longer sends its HEARTBEAT: {data.get('because')}", "alarm"
 
 
 def _condition(data: Data) -> tuple[str, str]:
@@ -106,7 +104,7 @@ def _recovery(data: Data) -> tuple[str, str]:
     if data.get("outcome") == "flying":
         solved = data.get("replan_ms") or 0.0
         return f"survivors fly {data.get('plan_id')} (replanned in {solved:.0f} ms)", "ok"
-    return f"answer to the loss: {str(data.get('outcome')).replace('_', ' ')}: {data.get('error')}", "alarm"
+    return f"recovery: {str(data.get('outcome')).replace('_', ' ')}: {data.get('error')}", "alarm"
 
 
 def _plan_ended(data: Data) -> tuple[str, str]:
@@ -120,7 +118,7 @@ def _uploaded(data: Data) -> tuple[str, str]:
 
 def _incident(data: Data) -> tuple[str, str]:
     step, uav = str(data.get("step")), data.get("uav_id")
-    text = f"answer {data.get('incident')}: {step}" + (f" {uav}" if uav else "")
+    text = f"recovery of incident {data.get('incident')}: {step}" + (f" {uav}" if uav else "")
     return text, "warn" if step in {"refused", "proposed"} else ""
 
 
@@ -129,7 +127,7 @@ def _drill(data: Data) -> tuple[str, str]:
 
 
 def _returned(data: Data) -> tuple[str, str]:
-    return f"{data.get('uav_id')} is heard again, and offered", "ok"
+    return f"{data.get('uav_id')} is heard again and can be readmitted", "ok"
 
 
 def _resumed(data: Data) -> tuple[str, str]:
@@ -139,11 +137,11 @@ def _resumed(data: Data) -> tuple[str, str]:
 
 
 def _guard(data: Data) -> tuple[str, str]:
-    return f"nobody guards the stream: UAVs would hold if the service died ({data.get('error')})", "warn"
+    return f"the stream has no guard: UAVs would hold if the service died ({data.get('error')})", "warn"
 
 
 def _lands(data: Data) -> tuple[str, str]:
-    return f"UAVs land where they are, ways home would meet: {data.get('because')}", "warn"
+    return f"UAVs land where they are, because their ways home would meet: {data.get('because')}", "warn"
 
 
 def _registered(data: Data) -> tuple[str, str]:
@@ -166,59 +164,62 @@ def _preflight(data: Data) -> tuple[str, str]:
 
 def _moved(data: Data) -> tuple[str, str]:
     signed = "" if data.get("signed") else "; its frames are not signed, so check that it is the same aircraft"
-    return f"{data.get('uav_id')} is heard from {data.get('now')}, before from {data.get('before')}{signed}", "warn"
+    return f"{data.get('uav_id')} is now heard from {data.get('now')} instead of {data.get('before')}{signed}", "warn"
 
 
 def _two_senders(data: Data) -> tuple[str, str]:
     uav, known, other = data.get("uav_id"), data.get("before"), data.get("now")
-    return f"two senders use the system id of {uav}: {known}, and {other}, which is not believed", "alarm"
+    return f"two senders use the system id of {uav}: {known}, and {other}, which is ignored", "alarm"
 
 
 def _second_link(data: Data) -> tuple[str, str]:
-    signed = "" if data.get("signed") else "; unsigned, it may be another aircraft with the same system id"
+    signed = "" if data.get("signed") else "; it is not signed, and may be another aircraft with the same system id"
     return f"{data.get('uav_id')} is heard on a second link, {data.get('now')}{signed}", "warn" if signed else ""
 
 
 def _brought_down(data: Data) -> tuple[str, str]:
     if data.get("error"):
-        return f"{data.get('uav_id')} still hovers and does not come down: {data.get('error')}", "alarm"
+        return f"{data.get('uav_id')} still hovers and cannot be brought down: {data.get('error')}", "alarm"
     doing = "returns" if data.get("action") == "return" else "lands"
     return f"{data.get('uav_id')} {doing}: {data.get('because')}", "warn"
 
 
 def _speed_restored(data: Data) -> tuple[str, str]:
-    text = f"{data.get('uav_id')} left our modes ({data.get('mode')}) at a speed of ours"
+    text = f"{data.get('uav_id')} left the commanded mode (for {data.get('mode')}) at a commanded speed"
     if data.get("error"):
-        return f"{text}, and does not take its own back: {data.get('error')}", "alarm"
-    return f"{text}: {data.get('speed_mps'):g} m/s again, its own", "warn"
+        return f"{text}, and its cruise speed could not be restored: {data.get('error')}", "alarm"
+    return f"{text}: its cruise speed of {data.get('speed_mps'):g} m/s is restored", "warn"
 
 
 def _stuck(data: Data) -> tuple[str, str]:
     where = f"stayed {data.get('distance_m')} m from item {data.get('item')} for {data.get('for_s')} s"
-    return f"{data.get('uav_id')} {where}: told to go on with item {data.get('next_item')}", "warn"
+    return f"{data.get('uav_id')} {where}: sent on to item {data.get('next_item')}", "warn"
 
 
 def _altitude(data: Data) -> tuple[str, str]:
     if data.get("level") == "ok":
-        return f"{data.get('uav_id')} is at its altitude again", "ok"
+        return f"{data.get('uav_id')} is at its planned altitude again", "ok"
     off_m = float(data.get("off_m") or 0.0)
-    return f"{data.get('uav_id')} is {abs(off_m):.1f} m {'above' if off_m > 0 else 'below'} its altitude", "warn"
+    return (
+        f"{data.get('uav_id')} is {abs(off_m):.1f} m {'above' if off_m > 0 else 'below'} its planned altitude",
+        "warn",
+    )
 
 
 def _home_moved(data: Data) -> tuple[str, str]:
     where = f"{data.get('moved_m')} m away and {data.get('up_m')} m up"
-    return f"{data.get('uav_id')} has a new home, {where}: its altitudes count from there", "warn"
+    return f"{data.get('uav_id')} has a new home, {where}: its altitudes now count from there", "warn"
 
 
 def _waits(data: Data) -> tuple[str, str]:
-    return f"{data.get('uav_id')} has not told its {', '.join(data.get('missing') or ())} yet: waiting", "warn"
+    return f"{data.get('uav_id')} has not reported its {', '.join(data.get('missing') or ())} yet: waiting", "warn"
 
 
 def _arming_refused(data: Data) -> tuple[str, str]:
     return f"{data.get('uav_id')} cannot be armed yet: {data.get('because')}", "warn"
 
 
-WORDS: Mapping[str, Callable[[Data], tuple[str, str]]] = {
+DESCRIPTIONS: Mapping[str, Callable[[Data], tuple[str, str]]] = {
     "operation": _operation,
     "link": _link,
     "uav_lost": _lost,

@@ -1,4 +1,4 @@
-"""The facade: the service's REST and event surface as the pages' views. Nothing else here knows its routes or JSON."""
+"""The service's REST interface and events as the pages' views. No other module of this room knows routes or JSON."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from skyfolio.api.dashboard.rest import Rest, RestError
 from skyfolio.api.dashboard.views import (
     OVER,
     Drill,
-    Happening,
     Operation,
     OperationLine,
-    Ordered,
+    OrderResult,
     PlanState,
+    ServiceEvent,
     TrackPoint,
     Vehicle,
     WhatIf,
@@ -26,12 +26,12 @@ from skyfolio.sim import FAULTS, fault_from
 
 ENDED = {"succeeded", "infeasible", "cancelled", "failed", "interrupted"}
 TRACK_AT_ONCE = 200
-"""Points of a track that are read together; a long flight has thousands."""
+"""Points of a track that are read in one request; a long flight has thousands."""
 _TRACK = TypeAdapter(list[TrackPoint])
 
 
 class Feed:
-    """The service, as one operator sees it. Every method may raise RestError, whose text is fit to be shown."""
+    """The service as one operator sees it. Every method may raise RestError, whose text is fit for the operator."""
 
     def __init__(self, rest: Rest) -> None:
         self._rest = rest
@@ -39,11 +39,11 @@ class Feed:
     # --- plans ---
 
     async def examples(self) -> list[str]:
-        """Names of the ready scenarios."""
+        """Return the names of the built-in scenarios."""
         return list((await self._rest.call("GET", "/v1/scenarios/examples"))["examples"])
 
     async def example(self, name: str) -> Scenario:
-        """One ready scenario."""
+        """Return one built-in scenario."""
         return Scenario.model_validate(await self._rest.call("GET", f"/v1/scenarios/examples/{name}"))
 
     async def make_plan(self, scenario: Scenario, wait_s: float = 60.0) -> Plan:
@@ -51,28 +51,28 @@ class Feed:
         return await self.awaited_plan(await self.begin_plan(scenario), wait_s)
 
     async def begin_plan(self, scenario: Scenario) -> str:
-        """Ask for a plan; its id."""
+        """Request a plan and return its id."""
         return str((await self._rest.call("POST", "/v1/plans", json=scenario.model_dump(mode="json")))["id"])
 
     async def awaited_plan(self, plan_id: str, wait_s: float = 60.0) -> Plan:
-        """The plan once it is finished, within `wait_s`."""
+        """Wait for a plan, at most `wait_s`, and return it."""
         return _finished(await self._rest.text("GET", f"/v1/plans/{plan_id}", wait_s=wait_s))
 
     async def what_if(self, plan_id: str, uav_id: str, at_slot: int, wait_s: float = 60.0) -> Plan:
-        """The plan for the survivors if this UAV were lost when that slot (of the operation's grid) begins."""
+        """Return the replan for the loss of this UAV at the beginning of that slot of the operation's grid."""
         body = {"failed": [uav_id], "at_slot": at_slot}
         return _finished(await self._rest.text("POST", f"/v1/plans/{plan_id}/replans", json=body, wait_s=wait_s))
 
     async def plan(self, plan_id: str) -> Plan:
-        """A finished plan."""
+        """Return a finished plan."""
         return _finished(await self._rest.text("GET", f"/v1/plans/{plan_id}"))
 
     async def mission_file(self, plan_id: str, uav_id: str) -> Any:
-        """One UAV's mission as a QGroundControl `.plan` document."""
+        """Return one UAV's mission as a QGroundControl `.plan` document."""
         return await self._rest.call("GET", f"/v1/plans/{plan_id}/missions", format="plan", uav_id=uav_id)
 
     async def contingencies(self, plan_id: str, at_slot: int) -> list[WhatIf]:
-        """For each UAV, what users get if it is lost at that slot."""
+        """Return, for each UAV, what users get if it is lost at that slot."""
         path = f"/v1/plans/{plan_id}/contingencies"
         table = await self._rest.call("GET", path, at_slot=at_slot, wait_s=30)
         planned = table["mean_sum_rate_bps"]
@@ -81,30 +81,30 @@ class Feed:
     # --- fleet and operations ---
 
     async def vehicles(self) -> list[Vehicle]:
-        """All registered vehicles."""
+        """Return all registered vehicles."""
         return [Vehicle.model_validate(row) for row in await self._rest.call("GET", "/v1/fleet/vehicles")]
 
     async def start(self, plan_id: str, systems: Mapping[str, int], policy: str) -> Operation:
-        """Register what is not registered yet, and fly the plan."""
+        """Register the vehicles that are not registered yet, and fly the plan."""
         for uav_id, system_id in systems.items():
             await self._rest.call("POST", "/v1/fleet/vehicles", json={"uav_id": uav_id, "system_id": system_id})
         body = {"plan_id": plan_id, "replanning": policy}
         return _operation(await self._rest.call("POST", "/v1/operations", json=body))
 
     async def operations(self, limit: int = 50) -> list[OperationLine]:
-        """Stored operations, the newest first."""
+        """Return stored operations, the newest first."""
         page = await self._rest.call("GET", "/v1/operations", limit=limit)
         return [OperationLine.model_validate(row) for row in page["items"]]
 
     async def operation(self, operation_id: str) -> Operation:
-        """An operation as it is now, with every step of its answers to losses."""
+        """Return an operation as it is now, with every step of its recoveries."""
         path = f"/v1/operations/{operation_id}"
         body = await self._rest.call("GET", path)
         happened = body["lost"] or body["recoveries"] or body["returned"]
         return _operation(body, await self._rest.call("GET", f"{path}/journal") if happened else ())
 
     async def track(self, operation_id: str) -> list[TrackPoint]:
-        """Where every UAV of an operation was, twice a fleet second."""
+        """Return where every UAV of an operation was, at two points per fleet second."""
         points: list[TrackPoint] = []
         path = f"/v1/operations/{operation_id}/track"
         while True:
@@ -115,63 +115,65 @@ class Feed:
                 return points
 
     async def pause(self, operation_id: str) -> None:
-        """Hold, to go on later from the same place."""
+        """Pause an operation: its vehicles hold until it is resumed."""
         await self._rest.call("POST", f"/v1/operations/{operation_id}:pause")
 
     async def resume(self, operation_id: str) -> None:
-        """Go on after a pause."""
+        """Resume an operation after a pause."""
         await self._rest.call("POST", f"/v1/operations/{operation_id}:resume")
 
     async def abort(self, operation_id: str, action: str) -> None:
-        """End it: every vehicle that answers holds (`hold`) or returns home (`return`)."""
+        """End an operation: every vehicle that is heard holds (`hold`), returns home (`return`) or lands (`land`)."""
         await self._rest.call("POST", f"/v1/operations/{operation_id}:abort", json={"action": action})
 
-    async def order(self, action: str) -> list[Ordered]:
-        """Every vehicle that is heard and in the air holds, returns home or lands now, whatever it does."""
-        return [Ordered.model_validate(row) for row in await self._rest.call("POST", f"/v1/fleet:{action}", json={})]
+    async def order(self, action: str) -> list[OrderResult]:
+        """Make every vehicle that is heard and in the air hold, return home or land now, whatever it is doing."""
+        return [
+            OrderResult.model_validate(row) for row in await self._rest.call("POST", f"/v1/fleet:{action}", json={})
+        ]
 
     async def decide(self, operation_id: str, incident: int, *, agreed: bool) -> None:
-        """Fly the proposed plan, or keep the one in force."""
-        word = "approve" if agreed else "decline"
-        await self._rest.call("POST", f"/v1/operations/{operation_id}/incidents/{incident}:{word}")
+        """Approve the proposed plan, or decline it and keep the plan in force."""
+        verb = "approve" if agreed else "decline"
+        await self._rest.call("POST", f"/v1/operations/{operation_id}/incidents/{incident}:{verb}")
 
     async def readmit(self, operation_id: str, uav_id: str) -> None:
-        """Plan again with a UAV that was lost and is back."""
+        """Readmit a UAV that was lost and is heard again."""
         await self._rest.call("POST", f"/v1/operations/{operation_id}:readmit", json={"uav_id": uav_id})
 
     async def retire(self, operation_id: str, uav_id: str) -> None:
-        """Send a UAV home and plan without it."""
+        """Send a UAV home and replan without it."""
         await self._rest.call("POST", f"/v1/operations/{operation_id}:retire", json={"uav_id": uav_id})
 
     # --- drills ---
 
     async def faults(self) -> list[str]:
-        """Names of the faults a drill can let strike without further options."""
+        """Return the names of the faults that a drill can inject without further options."""
         return sorted(name for name in FAULTS if _complete(name))
 
     async def drill(self, operation_id: str, uav_id: str, fault: str, at_slot: int | None) -> Drill:
-        """Let a fault strike a simulated UAV when that slot begins, or at once."""
+        """Inject a fault into a simulated UAV when that slot begins, or at once."""
         body = {"operation_id": operation_id, "uav_id": uav_id, "fault": fault, "at_slot": at_slot}
         return Drill.model_validate(await self._rest.call("POST", "/v1/drills", json=body))
 
     async def newest_drill(self) -> Drill | None:
-        """The drill that was started last."""
+        """Return the drill that was started last."""
         page = await self._rest.call("GET", "/v1/drills", limit=1)
         return Drill.model_validate(page["items"][0]) if page["items"] else None
 
     async def drill_now(self, drill_id: str) -> Drill:
-        """A drill as it is now."""
+        """Return a drill as it is now."""
         return Drill.model_validate(await self._rest.call("GET", f"/v1/drills/{drill_id}"))
 
     # --- events ---
 
-    async def log(self, after: int, limit: int = 500) -> list[Happening]:
-        """Stored events after that id, at most `limit`."""
+    async def log(self, after: int, limit: int = 500) -> list[ServiceEvent]:
+        """Return the stored events after that id, at most `limit`."""
         page = await self._rest.call("GET", "/v1/events/log", after=after, limit=limit)
-        return [Happening.model_validate(event) for event in page["items"]]
+        return [ServiceEvent.model_validate(event) for event in page["items"]]
 
     async def last_event_id(self) -> int:
-        """Number of the newest stored event, by bisection: the log may be long."""
+        """Return the id of the newest stored event, found by bisection because the log may be long."""
         high = 1
         while await self.log(high - 1, 1):
             high *= 2
@@ -181,14 +183,14 @@ class Feed:
             low, high = (middle, high) if await self.log(middle - 1, 1) else (low, middle)
         return low
 
-    async def happenings(self, after: int) -> AsyncIterator[Happening]:
-        """Every event after that id, and then each as it comes."""
+    async def events(self, after: int) -> AsyncIterator[ServiceEvent]:
+        """Yield every event after that id, and then each new one."""
         async for event in self._rest.stream("/v1/events", after):
-            yield Happening.model_validate(event)
+            yield ServiceEvent.model_validate(event)
 
 
 def _complete(fault: str) -> bool:
-    """Whether the fault needs no option."""
+    """Return whether the fault needs no further options."""
     try:
         fault_from({"kind": fault, "system_id": 1})
     except (TypeError, ValueError):
@@ -197,7 +199,7 @@ def _complete(fault: str) -> bool:
 
 
 def _finished(text: str) -> Plan:
-    """The plan, checked as it is parsed: a large one as Python objects first would hold up the event loop."""
+    """Return the plan, validated while it is parsed: a detour by Python objects would block the event loop."""
     known = PlanState.model_validate_json(text)
     if known.trajectories_m is not None:
         return Plan.model_validate_json(text)
@@ -208,6 +210,6 @@ def _finished(text: str) -> Plan:
 
 def _operation(body: Mapping[str, Any], journal: Sequence[Mapping[str, Any]] = ()) -> Operation:
     over = body["state"] in OVER
-    answers = recoveries(body["recoveries"], journal, body["proposal"], over=over)
+    shown = recoveries(body["recoveries"], journal, body["proposal"], over=over)
     ends = {uav: seen["end"] for uav, seen in body["uavs"].items() if seen["end"] is not None}
-    return Operation.model_validate({**body, "policy": body["replanning"], "recoveries": answers, "ends": ends})
+    return Operation.model_validate({**body, "policy": body["replanning"], "recoveries": shown, "ends": ends})

@@ -15,18 +15,17 @@ Json = dict[str, Any]
 Point = tuple[float, float]
 
 PALETTE = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00")
-"""Okabe and Ito's colours, told apart by colour-blind eyes; a UAV is also always named."""
-
+"""Okabe and Ito's colours, which colour-blind people can distinguish; every UAV is also named."""
 
 WORTH_BPS = 100.0
-"""A promised rate below this is no service anyway."""
+"""A planned rate below this does not count as service."""
 CUT_SHARE = 0.02
-"""A user that gets less than this share of what was promised is cut off."""
+"""A user that gets less than this share of its planned rate is cut off."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Spot:
-    """One UAV on the map. `link` as the heartbeat monitor has it; `lost` for this operation."""
+    """One UAV on the map; `lost` means that it no longer counts for the operation."""
 
     uav_id: str
     at_m: Point | None
@@ -37,7 +36,7 @@ class Spot:
 
 
 def scene(scenario: Scenario, plans: Sequence[tuple[str, Plan]] = (), **more: Any) -> Json:
-    """What stays: area, zones, users, and each plan's paths in a style (`current`, `former` or `other`)."""
+    """Return what stays: area, zones, users, and each plan's paths in a style (`current`, `former` or `other`)."""
     rates = [rate for _, plan in plans for row in plan.user_rates_bps.values() for rate in row]
     return {
         "area": scenario.area_m,
@@ -55,7 +54,7 @@ def scene(scenario: Scenario, plans: Sequence[tuple[str, Plan]] = (), **more: An
 
 
 def sketch(data: Json) -> tuple[Json, Json]:
-    """Scene and frame of a scenario as JSON, planned or not, even one that breaks rules: what is wrong must be seen."""
+    """Return scene and frame of a scenario as JSON, even of an invalid one: the operator must see what is wrong."""
     drawn = {
         "area": data["area_m"],
         "origin": data["origin"],
@@ -73,7 +72,7 @@ def sketch(data: Json) -> tuple[Json, Json]:
 
 
 def reserved(former: Plan, lost: Iterable[str], from_slot: int) -> dict[str, list[Point]]:
-    """Air that stays taken by a lost UAV: what was left of its route, and the way home from there."""
+    """Return the air reserved for each lost UAV: the rest of its route, and its way home from there."""
     air = {}
     for uav in lost:
         if uav in former.trajectories_m:
@@ -91,9 +90,15 @@ def frame(
     promise: Plan | None = None,
     **more: Any,
 ) -> Json:
-    """What moves. `slot` is on the operation's grid; `rates` of the users of `plan`, bit/s, None where not known.
+    """Return what moves.
 
-    promise: the plan whose rates users were promised (default `plan`): who gets next to nothing of it is cut off.
+    Args:
+        spots: The UAVs.
+        plan: The plan in force, if there is one.
+        slot: The current slot on the operation's grid.
+        rates: Rates of the users of `plan` in bit/s, None where unknown.
+        promise: The plan that users' rates are judged by, by default `plan`: a user far below it is cut off.
+        more: Further fields of the frame.
     """
     known = {user: rates.get(user) for user in plan.scenario.user_ids} if plan else {}
     return {
@@ -114,7 +119,7 @@ def links(plan: Plan, slot: int) -> list[tuple[str, str, float]]:
 
 
 def cut_off(plan: Plan, slot: int, rates: Mapping[str, float | None]) -> list[str]:
-    """Return the users that get next to nothing of what the plan promises them in that slot; `rates` in bit/s by id."""
+    """Return the users that get almost nothing of their planned rate in that slot; `rates` are in bit/s by user id."""
     n = min(max(slot - plan.first_slot, 0), plan.scenario.slots - 1)
     found = []
     for user, promised in plan.user_rates_bps.items():
@@ -128,28 +133,28 @@ def planned_frame(
     plan: Plan,
     slot: int,
     rates: Mapping[str, float | None] | None = None,
-    ghosts: Mapping[str, Point] | None = None,
+    lost_at_m: Mapping[str, Point] | None = None,
 ) -> Json:
-    """The situation as the plan has it when that slot begins; `ghosts`: lost UAVs, and where they were."""
+    """Return the planned situation at the beginning of that slot; `lost_at_m` has the last positions of lost UAVs."""
     n = min(max(slot - plan.first_slot, 0), plan.scenario.slots - 1)
     spots = [Spot(uav_id=uav, at_m=path[n], course_deg=_course(path, n)) for uav, path in plan.trajectories_m.items()]
-    spots += [Spot(uav_id=uav, at_m=at, lost=True) for uav, at in (ghosts or {}).items()]
+    spots += [Spot(uav_id=uav, at_m=at, lost=True) for uav, at in (lost_at_m or {}).items()]
     planned = {user: row[n] for user, row in plan.user_rates_bps.items()}
     return frame(spots, plan, slot, planned if rates is None else rates, live=False)
 
 
 def rows(spots: Sequence[Spot], operation: Operation | None) -> list[Json]:
-    """The fleet table, most urgent first."""
-    made = [_row(number, spot, operation) for number, spot in enumerate(spots)]
-    return sorted(made, key=lambda row: ("alarm", "warn", "ok", "idle").index(row["level"]))
+    """Return the rows of the fleet table, the most urgent first."""
+    table = [_row(number, spot, operation) for number, spot in enumerate(spots)]
+    return sorted(table, key=lambda row: ("alarm", "warn", "ok", "idle").index(row["level"]))
 
 
 def recorded_row(number: int, uav_id: str, *, lost: bool, slip_s: float | None) -> Json:
-    """A row of the fleet table from a record, which has positions only."""
+    """Return a row of the fleet table from a recording, which has positions only."""
     state, level = ("LOST", "alarm") if lost else ("RECORDED", "ok")
     nothing = dict.fromkeys(("age", "battery", "alt", "item", "items", "quality", "cause"))
     colour = PALETTE[number % len(PALETTE)]
-    said = {
+    known = {
         "id": uav_id,
         "state": state,
         "level": level,
@@ -158,11 +163,11 @@ def recorded_row(number: int, uav_id: str, *, lost: bool, slip_s: float | None) 
         "colour": colour,
         "link": "live",
     }
-    return {**nothing, **said}
+    return {**nothing, **known}
 
 
 def slip_of(plan: Plan | None, uav: str, elapsed_s: float | None, at_m: Point | None) -> float | None:
-    """Seconds behind schedule, None where there is none: not begun, over, or not a UAV of the plan."""
+    """Return the seconds behind schedule; None before the plan begins, after its end, and for UAVs outside the plan."""
     if plan is None or elapsed_s is None or at_m is None or uav not in plan.trajectories_m:
         return None
     slot_s = plan.scenario.slot_duration_s
@@ -173,13 +178,13 @@ def slip_of(plan: Plan | None, uav: str, elapsed_s: float | None, at_m: Point | 
 
 
 def state_of(vehicle: Vehicle | None, *, lost: bool, flying: bool) -> tuple[str, str, str]:
-    """(state, cause, level) in a ground station's words; the level is ok, warn, alarm or idle."""
+    """Return (state, cause, level) as a ground station shows them; the level is ok, warn, alarm or idle."""
     silent = vehicle.silent_for_s if vehicle else None
     quiet = "" if silent is None else f"silent for {silent:.1f} s"
     if lost:
         heard = vehicle is not None and vehicle.link == "live"
-        seen = vehicle.condition_cause if vehicle is not None and heard else None
-        return "LOST", seen or quiet or "declared lost", "alarm"
+        reported = vehicle.condition_cause if vehicle is not None and heard else None
+        return "LOST", reported or quiet or "declared lost", "alarm"
     if vehicle is None or vehicle.mode is None:
         return "NOT HEARD", quiet, "warn"
     if vehicle.link == "lost":

@@ -1,4 +1,4 @@
-"""Joins the dashboard to the service's app. NiceGUI's app is one a process, so this is done once a process."""
+"""Joins the dashboard to the service's app. There is one NiceGUI app per process, so this is done once per process."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ MOST_KEYS = 64
 
 
 class Watches:
-    """One watch for each key that operators look with (None while none is needed), made when the first one comes.
+    """One watch for each key that operators use (None while no key is needed), created on first use.
 
-    What a page may do is what its key may do: every call goes through the service's own gate with it.
+    A page may do what its key may do: every call passes the service's own access control with that key.
     """
 
     def __init__(self, service_app: FastAPI, time_scale: float) -> None:
@@ -36,7 +36,7 @@ class Watches:
         self._watches: dict[str | None, Watch] = {}
 
     def of(self, key: str | None) -> Watch:
-        """The watch of this key."""
+        """Return the watch of this key."""
         if key not in self._watches:
             headers = {"authorization": f"Bearer {key}"} if key else {}
             watch = self._watches[key] = Watch(Feed(Rest(self._app, headers)), self._time_scale)
@@ -47,14 +47,17 @@ class Watches:
         return self._watches[key]
 
     async def stop(self) -> None:
-        """End them all."""
+        """Stop all watches."""
         await asyncio.gather(*(watch.stop() for watch in self._watches.values()))
 
 
 def mount(service_app: FastAPI, *, time_scale: float = 1.0, tile_url: str | None = None) -> None:
     """Serve the dashboard at `/ui` of the app.
 
-    tile_url: of a map server, with {z}, {x} and {y}; None draws a grid and asks nobody.
+    Args:
+        service_app: The service's app, which the dashboard calls in process.
+        time_scale: How many fleet seconds pass in one wall second.
+        tile_url: URL of a map server with {z}, {x} and {y}; None draws a grid and sends no requests.
     """
     watches = Watches(service_app, time_scale)
     ui.add_css(HERE / "style.css", shared=True)
@@ -72,7 +75,7 @@ def mount(service_app: FastAPI, *, time_scale: float = 1.0, tile_url: str | None
 
 
 def _from_inside(app: FastAPI) -> ASGIApp:
-    """The app as the dashboard calls it: for somebody who passed the gate to open the page."""
+    """Return the app as the dashboard calls it: on behalf of a client that was allowed to open the page."""
 
     async def call(scope: Scope, receive: Receive, send: Send) -> None:
         await app({**scope, INSIDE: True}, receive, send)
@@ -81,7 +84,7 @@ def _from_inside(app: FastAPI) -> ASGIApp:
 
 
 def _front_door() -> RedirectResponse:
-    """Who asks for the service alone wants to see it."""
+    """Redirect a request for the service's root to the dashboard."""
     return RedirectResponse(f"{PATH}/")
 
 
@@ -95,7 +98,7 @@ def _page(path: str, build: Callable[[Watch], object], watches: Watches) -> None
 
 
 def _end_with(service_app: FastAPI, watches: Watches) -> None:
-    """The watches end before the service's own parts do."""
+    """Stop the watches before the service's own parts stop."""
     inner = service_app.router.lifespan_context
 
     @asynccontextmanager

@@ -1,7 +1,7 @@
-"""What the dashboard and the service's HTTP side agree on: where it lives, and how its own calls are known."""
+"""What the dashboard shares with `http/`: its path, its cookie, and the mark of its own calls."""
 
 PATH = "/ui"
 COOKIE = "skyfolio_key"
-"""Carries the API key of whoever looks: browsers cannot send headers with a page or an event stream."""
+"""Carries the operator's API key: browsers cannot send headers with a page or an event stream."""
 INSIDE = "skyfolio.inside"
-"""Key of the ASGI scope of calls that the dashboard makes in process, for somebody who was let in to the page."""
+"""Key in the ASGI scope of calls that the dashboard makes in process for a client that may open the page."""

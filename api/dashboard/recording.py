@@ -1,4 +1,4 @@
-"""A stored operation, to be looked at again at any moment of it. Pure. Times are fleet seconds since slot 0."""
+"""A stored operation that can be shown at any moment of it. Pure. Times are fleet seconds since slot 0."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from datetime import datetime
 from math import atan2, degrees
 
-from skyfolio.api.dashboard import map_scene as picture
-from skyfolio.api.dashboard.views import Happening, Operation, TrackPoint
+from skyfolio.api.dashboard import map_scene
+from skyfolio.api.dashboard.views import Operation, ServiceEvent, TrackPoint
 from skyfolio.planner import Plan
 
 COURSE_OVER_S = 1.5
@@ -19,50 +19,50 @@ Point = tuple[float, float]
 
 @dataclass(frozen=True)
 class Recording:
-    """Everything the service kept of one operation; `plans` by id, `happenings` with their time in the operation."""
+    """Everything that the service stored of one operation; `plans` by id, `events` with their time in the operation."""
 
     operation: Operation
     plans: Mapping[str, Plan]
     track: Sequence[TrackPoint]
-    happenings: Sequence[tuple[float, Happening]]
+    events: Sequence[tuple[float, ServiceEvent]]
 
     @property
     def first(self) -> Plan:
-        """The plan of the whole fleet."""
+        """The first plan, that of the whole fleet."""
         return self.plans[self.operation.plan_ids[0]]
 
     @property
     def begins_s(self) -> float:
-        """When the first thing happened."""
-        return min([0.0, *(at for at, _ in self.happenings)])
+        """The time of the first event, at most 0."""
+        return min([0.0, *(at for at, _ in self.events)])
 
     @property
     def ends_s(self) -> float:
-        """When the last thing happened."""
+        """The time of the last event or position, at least the end of the plan."""
         scenario = self.first.scenario
-        told = [at for at, _ in self.happenings] + [point.elapsed_s for point in self.track]
-        return max([scenario.slots * scenario.slot_duration_s, *told])
+        times_s = [at for at, _ in self.events] + [point.elapsed_s for point in self.track]
+        return max([scenario.slots * scenario.slot_duration_s, *times_s])
 
     def slot(self, at_s: float) -> int | None:
-        """The slot that lasts then."""
+        """Return the slot at that time; None before and after the plan."""
         slot = int(at_s // self.first.scenario.slot_duration_s)
         return slot if 0 <= slot < self.first.scenario.slots else None
 
     def in_force(self, at_s: float) -> Plan:
-        """The plan users and survivors followed then."""
+        """Return the plan in force at that time."""
         plan = self.first
-        for one in self.operation.recoveries:
-            if one.in_force_at_s is not None and one.in_force_at_s <= at_s:
-                plan = self.plans.get(one.plan_id or "", plan)
+        for recovery in self.operation.recoveries:
+            if recovery.in_force_at_s is not None and recovery.in_force_at_s <= at_s:
+                plan = self.plans.get(recovery.plan_id or "", plan)
         return plan
 
     def lost(self, at_s: float) -> tuple[str, ...]:
-        """UAVs declared lost by then."""
-        declared = (one for one in self.operation.recoveries if one.declared_at_s is not None)
-        return tuple(uav for one in declared if (one.declared_at_s or 0.0) <= at_s for uav in one.lost)
+        """Return the UAVs declared lost by that time."""
+        declared = (recovery for recovery in self.operation.recoveries if recovery.declared_at_s is not None)
+        return tuple(uav for recovery in declared if (recovery.declared_at_s or 0.0) <= at_s for uav in recovery.lost)
 
     def where(self, at_s: float) -> dict[str, tuple[Point, float]]:
-        """Position of each UAV then, and its course over ground in degrees."""
+        """Return each UAV's position at that time, and its course over ground in degrees."""
         times = [point.elapsed_s for point in self.track]
         now = bisect_right(times, at_s) - 1
         if now < 0:
@@ -77,21 +77,21 @@ class Recording:
                 found[uav] = (here, _course(earlier.get(uav, here), here))
         return found
 
-    def frame(self, at_s: float) -> picture.Json:
-        """What the map shows then."""
+    def frame(self, at_s: float) -> map_scene.Json:
+        """Return the frame of the map at that time."""
         lost, plan, slot = self.lost(at_s), self.in_force(at_s), self.slot(at_s)
         spots = [
-            picture.Spot(uav_id=uav, at_m=at, course_deg=course, lost=uav in lost)
+            map_scene.Spot(uav_id=uav, at_m=at, course_deg=course, lost=uav in lost)
             for uav, (at, course) in self.where(at_s).items()
         ]
         rates: dict[str, float | None] = {}
         if slot is not None:
             table = self.operation.user_rates_bps
             rates = {user: row[slot] if slot < len(row) else None for user, row in table.items()}
-        return picture.frame(spots, plan, slot, rates, promise=self.first, live=False)
+        return map_scene.frame(spots, plan, slot, rates, promise=self.first, live=False)
 
     def tracks(self, at_s: float) -> dict[str, list[Point]]:
-        """What was flown until then."""
+        """Return the tracks flown until that time."""
         flown: dict[str, list[Point]] = {}
         for point in self.track:
             if point.elapsed_s > at_s:
@@ -100,25 +100,25 @@ class Recording:
                 flown.setdefault(uav, []).append(at)
         return flown
 
-    def rows(self, at_s: float) -> list[picture.Json]:
-        """The fleet table then."""
+    def rows(self, at_s: float) -> list[map_scene.Json]:
+        """Return the rows of the fleet table at that time."""
         lost, plan = self.lost(at_s), self.in_force(at_s)
-        made = []
+        rows = []
         for number, (uav, (at, _)) in enumerate(self.where(at_s).items()):
             gone = uav in lost
-            slip = None if gone else picture.slip_of(plan, uav, at_s, at)
-            made.append(picture.recorded_row(number, uav, lost=gone, slip_s=slip))
-        return made
+            slip = None if gone else map_scene.slip_of(plan, uav, at_s, at)
+            rows.append(map_scene.recorded_row(number, uav, lost=gone, slip_s=slip))
+        return rows
 
 
-def placed(happenings: Sequence[Happening], operation_id: str, time_scale: float) -> list[tuple[float, Happening]]:
-    """The events of one operation with their time in it: fleet seconds since it began to fly (slot 0)."""
-    mine = [one for one in happenings if one.data.get("operation_id") == operation_id]
-    flying = next((one for one in mine if one.kind == "operation" and one.data.get("state") == "flying"), None)
+def placed(events: Sequence[ServiceEvent], operation_id: str, time_scale: float) -> list[tuple[float, ServiceEvent]]:
+    """Return the events of one operation with their times: fleet seconds since it began to fly (slot 0)."""
+    own = [event for event in events if event.data.get("operation_id") == operation_id]
+    flying = next((event for event in own if event.kind == "operation" and event.data.get("state") == "flying"), None)
     if flying is None:
-        return [(0.0, one) for one in mine]
+        return [(0.0, event) for event in own]
     zero = datetime.fromisoformat(flying.at)
-    return [((datetime.fromisoformat(one.at) - zero).total_seconds() * time_scale, one) for one in mine]
+    return [((datetime.fromisoformat(event.at) - zero).total_seconds() * time_scale, event) for event in own]
 
 
 def _course(before: Point, here: Point) -> float:

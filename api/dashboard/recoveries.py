@@ -1,4 +1,4 @@
-"""Answers to losses as steps with timings: the journal's entries and the final report, in an operator's order. Pure."""
+"""Recoveries as steps with durations, from the journal's entries and the final report. Pure."""
 
 from __future__ import annotations
 
@@ -28,48 +28,52 @@ ENDINGS = {
     "partly_flying": "not every survivor flies the new plan",
     "too_late": "too late to fly differently",
     "declined": "declined: the plan in force stays",
-    "superseded": "overtaken by another change",
+    "superseded": "superseded by another change",
     "interrupted": "interrupted by a restart",
-    "unanswered": "not answered: the operation ended before",
+    "unanswered": "no recovery: the operation ended before",
     "failed": "failed: the plan in force stays",
 }
 PHASES = {
-    "answering": "being answered",
-    "proposed": "a replan waits for your word",
-    "unanswered": "not answered: the operation ended before",
+    "recovering": "recovery in progress",
+    "proposed": "a replan waits for your approval",
+    "unanswered": "no recovery: the operation ended before",
 }
 GOOD = {"flying", "declined", "superseded"}
 TAKES_TIME = {"waiting", "replanned", "checked", "proposed", "uploading", "verified"}
 
 
 def recoveries(
-    recoveries: Sequence[Json], journal: Sequence[Json], proposal: Json | None, *, over: bool = False
+    reports: Sequence[Json], journal: Sequence[Json], proposal: Json | None, *, over: bool = False
 ) -> list[Recovery]:
-    """One for each incident, the oldest first: those that are over, and the one that is being answered now.
+    """Return one recovery for each incident, the oldest first, including the one in progress.
 
-    over: the operation has ended; what is not answered by then never is.
+    Args:
+        reports: The operation's `recoveries`: reports of those that are over.
+        journal: The operation's journal.
+        proposal: The replan that waits for approval, if there is one.
+        over: Whether the operation has ended: a recovery that is not over by then never will be.
     """
-    reports = {int(report["incident"]): report for report in recoveries}
+    by_incident = {int(report["incident"]): report for report in reports}
     entries: dict[int, list[Json]] = {}
     for entry in journal:
         entries.setdefault(int(entry["incident"]), []).append(entry)
     return [
-        _recovery(number, entries.get(number, []), reports.get(number), proposal, over=over)
-        for number in sorted({*reports, *entries})
+        _recovery(number, entries.get(number, []), by_incident.get(number), proposal, over=over)
+        for number in sorted({*by_incident, *entries})
     ]
 
 
 def _recovery(number: int, entries: list[Json], report: Json | None, proposal: Json | None, *, over: bool) -> Recovery:
     proposed = report is None and proposal is not None and proposal["incident"] == number
     detected = next((entry for entry in entries if entry["step"] == "detected"), None)
-    told: Json = report or (detected["data"] if detected else {})
-    phase = str(report["outcome"]) if report else "proposed" if proposed else "unanswered" if over else "answering"
+    about: Json = report or (detected["data"] if detected else {})
+    phase = str(report["outcome"]) if report else "proposed" if proposed else "unanswered" if over else "recovering"
     planned = [entry["data"]["plan_id"] for entry in entries if entry["data"].get("plan_id")]
     return Recovery(
         number=number,
-        lost=told.get("lost", {}),
+        lost=about.get("lost", {}),
         phase=phase,
-        title=f"{', '.join(told.get('lost', {})) or 'Change'}: {PHASES.get(phase) or ENDINGS.get(phase, phase)}",
+        title=f"{', '.join(about.get('lost', {})) or 'Change'}: {PHASES.get(phase) or ENDINGS.get(phase, phase)}",
         at_slot=report["at_slot"] if report else None,
         declared_at_s=report["declared_at_s"] if report else detected["elapsed_s"] if detected else None,
         in_force_at_s=report["in_force_at_s"] if report else None,
@@ -89,21 +93,21 @@ def _steps(entries: list[Json], report: Json | None, *, over: bool) -> list[Step
             same.append(entry)
         else:
             groups.append([entry])
-    made = []
+    steps = []
     for index, group in enumerate(groups):
         if group[0]["step"] == "closed":
             break
         following = groups[index + 1] if index + 1 < len(groups) else None
-        made.append(_step(group, following, over=over or report is not None))
+        steps.append(_step(group, following, over=over or report is not None))
     if report is not None:
         outcome = str(report["outcome"])
         detail = "" if report["error"] is None else str(report["error"])
         took = _total(entries)
         state = "done" if outcome in GOOD else "failed"
-        made.append(Step(name=ENDINGS.get(outcome, outcome).capitalize(), took=took, detail=detail, state=state))
-    elif over and made:
-        made.append(Step(name="The operation ended before an answer", state="failed"))
-    return made
+        steps.append(Step(name=ENDINGS.get(outcome, outcome).capitalize(), took=took, detail=detail, state=state))
+    elif over and steps:
+        steps.append(Step(name="The operation ended before the recovery", state="failed"))
+    return steps
 
 
 def _step(group: list[Json], following: list[Json] | None, *, over: bool) -> Step:
@@ -121,7 +125,7 @@ def _step(group: list[Json], following: list[Json] | None, *, over: bool) -> Ste
 def _detail(kind: str, group: list[Json]) -> str:
     data: Json = group[0]["data"]
     if kind == "detected":
-        return ", ".join(f"{uav}, {silent:.1f} s silent" for uav, silent in data.get("lost", {}).items())
+        return ", ".join(f"{uav}, {silent_s:.1f} s silent" for uav, silent_s in data.get("lost", {}).items())
     if kind == "classified":
         return ", ".join(f"{uav}: {_words(seen.get('verdict'))}" for uav, seen in data.get("evidence", {}).items())
     if kind == "replanned":

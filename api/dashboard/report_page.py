@@ -1,4 +1,4 @@
-"""The report of a drill as one HTML file with everything in it: no script, no request. Pure."""
+"""The report of a drill as one self-contained HTML file, without scripts or requests. Pure."""
 
 from __future__ import annotations
 
@@ -20,28 +20,28 @@ Point = tuple[float, float]
 
 
 def page(report: Report) -> str:
-    """The whole file."""
-    head = "".join(f"<th>{escape(one)}</th>" for one in report.head)
+    """Return the whole file."""
+    head = "".join(f"<th>{escape(name)}</th>" for name in report.head)
     rows = "".join(_row(row) for row in report.rows)
     steps = "".join(_row(step) for step in report.steps)
-    answered = f"<h2>Answer to the loss</h2><table>{steps}</table>" if steps else ""
+    recovery = f"<h2>Recovery</h2><table>{steps}</table>" if steps else ""
     verdict = f"<p class={'good' if report.recovered else 'bad'}><b>{escape(report.verdict)}</b></p>"
     return (
         "<!doctype html><html lang='en'><head><meta charset='utf-8'>"
         f"<meta name='viewport' content='width=device-width'><title>{escape(report.title)}</title>"
         f"<style>{STYLE}</style></head><body><h1>{escape(report.title)}</h1>{verdict}"
-        f"<p>Operation {escape(report.operation_id)}. Rates are those at the positions that the vehicles reported; "
-        "slots count from 0. The last column is computed: the survivors fly the first plan to its end.</p>"
-        f"<table><thead><tr>{head}</tr></thead>{rows}</table>{answered}"
+        f"<p>Operation {escape(report.operation_id)}. Rates are computed from the positions that vehicles reported; "
+        "slots count from 0. The last column is computed for survivors that fly the first plan to its end.</p>"
+        f"<table><thead><tr>{head}</tr></thead>{rows}</table>{recovery}"
         f"<figure>{map_svg(report)}<figcaption>Planned (dashed) and flown (solid) tracks; users as squares; a cross "
         "where a lost UAV was last heard.</figcaption></figure>"
-        f"<figure>{rates_svg(report)}<figcaption>Sum rate in each slot: flown, and if nobody had answered (dashed); "
-        "vertical lines mark losses.</figcaption></figure></body></html>"
+        f"<figure>{rates_svg(report)}<figcaption>Sum rate in each slot: flown, and without a recovery (dashed, "
+        "computed); vertical lines mark losses.</figcaption></figure></body></html>"
     )
 
 
 def map_svg(report: Report, width: float = 640.0) -> str:
-    """Planned and flown tracks over the area."""
+    """Draw planned and flown tracks over the area."""
     scenario = report.plans[0].scenario
     (west, south), (east, north) = scenario.area_m
     scale = width / (east - west)
@@ -70,9 +70,9 @@ def map_svg(report: Report, width: float = 640.0) -> str:
 
 
 def rates_svg(report: Report, width: float = 900.0, height: float = 260.0) -> str:
-    """Sum rates over the slots."""
+    """Draw the sum rates over the slots."""
     n = len(report.flown)
-    top = max([rate for rate in (*report.flown, *report.unanswered) if rate is not None], default=1.0) or 1.0
+    top = max([rate for rate in (*report.flown, *report.without_recovery) if rate is not None], default=1.0) or 1.0
     left, bottom = 60.0, height - 34.0
 
     def x(slot: float) -> float:
@@ -88,7 +88,7 @@ def rates_svg(report: Report, width: float = 900.0, height: float = 260.0) -> st
     parts.append(_text(8, 12, "kbit/s", GREY))
     parts += [_text(x(slot + 0.5) - 4, height - 16, str(slot), GREY) for slot in range(0, n, max(n // 20, 1))]
     parts.append(_text(width / 2, height - 2, "slot", GREY))
-    for rates, colour, dash in ((report.unanswered, PALETTE[1], "7 4"), (report.flown, PALETTE[0], "")):
+    for rates, colour, dash in ((report.without_recovery, PALETTE[1], "7 4"), (report.flown, PALETTE[0], "")):
         parts.append(_line(_stairs(rates, x, y), colour, 2.5, dash))
     for uav, slot in report.lost_at_slot.items():
         parts.append(_line([(x(slot), 16), (x(slot), bottom)], ALARM, 2))
@@ -104,7 +104,9 @@ def _stairs(rates: Sequence[Rate], x: Callable[[float], float], y: Callable[[flo
 
 def _row(cells: Sequence[str]) -> str:
     first, *others = cells
-    return f"<tr><th scope='row'>{escape(first)}</th>" + "".join(f"<td>{escape(one)}</td>" for one in others) + "</tr>"
+    return (
+        f"<tr><th scope='row'>{escape(first)}</th>" + "".join(f"<td>{escape(cell)}</td>" for cell in others) + "</tr>"
+    )
 
 
 def _line(points: Iterable[Point], colour: str, width: float, dash: str = "") -> str:

@@ -1,4 +1,4 @@
-"""The service's own REST surface, called in process: the dashboard can do nothing that a client could not."""
+"""The service's own REST interface, called in process: the dashboard can do only what any client can."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ BASE = "http://127.0.0.1"
 
 
 class RestError(Exception):
-    """The service refused; `title` and `detail` are its problem document, `rules` the fields it names."""
+    """The service refused a request; `title` and `detail` are from its problem document, `rules` name the fields."""
 
     def __init__(self, status: int, title: str, detail: str, rules: list[dict[str, str]] | None = None) -> None:
         super().__init__(f"{title}: {detail}")
@@ -23,7 +23,7 @@ class RestError(Exception):
 
 
 class Rest:
-    """Calls an ASGI app without a socket. `headers` go with every call (a key, for instance)."""
+    """A client that calls an ASGI app without a socket; `headers`, such as a key, go with every call."""
 
     def __init__(self, app: ASGIApp, headers: Mapping[str, str] | None = None) -> None:
         self._app = app
@@ -32,23 +32,26 @@ class Rest:
         self._client = httpx2.AsyncClient(transport=transport, base_url=BASE, headers=self._headers, timeout=None)
 
     async def call(self, method: str, path: str, *, json: Any = None, **params: Any) -> Any:
-        """One call; the JSON, or the text of another type. `None` parameters are left out. Raises RestError."""
-        answer = await self._answer(method, path, json, params)
-        return answer.json() if "json" in answer.headers.get("content-type", "") else answer.text
+        """Send a request and return its JSON, or the text of other types; `None` parameters are left out.
+
+        Raises RestError.
+        """
+        response = await self._request(method, path, json, params)
+        return response.json() if "json" in response.headers.get("content-type", "") else response.text
 
     async def text(self, method: str, path: str, *, json: Any = None, **params: Any) -> str:
-        """As `call`, but the answer as it is: a large one is best checked as it is parsed."""
-        return (await self._answer(method, path, json, params)).text
+        """Do as `call`, but return the text as received: large JSON is best validated while it is parsed."""
+        return (await self._request(method, path, json, params)).text
 
-    async def _answer(self, method: str, path: str, body: Any, params: Mapping[str, Any]) -> httpx2.Response:
-        given = {name: value for name, value in params.items() if value is not None}
-        answer = await self._client.request(method, path, json=body, params=given)
-        if answer.status_code >= 400:
-            raise _refusal(answer)
-        return answer
+    async def _request(self, method: str, path: str, body: Any, params: Mapping[str, Any]) -> httpx2.Response:
+        query = {name: value for name, value in params.items() if value is not None}
+        response = await self._client.request(method, path, json=body, params=query)
+        if response.status_code >= 400:
+            raise _refusal(response)
+        return response
 
     async def stream(self, path: str, last_event_id: int) -> AsyncIterator[dict[str, Any]]:
-        """Data of each server-sent event after `last_event_id`, until the caller stops or the service does."""
+        """Yield the data of each server-sent event after `last_event_id`, until the caller or the service stops."""
         queue: asyncio.Queue[bytes | None] = asyncio.Queue(maxsize=1000)
         gone = asyncio.Event()
 
@@ -69,16 +72,16 @@ class Rest:
 
         asked: list[bool] = []
         status: list[int] = []
-        given = {**self._headers, "last-event-id": str(last_event_id)}
-        task = asyncio.ensure_future(self._app(_scope(path, given), receive, send))
+        headers = {**self._headers, "last-event-id": str(last_event_id)}
+        task = asyncio.ensure_future(self._app(_scope(path, headers), receive, send))
         task.add_done_callback(lambda _: queue.put_nowait(None) if not queue.full() else None)
         try:
             async for event in _events(queue):
                 if status:
-                    raise RestError(status[0], "Request refused", f"{path} answered {status[0]}")
+                    raise RestError(status[0], "Request refused", f"{path} returned status {status[0]}")
                 yield event
             if status:
-                raise RestError(status[0], "Request refused", f"{path} answered {status[0]}")
+                raise RestError(status[0], "Request refused", f"{path} returned status {status[0]}")
         finally:
             gone.set()
             task.cancel()
@@ -87,7 +90,7 @@ class Rest:
 
 
 async def _events(queue: asyncio.Queue[bytes | None]) -> AsyncIterator[dict[str, Any]]:
-    """Parse `data:` lines of an event stream; comments and other fields carry nothing the data does not."""
+    """Parse the `data:` lines of an event stream; comments and other fields add nothing to the data."""
     buffer = b""
     while (chunk := await queue.get()) is not None:
         buffer += chunk.replace(b"\r\n", b"\n")
@@ -115,9 +118,11 @@ def _scope(path: str, headers: Mapping[str, str]) -> dict[str, Any]:
     }
 
 
-def _refusal(answer: httpx2.Response) -> RestError:
+def _refusal(response: httpx2.Response) -> RestError:
     try:
-        body = answer.json()
-        return RestError(answer.status_code, str(body["title"]), str(body["detail"]), body.get("errors"))
+        body = response.json()
+        return RestError(response.status_code, str(body["title"]), str(body["detail"]), body.get("errors"))
     except (ValueError, KeyError, TypeError):
-        return RestError(answer.status_code, "Request refused", answer.text[:300] or f"status {answer.status_code}")
+        return RestError(
+            response.status_code, "Request refused", response.text[:300] or f"status {response.status_code}"
+        )

@@ -1,4 +1,4 @@
-"""Where a UAV should be, and how far it is behind: pure geometry on a plan's path."""
+"""Where a UAV should be, and how far behind it is: pure geometry on a plan's path."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ AS_NEAR_M = 1.0
 
 
 def point_at(path: Sequence[Point], slots: float) -> Point:
-    """The point `slots` slot durations after the path's first one, metres east/north; its ends beyond."""
+    """Return the point `slots` slot durations after the path's first one, metres east/north, clamped to its ends."""
     at = min(max(slots, 0.0), len(path) - 1.0)
     low = min(int(at), max(len(path) - 2, 0))
     (e1, n1), (e2, n2) = path[low], path[min(low + 1, len(path) - 1)]
@@ -21,10 +21,10 @@ def point_at(path: Sequence[Point], slots: float) -> Point:
 
 
 def slip_s(path: Sequence[Point], slot_s: float, now_s: float, here: Point) -> float:
-    """Seconds behind (+) or ahead of (-) the schedule: when the path passes nearest to `here`, against now.
+    """Return the seconds behind (+) or ahead of (-) the schedule: now less the time when the path is nearest to `here`.
 
-    `now_s` counts from the path's first point. Of times that are equally near (within a metre: a hover, a crossing) the
-    one closest to now counts, so a UAV that waits where it should has no slip.
+    `now_s` counts from the path's first point. Of times at which the path is equally near (within a metre: a hover, a
+    crossing) the one closest to now counts, so that a UAV that waits in the right place has no slip.
     """
     now = now_s / slot_s
     span = range(int(-LOOK_BEHIND_SLOTS * STEPS_PER_SLOT), int(LOOK_AHEAD_SLOTS * STEPS_PER_SLOT) + 1)

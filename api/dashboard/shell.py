@@ -1,4 +1,4 @@
-"""The frame of every page: navigation, what is flying, and the four controls that are always there."""
+"""The frame of every page: navigation, the state of the operation, and the four controls that are always there."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from skyfolio.api.dashboard.watch import Watch
 PAGES = (("Fly", "./"), ("Plan", "plan"), ("Drill", "drill"), ("Replay", "replay"))
 REFRESH_S = 0.5
 HEARD = ("live", "stale")
-"""Links of vehicles that can be told something."""
+"""Link states of vehicles that can be commanded."""
 THEME = """
 const kept = localStorage.getItem("skyfolio-theme");
 const dark = kept ? kept === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
@@ -23,7 +23,7 @@ TOGGLE = "Quasar.Dark.toggle(); localStorage.setItem('skyfolio-theme', Quasar.Da
 
 
 class Shell:
-    """Header and banner of one open page."""
+    """The header and the banner of one open page."""
 
     def __init__(self, watch: Watch, active: str) -> None:
         self._watch = watch
@@ -60,7 +60,7 @@ class Shell:
             self._rtl = ui.button("RTL ALL", on_click=self._confirm_rtl.open, color=None).classes("sf-act-rtl")
             self._land = ui.button("LAND ALL", on_click=self._confirm_land.open, color=None).classes("sf-act-land")
             for button, key, what in (
-                (self._pause, "Shift+P", "hold where they are, to go on later"),
+                (self._pause, "Shift+P", "hold in place, to be resumed later"),
                 (self._hold, "Shift+H", "every vehicle that is heard holds; operations end"),
                 (self._rtl, "Shift+R", "every vehicle that is heard returns home; operations end"),
                 (self._land, "Shift+L", "every vehicle that is heard lands where it is; operations end"),
@@ -71,7 +71,7 @@ class Shell:
     def _asking(
         question: str, what: str, label: str, name: str, colour: str, act: Callable[[], Awaitable[None]]
     ) -> ui.dialog:
-        """A dialog that asks before the fleet comes down."""
+        """Return a dialog that asks for confirmation before the fleet comes down."""
         with ui.dialog() as dialog, ui.card():
             text("h2", question)
             ui.label(f"Every vehicle that is heard {what}. Operations end.")
@@ -85,18 +85,16 @@ class Shell:
     def _refresh(self) -> None:
         operation = self._watch.operation
         under_way = operation is not None and not operation.ended
-        self._what.set_text(self._words())
-        heard = any(seen.vehicle.link in HEARD for seen in self._watch.seen.values())
+        self._what.set_text(self._status_text())
+        heard = any(tracked.vehicle.link in HEARD for tracked in self._watch.vehicles.values())
         self._pause.set_enabled(under_way)
         for button in (self._hold, self._rtl, self._land):
             button.set_enabled(heard)
         self._pause.set_text("RESUME" if operation and operation.state == "paused" else "PAUSE")
-        self._banner.set_text(
-            f"The service does not answer as it should: {self._watch.error}" if self._watch.error else ""
-        )
+        self._banner.set_text(f"The service cannot be read: {self._watch.error}" if self._watch.error else "")
         self._banner.set_visibility(bool(self._watch.error))
 
-    def _words(self) -> str:
+    def _status_text(self) -> str:
         operation = self._watch.operation
         if operation is None:
             return "no operation" if self._watch.loaded else "connecting"
@@ -119,7 +117,7 @@ class Shell:
         if operation is not None and operation.state == "paused":
             await self._on_operation(self._watch.feed.resume, "Operation resumed")
         else:
-            await self._on_operation(self._watch.feed.pause, "Paused: every vehicle holds where it is")
+            await self._on_operation(self._watch.feed.pause, "Paused: every vehicle holds in place")
 
     async def _hold_all(self) -> None:
         await self._order("hold", "holds")
@@ -133,15 +131,17 @@ class Shell:
         await self._order("land", "lands")
 
     async def _order(self, action: str, does: str) -> None:
-        """Order the whole fleet; whoever does not obey is named until the operator has seen it."""
+        """Order the whole fleet; a message names the vehicles that do not obey until the operator closes it."""
         try:
-            given = await self._watch.feed.order(action)
+            results = await self._watch.feed.order(action)
         except RestError as error:
             say_refusal(error)
             return
-        obeys = [one.uav_id for one in given if one.outcome == "ok"]
-        ui.notify(f"{does}: {', '.join(obeys) or 'nobody'}", type="positive", position="bottom-left", timeout=2500)
-        failed = "; ".join(f"{one.uav_id}: {one.reason}" for one in given if one.outcome == "failed")
+        obedient = [result.uav_id for result in results if result.outcome == "ok"]
+        ui.notify(
+            f"{does}: {', '.join(obedient) or 'no vehicle'}", type="positive", position="bottom-left", timeout=2500
+        )
+        failed = "; ".join(f"{result.uav_id}: {result.reason}" for result in results if result.outcome == "failed")
         if failed:
             say_refusal(RestError(502, f"Not every vehicle {does}", failed))
 

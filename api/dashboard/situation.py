@@ -1,4 +1,4 @@
-"""The situation: map, fleet, timeline, events and the answer to a loss. Fly and Replay show it."""
+"""The situation: map, fleet, timeline, events and recoveries. The pages Fly and Replay show it."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from nicegui import events, ui
 
 from skyfolio.api.dashboard import charts
 from skyfolio.api.dashboard.elements import FleetTable, MapView, panel, text
-from skyfolio.api.dashboard.event_text import words
+from skyfolio.api.dashboard.event_text import describe
 from skyfolio.api.dashboard.map_scene import Json
-from skyfolio.api.dashboard.views import Happening, Recovery
+from skyfolio.api.dashboard.views import Recovery, ServiceEvent
 from skyfolio.planner import Plan
 
 SHOWN_EVENTS = 120
@@ -19,7 +19,7 @@ Row = Sequence[float | None]
 
 
 class Situation:
-    """Builds the elements; the page feeds them. `on_slot` hears a slot number, or None for live."""
+    """The elements, which a page fills. `on_slot` is called with the chosen slot, or None for live."""
 
     def __init__(self, on_slot: Callable[[int | None], None], *, live_word: str = "LIVE") -> None:
         self._on_slot = on_slot
@@ -34,13 +34,13 @@ class Situation:
                 with panel("Fleet", "sf-fleetbox"), ui.element("div").classes("sf-scroll"):
                     self.fleet = FleetTable()
                     self.fleet.on("pick", lambda event: self._pick(event.args))
-                self._answers_panel = panel("Answer to the loss", "sf-txbox")
+                self._recoveries_panel = panel("Recovery", "sf-txbox")
                 with (
-                    self._answers_panel,
-                    ui.element("div").classes("sf-scroll").props('aria-live="polite"') as self._answers,
+                    self._recoveries_panel,
+                    ui.element("div").classes("sf-scroll").props('aria-live="polite"') as self._recoveries,
                 ):
                     pass
-                self._answers_panel.set_visibility(False)
+                self._recoveries_panel.set_visibility(False)
                 with panel("Events", "sf-feedbox"), ui.element("div").classes("sf-scroll"):
                     self._events = ui.element("ol").classes("sf-events").props('aria-label="events, newest first"')
             self._timeline(live_word)
@@ -60,7 +60,7 @@ class Situation:
     # --- what the page calls ---
 
     def show_overlay(self, title: str, body: str, *, spinner: bool = False) -> None:
-        """Words over the map, in place of a picture that is not there (yet)."""
+        """Show a text in place of the map."""
         self.overlay.clear()
         self.overlay.set_visibility(True)
         with self.overlay:
@@ -70,65 +70,65 @@ class Situation:
             text("p", body)
 
     def set_slots(self, n_slots: int) -> None:
-        """How many slots the operation has."""
+        """Set how many slots the operation has."""
         self._slider.props(f"max={max(n_slots - 1, 1)}")
         self._scrub.style(f"--sf-slots: {n_slots}")
 
     def show_slot(self, slot: int, label: str) -> None:
-        """Move the scrubber without asking for that slot."""
+        """Move the slider to a slot without choosing that slot."""
         self._setting = True
         self._slider.set_value(slot)
         self._setting = False
         self._slot_label.set_text(label)
 
     def mark_live(self, live: bool) -> None:
-        """Whether the newest is shown."""
+        """Show whether the page follows the present."""
         self._live.props(f"color={'positive' if live else 'grey-7'} aria-pressed={'true' if live else 'false'}")
 
     def draw_timeline(self, n_slots: int, lines: Mapping[str, Row], users: Mapping[str, Row], **more: object) -> None:
-        """Sum rates and user rates over the slots, bit/s; more: as for `charts.timeline`."""
+        """Draw sum rates and user rates over the slots, in bit/s; `more` as for `charts.timeline`."""
         options = charts.timeline(n_slots, lines, users, **more)  # type: ignore[arg-type]
         self._chart.options.clear()
         self._chart.options.update(options)
         self._chart.update()
 
     def set_stats(self, stats: str) -> None:
-        """Variance and fairness, in words."""
+        """Show variance and fairness as text."""
         self._stats.set_text(stats)
 
-    def add_events(self, happenings: Sequence[Happening]) -> None:
-        """Put new events on top."""
+    def add_events(self, new: Sequence[ServiceEvent]) -> None:
+        """Add new events at the top."""
         with self._events:
-            for happening in happenings:
-                said, level = words(happening)
-                if not said:
+            for event in new:
+                description, level = describe(event)
+                if not description:
                     continue
-                with ui.element("li").classes(level).props(f'data-kind="{happening.kind}"') as line:
-                    text("time", happening.at[11:19])
-                    text("span", said)
+                with ui.element("li").classes(level).props(f'data-kind="{event.kind}"') as line:
+                    text("time", event.at[11:19])
+                    text("span", description)
                 line.move(target_index=0)
         children = list(self._events.default_slot.children)
         for old in children[SHOWN_EVENTS:]:
             old.delete()
 
     def clear_events(self) -> None:
-        """Begin anew."""
+        """Remove all events."""
         self._events.clear()
 
-    def show_answers(self, answers: Sequence[Recovery]) -> None:
-        """The answers to losses, newest first, with their steps."""
-        self._answers_panel.set_visibility(bool(answers))
-        self._answers.clear()
-        with self._answers:
-            for one in reversed(answers):
-                answer(one)
+    def show_recoveries(self, recoveries: Sequence[Recovery]) -> None:
+        """Show the recoveries with their steps, the newest first."""
+        self._recoveries_panel.set_visibility(bool(recoveries))
+        self._recoveries.clear()
+        with self._recoveries:
+            for recovery in reversed(recoveries):
+                show_recovery(recovery)
 
     def go_live(self) -> None:
-        """Show the newest again."""
+        """Return to the present."""
         self._on_slot(None)
 
     def select(self, uav_id: str | None) -> None:
-        """Bring one UAV out on the map and in the table."""
+        """Highlight one UAV on the map and in the table."""
         self._selected = uav_id
         self.map.select(uav_id)
         self.fleet.select(uav_id)
@@ -147,12 +147,12 @@ class Situation:
         self._on_slot(int(cell[0] if isinstance(cell, list) else event.data_index))
 
 
-def answer(one: Recovery) -> None:
-    """One answer to a loss: its steps, and how long each took."""
-    with ui.element("div").classes("sf-tx").props(f'data-phase="{one.phase}"'):
-        text("h3", one.title)
+def show_recovery(recovery: Recovery) -> None:
+    """Show one recovery: its steps, and how long each took."""
+    with ui.element("div").classes("sf-tx").props(f'data-phase="{recovery.phase}"'):
+        text("h3", recovery.title)
         with ui.element("ol").classes("sf-steps"):
-            for step in one.steps:
+            for step in recovery.steps:
                 with ui.element("li").classes(step.state):
                     text("span", step.name)
                     text("span", step.took, "sf-took")
@@ -161,12 +161,12 @@ def answer(one: Recovery) -> None:
 
 
 def stats_line(name: str, plan: Plan) -> str:
-    """What a plan promises of steadiness and fairness."""
+    """Return a plan's variance in (kbit/s)² and Jain's index as text."""
     return f"{name} {plan.summary.sum_rate_variance_kbps2:.1f}, {plan.summary.jain:.3f}"
 
 
 def achieved_line(table: Mapping[str, Row]) -> str | None:
-    """The same of what users got, from the slots in which all are known; None before the second."""
+    """Return the same of achieved rates in bit/s, over the slots in which all are known; None before the second."""
     rows = np.array([[np.nan if x is None else x for x in row] for row in table.values()], dtype=float)
     known = rows[:, ~np.isnan(rows).any(axis=0)] / 1e3 if rows.size else rows
     if known.size == 0 or known.shape[1] < 2:

@@ -1,4 +1,4 @@
-"""What the pages know of the service. Fields a service does not tell (yet) are None, and shown as a dash.
+"""What the pages know of the service. Fields that the service has not reported (yet) are None, and shown as a dash.
 
 Angles in degrees, altitude in metres above the vehicle's own home, times named `_s` in fleet seconds.
 """
@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict
 
 
 class View(BaseModel):
-    """Immutable; fields it does not know are left aside, so that the service can grow."""
+    """An immutable view that ignores unknown fields, so that the service can grow."""
 
     model_config = ConfigDict(frozen=True, extra="ignore")
 
@@ -38,8 +38,8 @@ class Vehicle(View):
     slip_s: float | None = None
 
 
-class Ordered(View):
-    """What became of an order to one vehicle."""
+class OrderResult(View):
+    """The result of an order to one vehicle."""
 
     uav_id: str
     outcome: str
@@ -47,7 +47,7 @@ class Ordered(View):
 
 
 class Step(View):
-    """One step of an answer to a loss: what, and when or how long, in words ready to be shown."""
+    """One step of a recovery: its name, its duration and details, as text that can be shown."""
 
     name: str
     took: str = ""
@@ -57,7 +57,7 @@ class Step(View):
 
 
 class Recovery(View):
-    """One answer to a loss, from detection to flying on. `proposed` while it waits for the operator's word."""
+    """One recovery, from the detection of the incident to its end; `proposed` while it waits for approval."""
 
     number: int
     title: str
@@ -78,9 +78,10 @@ OVER = frozenset({"completed", "completed_partly", "aborted", "failed"})
 
 
 class Operation(View):
-    """One flight of one plan. `slot` counts from 0; `user_rates_bps` holds None for slots not (yet) recorded.
+    """An operation as it is now.
 
-    `ends`: of each UAV, once the operation has ended: flown, returned, landed_elsewhere, lost, in_the_air.
+    `slot` counts from 0; `user_rates_bps` holds None for slots that are not recorded (yet). `ends` has the end of each
+    UAV once the operation has ended: flown, returned, landed_elsewhere, lost or in_the_air.
     """
 
     id: str
@@ -101,17 +102,17 @@ class Operation(View):
 
     @property
     def ended(self) -> bool:
-        """Whether nothing more can happen to it."""
+        """Whether nothing more can happen to the operation."""
         return self.state in OVER
 
     @property
     def proposal(self) -> Recovery | None:
-        """The replan that waits for approval, if one does."""
-        return next((one for one in self.recoveries if one.proposed), None)
+        """The recovery whose replan waits for approval, if there is one."""
+        return next((recovery for recovery in self.recoveries if recovery.proposed), None)
 
 
 class OperationLine(View):
-    """A line of the list of operations. `created_at` is UTC seconds since 1970."""
+    """A line of the list of operations; `created_at` is in UTC seconds since 1970."""
 
     id: str
     state: str
@@ -121,7 +122,7 @@ class OperationLine(View):
 
 
 class PlanState(View):
-    """How far a plan is; `trajectories_m` only when it has a result."""
+    """The state of a plan; `trajectories_m` is set only once it has a result."""
 
     id: str
     status: str
@@ -130,14 +131,14 @@ class PlanState(View):
 
 
 class TrackPoint(View):
-    """Where each UAV was heard, metres east/north, fleet seconds after slot 0 began."""
+    """The positions that UAVs reported, metres east/north, at a time in fleet seconds after slot 0 began."""
 
     elapsed_s: float
     positions_m: dict[str, tuple[float, float]]
 
 
 class WhatIf(View):
-    """What users would get on average if this UAV were lost, bit/s; `without_replan`: if the survivors flew on."""
+    """The mean sum rate in bit/s if this UAV were lost; `without_replan` if the survivors flew on as planned."""
 
     uav_id: str
     planned_bps: float
@@ -147,7 +148,7 @@ class WhatIf(View):
 
 
 class Drill(View):
-    """A fault that strikes a simulated UAV: scheduled, struck, or missed because the operation ended before."""
+    """A fault injected into a simulated UAV: scheduled, struck, or missed because the operation ended before."""
 
     id: str
     state: str
@@ -157,8 +158,8 @@ class Drill(View):
     at_slot: int | None = None
 
 
-class Happening(View):
-    """One line of the event log; `id` is None while the service cannot store it."""
+class ServiceEvent(View):
+    """An event of the service; `id` is None while the service cannot store it."""
 
     id: int | None
     at: str

@@ -28,10 +28,10 @@ def algorithm_1(
     start_m: Array | None = None,
     observer: Observer = ignore,
 ) -> Solution:
-    """Alternate over A~, B and Q from feasible paths `start_m` (default: hover), keeping only what does not lower G.
+    """Alternate over A~, B and Q from feasible paths `start_m` (default: hover), without ever lowering G.
 
     Every iterate is feasible for (6d)-(6g), so stopping at any time gives a flyable plan. The last line's binary
-    mapping is followed by one more bandwidth step for the association that will really be used.
+    mapping is followed by one more bandwidth step for the resulting association.
     """
     now = _first(problem, problem.hover() if start_m is None else start_m)
     history: list[Iteration] = []
@@ -45,7 +45,7 @@ def algorithm_1(
 
 @dataclass(frozen=True)
 class Iterate:
-    """A~, B and Q of one moment: association and bandwidth_hz (U, K, N), paths_m (U, N, 2)."""
+    """A~, B and Q at one moment: association and bandwidth_hz (U, K, N), paths_m (U, N, 2)."""
 
     problem: Problem
     association: Array
@@ -54,33 +54,33 @@ class Iterate:
 
     @cached_property
     def efficiency(self) -> Array:
-        """log2(1 + SINR) of each pair: (U, K, N) bit/s/Hz."""
+        """The spectral efficiency log2(1 + SINR) of each pair: (U, K, N) bit/s/Hz."""
         return spectral_efficiency(self.problem, self.paths_m)
 
     @property
     def given(self) -> Array:
-        """a b, the bandwidth each pair really has: (U, K, N) Hz."""
+        """The bandwidth that each pair has, a b: (U, K, N) Hz."""
         return self.association * self.bandwidth_hz
 
     @cached_property
     def rates_kbps(self) -> Array:
-        """R_k[n] of eq. (3): (K, N)."""
+        """The rates R_k[n] of eq. (3): (K, N)."""
         rates: Array = (self.given * self.efficiency).sum(axis=0) / 1e3
         return rates
 
     @cached_property
     def utility_kbps(self) -> float:
-        """G of these rates and the past."""
+        """The objective G of these rates and the past."""
         return utility_kbps(self.problem.counted_kbps(self.rates_kbps), self.problem.kind, self.problem.mu)
 
     @cached_property
     def shortfall_kbps(self) -> float:
-        """How much is missing to the minimum rates, all users and slots together."""
+        """The shortfall from the minimum rates, summed over users and slots."""
         missing = self.problem.min_kbps[:, None] * (1 - 1e-9) - self.rates_kbps
         return float(np.maximum(missing, 0.0).sum())
 
     def iteration(self, number: int) -> Iteration:
-        """As the observer sees it."""
+        """Return the iteration as it is passed to the observer."""
         return Iteration(
             iteration=number,
             utility_bps=self.utility_kbps * 1e3,
@@ -89,7 +89,7 @@ class Iterate:
 
 
 def _first(problem: Problem, paths_m: Array) -> Iterate:
-    """Everybody shares everything: line 2 of Algorithm 1."""
+    """Return the first iterate, in which all users share everything: line 2 of Algorithm 1."""
     shape = (problem.n_uavs, problem.n_users, problem.n_slots)
     there = problem.flying[:, None, :]
     association = np.broadcast_to(there / there.sum(axis=0), shape)
@@ -110,7 +110,7 @@ def _steered(now: Iterate) -> Iterate:
 
 
 def _improved(now: Iterate, subproblem: Callable[[Iterate], Iterate]) -> Iterate:
-    """With the subproblem's answer, if there is one and it is no worse: first by minimum rates, then by utility."""
+    """Return the iterate with the subproblem's solution, unless it is worse: by minimum rates, then by utility."""
     try:
         candidate = subproblem(now)
     except SubproblemError:
@@ -121,7 +121,7 @@ def _improved(now: Iterate, subproblem: Callable[[Iterate], Iterate]) -> Iterate
 
 
 def binary_solution(now: Iterate, history: list[Iteration]) -> Solution:
-    """Algorithm 1, line 9, and bandwidth for the association that will really be used."""
+    """Map the association to a binary one (line 9), and solve the bandwidth for it."""
     problem = now.problem
     serving = nearest_binary(problem, now.association, now.bandwidth_hz, now.efficiency)
     binary = np.moveaxis(np.eye(problem.n_uavs)[serving], 2, 0)
@@ -131,7 +131,7 @@ def binary_solution(now: Iterate, history: list[Iteration]) -> Solution:
 
 
 def _kept_shares(now: Iterate, binary: Array) -> Array:
-    """What the users keep of the relaxed allocation, each band filled: (U, K, N) Hz; equal parts if nothing is left."""
+    """Return what users keep of the relaxed allocation, in full bands: (U, K, N) Hz; equal parts if it is nothing."""
     band = now.problem.bandwidth_hz[:, None, None]
     kept = whole_shares(now.given / band, binary)
     equal = binary / np.maximum(binary.sum(axis=1, keepdims=True), 1.0)

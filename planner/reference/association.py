@@ -15,7 +15,7 @@ def relaxed_association(problem: Problem, bandwidth_hz: Array, efficiency: Array
     """Solve (a4): A~ in [0, 1] for given B and Q; (U, K, N).
 
     bandwidth_hz: (U, K, N) Hz; efficiency: (U, K, N) bit/s/Hz at the given trajectories. A UAV that has left serves
-    nobody. Raises SubproblemError.
+    no user. Raises SubproblemError.
     """
     n_uavs, n_users, n_slots = efficiency.shape
     flat = (n_uavs, n_users * n_slots)
@@ -34,10 +34,10 @@ def relaxed_association(problem: Problem, bandwidth_hz: Array, efficiency: Array
 
 
 def nearest_binary(problem: Problem, relaxed: Array, bandwidth_hz: Array, efficiency: Array) -> NDArray[np.intp]:
-    """Algorithm 1, line 9: each user to the UAV that gives it most under the relaxed A~ and B.
+    """Assign each user to the UAV that gives it most under the relaxed A~ and B (Algorithm 1, line 9).
 
     A user that gets nothing goes to its best channel. Returns (K, N) UAV indices, so that (6a) and (6b) hold by
-    construction; a UAV that has left is nobody's.
+    construction; a UAV that has left serves no user.
     """
     given = relaxed * bandwidth_hz * efficiency
     idle = given.max(axis=0) <= 1e-6 * float(problem.bandwidth_hz.max())

@@ -16,7 +16,7 @@ RESIDUE = 1e-5
 def best_bandwidth(problem: Problem, association: Array, efficiency: Array) -> Array:
     """Solve (a5): B >= 0 for given A and Q, under (6c); (U, K, N) Hz.
 
-    What decides is the product x = a b, so the variable is x in shares of `B_u` and b = x / a. Pairs with a = 0 get
+    Only the product x = a b matters, so the variable is x in shares of `B_u` and b = x / a. Pairs with a = 0 get
     none. association: (U, K, N) in [0, 1]; efficiency: (U, K, N) bit/s/Hz. Raises SubproblemError.
     """
     n_uavs, n_users, n_slots = efficiency.shape

@@ -21,11 +21,11 @@ ATTEMPTS: tuple[dict[str, float], ...] = ({}, {"max_step_fraction": 0.9})
 
 
 class SubproblemError(RuntimeError):
-    """The interior point method gave no usable answer; the caller keeps the iterate it had."""
+    """The interior point method returned no usable solution; the caller keeps its iterate."""
 
 
 def concave_utility(problem: Problem, rates_kbps: cp.Expression) -> cp.Expression:
-    """The utility of rates (K, N) in kbit/s; concave by Lemma 1, and at mu = 0 the mean of the sum rate (SR-Max).
+    """Return the utility of rates (K, N) in kbit/s; concave by Lemma 1, and at mu = 0 the mean sum rate (SR-Max).
 
     `sum` is (1/mu) log E_n[exp(mu sum_k R_k[n])] of eq. (9); `per_user` and `pooled` as in `planner.utility`. Slots
     flown before are constants inside the expectation.
@@ -42,9 +42,9 @@ def concave_utility(problem: Problem, rates_kbps: cp.Expression) -> cp.Expressio
 
 
 def _soft_means(values: cp.Expression, past: Array, mu: float) -> cp.Expression:
-    """(1/mu) log mean exp(mu x) of each row over the planned `values` (R, N) and the `past` ones (R, M).
+    """Return (1/mu) log mean exp(mu x) of each row over the planned `values` (R, N) and the `past` ones (R, M).
 
-    NaN in the past: not there, as in `planner.utility.soft_means`.
+    NaN in the past means that the user was not there, as in `planner.utility.soft_means`.
     """
     count = values.shape[1] + np.isfinite(past).sum(axis=1)
     everything = values.shape[1] + past.shape[1]
@@ -58,7 +58,7 @@ def _soft_means(values: cp.Expression, past: Array, mu: float) -> cp.Expression:
 def maximise_with_least_rates(
     problem: Problem, rates_kbps: cp.Expression, least_kbps: Array, constraints: list[cp.Constraint]
 ) -> None:
-    """Maximise the utility of `rates_kbps` (K, N); rates below `least_kbps` (K, N) only where there is no other way.
+    """Maximise the utility of `rates_kbps` (K, N); rates fall below `least_kbps` (K, N) only where unavoidable.
 
     The exact penalty of the shortfall keeps the problem solvable where not every minimum can be met. Raises
     SubproblemError as `solve` does.
@@ -73,12 +73,12 @@ def maximise_with_least_rates(
 
 
 def least_rates(problem: Problem) -> Array:
-    """The minimum rate of each user in each slot: (K, N) kbit/s."""
+    """Return the minimum rate of each user in each slot: (K, N) kbit/s."""
     return np.repeat(problem.min_kbps[:, None], problem.n_slots, axis=1)
 
 
 def solve(objective: cp.Expression, constraints: list[cp.Constraint]) -> float:
-    """Maximise by Clarabel's interior point method; the value.
+    """Maximise by Clarabel's interior point method, and return the value.
 
     Raises SubproblemError when no (even inaccurate) optimum is found. The caller evaluates the true objective before
     it accepts the point, so an inaccurate one does no harm.

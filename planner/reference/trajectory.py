@@ -53,7 +53,7 @@ def steered(problem: Problem, allocated_hz: Array, paths_m: Array) -> Array:
 
 
 def surrogate_rates(allocated_hz: Array, snr: Array, lower: cp.Expression, upper: cp.Expression) -> cp.Expression:
-    """sum_u a b f_eta of eq. (16) for each pair, (pairs,) kbit/s; every array is (U, pairs).
+    """Return sum_u a b f_eta of eq. (16) for each pair, (pairs,) kbit/s; every array is (U, pairs).
 
     snr is that of the expansion point, lower and upper are relative to it, so both are 1 there.
     """
@@ -75,7 +75,7 @@ def _distance_bounds(
     lower: cp.Expression,
     upper: cp.Expression,
 ) -> list[cp.Constraint]:
-    """Eqs. (19) and (20), both divided by d^2 at the expansion point `path_m` (N, 2)."""
+    """Return eqs. (19) and (20), both divided by d^2 at the expansion point `path_m` (N, 2)."""
     users, slots = pairs
     centre = problem.user_m[users] / UNIT_M
     towards = path_m[slots] / UNIT_M - centre  # q^l - c
@@ -90,7 +90,7 @@ def _distance_bounds(
 
 
 def _motion(problem: Problem, u: int, path_m: Array, q: cp.Variable) -> list[cp.Constraint]:
-    """(6d), (6f), (6g); and beyond the letter: end position, leaving, no-fly zones."""
+    """Return (6d), (6f) and (6g), and beyond the letter: end positions, leaving, no-fly zones."""
     flying = int(problem.n_flying[u])
     constraints = [q[0] == problem.start_m[u] / UNIT_M]  # (6g)
     if flying > 1:
@@ -111,7 +111,7 @@ def _motion(problem: Problem, u: int, path_m: Array, q: cp.Variable) -> list[cp.
 
 
 def _separation(problem: Problem, paths_m: Array, q: list[cp.Variable]) -> list[cp.Constraint]:
-    """Eq. (21): constraint (6e), linearised around the last iterate, while both fly."""
+    """Return eq. (21): constraint (6e), linearised around the last iterate, while both UAVs fly."""
     if problem.separation_m == 0:
         return []
     constraints = []

@@ -20,9 +20,9 @@ MARGIN_M = 1e-4
 
 
 def half_planes(problem: Problem, path_m: Array) -> Iterator[tuple[Array, Array]]:
-    """For each convex piece of the zones: normals (N-1, 2) and offsets (N-1,) with `normal . q >= offset` on each leg.
+    """Yield normals (N-1, 2) and offsets (N-1,) for each convex piece of the zones.
 
-    path_m: (N, 2) metres, outside all zones.
+    `normal . q >= offset` holds on each leg, and nowhere in the piece. path_m: (N, 2) metres, outside all zones.
     """
     here, there = path_m[:-1], path_m[1:]
     for east, north, radius in problem.discs:
@@ -37,7 +37,7 @@ def half_planes(problem: Problem, path_m: Array) -> Iterator[tuple[Array, Array]
 
 
 def outside(zones: list[tuple[Array, Array]], q: cp.Expression) -> list[cp.Constraint]:
-    """Both ends of each leg of `q` (N, 2) kept in the half-planes `zones`, in the unit of their offsets."""
+    """Keep both ends of each leg of `q` (N, 2) in the half-planes `zones`, in the unit of their offsets."""
     return [
         cp.sum(cp.multiply(normal, q[end : end + len(normal)]), axis=1) >= offset
         for normal, offset in zones
@@ -46,7 +46,7 @@ def outside(zones: list[tuple[Array, Array]], q: cp.Expression) -> list[cp.Const
 
 
 def _nearest_to(point: Array, here: Array, there: Array) -> Array:
-    """The point of each segment that is nearest to `point`: (L, 2)."""
+    """Return the point of each segment that is nearest to `point`: (L, 2)."""
     move = there - here
     length2 = (move**2).sum(axis=1)
     along = ((point - here) * move).sum(axis=1) / np.where(length2 > 0, length2, 1.0)
@@ -55,7 +55,7 @@ def _nearest_to(point: Array, here: Array, there: Array) -> Array:
 
 
 def _separating(corners: Array, here: Array, there: Array) -> tuple[Array, Array]:
-    """The line between a triangle (3, 2) and each segment along which they are furthest apart.
+    """Return the line between a triangle (3, 2) and each segment along which they are furthest apart.
 
     Two disjoint convex shapes are separated along the normal of one of their edges: three of the triangle, two
     directions across the segment.

@@ -181,7 +181,7 @@ def test_least_rates_that_cannot_be_met_are_told_and_flown_only_when_asked(
     page.press("Plan it")
     page.see(".sf-figures td", "0-19")
     page.press("Fly it")
-    page.see(".sf-flycard .sf-fail", "Not always served as asked: user-1")
+    page.see(".sf-flycard .sf-fail", "Below the minimum rate in some slots: user-1")
     assert not page.button("Start: upload, arm, take off").is_enabled()
     page.press("Cancel")
 
@@ -274,7 +274,7 @@ def test_a_drill_is_approved_reported_and_replayed(flying: Service, page: Page, 
     page.open(flying.url, "/ui/drill")
     page.see(".sf-report", f"Recovered: {LOST} was lost")
     page.shot("drill")
-    page.press("Keep the report (HTML)")
+    page.press("Save the report (HTML)")
     report = page.until(lambda: next(iter(folder.glob("drill-*.html")), None), "the download").read_text()
     assert report.count("<svg") == 2
     assert "<script" not in report

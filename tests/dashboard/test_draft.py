@@ -30,7 +30,7 @@ def test_what_is_placed_moved_and_removed_is_in_the_scenario(minimal: Scenario) 
 def test_the_last_uav_cannot_be_removed(minimal: Scenario) -> None:
     draft = Draft(minimal)
     draft.remove("uav", "uav-1")
-    with pytest.raises(DraftError, match="one must stay"):
+    with pytest.raises(DraftError, match="at least one must remain"):
         draft.remove("uav", "uav-2")
 
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from skyfolio.api.dashboard.event_text import words
-from skyfolio.api.dashboard.views import Happening
+from skyfolio.api.dashboard.event_text import describe
+from skyfolio.api.dashboard.views import ServiceEvent
 
 
 @pytest.mark.parametrize(
@@ -46,7 +46,7 @@ from skyfolio.api.dashboard.views import Happening
         (
             "uav_warning",
             {"uav_id": "uav-1", "detail": "said 'GCS Failsafe - Continuing Auto Mode'"},
-            "uav-1 tells of a failsafe and goes on: said 'GCS Failsafe - Continuing Auto Mode'",
+            "uav-1 reports a failsafe and flies on: said 'GCS Failsafe - Continuing Auto Mode'",
             "warn",
         ),
         (
@@ -73,38 +73,43 @@ from skyfolio.api.dashboard.views import Happening
         (
             "speed_restored",
             {"uav_id": "uav-1", "mode": "return", "speed_mps": 5.0, "error": None},
-            "uav-1 left our modes (return) at a speed of ours: 5 m/s again, its own",
+            "uav-1 left the commanded mode (for return) at a commanded speed: its cruise speed of 5 m/s is restored",
             "warn",
         ),
         (
             "speed_restored",
             {"uav_id": "uav-1", "mode": "return", "speed_mps": 5.0, "error": "TIMEOUT"},
-            "does not take its own back: TIMEOUT",
+            "its cruise speed could not be restored: TIMEOUT",
             "alarm",
         ),
         (
             "stuck",
             {"uav_id": "uav-1", "item": 5, "next_item": 6, "for_s": 4.1, "distance_m": 1.5},
-            "uav-1 stayed 1.5 m from item 5 for 4.1 s: told to go on with item 6",
+            "uav-1 stayed 1.5 m from item 5 for 4.1 s: sent on to item 6",
             "warn",
         ),
         (
             "altitude_off_plan",
             {"uav_id": "uav-1", "level": "warning", "off_m": -12.0},
-            "uav-1 is 12.0 m below its altitude",
+            "uav-1 is 12.0 m below its planned altitude",
             "warn",
         ),
-        ("altitude_off_plan", {"uav_id": "uav-1", "level": "ok", "off_m": 0.3}, "at its altitude again", "ok"),
+        ("altitude_off_plan", {"uav_id": "uav-1", "level": "ok", "off_m": 0.3}, "at its planned altitude again", "ok"),
         ("home_moved", {"uav_id": "uav-1", "moved_m": 9.0, "up_m": 0.5}, "uav-1 has a new home, 9.0 m away", "warn"),
-        ("guard", {"level": "warning", "error": "gone"}, "nobody guards the stream", "warn"),
+        ("guard", {"level": "warning", "error": "gone"}, "the stream has no guard", "warn"),
         ("lands_instead_of_returning", {"because": "'uav-1' and 'uav-2'"}, "'uav-1' and 'uav-2'", "warn"),
         ("brought_down", {"uav_id": "uav-1", "action": "land", "because": "it hovered"}, "uav-1 lands: it hov", "warn"),
-        ("brought_down", {"uav_id": "uav-1", "action": "land", "error": "TIMEOUT"}, "not come down: TIMEOUT", "alarm"),
+        (
+            "brought_down",
+            {"uav_id": "uav-1", "action": "land", "error": "TIMEOUT"},
+            "cannot be brought down: TIMEOUT",
+            "alarm",
+        ),
         ("wind_changed", {"operation_id": "op-1", "to_mps": 7}, "wind changed to_mps 7", ""),
     ],
 )
-def test_events_are_told_in_words(kind: str, data: dict[str, object], said: str, level: str) -> None:
-    found, worth = words(Happening(id=1, at="2030-01-01T00:00:00Z", kind=kind, data=data))
+def test_events_are_described_to_the_operator(kind: str, data: dict[str, object], said: str, level: str) -> None:
+    found, worth = describe(ServiceEvent(id=1, at="2030-01-01T00:00:00Z", kind=kind, data=data))
     assert said in found
     assert bool(said) == bool(found)
     assert worth == level

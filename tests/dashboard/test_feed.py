@@ -51,12 +51,12 @@ async def test_events_stream_in_process_and_can_be_resumed(feed: Feed, minimal: 
     plans = {(await feed.make_plan(minimal)).id for _ in range(2)}
     heard = []
     async with asyncio.timeout(20):
-        async for happening in feed.happenings(0):
-            heard.append(happening)
+        async for event in feed.events(0):
+            heard.append(event)
             if {each.data.get("plan_id") for each in heard} >= plans:
                 break
-        async for happening in feed.happenings(heard[0].id or 0):
-            assert happening.id == heard[1].id
+        async for event in feed.events(heard[0].id or 0):
+            assert event.id == heard[1].id
             break
 
 
@@ -71,7 +71,7 @@ async def test_the_watch_keeps_what_happens_and_tells_when_the_service_refuses(f
     try:
         await feed.make_plan(minimal)
         async with asyncio.timeout(20):
-            while not (watch.happenings and watch.loaded):
+            while not (watch.events and watch.loaded):
                 await watch.changed()
             assert complaint(watch) == ""
             watch.show("op-0")

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from skyfolio.api.dashboard import map_scene as picture
+from skyfolio.api.dashboard import map_scene
 from skyfolio.api.dashboard.map_scene import Spot
 from skyfolio.api.dashboard.views import Operation, Vehicle
 from skyfolio.planner import Changes, Plan, replan
@@ -29,28 +29,28 @@ def vehicle(**changes: object) -> Vehicle:
     ],
 )
 def test_states_are_named_as_ground_stations_do(said: Vehicle | None, lost: bool, state: str, level: str) -> None:
-    found, _, worth = picture.state_of(said, lost=lost, flying=True)
+    found, _, worth = map_scene.state_of(said, lost=lost, flying=True)
     assert (found, worth) == (state, level)
 
 
 def test_one_that_is_lost_and_heard_says_what_was_seen_and_a_silent_one_for_how_long() -> None:
     seen = "in mode 'return', system status 5"
-    assert picture.state_of(vehicle(condition_cause=seen), lost=True, flying=True)[1] == seen
+    assert map_scene.state_of(vehicle(condition_cause=seen), lost=True, flying=True)[1] == seen
     silent = vehicle(link="lost", silent_for_s=7.2, condition_cause="stale")
-    assert picture.state_of(silent, lost=True, flying=True)[1] == "silent for 7.2 s"
+    assert map_scene.state_of(silent, lost=True, flying=True)[1] == "silent for 7.2 s"
 
 
 def test_the_table_puts_what_is_urgent_first(flying: Operation) -> None:
     spots = [Spot(uav_id="uav-1", at_m=(1.0, 2.0), vehicle=vehicle()), Spot(uav_id="uav-2", at_m=None, lost=True)]
-    rows = picture.rows(spots, flying)
+    rows = map_scene.rows(spots, flying)
     assert [row["id"] for row in rows] == ["uav-2", "uav-1"]
     assert rows[1]["cause"] == ""
-    assert picture.rows([Spot(uav_id="uav-1", at_m=None, vehicle=vehicle(mode="hold"))], flying)[0]["cause"]
+    assert map_scene.rows([Spot(uav_id="uav-1", at_m=None, vehicle=vehicle(mode="hold"))], flying)[0]["cause"]
 
 
 def test_links_carry_all_bandwidth_of_the_slot(small_plan: Plan) -> None:
     for slot in range(4):
-        links = picture.links(small_plan, slot)
+        links = map_scene.links(small_plan, slot)
         for uav in small_plan.scenario.uavs:
             used = sum(hz for _, served_by, hz in links if served_by == uav.id)
             assert used <= uav.bandwidth_hz * (1 + 1e-9)
@@ -59,47 +59,47 @@ def test_links_carry_all_bandwidth_of_the_slot(small_plan: Plan) -> None:
 
 def test_a_user_that_gets_nothing_of_what_was_promised_is_cut_off(small_plan: Plan) -> None:
     promised = {user: row[1] for user, row in small_plan.user_rates_bps.items()}
-    served = [user for user, rate in promised.items() if rate > picture.WORTH_BPS]
+    served = [user for user, rate in promised.items() if rate > map_scene.WORTH_BPS]
     assert served
-    assert picture.cut_off(small_plan, 1, promised) == []
-    assert picture.cut_off(small_plan, 1, dict.fromkeys(promised, 0.0)) == served
-    assert picture.cut_off(small_plan, 1, dict.fromkeys(promised)) == []
+    assert map_scene.cut_off(small_plan, 1, promised) == []
+    assert map_scene.cut_off(small_plan, 1, dict.fromkeys(promised, 0.0)) == served
+    assert map_scene.cut_off(small_plan, 1, dict.fromkeys(promised)) == []
 
 
 def test_a_plan_of_fewer_users_draws_its_links_and_rates_to_its_own_users(small_plan: Plan) -> None:
     fewer = replan(small_plan, changes=Changes(users_left=("user-1",)), at_slot=1)
-    frame = picture.planned_frame(fewer, 2)
+    frame = map_scene.planned_frame(fewer, 2)
     assert {user for user, _, _ in frame["links"]} == set(frame["rates"]) == {"user-2", "user-3", "user-4"}
     assert frame["rates"] == {user: row[1] for user, row in fewer.user_rates_bps.items()}
-    beside_all = picture.frame([], fewer, 2, dict.fromkeys(fewer.user_rates_bps, 0.0), promise=small_plan)
+    beside_all = map_scene.frame([], fewer, 2, dict.fromkeys(fewer.user_rates_bps, 0.0), promise=small_plan)
     assert "user-1" not in beside_all["cut"]
 
 
 def test_the_air_of_a_lost_uav_is_its_rest_of_the_route_and_the_way_home(small_plan: Plan) -> None:
-    air = picture.reserved(small_plan, ["uav-2", "uav-9"], from_slot=2)
+    air = map_scene.reserved(small_plan, ["uav-2", "uav-9"], from_slot=2)
     assert air == {"uav-2": [*small_plan.trajectories_m["uav-2"][2:], (150.0, 50.0)]}
 
 
 def test_scene_and_frames_are_plain_json(small_plan: Plan) -> None:
-    scene = picture.scene(small_plan.scenario, [("current", small_plan)])
-    frame = picture.planned_frame(small_plan, 3, ghosts={"uav-7": (1.0, 2.0)})
+    scene = map_scene.scene(small_plan.scenario, [("current", small_plan)])
+    frame = map_scene.planned_frame(small_plan, 3, lost_at_m={"uav-7": (1.0, 2.0)})
     assert json.loads(json.dumps([scene, frame]))[1]["uavs"][-1]["lost"] is True
     assert [one["id"] for one in frame["uavs"]] == ["uav-1", "uav-2", "uav-7"]
     assert frame["rates"] == {user: row[3] for user, row in small_plan.user_rates_bps.items()}
-    assert picture.scene(small_plan.scenario)["rate_max"] is None
+    assert map_scene.scene(small_plan.scenario)["rate_max"] is None
 
 
 def test_a_scenario_that_breaks_rules_is_sketched_all_the_same(small_plan: Plan) -> None:
     data = small_plan.scenario.model_dump(mode="json")
     data["uavs"][0]["start_m"] = [-900.0, 0.0]
-    scene, frame = picture.sketch(data)
+    scene, frame = map_scene.sketch(data)
     assert frame["uavs"][0]["e"] == -900.0
     assert scene["users"][0] == ("user-1", 20.0, 50.0)
 
 
 def test_slip_is_only_told_while_the_plan_is_flown(small_plan: Plan) -> None:
     at = small_plan.trajectories_m["uav-1"][1]
-    assert picture.slip_of(small_plan, "uav-1", 5.0, at) == pytest.approx(0.0, abs=0.5)
-    assert picture.slip_of(small_plan, "uav-1", 21.0, at) is None
-    assert picture.slip_of(small_plan, "uav-9", 5.0, at) is None
-    assert picture.slip_of(small_plan, "uav-1", None, at) is None
+    assert map_scene.slip_of(small_plan, "uav-1", 5.0, at) == pytest.approx(0.0, abs=0.5)
+    assert map_scene.slip_of(small_plan, "uav-1", 21.0, at) is None
+    assert map_scene.slip_of(small_plan, "uav-9", 5.0, at) is None
+    assert map_scene.slip_of(small_plan, "uav-1", None, at) is None

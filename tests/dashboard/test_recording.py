@@ -7,7 +7,7 @@ import pytest
 from skyfolio.api.dashboard import comparison, report_page
 from skyfolio.api.dashboard.recording import Recording, placed
 from skyfolio.api.dashboard.report import lost_at, report_of
-from skyfolio.api.dashboard.views import Drill, Happening, Operation, Recovery, TrackPoint
+from skyfolio.api.dashboard.views import Drill, Operation, Recovery, ServiceEvent, TrackPoint
 from skyfolio.planner import Plan, Scenario, plan, replan
 
 SLOT_S = 5.0
@@ -24,7 +24,7 @@ def plans(minimal: Scenario) -> tuple[Plan, Plan]:
 def operation(plans: tuple[Plan, Plan]) -> Operation:
     first, second = plans
     flown = {user: [*first.user_rates_bps[user][:4], *second.user_rates_bps[user]] for user in first.scenario.user_ids}
-    answered = Recovery(
+    recovery = Recovery(
         number=1,
         title="uav-2",
         lost={"uav-2": 5.0},
@@ -42,7 +42,7 @@ def operation(plans: tuple[Plan, Plan]) -> Operation:
         vehicles={"uav-1": 1, "uav-2": 2},
         lost=("uav-2",),
         user_rates_bps=flown,
-        recoveries=(answered,),
+        recoveries=(recovery,),
     )
 
 
@@ -61,7 +61,7 @@ def track() -> list[TrackPoint]:
 
 @pytest.fixture
 def recording(operation: Operation, plans: tuple[Plan, Plan], track: list[TrackPoint]) -> Recording:
-    happened = Happening(id=1, at="2030-01-01T00:00:00+00:00", kind="operation", data={})
+    happened = ServiceEvent(id=1, at="2030-01-01T00:00:00+00:00", kind="operation", data={})
     return Recording(operation, {one.id: one for one in plans}, track, [(-3.0, happened)])
 
 
@@ -90,9 +90,9 @@ def test_replay_knows_losses_and_plans_only_when_they_had_happened(recording: Re
 
 
 def test_events_are_placed_on_the_operations_own_clock() -> None:
-    def at(second: int, kind: str, operation: str = "op-1", **data: str) -> Happening:
+    def at(second: int, kind: str, operation: str = "op-1", **data: str) -> ServiceEvent:
         told = {"operation_id": operation, **data}
-        return Happening(id=second, at=f"2030-01-01T00:00:{second:02d}+00:00", kind=kind, data=told)
+        return ServiceEvent(id=second, at=f"2030-01-01T00:00:{second:02d}+00:00", kind=kind, data=told)
 
     log = [at(1, "missions_uploaded"), at(4, "operation", state="flying"), at(5, "uav_lost"), at(6, "link", "op-2")]
     assert [(when, one.kind) for when, one in placed(log, "op-1", 10.0)] == [
@@ -124,10 +124,10 @@ def test_the_report_compares_what_was_flown_with_doing_nothing(
     made = report_of(operation, plans, track, drill)
     assert lost_at(operation, SLOT_S) == {"uav-2": FALLS_S / SLOT_S}
     assert made.recovered
-    assert made.unanswered[:2] == pytest.approx(
+    assert made.without_recovery[:2] == pytest.approx(
         [sum(row[n] for row in plans[0].user_rates_bps.values()) for n in (0, 1)]
     )
-    assert made.unanswered[5] == pytest.approx(
+    assert made.without_recovery[5] == pytest.approx(
         sum(row[1] for row in comparison.without(plans[0], ["uav-2"], 4).values())
     )
     page = report_page.page(made)

@@ -1,4 +1,4 @@
-"""Answers to losses, from the journal and the final report."""
+"""Recoveries, from the journal and the final report."""
 
 from typing import Any
 
@@ -29,10 +29,10 @@ REPORT = {
 }
 
 
-def test_a_running_answer_shows_how_far_it_is() -> None:
+def test_a_running_recovery_shows_how_far_it_is() -> None:
     (one,) = recoveries([], [DETECTED, CLASSIFIED, REPLANNED], None)
     assert one.lost == LOST
-    assert one.phase == "answering"
+    assert one.phase == "recovering"
     assert [(step.name, step.state) for step in one.steps] == [
         ("Loss detected", "done"),
         ("Classified", "done"),
@@ -48,10 +48,10 @@ def test_a_proposal_waits_for_the_operator() -> None:
     assert one.proposed
     assert one.plan_id == "plan-2"
     assert one.steps[-1].state == "waiting"
-    assert "waits for your word" in one.title
+    assert "waits for your approval" in one.title
 
 
-def test_a_finished_answer_shows_each_step_with_its_time_and_its_vehicles() -> None:
+def test_a_finished_recovery_shows_each_step_with_its_time_and_its_vehicles() -> None:
     journal = [
         DETECTED,
         CLASSIFIED,
@@ -76,7 +76,7 @@ def test_a_finished_answer_shows_each_step_with_its_time_and_its_vehicles() -> N
     assert one.title == "uav-3: survivors fly the new plan"
 
 
-def test_a_failed_answer_says_why() -> None:
+def test_a_failed_recovery_says_why() -> None:
     report = {**REPORT, "outcome": "too_late", "error": "no slot is left", "in_force_at_s": None, "plan_id": None}
     (one,) = recoveries([report], [DETECTED, entry("refused", 1.1, attempt=1, error="too close")], None)
     assert one.steps[1].state == "failed"
@@ -84,13 +84,13 @@ def test_a_failed_answer_says_why() -> None:
     assert one.steps[-1].detail == "no slot is left"
 
 
-def test_an_operation_that_ends_leaves_no_answer_running() -> None:
+def test_an_operation_that_ends_leaves_no_recovery_running() -> None:
     (one,) = recoveries([], [DETECTED, REPLANNED], None, over=True)
     assert one.phase == "unanswered"
     assert [step.state for step in one.steps] == ["done", "done", "failed"]
 
 
-def test_two_incidents_are_two_answers() -> None:
+def test_two_incidents_are_two_recoveries() -> None:
     second = {**REPORT, "incident": 2, "lost": {"uav-1": 6.0}}
     made = recoveries([REPORT, second], [DETECTED, entry("detected", 9.0, incident=2, lost={"uav-1": 6.0})], None)
     assert [one.number for one in made] == [1, 2]

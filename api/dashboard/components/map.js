@@ -512,7 +512,7 @@ export default {
     userTip(id) {
       const link = this.frame?.links.find((each) => each[0] === id);
       const rate = this.frame?.rates[id];
-      const lines = [id, rate === null || rate === undefined ? "rate not known" : `${(rate / 1e3).toFixed(2)} kbit/s`];
+      const lines = [id, rate === null || rate === undefined ? "rate unknown" : `${(rate / 1e3).toFixed(2)} kbit/s`];
       if (link) lines.push(`served by ${link[1]} with ${(link[2] / 1e3).toFixed(2)} kHz`);
       return lines.join("\n");
     },

@@ -1,1 +1,1 @@
-"""The pages: each builds its elements and asks the facade; what is drawn comes from the pure modules."""
+"""The pages: each builds its elements and reads `Feed` or `Watch`; what is drawn comes from the pure modules."""

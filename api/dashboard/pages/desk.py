@@ -1,4 +1,4 @@
-"""What an open editor keeps in its browser tab, so that a reload loses no scenario, no plan and no running one.
+"""What an open editor stores for its browser tab, so that a reload loses neither the scenario nor any plan.
 
 NiceGUI's tab storage lives in the server's memory for as long as the tab does.
 """
@@ -13,40 +13,40 @@ _DRAFT, _PLANS, _RUNNING = "plan-draft", "plan-kept", "plan-running"
 
 
 class Desk:
-    """The tab's own shelf. Reading and writing need a connected tab: `ready` waits for it."""
+    """The storage of one tab. Reading and writing need a connected tab: `ready` waits for it."""
 
     async def ready(self) -> None:
-        """Wait until the tab is connected; its shelf can be used from then on."""
+        """Wait until the tab is connected; its storage can be used from then on."""
         await ui.context.client.connected()
 
     @property
     def draft(self) -> dict[str, Any] | None:
-        """The scenario as it was last edited, as JSON; None in a new tab."""
-        kept: dict[str, Any] | None = self._shelf.get(_DRAFT)
-        return kept
+        """The scenario as last edited, as JSON; None in a new tab."""
+        draft: dict[str, Any] | None = self._shelf.get(_DRAFT)
+        return draft
 
     def keep_draft(self, data: dict[str, Any]) -> None:
-        """Remember the scenario."""
+        """Store the scenario."""
         self._shelf[_DRAFT] = data
 
     @property
     def plans(self) -> list[tuple[str, str]]:
-        """(plan id, title) of the plans that were made here, the first made first."""
-        return [(str(one), str(title)) for one, title in self._shelf.get(_PLANS, [])]
+        """(plan id, title) of the plans made in this tab, in the order in which they were made."""
+        return [(str(plan_id), str(title)) for plan_id, title in self._shelf.get(_PLANS, [])]
 
     def keep_plan(self, plan_id: str, title: str) -> None:
-        """Remember a plan that was made here."""
+        """Store a plan that was made in this tab."""
         known = [entry for entry in self.plans if entry[0] != plan_id]
         self._shelf[_PLANS] = [*known, (plan_id, title)]
 
     @property
     def running(self) -> str | None:
-        """The plan that is being made, None while none is."""
-        kept: str | None = self._shelf.get(_RUNNING)
-        return kept
+        """The id of the plan that is being made, None if there is none."""
+        plan_id: str | None = self._shelf.get(_RUNNING)
+        return plan_id
 
     def keep_running(self, plan_id: str | None) -> None:
-        """Remember the plan that is being made."""
+        """Store the id of the plan that is being made."""
         self._shelf[_RUNNING] = plan_id
 
     @property

@@ -1,4 +1,4 @@
-"""Drills: choose a fault, a UAV and a slot; watch what the service does; keep the report."""
+"""Drills: choose a fault, a UAV and a slot; watch what the service does; save the report."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from skyfolio.api.dashboard.report import Report, report_of
 from skyfolio.api.dashboard.report_page import page
 from skyfolio.api.dashboard.rest import RestError
 from skyfolio.api.dashboard.shell import Shell
-from skyfolio.api.dashboard.situation import answer
+from skyfolio.api.dashboard.situation import show_recovery
 from skyfolio.api.dashboard.views import Drill, Operation
 from skyfolio.api.dashboard.watch import Watch
 from skyfolio.planner import Plan, Scenario
@@ -20,7 +20,7 @@ SLOT = 10
 
 
 class DrillPage:
-    """One open drill page. The drill itself goes on in the service whether anybody looks or not."""
+    """One open drill page. The drill itself runs in the service, whether or not somebody looks."""
 
     def __init__(self, watch: Watch) -> None:
         self._watch, self._feed = watch, watch.feed
@@ -51,7 +51,7 @@ class DrillPage:
         with panel("Drill", "sf-noshrink"), ui.element("div").classes("sf-body"):
             text(
                 "p",
-                "Plans the example, flies it with the service's own simulated fleet, and lets a fault strike.",
+                "Plans the example, flies it with the service's own simulated fleet, and injects a fault.",
                 "sf-sub",
             )
             self._example = ui.select([], label="Scenario", on_change=self._example_chosen).props("dense outlined")
@@ -110,11 +110,11 @@ class DrillPage:
             raise
 
     async def _simulated(self, scenario: Scenario) -> dict[str, int]:
-        """The system id of each UAV. Raises RestError when one is not simulated: a drill never flies a real one."""
+        """Return the system id of each UAV. Raises RestError if one is not simulated: a drill never flies real ones."""
         known = {vehicle.uav_id: vehicle for vehicle in await self._feed.vehicles() if vehicle.simulated}
         missing = [uav for uav in scenario.uav_ids if uav not in known]
         if missing:
-            self._say("No drill: this service simulates no fleet for this scenario.")
+            self._say("No drill: this service does not simulate a fleet for this scenario.")
             start = f"start the service with `skyfolio serve --simulate {self._example.value}`"
             raise RestError(409, "No simulated fleet", f"{', '.join(missing)} are not simulated; {start}")
         return {uav: known[uav].system_id for uav in scenario.uav_ids}
@@ -139,11 +139,11 @@ class DrillPage:
             if self._drill is not None:
                 when = "at once" if self._drill.at_slot is None else f"when slot {self._drill.at_slot} begins"
                 text("p", f"{self._drill.fault} of {self._drill.uav_id} {when}: {self._drill.state}", "sf-sub")
-            for one in operation.recoveries:
-                answer(one)
+            for recovery in operation.recoveries:
+                show_recovery(recovery)
 
     async def _finish(self, operation: Operation) -> None:
-        plans = [self._watch.plans[one] for one in operation.plan_ids if one in self._watch.plans]
+        plans = [self._watch.plans[plan_id] for plan_id in operation.plan_ids if plan_id in self._watch.plans]
         track = await self._feed.track(operation.id)
         self._report = report = report_of(operation, plans, track, self._drill)
         self._result.clear()
@@ -151,7 +151,7 @@ class DrillPage:
             text("p", report.verdict, "sf-pass" if report.recovered else "sf-fail")
             figures(report.rows, report.head)
             with ui.element("div").classes("sf-row"):
-                ui.button("Keep the report (HTML)", on_click=lambda: _save(report)).props("unelevated")
+                ui.button("Save the report (HTML)", on_click=lambda: _save(report)).props("unelevated")
 
     def _draw_map(self) -> None:
         operation, plan, first = self._watch.operation, self._watch.plan_in_force(), self._watch.first_plan()
@@ -162,10 +162,10 @@ class DrillPage:
             self._map.set_scene(live.scene(operation, plan, first, None), live.tracks(self._watch))
         self._map.set_frame(live.frame(self._watch, operation, plan, first))
 
-    def _say(self, words: str) -> None:
+    def _say(self, message: str) -> None:
         self._course.clear()
         with self._course:
-            text("p", words)
+            text("p", message)
 
 
 def _save(report: Report) -> None:

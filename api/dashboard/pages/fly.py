@@ -1,4 +1,4 @@
-"""The page an operator has open in flight."""
+"""The page that an operator keeps open in flight."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ from typing import Any
 
 from nicegui import ui
 
-from skyfolio.api.dashboard import charts, live
-from skyfolio.api.dashboard import map_scene as picture
+from skyfolio.api.dashboard import charts, live, map_scene
 from skyfolio.api.dashboard.approval import Notices
 from skyfolio.api.dashboard.report import lost_at
 from skyfolio.api.dashboard.shell import Shell
@@ -21,7 +20,7 @@ Point = tuple[float, float]
 
 
 class FlyPage:
-    """One open page. It draws what `Watch` has learned since the last tick."""
+    """One open page, which draws what has changed in `Watch` since the last tick."""
 
     def __init__(self, watch: Watch, tile_url: str | None) -> None:
         self._watch, self._tile_url = watch, tile_url
@@ -29,11 +28,13 @@ class FlyPage:
         self._drawn: dict[str, Any] = {}
         self._version = -1
         self._ticks = 0
-        self._told = 0
+        self._shown_events = 0
         Shell(watch, "Fly")
         self._notices = Notices(watch)
         self._situation = Situation(self._choose_slot)
-        self._situation.show_overlay("Reading the fleet", "The service is being asked what flies.", spinner=True)
+        self._situation.show_overlay(
+            "Reading the fleet", "The service is being asked for its vehicles and operations.", spinner=True
+        )
         self._situation.mark_live(True)
         ui.timer(0.2, self._tick)
 
@@ -46,7 +47,7 @@ class FlyPage:
         self._draw_events()
         operation, plan, first = watch.operation, watch.plan_in_force(), watch.first_plan()
         if self._ticks % TABLE_EVERY == 0 or self._changed("lost", operation and operation.lost):
-            self._situation.fleet.set_rows(picture.rows(live.spots(self._watch), operation))
+            self._situation.fleet.set_rows(map_scene.rows(live.spots(self._watch), operation))
         if operation is None or plan is None or first is None:
             self._draw_idle()
             return
@@ -54,8 +55,8 @@ class FlyPage:
         self._draw_scene(operation, plan, first)
         self._draw_timeline(operation, plan, first)
         self._notices.draw(operation)
-        if self._changed("answers", operation.recoveries):
-            self._situation.show_answers(operation.recoveries)
+        if self._changed("recoveries", operation.recoveries):
+            self._situation.show_recoveries(operation.recoveries)
         if self._slot is None:
             self._draw_live(operation, plan, first)
 
@@ -87,8 +88,8 @@ class FlyPage:
 
     def _draw_scene(self, operation: Operation, plan: Plan, first: Plan) -> None:
         if self._changed("scene", (operation.id, plan.id, operation.lost)):
-            made = live.scene(operation, plan, first, self._tile_url)
-            self._situation.map.set_scene(made, live.tracks(self._watch))
+            scene = live.scene(operation, plan, first, self._tile_url)
+            self._situation.map.set_scene(scene, live.tracks(self._watch))
             self._situation.set_slots(first.scenario.slots)
 
     def _draw_timeline(self, operation: Operation, plan: Plan, first: Plan) -> None:
@@ -110,13 +111,13 @@ class FlyPage:
         self._situation.draw_timeline(
             n, lines, users, cursor=slot, lost=lost_at(operation, first.scenario.slot_duration_s)
         )
-        self._situation.set_stats("σ² in (kbit/s)², Jain:  " + "   ".join(one for one in stats if one))
+        self._situation.set_stats("σ² in (kbit/s)², Jain:  " + "   ".join(figure for figure in stats if figure))
 
     def _draw_events(self) -> None:
-        new = min(self._watch.told - self._told, len(self._watch.happenings))
+        new = min(self._watch.event_count - self._shown_events, len(self._watch.events))
         if new:
-            self._told = self._watch.told
-            self._situation.add_events(list(self._watch.happenings)[-new:])
+            self._shown_events = self._watch.event_count
+            self._situation.add_events(list(self._watch.events)[-new:])
 
     # --- before, and the past ---
 
@@ -126,22 +127,22 @@ class FlyPage:
         if self._changed("overlay", "empty"):
             self._situation.show_overlay(
                 "No operation yet",
-                "Make a plan, say which vehicle flies which UAV, and start. Everything that flies is shown here.",
+                "Make a plan, choose which vehicle flies which UAV, and start. Everything that flies is shown here.",
             )
             with self._situation.overlay:
                 ui.button("Make a plan", on_click=lambda: ui.navigate.to("/plan")).props("unelevated")
 
-    def _past_frame(self, slot: int, operation: Operation, plan: Plan, first: Plan) -> picture.Json:
+    def _past_frame(self, slot: int, operation: Operation, plan: Plan, first: Plan) -> map_scene.Json:
         then = plan if slot >= plan.first_slot else first
         at_s = slot * first.scenario.slot_duration_s
         rates = {user: row[slot] if slot < len(row) else None for user, row in operation.user_rates_bps.items()}
         known = any(rate is not None for rate in rates.values())
-        made = picture.planned_frame(then, slot, rates if known else None)
+        planned = map_scene.planned_frame(then, slot, rates if known else None)
         if not known:
-            return made
+            return planned
         spots = []
-        for uav, seen in self._watch.seen.items():
-            near = min(seen.track, key=lambda row: abs(row[0] - at_s), default=None)
+        for uav, tracked in self._watch.vehicles.items():
+            near = min(tracked.track, key=lambda row: abs(row[0] - at_s), default=None)
             if near is not None and abs(near[0] - at_s) < first.scenario.slot_duration_s:
-                spots.append(picture.Spot(uav_id=uav, at_m=near[1:], course_deg=seen.course_deg))
-        return picture.frame(spots, then, slot, rates, promise=first, live=False) if spots else made
+                spots.append(map_scene.Spot(uav_id=uav, at_m=near[1:], course_deg=tracked.course_deg))
+        return map_scene.frame(spots, then, slot, rates, promise=first, live=False) if spots else planned

@@ -6,16 +6,16 @@ from collections.abc import Mapping
 
 from nicegui import ui
 
-from skyfolio.api.dashboard import plan_metrics as worth
+from skyfolio.api.dashboard import plan_metrics
 from skyfolio.api.dashboard.elements import attempt, text
 from skyfolio.api.dashboard.watch import Watch
 from skyfolio.planner import Plan
 
-POLICIES = {"auto": "replan and fly it", "approve": "replan, then ask me", "off": "only tell me"}
+POLICIES = {"auto": "replan and fly it", "approve": "replan, then ask me", "off": "only notify me"}
 
 
 class FlyDialog:
-    """Asks which vehicle flies which UAV, and what shall happen after a loss; then starts the operation."""
+    """A dialog that asks which vehicle flies which UAV and what to do after a loss, and starts the operation."""
 
     def __init__(self, watch: Watch) -> None:
         self._watch = watch
@@ -25,7 +25,7 @@ class FlyDialog:
             text("h2", "Fly this plan")
             text("p", "MAVLink system id of the vehicle that flies each UAV:", "sf-sub")
             self._short = text("p", "", "sf-fail").props('role="alert"')
-            self._agreed = ui.checkbox("Fly it all the same", on_change=self._check)
+            self._agreed = ui.checkbox("Fly it anyway", on_change=self._check)
             self._rows = ui.element("div").classes("sf-systems")
             self._policy = ui.select(POLICIES, value="auto", label="When a UAV is lost").props("dense outlined")
             with ui.element("div").classes("sf-row"):
@@ -35,15 +35,17 @@ class FlyDialog:
                 ui.button("Cancel", on_click=self._dialog.close).props("flat")
 
     def open(self, plan: Plan) -> None:
-        """Ask about this plan."""
+        """Open the dialog for this plan."""
         self._plan = plan
-        short = worth.unmet(plan)
-        self._short.set_text(f"Not always served as asked: {', '.join(row[0] for row in short)}." if short else "")
+        short = plan_metrics.unmet(plan)
+        self._short.set_text(
+            f"Below the minimum rate in some slots: {', '.join(row[0] for row in short)}." if short else ""
+        )
         self._agreed.set_value(not short)
         self._agreed.set_visibility(bool(short))
         self._check()
         self._rows.clear()
-        known = {uav: seen.vehicle.system_id for uav, seen in self._watch.seen.items()}
+        known = {uav: tracked.vehicle.system_id for uav, tracked in self._watch.vehicles.items()}
         with self._rows:
             self._systems = {
                 uav: ui.number(uav, value=known.get(uav, number), min=1, max=254, step=1).props("dense outlined")

@@ -1,4 +1,4 @@
-"""The plan editor: a scenario to draw or load, a plan to make of it, to weigh, to compare, to export and to fly."""
+"""The plan editor: draw or load a scenario, make plans of it, compare, export and fly them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 from nicegui import events, ui
 
-from skyfolio.api.dashboard import map_scene as picture
+from skyfolio.api.dashboard import map_scene
 from skyfolio.api.dashboard.draft import Draft, DraftError
 from skyfolio.api.dashboard.elements import MapView, attempt, panel, text
 from skyfolio.api.dashboard.pages.desk import Desk
@@ -27,7 +27,7 @@ START_WITH = "paper"
 
 
 class PlanPage:
-    """One open editor; its draft and its plans are its own."""
+    """One open editor with its own draft and plans."""
 
     def __init__(self, watch: Watch) -> None:
         self._feed, self._desk = watch.feed, Desk()
@@ -40,7 +40,7 @@ class PlanPage:
             with ui.element("div").classes("sf-col"):
                 self._editor()
             with panel("Scenario and plan", "sf-mapbox"):
-                self._map = MapView("Scenario. With a tool chosen, a click places; drag moves what is there.")
+                self._map = MapView("Scenario. With a tool chosen, click to place and drag to move.")
                 self._map.on("place", lambda event: self._place(event.args))
                 self._map.on("moved", lambda event: self._moved(event.args))
                 with ui.element("div").classes("sf-row sf-body sf-nowrap"):
@@ -63,7 +63,7 @@ class PlanPage:
                     name: ui.number(label, min=least, step=step, on_change=self._fields_changed).props("dense outlined")
                     for name, label, least, step in FIELDS
                 }
-            self._mu = ui.number("mu, 1/(kbit/s): 0 most, below 0 steadier", max=0, step=0.05)
+            self._mu = ui.number("mu, 1/(kbit/s): 0 maximises the rate, below 0 is steadier", max=0, step=0.05)
             self._mu.props("dense outlined").on_value_change(self._fields_changed)
             self._counts = text("p", "", "sf-sub")
             self._complaint = text("p", "", "sf-fail").props('role="alert"')
@@ -72,19 +72,19 @@ class PlanPage:
             with ui.element("div").classes("sf-body"):
                 self._tool = ui.toggle({key or "look": name for key, name in TOOLS.items()}, value="look")
                 self._tool.props("no-caps dense unelevated spread").on_value_change(self._tool_chosen)
-                text("p", "Choose a tool and click the map; drag what is there. Or type positions here:", "sf-sub")
+                text("p", "Choose a tool and click the map to place, drag to move, or type positions here:", "sf-sub")
             with ui.element("div").classes("sf-scroll sf-positions") as self._positions:
                 pass
 
     # --- loading ---
 
     async def _load(self) -> None:
-        """Take up what this tab had before a reload, or begin with an example."""
+        """Restore what this tab had before a reload, or begin with an example."""
         await self._desk.ready()
-        kept = self._desk.draft
-        await self._load_examples(choose=kept is None)
-        if kept is not None:
-            self._use(Draft.of_data(kept))
+        stored = self._desk.draft
+        await self._load_examples(choose=stored is None)
+        if stored is not None:
+            self._use(Draft.of_data(stored))
         await self._results.recall()
         if self._desk.running is not None:
             await self._awaiting(self._results.resume_running())
@@ -134,7 +134,7 @@ class PlanPage:
     def _tool_chosen(self, event: events.ValueChangeEventArguments[str | None]) -> None:
         self._map.use(None if event.value == "look" else event.value)
 
-    def _place(self, args: picture.Json) -> None:
+    def _place(self, args: map_scene.Json) -> None:
         if self._draft is None:
             return
         try:
@@ -146,7 +146,7 @@ class PlanPage:
             ui.notify(str(error), type="warning", position="top")
         self._changed()
 
-    def _moved(self, args: picture.Json) -> None:
+    def _moved(self, args: map_scene.Json) -> None:
         if self._draft is not None:
             self._draft.move(args["kind"], args["id"], args["e"], args["n"])
             self._changed()
@@ -161,7 +161,7 @@ class PlanPage:
         self._changed(moved=False)
 
     def _changed(self, *, moved: bool = True) -> None:
-        """Draw the draft as it is now; a plan of an older draft no longer shows."""
+        """Draw the draft as it is now; a plan of an older draft is no longer shown."""
         if self._draft is None:
             return
         self._results.forget_current()
@@ -172,7 +172,7 @@ class PlanPage:
         self._counts.set_text(counts)
         self._shown = None
         self._slot_label.set_text("not planned")
-        drawn, frame = picture.sketch(self._draft.data)
+        drawn, frame = map_scene.sketch(self._draft.data)
         self._map.set_scene(drawn, {})
         self._map.set_frame(frame)
         try:
@@ -188,25 +188,27 @@ class PlanPage:
         self._positions.clear()
         with self._positions, ui.element("table").classes("sf-figures"), ui.element("tbody"):
             for kind in ("uav", "user"):
-                for one in draft.ids(kind)[:60]:
+                for entry_id in draft.ids(kind)[:60]:
                     with ui.element("tr"):
-                        text("th", one)
+                        text("th", entry_id)
                         for axis in (0, 1):
                             with ui.element("td"):
-                                self._coordinate(draft, kind, one, axis)
+                                self._coordinate(draft, kind, entry_id, axis)
 
-    def _coordinate(self, draft: Draft, kind: str, one: str, axis: int) -> None:
-        where = draft.position(kind, one)  # type: ignore[arg-type]
+    def _coordinate(self, draft: Draft, kind: str, entry_id: str, axis: int) -> None:
+        where = draft.position(kind, entry_id)  # type: ignore[arg-type]
 
         def changed(event: events.ValueChangeEventArguments[float | None]) -> None:
             if event.value is not None:
-                here = list(draft.position(kind, one))  # type: ignore[arg-type]
+                here = list(draft.position(kind, entry_id))  # type: ignore[arg-type]
                 here[axis] = float(event.value)
-                draft.move(kind, one, *here)  # type: ignore[arg-type]
+                draft.move(kind, entry_id, *here)  # type: ignore[arg-type]
                 self._changed(moved=False)
 
         number = ui.number(value=where[axis], step=5, on_change=changed).props("dense borderless")
-        number.props(f'aria-label="{one} {("east", "north")[axis]}, metres" suffix="{"EN"[axis]}"').classes("sf-coord")
+        number.props(f'aria-label="{entry_id} {("east", "north")[axis]}, metres" suffix="{"EN"[axis]}"').classes(
+            "sf-coord"
+        )
 
     # --- planning and drawing ---
 
@@ -230,13 +232,13 @@ class PlanPage:
             self._desk.keep_draft(self._draft.data)
 
     def _plan_chosen(self, plan: Plan | None, other: Plan | None) -> None:
-        """The results chose what to show: draw it."""
+        """Draw the plan that was chosen among the results."""
         if plan is not None:
             self._other = other
             self._draw(plan, other)
 
-    def _ghosts(self, plan: Plan) -> dict[str, tuple[float, float]]:
-        """UAVs that the plan no longer has and the compared one does, where they were lost."""
+    def _last_positions(self, plan: Plan) -> dict[str, tuple[float, float]]:
+        """Return the UAVs that only the compared plan has, and where they were lost."""
         other = self._other
         if other is None or plan.parent != other.id:
             return {}
@@ -245,8 +247,8 @@ class PlanPage:
 
     def _draw(self, plan: Plan, other: Plan | None) -> None:
         plans = [("current", plan)] + ([("other", other)] if other else [])
-        everybody = max((each for _, each in plans), key=lambda each: len(each.scenario.uavs)).scenario
-        self._map.set_scene(picture.scene(everybody, plans), {})
+        largest = max((shown for _, shown in plans), key=lambda shown: len(shown.scenario.uavs)).scenario
+        self._map.set_scene(map_scene.scene(largest, plans), {})
         self._shown = plan
         last = plan.first_slot + plan.scenario.slots - 1
         self._slider.props(f"min={plan.first_slot} max={max(last, plan.first_slot + 1)}")
@@ -259,4 +261,4 @@ class PlanPage:
         if plan is not None:
             slot = int(self._slider.value or 0)
             self._slot_label.set_text(f"slot {slot}")
-            self._map.set_frame(picture.planned_frame(plan, slot, ghosts=self._ghosts(plan)))
+            self._map.set_frame(map_scene.planned_frame(plan, slot, lost_at_m=self._last_positions(plan)))

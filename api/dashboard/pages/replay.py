@@ -1,4 +1,4 @@
-"""Any stored operation again, from the event log and the recorded tracks, at any speed."""
+"""Plays a stored operation, from the event log and the recorded tracks, at a chosen speed."""
 
 from __future__ import annotations
 
@@ -7,14 +7,13 @@ from typing import Any
 
 from nicegui import events, ui
 
-from skyfolio.api.dashboard import charts
-from skyfolio.api.dashboard import map_scene as picture
+from skyfolio.api.dashboard import charts, map_scene
 from skyfolio.api.dashboard.elements import attempt, text
 from skyfolio.api.dashboard.recording import Recording, placed
 from skyfolio.api.dashboard.report import lost_at
 from skyfolio.api.dashboard.shell import Shell
 from skyfolio.api.dashboard.situation import Situation, achieved_line, stats_line
-from skyfolio.api.dashboard.views import Happening
+from skyfolio.api.dashboard.views import ServiceEvent
 from skyfolio.api.dashboard.watch import Watch
 
 SPEEDS = (1, 2, 5, 10, 20, 50)
@@ -31,12 +30,12 @@ class ReplayPage:
         self._playing = False
         self._last = time.monotonic()
         self._drawn: dict[str, Any] = {}
-        self._told = 0
+        self._shown_events = 0
         Shell(watch, "Replay")
         with ui.element("div").classes("sf-player").props('role="group" aria-label="player"'):
             self._choice = ui.select({}, label="Operation", on_change=self._chosen).props("dense outlined")
             self._play = ui.button("Play", on_click=self._toggle).props("unelevated")
-            self._speed = ui.select({one: f"{one} times" for one in SPEEDS}, value=10, label="Speed").props(
+            self._speed = ui.select({speed: f"{speed} times" for speed in SPEEDS}, value=10, label="Speed").props(
                 "dense outlined"
             )
             self._bar = ui.slider(min=0, max=1, step=0.5, value=0, on_change=self._dragged)
@@ -49,21 +48,21 @@ class ReplayPage:
         ui.timer(TICK_S, self._tick)
 
     async def _load(self) -> None:
-        found: dict[str, str] = {}
+        titles: dict[str, str] = {}
 
         async def read() -> None:
             for line in await self._feed.operations():
                 began = time.strftime("%Y-%m-%d %H:%M:%S", time.gmtime(line.created_at))
-                found[line.id] = f"{began} UTC, {line.id}, {line.state}"
+                titles[line.id] = f"{began} UTC, {line.id}, {line.state}"
 
         if not await attempt(read):
             return
-        if not found:
+        if not titles:
             self._situation.show_overlay(
-                "No operation is stored yet", "Fly one, or a drill; then it can be looked at again here."
+                "No operation is stored yet", "Fly a plan or a drill; it can then be replayed here."
             )
             return
-        self._choice.set_options(found, value=next(iter(found)))
+        self._choice.set_options(titles, value=next(iter(titles)))
 
     async def _chosen(self, event: events.ValueChangeEventArguments[str | None]) -> None:
         if event.value:
@@ -72,9 +71,9 @@ class ReplayPage:
     async def _open(self, operation_id: str) -> None:
         operation = await self._feed.operation(operation_id)
         plans = {plan_id: await self._feed.plan(plan_id) for plan_id in operation.plan_ids}
-        happenings = await self._history(operation_id)
+        history = await self._history(operation_id)
         track = await self._feed.track(operation_id)
-        self._recording = Recording(operation, plans, track, placed(happenings, operation_id, self._watch.time_scale))
+        self._recording = Recording(operation, plans, track, placed(history, operation_id, self._watch.time_scale))
         self._drawn.clear()
         self._playing = False
         self._play.set_text("Play")
@@ -83,14 +82,14 @@ class ReplayPage:
         self._bar.props(f"min={self._recording.begins_s:.1f} max={self._recording.ends_s:.1f}")
         self._go(max(self._recording.begins_s, 0.0))
 
-    async def _history(self, operation_id: str) -> list[Happening]:
-        """The stored events, from the first one that speaks of the operation."""
-        found: list[Happening] = []
+    async def _history(self, operation_id: str) -> list[ServiceEvent]:
+        """Return the stored events of the operation."""
+        stored: list[ServiceEvent] = []
         after = 0
         while page := await self._feed.log(after):
-            found += [one for one in page if one.data.get("operation_id") == operation_id]
+            stored += [event for event in page if event.data.get("operation_id") == operation_id]
             after = page[-1].id or after + 1  # stored ones all have a number
-        return found
+        return stored
 
     # --- playing ---
 
@@ -140,9 +139,11 @@ class ReplayPage:
         self._situation.show_slot(slot or 0, "" if slot is None else f"slot {slot}")
         self._draw_timeline(recording, slot)
         self._draw_events(recording, at_s, moved_back=back)
-        known = tuple(one for one in recording.operation.recoveries if (one.declared_at_s or 0.0) <= at_s)
-        if self._changed("answers", known):
-            self._situation.show_answers(known)
+        known = tuple(
+            recovery for recovery in recording.operation.recoveries if (recovery.declared_at_s or 0.0) <= at_s
+        )
+        if self._changed("recoveries", known):
+            self._situation.show_recoveries(known)
 
     def _changed(self, name: str, value: object) -> bool:
         if name in self._drawn and self._drawn[name] == value:
@@ -159,8 +160,10 @@ class ReplayPage:
         ):
             return
         plans = [("former", first), ("current", plan)] if plan.id != first.id else [("current", first)]
-        taken = picture.reserved(first, recording.lost(at_s), recording.slot(at_s) or 0)
-        self._situation.map.set_scene(picture.scene(first.scenario, plans, reserved=taken, tiles=self._tile_url), flown)
+        taken = map_scene.reserved(first, recording.lost(at_s), recording.slot(at_s) or 0)
+        self._situation.map.set_scene(
+            map_scene.scene(first.scenario, plans, reserved=taken, tiles=self._tile_url), flown
+        )
 
     def _draw_timeline(self, recording: Recording, slot: int | None) -> None:
         if not self._changed("timeline", slot):
@@ -180,13 +183,13 @@ class ReplayPage:
         users = {user: operation.user_rates_bps.get(user, []) for user in first.scenario.user_ids}
         lost = lost_at(operation, first.scenario.slot_duration_s)
         self._situation.draw_timeline(n, lines, users, cursor=slot, lost=lost)
-        self._situation.set_stats("σ² in (kbit/s)², Jain:  " + "   ".join(one for one in stats if one))
+        self._situation.set_stats("σ² in (kbit/s)², Jain:  " + "   ".join(figure for figure in stats if figure))
 
     def _draw_events(self, recording: Recording, at_s: float, *, moved_back: bool) -> None:
         if moved_back or self._changed("events of", recording.operation.id):
             self._situation.clear_events()
-            self._told = 0
-        due = [one for at, one in recording.happenings if at <= at_s]
-        if len(due) > self._told:
-            self._situation.add_events(due[self._told :])
-            self._told = len(due)
+            self._shown_events = 0
+        due = [event for at, event in recording.events if at <= at_s]
+        if len(due) > self._shown_events:
+            self._situation.add_events(due[self._shown_events :])
+            self._shown_events = len(due)

@@ -1,4 +1,4 @@
-"""The right side of the plan editor: what plans are worth, mu and its trade-off, comparing, what-if, export, flying."""
+"""The right side of the plan editor: figures of plans, mu and its trade-off, comparisons, what-if, export, flying."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ from dataclasses import dataclass
 
 from nicegui import events, ui
 
-from skyfolio.api.dashboard import charts
-from skyfolio.api.dashboard import plan_metrics as worth
+from skyfolio.api.dashboard import charts, plan_metrics
 from skyfolio.api.dashboard.elements import attempt, figures, panel, say_refusal, text
 from skyfolio.api.dashboard.pages.desk import Desk
 from skyfolio.api.dashboard.pages.fly_dialog import FlyDialog
@@ -23,17 +22,18 @@ TRADE_OFF_MUS = (0.0, -0.02, -0.05, -0.1, -0.2, -0.5, -1.0, -2.0)
 
 
 @dataclass(frozen=True)
-class Kept:
-    """A plan made on this page, and what it was made for."""
+class TitledPlan:
+    """A plan made on this page, and its title."""
 
     title: str
     plan: Plan
 
 
 class Results:
-    """Plans of one open editor. `on_show(plan, other)` hears what the map shall show; `on_mu` a chosen mu.
+    """The plans of one open editor.
 
-    desk: remembers them for a reload.
+    `on_show(plan, other)` is called with what the map should show, `on_mu` with a chosen mu. `desk` stores the plans
+    for a reload.
     """
 
     def __init__(
@@ -45,18 +45,18 @@ class Results:
     ) -> None:
         self._watch, self._feed, self._desk = watch, watch.feed, desk
         self._on_show, self._on_mu = on_show, on_mu
-        self._kept: dict[str, Kept] = {}
+        self._plans: dict[str, TitledPlan] = {}
         self._current: str | None = None
         self._tried: dict[float, Plan] = {}
         self._scenario: Scenario | None = None
         with ui.element("div").classes("sf-col sf-scroll"):
-            self._worth_panel()
+            self._plan_panel()
             self._trade_off_panel()
             self._what_if_panel()
         self._fly = FlyDialog(watch)
         self._refresh()
 
-    def _worth_panel(self) -> None:
+    def _plan_panel(self) -> None:
         with panel("Plan", "sf-noshrink"), ui.element("div").classes("sf-body"):
             self._choice = ui.select({}, label="Plan", on_change=self._chosen).props("dense outlined")
             self._other = ui.select({}, label="Compare with", on_change=self._show, clearable=True)
@@ -65,12 +65,12 @@ class Results:
                 self._fly_button = ui.button("Fly it", on_click=self._open_fly).props("unelevated")
                 self._export_uav = ui.select([], label="UAV").props("dense outlined").classes("sf-short")
                 self._export = ui.button("Export .plan", on_click=self._export_plan).props("outline")
-            self._worth = ui.element("div").props('aria-live="polite"')
+            self._metrics = ui.element("div").props('aria-live="polite"')
             self._sums = ui.echart(charts.sums({}, 1)).classes("sf-chart sf-sums")
 
     def _trade_off_panel(self) -> None:
         with panel("Steadiness against rate", "sf-noshrink"), ui.element("div").classes("sf-body"):
-            text("p", "Each point is a plan with another mu. Click one to use it.", "sf-sub")
+            text("p", "Each point is a plan with another mu. Click a point to use its mu.", "sf-sub")
             self._curve = ui.echart(charts.trade_off([], None), on_point_click=self._curve_clicked).classes(
                 "sf-chart sf-curve"
             )
@@ -96,7 +96,7 @@ class Results:
             await self.resume_running()
 
     async def resume_running(self) -> None:
-        """Wait for the plan that is being made, also one that was begun before a reload, and show it."""
+        """Wait for the plan that is being made, even if it was begun before a reload, and show it."""
         running = self._desk.running
         if running is None:
             return
@@ -109,20 +109,20 @@ class Results:
             self._desk.keep_running(None)
         self._scenario = plan.scenario
         self._tried = {plan.scenario.utility.mu_per_kbps: plan}
-        self._keep(worth.title(plan.scenario), plan)
+        self._keep(plan_metrics.title(plan.scenario), plan)
 
     async def recall(self) -> None:
-        """Show the plans that were made here before a reload; one that the service has forgotten is left out."""
+        """Show the plans that were made before a reload, except those that the service no longer stores."""
         for plan_id, title in self._desk.plans:
             with suppress(RestError):
-                self._kept[plan_id] = Kept(title, await self._feed.plan(plan_id))
-        if self._kept:
-            self._current = next(reversed(self._kept))
-            self._scenario = self._kept[self._current].plan.scenario
+                self._plans[plan_id] = TitledPlan(title, await self._feed.plan(plan_id))
+        if self._plans:
+            self._current = next(reversed(self._plans))
+            self._scenario = self._plans[self._current].plan.scenario
             self._refresh()
 
     def forget_current(self) -> None:
-        """The scenario has changed: no plan is shown until the next one is made."""
+        """Show no plan until the next one is made, because the scenario has changed."""
         if self._current is not None:
             self._current = None
             self._tried = {}
@@ -138,8 +138,8 @@ class Results:
             return None
 
     def _keep(self, title: str, plan: Plan) -> None:
-        self._kept[plan.id] = Kept(f"{len(self._kept) + 1}: {title}", plan)
-        self._desk.keep_plan(plan.id, self._kept[plan.id].title)
+        self._plans[plan.id] = TitledPlan(f"{len(self._plans) + 1}: {title}", plan)
+        self._desk.keep_plan(plan.id, self._plans[plan.id].title)
         self._current = plan.id
         self._refresh()
 
@@ -149,11 +149,11 @@ class Results:
             self._refresh()
 
     def _refresh(self) -> None:
-        options = {plan_id: kept.title for plan_id, kept in self._kept.items()}
+        options = {plan_id: titled.title for plan_id, titled in self._plans.items()}
         self._choice.set_options(options, value=self._current)
         others = {plan_id: title for plan_id, title in options.items() if plan_id != self._current}
         self._other.set_options(others, value=self._other.value if self._other.value in others else None)
-        plan = self._kept[self._current].plan if self._current else None
+        plan = self._plans[self._current].plan if self._current else None
         uavs = list(plan.scenario.uav_ids) if plan else []
         for select in (self._export_uav, self._lose):
             select.set_options(uavs, value=select.value if select.value in uavs else (uavs[0] if uavs else None))
@@ -163,18 +163,20 @@ class Results:
         self._show()
 
     def _show(self) -> None:
-        plan = self._kept[self._current].plan if self._current else None
+        plan = self._plans[self._current].plan if self._current else None
         chosen = self._other.value
-        other = self._kept[chosen].plan if chosen in self._kept else None
-        self._worth.clear()
-        with self._worth:
+        other = self._plans[chosen].plan if chosen in self._plans else None
+        self._metrics.clear()
+        with self._metrics:
             if plan is None:
                 text("p", "No plan of this scenario yet: press “Plan it”.", "sf-sub")
             else:
-                figures(*worth.rows(plan, other))
-                if unmet := worth.unmet(plan):
-                    text("p", f"{len(unmet)} users do not always get their least rate", "sf-fail").props('role="alert"')
-                    figures(unmet, ("user", "asks, kbit/s", "gets at least", "short in slots"))
+                figures(*plan_metrics.rows(plan, other))
+                if unmet := plan_metrics.unmet(plan):
+                    text("p", f"{len(unmet)} users do not always get their minimum rate", "sf-fail").props(
+                        'role="alert"'
+                    )
+                    figures(unmet, ("user", "requires, kbit/s", "lowest rate", "slots below"))
         self._draw_sums(plan, other)
         self._draw_trade_off()
         self._on_show(plan, other)
@@ -183,8 +185,8 @@ class Results:
         self._sums.set_visibility(plan is not None)
         if plan is None:
             return
-        n = max(each.first_slot + each.scenario.slots for each in (plan, other) if each)
-        lines = {"this": worth.sums(plan, n)} | ({"other": worth.sums(other, n)} if other else {})
+        n = max(option.first_slot + option.scenario.slots for option in (plan, other) if option)
+        lines = {"this": plan_metrics.sums(plan, n)} | ({"other": plan_metrics.sums(other, n)} if other else {})
         _redraw(self._sums, charts.sums(lines, n))
 
     # --- mu ---
@@ -197,7 +199,7 @@ class Results:
         try:
             for mu in TRADE_OFF_MUS:
                 if mu not in self._tried:
-                    plan = await self._plan(worth.with_mu(scenario, mu))
+                    plan = await self._plan(plan_metrics.with_mu(scenario, mu))
                     if plan is None or scenario is not self._scenario:
                         return
                     self._tried[mu] = plan
@@ -207,19 +209,19 @@ class Results:
             self._sweep.props(remove="loading")
 
     def _draw_trade_off(self) -> None:
-        points = worth.trade_off(self._tried)
-        current = self._kept[self._current].plan.scenario.utility.mu_per_kbps if self._current else None
+        points = plan_metrics.trade_off(self._tried)
+        current = self._plans[self._current].plan.scenario.utility.mu_per_kbps if self._current else None
         _redraw(self._curve, charts.trade_off(points, current))
 
     def _curve_clicked(self, event: events.EChartPointClickEventArguments) -> None:
-        mu = worth.trade_off(self._tried)[event.data_index][0]
+        mu = plan_metrics.trade_off(self._tried)[event.data_index][0]
         plan = self._tried[mu]
         self._on_mu(mu)
-        if plan.id in self._kept:
+        if plan.id in self._plans:
             self._current = plan.id
             self._refresh()
         else:
-            self._keep(worth.title(plan.scenario), plan)
+            self._keep(plan_metrics.title(plan.scenario), plan)
 
     # --- what if, export, fly ---
 
@@ -241,11 +243,11 @@ class Results:
             return
 
         async def ask() -> None:
-            found = await self._feed.contingencies(base, int(slot))
+            table = await self._feed.contingencies(base, int(slot))
             self._any.clear()
             with self._any:
-                figures(worth.losses(found), (f"lost at slot {int(slot)}", "replanned", "not"))
-                text("p", f"mean sum rate from then on, kbit/s; as planned {worth.planned(found)}", "sf-sub")
+                figures(plan_metrics.losses(table), (f"lost at slot {int(slot)}", "with a replan", "without"))
+                text("p", f"mean sum rate from then on, kbit/s; without a loss {plan_metrics.planned(table)}", "sf-sub")
 
         self._ask_all.props("loading")
         await attempt(ask)
@@ -264,7 +266,7 @@ class Results:
 
     def _open_fly(self) -> None:
         if self._current is not None:
-            self._fly.open(self._kept[self._current].plan)
+            self._fly.open(self._plans[self._current].plan)
 
 
 def _redraw(chart: ui.echart, options: charts.Json) -> None:
