@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 
 from skyfolio.sim.kinematics import Limits
-from skyfolio.sim.parameters import INT8, INT16, INT32, Parameter
+from skyfolio.sim.parameter_store import INT8, INT16, INT32, Parameter
 from skyfolio.sim.tuning import Action, FenceRule, LinkLoss, LowBattery, Tuning
 
 ARDUCOPTER_LIMITS = Limits(

@@ -22,11 +22,11 @@ from skyfolio.sim.kinematics import Body, Limits
 from skyfolio.sim.metadata import metadata_files
 from skyfolio.sim.modes import Mode
 from skyfolio.sim.navigator import Navigator
-from skyfolio.sim.parameters import ParameterStore
-from skyfolio.sim.plans import Plans
+from skyfolio.sim.onboard_plans import Plans
+from skyfolio.sim.parameter_store import ParameterStore
 from skyfolio.sim.setpoints import Setpoint
 from skyfolio.sim.specs import VehicleSpec
-from skyfolio.sim.telemetry import Telemetry
+from skyfolio.sim.telemetry_streams import Telemetry
 from skyfolio.sim.weather import Air, Weather
 from skyfolio.sim.wire import Message, texts
 

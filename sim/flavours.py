@@ -11,13 +11,13 @@ from skyfolio.sim.ardupilot_missions import ArdupilotMissions
 from skyfolio.sim.ardupilot_parameters import ARDUCOPTER_LIMITS, ardupilot_parameters, ardupilot_tuning
 from skyfolio.sim.ardupilot_runner import ArdupilotRunner
 from skyfolio.sim.boot import ARDUPILOT_BOOT, PX4_BOOT, BootPlan
-from skyfolio.sim.commands import Commands
+from skyfolio.sim.command_table import Commands
 from skyfolio.sim.failsafes import Failsafes
 from skyfolio.sim.kinematics import Limits
 from skyfolio.sim.mission_protocol import MissionProtocol
 from skyfolio.sim.mission_runner import MissionRunner
 from skyfolio.sim.modes import Mode, ardupilot_base_mode, px4_base_mode
-from skyfolio.sim.parameters import Parameter
+from skyfolio.sim.parameter_store import Parameter
 from skyfolio.sim.px4_commands import Px4Commands
 from skyfolio.sim.px4_failsafes import Px4Failsafes
 from skyfolio.sim.px4_missions import Px4Missions

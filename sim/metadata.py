@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from skyfolio.sim.ftp import crc32
-from skyfolio.sim.parameters import REAL32, Parameter
+from skyfolio.sim.parameter_store import REAL32, Parameter
 from skyfolio.sim.wire import Unlisted
 
 COMPONENT_METADATA = 397

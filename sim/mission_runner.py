@@ -17,7 +17,7 @@ from skyfolio.sim.mission_geometry import MissionGeometry, changed_speed
 from skyfolio.sim.mission_state import MISSION_MODES, NOTHING_REACHED, Handover, MissionState, Target
 from skyfolio.sim.missions import Mission, MissionItem
 from skyfolio.sim.modes import Mode
-from skyfolio.sim.parameters import ParameterStore
+from skyfolio.sim.parameter_store import ParameterStore
 
 DAY_S = 86_400.0
 _HOVERS = (dialect.MAV_CMD_NAV_WAYPOINT, dialect.MAV_CMD_NAV_LOITER_TIME)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from skyfolio.sim.commands import (
+from skyfolio.sim.command_table import (
     ACCEPTED,
     DENIED,
     FAILED,

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from skyfolio.sim.kinematics import Limits
-from skyfolio.sim.parameters import Parameter
+from skyfolio.sim.parameter_store import Parameter
 from skyfolio.sim.tuning import Action, FenceRule, LinkLoss, LowBattery, Tuning
 
 PX4_LIMITS = Limits()

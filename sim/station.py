@@ -10,8 +10,8 @@ from skyfolio.sim.kinematics import Limits
 from skyfolio.sim.link import Address, Link, Radio
 from skyfolio.sim.missions import Mission
 from skyfolio.sim.modes import Mode
-from skyfolio.sim.recording import Tap
 from skyfolio.sim.specs import VehicleSpec
+from skyfolio.sim.tlog import Tap
 from skyfolio.sim.weather import Air
 from skyfolio.sim.wire import Encoder, Message
 

@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field, is_dataclass
 from typing import Any
 
-from skyfolio.sim.recording import TlogWriter
 from skyfolio.sim.station import Vehicle
+from skyfolio.sim.tlog import TlogWriter
 
 SAMPLE_INTERVAL_S = 0.1
 MAX_SAMPLES = 1_000_000

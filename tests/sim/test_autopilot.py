@@ -1,4 +1,4 @@
-"""sim.autopilot and sim.commands"""
+"""sim.autopilot and sim.command_table"""
 
 from collections.abc import Callable
 from dataclasses import astuple

@@ -1,4 +1,4 @@
-"""sim.faults and sim.schedule, struck in virtual time"""
+"""sim.faults and sim.fault_schedule, struck in virtual time"""
 
 from contextlib import suppress
 from dataclasses import fields
@@ -33,7 +33,7 @@ from skyfolio.sim import (
     grid_of,
     parse_fault,
 )
-from skyfolio.sim.reports import BUILDERS, boot_ms
+from skyfolio.sim.telemetry_messages import BUILDERS, boot_ms
 from skyfolio.sim.wire import Decoder
 
 if TYPE_CHECKING:

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from skyfolio.sim.fault_schedule import parse_fault
 from skyfolio.sim.impairments import Channel, Impairments
-from skyfolio.sim.schedule import parse_fault
 
 N = 20_000
 

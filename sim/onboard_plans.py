@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from skyfolio.sim.fence import Fence
 from skyfolio.sim.geo import Place
+from skyfolio.sim.geofence import Fence
 from skyfolio.sim.mission_protocol import MISSION
 from skyfolio.sim.missions import NOT_GIVEN, Mission, MissionItem
 from skyfolio.sim.modes import Mode
-from skyfolio.sim.reports import mission_current
+from skyfolio.sim.telemetry_messages import mission_current
 from skyfolio.sim.wire import Message
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""sim.parameters"""
+"""sim.parameter_store"""
 
 import math
 import struct
@@ -9,7 +9,7 @@ import pytest
 
 from skyfolio.sim.flavours import FLAVOURS, PX4
 from skyfolio.sim.kinematics import Limits
-from skyfolio.sim.parameters import INT32, REAL32, ParameterStore
+from skyfolio.sim.parameter_store import INT32, REAL32, ParameterStore
 
 if TYPE_CHECKING:
     from tests.sim.conftest import Bench

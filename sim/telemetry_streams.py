@@ -1,4 +1,4 @@
-"""What a vehicle tells unasked: streams in fleet time and their rates; `sim.reports` fills the messages."""
+"""What a vehicle tells unasked: streams in fleet time and their rates; `sim.telemetry_messages` fills the messages."""
 
 import math
 from typing import TYPE_CHECKING
@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from skyfolio.sim.metadata import COMPONENT_METADATA, metadata_message
 from skyfolio.sim.mission_state import NOTHING_REACHED
-from skyfolio.sim.reports import BUILDERS, boot_ms
+from skyfolio.sim.telemetry_messages import BUILDERS, boot_ms
 from skyfolio.sim.wire import Message
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""sim.telemetry"""
+"""sim.telemetry_streams"""
 
 import math
 from collections import Counter
