@@ -11,7 +11,6 @@ virtual time. `station` adds a radio (`link`, `impairments`), `fleet` steps all 
         ...
 """
 
-from skyfolio.sim.boot import BOOTED_S_AGO
 from skyfolio.sim.clock import Clock, ScaledClock, VirtualClock
 from skyfolio.sim.fault_schedule import parse_fault, value_of
 from skyfolio.sim.faults import (
@@ -39,7 +38,7 @@ from skyfolio.sim.kinematics import Limits
 from skyfolio.sim.missions import Mission, MissionItem
 from skyfolio.sim.modes import Mode
 from skyfolio.sim.slots import SlotGrid
-from skyfolio.sim.specs import AUTOPILOTS, VehicleSpec, grid_of
+from skyfolio.sim.specs import AUTOPILOTS, BOOTED_S_AGO, VehicleSpec, grid_of
 from skyfolio.sim.station import Vehicle
 from skyfolio.sim.tlog import TlogWriter
 from skyfolio.sim.truth import Event, Sample, TruthLog, as_line

@@ -72,13 +72,13 @@ class ArdupilotRunner(MissionRunner):
         return MissionState.ACTIVE if running else MissionState.NOT_STARTED
 
     @property
-    def told_index(self) -> int:
+    def reported_index(self) -> int:
         """The item that is flown: those that are done on the way are never told."""
         ahead = (item.seq for item in self.mission.items[self.index :] if item.is_nav)
         return next(ahead, self.index)
 
     @property
-    def told_total(self) -> int:
+    def reported_total(self) -> int:
         """Home is not counted."""
         return max(len(self.mission) - 1, 0)
 

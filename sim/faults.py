@@ -102,7 +102,7 @@ class LowBattery:
 
     def strike(self, vehicle: Vehicle) -> None:
         """Drain the battery."""
-        vehicle.autopilot.mishaps.set_battery(self.share)
+        vehicle.autopilot.component_failures.set_battery(self.share)
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,8 +118,8 @@ class GpsLoss:
 
     def strike(self, vehicle: Vehicle) -> None:
         """Lose the satellites."""
-        vehicle.autopilot.mishaps.lose_satellites()
-        vehicle.after(self.for_s, vehicle.autopilot.mishaps.regain_satellites)
+        vehicle.autopilot.component_failures.lose_satellites()
+        vehicle.after(self.for_s, vehicle.autopilot.component_failures.regain_satellites)
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +133,7 @@ class MotorFailure:
 
     def strike(self, vehicle: Vehicle) -> None:
         """Stop a motor."""
-        vehicle.autopilot.mishaps.fail_motor()
+        vehicle.autopilot.component_failures.fail_motor()
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,7 +198,7 @@ class ClockJump:
 
     def strike(self, vehicle: Vehicle) -> None:
         """Let the clock jump."""
-        vehicle.autopilot.mishaps.jump_clock(self.seconds)
+        vehicle.autopilot.component_failures.jump_clock(self.seconds)
 
 
 @dataclass(frozen=True, slots=True)

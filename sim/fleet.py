@@ -9,7 +9,7 @@ from functools import partial
 from types import TracebackType
 from typing import Any, Self
 
-from skyfolio.sim.clock import Clock
+from skyfolio.sim.clock import EPOCH_S, Clock
 from skyfolio.sim.fault_schedule import Schedule
 from skyfolio.sim.faults import Fault, describe
 from skyfolio.sim.impairments import Impairments
@@ -20,7 +20,6 @@ from skyfolio.sim.signing import Signature
 from skyfolio.sim.slots import GeoPoint, SlotGrid
 from skyfolio.sim.specs import VehicleSpec
 from skyfolio.sim.station import Vehicle
-from skyfolio.sim.telemetry_messages import EPOCH_S
 from skyfolio.sim.truth import SAMPLE_INTERVAL_S, Event, TruthLog
 from skyfolio.sim.weather import Air, Weather
 from skyfolio.sim.wire import Decoder, Encoder

@@ -89,7 +89,7 @@ class Vehicle:
     @property
     def alive(self) -> bool:
         """Whether it still works: neither killed nor crashed."""
-        return not (self._killed or self.autopilot.crashed)
+        return not (self._killed or self.autopilot.dynamics.crashed)
 
     @property
     def running(self) -> bool:
@@ -99,7 +99,7 @@ class Vehicle:
     @property
     def transmitting(self) -> bool:
         """Whether its radio works and its autopilot uses it."""
-        return self.running and self._now_s >= self._muted_until_s and not self.autopilot.mishaps.silenced
+        return self.running and self._now_s >= self._muted_until_s and not self.autopilot.component_failures.silenced
 
     @property
     def _hangs(self) -> bool:
@@ -117,7 +117,7 @@ class Vehicle:
             self.autopilot.step(now_s, dt_s)
         else:
             self.autopilot.coast(now_s, dt_s)
-        if self.autopilot.mishaps.take_reboot():
+        if self.autopilot.component_failures.take_reboot_request():
             self.flush()
             self.reboot(REBOOT_S)
         self.flush()
@@ -158,7 +158,7 @@ class Vehicle:
             if self.link is not None:
                 self.link.close()
             self._emit("killed", {})
-            self.autopilot.mishaps.cut_power()
+            self.autopilot.component_failures.cut_power()
 
     def mute(self, for_s: float | None = None) -> None:
         """Break the radio, for a while or for good: it flies on as before, sends nothing and hears nothing."""

@@ -5,7 +5,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, Protocol, Self
 
-from skyfolio.sim.telemetry_messages import EPOCH_S
+from skyfolio.sim.clock import EPOCH_S
 
 
 class Tap(Protocol):
@@ -28,7 +28,7 @@ class Tap(Protocol):
 class TlogWriter:
     """Writes frames as a `.tlog`: before each, its time in microseconds since 1970 as a big-endian integer.
 
-    Fleet time 0 is `sim.telemetry_messages.EPOCH_S`, so that the same flight gives the same file.
+    Fleet time 0 is `sim.clock.EPOCH_S`, so that the same flight gives the same file.
     """
 
     def __init__(self, path: Path) -> None:

@@ -68,9 +68,9 @@ def test_a_speed_ordered_while_it_returns_is_obeyed(copter_up: "Bench") -> None:
 
 def test_it_reboots_armed_only_if_that_is_insisted_on(copter_up: "Bench") -> None:
     assert copter_up.command(246, 1.0) == FAILED
-    assert not copter_up.autopilot.mishaps.take_reboot()
+    assert not copter_up.autopilot.component_failures.take_reboot_request()
     assert copter_up.command(246, 1.0, 0.0, 0.0, 0.0, 0.0, 20190226.0) == ACCEPTED
-    assert copter_up.autopilot.mishaps.take_reboot()
+    assert copter_up.autopilot.component_failures.take_reboot_request()
 
 
 def test_its_heartbeats_are_those_recorded_from_the_ground_to_the_air(copter: "Bench") -> None:

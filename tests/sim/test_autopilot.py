@@ -48,7 +48,7 @@ def test_it_stays_on_the_ground_until_it_is_armed(bench: "Bench") -> None:
 def test_disarming_in_the_air_is_denied_unless_forced_and_then_it_crashes(airborne: "Bench") -> None:
     assert airborne.command(400, 0.0) == REJECTED
     assert airborne.command(400, 0.0, 21196.0) == ACCEPTED
-    airborne.fly_until(lambda: airborne.autopilot.crashed, within_s=4.0)
+    airborne.fly_until(lambda: airborne.autopilot.dynamics.crashed, within_s=4.0)
     assert airborne.command(400, 1.0) == REJECTED
 
 

@@ -156,7 +156,7 @@ def test_px4_goes_on_in_offboard_when_the_setpoints_are_back(airborne: "Bench") 
 def test_an_arducopters_battery_failsafe_says_what_is_left_and_stays_on(copter_up: "Bench") -> None:
     copter_up.autopilot.parameters["BATT_LOW_MAH"] = 1000.0
     copter_up.autopilot.parameters["BATT_FS_LOW_ACT"] = 2
-    copter_up.autopilot.mishaps.set_battery(0.19)
+    copter_up.autopilot.component_failures.set_battery(0.19)
     copter_up.fly(0.1)
     low, announced = words(copter_up)[-2:]
     assert (low[0], low[1].split(" used")[1], announced) == (4, " 4050 mAh", (4, "Battery Failsafe"))
@@ -167,7 +167,7 @@ def test_an_arducopters_battery_failsafe_says_what_is_left_and_stays_on(copter_u
 
 
 def test_a_position_that_is_lost_lands_an_arducopter_and_says_so(copter_up: "Bench") -> None:
-    copter_up.autopilot.mishaps.lose_satellites()
+    copter_up.autopilot.component_failures.lose_satellites()
     copter_up.fly(30.0)
     assert words(copter_up)[-2:] == [(2, "EKF variance"), (2, "EKF Failsafe: changed to LAND Mode")]
     state: Any = copter_up.autopilot.telemetry.build(0)
@@ -178,7 +178,7 @@ def test_a_position_that_is_lost_lands_an_arducopter_and_says_so(copter_up: "Ben
         4,
         "Mode change to GUIDED failed: requires position",
     )
-    copter_up.autopilot.mishaps.regain_satellites()
+    copter_up.autopilot.component_failures.regain_satellites()
     copter_up.fly(0.1)
     assert words(copter_up)[-1] == (2, "EKF Failsafe Cleared")
 

@@ -33,7 +33,7 @@ from skyfolio.sim import (
     grid_of,
     parse_fault,
 )
-from skyfolio.sim.telemetry_messages import BUILDERS, boot_ms
+from skyfolio.sim.telemetry_messages import BUILDERS
 from skyfolio.sim.wire import Decoder
 
 if TYPE_CHECKING:
@@ -125,7 +125,7 @@ def test_a_vehicle_that_hung_for_8_s_answers_what_it_was_asked_and_misses_nobody
     decoder = Decoder()
     send = fleet.attach(lambda data, _: heard.extend(decoder.decode(data)))
     send(gcs.frame("heartbeat", 6, 8, 0, 0, 4, 3), 1)
-    before_ms = boot_ms(vehicle.autopilot)
+    before_ms = vehicle.autopilot.clock.boot_ms
     fleet.inject(Freeze(1, for_s=8.0))
     fleet.step_to(24.0)
     send(gcs.frame("command_long", 1, 1, 512, 0, 148.0, *[0.0] * 6), 1)
@@ -135,7 +135,7 @@ def test_a_vehicle_that_hung_for_8_s_answers_what_it_was_asked_and_misses_nobody
     assert "AUTOPILOT_VERSION" in [message.get_type() for message in heard]
     assert vehicle.mode.name == "GUIDED"
     assert not vehicle.autopilot.failsafes.active
-    assert boot_ms(vehicle.autopilot) - before_ms == pytest.approx(500, abs=60)
+    assert vehicle.autopilot.clock.boot_ms - before_ms == pytest.approx(500, abs=60)
 
 
 def test_a_vehicle_frozen_while_it_lands_softly_has_landed_not_crashed() -> None:

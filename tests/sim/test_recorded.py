@@ -35,7 +35,7 @@ def change_to(mode: Mode) -> Happening:
 
 
 def drain(autopilot: Autopilot) -> None:
-    autopilot.mishaps.set_battery(0.04)
+    autopilot.component_failures.set_battery(0.04)
 
 
 HAPPENED: dict[tuple[str, int], list[tuple[float, Happening]]] = {
@@ -44,7 +44,7 @@ HAPPENED: dict[tuple[str, int], list[tuple[float, Happening]]] = {
     ("ppp-crawl2", 1): [(53.4, change_to(Mode.RTL))],
     ("ppp-crawl2", 2): [(54.0, change_to(Mode.RTL))],
     ("ppp-crawl2", 3): [(54.5, change_to(Mode.RTL))],
-    ("ppp-gps-motor", 1): [(59.2, lambda autopilot: autopilot.mishaps.lose_satellites())],
+    ("ppp-gps-motor", 1): [(59.2, lambda autopilot: autopilot.component_failures.lose_satellites())],
     ("ppp-human-stop", 1): [(56.57, change_to(Mode.HOLD))],
     ("ppp-rtl-batt", 1): [(56.0, change_to(Mode.RTL))],
     ("ppp-rtl-batt", 2): [(89.4, drain)],
@@ -167,7 +167,7 @@ def simulated_flight(name: str, system_id: int, *, goes_on: bool) -> Flight:
             off = None
         if stopped is not None and autopilot.now_s >= stopped[0]:
             frozen_s, stopped = stopped[1] - stopped[0], None
-            autopilot.now_s += frozen_s
+            autopilot.clock.now_s += frozen_s
             autopilot.thaw(frozen_s, frozen_s)
         while waiting and waiting[0].at_s <= autopilot.now_s:
             for message in decoder.decode(waiting.pop(0).frame):

@@ -6,8 +6,8 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from skyfolio.sim import Fleet, VirtualClock, grid_of
+from skyfolio.sim.clock import EPOCH_S
 from skyfolio.sim.signing import Signature
-from skyfolio.sim.telemetry_messages import EPOCH_S
 from skyfolio.sim.wire import Decoder, Encoder
 
 KEY, OTHER = b"k" * 32, b"o" * 32
