@@ -60,13 +60,13 @@ class ArdupilotFailsafes(Failsafes):
     def _link_is_back(self) -> None:
         if "gcs" in self._on:
             self._on.discard("gcs")
-            self._host.say("GCS Failsafe Cleared", _WARNING)
+            self._host.send_text("GCS Failsafe Cleared", _WARNING)
 
     def _battery_fell(self, levels: tuple[LowBattery, ...]) -> None:
         host = self._host
         used_mah = (1.0 - host.battery.share) * host.parameters.tuning.battery_capacity_mah
         for level in levels:
-            host.say(f"{level.words} {host.battery.voltage_v:.2f}V used {used_mah:.0f} mAh", _WARNING)
+            host.send_text(f"{level.words} {host.battery.voltage_v:.2f}V used {used_mah:.0f} mAh", _WARNING)
         self._on.add("battery")
         if host.armed and host.landed:
             self._announce("Battery", "Disarming")
@@ -79,30 +79,30 @@ class ArdupilotFailsafes(Failsafes):
         host = self._host
         action = host.parameters.tuning.position_loss
         self._on.add("ekf")
-        host.say("EKF variance", _CRITICAL)
+        host.send_text("EKF variance", _CRITICAL)
         if not host.armed or not host.mode.needs_position or action is Action.NONE:
             return
         self._do(action, "position_lost")
         name = host.traits.mode_names[host.mode]
-        host.say(f"EKF Failsafe: changed to {name} Mode", _CRITICAL)
+        host.send_text(f"EKF Failsafe: changed to {name} Mode", _CRITICAL)
 
     def _position_is_back(self) -> None:
         self._on.discard("ekf")
-        self._host.say("EKF Failsafe Cleared", _CRITICAL)
+        self._host.send_text("EKF Failsafe Cleared", _CRITICAL)
 
     def _fence_is_broken(self, breach: Breach) -> None:
         if not self._host.armed:
             return
         if not self._host.landed:
-            self._host.say(f"{_FENCES[breach]} fence breached", _NOTICE)
+            self._host.send_text(f"{_FENCES[breach]} fence breached", _NOTICE)
         self._do(self._host.parameters.tuning.fence.action, "fence", hold=Mode.BRAKE)
 
     def _fence_is_whole(self) -> None:
         if self._host.armed and not self._host.landed:
-            self._host.say("Fence breach cleared", _NOTICE)
+            self._host.send_text("Fence breach cleared", _NOTICE)
 
     def _announce(self, kind: str, doing: str | None = None) -> None:
-        self._host.say(f"{kind} Failsafe - {doing}" if doing else f"{kind} Failsafe", _WARNING)
+        self._host.send_text(f"{kind} Failsafe - {doing}" if doing else f"{kind} Failsafe", _WARNING)
 
     def _do(self, action: Action, cause: str, hold: Mode = Mode.HOLD) -> None:
         if action in (Action.NONE, Action.WARN) or not self._flying or self._milder_than_now(action):

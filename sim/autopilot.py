@@ -86,7 +86,7 @@ class Autopilot:
             self.parameters,
             self._item_reached,
             utc=self.clock.utc_s,
-            say=self.say,
+            send_text=self.send_text,
             on_speed=self.chatter.speed_changed,
         )
         self.missions: MissionProtocol = flavour.missions(clock=protocol_clock, host=self.plans)
@@ -146,9 +146,9 @@ class Autopilot:
         announced = self._outbox.take() + self.telemetry.mission_news()
         return announced + self.chatter.due() + self.missions.tick() + self.telemetry.due(self.now_s)
 
-    def say(self, words: str, severity: int = dialect.MAV_SEVERITY_INFO) -> None:
+    def send_text(self, words: str, severity: int = dialect.MAV_SEVERITY_INFO) -> None:
         """Send a STATUSTEXT of a MAV_SEVERITY, in parts where it is long."""
-        self._outbox.say(words, severity)
+        self._outbox.send_text(words, severity)
 
     def announce(self, message_id: int) -> None:
         """Send a telemetry message now, beside its stream."""
@@ -162,13 +162,13 @@ class Autopilot:
             return True
         refusal = self.arming_refusal(force=force)
         for words, severity in refusal:
-            self.say(words, severity)
+            self.send_text(words, severity)
         if refusal:
             return False
         self.armed = True
         self.ground.armed()
         self.navigator.armed()
-        self.say(self.traits.words.armed)
+        self.send_text(self.traits.words.armed)
         if self.body.on_ground:
             self.set_home_here()
         self.announce(dialect.MAVLINK_MSG_ID_HEARTBEAT)
@@ -191,7 +191,7 @@ class Autopilot:
             return False
         self.armed = False
         self.dynamics.powered = self.dynamics.powered and self.body.on_ground
-        self.say(words or self.traits.words.disarmed)
+        self.send_text(words or self.traits.words.disarmed)
         if self.mode is Mode.MISSION:
             self.chatter.mission_disarmed()
         self.runner.rewind()
@@ -208,7 +208,7 @@ class Autopilot:
         """Change the mode; return False if it cannot be flown, and send why. `by_failsafe`: nobody chose it."""
         refusal = self._flavour.mode_refusal(self, mode)
         for words, severity in refusal:
-            self.say(words, severity)
+            self.send_text(words, severity)
         if refusal:
             return False
         if not by_failsafe:
@@ -228,7 +228,7 @@ class Autopilot:
         if mode is Mode.MISSION and (self.mode is not Mode.MISSION or self.runner.complete):
             self.runner.activate()
             if self.armed and self.traits.words.mission_entered:
-                self.say(self.traits.words.mission_entered)
+                self.send_text(self.traits.words.mission_entered)
         elif mode is not Mode.MISSION and self.mode is Mode.MISSION:
             self.runner.leave()
             self.chatter.mission_left(to_return=self.runner.ends_with_return)

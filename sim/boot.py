@@ -65,7 +65,7 @@ class BootHost(Protocol):
     def armed(self) -> bool:
         """Whether the motors are armed."""
 
-    def say(self, words: str, severity: int) -> None:
+    def send_text(self, words: str, severity: int) -> None:
         """Send a STATUSTEXT of a MAV_SEVERITY."""
 
     def set_home_here(self) -> None:
@@ -111,11 +111,11 @@ class Boot:
         host = self._host
         while self._words and self._words[0][0] <= self.age_s:
             _, severity, words = self._words.pop(0)
-            host.say(words, severity)
+            host.send_text(words, severity)
         if not self._home_is_set and self.has_home:
             self._home_is_set = True
             host.set_home_here()
         if self._reminder_s is not None and not self.ready and self.age_s >= self._reminder_s:
             self._reminder_s += self._plan.reminder_s or LONGEST_S
             for words, severity in host.arming_refusal(tag="PreArm"):
-                host.say(words, severity)
+                host.send_text(words, severity)

@@ -33,8 +33,8 @@ FORCE = 21196
 class Command(NamedTuple):
     """One command, however it was sent: param1 to param4, and a place.
 
-    lat_deg, lon_deg (WGS 84) and alt_m (metres, above what `frame`, a MAV_FRAME, says) are None if they are not given.
-    is_int: it was a COMMAND_INT.
+    lat_deg, lon_deg (WGS 84) and alt_m (metres above the level of `frame`, a MAV_FRAME) are None if they are not
+    given. is_int: it was a COMMAND_INT.
     """
 
     id: int

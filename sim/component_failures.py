@@ -18,7 +18,7 @@ class FailureHost(Announcer, Equipment, Protocol):
 class ComponentFailures:
     """Lets the parts of one autopilot fail, each with an event for the truth log.
 
-    `silenced`: the radio is broken; whoever carries the vehicle's messages has to obey it.
+    `silenced`: the radio is broken; the station that carries the vehicle's messages has to obey it.
     """
 
     def __init__(self, host: FailureHost) -> None:
@@ -36,7 +36,7 @@ class ComponentFailures:
         if host.dynamics.powered:
             host.emit("motor_failed", {})
             if host.armed and host.traits.words.motor_failed:
-                host.say(host.traits.words.motor_failed, dialect.MAV_SEVERITY_EMERGENCY)
+                host.send_text(host.traits.words.motor_failed, dialect.MAV_SEVERITY_EMERGENCY)
             host.dynamics.powered = False
 
     def lose_satellites(self) -> None:

@@ -50,7 +50,7 @@ class Dynamics:
 
     @property
     def seen(self) -> Body:
-        """The body as the position estimate has it; on the ground the height is known."""
+        """The body as the position estimate has it; on the ground the height is exact."""
         error = self._host.air.error_m
         if error == (0.0, 0.0, 0.0):
             return self.body

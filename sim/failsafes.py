@@ -32,7 +32,7 @@ class FailsafeHost(VehicleState, Equipment, Announcer, Commandable, Protocol):
 class Failsafes(ABC):
     """Watches one vehicle, and acts when something fails.
 
-    `heard` takes the HEARTBEATs of ground stations, `check` is called at each step. The times of those HEARTBEATs run
+    `take_heartbeat` takes those of ground stations, `check` is called at each step. The times of those HEARTBEATs run
     on the protocol clock, because they come from outside.
     """
 
@@ -42,7 +42,7 @@ class Failsafes(ABC):
     def __init__(self, host: FailsafeHost, fence: Fence) -> None:
         self._host = host
         self._fence = fence
-        self._heard_s: float | None = None
+        self._heartbeat_s: float | None = None
         self.link_lost = False
         self._levels_passed = 0
         self._blind_since_s: float | None = None
@@ -54,16 +54,16 @@ class Failsafes(ABC):
     def active(self) -> bool:
         """Whether HEARTBEAT.system_status is MAV_STATE_CRITICAL."""
 
-    def heard(self, message: Any, wall_s: float) -> None:
+    def take_heartbeat(self, message: Any, wall_s: float) -> None:
         """Take a HEARTBEAT received at a protocol time; it counts if it is the ground station's."""
         gcs = self._host.parameters.tuning.link_loss.gcs_system_id
         if message.type == dialect.MAV_TYPE_GCS and gcs in (None, message.get_srcSystem()):
-            self._heard_s = wall_s
+            self._heartbeat_s = wall_s
 
     def thaw(self, frozen_wall_s: float) -> None:
         """Leave out a time, in seconds of the protocol clock, in which the autopilot hung and missed no HEARTBEAT."""
-        if self._heard_s is not None:
-            self._heard_s += frozen_wall_s
+        if self._heartbeat_s is not None:
+            self._heartbeat_s += frozen_wall_s
 
     @abstractmethod
     def taken_over(self) -> None:
@@ -82,7 +82,7 @@ class Failsafes(ABC):
 
     def _check_link(self, wall_s: float) -> None:
         timeout_s = self._host.parameters.tuning.link_loss.timeout_s
-        lost = self._heard_s is not None and wall_s - self._heard_s >= timeout_s
+        lost = self._heartbeat_s is not None and wall_s - self._heartbeat_s >= timeout_s
         if lost != self.link_lost:
             self.link_lost = lost
             self._link_is_lost() if lost else self._link_is_back()

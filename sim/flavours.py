@@ -37,10 +37,10 @@ from skyfolio.sim.tuning import Tuning
 
 @dataclass(frozen=True, kw_only=True)
 class Flavour(Traits):
-    """One autopilot: its traits, and what its parts are made by.
+    """One autopilot: its traits, and the classes and functions of its parts.
 
-    mode_refusal, arming_refusal: why it does not change to a mode, or arm. boot: how it starts. parameters: what it
-    boots with under some limits. tuning: what those values mean. The others are classes of parts.
+    mode_refusal, arming_refusal: why it does not change to a mode, or arm. boot: how it starts. parameters: those with
+    which it boots under given limits. tuning: what their values mean. The others are classes of parts.
     """
 
     mode_refusal: Callable[[RefusalHost, Mode], Refusal]

@@ -42,7 +42,7 @@ class Ground:
         host.announce(dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE)
         self._landed_s = self._armed_s = math.inf
         if words.took_off:
-            host.say(words.took_off)
+            host.send_text(words.took_off)
             host.set_home_here()
         host.emit("takeoff", {})
 
@@ -52,7 +52,7 @@ class Ground:
         host.announce(dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE)
         self._landed_s = host.clock.now_s
         if words.landed and host.armed:
-            host.say(words.landed)
+            host.send_text(words.landed)
         if host.dynamics.powered:
             host.navigator.settle()
             host.emit("landed", {})
@@ -68,7 +68,7 @@ class Ground:
         now_s, tuning, words = host.clock.now_s, host.parameters.tuning, host.traits.words
         if host.dynamics.crashed and words.crashed:
             if now_s - self._landed_s >= CRASH_NOTICED_S:
-                host.say(words.crashed, dialect.MAV_SEVERITY_EMERGENCY)
+                host.send_text(words.crashed, dialect.MAV_SEVERITY_EMERGENCY)
                 host.disarm()
             return
         waits = ((self._landed_s, tuning.disarm_after_landing_s), (self._armed_s, tuning.disarm_on_ground_s))

@@ -26,7 +26,7 @@ Refusal = tuple[tuple[str, int], ...]
 class Announcer(Protocol):
     """Sends to every ground station, and writes to the truth log."""
 
-    def say(self, words: str, severity: int = dialect.MAV_SEVERITY_INFO) -> None:
+    def send_text(self, words: str, severity: int = dialect.MAV_SEVERITY_INFO) -> None:
         """Send a STATUSTEXT of a MAV_SEVERITY."""
 
     def announce(self, message_id: int) -> None:

@@ -61,7 +61,7 @@ class Inbox:
         return system in (0, self._host.spec.system_id) and component in (0, AUTOPILOT_COMPONENT)
 
     def _heartbeat(self, message: Any) -> list[Message]:
-        self._host.failsafes.heard(message, self._host.protocol_clock())
+        self._host.failsafes.take_heartbeat(message, self._host.protocol_clock())
         return []
 
     def _ping(self, message: Any) -> list[Message]:

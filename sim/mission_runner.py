@@ -28,7 +28,8 @@ class MissionRunner(MissionCursor):
     """The cursor in a mission, and the flying of it.
 
     `on_reached(seq)` is called for every item that is done, `on_speed(speed_mps)` for every speed change on the way.
-    `utc(now_s)` gives the seconds since midnight UTC at a moment of fleet time (NAV_DELAY), `say` sends a STATUSTEXT.
+    `utc(now_s)` gives the seconds since midnight UTC at a moment of fleet time (NAV_DELAY), `send_text` sends a
+    STATUSTEXT.
     """
 
     look_ahead = 4
@@ -42,14 +43,14 @@ class MissionRunner(MissionCursor):
         on_reached: Callable[[int], None],
         *,
         utc: Callable[[float], float] = lambda now_s: now_s % DAY_S,
-        say: Callable[[str], None] = lambda _: None,
+        send_text: Callable[[str], None] = lambda _: None,
         on_speed: Callable[[float], None] = lambda _: None,
     ) -> None:
         super().__init__(frame, parameters)
         self._home_alt_m = home_alt_m
         self._on_reached = on_reached
         self._utc = utc
-        self._say = say
+        self._send_text = send_text
         self._on_speed = on_speed
         self._target: Target | None = None
         self._holding_since_s: float | None = None
@@ -120,14 +121,14 @@ class MissionRunner(MissionCursor):
             if not self._advance():
                 self.complete = self.finished = True
                 if command == dialect.MAV_CMD_NAV_LAND:
-                    self._say_landed()
+                    self._report_landed()
                 return Handover.LANDED if command == dialect.MAV_CMD_NAV_LAND else Handover.FINISHED
             self._forget()
         return Handover.FINISHED
 
-    def _say_landed(self) -> None:
+    def _report_landed(self) -> None:
         """Send that the mission ended on the ground."""
-        self._say("Mission finished, landed\t")
+        self._send_text("Mission finished, landed\t")
 
     def _has_item(self) -> bool:
         return bool(self.mission.items)
@@ -185,7 +186,7 @@ class MissionRunner(MissionCursor):
             if wait_s < 0.0:
                 of_day = sum(max(part, 0.0) * unit for part, unit in zip(_time_of(item), (3600, 60, 1), strict=True))
                 wait_s = (of_day - self._utc(now_s)) % DAY_S
-            self._say(f"Delaying {wait_s:.0f} sec")
+            self._send_text(f"Delaying {wait_s:.0f} sec")
             self._delay_until_s = now_s + wait_s
             self._target = Target(*stopping_point(body, self._parameters.limits), body.up_m, 0.0, 0.0)
         if now_s >= self._delay_until_s or self._target is None:

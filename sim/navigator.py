@@ -149,7 +149,7 @@ class Navigator:
         host = self._host
         if host.traits.leaves_mission_at_end:
             if result is Handover.FINISHED:
-                host.say("Mission finished, loitering\t")
+                host.send_text("Mission finished, loitering\t")
             if result is not Handover.LANDED:
                 host.set_mode(Mode.HOLD)
             if result is Handover.RETURN:
@@ -190,12 +190,12 @@ class Navigator:
             way = self._return = Guidance(*goal, up_m, tuning.limits.cruise_speed_mps)
             if host.traits.restores_mode:
                 amsl_m, above_m = math.ceil(host.spec.home_alt_m + up_m), math.ceil(up_m)
-                host.say(f"RTL: start return at {amsl_m} m ({above_m} m above destination)\t")
+                host.send_text(f"RTL: start return at {amsl_m} m ({above_m} m above destination)\t")
         way = replace(way, speed_mps=self.speed_mps or tuning.limits.cruise_speed_mps)
         if body.distance_to(way.east_m, way.north_m) <= tuning.acceptance_radius_m and self._over_home_s is None:
             self._over_home_s = now_s
             if host.traits.restores_mode:
-                host.say("RTL: land at destination\t")
+                host.send_text("RTL: land at destination\t")
         if self._over_home_s is not None:
             landing = now_s - self._over_home_s >= tuning.return_loiter_s
             return replace(way, up_m=0.0 if landing else way.up_m, landing=landing)

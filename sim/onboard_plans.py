@@ -53,7 +53,7 @@ class Plans:
             kind = "fence_accepted" if mission_type == _FENCE else "rally_accepted"
             host.emit(kind, {"items": plan.items})
             if mission_type == _FENCE and host.traits.words.fence_taken:
-                host.say(host.traits.words.fence_taken, dialect.MAV_SEVERITY_DEBUG)
+                host.send_text(host.traits.words.fence_taken, dialect.MAV_SEVERITY_DEBUG)
             return
         host.runner.load(plan, on_ground=host.body.on_ground)
         if host.mode is Mode.MISSION:
@@ -63,7 +63,7 @@ class Plans:
     def mission_edited(self, mission: Mission) -> None:
         """Fly on by a mission that is being written in place."""
         if self._host.runner.edit(mission, running=self.mission_running):
-            self._host.say("Auto mission changed, restarted command")
+            self._host.send_text("Auto mission changed, restarted command")
 
     def jump(self, seq: int) -> bool:
         """Make mission item `seq` current without announcing it; return whether there is such an item."""
@@ -82,8 +82,8 @@ class Plans:
         host = self._host
         if host.mode is not Mode.GUIDED or NOT_GIVEN in (item.x, item.y):
             return False
-        there = item.has_place
-        east_m, north_m = host.frame.to_local(item.x / 1e7, item.y / 1e7) if there else (None, None)
+        has_place = item.has_place
+        east_m, north_m = host.frame.to_local(item.x / 1e7, item.y / 1e7) if has_place else (None, None)
         host.navigator.go_to(east_m, north_m, item.relative_alt_m(host.spec.home_alt_m), 0.0)
         return True
 

@@ -15,7 +15,7 @@ class Outbox:
     def __len__(self) -> int:
         return len(self._messages)
 
-    def say(self, words: str, severity: int = dialect.MAV_SEVERITY_INFO) -> None:
+    def send_text(self, words: str, severity: int = dialect.MAV_SEVERITY_INFO) -> None:
         """Add a STATUSTEXT of a MAV_SEVERITY, in parts where it is longer than 50 bytes."""
         self._texts = self._texts % 0xFFFF + 1
         self._messages += texts(words, severity, self._texts)

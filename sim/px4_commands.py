@@ -49,7 +49,7 @@ class Px4Commands(Commands):
         elif command.param1 == 0.0:
             done = self._host.disarm(force=command.param2 == FORCE)
             if not done:
-                self._host.say("Disarming denied: not landed\t", dialect.MAV_SEVERITY_CRITICAL)
+                self._host.send_text("Disarming denied: not landed\t", dialect.MAV_SEVERITY_CRITICAL)
         else:
             return Outcome(UNSUPPORTED)
         return Outcome(ACCEPTED if done else REJECTED_FOR_NOW)
@@ -102,7 +102,7 @@ class Px4Commands(Commands):
     def _mission_start(self, command: Command) -> Outcome:
         """Start at item param1 and arm, as PX4 does."""
         if not self._host.runner.mission.items:
-            self._host.say("Mission start denied! No valid mission\t", dialect.MAV_SEVERITY_CRITICAL)
+            self._host.send_text("Mission start denied! No valid mission\t", dialect.MAV_SEVERITY_CRITICAL)
             return Outcome(DENIED)
         if not self._host.plans.jump(index_of(command.param1)) or not self._host.set_mode(Mode.MISSION):
             return Outcome(REJECTED_FOR_NOW)
@@ -130,7 +130,7 @@ class Px4Commands(Commands):
 
     def _announced(self, outcome: Outcome, words: str) -> Outcome:
         if outcome.result == ACCEPTED:
-            self._host.say(words)
+            self._host.send_text(words)
         return outcome
 
     def _inject_failure(self, command: Command) -> Outcome:

@@ -67,16 +67,16 @@ class Px4Failsafes(Failsafes):
             self._left_offboard = self.active
 
     def _link_is_lost(self) -> None:
-        self._host.say("Connection to ground station lost\t")
+        self._host.send_text("Connection to ground station lost\t")
         self._trigger(self._host.parameters.tuning.link_loss.action, "gcs_lost")
 
     def _link_is_back(self) -> None:
-        self._host.say("GCS connection regained\t")
+        self._host.send_text("GCS connection regained\t")
 
     def _battery_fell(self, levels: tuple[LowBattery, ...]) -> None:
-        self._host.say(levels[0].words, levels[0].severity)
+        self._host.send_text(levels[0].words, levels[0].severity)
         if levels[-1].last:
-            self._host.say("System does not support shutdown\t", _CRITICAL)
+            self._host.send_text("System does not support shutdown\t", _CRITICAL)
         self._trigger(levels[-1].action, "battery")
 
     def _position_is_lost(self) -> None:
@@ -87,7 +87,7 @@ class Px4Failsafes(Failsafes):
         """Keep descending: a failsafe does not resume."""
 
     def _fence_is_broken(self, breach: Breach) -> None:
-        self._host.say(_BREACHES[breach], _CRITICAL)
+        self._host.send_text(_BREACHES[breach], _CRITICAL)
         self._trigger(self._host.parameters.tuning.fence.action, "fence")
 
     def _fence_is_whole(self) -> None:
@@ -107,13 +107,13 @@ class Px4Failsafes(Failsafes):
             return
         if self._next is None:
             words = f"Failsafe activated: entering Hold for {math.floor(delay_s + 0.5)} seconds\t"
-            self._host.say(words, _CRITICAL)
+            self._host.send_text(words, _CRITICAL)
             self._doing = Action.HOLD
             self._act(Action.HOLD, cause)
         due_s = self._next[0] if self._next else self._host.clock.now_s + delay_s
         self._next = (due_s, action, cause)
 
     def _enter(self, action: Action, cause: str) -> None:
-        self._host.say("Failsafe activated\t", _CRITICAL)
+        self._host.send_text("Failsafe activated\t", _CRITICAL)
         self._doing = action
         self._act(action, cause)

@@ -8,7 +8,7 @@ from skyfolio.sim.knobs import LONGEST_S, check_number
 
 AUTOPILOTS = ("px4", "ardupilot")
 BOOTED_S_AGO = 60.0
-"""How long a vehicle has been on where a spec does not say: long enough to be ready."""
+"""Seconds for which a vehicle has been on by default: long enough to be ready."""
 
 
 @dataclass(frozen=True, slots=True)
