@@ -182,7 +182,7 @@ def test_a_px4_that_has_landed_is_in_the_last_mode_it_can_be_armed_in_and_home_i
     assert airborne.autopilot.home_m == (body.east_m, body.north_m)
 
 
-def test_a_px4_says_what_it_does_on_its_way_through_a_flight(airborne: "Bench") -> None:
+def test_a_px4_sends_the_recorded_texts_on_its_way_through_a_flight(airborne: "Bench") -> None:
     airborne.command(21)
     airborne.fly_until(lambda: not airborne.autopilot.armed)
     airborne.fly(0.1)
@@ -222,7 +222,7 @@ def test_a_request_brings_the_message_and_its_acknowledgement_in_the_autopilots_
     assert bench.command(512, 9999.0) == DENIED
 
 
-def test_a_px4_neither_sends_mission_current_when_asked_nor_sets_its_rate(bench: "Bench") -> None:
+def test_a_px4_neither_sends_mission_current_on_request_nor_sets_its_rate(bench: "Bench") -> None:
     assert bench.command(512, 42.0) == DENIED
     assert bench.command(511, 42.0, 1e6) == FAILED
 
