@@ -1,18 +1,26 @@
 """A fleet of multirotors in software that speaks MAVLink 2 on UDP, as real PX4 and ArduCopter vehicles do.
 
-It knows nothing of the planner, the bridge or the service, and is built on pymavlink alone, so that it tests them as
-a stranger would. `flavours` is where the two autopilots differ. `vehicle` is how an airframe moves, `navigator` and
-`mission_runner` decide where to, `autopilot` chooses the mode and answers messages; all of these are pure and run in
-virtual time. `station` adds a radio (`link`, `impairments`), `fleet` steps all vehicles on one injected clock,
-`faults` are what can go wrong, and `truth` is what really happened. More in docs/simulator.md.
+Floors: it knows neither the planner, the bridge nor the service, and is built on pymavlink alone, so that it tests them
+as an independent implementation. Real autopilots are the judge: where recordings (`tests/recordings`) and the simulator
+differ, the simulator is wrong; the recordings are never edited. More in docs/simulator.md. From the bottom up:
+
+    pure motion    `kinematics`, `airframe`, `weather`, `dynamics`; `geo` has places, `clock` and `onboard_clock` time
+    protocols      `wire`, `signing`, `ftp`, `mission_protocol`, `parameter_store`, `command_table`, `telemetry_*`
+    flavours       `traits` (data), `px4_*` and `ardupilot_*` (behaviour), `flavours` (one table for each autopilot)
+    decisions      `navigator`, `mission_runner`, `failsafes`, `refusals`, `ground`; `hosts`: the vehicle as they see it
+    one vehicle    `autopilot` puts the parts together, in virtual time; `station` adds a radio (`link`, `impairments`)
+    the fleet      `fleet` steps all vehicles on one clock; `faults` are what can go wrong; `truth` logs what happened
+
+A part takes a protocol of `hosts` or its own, never the whole autopilot. A difference between the autopilots belongs to
+`traits` or a flavour's class, with the recording or source that shows it. Import what a client needs from here:
 
     async with Fleet(grid_of(3, 47.3977, 8.5456), clock=ScaledClock(10)) as fleet:
         fleet.inject(Kill(system_id=3), at_s=60.0)
         ...
 """
 
-from skyfolio.sim.boot import BOOTED_S_AGO
 from skyfolio.sim.clock import Clock, ScaledClock, VirtualClock
+from skyfolio.sim.fault_schedule import parse_fault, value_of
 from skyfolio.sim.faults import (
     FAULTS,
     ClockJump,
@@ -37,11 +45,10 @@ from skyfolio.sim.impairments import Impairments
 from skyfolio.sim.kinematics import Limits
 from skyfolio.sim.missions import Mission, MissionItem
 from skyfolio.sim.modes import Mode
-from skyfolio.sim.recording import TlogWriter
-from skyfolio.sim.schedule import parse_fault, value_of
 from skyfolio.sim.slots import SlotGrid
-from skyfolio.sim.specs import AUTOPILOTS, VehicleSpec, grid_of
+from skyfolio.sim.specs import AUTOPILOTS, BOOTED_S_AGO, VehicleSpec, grid_of
 from skyfolio.sim.station import Vehicle
+from skyfolio.sim.tlog import TlogWriter
 from skyfolio.sim.truth import Event, Sample, TruthLog, as_line
 from skyfolio.sim.weather import Weather
 

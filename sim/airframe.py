@@ -15,24 +15,24 @@ CELLS = 4
 NOMINAL_V = 3.7 * CELLS
 FULL_CELL_V, EMPTY_CELL_V = 4.15, 3.5
 RESISTANCE_OHM = 0.03
-"""Of the whole pack: it sags by this much per ampere."""
+"""Internal resistance of the whole pack."""
 BLADE_W = 61.5
-"""Blade profile power at hover: what is left of 197 W when the induced power is taken out."""
+"""Blade profile power at hover: 197 W less the induced power."""
 TIP_MPS = 90.0
 INDUCED_MPS = 6.29
 """Mean rotor-induced velocity at hover: sqrt(m g / 2 rho A) for four 10 inch discs (A = 0.203 m^2)."""
 INDUCED_W = 1.1 * MASS_KG * GRAVITY_MPS2 * INDUCED_MPS
 PARASITE_W_PER_MPS3 = 0.018
-"""Half of air density times drag area (0.03 m^2)."""
+"""Half the air density times the drag area (0.03 m^2)."""
 DESCENT_RECOVERY = 0.3
-"""Share of the power of sinking that is saved; the rest is lost in the wake."""
+"""Share of the potential power of a descent that is saved; the rest is lost in the wake."""
 IDLE_W = 12.0
-"""Electronics and radio, motors off."""
+"""Power of electronics and radio with the motors off."""
 ARMED_IDLE_W = 25.0
 MAX_AIRSPEED_MPS = 18.0
-"""At full tilt; a wind beyond it blows the vehicle away."""
+"""Airspeed at full tilt; a stronger wind blows the vehicle away."""
 GUST_SHARE = 0.2
-"""Share of a gust's speed that the vehicle is carried along with before its controller leans against it."""
+"""Share of a gust's speed by which the vehicle is carried along before its controller leans against it."""
 
 
 def flight_power_w(airspeed_mps: float, up_mps: float) -> float:
@@ -46,7 +46,7 @@ def flight_power_w(airspeed_mps: float, up_mps: float) -> float:
 
 
 class Battery:
-    """Charge and what it gives: `share` is what is left, 0 to 1."""
+    """The battery: `share` is the charge left, from 0 to 1, and `power_w` the power drawn."""
 
     def __init__(self) -> None:
         self.share = 1.0
@@ -54,16 +54,16 @@ class Battery:
 
     @property
     def current_a(self) -> float:
-        """Amperes drawn."""
+        """Current drawn, in amperes."""
         return self.power_w / NOMINAL_V
 
     @property
     def voltage_v(self) -> float:
-        """Volts of the pack under its load."""
+        """Voltage of the pack under its load."""
         open_v = CELLS * (EMPTY_CELL_V + (FULL_CELL_V - EMPTY_CELL_V) * self.share)
         return max(0.0, open_v - RESISTANCE_OHM * self.current_a)
 
     def drain(self, power_w: float, dt_s: float, capacity_mah: float) -> None:
-        """Draw a power for `dt_s` seconds from a battery of a capacity."""
+        """Draw `power_w` watts for `dt_s` seconds from a battery of `capacity_mah` when full."""
         self.power_w = power_w
         self.share = max(0.0, self.share - power_w * dt_s / (capacity_mah * 3.6 * NOMINAL_V))

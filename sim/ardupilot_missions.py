@@ -3,9 +3,9 @@
 A broken upload therefore leaves a hybrid of the old and the new mission. Item 0 is home: whatever is uploaded there,
 home is read back. Storage keeps only what ArduCopter needs (`sim.ardupilot_storage`).
 
-A missing item is asked for again after 1 s (with MISSION_REQUEST, as ArduPilot does), and after 8 s without one the
+A missing item is requested again after 1 s (with MISSION_REQUEST, as ArduPilot does), and after 8 s without one the
 transfer ends with MAV_MISSION_OPERATION_CANCELLED. MISSION_ACK from a ground station is ignored; items out of order
-and items of others are answered INVALID_SEQUENCE and DENIED and do not end the transfer, a refused item does.
+and items from other senders are answered INVALID_SEQUENCE and DENIED and do not end the transfer, a refused item does.
 Fences are staged until they are whole, rally points are not.
 """
 
@@ -31,11 +31,11 @@ from skyfolio.sim.wire import Message, text
 RETRY_S = 1.0
 GIVE_UP_S = 8.0
 MAX_ITEMS = 724
-"""What fits in the storage of a common flight controller (15 bytes an item)."""
+"""How many items fit in the storage of a common flight controller (15 bytes each)."""
 HIGHEST_M = 83_000.0
 FENCE = dialect.MAV_MISSION_TYPE_FENCE
 _GUIDED_TARGET, _GUIDED_ALTITUDE = 2, 3
-"""MISSION_ITEM.current of an item that is not part of a mission but a target for GUIDED mode."""
+"""MISSION_ITEM.current of an item that is not part of a mission but a target in GUIDED mode."""
 
 
 @dataclass(slots=True)
@@ -43,13 +43,13 @@ class _Upload:
     partner: Partner
     next: int
     last: int
-    heard_s: float
-    asked_s: float
+    last_item_s: float
+    requested_s: float
     staged: list[MissionItem] = field(default_factory=list)
 
 
 class ArdupilotMissions(MissionProtocol):
-    """Holds what was written last, item by item; each plan type has transfers of its own."""
+    """Holds the items written last, one by one; each plan type has transfers of its own."""
 
     def __init__(self, *, clock: Callable[[], float], host: MissionHost) -> None:
         super().__init__(clock=clock, host=host)
@@ -64,23 +64,23 @@ class ArdupilotMissions(MissionProtocol):
         return bool(self._uploads)
 
     def plan(self, mission_type: int) -> Mission:
-        """Return what lies on board of a MAV_MISSION_TYPE."""
+        """Return the plan on board of a MAV_MISSION_TYPE."""
         return self._plans[mission_type]
 
     def reset(self) -> None:
-        """Forget the uploads under way; what they wrote stays."""
+        """Forget the uploads under way; the items that they wrote stay."""
         self._uploads.clear()
 
     def tick(self) -> list[Message]:
-        """Return what the timers make due: repeated requests, and the end of silent uploads."""
+        """Return the messages due by now: repeated requests, and the end of uploads without an item for too long."""
         now, due = self._clock(), []
         for kind, upload in list(self._uploads.items()):
-            if now - upload.heard_s > GIVE_UP_S:
+            if now - upload.last_item_s > GIVE_UP_S:
                 del self._uploads[kind]
                 due.append(text("Mission upload timeout", dialect.MAV_SEVERITY_WARNING))
                 due.append(ack_message(upload.partner, dialect.MAV_MISSION_OPERATION_CANCELLED, kind))
-            elif now - upload.asked_s > RETRY_S:
-                due.append(self._ask(upload, kind))
+            elif now - upload.requested_s > RETRY_S:
+                due.append(self._request_item(upload, kind))
         return due
 
     def _count(self, message: Any, partner: Partner) -> list[Message]:
@@ -108,8 +108,8 @@ class ArdupilotMissions(MissionProtocol):
 
     def _begin(self, kind: int, partner: Partner, first: int, last: int) -> Message:
         now = self._clock()
-        self._uploads[kind] = _Upload(partner, first, last, heard_s=now, asked_s=now)
-        return self._ask(self._uploads[kind], kind)
+        self._uploads[kind] = _Upload(partner, first, last, last_item_s=now, requested_s=now)
+        return self._request_item(self._uploads[kind], kind)
 
     def _float_item(self, message: Any, partner: Partner) -> list[Message]:
         return self._take(MissionItem.from_float_message(message), message, partner)
@@ -120,8 +120,8 @@ class ArdupilotMissions(MissionProtocol):
     def _take(self, item: MissionItem, message: Any, partner: Partner) -> list[Message]:
         kind = message.mission_type
         if kind == MISSION and item.current in (_GUIDED_TARGET, _GUIDED_ALTITUDE):
-            done = self._host.guide(item)
-            return [ack_message(partner, dialect.MAV_MISSION_ACCEPTED if done else dialect.MAV_MISSION_ERROR, kind)]
+            is_flown = self._host.guide(item)
+            return [ack_message(partner, dialect.MAV_MISSION_ACCEPTED if is_flown else dialect.MAV_MISSION_ERROR, kind)]
         upload = self._uploads.get(kind)
         if upload is None:
             return [ack_message(partner, dialect.MAV_MISSION_ERROR, kind)]
@@ -133,14 +133,14 @@ class ArdupilotMissions(MissionProtocol):
         if refused is not None:
             del self._uploads[kind]
             return [ack_message(partner, refused, kind)]
-        upload.heard_s = self._clock()
+        upload.last_item_s = self._clock()
         upload.next += 1
         if upload.next <= upload.last:
-            return [self._ask(upload, kind)]
+            return [self._request_item(upload, kind)]
         return self._complete(kind, partner, upload.staged)
 
     def _write(self, item: MissionItem, kind: int, upload: _Upload) -> int | None:
-        """Put an item where it belongs; return the MAV_MISSION_RESULT that refuses it, or None."""
+        """Store an item; return the MAV_MISSION_RESULT that refuses it, or None."""
         stored, refused = self._stored[kind], rejection(item, kind)
         if refused is None and abs(item.z) > HIGHEST_M:
             refused = int(dialect.MAV_MISSION_INVALID_PARAM7)
@@ -220,12 +220,12 @@ class ArdupilotMissions(MissionProtocol):
         return [ack_message(partner, dialect.MAV_MISSION_ACCEPTED, kind)]
 
     def _set_current(self, message: Any, partner: Partner) -> list[Message]:
-        """MISSION_CURRENT answers with the very item that was asked for; silence, a jump to nowhere."""
+        """Jump to an item and return the MISSION_CURRENT that names it; nothing if there is no such item."""
         del partner
         return [self._host.current_message(message.seq)] if self._host.jump(message.seq) else []
 
-    def _ask(self, upload: _Upload, kind: int) -> Message:
-        upload.asked_s = self._clock()
+    def _request_item(self, upload: _Upload, kind: int) -> Message:
+        upload.requested_s = self._clock()
         request: Message = dialect.MAVLink_mission_request_message(*upload.partner, upload.next, kind)
         return request
 

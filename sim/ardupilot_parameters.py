@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 
 from skyfolio.sim.kinematics import Limits
-from skyfolio.sim.parameters import INT8, INT16, INT32, Parameter
+from skyfolio.sim.parameter_store import INT8, INT16, INT32, Parameter
 from skyfolio.sim.tuning import Action, FenceRule, LinkLoss, LowBattery, Tuning
 
 ARDUCOPTER_LIMITS = Limits(
@@ -29,7 +29,7 @@ _CEILING, _CIRCLE, _POLYGON = 1, 2, 4
 
 
 def ardupilot_parameters(limits: Limits) -> list[Parameter]:
-    """Return the parameters an ArduCopter with these limits boots with; speeds in cm/s as it has them."""
+    """Return the parameters with which an ArduCopter of these limits boots; it has speeds in cm/s."""
     return [
         Parameter("ARMING_CHECK", 1, 0, 1_048_575, INT32),
         Parameter("AUTO_OPTIONS", 0, 0, 255, INT32),
@@ -68,7 +68,7 @@ def ardupilot_parameters(limits: Limits) -> list[Parameter]:
 
 
 def ardupilot_tuning(values: Mapping[str, float]) -> Tuning:
-    """Return what ArduCopter's parameters mean; it takes any number, and is careful only where it uses one."""
+    """Return what ArduCopter's parameters mean; it stores any number, and bounds it only where it is used."""
     return Tuning(
         limits=Limits(
             max_speed_mps=ARDUCOPTER_LIMITS.max_speed_mps,

@@ -4,7 +4,7 @@ The mission begins at item 1 (0 is home). The acceptance radius is WPNAV_RADIUS,
 survives an upload: each write into the mission restarts the current leg from where the vehicle is, and where the item
 at the kept index has become a DO_ command, it moves on to the next leg. Cut short, the vehicle finishes the leg it has
 loaded and the one after, then hovers. A waypoint with a hold counts as reached at rest; the next leg starts from rest.
-One flown through counts once the target has gone the whole leg at its speed, however near the vehicle is.
+A waypoint flown through counts once the target has gone the whole leg at its speed, however near the vehicle is.
 """
 
 from typing import Any
@@ -28,14 +28,18 @@ _NAMES = {
     dialect.MAV_CMD_NAV_DELAY: "Delay",
     dialect.MAV_CMD_DO_CHANGE_SPEED: "ChangeSpeed",
 }
-"""What ArduCopter calls the items of a mission."""
+"""ArduCopter's names for the items of a mission."""
 REST_MPS = 0.3
 """A stop is over once the vehicle is this slow at its point."""
 REST_M = 0.5
 
 
 class ArdupilotRunner(MissionRunner):
-    """AUTO mode's mission. `complete` is AP_Mission's MISSION_COMPLETE, `halted` a jump made after it."""
+    """The mission in AUTO.
+
+    `complete` is AP_Mission's MISSION_COMPLETE. `halted`: an item was set after that, and is not flown until
+    the mission is started again.
+    """
 
     first = 1
     look_ahead = 2
@@ -46,24 +50,24 @@ class ArdupilotRunner(MissionRunner):
         self._cut = False
         self._flying: MissionItem | None = None
         self._next: MissionItem | None = None
-        self._told: int | None = None
+        self._announced: int | None = None
         self._looked_s: float | None = None
         self._to_go_m = 0.0
 
     @property
     def item(self) -> MissionItem:
-        """The item being flown: the loaded one, where the mission has been cut shorter than that."""
+        """The item being flown; the loaded one, if the mission has been cut before it."""
         if self._cut and self._flying is not None:
             return self._flying
         return super().item
 
     @property
     def over(self) -> bool:
-        """Whether it would not fly on: it is over, or was halted by a jump after that."""
+        """Whether there would be nothing to fly: the mission is over, or halted."""
         return self.halted or super().over
 
     def state(self, mode: Mode, *, armed: bool) -> MissionState:
-        """Return how far the mission is: running only in AUTO, and stopped by a jump after its end."""
+        """Return MISSION_CURRENT.mission_state: active only in AUTO, armed and not halted."""
         if len(self.mission) <= self.first:
             return MissionState.NO_MISSION
         if self.complete:
@@ -72,22 +76,22 @@ class ArdupilotRunner(MissionRunner):
         return MissionState.ACTIVE if running else MissionState.NOT_STARTED
 
     @property
-    def told_index(self) -> int:
-        """The item that is flown: those that are done on the way are never told."""
+    def reported_index(self) -> int:
+        """MISSION_CURRENT.seq: the item that is flown, never a DO item on the way to it."""
         ahead = (item.seq for item in self.mission.items[self.index :] if item.is_nav)
         return next(ahead, self.index)
 
     @property
-    def told_total(self) -> int:
-        """Home is not counted."""
+    def reported_total(self) -> int:
+        """MISSION_CURRENT.total, without home."""
         return max(len(self.mission) - 1, 0)
 
     def can_jump(self, seq: int) -> bool:
-        """Whether something is flown from item `seq` on."""
+        """Return whether there is anything to fly from item `seq` on."""
         return super().can_jump(seq) and any(item.is_nav for item in self.mission.items[max(seq, self.first) :])
 
     def can_start(self, *, on_ground: bool) -> str | None:
-        """Return why AUTO cannot be flown: nothing but home on board, or standing without a take-off ahead."""
+        """Return why AUTO cannot be flown: nothing but home on board, or on the ground without a take-off ahead."""
         if len(self.mission) <= self.first:
             return ""
         start = self.first if self.complete else max(self.index, self.first)
@@ -97,7 +101,7 @@ class ArdupilotRunner(MissionRunner):
         return None
 
     def edit(self, mission: Mission, *, running: bool) -> bool:
-        """Take a mission that is changing under way; True if that restarted the current leg."""
+        """Fly on by a mission that is being written in place; return whether the current leg restarts."""
         self.mission = mission
         exists = self.index < len(mission)
         self._cut = running and not exists and self._flying is not None
@@ -106,20 +110,20 @@ class ArdupilotRunner(MissionRunner):
         return running and exists
 
     def load(self, mission: Mission, *, on_ground: bool) -> None:
-        """Take a whole mission; the index is kept, even past its end."""
+        """Take a complete mission; the index is kept, even past its end."""
         del on_ground
         self.mission = mission
 
     def jump(self, seq: int) -> None:
-        """Make an item current, and fly it unless the mission was over; 0 means the beginning."""
+        """Make an item current, and fly it unless the mission was over; item 0 means the first one."""
         self.halted = self.complete or self.halted
         self.index = max(seq, self.first)
         self.complete = self._cut = False
-        self._told = None
+        self._announced = None
         self._forget()
 
     def activate(self) -> None:
-        """Enter AUTO: resume, or start over after the end; speed changes of the past are forgotten."""
+        """Enter AUTO: go on, or start over after the end; earlier speed changes are forgotten."""
         if self.complete or self._parameters.tuning.restart_mission:
             self.jump(self.first)
         self.index = max(self.index, self.first)
@@ -130,14 +134,14 @@ class ArdupilotRunner(MissionRunner):
 
     def leave(self) -> None:
         """Leave AUTO."""
-        self._flying = self._next = self._told = None
+        self._flying = self._next = self._announced = None
         self._cut = False
 
     def rewind(self) -> None:
-        """Go back to the beginning: ArduCopter resets its mission when it disarms; one that was over stays over."""
+        """Go back to the beginning, as ArduCopter does when it disarms; a mission that was over stays over."""
         self.index = 0
         self.halted = self.started = False
-        self._told = None
+        self._announced = None
         self._forget()
 
     def forget_flight(self) -> None:
@@ -150,18 +154,18 @@ class ArdupilotRunner(MissionRunner):
         return Handover.FINISHED if self.halted or self.complete else super().fly(body, now_s)
 
     def _fly_item(self, body: Body, now_s: float) -> Guidance | Handover | None:
-        """Return guidance for the current item, and say which one is begun and which is done."""
+        """Return guidance for the current item, and send STATUSTEXTs of the items begun and done."""
         item = self.item
-        if self._told != self.index:
-            self._told = self.index
-            self._say(f"Mission: {self.index} {_NAMES.get(item.command, '?')}")
+        if self._announced != self.index:
+            self._announced = self.index
+            self._send_text(f"Mission: {self.index} {_NAMES.get(item.command, '?')}")
         result = super()._fly_item(body, now_s)
         if result is None and item.is_nav and item.command != dialect.MAV_CMD_NAV_LAND:
-            self._say(f"Reached command #{self.index}")
+            self._send_text(f"Reached command #{self.index}")
         return result
 
-    def _say_landed(self) -> None:
-        """Say nothing: an ArduCopter does not."""
+    def _report_landed(self) -> None:
+        """Send nothing, as an ArduCopter does."""
 
     def _has_item(self) -> bool:
         if self._cut:
@@ -173,7 +177,7 @@ class ArdupilotRunner(MissionRunner):
         return True
 
     def _load_ahead(self) -> None:
-        """Keep the current item and the next leg's, which are flown even if the mission is cut before them."""
+        """Load the current item and the next leg's, which are flown even if the mission is cut before them."""
         self._flying = self.mission.items[self.index]
         self._next = next((item for item in self.mission.items[self.index + 1 :] if item.is_nav), None)
 
@@ -187,7 +191,7 @@ class ArdupilotRunner(MissionRunner):
         return True
 
     def _begin(self, body: Body) -> Target:
-        """Fix the target; only a take-off climbs first."""
+        """Set the target; only a take-off climbs first."""
         target = super()._begin(body)
         self._looked_s = None
         self._to_go_m = body.distance_to(target.east_m, target.north_m)
@@ -211,7 +215,7 @@ class ArdupilotRunner(MissionRunner):
         return super()._is_done(body, target, now_s)
 
     def _yaw(self, item: MissionItem) -> float | None:
-        """ArduCopter keeps no yaw of a waypoint: the nose goes along the course (WP_YAW_BEHAVIOR)."""
+        """Return None: ArduCopter keeps no yaw of a waypoint, the nose goes along the course (WP_YAW_BEHAVIOR)."""
         del item
         return None
 
@@ -220,5 +224,5 @@ class ArdupilotRunner(MissionRunner):
         return self._parameters.tuning.acceptance_radius_m
 
     def _place(self, item: MissionItem) -> Place | None:
-        """ArduCopter takes off where it is, whatever the item says."""
+        """Return where an item is; None for a take-off, which ArduCopter flies where it is."""
         return None if item.command == dialect.MAV_CMD_NAV_TAKEOFF else super()._place(item)

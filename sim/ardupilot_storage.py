@@ -19,7 +19,7 @@ _Params = tuple[float, float, float, float]
 
 
 def as_stored(item: MissionItem, mission_type: int = dialect.MAV_MISSION_TYPE_MISSION) -> MissionItem:
-    """Return an item as it is given back."""
+    """Return an item as it is read back."""
     return _STORES[mission_type](replace(item, current=0))
 
 

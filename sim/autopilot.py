@@ -1,6 +1,6 @@
-"""The autopilot of one vehicle: modes, arming, messages, and what really happens to it. Both flavours.
+"""The autopilot of one vehicle, of either flavour: puts its parts together, arms, and changes the mode.
 
-Pure: it is handed decoded MAVLink messages and time, and hands back messages; no sockets and no clock of its own, so a
+Pure: it takes decoded MAVLink messages and time, and returns messages. It has no sockets and no clock of its own, so a
 test drives it in virtual time. `sim.flavours` says in what PX4 and ArduPilot differ.
 """
 
@@ -12,38 +12,41 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from skyfolio.sim.airframe import Battery
 from skyfolio.sim.boot import Boot
 from skyfolio.sim.chatter import Chatter
-from skyfolio.sim.component_failures import Mishaps
+from skyfolio.sim.component_failures import ComponentFailures
 from skyfolio.sim.dynamics import Dynamics
 from skyfolio.sim.flavours import FLAVOURS
 from skyfolio.sim.geo import LocalFrame, Place
 from skyfolio.sim.ground import Ground
+from skyfolio.sim.hosts import Refusal
 from skyfolio.sim.inbox import Inbox
 from skyfolio.sim.kinematics import Body, Limits
 from skyfolio.sim.metadata import metadata_files
+from skyfolio.sim.mission_protocol import MissionProtocol
+from skyfolio.sim.mission_runner import MissionRunner
 from skyfolio.sim.modes import Mode
 from skyfolio.sim.navigator import Navigator
-from skyfolio.sim.parameters import ParameterStore
-from skyfolio.sim.plans import Plans
-from skyfolio.sim.setpoints import Setpoint
+from skyfolio.sim.onboard_clock import OnboardClock
+from skyfolio.sim.onboard_plans import Plans
+from skyfolio.sim.outbox import Outbox
+from skyfolio.sim.parameter_store import ParameterStore
 from skyfolio.sim.specs import VehicleSpec
-from skyfolio.sim.telemetry import Telemetry
+from skyfolio.sim.telemetry_streams import Telemetry
+from skyfolio.sim.traits import Traits
 from skyfolio.sim.weather import Air, Weather
-from skyfolio.sim.wire import Message, texts
+from skyfolio.sim.wire import Message
 
 Observer = Callable[[str, dict[str, Any]], None]
 _FORGOTTEN_MODES = (Mode.TAKEOFF, Mode.RTL, Mode.LAND)
-"""Modes a PX4 does not come back to once it has disarmed: it could not be armed in them."""
-NOON_S = 12 * 3600.0
-"""UTC time of day at fleet time 0."""
+"""Modes to which a PX4 does not come back once it has disarmed: it could not be armed in them."""
 
 
 class Autopilot:
     """One vehicle's autopilot and airframe.
 
-    `handle` answers a message, `step` flies, `due` tells what is to be sent to everybody. `on_event(kind, detail)`
-    hears what really happens (kinds: see `sim.truth.Event`). `protocol_clock` gives wall seconds for the protocol's
-    time-outs; `phase` in [0, 1) spreads the streams of a fleet. `limits` None: the flavour's own. `now_s`: when its
-    life in the fleet begins; it was switched on `spec.booted_s_ago` before.
+    `handle` answers a message, `step` flies, and `due` returns what is to be sent to everybody. `on_event(kind,
+    detail)` is called with what really happens (kinds: see `sim.truth.Event`). `protocol_clock` gives wall seconds for
+    the protocol's time-outs; `phase` in [0, 1) spreads the streams of a fleet. `limits` None takes the flavour's own.
+    `now_s` is the fleet time at which the vehicle joins; it was switched on `spec.booted_s_ago` seconds before.
     """
 
     def __init__(
@@ -58,52 +61,55 @@ class Autopilot:
         air: Air | None = None,
     ) -> None:
         self.spec = spec
-        self.flavour = flavour = FLAVOURS[spec.autopilot]
+        self._flavour = flavour = FLAVOURS[spec.autopilot]
+        self.traits: Traits = flavour
         self.frame = LocalFrame(spec.home_lat_deg, spec.home_lon_deg)
-        known = flavour.parameters(limits or flavour.limits)
-        self.files = metadata_files(known) if flavour.has_metadata else {}
-        self.parameters = ParameterStore(known, flavour.tuning, bytewise=flavour.bytewise)
+        parameters = flavour.parameters(limits or flavour.limits)
+        self.files = metadata_files(parameters) if flavour.has_metadata else {}
+        self.parameters = ParameterStore(parameters, flavour.tuning, bytewise=flavour.bytewise)
+        self.clock = OnboardClock(now_s, spec.booted_s_ago)
         self.air = air or Air(Weather(), "calm")
         self.battery = Battery()
         self.dynamics = Dynamics(self)
+        self.component_failures = ComponentFailures(self)
         self.plans = Plans(self)
+        self.chatter = Chatter(spec.system_id, self.clock, gives_orders=flavour.gives_orders)
         self.protocol_clock = protocol_clock
         self.emit = on_event
-        self.phase = phase
         self.home_m: Place = (0.0, 0.0)
         self.armed = False
-        self.now_s = now_s
-        self.clock_offset_s = 0.0
-        self.mishaps = Mishaps(self)
-        self._outbox: list[Message] = []
-        self._texts = 0
-        self.runner = flavour.runner(
+        self._phase = phase
+        self._outbox = Outbox()
+        self.runner: MissionRunner = flavour.runner(
             self.frame,
             spec.home_alt_m,
             self.parameters,
             self._item_reached,
-            utc=self.utc_s,
-            say=self.say,
-            on_speed=self._mission_speed,
+            utc=self.clock.utc_s,
+            send_text=self.send_text,
+            on_speed=self.chatter.speed_changed,
         )
-        self.missions = flavour.missions(clock=protocol_clock, host=self.plans)
-        self._boot(now_s - spec.booted_s_ago)
+        self.missions: MissionProtocol = flavour.missions(clock=protocol_clock, host=self.plans)
+        self._start()
 
-    def _boot(self, boot_s: float) -> None:
+    def _start(self) -> None:
         """Start afresh; parameters, plans and the airframe stay as they are."""
-        self.boot_s = boot_s
-        self.mode = self._mode_to_come = self.flavour.boot_mode
-        self.boot_plan = Boot(self)
-        self.chatter = Chatter(self)
-        self._reached: int | None = None
-        self.cleared_for_takeoff = not self.flavour.needs_clearance
+        flavour = self._flavour
+        self.mode = self._mode_to_restore = flavour.boot_mode
+        self.boot_plan = Boot(self, flavour.boot)
+        self.chatter.reset()
+        self.navigator = Navigator(self, self.plans.return_point)
         self.ground = Ground(self)
-        self.navigator = Navigator(self)
-        self.failsafes = self.flavour.failsafes(self)
-        self.telemetry = Telemetry(self, start_s=self.now_s, phase=self.phase)
-        self._inbox = Inbox(self)
+        self.failsafes = flavour.failsafes(self, self.plans.fence)
+        self.telemetry = Telemetry(self, start_s=self.now_s, phase=self._phase)
+        self._inbox = Inbox(self, flavour.commands(self))
 
     # -- what it knows ------------------------------------------------------------------------------------------
+
+    @property
+    def now_s(self) -> float:
+        """Fleet time of the last step, in seconds."""
+        return self.clock.now_s
 
     @property
     def body(self) -> Body:
@@ -112,13 +118,8 @@ class Autopilot:
 
     @property
     def seen(self) -> Body:
-        """Where the vehicle believes to be."""
+        """Where the vehicle believes that it is."""
         return self.dynamics.seen
-
-    @property
-    def crashed(self) -> bool:
-        """Whether it has hit the ground without power."""
-        return self.dynamics.crashed
 
     @property
     def satellites(self) -> bool:
@@ -127,14 +128,14 @@ class Autopilot:
 
     @property
     def landed(self) -> bool:
-        """Whether it thinks that it stands on the ground: a vehicle that is not armed does, wherever it is."""
+        """Whether the autopilot believes that the vehicle stands on the ground: disarmed it does, wherever it is."""
         return not self.armed or self.body.on_ground
 
-    def utc_s(self, now_s: float) -> float:
-        """Return seconds since midnight UTC at a moment of fleet time."""
-        return (now_s + NOON_S + self.clock_offset_s) % 86_400.0
+    def arming_refusal(self, *, force: bool = False, tag: str = "Arm") -> Refusal:
+        """Return why the vehicle does not arm, in texts that begin with `tag` where the flavour's have one."""
+        return self._flavour.arming_refusal(self, force=force, tag=tag)
 
-    # -- talking ------------------------------------------------------------------------------------------------
+    # -- sending and receiving ----------------------------------------------------------------------------------
 
     def handle(self, message: Any) -> list[Message]:
         """Return the answers to one incoming message, for its sender only; messages for other systems are ignored."""
@@ -142,37 +143,32 @@ class Autopilot:
 
     def due(self) -> list[Message]:
         """Return what is to be sent to everybody by now: announcements, protocol timers and telemetry streams."""
-        announced, self._outbox = self._outbox, []
-        announced += self.telemetry.mission_news(self._reached)
-        self._reached = None
+        announced = self._outbox.take() + self.telemetry.mission_news()
         return announced + self.chatter.due() + self.missions.tick() + self.telemetry.due(self.now_s)
 
-    def say(self, words: str, severity: int = dialect.MAV_SEVERITY_INFO) -> None:
-        """Announce a STATUSTEXT, in parts where it is long."""
-        self._texts = self._texts % 0xFFFF + 1
-        self._outbox += texts(words, severity, self._texts)
+    def send_text(self, words: str, severity: int = dialect.MAV_SEVERITY_INFO) -> None:
+        """Send a STATUSTEXT of a MAV_SEVERITY, in parts where it is long."""
+        self._outbox.send_text(words, severity)
 
     def announce(self, message_id: int) -> None:
         """Send a telemetry message now, beside its stream."""
-        message = self.telemetry.build(message_id)
-        if message is not None:
-            self._outbox.append(message)
+        self._outbox.add(self.telemetry.build(message_id))
 
     # -- being commanded ----------------------------------------------------------------------------------------
 
     def arm(self, *, force: bool = False) -> bool:
-        """Arm where the vehicle stands, which becomes home; False if its checks forbid it, which it says."""
+        """Arm where the vehicle stands, which becomes home; return False if its checks forbid it, and send why."""
         if self.armed:
             return True
-        refusal = self.flavour.arming_refusal(self, force=force)
+        refusal = self.arming_refusal(force=force)
         for words, severity in refusal:
-            self.say(words, severity)
+            self.send_text(words, severity)
         if refusal:
             return False
         self.armed = True
         self.ground.armed()
-        self.cleared_for_takeoff = not self.flavour.needs_clearance or self.parameters.tuning.takeoff_without_throttle
-        self.say(self.flavour.words.armed)
+        self.navigator.armed()
+        self.send_text(self.traits.words.armed)
         if self.body.on_ground:
             self.set_home_here()
         self.announce(dialect.MAVLINK_MSG_ID_HEARTBEAT)
@@ -180,14 +176,14 @@ class Autopilot:
         return True
 
     def set_home_here(self) -> None:
-        """Make this place home, and tell it."""
+        """Make the present place home, and send it."""
         self.home_m = (self.body.east_m, self.body.north_m)
         self.announce(dialect.MAVLINK_MSG_ID_HOME_POSITION)
 
     def disarm(self, *, force: bool = False, words: str | None = None) -> bool:
-        """Disarm on the ground; in the air only by force, which stops the motors. False if refused.
+        """Disarm on the ground; in the air only by force, which stops the motors. Return False if refused.
 
-        `words`: what it says then, instead of that somebody told it to.
+        `words`: the STATUSTEXT to send instead of the one for an order from outside.
         """
         if not self.armed:
             return True
@@ -195,132 +191,105 @@ class Autopilot:
             return False
         self.armed = False
         self.dynamics.powered = self.dynamics.powered and self.body.on_ground
-        self.say(words or self.flavour.words.disarmed)
+        self.send_text(words or self.traits.words.disarmed)
         if self.mode is Mode.MISSION:
             self.chatter.mission_disarmed()
         self.runner.rewind()
         self.failsafes.disarmed()
         self.emit("disarmed", {})
-        if self.flavour.restores_mode:
-            if self.mode is not self._mode_to_come:
-                self.set_mode(self._mode_to_come)
+        if self.traits.restores_mode:
+            if self.mode is not self._mode_to_restore:
+                self.set_mode(self._mode_to_restore)
             if self.body.on_ground:
                 self.set_home_here()
         return True
 
     def set_mode(self, mode: Mode, *, by_failsafe: bool = False) -> bool:
-        """Change the mode; False if it cannot be flown, which it says. `by_failsafe`: nobody chose it."""
-        refusal = self.flavour.mode_refusal(self, mode)
+        """Change the mode; return False if it cannot be flown, and send why. `by_failsafe`: nobody chose it."""
+        refusal = self._flavour.mode_refusal(self, mode)
         for words, severity in refusal:
-            self.say(words, severity)
+            self.send_text(words, severity)
         if refusal:
             return False
         if not by_failsafe:
             self.failsafes.taken_over()
             if mode not in _FORGOTTEN_MODES:
-                self._mode_to_come = mode
-        if mode is Mode.MISSION and (self.mode is not Mode.MISSION or self.runner.complete):
-            self.runner.activate()
-            if self.armed and self.flavour.words.mission_entered:
-                self.say(self.flavour.words.mission_entered)
-        elif mode is not Mode.MISSION and self.mode is Mode.MISSION:
-            self.runner.leave()
-            self.chatter.mission_left(to_return=self.runner.ends_with_return)
+                self._mode_to_restore = mode
+        self._enter_or_leave_mission(mode)
         self.navigator.enter(mode)
         if mode is not self.mode:
             self.mode = mode
             self.emit("mode", {"mode": mode.name})
-            if self.flavour.beats_on_mode:
+            if self.traits.announces_mode:
                 self.announce(dialect.MAVLINK_MSG_ID_HEARTBEAT)
         return True
 
-    def takeoff(self, up_m: float | None) -> bool:
-        """Climb above this place to `up_m` above home (None: the take-off parameter), then hold."""
-        if Mode.TAKEOFF in self.flavour.custom_modes:
+    def _enter_or_leave_mission(self, mode: Mode) -> None:
+        if mode is Mode.MISSION and (self.mode is not Mode.MISSION or self.runner.complete):
+            self.runner.activate()
+            if self.armed and self.traits.words.mission_entered:
+                self.send_text(self.traits.words.mission_entered)
+        elif mode is not Mode.MISSION and self.mode is Mode.MISSION:
+            self.runner.leave()
+            self.chatter.mission_left(to_return=self.runner.ends_with_return)
+
+    def takeoff(self, up_m: float | None) -> None:
+        """Climb above this place to `up_m` metres above home (None: to the take-off parameter), then hold."""
+        if Mode.TAKEOFF in self.traits.custom_modes:
             self.set_mode(Mode.TAKEOFF)
         self.navigator.take_off(up_m)
-        return True
 
-    def reposition(self, east_m: float | None, north_m: float | None, up_m: float | None, speed_mps: float) -> bool:
-        """Hold, at a given place and height if there is one; a speed <= 0 means the cruise speed."""
-        self.set_mode(Mode.HOLD if self.flavour.guided_needs_stream else Mode.GUIDED)
+    def reposition(self, east_m: float | None, north_m: float | None, up_m: float | None, speed_mps: float) -> None:
+        """Hold at a place and height (metres; None keeps the present one); a speed <= 0 means the cruise speed."""
+        self.set_mode(Mode.HOLD if self.traits.guided_needs_stream else Mode.GUIDED)
         self.navigator.go_to(east_m, north_m, up_m, speed_mps)
-        return True
-
-    def follow(self, setpoint: Setpoint) -> None:
-        """Take a streamed setpoint; it counts in GUIDED, and opens the way there where one is needed for it."""
-        if self.mode is Mode.GUIDED or self.flavour.guided_needs_stream:
-            self.navigator.setpoint = setpoint
-
-    def jump(self, seq: int) -> bool:
-        """Make mission item `seq` current, without a word; False if there is none."""
-        if not self.runner.can_jump(seq):
-            return False
-        self.runner.jump(seq)
-        self.telemetry.keep_to_itself()
-        return True
-
-    def start_mission(self) -> None:
-        """Let the mission begin, or go on after it was over or halted (ArduCopter's MISSION_START in AUTO)."""
-        self.cleared_for_takeoff = True
-        if self.runner.over:
-            self.runner.activate()
-
-    def pause(self, *, paused: bool) -> bool:
-        """Stop or go on within AUTO or GUIDED; False in any other mode."""
-        if self.mode not in (Mode.MISSION, Mode.GUIDED):
-            return False
-        self.navigator.pause(paused=paused)
-        return True
 
     # -- being switched off and on --------------------------------------------------------------------------------
 
     def shut_down(self) -> None:
-        """Go down for a reboot: motors off, transfers forgotten."""
+        """Go down for a reboot: stop the motors and forget the transfers under way."""
         self.armed = False
-        self.dynamics.powered = self.body.on_ground and not self.crashed
+        self.dynamics.powered = self.body.on_ground and not self.dynamics.crashed
         self.missions.reset()
 
     def boot(self, now_s: float) -> None:
-        """Come up again; it stands on the ground, or is still falling and does not know."""
+        """Start again at fleet time `now_s`; the vehicle stands on the ground, or still falls without knowing it."""
         self.runner.forget_flight()
-        self.now_s = now_s
-        self.clock_offset_s = 0.0
+        self.clock.restart(now_s)
         self._outbox.clear()
-        self._boot(now_s)
+        self._start()
         self.runner.load(self.missions.mission, on_ground=True)
 
     def thaw(self, frozen_s: float, frozen_wall_s: float) -> None:
-        """Go on after a hang as if nothing had been: its clock and its timers stood still."""
-        self.boot_s += frozen_s
+        """Go on after a hang of so many seconds of fleet time and of wall time; clock and timers stood still in it."""
+        self.clock.thaw(frozen_s)
         self.navigator.thaw(frozen_s)
         self.failsafes.thaw(frozen_wall_s)
 
     def coast(self, now_s: float, dt_s: float) -> None:
-        """Let the airframe go on for `dt_s` without its autopilot, which hangs or boots."""
+        """Move the airframe for `dt_s` seconds, to fleet time `now_s`, while its autopilot hangs or boots."""
         was_on_ground, sinking_mps = self.body.on_ground, self.body.up_mps
         self.dynamics.drift(dt_s)
         if not was_on_ground and self.body.on_ground:
-            self.now_s = now_s
-            self.ground.notice(sinking_mps, took_off=False)
+            self.clock.now_s = now_s
+            self.ground.touched(sinking_mps)
 
     # -- flying -------------------------------------------------------------------------------------------------
 
     def step(self, now_s: float, dt_s: float) -> None:
-        """Fly `dt_s`, to arrive at fleet time `now_s`."""
-        self.now_s = now_s
+        """Fly for `dt_s` seconds, to arrive at fleet time `now_s`."""
+        self.clock.now_s = now_s
         was_on_ground, sinking_mps = self.body.on_ground, self.body.up_mps
         self.dynamics.step(now_s, dt_s)
-        if was_on_ground != self.body.on_ground:
-            self.ground.notice(sinking_mps, took_off=was_on_ground)
+        if was_on_ground and not self.body.on_ground:
+            self.ground.took_off()
+        elif self.body.on_ground and not was_on_ground:
+            self.ground.touched(sinking_mps)
         self.boot_plan.step()
         self.ground.disarm_when_idle()
         self.failsafes.check(now_s, self.protocol_clock())
 
-    def _mission_speed(self, speed_mps: float | None) -> None:
-        if speed_mps is not None:
-            self.chatter.speed_changed(speed_mps)
-
     def _item_reached(self, seq: int) -> None:
-        self._reached = self.runner.reached = seq
+        self.runner.reached = seq
+        self.telemetry.item_reached(seq)
         self.emit("item_reached", {"seq": seq})

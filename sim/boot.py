@@ -1,30 +1,28 @@
-"""From power to ready: what an autopilot says while it starts, and when it knows where it is.
+"""From power on to ready: what an autopilot sends while it starts, and when it knows where it is.
 
-Measured on ArduCopter 4.6.2 and PX4 1.18 in software (recordings): an ArduCopter speaks at once, sets its origin and
-home after 17 s and arms in a mode that needs a position only after about 40 s; a PX4 is ready within seconds.
+Measured on ArduCopter 4.6.2 and PX4 1.18 in software (recordings): an ArduCopter sends STATUSTEXTs at once, sets its
+origin and home after 17 s and arms in a mode that needs a position only after about 40 s; a PX4 is ready in seconds.
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from skyfolio.sim.knobs import LONGEST_S, check_number
+from skyfolio.sim.hosts import Refusal
+from skyfolio.sim.knobs import LONGEST_S
+from skyfolio.sim.onboard_clock import OnboardClock
 
-if TYPE_CHECKING:
-    from skyfolio.sim.autopilot import Autopilot
-
-BOOTED_S_AGO = 60.0
-"""How long a vehicle has been on when nobody says otherwise: long enough to be ready."""
 _INFO, _CRITICAL = dialect.MAV_SEVERITY_INFO, dialect.MAV_SEVERITY_CRITICAL
 
 
 @dataclass(frozen=True, kw_only=True)
 class BootPlan:
-    """Seconds after power on, and the words (second, severity, text) that go with it.
+    """When each stage of a start is over, in seconds after power on.
 
-    fix_s: the receiver has a fix. home_s: origin and home are set, positions are sent. ready_s: the estimate is good
-    enough to arm and fly by. reminder_s: how often it says why it cannot be armed yet, None: never.
+    fix_s: the receiver has a fix. home_s: origin and home are set, and positions are sent. ready_s: the estimate is
+    good enough to arm and fly by. reminder_s: the interval at which the autopilot sends why it cannot be armed yet, or
+    None if it never does. words: its STATUSTEXTs as (second, MAV_SEVERITY, text).
     """
 
     fix_s: float
@@ -58,21 +56,40 @@ ARDUPILOT_BOOT = BootPlan(
 PX4_BOOT = BootPlan(fix_s=1.0, home_s=3.0, ready_s=6.0, reminder_s=None)
 
 
-class Boot:
-    """One start of one autopilot; one that was started long ago has said everything already."""
+class BootHost(Protocol):
+    """The vehicle that starts."""
 
-    def __init__(self, autopilot: "Autopilot") -> None:
-        self._autopilot = autopilot
-        self._plan: BootPlan = autopilot.flavour.boot
+    clock: OnboardClock
+
+    @property
+    def armed(self) -> bool:
+        """Whether the motors are armed."""
+
+    def send_text(self, words: str, severity: int) -> None:
+        """Send a STATUSTEXT of a MAV_SEVERITY."""
+
+    def set_home_here(self) -> None:
+        """Make the present place home, and send it."""
+
+    def arming_refusal(self, *, tag: str) -> Refusal:
+        """Return why the vehicle cannot be armed, in texts that begin with `tag`."""
+
+
+class Boot:
+    """One start of one autopilot; one that was started long ago has sent everything already."""
+
+    def __init__(self, host: BootHost, plan: BootPlan) -> None:
+        self._host = host
+        self._plan = plan
         age_s = self.age_s
-        self._words = [entry for entry in self._plan.words if entry[0] > age_s]
-        self._home_told = age_s >= self._plan.home_s
-        self._reminder_s = self._plan.reminder_s
+        self._words = [entry for entry in plan.words if entry[0] > age_s]
+        self._home_is_set = age_s >= plan.home_s
+        self._reminder_s = plan.reminder_s
 
     @property
     def age_s(self) -> float:
         """Seconds since power on."""
-        return self._autopilot.now_s - self._autopilot.boot_s
+        return self._host.clock.age_s
 
     @property
     def has_fix(self) -> bool:
@@ -81,8 +98,8 @@ class Boot:
 
     @property
     def has_home(self) -> bool:
-        """Whether origin and home are set: before that a position is none."""
-        return self.age_s >= self._plan.home_s or self._autopilot.armed
+        """Whether origin and home are set; before that there is no position to send."""
+        return self.age_s >= self._plan.home_s or self._host.armed
 
     @property
     def ready(self) -> bool:
@@ -90,20 +107,15 @@ class Boot:
         return self.age_s >= self._plan.ready_s
 
     def step(self) -> None:
-        """Say what is due."""
-        autopilot = self._autopilot
+        """Send what is due by now."""
+        host = self._host
         while self._words and self._words[0][0] <= self.age_s:
             _, severity, words = self._words.pop(0)
-            autopilot.say(words, severity)
-        if not self._home_told and self.has_home:
-            self._home_told = True
-            autopilot.set_home_here()
+            host.send_text(words, severity)
+        if not self._home_is_set and self.has_home:
+            self._home_is_set = True
+            host.set_home_here()
         if self._reminder_s is not None and not self.ready and self.age_s >= self._reminder_s:
             self._reminder_s += self._plan.reminder_s or LONGEST_S
-            for words, severity in autopilot.flavour.arming_refusal(autopilot, tag="PreArm"):
-                autopilot.say(words, severity)
-
-
-def check_booted(booted_s_ago: float) -> None:
-    """Raise ValueError unless a vehicle can have been on for so long."""
-    check_number("booted_s_ago", booted_s_ago, 0.0, LONGEST_S)
+            for words, severity in host.arming_refusal(tag="PreArm"):
+                host.send_text(words, severity)

@@ -1,12 +1,17 @@
-"""Fleet time. Everything that flies reads one injected clock, so a test can move it and a demo can hurry it."""
+"""Fleet time: everything that flies reads one injected clock, so that a test can move it and a demo can speed it up."""
 
 import time
 from collections.abc import Callable
 from typing import Protocol
 
+NOON_S = 12 * 3600
+"""UTC time of day at fleet time 0, in seconds since midnight."""
+EPOCH_S = 1_767_225_600 + NOON_S
+"""Unix time at fleet time 0: 2026-01-01, noon UTC."""
+
 
 class Clock(Protocol):
-    """Anything that tells fleet time."""
+    """Anything that has fleet time."""
 
     def now(self) -> float:
         """Return fleet seconds; never runs backwards."""
@@ -29,7 +34,7 @@ class ScaledClock:
 
 
 class VirtualClock:
-    """Fleet time that stands still until somebody moves it."""
+    """Fleet time that stands still until `advance` moves it."""
 
     def __init__(self, start_s: float = 0.0) -> None:
         self._now = start_s

@@ -1,63 +1,73 @@
 """What can go wrong inside one vehicle: parts that fail, and a clock that jumps."""
 
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-if TYPE_CHECKING:
-    from skyfolio.sim.autopilot import Autopilot
+from skyfolio.sim.hosts import Announcer, Equipment
 
 
-class Mishaps:
-    """Lets the parts of one autopilot fail, each with an event for the truth log."""
+class FailureHost(Announcer, Equipment, Protocol):
+    """The vehicle whose parts fail."""
 
-    def __init__(self, autopilot: "Autopilot") -> None:
-        self._autopilot = autopilot
+    @property
+    def armed(self) -> bool:
+        """Whether the motors are armed."""
+
+
+class ComponentFailures:
+    """Lets the parts of one autopilot fail, each with an event for the truth log.
+
+    `silenced`: the radio is broken; the station that carries the vehicle's messages has to obey it.
+    """
+
+    def __init__(self, host: FailureHost) -> None:
+        self._host = host
         self.silenced = False
-        self._reboot_asked = False
+        self._reboot_requested = False
 
     def cut_power(self) -> None:
         """Stop the motors for good."""
-        self._autopilot.dynamics.powered = self._autopilot.armed = False
+        self._host.dynamics.cut_power()
 
     def fail_motor(self) -> None:
-        """Lose a motor: a quadrotor falls, armed until it lies there; on the ground it will not arm again."""
-        autopilot = self._autopilot
-        if autopilot.dynamics.powered:
-            autopilot.emit("motor_failed", {})
-            if autopilot.armed and autopilot.flavour.words.motor_failed:
-                autopilot.say(autopilot.flavour.words.motor_failed, dialect.MAV_SEVERITY_EMERGENCY)
-            autopilot.dynamics.powered = False
+        """Stop one motor: a quadrotor falls, armed until it lies on the ground, and cannot be armed again."""
+        host = self._host
+        if host.dynamics.powered:
+            host.emit("motor_failed", {})
+            if host.armed and host.traits.words.motor_failed:
+                host.send_text(host.traits.words.motor_failed, dialect.MAV_SEVERITY_EMERGENCY)
+            host.dynamics.powered = False
 
     def lose_satellites(self) -> None:
-        """Lose the position: the estimate drifts away until it is back."""
-        self._autopilot.dynamics.satellites = False
-        self._autopilot.emit("gps_lost", {})
+        """Lose the position: the estimate drifts away until the satellites are back."""
+        self._host.dynamics.satellites = False
+        self._host.emit("gps_lost", {})
 
     def regain_satellites(self) -> None:
         """Find the position again."""
-        self._autopilot.dynamics.satellites = True
-        self._autopilot.emit("gps_back", {})
+        self._host.dynamics.satellites = True
+        self._host.emit("gps_back", {})
 
     def set_battery(self, share: float) -> None:
-        """Set the charge that is left, 0 to 1."""
-        self._autopilot.battery.share = share
-        self._autopilot.emit("battery_set", {"share": share})
+        """Set the charge that is left, from 0 (empty) to 1 (full)."""
+        self._host.battery.share = share
+        self._host.emit("battery_set", {"share": share})
 
     def jump_clock(self, seconds: float) -> None:
-        """Let the autopilot's clock jump: time_boot_ms, SYSTEM_TIME and TIMESYNC with it."""
-        self._autopilot.clock_offset_s += seconds
-        self._autopilot.emit("clock_jumped", {"seconds": seconds})
+        """Move the autopilot's clock by `seconds`: time_boot_ms, SYSTEM_TIME and TIMESYNC with it."""
+        self._host.clock.offset_s += seconds
+        self._host.emit("clock_jumped", {"seconds": seconds})
 
     def silence(self) -> None:
-        """Break the radio; whoever carries its messages has to obey (`silenced`)."""
+        """Break the radio."""
         self.silenced = True
 
-    def ask_reboot(self) -> None:
+    def request_reboot(self) -> None:
         """Ask for a reboot at the next step."""
-        self._reboot_asked = True
+        self._reboot_requested = True
 
-    def take_reboot(self) -> bool:
-        """Return whether a reboot was asked for, once."""
-        asked, self._reboot_asked = self._reboot_asked, False
-        return asked
+    def take_reboot_request(self) -> bool:
+        """Return whether a reboot was requested since the last call."""
+        requested, self._reboot_requested = self._reboot_requested, False
+        return requested

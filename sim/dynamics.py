@@ -1,24 +1,47 @@
-"""One vehicle's body in the air: steps it by its guidance, with weather, a draining battery, and failures."""
+"""One vehicle's body in the air, moved by its guidance, with weather, a draining battery, and failures."""
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import Protocol
 
-from skyfolio.sim.airframe import ARMED_IDLE_W, GUST_SHARE, IDLE_W, MAX_AIRSPEED_MPS, flight_power_w
+from skyfolio.sim.airframe import ARMED_IDLE_W, GUST_SHARE, IDLE_W, MAX_AIRSPEED_MPS, Battery, flight_power_w
 from skyfolio.sim.kinematics import Body, Guidance, fall, step
-
-if TYPE_CHECKING:
-    from skyfolio.sim.autopilot import Autopilot
+from skyfolio.sim.parameter_store import ParameterStore
+from skyfolio.sim.weather import Air
 
 SOFT_TOUCHDOWN_MPS = 1.5
 """A frozen vehicle that sinks or slides no faster than this when it touches the ground has landed, not crashed."""
 
 
-class Dynamics:
-    """`body` is the truth, `seen` what the autopilot steers by. `powered`: the motors can turn."""
+class Guide(Protocol):
+    """Decides where to fly."""
 
-    def __init__(self, autopilot: "Autopilot") -> None:
-        self._autopilot = autopilot
+    def guidance(self, body: Body, now_s: float) -> Guidance | None:
+        """Return where to fly, or None to stay on the ground with the motors idling."""
+
+
+class DynamicsHost(Protocol):
+    """The vehicle around the body; an empty battery disarms it."""
+
+    air: Air
+    battery: Battery
+    parameters: ParameterStore
+    armed: bool
+
+    @property
+    def navigator(self) -> Guide:
+        """Where the vehicle is to fly."""
+
+
+class Dynamics:
+    """The motion of one vehicle.
+
+    `body` is where it truly is, `seen` what the autopilot steers by. `powered`: the motors can turn. `crashed`: it has
+    hit the ground without power. `satellites`: the receiver has any. `landing`: the last guidance was to sink.
+    """
+
+    def __init__(self, host: DynamicsHost) -> None:
+        self._host = host
         self.body = Body()
         self.powered = True
         self.crashed = False
@@ -27,27 +50,31 @@ class Dynamics:
 
     @property
     def seen(self) -> Body:
-        """The body as the position estimate has it; on the ground the height is known."""
-        error = self._autopilot.air.error_m
+        """The body as the position estimate has it; on the ground the height is exact."""
+        error = self._host.air.error_m
         if error == (0.0, 0.0, 0.0):
             return self.body
         up_m = self.body.up_m if self.body.on_ground else self.body.up_m + error[2]
         return replace(self.body, east_m=self.body.east_m + error[0], north_m=self.body.north_m + error[1], up_m=up_m)
 
     def step(self, now_s: float, dt_s: float) -> None:
-        """Fly `dt_s`, to arrive at fleet time `now_s`."""
-        autopilot = self._autopilot
-        autopilot.air.step(dt_s, satellites=self.satellites)
-        if autopilot.battery.share <= 0.0 and autopilot.armed:
-            self.powered = autopilot.armed = False
+        """Fly for `dt_s` seconds, to arrive at fleet time `now_s`."""
+        host = self._host
+        host.air.step(dt_s, satellites=self.satellites)
+        if host.battery.share <= 0.0 and host.armed:
+            self.cut_power()
         if not self.powered:
             self.body = fall(self.body, dt_s)
-        elif autopilot.armed:
+        elif host.armed:
             self._fly(now_s, dt_s)
         self._drain(dt_s)
 
+    def cut_power(self) -> None:
+        """Stop the motors, and disarm."""
+        self.powered = self._host.armed = False
+
     def drift(self, dt_s: float) -> None:
-        """Fly on as before while the autopilot is frozen: the motors keep turning as they did."""
+        """Move for `dt_s` seconds while the autopilot does not run: the motors keep turning as they did."""
         body = self.body
         if not self.powered:
             self.body = fall(body, dt_s)
@@ -62,27 +89,27 @@ class Dynamics:
         self._drain(dt_s)
 
     def _fly(self, now_s: float, dt_s: float) -> None:
-        autopilot = self._autopilot
+        host = self._host
         seen = self.seen
-        guidance = autopilot.navigator.guidance(seen, now_s)
+        guidance = host.navigator.guidance(seen, now_s)
         self.landing = guidance is not None and guidance.landing
         if guidance is None:
             return
         if seen is not self.body:
             guidance = self._as_steered(guidance)
-        body = step(self.body, guidance, autopilot.parameters.limits, dt_s)
-        self.body = body if autopilot.air.is_still or body.on_ground else self._blown(body, dt_s)
+        body = step(self.body, guidance, host.parameters.limits, dt_s)
+        self.body = body if host.air.is_still or body.on_ground else self._blown(body, dt_s)
 
     def _as_steered(self, guidance: Guidance) -> Guidance:
-        """Return the guidance as the truth feels it: moved by what the estimate is wrong by."""
-        east, north, up = self._autopilot.air.error_m
+        """Return the guidance in true places: moved by the error of the estimate."""
+        east, north, up = self._host.air.error_m
         return replace(
             guidance, east_m=guidance.east_m - east, north_m=guidance.north_m - north, up_m=guidance.up_m - up
         )
 
     def _blown(self, body: Body, dt_s: float) -> Body:
         """Return the body moved by gusts, and carried off by a wind it cannot fly against."""
-        air = self._autopilot.air
+        air = self._host.air
         east, north = body.east_mps, body.north_mps
         wind_east, wind_north = air.wind_mps
         airspeed = math.hypot(east - wind_east, north - wind_north)
@@ -100,10 +127,10 @@ class Dynamics:
         )
 
     def _drain(self, dt_s: float) -> None:
-        autopilot, body = self._autopilot, self.body
+        host, body = self._host, self.body
         if body.on_ground or not self.powered:
-            power_w = ARMED_IDLE_W if autopilot.armed else IDLE_W
+            power_w = ARMED_IDLE_W if host.armed else IDLE_W
         else:
-            wind_east, wind_north = autopilot.air.wind_mps
+            wind_east, wind_north = host.air.wind_mps
             power_w = flight_power_w(math.hypot(body.east_mps - wind_east, body.north_mps - wind_north), body.up_mps)
-        autopilot.battery.drain(power_w, dt_s, autopilot.parameters.tuning.battery_capacity_mah)
+        host.battery.drain(power_w, dt_s, host.parameters.tuning.battery_capacity_mah)

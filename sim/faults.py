@@ -1,8 +1,9 @@
-"""What can go wrong, as values: hand one to `Fleet.inject`, for now, for a moment of fleet time, or for a slot.
+"""What can go wrong, as values: pass one to `Fleet.inject`, for now, for a moment of fleet time, or for a slot.
 
 Each fault is a frozen dataclass; its fields are the knobs. `FAULTS` names them for JSON and the command line:
-`fault_from({"kind": "mute", "system_id": 3, "for_s": 20})` and `parse_fault("mute:3@60,for_s=20")`. `for_s` None is for
-good; durations are fleet seconds. Every knob is checked where a fault is made: ValueError names field, value and rule.
+`fault_from({"kind": "mute", "system_id": 3, "for_s": 20})` and `parse_fault("mute:3@60,for_s=20")`. `for_s` None means
+for good; durations are fleet seconds. Every knob is checked when a fault is created: ValueError names field, value and
+rule.
 """
 
 from dataclasses import MISSING, asdict, dataclass, fields
@@ -19,17 +20,17 @@ class Fault(Protocol):
 
     @property
     def system_id(self) -> int:
-        """The vehicle it happens to."""
+        """The MAVLink system id of the vehicle."""
         ...
 
     def strike(self, vehicle: Vehicle) -> None:
-        """Let it happen."""
+        """Let the fault happen to `vehicle`, which has that system id."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Kill:
-    """The vehicle dies: motors stop, it falls, and no MAVLink ever comes from it again."""
+    """The vehicle dies: the motors stop, it falls, and it never sends MAVLink again."""
 
     system_id: int
 
@@ -43,7 +44,7 @@ class Kill:
 
 @dataclass(frozen=True, slots=True)
 class Mute:
-    """The radio dies: the vehicle flies on exactly as before, sends nothing and hears nothing (the ghost)."""
+    """The radio fails: the vehicle flies on exactly as before, but neither sends nor receives (a ghost)."""
 
     system_id: int
     for_s: float | None = None
@@ -59,7 +60,7 @@ class Mute:
 
 @dataclass(frozen=True, slots=True)
 class Reboot:
-    """The autopilot restarts: silent for `for_s`, then its clock starts at 0. In the air its motors stop."""
+    """The autopilot restarts: it sends nothing for `for_s`, then its clock starts at 0. In the air the motors stop."""
 
     system_id: int
     for_s: float = REBOOT_S
@@ -75,7 +76,7 @@ class Reboot:
 
 @dataclass(frozen=True, slots=True)
 class Freeze:
-    """The autopilot hangs: it says nothing, hears nothing, and the motors keep turning as they did."""
+    """The autopilot hangs: it neither sends nor receives, and the motors keep turning as they did."""
 
     system_id: int
     for_s: float | None = None
@@ -102,7 +103,7 @@ class LowBattery:
 
     def strike(self, vehicle: Vehicle) -> None:
         """Drain the battery."""
-        vehicle.autopilot.mishaps.set_battery(self.share)
+        vehicle.autopilot.component_failures.set_battery(self.share)
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,13 +119,13 @@ class GpsLoss:
 
     def strike(self, vehicle: Vehicle) -> None:
         """Lose the satellites."""
-        vehicle.autopilot.mishaps.lose_satellites()
-        vehicle.after(self.for_s, vehicle.autopilot.mishaps.regain_satellites)
+        vehicle.autopilot.component_failures.lose_satellites()
+        vehicle.after(self.for_s, vehicle.autopilot.component_failures.regain_satellites)
 
 
 @dataclass(frozen=True, slots=True)
 class MotorFailure:
-    """A motor stops; the quadrotor tumbles and falls, and tells about it as long as it can."""
+    """A motor stops; the quadrotor tumbles and falls, and sends telemetry as long as it can."""
 
     system_id: int
 
@@ -133,12 +134,12 @@ class MotorFailure:
 
     def strike(self, vehicle: Vehicle) -> None:
         """Stop a motor."""
-        vehicle.autopilot.mishaps.fail_motor()
+        vehicle.autopilot.component_failures.fail_motor()
 
 
 @dataclass(frozen=True, slots=True)
 class ModeChange:
-    """A human takes over at the remote control: the vehicle changes to `mode` (a name of `sim.Mode`)."""
+    """A pilot takes over by remote control: the vehicle changes to `mode` (a name of `sim.Mode`)."""
 
     system_id: int
     mode: str = "POSITION"
@@ -155,7 +156,7 @@ class ModeChange:
 
 @dataclass(frozen=True, slots=True)
 class RejectMission:
-    """The next `uploads` are refused at their end with MAV_MISSION_ERROR."""
+    """The next `uploads` are refused with MAV_MISSION_ERROR after their last item."""
 
     system_id: int
     uploads: int = 1
@@ -165,13 +166,13 @@ class RejectMission:
         check_whole("uploads", self.uploads, 1, MOST_UPLOADS)
 
     def strike(self, vehicle: Vehicle) -> None:
-        """Refuse uploads to come."""
+        """Refuse the next uploads."""
         vehicle.autopilot.missions.refusals += self.uploads
 
 
 @dataclass(frozen=True, slots=True)
 class CorruptUpload:
-    """The next `uploads` are acknowledged, but their last item is stored 22 m beside: only a read-back tells."""
+    """The next `uploads` are acknowledged, but their last item is stored 22 m off: only a read-back shows it."""
 
     system_id: int
     uploads: int = 1
@@ -181,7 +182,7 @@ class CorruptUpload:
         check_whole("uploads", self.uploads, 1, MOST_UPLOADS)
 
     def strike(self, vehicle: Vehicle) -> None:
-        """Corrupt uploads to come."""
+        """Corrupt the next uploads."""
         vehicle.autopilot.missions.corruptions += self.uploads
 
 
@@ -198,14 +199,14 @@ class ClockJump:
 
     def strike(self, vehicle: Vehicle) -> None:
         """Let the clock jump."""
-        vehicle.autopilot.mishaps.jump_clock(self.seconds)
+        vehicle.autopilot.component_failures.jump_clock(self.seconds)
 
 
 @dataclass(frozen=True, slots=True)
 class Impair:
     """The link gets worse: `up` is to the vehicle, `down` from it; None leaves a direction as it is.
 
-    After `for_s` it is again what it was before.
+    After `for_s` seconds the link is what it was before.
     """
 
     system_id: int
@@ -229,7 +230,7 @@ class Impair:
 
 
 def _check_for(for_s: Any) -> None:
-    """Raise ValueError unless this is None (for good) or a duration."""
+    """Raise ValueError unless `for_s` is None (for good) or a duration in seconds."""
     if for_s is not None:
         check_duration("for_s", for_s)
 
@@ -252,7 +253,7 @@ _NAMES = {fault: name for name, fault in FAULTS.items()}
 
 
 def describe(fault: Fault) -> dict[str, Any]:
-    """Return a fault as plain data, `kind` first; knobs that are not set are left out."""
+    """Return a fault as plain data, `kind` first; knobs that are None are left out."""
     values = {name: value for name, value in asdict(fault).items() if value is not None}  # type: ignore[call-overload]
     for direction in ("up", "down"):
         if direction in values:
@@ -262,16 +263,16 @@ def describe(fault: Fault) -> dict[str, Any]:
 
 
 def fault_from(data: dict[str, Any]) -> Fault:
-    """Return the fault that plain data describes; ValueError names the field that cannot be."""
+    """Return the fault that plain data describes; ValueError names the field that is wrong."""
     values = dict(data)
     kind = values.pop("kind", None)
     if kind not in FAULTS:
         raise ValueError(f"kind must be one of {', '.join(FAULTS)}, got {kind!r}")
-    known = {field.name: field for field in fields(FAULTS[kind])}
+    knobs = {field.name: field for field in fields(FAULTS[kind])}
     for name in values:
-        if name not in known:
-            raise ValueError(f"{name}: {kind} has no such field, it has {', '.join(known)}")
-    missing = [name for name, field in known.items() if field.default is MISSING and name not in values]
+        if name not in knobs:
+            raise ValueError(f"{name}: {kind} has no such field, it has {', '.join(knobs)}")
+    missing = [name for name, field in knobs.items() if field.default is MISSING and name not in values]
     if missing:
         raise ValueError(f"{missing[0]}: {kind} needs it")
     for direction in ("up", "down"):
@@ -282,9 +283,9 @@ def fault_from(data: dict[str, Any]) -> Fault:
 
 
 def impairments_from(data: dict[str, Any]) -> Impairments:
-    """Return the impairments that plain data describes; ValueError names the field that cannot be."""
-    known = {field.name for field in fields(Impairments)}
+    """Return the impairments that plain data describes; ValueError names the field that is wrong."""
+    knobs = {field.name for field in fields(Impairments)}
     for name in data:
-        if name not in known:
-            raise ValueError(f"{name}: a link has no such impairment, it has {', '.join(sorted(known))}")
+        if name not in knobs:
+            raise ValueError(f"{name}: a link has no such impairment, it has {', '.join(sorted(knobs))}")
     return Impairments(**data)

@@ -1,4 +1,4 @@
-"""The two autopilots this fleet can be: everything in which they differ, in one table each."""
+"""The two autopilots that a vehicle can have: everything in which they differ, in one table each."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -11,105 +11,47 @@ from skyfolio.sim.ardupilot_missions import ArdupilotMissions
 from skyfolio.sim.ardupilot_parameters import ARDUCOPTER_LIMITS, ardupilot_parameters, ardupilot_tuning
 from skyfolio.sim.ardupilot_runner import ArdupilotRunner
 from skyfolio.sim.boot import ARDUPILOT_BOOT, PX4_BOOT, BootPlan
-from skyfolio.sim.commands import Commands
+from skyfolio.sim.command_table import Commands
 from skyfolio.sim.failsafes import Failsafes
+from skyfolio.sim.hosts import Refusal
 from skyfolio.sim.kinematics import Limits
 from skyfolio.sim.mission_protocol import MissionProtocol
 from skyfolio.sim.mission_runner import MissionRunner
 from skyfolio.sim.modes import Mode, ardupilot_base_mode, px4_base_mode
-from skyfolio.sim.parameters import Parameter
+from skyfolio.sim.parameter_store import Parameter
 from skyfolio.sim.px4_commands import Px4Commands
 from skyfolio.sim.px4_failsafes import Px4Failsafes
 from skyfolio.sim.px4_missions import Px4Missions
 from skyfolio.sim.px4_parameters import PX4_LIMITS, px4_parameters, px4_tuning
 from skyfolio.sim.refusals import (
-    Refusal,
+    ArmingRefusal,
+    RefusalHost,
     ardupilot_arming_refusal,
     ardupilot_mode_refusal,
     px4_arming_refusal,
     px4_mode_refusal,
 )
+from skyfolio.sim.traits import Looks, Traits, Words
 from skyfolio.sim.tuning import Tuning
 
 
 @dataclass(frozen=True, kw_only=True)
-class Looks:
-    """How an autopilot describes itself, as recorded: bit masks of SYS_STATUS (`moving`: enabled and healthy only while
-    it controls a position; `logging`: only while armed), EXTENDED_SYS_STATE.vtol_state, and (fix, satellites, eph, epv)
-    of GPS_RAW_INT with a position and without."""
+class Flavour(Traits):
+    """One autopilot: its traits, and the classes and functions of its parts.
 
-    present: int
-    enabled: int
-    healthy: int
-    moving: int
-    logging: int
-    vtol_state: int
-    gps: tuple[int, int, int, int]
-    no_gps: tuple[int, int, int, int]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Words:
-    """What an autopilot says on its way through a flight; None: nothing."""
-
-    armed: str
-    disarmed: str
-    disarmed_by_landing: str
-    took_off: str | None = None
-    landed: str | None = None
-    mission_entered: str | None = None
-    crashed: str | None = None
-    motor_failed: str | None = None
-    fence_taken: str | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class Flavour:
-    """One autopilot.
-
-    custom_modes: HEARTBEAT.custom_mode of each mode it has. rates_hz: what it streams unasked. bytewise: how integer
-    parameters travel. mission_ids: MISSION_CURRENT and MISSION_ACK carry the CRC of the plan. leaves_mission_at_end:
-    the mission mode ends with the mission (PX4), or the vehicle stays in it and hovers. setpoints_move: a streamed
-    position goes on with its velocity until the next one. guided_needs_stream: GUIDED/OFFBOARD is refused without
-    setpoints and left without them. needs_clearance: armed in the mission mode it stays on the ground until
-    MISSION_START or AUTO_OPTIONS lets it go. has_metadata: COMPONENT_METADATA, and its files by MAVLink FTP.
-    restores_mode: disarmed, it shows the last mode it can be armed in; its home is then where it stands. gives_orders:
-    see `sim.chatter`. beats_on_mode: a change of mode is told by a HEARTBEAT at once. tells_mission:
-    MISSION_CURRENT comes whenever it changes, MISSION_ITEM_REACHED ten times more.
+    mode_refusal, arming_refusal: why it does not change to a mode, or arm. boot: how it starts. parameters: those with
+    which it boots under given limits. tuning: what their values mean. The others are classes of parts.
     """
 
-    name: str
-    mav_autopilot: int
-    custom_modes: Mapping[Mode, int]
-    mode_names: Mapping[Mode, str]
-    base_mode: Callable[..., int]
-    mode_refusal: Callable[..., Refusal]
-    arming_refusal: Callable[..., Refusal]
+    mode_refusal: Callable[[RefusalHost, Mode], Refusal]
+    arming_refusal: ArmingRefusal
     boot: BootPlan
     failsafes: type[Failsafes]
-    looks: Looks
-    words: Words
-    boot_mode: Mode
-    limits: Limits
     parameters: Callable[[Limits], list[Parameter]]
     tuning: Callable[[Mapping[str, float]], Tuning]
     missions: type[MissionProtocol]
     runner: type[MissionRunner]
     commands: type[Commands]
-    rates_hz: Mapping[int, float]
-    capabilities: int
-    firmware: int
-    bytewise: bool
-    mission_ids: bool
-    leaves_mission_at_end: bool
-    setpoints_move: bool
-    guided_needs_stream: bool
-    needs_clearance: bool
-    has_metadata: bool
-    restores_mode: bool
-    gives_orders: bool
-    beats_on_mode: bool
-    tells_mission: bool
 
 
 _COMMON_CAPABILITIES = (
@@ -204,8 +146,8 @@ PX4 = Flavour(
     has_metadata=True,
     restores_mode=True,
     gives_orders=True,
-    beats_on_mode=False,
-    tells_mission=True,
+    announces_mode=False,
+    announces_mission=True,
 )
 
 ARDUPILOT = Flavour(
@@ -276,8 +218,8 @@ ARDUPILOT = Flavour(
     has_metadata=False,
     restores_mode=False,
     gives_orders=False,
-    beats_on_mode=True,
-    tells_mission=False,
+    announces_mode=True,
+    announces_mission=False,
 )
 
 FLAVOURS = {flavour.name: flavour for flavour in (PX4, ARDUPILOT)}

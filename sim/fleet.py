@@ -9,14 +9,13 @@ from functools import partial
 from types import TracebackType
 from typing import Any, Self
 
-from skyfolio.sim.clock import Clock
+from skyfolio.sim.clock import EPOCH_S, Clock
+from skyfolio.sim.fault_schedule import Schedule
 from skyfolio.sim.faults import Fault, describe
 from skyfolio.sim.impairments import Impairments
 from skyfolio.sim.kinematics import Limits
 from skyfolio.sim.knobs import LONGEST_S, check_number, check_whole
 from skyfolio.sim.link import Address, MemoryLink, Radio, endpoints_of, open_link
-from skyfolio.sim.reports import EPOCH_S
-from skyfolio.sim.schedule import Schedule
 from skyfolio.sim.signing import Signature
 from skyfolio.sim.slots import GeoPoint, SlotGrid
 from skyfolio.sim.specs import VehicleSpec
@@ -29,17 +28,17 @@ DEFAULT_ENDPOINT = "udpout://127.0.0.1:14540"
 STEP_S = 0.05
 """Fleet seconds in one step of the dynamics."""
 WAKE_S = 0.01
-"""Wall seconds between two looks at the clock."""
+"""Wall seconds between two readings of the clock."""
 LAST_SLOT = 1_000_000
 STRIDE_S = 1.0
-"""Fleet seconds caught up at once, before the event loop gets its turn."""
+"""Fleet seconds caught up at once, before other tasks of the event loop run."""
 
 Station = Callable[[bytes, int], None]
-"""Takes a datagram, and the system id it comes from."""
+"""Takes a datagram, and the system id of the vehicle that sent it."""
 
 
 class Fleet:
-    """Simulated vehicles that talk MAVLink 2 over UDP while the context is open.
+    """Simulated vehicles that speak MAVLink 2 over UDP while the context is open.
 
     `async with fleet:` opens the sockets and flies on `clock`. Without it there are no sockets: `step_to` moves the
     whole fleet in virtual time as fast as it computes, `attach` puts ground stations beside it in memory, and the same
@@ -60,10 +59,10 @@ class Fleet:
         weather: Weather | None = None,
         signing_key: bytes | None = None,
     ) -> None:
-        lineup = list(specs)
-        if not lineup:
+        vehicles = list(specs)
+        if not vehicles:
             raise ValueError("a fleet needs at least one vehicle")
-        ids = [spec.system_id for spec in lineup]
+        ids = [spec.system_id for spec in vehicles]
         if len(set(ids)) != len(ids):
             raise ValueError(f"system ids must differ, got {sorted(ids)}")
         self.clock = clock
@@ -71,16 +70,16 @@ class Fleet:
         self.slots: SlotGrid | None = None
         self.now_s = self._start_s = clock.now()
         self._steps = 0
-        self._endpoints = dict(zip(ids, endpoints_of(endpoint, len(lineup)), strict=True))
+        self._endpoints = dict(zip(ids, endpoints_of(endpoint, len(vehicles)), strict=True))
         self._schedule = Schedule()
         self._flying: asyncio.Task[None] | None = None
         self._stations: dict[Address, Station] = {}
-        self._given_clock = protocol_clock
+        self._protocol_clock = protocol_clock
         self._seed = seed
         self._signature = None if signing_key is None else Signature(signing_key, self._unix_time)
         spread = random.Random(seed)  # noqa: S311
         self.vehicles: dict[int, Vehicle] = {
-            spec.system_id: self._vehicle(spec, limits, weather or Weather(), spread.random()) for spec in lineup
+            spec.system_id: self._vehicle(spec, limits, weather or Weather(), spread.random()) for spec in vehicles
         }
 
     def _vehicle(self, spec: VehicleSpec, limits: Limits | None, weather: Weather, phase: float) -> Vehicle:
@@ -100,9 +99,10 @@ class Fleet:
     # -- what happens to it -------------------------------------------------------------------------------------
 
     def inject(self, fault: Fault, *, at_s: float | None = None, at_slot: int | None = None) -> None:
-        """Let a fault happen now, once fleet time reaches `at_s`, or when a slot begins (see `start_slots`).
+        """Let a fault happen now, once fleet time reaches `at_s`, or when slot `at_slot` begins (see `start_slots`).
 
-        Like everything here it is called in the thread the fleet flies in; from others by `call_soon_threadsafe`.
+        Like every method here it is called in the thread in which the fleet flies; from others by
+        `call_soon_threadsafe`.
         ValueError for an unknown vehicle, for both a time and a slot, or for one that lies beyond eleven days.
         """
         if fault.system_id not in self.vehicles:
@@ -130,20 +130,23 @@ class Fleet:
         at_s: float | None = None,
         points: Mapping[int, Sequence[GeoPoint]] | None = None,
     ) -> SlotGrid:
-        """Begin slot 0 at a moment of fleet time (default: now), and report each vehicle's distance from its point
-        whenever a slot begins (event "slot")."""
+        """Begin slot 0 at fleet time `at_s` (default: now); see `SlotGrid` for `duration_s` and `points`.
+
+        Whenever a slot begins, each vehicle's distance from its point is logged (event "slot").
+        """
         self.slots = SlotGrid(duration_s, self.now_s if at_s is None else at_s, points or {})
         self._schedule.grid = self.slots
         return self.slots
 
     def attach(self, station: Station, address: Address = ("gcs", 0)) -> Callable[[bytes, int], None]:
-        """Put a ground station beside the fleet, in memory: `station(data, system_id)` hears every vehicle, and the
-        function returned sends to one: `send(data, system_id)`. Several stations need several addresses.
+        """Connect a ground station to the fleet in memory, and return how it sends.
 
-        RuntimeError while the fleet flies with sockets.
+        `station(data, system_id)` is called with the datagrams of every vehicle; the function that is returned sends a
+        datagram to one of them, `send(data, system_id)`. Each station needs an address of its own. RuntimeError while
+        the fleet flies with sockets.
         """
         if self._flying is not None:
-            raise RuntimeError("a fleet with sockets hears ground stations there")
+            raise RuntimeError("a fleet with sockets receives from ground stations there")
         self._stations[address] = station
         for system_id, vehicle in self.vehicles.items():
             if vehicle.link is None:
@@ -155,12 +158,12 @@ class Fleet:
     def _from_station(self, address: Address, data: bytes, system_id: int) -> None:
         link = self.vehicles[system_id].link
         if link is not None and link.is_open:
-            link.hear(data, address)
+            link.receive(data, address)
 
     # -- time ---------------------------------------------------------------------------------------------------
 
     def step_to(self, t_s: float) -> None:
-        """Fly in fixed steps as far as whole steps fit before fleet time `t_s`."""
+        """Fly as many whole steps of `STEP_S` as fit before fleet time `t_s`."""
         while (after := self._start_s + (self._steps + 1) * STEP_S) <= t_s + 1e-9:
             for fault in self._schedule.due(self.now_s):
                 self._strike(fault)
@@ -174,7 +177,7 @@ class Fleet:
             self._judge_slots(before, after)
 
     async def wait(self) -> None:
-        """Wait while the fleet flies; returns when its context is closed, raises what broke it."""
+        """Wait until the fleet's context is closed; raise the exception that broke it."""
         if self._flying is not None:
             await asyncio.wait([self._flying])
             if not self._flying.cancelled():
@@ -212,8 +215,8 @@ class Fleet:
             await asyncio.sleep(0.0 if now_s - self.now_s > STRIDE_S else WAKE_S)
 
     def _protocol_now(self) -> float:
-        if self._given_clock is not None:
-            return self._given_clock()
+        if self._protocol_clock is not None:
+            return self._protocol_clock()
         return self.now_s if self._flying is None else time.monotonic()
 
     def _unix_time(self) -> float:
@@ -241,13 +244,13 @@ class Fleet:
                 vehicle.link = None
 
     def _log(self, system_id: int, kind: str, detail: dict[str, Any]) -> None:
-        self.truth.happen(Event(self.now_s, system_id, kind, detail))
+        self.truth.add_event(Event(self.now_s, system_id, kind, detail))
 
 
 async def serve(fleet: Fleet, *, until: asyncio.Event | None = None, for_s: float | None = None) -> None:
     """Fly a fleet until `until` is set, `for_s` fleet seconds have passed, or the caller is cancelled.
 
-    With neither it flies on until cancelled. Whatever breaks the fleet is raised here.
+    With neither it flies on until cancelled. An exception that breaks the fleet is raised here.
     """
     async with fleet:
         ends: list[asyncio.Task[Any]] = [asyncio.create_task(fleet.wait())]

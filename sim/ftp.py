@@ -1,7 +1,7 @@
 """MAVLink FTP, reading only: FILE_TRANSFER_PROTOCOL answers for a handful of files in memory.
 
 Opcodes: open for reading, read, burst read, size and CRC on the way, list, terminate, reset. Writing is refused. One
-session; a request that is heard twice gets the same answer.
+session; a request that is received twice gets the same answer.
 """
 
 import struct
@@ -28,26 +28,26 @@ class Request(NamedTuple):
     session: int
     opcode: int
     size: int
-    asked: int
+    request_opcode: int
     complete: int
     offset: int
     data: bytes
 
     @classmethod
     def unpack(cls, payload: bytes) -> "Request":
-        """Return what a payload of 251 bytes says."""
-        seq, session, opcode, size, asked, complete, _, offset = _HEADER.unpack_from(payload)
+        """Return the request in a payload of 251 bytes."""
+        seq, session, opcode, size, request_opcode, complete, _, offset = _HEADER.unpack_from(payload)
         data = bytes(payload[_HEADER.size : _HEADER.size + min(size, DATA_BYTES)])
-        return cls(seq, session, opcode, size, asked, complete, offset, data)
+        return cls(seq, session, opcode, size, request_opcode, complete, offset, data)
 
     @property
     def path(self) -> str:
-        """The path in the data."""
+        """The path that the data holds."""
         return self.data.rstrip(b"\0").decode("ascii", "replace")
 
 
 class FileServer:
-    """Serves `files` (path to content) to whoever asks."""
+    """Serves `files` (path to content) to any ground station."""
 
     def __init__(self, files: Mapping[str, bytes]) -> None:
         self._files = {path.lstrip("/"): content for path, content in files.items()}

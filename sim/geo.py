@@ -1,4 +1,4 @@
-"""Where a vehicle's local metres are on the globe.
+"""Local metres of a vehicle, and where they are on the globe.
 
 Only east and north are converted (pymap3d, WGS 84). A tangent plane leaves the ellipsoid with distance, so altitude
 never goes through it: it is carried beside, in metres above the vehicle's home.
@@ -13,7 +13,7 @@ Place = tuple[float, float]
 
 
 class LocalFrame:
-    """East/north metres around one point on the globe. The last place is remembered: truth and streams ask for it."""
+    """East/north metres around one point on the globe. The last place is remembered: truth and streams use it again."""
 
     def __init__(self, lat_deg: float, lon_deg: float) -> None:
         self.lat_deg = lat_deg
@@ -34,7 +34,10 @@ class LocalFrame:
 
 
 def corner_speed(start: Place, corner: Place, goal: Place, acceleration: float, radius: float) -> float:
-    """Return the speed at which the turn fits in the acceptance radius: sqrt(a r tan(angle between the legs / 2))."""
+    """Return the speed, m/s, at which a turn fits in the acceptance radius: sqrt(a r tan(angle between the legs / 2)).
+
+    Places are in metres, `acceleration` in m/s^2, `radius` in metres; infinite where there is no turn.
+    """
     before, after = math.dist(start, corner), math.dist(corner, goal)
     if before < 0.1 or after < 0.1:
         return math.inf if before < 0.1 else 0.0
@@ -44,7 +47,7 @@ def corner_speed(start: Place, corner: Place, goal: Place, acceleration: float, 
 
 
 def distance_from_segment(a: Place, b: Place, point: Place) -> float:
-    """Return the distance of `point` from the path a-b flown since the last look."""
+    """Return the distance in metres of `point` from the segment from a to b."""
     along = (b[0] - a[0], b[1] - a[1])
     length2 = along[0] ** 2 + along[1] ** 2
     share = 1.0

@@ -1,61 +1,76 @@
-"""Leaving the ground and coming back to it: what an autopilot says then, and when it disarms by itself."""
+"""Leaving the ground and coming back to it: what an autopilot sends then, and when it disarms by itself."""
 
 import math
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-if TYPE_CHECKING:
-    from skyfolio.sim.autopilot import Autopilot
+from skyfolio.sim.hosts import Announcer, Commandable, Equipment
+from skyfolio.sim.navigator import Navigator
 
 CRASH_NOTICED_S = 2.0
-"""How long it lies there until an autopilot knows."""
+"""How long a crashed vehicle lies on the ground until its autopilot notices."""
+
+
+class GroundHost(Announcer, Equipment, Commandable, Protocol):
+    """The vehicle that leaves the ground and lands."""
+
+    navigator: Navigator
+
+    @property
+    def armed(self) -> bool:
+        """Whether the motors are armed."""
+
+    def set_home_here(self) -> None:
+        """Make the present place home, and send it."""
 
 
 class Ground:
     """Watches one vehicle's skids."""
 
-    def __init__(self, autopilot: "Autopilot") -> None:
-        self._autopilot = autopilot
+    def __init__(self, host: GroundHost) -> None:
+        self._host = host
         self._armed_s = self._landed_s = math.inf
 
     def armed(self) -> None:
-        """Hear that it was armed."""
-        self._armed_s, self._landed_s = self._autopilot.now_s, math.inf
+        """Start the time after which a vehicle that never takes off disarms."""
+        self._armed_s, self._landed_s = self._host.clock.now_s, math.inf
 
-    def notice(self, sinking_mps: float, *, took_off: bool) -> None:
-        """Hear that it has left the ground, or met it, sinking so fast."""
-        autopilot = self._autopilot
-        autopilot.announce(dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE)
-        words = autopilot.flavour.words
-        if took_off:
-            self._landed_s = self._armed_s = math.inf
-            if words.took_off:
-                autopilot.say(words.took_off)
-                autopilot.set_home_here()
-            autopilot.emit("takeoff", {})
-            return
-        self._landed_s = autopilot.now_s
-        if words.landed and autopilot.armed:
-            autopilot.say(words.landed)
-        if autopilot.dynamics.powered:
-            autopilot.navigator.settle()
-            autopilot.emit("landed", {})
+    def took_off(self) -> None:
+        """Report that the vehicle has left the ground (EXTENDED_SYS_STATE, event "takeoff")."""
+        host, words = self._host, self._host.traits.words
+        host.announce(dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE)
+        self._landed_s = self._armed_s = math.inf
+        if words.took_off:
+            host.send_text(words.took_off)
+            host.set_home_here()
+        host.emit("takeoff", {})
+
+    def touched(self, sinking_mps: float) -> None:
+        """Report that the vehicle has met the ground at a vertical speed, m/s (event "landed" or "crashed")."""
+        host, words = self._host, self._host.traits.words
+        host.announce(dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE)
+        self._landed_s = host.clock.now_s
+        if words.landed and host.armed:
+            host.send_text(words.landed)
+        if host.dynamics.powered:
+            host.navigator.settle()
+            host.emit("landed", {})
         else:
-            autopilot.dynamics.crashed = True
-            autopilot.emit("crashed", {"impact_mps": round(abs(sinking_mps), 2)})
+            host.dynamics.crashed = True
+            host.emit("crashed", {"impact_mps": round(abs(sinking_mps), 2)})
 
     def disarm_when_idle(self) -> None:
-        """Disarm what has landed, never took off, or lies there broken, when its time has come."""
-        autopilot = self._autopilot
-        if not autopilot.armed:
+        """Disarm a vehicle that has landed, never took off, or lies there broken, once its time has come."""
+        host = self._host
+        if not host.armed:
             return
-        tuning, words = autopilot.parameters.tuning, autopilot.flavour.words
-        if autopilot.crashed and words.crashed:
-            if autopilot.now_s - self._landed_s >= CRASH_NOTICED_S:
-                autopilot.say(words.crashed, dialect.MAV_SEVERITY_EMERGENCY)
-                autopilot.disarm()
+        now_s, tuning, words = host.clock.now_s, host.parameters.tuning, host.traits.words
+        if host.dynamics.crashed and words.crashed:
+            if now_s - self._landed_s >= CRASH_NOTICED_S:
+                host.send_text(words.crashed, dialect.MAV_SEVERITY_EMERGENCY)
+                host.disarm()
             return
         waits = ((self._landed_s, tuning.disarm_after_landing_s), (self._armed_s, tuning.disarm_on_ground_s))
-        if any(wait_s is not None and autopilot.now_s - since_s >= wait_s for since_s, wait_s in waits):
-            autopilot.disarm(words=words.disarmed_by_landing)
+        if any(wait_s is not None and now_s - since_s >= wait_s for since_s, wait_s in waits):
+            host.disarm(words=words.disarmed_by_landing)

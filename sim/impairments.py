@@ -29,7 +29,7 @@ class Impairments:
     latency_s, jitter_s: each datagram takes latency_s plus a uniform draw from 0 to jitter_s; jitter alone never
     overtakes. duplication: share that comes twice. reordering: share held back by reordering_s, so that later ones
     overtake it. bandwidth_bps: bits per second, infinite by default. cut: nothing passes. ValueError names a field
-    that cannot be.
+    that is out of range.
     """
 
     loss: float = 0.0
@@ -63,7 +63,7 @@ PERFECT = Impairments()
 
 
 class Channel(Generic[Payload]):
-    """One direction: takes datagrams at one end and gives them out, when their time has come, at the other."""
+    """One direction: takes datagrams at one end, and delivers them at the other when they are due."""
 
     def __init__(self, seed: str, impairments: Impairments = PERFECT) -> None:
         self.impairments = impairments
@@ -76,7 +76,7 @@ class Channel(Generic[Payload]):
         self._queue: list[tuple[float, int, Payload]] = []
 
     def push(self, payload: Payload, size: int, now_s: float) -> None:
-        """Take a datagram of `size` bytes."""
+        """Take a datagram of `size` bytes that is sent at `now_s`."""
         self.sent += 1
         if self.impairments.are_none and not self._queue:
             self._put(now_s, payload)
@@ -98,7 +98,7 @@ class Channel(Generic[Payload]):
         return arrived
 
     def clear(self) -> None:
-        """Drop what is under way."""
+        """Drop the datagrams under way."""
         self._queue.clear()
 
     def _put(self, due_s: float, payload: Payload) -> None:

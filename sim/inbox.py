@@ -1,27 +1,40 @@
 """Which part of an autopilot answers which message."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from skyfolio.sim.command_table import Commands
+from skyfolio.sim.failsafes import Failsafes
 from skyfolio.sim.ftp import FileServer
+from skyfolio.sim.hosts import Equipment, VehicleState
+from skyfolio.sim.mission_protocol import MissionProtocol
+from skyfolio.sim.navigator import Navigator
 from skyfolio.sim.setpoints import MESSAGES as SETPOINTS
 from skyfolio.sim.setpoints import setpoint_of
+from skyfolio.sim.telemetry_streams import Telemetry
 from skyfolio.sim.wire import AUTOPILOT_COMPONENT, Message
-
-if TYPE_CHECKING:
-    from skyfolio.sim.autopilot import Autopilot
 
 Handler = Callable[[Any], list[Message]]
 
 
-class Inbox:
-    """The messages one autopilot understands; all others are ignored without a word."""
+class InboxHost(VehicleState, Equipment, Protocol):
+    """The vehicle that messages are for."""
 
-    def __init__(self, autopilot: "Autopilot") -> None:
-        self._autopilot = autopilot
-        commands = autopilot.flavour.commands(autopilot)
+    failsafes: Failsafes
+    files: dict[str, bytes]
+    missions: MissionProtocol
+    navigator: Navigator
+    protocol_clock: Callable[[], float]
+    telemetry: Telemetry
+
+
+class Inbox:
+    """The messages that one autopilot understands; all others are ignored, without an answer."""
+
+    def __init__(self, host: InboxHost, commands: Commands) -> None:
+        self._host = host
         self._handlers: dict[str, Handler] = {
             "COMMAND_LONG": commands.handle,
             "COMMAND_INT": commands.handle,
@@ -30,12 +43,12 @@ class Inbox:
             "PING": self._ping,
             "TIMESYNC": self._timesync,
             "REQUEST_DATA_STREAM": self._request_data_stream,
-            **dict.fromkeys(autopilot.missions.messages, autopilot.missions.handle),
-            **dict.fromkeys(autopilot.parameters.messages, autopilot.parameters.handle),
+            **dict.fromkeys(host.missions.messages, host.missions.handle),
+            **dict.fromkeys(host.parameters.messages, host.parameters.handle),
             **dict.fromkeys(SETPOINTS, self._setpoint),
         }
-        if autopilot.files:
-            self._handlers["FILE_TRANSFER_PROTOCOL"] = FileServer(autopilot.files).handle
+        if host.files:
+            self._handlers["FILE_TRANSFER_PROTOCOL"] = FileServer(host.files).handle
 
     def handle(self, message: Any) -> list[Message]:
         """Return the answers to one incoming message, for its sender only; messages for others are ignored."""
@@ -45,32 +58,32 @@ class Inbox:
     def _is_for_us(self, message: Any) -> bool:
         system = getattr(message, "target_system", 0)
         component = getattr(message, "target_component", 0)
-        return system in (0, self._autopilot.spec.system_id) and component in (0, AUTOPILOT_COMPONENT)
+        return system in (0, self._host.spec.system_id) and component in (0, AUTOPILOT_COMPONENT)
 
     def _heartbeat(self, message: Any) -> list[Message]:
-        self._autopilot.failsafes.heard(message, self._autopilot.protocol_clock())
+        self._host.failsafes.take_heartbeat(message, self._host.protocol_clock())
         return []
 
     def _ping(self, message: Any) -> list[Message]:
         if message.target_system != 0:
             return []
-        who = (message.get_srcSystem(), message.get_srcComponent())
-        return [dialect.MAVLink_ping_message(message.time_usec, message.seq, *who)]
+        sender = (message.get_srcSystem(), message.get_srcComponent())
+        return [dialect.MAVLink_ping_message(message.time_usec, message.seq, *sender)]
 
     def _timesync(self, message: Any) -> list[Message]:
-        """Answer a request (tc1 = 0) with our time in ns; answers of others are none of our business."""
+        """Answer a request (tc1 = 0) with the time since boot in nanoseconds; ignore the answers to others."""
         if message.tc1 != 0:
             return []
-        return [dialect.MAVLink_timesync_message(self._autopilot.telemetry.boot_ns, message.ts1)]
+        return [dialect.MAVLink_timesync_message(self._host.clock.boot_ms * 1_000_000, message.ts1)]
 
     def _request_data_stream(self, message: Any) -> list[Message]:
         rate_hz = float(message.req_message_rate) if message.start_stop else 0.0
-        self._autopilot.telemetry.set_group(message.req_stream_id, rate_hz)
+        self._host.telemetry.set_group(message.req_stream_id, rate_hz)
         return []
 
     def _setpoint(self, message: Any) -> list[Message]:
-        autopilot = self._autopilot
-        setpoint = setpoint_of(message, autopilot.frame, autopilot.spec.home_alt_m, autopilot.seen, autopilot.now_s)
+        host = self._host
+        setpoint = setpoint_of(message, host.frame, host.spec.home_alt_m, host.seen, host.clock.now_s)
         if setpoint is not None:
-            autopilot.follow(setpoint)
+            host.navigator.follow(setpoint)
         return []

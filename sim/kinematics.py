@@ -1,7 +1,7 @@
 """How a multirotor moves: pure kinematics with limits, no modes, no MAVLink, no clock.
 
 Frame: metres east, north and up of the vehicle's spawn point on level ground (up = 0). Yaw in radians, 0 = north,
-clockwise positive. One `step` takes a body and what it should do, and returns the body a moment later. With a jerk
+clockwise positive. `step` takes a body and its guidance, and returns the body a moment later. With a jerk
 limit (ArduCopter's WPNAV_JERK) the acceleration builds up and fades, which is what makes short legs late.
 """
 
@@ -13,7 +13,7 @@ TERMINAL_SPEED_MPS = 20.0
 BRAKING_SHARE = 0.8
 """Share of the acceleration limit used to plan a stop; the rest absorbs the time step and the last turn."""
 APPROACH_GAIN_PER_S = 1.5
-"""Close to the target, speed is this much per metre that is left (a soft arrival instead of an abrupt one)."""
+"""Close to the target, speed is this much per metre of distance (a soft arrival instead of an abrupt one)."""
 YAW_RATE_RAD_S = math.radians(60.0)
 COURSE_SPEED_MPS = 0.5
 """Below this ground speed the nose keeps its direction."""
@@ -23,7 +23,7 @@ JERK_SHARE = 0.6
 JERK_LEAD_S = 0.4
 """How far ahead a jerk-limited stop is begun: its acceleration has to turn round first."""
 SPEED_GAIN_PER_S = 4.0
-"""Close to the wanted speed, a jerk-limited acceleration is this much per m/s that is left."""
+"""Close to the wanted speed, a jerk-limited acceleration is this much per m/s of the difference."""
 TRACKING_GAIN_PER_S = 1.0
 """A streamed setpoint is followed with its velocity plus this much per metre the vehicle is off."""
 
@@ -67,7 +67,7 @@ class Body:
 
     @property
     def ground_speed_mps(self) -> float:
-        """Horizontal speed."""
+        """Horizontal speed, m/s."""
         return math.hypot(self.east_mps, self.north_mps)
 
     @property

@@ -1,4 +1,4 @@
-"""Bounds of what may be asked of a simulated fleet: each refusal names the field, its value and the rule."""
+"""Bounds of the values that a simulated fleet accepts: each refusal names the field, its value and the rule."""
 
 import math
 from typing import Any

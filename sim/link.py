@@ -1,8 +1,8 @@
 """How messages travel: one link for each vehicle, over a UDP socket or in memory, impaired in each direction.
 
-`Link` knows its peers (one parser each) and the fate of datagrams; `DatagramLink` has a socket in the running event
-loop, `MemoryLink` hands bytes to functions, for tests in virtual time. The fleet calls `pump` to let pass what has
-been delayed.
+`Link` keeps its peers (one parser each) and the datagrams under way; `DatagramLink` has a socket in the running event
+loop, `MemoryLink` passes bytes to functions, for tests in virtual time. The fleet calls `pump` to deliver datagrams
+that have been delayed.
 """
 
 import asyncio
@@ -52,13 +52,13 @@ class Radio:
         self.up: Channel[tuple[bytes, Address]] = Channel(f"{seed}/up")
 
     def impair(self, *, up: Impairments | None = None, down: Impairments | None = None) -> None:
-        """Set what a direction does from now on; None leaves it."""
+        """Set the impairments of a direction from now on; None leaves them as they are."""
         self.up.impairments = self.up.impairments if up is None else up
         self.down.impairments = self.down.impairments if down is None else down
 
 
 class Link(ABC):
-    """Sends datagrams, and hands each incoming message on as `on_message(message, sender)`."""
+    """Sends datagrams, and passes each incoming message on as `on_message(message, sender)`."""
 
     def __init__(self, remote: Address, radio: Radio, on_message: OnMessage) -> None:
         self.remote = remote
@@ -69,18 +69,18 @@ class Link(ABC):
     @property
     @abstractmethod
     def is_open(self) -> bool:
-        """Whether anything can still be sent or heard."""
+        """Whether the link can still send and receive."""
 
     @abstractmethod
     def close(self) -> None:
-        """Fall silent and deaf for good; what is still queued is dropped."""
+        """Stop sending and receiving for good; queued datagrams are dropped."""
 
     @abstractmethod
     def _emit(self, data: bytes, address: Address) -> None:
-        """Let a datagram leave."""
+        """Send a datagram that has passed the link."""
 
-    def hear(self, data: bytes, sender: Address) -> None:
-        """Take a datagram that has come from outside; it arrives when the link lets it."""
+    def receive(self, data: bytes, sender: Address) -> None:
+        """Take a datagram from outside; it arrives when the link delivers it."""
         self._radio.up.push((data, sender), len(data), self._radio.clock())
         self._arrive()
 
@@ -98,7 +98,7 @@ class Link(ABC):
                 self.send(data, address)
 
     def pump(self) -> None:
-        """Let pass what was delayed until now."""
+        """Deliver the datagrams that were delayed until now."""
         if self.is_open:
             self._leave()
             self._arrive()
@@ -123,13 +123,13 @@ class Link(ABC):
 
     def _remember(self, address: Address, decoder: Decoder) -> None:
         if len(self._decoders) >= MAX_PEERS:
-            stranger = next(known for known in self._decoders if known != self.remote)
-            del self._decoders[stranger]
+            oldest = next(peer for peer in self._decoders if peer != self.remote)
+            del self._decoders[oldest]
         self._decoders[address] = decoder
 
 
 class DatagramLink(Link, asyncio.DatagramProtocol):
-    """A link over a UDP socket. Made by `open_link`."""
+    """A link over a UDP socket; `open_link` opens one."""
 
     def __init__(self, remote: Address, radio: Radio, on_message: OnMessage) -> None:
         super().__init__(remote, radio, on_message)
@@ -137,7 +137,7 @@ class DatagramLink(Link, asyncio.DatagramProtocol):
 
     @property
     def is_open(self) -> bool:
-        """Whether anything can still be sent or heard."""
+        """Whether the link can still send and receive."""
         return self._transport is not None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -146,13 +146,13 @@ class DatagramLink(Link, asyncio.DatagramProtocol):
 
     def datagram_received(self, data: bytes, addr: Address) -> None:
         """Take a datagram (asyncio calls this)."""
-        self.hear(data, addr)
+        self.receive(data, addr)
 
     def error_received(self, exc: Exception) -> None:
-        """Ignore ICMP errors: nobody listening yet is no reason to stop talking."""
+        """Ignore ICMP errors: the vehicle sends even while there is no receiver."""
 
     def close(self) -> None:
-        """Fall silent and deaf for good; what is still queued is dropped."""
+        """Stop sending and receiving for good; queued datagrams are dropped."""
         transport, self._transport = self._transport, None
         if transport is not None:
             transport.abort()
@@ -163,7 +163,7 @@ class DatagramLink(Link, asyncio.DatagramProtocol):
 
 
 class MemoryLink(Link):
-    """A link to functions in this process: `stations[address](data, system_id)` takes what the vehicle sends."""
+    """A link to functions in this process: `stations[address](data, system_id)` takes the vehicle's datagrams."""
 
     def __init__(
         self,
@@ -181,11 +181,11 @@ class MemoryLink(Link):
 
     @property
     def is_open(self) -> bool:
-        """Whether anything can still be sent or heard."""
+        """Whether the link can still send and receive."""
         return self._open
 
     def close(self) -> None:
-        """Fall silent and deaf for good."""
+        """Stop sending and receiving for good."""
         self._open = False
 
     def _emit(self, data: bytes, address: Address) -> None:

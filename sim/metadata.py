@@ -1,6 +1,6 @@
-"""Component metadata, as PX4 has it: COMPONENT_METADATA names a file on the vehicle that names the others.
+"""Component metadata of a PX4: COMPONENT_METADATA names a file on the vehicle, which names the others.
 
-Here they are the general file and one that describes the parameters; clients read both by MAVLink FTP.
+Here the files are the general file and one that describes the parameters; clients read both by MAVLink FTP.
 """
 
 import json
@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from typing import Any
 
 from skyfolio.sim.ftp import crc32
-from skyfolio.sim.parameters import REAL32, Parameter
+from skyfolio.sim.parameter_store import REAL32, Parameter
 from skyfolio.sim.wire import Unlisted
 
 COMPONENT_METADATA = 397
-"""The message's id; pymavlink 2.4.50 does not know it."""
+"""The message's id; pymavlink 2.4.50 does not have it."""
 GENERAL, PARAMETERS = "etc/extras/component_general.json", "etc/extras/parameters.json"
 _PARAMETER_TYPE = 1
 """COMP_METADATA_TYPE_PARAMETER."""

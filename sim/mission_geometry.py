@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from skyfolio.sim.geo import LocalFrame, Place, corner_speed
 from skyfolio.sim.kinematics import BRAKING_SHARE, JERK_SHARE, jerk_limited_approach
 from skyfolio.sim.missions import Mission, MissionItem
-from skyfolio.sim.parameters import ParameterStore
+from skyfolio.sim.parameter_store import ParameterStore
 
 
 class MissionGeometry:

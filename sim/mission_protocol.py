@@ -1,4 +1,4 @@
-"""What both flavours of the mission protocol share: plans by type, the messages, and the face of the vehicle behind.
+"""What both flavours of the mission protocol share: plans by type, the messages, and the vehicle behind them.
 
 Messages: MISSION_COUNT, MISSION_REQUEST(_INT), MISSION_ITEM(_INT), MISSION_ACK, MISSION_REQUEST_LIST,
 MISSION_CLEAR_ALL, MISSION_SET_CURRENT, for missions, fences and rally points. Time-outs run on the injected protocol
@@ -24,7 +24,7 @@ CORRUPTION_E7 = 2000
 
 
 class Partner(NamedTuple):
-    """Who is at the other end of a transfer."""
+    """The system at the other end of a transfer."""
 
     system_id: int
     component_id: int
@@ -44,23 +44,23 @@ class MissionHost(Protocol):
         ...
 
     def plan_accepted(self, mission_type: int, plan: Mission) -> None:
-        """Take a complete upload or a clear; called before it is acknowledged."""
+        """Put a complete plan, or the empty one of a clear, into force; called before it is acknowledged."""
         ...
 
     def mission_edited(self, mission: Mission) -> None:
-        """Take a change to the mission in the middle of an upload (ArduPilot writes in place)."""
+        """Fly on by a mission that changes in the middle of an upload (ArduPilot writes in place)."""
         ...
 
     def jump(self, seq: int) -> bool:
-        """Make a mission item current; False if it cannot be."""
+        """Make a mission item current; return whether that is possible."""
         ...
 
     def current_message(self, seq: int) -> Message:
-        """Return a MISSION_CURRENT that tells this item (ArduPilot)."""
+        """Return a MISSION_CURRENT that names item `seq` (ArduPilot)."""
         ...
 
     def guide(self, item: MissionItem) -> bool:
-        """Fly to an item that is no part of a mission; False outside GUIDED (ArduPilot)."""
+        """Fly to an item that is not part of a mission; return False outside GUIDED (ArduPilot)."""
         ...
 
     def home_item(self) -> MissionItem:
@@ -69,7 +69,7 @@ class MissionHost(Protocol):
 
 
 class MissionProtocol(ABC):
-    """Answers mission messages; owns the plans on board.
+    """Answers mission messages, and holds the plans on board.
 
     Faults: `refusals` complete uploads are answered MAV_MISSION_ERROR, and `corruptions` uploads are stored with one
     item moved, although they are acknowledged as sound.
@@ -94,7 +94,7 @@ class MissionProtocol(ABC):
 
     @property
     def messages(self) -> frozenset[str]:
-        """Names of the messages this protocol answers."""
+        """Names of the messages that this protocol answers."""
         return frozenset(self._handlers)
 
     @property
@@ -109,7 +109,7 @@ class MissionProtocol(ABC):
 
     @abstractmethod
     def plan(self, mission_type: int) -> Mission:
-        """Return what lies on board of a MAV_MISSION_TYPE."""
+        """Return the plan on board of a MAV_MISSION_TYPE."""
 
     @property
     @abstractmethod
@@ -118,7 +118,7 @@ class MissionProtocol(ABC):
 
     @abstractmethod
     def tick(self) -> list[Message]:
-        """Return what the timers make due: a repeated request, or the end of a silent transfer."""
+        """Return the messages due by now: a repeated request, or the end of a transfer without an answer."""
 
     @abstractmethod
     def reset(self) -> None:

@@ -1,6 +1,6 @@
-"""Flies a mission: which item is current, where to go for it, how fast, and when it is done.
+"""The flying of a mission: where to go for the current item, how fast, and when it is done.
 
-Pure: fed with the body and fleet time, it returns guidance. Here is what both flavours share, flown as PX4 does: a
+Pure: it takes the body and fleet time, and returns guidance. Here is what both flavours share, flown as PX4 does: a
 waypoint counts as reached within its acceptance radius (param2, else NAV_ACC_RAD) and NAV_MC_ALT_RAD of altitude; its
 hold (param1) starts then. Waypoints without a hold are flown through, slower the sharper the corner.
 `sim.ardupilot_runner` has what ArduCopter does differently.
@@ -13,27 +13,25 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from skyfolio.sim.geo import LocalFrame, Place, distance_from_segment
 from skyfolio.sim.kinematics import Body, Guidance, stopping_point
-from skyfolio.sim.mission_geometry import MissionGeometry, changed_speed
-from skyfolio.sim.mission_state import MISSION_MODES, NOTHING_REACHED, Handover, MissionState, Target
+from skyfolio.sim.mission_cursor import MissionCursor
+from skyfolio.sim.mission_geometry import changed_speed
+from skyfolio.sim.mission_state import NOTHING_REACHED, Handover, Target
 from skyfolio.sim.missions import Mission, MissionItem
-from skyfolio.sim.modes import Mode
-from skyfolio.sim.parameters import ParameterStore
+from skyfolio.sim.onboard_clock import DAY_S
+from skyfolio.sim.parameter_store import ParameterStore
 
-DAY_S = 86_400.0
 _HOVERS = (dialect.MAV_CMD_NAV_WAYPOINT, dialect.MAV_CMD_NAV_LOITER_TIME)
 """Items whose param1 is a time to stay."""
 
 
-class MissionRunner(MissionGeometry):
-    """The cursor in a mission and the flying of it; `on_reached(seq)` is called for every item that is done.
+class MissionRunner(MissionCursor):
+    """The cursor in a mission, and the flying of it.
 
-    `utc(now_s)` gives the seconds since midnight UTC at a moment of fleet time (NAV_DELAY), `say` announces words,
-    `on_speed` hears of the mission's speed changes. `complete`: there is nothing more to fly. `finished`: what PX4 says
-    of it, true after a take-off by command too. `reached`: the last item done since the mission or its index changed.
+    `on_reached(seq)` is called for every item that is done, `on_speed(speed_mps)` for every speed change on the way.
+    `utc(now_s)` gives the seconds since midnight UTC at a moment of fleet time (NAV_DELAY), `send_text` sends a
+    STATUSTEXT.
     """
 
-    first = 0
-    """The item a mission begins with."""
     look_ahead = 4
     """How many corners ahead are considered for the speed at the next one."""
 
@@ -45,21 +43,14 @@ class MissionRunner(MissionGeometry):
         on_reached: Callable[[int], None],
         *,
         utc: Callable[[float], float] = lambda now_s: now_s % DAY_S,
-        say: Callable[[str], None] = lambda _: None,
-        on_speed: Callable[[float | None], None] = lambda _: None,
+        send_text: Callable[[str], None] = lambda _: None,
+        on_speed: Callable[[float], None] = lambda _: None,
     ) -> None:
         super().__init__(frame, parameters)
-        self.index = 0
-        self.complete = False
-        self.finished = False
-        self.started = False
-        self.reached = NOTHING_REACHED
-        self.speed_mps: float | None = None
-        self._state = MissionState.NOT_STARTED
         self._home_alt_m = home_alt_m
         self._on_reached = on_reached
         self._utc = utc
-        self._say = say
+        self._send_text = send_text
         self._on_speed = on_speed
         self._target: Target | None = None
         self._holding_since_s: float | None = None
@@ -67,73 +58,12 @@ class MissionRunner(MissionGeometry):
         self._delay_until_s: float | None = None
         self._was: Place = (0.0, 0.0)
 
-    @property
-    def item(self) -> MissionItem:
-        """The item being flown."""
-        return self.mission.items[self.index]
-
-    @property
-    def told_index(self) -> int:
-        """The item MISSION_CURRENT tells."""
-        return self.index
-
-    @property
-    def told_total(self) -> int:
-        """How many items MISSION_CURRENT tells of; PX4 says that it does not know when there are none."""
-        return len(self.mission) or 0xFFFF
-
-    @property
-    def cruise_mps(self) -> float:
-        """The ground speed in force: the last speed change, else MPC_XY_CRUISE."""
-        return self._cruise(self.speed_mps)
-
-    @property
-    def over(self) -> bool:
-        """Whether it would not fly on, were the vehicle in the mission mode."""
-        return self.complete or not self.mission.items
-
-    @property
-    def taking_off(self) -> bool:
-        """Whether the item being flown is a take-off."""
-        items = self.mission.items
-        return self.index < len(items) and items[self.index].command == dialect.MAV_CMD_NAV_TAKEOFF
-
-    @property
-    def ends_with_return(self) -> bool:
-        """Whether it has just come to its item that says to return."""
-        return self.complete and bool(self.mission.items) and self.item.command == dialect.MAV_CMD_NAV_RETURN_TO_LAUNCH
-
-    def state(self, mode: Mode, *, armed: bool) -> MissionState:
-        """Return how far the mission is, as PX4 counts it: a take-off and a landing are part of one, and a landing or a
-        take-off that is done finishes it."""
-        del armed
-        if not self.mission.items:
-            self._state = MissionState.NO_MISSION
-        elif self.finished:
-            self._state = MissionState.COMPLETE
-        elif mode in MISSION_MODES:
-            self._state = MissionState.ACTIVE
-        elif self.reached > NOTHING_REACHED:
-            self._state = MissionState.PAUSED
-        elif self.index < 1:
-            self._state = MissionState.NOT_STARTED
-        return self._state
-
-    def can_start(self, *, on_ground: bool) -> str | None:
-        """Return why the mission cannot be flown now ("": it does not say), or None."""
-        del on_ground
-        return None if self.mission.items else ""
-
-    def can_jump(self, seq: int) -> bool:
-        """Whether there is an item `seq` to make current."""
-        return 0 <= seq < len(self.mission)
-
     def leave(self) -> None:
-        """Leave the mission mode, and the speed that was ordered in it."""
+        """Leave the mission mode, and forget the speed that was ordered in it."""
         self.speed_mps = None
 
     def rewind(self) -> None:
-        """Hear that the vehicle has disarmed."""
+        """Go back to the beginning where disarming does that; PX4 keeps its place."""
 
     def forget_flight(self) -> None:
         """Start afresh with what is stored: the autopilot has booted."""
@@ -142,19 +72,19 @@ class MissionRunner(MissionGeometry):
         self.reached = NOTHING_REACHED
 
     def edit(self, mission: Mission, *, running: bool) -> bool:
-        """Take a mission that is being written in place (ArduPilot); True if that restarted the current leg."""
+        """Fly on by a mission that is being written in place (ArduPilot); return whether the current leg restarts."""
         del mission, running
         return False
 
     def load(self, mission: Mission, *, on_ground: bool) -> None:
-        """Take a new mission from its item with current = 1; without one, from the old index as far as it exists."""
+        """Begin a new mission at its item with current = 1; without one, at the old index as far as it exists."""
         marked = mission.marked_current
-        kept = 0 if on_ground or self.complete else min(self.index, max(len(mission) - 1, 0))
+        index = 0 if on_ground or self.complete else min(self.index, max(len(mission) - 1, 0))
         self.mission = mission
         self.started = self.finished = False
         if on_ground:
             self.speed_mps = None
-        self.jump(kept if marked is None else marked)
+        self.jump(index if marked is None else marked)
 
     def jump(self, seq: int) -> None:
         """Make an item current and fly it afresh."""
@@ -187,24 +117,24 @@ class MissionRunner(MissionGeometry):
                 self._was = (body.east_m, body.north_m)
                 return result
             self._on_reached(self.item.seq)
-            done = self.item.command
+            command = self.item.command
             if not self._advance():
                 self.complete = self.finished = True
-                if done == dialect.MAV_CMD_NAV_LAND:
-                    self._say_landed()
-                return Handover.LANDED if done == dialect.MAV_CMD_NAV_LAND else Handover.FINISHED
+                if command == dialect.MAV_CMD_NAV_LAND:
+                    self._report_landed()
+                return Handover.LANDED if command == dialect.MAV_CMD_NAV_LAND else Handover.FINISHED
             self._forget()
         return Handover.FINISHED
 
-    def _say_landed(self) -> None:
-        """Tell that the mission ended on the ground."""
-        self._say("Mission finished, landed\t")
+    def _report_landed(self) -> None:
+        """Send that the mission ended on the ground."""
+        self._send_text("Mission finished, landed\t")
 
     def _has_item(self) -> bool:
         return bool(self.mission.items)
 
     def _advance(self) -> bool:
-        """Go on to the next item; False after the last one."""
+        """Go on to the next item; return False after the last one."""
         if self.index + 1 >= len(self.mission):
             return False
         self.index += 1
@@ -215,7 +145,8 @@ class MissionRunner(MissionGeometry):
         item = self.item
         if item.command == dialect.MAV_CMD_DO_CHANGE_SPEED:
             self.speed_mps = changed_speed(self.speed_mps, item)
-            self._on_speed(self.speed_mps)
+            if self.speed_mps is not None:
+                self._on_speed(self.speed_mps)
             return None
         if item.command == dialect.MAV_CMD_NAV_RETURN_TO_LAUNCH:
             self._on_reached(self.index)
@@ -235,7 +166,7 @@ class MissionRunner(MissionGeometry):
         return self._towards(body, target)
 
     def _begin(self, body: Body) -> Target:
-        """Fix the target of the current item, seen from where the vehicle is now."""
+        """Set the target of the current item, seen from where the vehicle is now."""
         item = self.item
         self._was = (body.east_m, body.north_m)
         east_m, north_m = self._place(item) or self._was
@@ -248,14 +179,14 @@ class MissionRunner(MissionGeometry):
         return self._target
 
     def _delay(self, body: Body, now_s: float) -> Guidance | None:
-        """Stay until the relative (param1) or the absolute time (UTC hour, minute, second); too late is tomorrow."""
+        """Stay for a time (param1) or until a time of day (UTC hour, minute, second), tomorrow if it has passed."""
         item = self.item
         if self._delay_until_s is None:
             wait_s = item.param1
             if wait_s < 0.0:
                 of_day = sum(max(part, 0.0) * unit for part, unit in zip(_time_of(item), (3600, 60, 1), strict=True))
                 wait_s = (of_day - self._utc(now_s)) % DAY_S
-            self._say(f"Delaying {wait_s:.0f} sec")
+            self._send_text(f"Delaying {wait_s:.0f} sec")
             self._delay_until_s = now_s + wait_s
             self._target = Target(*stopping_point(body, self._parameters.limits), body.up_m, 0.0, 0.0)
         if now_s >= self._delay_until_s or self._target is None:
@@ -297,7 +228,7 @@ class MissionRunner(MissionGeometry):
         return Guidance(*place, self.cruise_mps, passing, yaw_rad=target.yaw_rad)
 
     def _yaw(self, item: MissionItem) -> float | None:
-        """Return the heading a waypoint asks for (param4, degrees); NaN leaves it along the course."""
+        """Return the heading of a waypoint in radians (param4, degrees); None (NaN) leaves it along the course."""
         wanted = item.command == dialect.MAV_CMD_NAV_WAYPOINT and math.isfinite(item.param4)
         return math.radians(item.param4) if wanted else None
 
@@ -307,6 +238,6 @@ class MissionRunner(MissionGeometry):
 
 
 def _time_of(item: MissionItem) -> tuple[float, float, float]:
-    """Return hour, minute and second of a NAV_DELAY; what is not given (negative or NaN) counts as 0."""
+    """Return hour, minute and second of a NAV_DELAY; NaN, for one that is not given, counts as 0."""
     parts = [part if math.isfinite(part) else 0.0 for part in (item.param2, item.param3, item.param4)]
     return parts[0], parts[1], parts[2]

@@ -1,4 +1,4 @@
-"""How far a mission is, and what becomes of it: the words its runner and its teller share."""
+"""How far a mission is, and what follows it: the terms that its runner and its telemetry share."""
 
 from dataclasses import dataclass
 from enum import Enum, auto
@@ -9,11 +9,11 @@ from skyfolio.sim.modes import Mode
 
 NOTHING_REACHED = -1
 MISSION_MODES = (Mode.MISSION, Mode.TAKEOFF, Mode.LAND)
-"""Modes in which PX4 calls a mission active (MISSION_CURRENT.mission_mode)."""
+"""Modes in which PX4 reports a mission as active (MISSION_CURRENT.mission_mode)."""
 
 
 class Handover(Enum):
-    """The runner has nothing more to fly; somebody else takes over."""
+    """Why the runner has nothing more to fly, and another part takes over."""
 
     FINISHED = auto()
     LANDED = auto()
@@ -21,7 +21,7 @@ class Handover(Enum):
 
 
 class MissionState(Enum):
-    """How far a mission is, as MISSION_CURRENT.mission_state has it."""
+    """How far a mission is (MISSION_CURRENT.mission_state)."""
 
     NO_MISSION = dialect.MISSION_STATE_NO_MISSION
     NOT_STARTED = dialect.MISSION_STATE_NOT_STARTED
@@ -32,7 +32,7 @@ class MissionState(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """Where the current item is flown to."""
+    """Where the current item leads: metres east, north and up, a radius, and the speed at which it is passed."""
 
     east_m: float
     north_m: float

@@ -1,5 +1,4 @@
-"""A plan as it lies on board (mission, fence or rally points): items as MISSION_ITEM_INT carries them, and what makes
-an item acceptable."""
+"""A plan on board (mission, fence or rally points): its items, and which of them are acceptable."""
 
 import math
 import struct
@@ -48,7 +47,7 @@ COMMANDS_OF = {
 
 @dataclass(frozen=True, slots=True)
 class MissionItem:
-    """One MISSION_ITEM_INT: x and y in 1e-7 degrees, z in metres in `frame`'s sense."""
+    """One MISSION_ITEM_INT: x and y in 1e-7 degrees, z in metres above the level of `frame` (MAV_FRAME)."""
 
     seq: int
     frame: int
@@ -79,18 +78,18 @@ class MissionItem:
 
     @property
     def fingerprint(self) -> bytes:
-        """Everything the vehicle flies by, comparable even with NaN; `current` is a cursor and not part of the plan."""
+        """All fields that matter to the flight, comparable even with NaN; `current`, a cursor, is left out."""
         head = (self.seq, self.frame, self.command, self.autocontinue, self.param1, self.param2, self.param3)
         return struct.pack("<HBHB4fiif", *head, self.param4, self.x, self.y, self.z)
 
     @property
     def is_nav(self) -> bool:
-        """Whether the vehicle flies to complete this item (else it is done at once)."""
+        """Whether the vehicle has to fly to complete this item; any other is done at once."""
         return self.command in NAV_COMMANDS
 
     @property
     def has_place(self) -> bool:
-        """Whether latitude and longitude are given; for takeoff, land and loiter (0, 0) means "here" too."""
+        """Whether latitude and longitude are given; for takeoff, land and loiter (0, 0) also means "here"."""
         if self.command in _PLACELESS or NOT_GIVEN in (self.x, self.y):
             return False
         return self.command == dialect.MAV_CMD_NAV_WAYPOINT or (self.x, self.y) != (0, 0)
@@ -102,7 +101,7 @@ class MissionItem:
 
 @dataclass(frozen=True, slots=True)
 class Mission:
-    """A whole plan; `mission_id` is the CRC-32 of its items, 0 when there is none."""
+    """A complete plan; `mission_id` is the CRC-32 of its items, 0 when there are none."""
 
     items: tuple[MissionItem, ...] = ()
     mission_id: int = field(init=False)
@@ -118,7 +117,7 @@ class Mission:
 
     @property
     def marked_current(self) -> int | None:
-        """The first item uploaded with current = 1, if there is one."""
+        """The first item uploaded with current = 1, or None."""
         return next((item.seq for item in self.items if item.current), None)
 
 
@@ -136,7 +135,10 @@ def rejection(item: MissionItem, mission_type: int = dialect.MAV_MISSION_TYPE_MI
 
 
 def bad_fence(items: tuple[MissionItem, ...]) -> bool:
-    """Whether a fence cannot be: polygons are runs of at least 3 vertices that say how many they are (param1)."""
+    """Return whether a fence is malformed.
+
+    A polygon is a run of at least 3 vertices, each with their number in param1.
+    """
     at = 0
     while at < len(items):
         item = items[at]

@@ -1,4 +1,4 @@
-"""Flight modes, whatever number an autopilot gives them in HEARTBEAT.custom_mode (`sim.flavours` has the tables)."""
+"""Flight modes, independent of their numbers in HEARTBEAT.custom_mode (`sim.flavours` has the tables)."""
 
 from enum import Enum, auto
 
@@ -6,7 +6,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 
 class Mode(Enum):
-    """What a vehicle can be doing."""
+    """A flight mode of either autopilot."""
 
     TAKEOFF = auto()
     """PX4 only: climb to the take-off altitude, then hold. ArduCopter takes off in GUIDED."""

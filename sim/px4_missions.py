@@ -1,7 +1,7 @@
 """The mission protocol, PX4 flavour: a new plan is staged, and replaces the old one only when it is complete.
 
-One transfer at a time, whatever its type. A missing item is asked for again every 250 ms; after 5 s of silence the
-transfer ends without a word on the protocol, only a STATUSTEXT.
+One transfer at a time, whatever its type. A missing item is requested again every 250 ms; after 5 s without a
+message the transfer ends, with a STATUSTEXT but without a MISSION_ACK.
 """
 
 from collections.abc import Callable
@@ -25,9 +25,9 @@ from skyfolio.sim.px4_storage import as_read
 from skyfolio.sim.wire import Extended, Message, text
 
 RETRY_S = 0.25
-"""PX4 asks again for a missing item after this long."""
+"""PX4 requests a missing item again after this long."""
 GIVE_UP_S = 5.0
-"""PX4 ends a transfer in which nothing arrived for this long."""
+"""PX4 ends a transfer without a message for this long."""
 MAX_ITEMS = 500
 
 
@@ -36,8 +36,8 @@ class _Upload:
     partner: Partner
     type: int
     count: int
-    heard_s: float
-    asked_s: float
+    last_message_s: float
+    requested_s: float
     staged: list[MissionItem] = field(default_factory=list)
 
 
@@ -46,11 +46,11 @@ class _Download:
     partner: Partner
     type: int
     plan: Mission
-    heard_s: float
+    last_message_s: float
 
 
 class Px4Missions(MissionProtocol):
-    """Always holds whole accepted plans."""
+    """Always holds complete, accepted plans."""
 
     def __init__(self, *, clock: Callable[[], float], host: MissionHost) -> None:
         super().__init__(clock=clock, host=host)
@@ -63,7 +63,7 @@ class Px4Missions(MissionProtocol):
         return self._transfer is not None
 
     def plan(self, mission_type: int) -> Mission:
-        """Return what lies on board of a MAV_MISSION_TYPE."""
+        """Return the plan on board of a MAV_MISSION_TYPE."""
         return self._plans[mission_type]
 
     def reset(self) -> None:
@@ -71,15 +71,15 @@ class Px4Missions(MissionProtocol):
         self._transfer = None
 
     def tick(self) -> list[Message]:
-        """Return what the timers make due: a repeated request, or the end of a silent transfer."""
+        """Return the messages due by now: a repeated request, or the end of a transfer without an answer."""
         transfer, now = self._transfer, self._clock()
         if transfer is None:
             return []
-        if now - transfer.heard_s >= GIVE_UP_S:
+        if now - transfer.last_message_s >= GIVE_UP_S:
             self._transfer = None
             return [text("Operation timeout", dialect.MAV_SEVERITY_CRITICAL)]
-        if isinstance(transfer, _Upload) and now - transfer.asked_s >= RETRY_S:
-            return [self._ask(transfer)]
+        if isinstance(transfer, _Upload) and now - transfer.requested_s >= RETRY_S:
+            return [self._request_item(transfer)]
         return []
 
     def _count(self, message: Any, partner: Partner) -> list[Message]:
@@ -96,8 +96,8 @@ class Px4Missions(MissionProtocol):
         if message.count == 0:
             return [self._accept(Mission(), partner, kind)]
         now = self._clock()
-        self._transfer = _Upload(partner, kind, message.count, heard_s=now, asked_s=now)
-        return [self._ask(self._transfer)]
+        self._transfer = _Upload(partner, kind, message.count, last_message_s=now, requested_s=now)
+        return [self._request_item(self._transfer)]
 
     def _item(self, message: Any, partner: Partner) -> list[Message]:
         kind = message.mission_type
@@ -115,9 +115,9 @@ class Px4Missions(MissionProtocol):
         if refused is not None:
             return [self._end(partner, refused, kind)]
         transfer.staged.append(self._as_stored(item, transfer.count))
-        transfer.heard_s = self._clock()
+        transfer.last_message_s = self._clock()
         if len(transfer.staged) < transfer.count:
-            return [self._ask(transfer)]
+            return [self._request_item(transfer)]
         return [self._complete(tuple(transfer.staged), partner, kind)]
 
     def _complete(self, items: tuple[MissionItem, ...], partner: Partner, kind: int) -> Message:
@@ -126,10 +126,10 @@ class Px4Missions(MissionProtocol):
         return self._accept(Mission(items), partner, kind)
 
     def _late_item(self, message: Any, partner: Partner) -> Message:
-        """Repeat the acknowledgement only for the very item that completed the plan on board."""
+        """Return the acknowledgement again, but only for the item that completed the plan on board."""
         items = self._plans[message.mission_type].items
-        known = bool(items) and MissionItem.from_message(message).fingerprint == items[-1].fingerprint
-        result = dialect.MAV_MISSION_ACCEPTED if known else dialect.MAV_MISSION_ERROR
+        is_last = bool(items) and MissionItem.from_message(message).fingerprint == items[-1].fingerprint
+        result = dialect.MAV_MISSION_ACCEPTED if is_last else dialect.MAV_MISSION_ERROR
         return self._answer(partner, result, message.mission_type)
 
     def _float_item(self, message: Any, partner: Partner) -> list[Message]:
@@ -144,7 +144,7 @@ class Px4Missions(MissionProtocol):
         if isinstance(transfer, _Upload):
             return []
         plan = self._plans[kind]
-        self._transfer = _Download(partner, kind, plan, heard_s=self._clock()) if plan.items else None
+        self._transfer = _Download(partner, kind, plan, last_message_s=self._clock()) if plan.items else None
         base = dialect.MAVLink_mission_count_message(*partner, len(plan), kind)
         return [Extended(base, opaque_id=plan.mission_id)]
 
@@ -154,12 +154,12 @@ class Px4Missions(MissionProtocol):
             return [self._answer(partner, dialect.MAV_MISSION_DENIED, kind)] if kind in TYPES else []
         if message.seq >= len(transfer.plan):
             return [self._end(partner, dialect.MAV_MISSION_INVALID_SEQUENCE, kind)]
-        transfer.heard_s = self._clock()
+        transfer.last_message_s = self._clock()
         current = kind == MISSION and transfer.plan is self.mission and message.seq == self._host.mission_index
         return [item_message(partner, as_read(transfer.plan.items[message.seq], kind), kind, current=current)]
 
     def _ack(self, message: Any, partner: Partner) -> list[Message]:
-        """Take the end of a download, or the other side's cancellation of either direction."""
+        """End a download, or a transfer of either direction that the other side cancels."""
         transfer = self._transfer
         if transfer is not None and (transfer.partner, transfer.type) == (partner, message.mission_type):
             self._transfer = None
@@ -181,8 +181,8 @@ class Px4Missions(MissionProtocol):
             return [text("WPM: WP CURR CMD: Not in list", dialect.MAV_SEVERITY_CRITICAL)]
         return []
 
-    def _ask(self, transfer: _Upload) -> Message:
-        transfer.asked_s = self._clock()
+    def _request_item(self, transfer: _Upload) -> Message:
+        transfer.requested_s = self._clock()
         seq = len(transfer.staged)
         request: Message = dialect.MAVLink_mission_request_int_message(*transfer.partner, seq, transfer.type)
         return request

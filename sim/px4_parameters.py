@@ -7,7 +7,7 @@ from dataclasses import replace
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from skyfolio.sim.kinematics import Limits
-from skyfolio.sim.parameters import Parameter
+from skyfolio.sim.parameter_store import Parameter
 from skyfolio.sim.tuning import Action, FenceRule, LinkLoss, LowBattery, Tuning
 
 PX4_LIMITS = Limits()
@@ -36,7 +36,7 @@ _SETPOINT_LOSS = {3: Action.RETURN, 4: Action.LAND, 5: Action.HOLD, 6: Action.DI
 
 
 def px4_parameters(limits: Limits) -> list[Parameter]:
-    """Return the parameters a PX4 multirotor with these limits boots with."""
+    """Return the parameters with which a PX4 multirotor of these limits boots."""
     own = [
         Parameter("BAT1_CAPACITY", 5000.0, -1.0, 100_000.0),
         Parameter("BAT_CRIT_THR", 0.07, 0.05, 0.5),
@@ -105,7 +105,7 @@ def px4_tuning(values: Mapping[str, float]) -> Tuning:
 
 
 def _batteries(values: Mapping[str, float]) -> tuple[LowBattery, ...]:
-    """COM_LOW_BAT_ACT: 0 warns; 2 lands when critical; 3 returns when critical and lands in an emergency."""
+    """Return the levels of COM_LOW_BAT_ACT: 0 warns; 2 lands when critical; 3 returns, and lands in an emergency."""
     act = int(values["COM_LOW_BAT_ACT"])
     critical = {2: Action.LAND, 3: Action.RETURN}.get(act, Action.WARN)
     emergency = Action.LAND if act in (2, 3) else Action.WARN

@@ -1,4 +1,4 @@
-"""What PX4 gives back of an item, as `MavlinkMissionManager` reads it from storage (1.18).
+"""What PX4 sends of an item that is read back, as `MavlinkMissionManager` reads it from storage (1.18).
 
 The plan itself is kept, and flown, as it was sent, and so is its checksum. Read back, items with a place come in the
 INT frames, without the parameters that PX4 has no use for and with the yaw within one turn. Fences keep no frame and
@@ -16,7 +16,7 @@ _FENCE = dialect.MAV_MISSION_TYPE_FENCE
 
 
 def as_read(item: MissionItem, mission_type: int) -> MissionItem:
-    """Return an item as it is given back."""
+    """Return an item as it is read back."""
     if item.frame == dialect.MAV_FRAME_MISSION:
         return item
     relative = item.frame in RELATIVE_FRAMES and mission_type != _FENCE

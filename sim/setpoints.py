@@ -19,7 +19,7 @@ _OFFSET_FRAMES = (dialect.MAV_FRAME_LOCAL_OFFSET_NED, dialect.MAV_FRAME_BODY_NED
 
 @dataclass(frozen=True, slots=True)
 class Setpoint:
-    """A place (metres east, north, up of the spawn point), a velocity (m/s, same axes), or both, given at `at_s`."""
+    """A place (metres east, north, up of the spawn point), a velocity (m/s, same axes), or both, sent at `at_s`."""
 
     at_s: float
     place_m: tuple[float, float, float] | None
@@ -27,7 +27,7 @@ class Setpoint:
     yaw_rad: float | None
 
     def guidance(self, body: Body, now_s: float, cruise_mps: float, *, moving: bool, stale: bool) -> Guidance:
-        """Return how to follow; `moving`: the place goes on with its velocity; `stale`: the velocity is not kept."""
+        """Return how to follow; `moving`: the place goes on with its velocity; `stale`: the velocity is dropped."""
         velocity = None if stale else self.velocity_mps
         place = self.place_m
         if place is None:
@@ -41,7 +41,10 @@ class Setpoint:
 
 
 def setpoint_of(message: Any, frame: LocalFrame, home_alt_m: float, body: Body, now_s: float) -> Setpoint | None:
-    """Return what a message asks for, or None if nothing of it can be flown (frame, mask, or numbers)."""
+    """Return the setpoint in a message, or None if it cannot be flown (frame, mask, or numbers).
+
+    `body` is where the vehicle believes that it is, for frames relative to it; `now_s` is fleet time.
+    """
     mask = message.type_mask
     velocity = None if mask & _NO_VELOCITY else (message.vy, message.vx, -message.vz)
     yaw = None if mask & _NO_YAW else message.yaw

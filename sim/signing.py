@@ -1,6 +1,6 @@
-"""MAVLink 2 signing: who holds the key is heard, nobody else.
+"""MAVLink 2 signing: only messages signed with the shared key are accepted.
 
-pymavlink 2.4.50 keeps the time stamp of a frame before it compares the signature, so that one forged frame from the
+pymavlink 2.4.50 stores the time stamp of a frame before it compares the signature, so that one forged frame from the
 far future shuts out every later genuine one. Here the signature is compared first.
 """
 
@@ -28,21 +28,21 @@ class Signature:
 
     @property
     def timestamp(self) -> int:
-        """Now, as a signature has it."""
+        """The time of now in a signature: units of 10 microseconds."""
         return int((self._unix_time() - SIGNING_EPOCH_S) * 1e5)
 
     def apply(self, mav: Any, *, outgoing: bool) -> None:
-        """Let a MAVLink endpoint sign what it sends, or refuse what is not signed."""
+        """Let a MAVLink endpoint sign what it sends, or refuse messages that are not signed."""
         mav.signing.secret_key = self.key
         mav.signing.sign_outgoing = outgoing
         mav.signing.timestamp = self.timestamp
 
 
 class SignedMavlink(dialect.MAVLink):  # type: ignore[misc]
-    """pymavlink's endpoint, with signatures compared before anything is remembered of a frame."""
+    """pymavlink's endpoint, that compares the signature of a frame before it stores anything of it."""
 
     def check_signature(self, msgbuf: bytearray, srcSystem: int, srcComponent: int) -> bool:  # noqa: N803
-        """Whether a frame is signed with our key and not older than what was heard before."""
+        """Return whether a frame is signed with our key and not older than the frames before."""
         frame = bytes(msgbuf)
         digest = hashlib.sha256(self.signing.secret_key + frame[:-_SIGNATURE_BYTES]).digest()
         if not hmac.compare_digest(digest[:_SIGNATURE_BYTES], frame[-_SIGNATURE_BYTES:]):

@@ -1,4 +1,4 @@
-"""The plan's time grid: when slots begin, and how far each vehicle is from where the plan wants it then."""
+"""The plan's time grid: when slots begin, and how far each vehicle is from its planned point then."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -14,8 +14,8 @@ GeoPoint = tuple[float, float]
 class SlotGrid:
     """Slots of `duration_s` fleet seconds; slot 0 begins at `start_s`, slot n at start_s + n duration_s.
 
-    `points` gives for a system id where it should be when slot 0, 1, ... begins; vehicles without points are not
-    judged. ValueError for a duration that is not above 0.
+    `points` gives for a system id its planned points when slot 0, 1, ... begins; vehicles without points are not
+    compared. ValueError for a duration that is not above 0.
     """
 
     duration_s: float

@@ -1,19 +1,25 @@
-"""Who stands on the field: the description of one vehicle, and a grid of them."""
+"""Which vehicles stand on the field: the description of one vehicle, and a grid of them."""
 
 import math
 from dataclasses import dataclass
 
-from skyfolio.sim.boot import BOOTED_S_AGO, check_booted
 from skyfolio.sim.geo import LocalFrame
+from skyfolio.sim.knobs import LONGEST_S, check_number
 
 AUTOPILOTS = ("px4", "ardupilot")
+BOOTED_S_AGO = 60.0
+"""Seconds for which a vehicle has been on by default: long enough to be ready."""
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleSpec:
-    """One vehicle: its MAVLink system id (1-254), where it stands (WGS 84 degrees, metres above sea level), which
-    autopilot it has: "px4" or "ardupilot" (ArduCopter), and how long that has been on; 0: it is switched on with the
-    fleet, and an ArduCopter then takes 40 s until it can be armed."""
+    """One vehicle.
+
+    system_id: its MAVLink system id (1-254). home_lat_deg, home_lon_deg, home_alt_m: where it stands (WGS 84 degrees,
+    metres above sea level). autopilot: "px4" or "ardupilot" (ArduCopter). booted_s_ago: how many seconds the autopilot
+    has been on; with 0 it is switched on with the fleet, and an ArduCopter then takes 40 s until it can be armed.
+    ValueError names the field that is out of range.
+    """
 
     system_id: int
     home_lat_deg: float
@@ -33,7 +39,7 @@ class VehicleSpec:
             raise ValueError(f"home_alt_m must be between -500 and 9000, got {self.home_alt_m}")
         if self.autopilot not in AUTOPILOTS:
             raise ValueError(f"autopilot must be one of {', '.join(AUTOPILOTS)}, got {self.autopilot!r}")
-        check_booted(self.booted_s_ago)
+        check_number("booted_s_ago", self.booted_s_ago, 0.0, LONGEST_S)
 
 
 def grid_of(

@@ -3,27 +3,42 @@
 import math
 from collections import deque
 from collections.abc import Callable, Iterable
-from typing import Any
+from typing import Any, Protocol
 
 from skyfolio.sim.autopilot import Autopilot
 from skyfolio.sim.kinematics import Limits
 from skyfolio.sim.link import Address, Link, Radio
 from skyfolio.sim.missions import Mission
 from skyfolio.sim.modes import Mode
-from skyfolio.sim.recording import Tap
 from skyfolio.sim.specs import VehicleSpec
 from skyfolio.sim.weather import Air
 from skyfolio.sim.wire import Encoder, Message
 
 MAX_DATAGRAM_BYTES = 1200
 UNREAD = 256
-"""Messages that wait for an autopilot that hangs; older ones are lost."""
+"""How many messages wait for an autopilot that hangs; older ones are lost."""
 REBOOT_S = 3.0
-"""How long an autopilot is silent when it reboots."""
+"""How long an autopilot sends nothing when it reboots."""
+
+
+class Tap(Protocol):
+    """Takes every message of every vehicle at fleet time `t_s`, as the vehicle sends or decodes it.
+
+    What a link does to a message happens after it is sent, and before it is received.
+    """
+
+    def frame_sent(self, t_s: float, system_id: int, frame: bytes) -> None:
+        """Take a frame that a vehicle sends."""
+
+    def message_received(self, t_s: float, system_id: int, message: Any) -> None:
+        """Take a message that a vehicle receives."""
+
+    def message_answered(self, t_s: float, system_id: int, name: str) -> None:
+        """Take the name of a message that a vehicle sends as an answer."""
 
 
 class Vehicle:
-    """A simulated vehicle as its surroundings see it. Made by `Fleet`."""
+    """A simulated vehicle with its radio; `Fleet` creates it."""
 
     def __init__(
         self,
@@ -88,27 +103,27 @@ class Vehicle:
 
     @property
     def alive(self) -> bool:
-        """Whether it still works: neither killed nor crashed."""
-        return not (self._killed or self.autopilot.crashed)
+        """Whether the vehicle still works: neither killed nor crashed."""
+        return not (self._killed or self.autopilot.dynamics.crashed)
 
     @property
     def running(self) -> bool:
-        """Whether its autopilot runs: neither killed, frozen nor booting."""
+        """Whether the autopilot runs: neither killed, frozen nor booting."""
         return not self._killed and self._now_s >= max(self._frozen_until_s, self._booting_until_s)
 
     @property
     def transmitting(self) -> bool:
-        """Whether its radio works and its autopilot uses it."""
-        return self.running and self._now_s >= self._muted_until_s and not self.autopilot.mishaps.silenced
+        """Whether the radio works and the autopilot uses it."""
+        return self.running and self._now_s >= self._muted_until_s and not self.autopilot.component_failures.silenced
 
     @property
     def _hangs(self) -> bool:
-        """Whether its autopilot is stopped in the middle of things, with a receiver that still fills its buffer."""
+        """Whether the autopilot hangs, while its receiver still fills the buffer."""
         running = not self._killed and self._now_s >= self._booting_until_s
         return running and self._now_s < self._frozen_until_s and self._now_s >= self._muted_until_s
 
     def step(self, now_s: float, dt_s: float) -> None:
-        """Fly `dt_s`, to arrive at fleet time `now_s`, and send what is due."""
+        """Fly for `dt_s` seconds, to arrive at fleet time `now_s`, and send what is due."""
         self._now_s = now_s
         for due_s, action in [entry for entry in self._later if entry[0] <= now_s + 1e-9]:
             self._later.remove((due_s, action))
@@ -117,13 +132,13 @@ class Vehicle:
             self.autopilot.step(now_s, dt_s)
         else:
             self.autopilot.coast(now_s, dt_s)
-        if self.autopilot.mishaps.take_reboot():
+        if self.autopilot.component_failures.take_reboot_request():
             self.flush()
             self.reboot(REBOOT_S)
         self.flush()
 
     def flush(self) -> None:
-        """Send what the autopilot has for everybody, and let pass what the link has delayed."""
+        """Broadcast what the autopilot sends, and deliver what the link has delayed."""
         messages = self.autopilot.due() if self.running else []
         if self.link is None or not self.link.is_open:
             return
@@ -133,21 +148,21 @@ class Vehicle:
         self.link.pump()
 
     def receive(self, message: Any, sender: Address) -> None:
-        """Answer a message, unless the vehicle is dead or deaf; one that hangs answers when it goes on."""
+        """Answer a message, unless the vehicle cannot receive; one that hangs answers when it goes on."""
         if self._hangs:
             self._unread.append((message, sender))
         if not self.transmitting or self.link is None:
             return
-        self._tap.heard(self._now_s, self.system_id, message)
+        self._tap.message_received(self._now_s, self.system_id, message)
         answers = self.autopilot.handle(message)
         for answer in answers:
-            self._tap.answered(self._now_s, self.system_id, answer.get_type())
+            self._tap.message_answered(self._now_s, self.system_id, answer.get_type())
         for datagram in self._datagrams(answers):
             self.link.send(datagram, sender)
         self.flush()
 
     def after(self, seconds: float | None, action: Callable[[], None]) -> None:
-        """Do something once `seconds` of fleet time have passed; None: never."""
+        """Call `action` once `seconds` of fleet time have passed; None: never."""
         if seconds is not None:
             self._later.append((self._now_s + seconds, action))
 
@@ -158,10 +173,10 @@ class Vehicle:
             if self.link is not None:
                 self.link.close()
             self._emit("killed", {})
-            self.autopilot.mishaps.cut_power()
+            self.autopilot.component_failures.cut_power()
 
     def mute(self, for_s: float | None = None) -> None:
-        """Break the radio, for a while or for good: it flies on as before, sends nothing and hears nothing."""
+        """Break the radio, for `for_s` seconds or for good: the vehicle flies on, but neither sends nor receives."""
         if self._now_s >= self._muted_until_s:
             self._emit("muted", {} if for_s is None else {"for_s": for_s})
         self._muted_until_s = self._until(for_s)
@@ -170,7 +185,7 @@ class Vehicle:
         self.after(for_s, lambda: self._emit("unmuted", {}))
 
     def freeze(self, for_s: float | None = None) -> None:
-        """Let the autopilot hang, for a while or for good; then it goes on as if nothing had been."""
+        """Let the autopilot hang, for `for_s` seconds or for good; then it goes on as if nothing had happened."""
         self._emit("frozen", {} if for_s is None else {"for_s": for_s})
         self._frozen_until_s = self._until(for_s)
         if self._frozen_since is None:
@@ -190,7 +205,7 @@ class Vehicle:
             self.receive(message, sender)
 
     def reboot(self, for_s: float = REBOOT_S) -> None:
-        """Restart the autopilot; its radio is silent until it is up again."""
+        """Restart the autopilot; it neither sends nor receives until it is up again after `for_s` seconds."""
         self._emit("rebooting", {})
         self.autopilot.shut_down()
         self._frozen_since, self._frozen_until_s = None, -math.inf
@@ -206,11 +221,11 @@ class Vehicle:
         return math.inf if for_s is None else self._now_s + for_s
 
     def _datagrams(self, messages: Iterable[Message]) -> list[bytes]:
-        """Pack messages in order, several to a datagram."""
+        """Return datagrams with the messages in order, several in each."""
         datagrams: list[bytes] = []
         for message in messages:
             frame = self._encoder.encode(message)
-            self._tap.frame(self._now_s, self.system_id, frame)
+            self._tap.frame_sent(self._now_s, self.system_id, frame)
             if datagrams and len(datagrams[-1]) + len(frame) <= MAX_DATAGRAM_BYTES:
                 datagrams[-1] += frame
             else:

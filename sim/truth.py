@@ -1,4 +1,4 @@
-"""What really happened: states, events, messages and slots of the whole fleet, which no client can see or bend."""
+"""What really happened: states, events, messages and slots of the whole fleet, which no client can see or change."""
 
 import json
 from collections import Counter, deque
@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field, is_dataclass
 from typing import Any
 
-from skyfolio.sim.recording import TlogWriter
 from skyfolio.sim.station import Vehicle
+from skyfolio.sim.tlog import TlogWriter
 
 SAMPLE_INTERVAL_S = 0.1
 MAX_SAMPLES = 1_000_000
@@ -17,7 +17,10 @@ MAX_MESSAGES = 200_000
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """One vehicle at one moment of fleet time; altitude above its home, `mission_id` 0 without a mission."""
+    """One vehicle at one moment of fleet time.
+
+    Degrees (WGS 84), metres above its home, m/s; `mission_id` is 0 without a mission, `battery` a share from 0 to 1.
+    """
 
     t_s: float
     system_id: int
@@ -51,8 +54,8 @@ class Event:
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
-    """A message a vehicle took in ("in"), or answered one with ("out"); streams are only counted."""
+class LoggedMessage:
+    """A message that a vehicle received ("in") or sent as an answer ("out"); streams are only counted."""
 
     t_s: float
     system_id: int
@@ -73,7 +76,7 @@ class TruthLog:
     def __init__(self, max_samples: int = MAX_SAMPLES) -> None:
         self.samples: deque[Sample] = deque(maxlen=max_samples)
         self.events: list[Event] = []
-        self.messages: deque[Heard] = deque(maxlen=MAX_MESSAGES)
+        self.messages: deque[LoggedMessage] = deque(maxlen=MAX_MESSAGES)
         self.notes: list[Row] = []
         self.sent: Counter[tuple[int, int]] = Counter()
         self.sink: Callable[[Row], None] | None = None
@@ -98,32 +101,32 @@ class TruthLog:
         self.samples.append(sample)
         self._sink(sample)
 
-    def happen(self, event: Event) -> None:
+    def add_event(self, event: Event) -> None:
         """Add an event."""
         self.events.append(event)
         self._sink(event)
 
     def note(self, row: Row) -> None:
-        """Add a row of something else, with its own "kind"."""
+        """Add a row of another kind, which it names in "kind"."""
         self.notes.append(row)
         if self.sink is not None:
             self.sink(row)
 
-    def frame(self, t_s: float, system_id: int, frame: bytes) -> None:
-        """Take a frame that a vehicle sends."""
+    def frame_sent(self, t_s: float, system_id: int, frame: bytes) -> None:
+        """Count a frame that a vehicle sends, and write it to the `.tlog`."""
         self.sent[system_id, int.from_bytes(frame[7:10], "little")] += 1
         if self.tlog is not None:
             self.tlog.write(t_s, frame)
 
-    def heard(self, t_s: float, system_id: int, message: Any) -> None:
-        """Take a message that a vehicle takes in."""
-        self._message(Heard(t_s, system_id, "in", message.get_type()))
+    def message_received(self, t_s: float, system_id: int, message: Any) -> None:
+        """Log a message that a vehicle receives."""
+        self._message(LoggedMessage(t_s, system_id, "in", message.get_type()))
         if self.tlog is not None:
             self.tlog.write(t_s, bytes(message.get_msgbuf()))
 
-    def answered(self, t_s: float, system_id: int, name: str) -> None:
-        """Take the name of a message that answers one."""
-        self._message(Heard(t_s, system_id, "out", name))
+    def message_answered(self, t_s: float, system_id: int, name: str) -> None:
+        """Log the name of a message that a vehicle sends as an answer."""
+        self._message(LoggedMessage(t_s, system_id, "out", name))
 
     def of(self, system_id: int) -> list[Sample]:
         """Return the samples of one vehicle."""
@@ -139,21 +142,21 @@ class TruthLog:
 
     def lines(self) -> Iterator[str]:
         """Return everything as JSON lines: samples, events, messages, notes."""
-        entries: list[Sample | Event | Heard] = [*self.samples, *self.events, *self.messages]
+        entries: list[Sample | Event | LoggedMessage] = [*self.samples, *self.events, *self.messages]
         yield from (as_line(row_of(entry)) for entry in entries)
         yield from (as_line(note) for note in self.notes)
 
-    def _message(self, heard: Heard) -> None:
-        self.messages.append(heard)
-        self._sink(heard)
+    def _message(self, message: LoggedMessage) -> None:
+        self.messages.append(message)
+        self._sink(message)
 
-    def _sink(self, entry: Sample | Event | Heard) -> None:
+    def _sink(self, entry: Sample | Event | LoggedMessage) -> None:
         if self.sink is not None:
             self.sink(row_of(entry))
 
 
-def row_of(entry: Sample | Event | Heard) -> Row:
-    """Return an entry as a plain row; `log` says what it is: sample, event or message."""
+def row_of(entry: Sample | Event | LoggedMessage) -> Row:
+    """Return an entry as a plain row; `log` is its type: sample, event or message."""
     if isinstance(entry, Event):
         row = {"log": "event", "t_s": round(entry.t_s, 6), "system_id": entry.system_id, "kind": entry.kind}
         return {**row, **entry.detail}

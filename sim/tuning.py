@@ -1,4 +1,4 @@
-"""What parameters mean to the rest of the vehicle, whatever an autopilot calls them.
+"""What parameters mean to the rest of the vehicle, whatever their names on an autopilot.
 
 Each flavour's table turns its parameters into one `Tuning`, anew whenever a parameter is set, so that a parameter is
 live: the next step flies, and the next failsafe acts, by the new value.
@@ -34,9 +34,9 @@ class Breach(Enum):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LinkLoss:
-    """When the ground station's HEARTBEAT is gone: `timeout_s` of silence, then `action`.
+    """What to do `timeout_s` seconds after the ground station's last HEARTBEAT.
 
-    `gcs_system_id` None listens to any ground station. `spare_mission`, `spare_landing`, `spare_pilot`: go on with a
+    `gcs_system_id` None accepts any ground station. `spare_mission`, `spare_landing`, `spare_pilot`: go on with a
     mission, a landing, or in a mode that a pilot flies instead.
     """
 
@@ -50,8 +50,10 @@ class LinkLoss:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LowBattery:
-    """One battery level: act once the charge that is left falls below `share` (0-1), and say `words`; `last`: there is
-    no level below."""
+    """One battery level: act once the charge left falls below `share` (0-1), and send `words`.
+
+    `last`: there is no level below.
+    """
 
     share: float
     action: Action
@@ -62,7 +64,7 @@ class LowBattery:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class FenceRule:
-    """The fence: what a breach does, and the cylinder around home beside the uploaded shapes (infinite: none)."""
+    """The fence: the action at a breach, and a cylinder around home beside the uploaded shapes (infinite: none)."""
 
     action: Action = Action.NONE
     radius_m: float = math.inf
@@ -77,14 +79,14 @@ class FenceRule:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Tuning:
-    """Everything a vehicle flies by. Metres, seconds, m/s; altitudes above home.
+    """Everything by which a vehicle flies, in metres, seconds and m/s; altitudes are above home.
 
     acceptance_radius_m, altitude_radius_m: when a waypoint counts as reached. return_alt_m: least altitude of a way
     home longer than `return_cone_m`; `return_loiter_s`: stay over home before landing. disarm_after_landing_s and
     disarm_on_ground_s (armed, never took off): None never. arm_in_mission, takeoff_without_throttle: ArduPilot's
     AUTO_OPTIONS. failsafe_delay_s: how long a failsafe holds before it acts. first_waypoint_m: a mission that
     begins further from home is not flown. failures_enabled: MAV_CMD_INJECT_FAILURE
-    is obeyed. home_rally_limit_m: rally points further from home are not used.
+    is obeyed. rally_limit_m: rally points further from home are not used.
     """
 
     limits: Limits

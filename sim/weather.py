@@ -1,4 +1,4 @@
-"""Wind with gusts, and how wrong the satellites are. Seeded for each vehicle; calm and exact unless told otherwise."""
+"""Wind with gusts, and the error of the satellites: seeded for each vehicle, calm and exact by default."""
 
 import math
 import random
@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 DRIFT_MPS = 0.3
 """How fast a position estimate without satellites walks away in still air."""
 DRIFT_PER_WIND = 0.2
-"""And per m/s of wind."""
+"""How much faster it does so per m/s of wind."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -16,7 +16,7 @@ class Weather:
 
     wind_east_mps, wind_north_mps: where the mean wind blows to. gust_mps: standard deviation of gusts on each axis,
     a first-order Gauss-Markov process with time constant gust_s. gps_m, gps_s: the same for the error of the position
-    estimate, horizontally; the altitude's is twice as large. ValueError names a field that cannot be.
+    estimate, horizontally; the altitude's is twice as large. ValueError names a field that is out of range.
     """
 
     wind_east_mps: float = 0.0
@@ -38,7 +38,7 @@ class Weather:
 
 
 class Air:
-    """The weather as one vehicle meets it; `step` moves it on.
+    """The weather around one vehicle; `step` moves it on.
 
     `wind_mps` and `gust_mps` are (east, north), `error_m` is the position estimate's (east, north, up).
     """
@@ -53,7 +53,7 @@ class Air:
 
     @property
     def wind_mps(self) -> tuple[float, float]:
-        """Mean wind and gust together."""
+        """Mean wind and gust together, m/s east and north."""
         east, north = self.gust_mps
         return self.weather.wind_east_mps + east, self.weather.wind_north_mps + north
 
@@ -63,7 +63,7 @@ class Air:
         return not self._noisy and self.error_m == (0.0, 0.0, 0.0) and self.wind_mps == (0.0, 0.0)
 
     def step(self, dt_s: float, *, satellites: bool) -> None:
-        """Move on by `dt_s`; without satellites the estimate drifts away."""
+        """Move on by `dt_s` seconds; without `satellites` the estimate drifts away."""
         weather = self.weather
         if self._noisy:
             east, north = self.gust_mps

@@ -1,7 +1,7 @@
-"""The MAVLink 2 messages on the wire: pymavlink's dialect, plus the extension fields it does not know yet.
+"""The MAVLink 2 messages on the wire: pymavlink's dialect, plus the extension fields that it does not have yet.
 
 pymavlink 2.4.50 leaves out `mission_id` (MISSION_CURRENT) and `opaque_id` (MISSION_ACK, MISSION_COUNT). Extension
-fields are not part of a message's checksum seed, so they can be appended to the payload of the known message.
+fields are not part of a message's checksum seed, so they can be appended to the payload of its message.
 """
 
 import struct
@@ -17,7 +17,7 @@ MAVLINK_2_MARKER = 0xFD
 
 
 class Message(Protocol):
-    """An outgoing message: knows its name and packs itself with a sender's identity."""
+    """An outgoing message: has a name, and packs itself with a sender's identity."""
 
     def pack(self, mav: Any) -> bytes:
         """Return the frame, with `mav`'s system id, component id and sequence number."""
@@ -40,7 +40,7 @@ class Extended:
         self.extension = extension
 
     def __getattr__(self, name: str) -> Any:
-        """Return an extension field, or a field of the known message."""
+        """Return an extension field, or a field of the base message."""
         if name in self.extension:
             return self.extension[name]
         return getattr(self.base, name)
@@ -58,7 +58,7 @@ class Extended:
 
 
 class Unlisted:
-    """A message pymavlink does not know, made from its definition.
+    """A message that pymavlink does not have, built from its definition.
 
     `fields` are the types and names in wire order, as the checksum seed has them; a last array field has `array_bytes`.
     """
@@ -74,7 +74,7 @@ class Unlisted:
         self._crc_extra = seed.crc & 0xFF ^ seed.crc >> 8
 
     def __getattr__(self, name: str) -> Any:
-        """Return nothing: its fields are in `values`."""
+        """Raise AttributeError: the fields are in `values`."""
         raise AttributeError(name)
 
     def get_type(self) -> str:
@@ -87,7 +87,7 @@ class Unlisted:
 
 
 class Encoder:
-    """Packs messages as one system's component 1, counts their sequence numbers, and signs them if there is a key."""
+    """Packs messages as component 1 of one system, numbers them, and signs them if there is a key."""
 
     def __init__(self, system_id: int, signature: Signature | None = None) -> None:
         self._mav = dialect.MAVLink(None, srcSystem=system_id, srcComponent=AUTOPILOT_COMPONENT)
@@ -125,11 +125,11 @@ class Decoder:
 
 
 TEXT_BYTES = 50
-"""Of a STATUSTEXT."""
+"""The length of one STATUSTEXT."""
 
 
 def texts(words: str, severity: int, number: int) -> list[Message]:
-    """Return the STATUSTEXTs that say all of `words`: one, or parts with an id (1-65535) and a sequence number."""
+    """Return the STATUSTEXTs of all of `words`: one, or parts with the id `number` (1-65535) and a sequence number."""
     data = words.encode("ascii", "replace")
     if len(data) <= TEXT_BYTES:
         return [dialect.MAVLink_statustext_message(severity, data)]

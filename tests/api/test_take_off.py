@@ -182,7 +182,7 @@ def not_yet(flown: Flight, system_id: int, wall_s: float) -> None:
 
     def refuse(*, force: bool = False) -> bool:
         if time.monotonic() < until_s:
-            autopilot.say("Arm: Need Position Estimate", severity=2)
+            autopilot.send_text("Arm: Need Position Estimate", severity=2)
             return False
         return bool(arm(force=force))
 

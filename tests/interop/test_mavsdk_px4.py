@@ -171,6 +171,6 @@ async def be_killed(fleet: Fleet, client: "Client", until: "Until") -> None:
     fleet.inject(Kill(client.truth.system_id))
     await asyncio.sleep(0.2)
     client.seen.clear()
-    await until(lambda: client.truth.autopilot.crashed)
+    await until(lambda: client.truth.autopilot.dynamics.crashed)
     await asyncio.sleep(1.0)
     assert client.seen == {}

@@ -167,15 +167,15 @@ class VirtualGcs:
         self.heard: list[Any] = []
         self._gcs = GroundStation()
         self._decoder = Decoder()
-        self._send = fleet.attach(self._hear)
+        self._to_fleet = fleet.attach(self._hear)
 
     def _hear(self, data: bytes, system_id: int) -> None:
         if system_id == self.system_id:
             self.heard += self._decoder.decode(data)
 
-    def say(self, name: str, *values: Any) -> None:
+    def send(self, name: str, *values: Any) -> None:
         """Send a message to the vehicle."""
-        self._send(self._gcs.frame(name, *values), self.system_id)
+        self._to_fleet(self._gcs.frame(name, *values), self.system_id)
 
     def wait_for(self, names: tuple[str, ...], within_s: float) -> Any:
         """Return the next message of these names and forget those before it, or None after `within_s`."""
@@ -191,11 +191,11 @@ class VirtualGcs:
             self.fleet.step_to(self.fleet.now_s + STEP_S)
 
     def upload(self, items: list[Any], retries: int = 5) -> bool:
-        """Upload a mission; whether it is known to be on board."""
+        """Upload a mission; return whether it is certain to be on board."""
         requests = ("MISSION_REQUEST_INT", "MISSION_REQUEST", "MISSION_ACK")
         answer = None
         for _ in range(retries + 1):
-            self.say("mission_count", self.system_id, 1, len(items), 0)
+            self.send("mission_count", self.system_id, 1, len(items), 0)
             answer = self.wait_for(requests, 1.5)
             if answer is not None:
                 break
@@ -204,40 +204,40 @@ class VirtualGcs:
         while answer is None or answer.get_type() != "MISSION_ACK":
             if answer is not None:
                 sent = max(sent, answer.seq)
-                self.say("mission_item_int", self.system_id, 1, *items[answer.seq])
+                self.send("mission_item_int", self.system_id, 1, *items[answer.seq])
             elif sent < last or tries == 0:
                 break
             else:
                 tries -= 1
-                self.say("mission_item_int", self.system_id, 1, *items[last])
+                self.send("mission_item_int", self.system_id, 1, *items[last])
             answer = self.wait_for(requests, 1.5 if sent == last else 8.5)
         if answer is not None and answer.type == dialect.MAV_MISSION_ACCEPTED:
             return True
         return sent == last and self.read_back(items)
 
     def read_back(self, items: list[Any]) -> bool:
-        """Whether the vehicle holds these items: command and place of all but a home."""
+        """Return whether the vehicle holds these items: command and place of all but a home."""
         count = self._ask("mission_request_list", (self.system_id, 1, 0), ("MISSION_COUNT",), 1.5)
         if count is None or count.count != len(items):
             return False
         for seq in range(1, len(items)):
             for _ in range(20):
-                got = self._ask("mission_request_int", (self.system_id, 1, seq, 0), ("MISSION_ITEM_INT",), 0.25)
-                if got is None or got.seq == seq:
+                item = self._ask("mission_request_int", (self.system_id, 1, seq, 0), ("MISSION_ITEM_INT",), 0.25)
+                if item is None or item.seq == seq:
                     break
-            if got is None or (got.seq, got.command, got.x, got.y) != (
+            if item is None or (item.seq, item.command, item.x, item.y) != (
                 seq,
                 items[seq][2],
                 items[seq][9],
                 items[seq][10],
             ):
                 return False
-        self.say("mission_ack", self.system_id, 1, dialect.MAV_MISSION_ACCEPTED, 0)
+        self.send("mission_ack", self.system_id, 1, dialect.MAV_MISSION_ACCEPTED, 0)
         return True
 
     def _ask(self, name: str, values: tuple[Any, ...], names: tuple[str, ...], within_s: float) -> Any:
         for _ in range(20):
-            self.say(name, *values)
+            self.send(name, *values)
             answer = self.wait_for(names, within_s)
             if answer is not None:
                 return answer
@@ -245,7 +245,7 @@ class VirtualGcs:
 
 
 class Listener(asyncio.DatagramProtocol):
-    """A ground station's socket: hears datagrams with their senders."""
+    """A ground station's socket: receives datagrams with their senders."""
 
     def __init__(self) -> None:
         self.heard: list[tuple[Any, tuple[str, int]]] = []
@@ -312,7 +312,7 @@ def new_station() -> Callable[..., GroundStation]:
 
 @pytest.fixture
 def listener() -> Callable[[], Listener]:
-    """A maker of datagram protocols that keep what they hear."""
+    """A maker of datagram protocols that keep what they receive."""
     return Listener
 
 

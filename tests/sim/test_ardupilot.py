@@ -34,7 +34,7 @@ def in_auto(bench: "Bench") -> None:
     assert bench.command(300) == ACCEPTED
 
 
-def test_it_streams_nothing_but_heartbeats_until_it_is_asked(copter: "Bench") -> None:
+def test_it_streams_nothing_but_heartbeats_until_streams_are_requested(copter: "Bench") -> None:
     copter.fly(10.0)
     assert {message.get_type() for message in copter.sent} == {"HEARTBEAT"}
     copter.ask("request_data_stream", 1, 1, dialect.MAV_DATA_STREAM_POSITION, 4, 1)
@@ -68,9 +68,9 @@ def test_a_speed_ordered_while_it_returns_is_obeyed(copter_up: "Bench") -> None:
 
 def test_it_reboots_armed_only_if_that_is_insisted_on(copter_up: "Bench") -> None:
     assert copter_up.command(246, 1.0) == FAILED
-    assert not copter_up.autopilot.mishaps.take_reboot()
+    assert not copter_up.autopilot.component_failures.take_reboot_request()
     assert copter_up.command(246, 1.0, 0.0, 0.0, 0.0, 0.0, 20190226.0) == ACCEPTED
-    assert copter_up.autopilot.mishaps.take_reboot()
+    assert copter_up.autopilot.component_failures.take_reboot_request()
 
 
 def test_its_heartbeats_are_those_recorded_from_the_ground_to_the_air(copter: "Bench") -> None:
@@ -88,7 +88,7 @@ def test_its_heartbeats_are_those_recorded_from_the_ground_to_the_air(copter: "B
     assert beat() == (217, 4, 4)
 
 
-def test_a_change_of_mode_is_told_by_a_heartbeat_at_once(copter_up: "Bench") -> None:
+def test_a_change_of_mode_is_followed_by_a_heartbeat_at_once(copter_up: "Bench") -> None:
     copter_up.autopilot.due()
     copter_up.set_mode(LOITER)
     assert [message.custom_mode for message in copter_up.autopilot.due() if message.get_type() == "HEARTBEAT"] == [
@@ -180,7 +180,7 @@ def test_a_broken_upload_leaves_a_hybrid(copter: "Bench", items: "Items") -> Non
     assert mission.items[2].x > new[2][9]
 
 
-def test_it_asks_again_after_a_second_and_ignores_acknowledgements(copter: "Bench") -> None:
+def test_it_requests_an_item_again_after_a_second_and_ignores_acknowledgements(copter: "Bench") -> None:
     copter.ask("mission_count", 1, 1, 2, 0)
     copter.ask("mission_ack", 1, 1, dialect.MAV_MISSION_OPERATION_CANCELLED, 0)
     assert copter.autopilot.missions.busy

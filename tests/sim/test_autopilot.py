@@ -1,4 +1,4 @@
-"""sim.autopilot and sim.commands"""
+"""sim.autopilot and sim.command_table"""
 
 from collections.abc import Callable
 from dataclasses import astuple
@@ -48,7 +48,7 @@ def test_it_stays_on_the_ground_until_it_is_armed(bench: "Bench") -> None:
 def test_disarming_in_the_air_is_denied_unless_forced_and_then_it_crashes(airborne: "Bench") -> None:
     assert airborne.command(400, 0.0) == REJECTED
     assert airborne.command(400, 0.0, 21196.0) == ACCEPTED
-    airborne.fly_until(lambda: airborne.autopilot.crashed, within_s=4.0)
+    airborne.fly_until(lambda: airborne.autopilot.dynamics.crashed, within_s=4.0)
     assert airborne.command(400, 1.0) == REJECTED
 
 
@@ -182,7 +182,7 @@ def test_a_px4_that_has_landed_is_in_the_last_mode_it_can_be_armed_in_and_home_i
     assert airborne.autopilot.home_m == (body.east_m, body.north_m)
 
 
-def test_a_px4_says_what_it_does_on_its_way_through_a_flight(airborne: "Bench") -> None:
+def test_a_px4_sends_the_recorded_texts_on_its_way_through_a_flight(airborne: "Bench") -> None:
     airborne.command(21)
     airborne.fly_until(lambda: not airborne.autopilot.armed)
     airborne.fly(0.1)
@@ -222,7 +222,7 @@ def test_a_request_brings_the_message_and_its_acknowledgement_in_the_autopilots_
     assert bench.command(512, 9999.0) == DENIED
 
 
-def test_a_px4_neither_sends_mission_current_when_asked_nor_sets_its_rate(bench: "Bench") -> None:
+def test_a_px4_neither_sends_mission_current_on_request_nor_sets_its_rate(bench: "Bench") -> None:
     assert bench.command(512, 42.0) == DENIED
     assert bench.command(511, 42.0, 1e6) == FAILED
 

@@ -19,7 +19,7 @@ GUIDED = 4
 
 
 def words(bench: "Bench") -> list[tuple[int, str]]:
-    """Return severity and text of all that it said."""
+    """Return severity and text of all the STATUSTEXTs that it has sent."""
     return [(message.severity, message.text) for message in bench.sent if message.get_type() == "STATUSTEXT"]
 
 
@@ -85,7 +85,7 @@ def test_arming_a_px4_is_rejected_for_now_in_its_first_seconds(new_bench: "Calla
 
 
 @pytest.mark.parametrize("flavour", ["px4", "ardupilot"])
-def test_a_vehicle_that_has_been_on_for_a_minute_arms_at_once_and_has_said_all(
+def test_a_vehicle_that_has_been_on_for_a_minute_arms_at_once_and_has_sent_all_texts(
     new_bench: "Callable[..., Bench]", flavour: str
 ) -> None:
     bench = new_bench(flavour=flavour)

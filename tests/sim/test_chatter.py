@@ -22,7 +22,7 @@ def orders(bench: "Bench") -> list[tuple[int, int, int, int, tuple[float, ...]]]
     ]
 
 
-def test_a_px4_tells_its_missions_speed_four_times_to_nobody(airborne: "Bench", items: "Items") -> None:
+def test_a_px4_sends_its_missions_speed_four_times_to_component_0(airborne: "Bench", items: "Items") -> None:
     airborne.upload(items.speed(4.5, current=1.0), items.waypoint(300.0, 0.0))
     airborne.sent.clear()
     airborne.set_mode(4)
@@ -37,9 +37,9 @@ def test_a_px4_that_leaves_its_mission_stops_camera_and_gimbal(airborne: "Bench"
     airborne.sent.clear()
     airborne.set_mode(3)
     airborne.fly(5.0)
-    said = [(command, confirmation) for _, _, command, confirmation, _ in orders(airborne)]
-    assert said[:4] == [(2003, 0), (1001, 0), (1000, 0), (1001, 0)]
-    assert sorted(said) == sorted(
+    sent = [(command, confirmation) for _, _, command, confirmation, _ in orders(airborne)]
+    assert sent[:4] == [(2003, 0), (1001, 0), (1000, 0), (1001, 0)]
+    assert sorted(sent) == sorted(
         [*((2003, n) for n in range(4)), *((1001, n) for n in range(4)), (1000, 0), (1001, 0)]
     )
     nothing: Any = next(params for _, _, command, _, params in orders(airborne) if command == 1000)

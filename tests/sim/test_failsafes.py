@@ -21,7 +21,7 @@ def wait(bench: "Bench", seconds: float) -> None:
 
 
 def words(bench: "Bench") -> list[tuple[int, str]]:
-    """Return severity and text of all that it said."""
+    """Return severity and text of all the STATUSTEXTs that it has sent."""
     return [(message.severity, message.text) for message in bench.sent if message.get_type() == "STATUSTEXT"]
 
 
@@ -45,7 +45,7 @@ def test_px4_holds_first_and_then_does_what_its_parameter_says(airborne: "Bench"
     assert airborne.autopilot.mode is mode
 
 
-def test_px4_returns_on_although_the_ground_station_is_back_until_somebody_chooses_a_mode(
+def test_px4_returns_on_although_the_ground_station_is_back_until_a_mode_is_chosen(
     airborne: "Bench", items: "Items"
 ) -> None:
     airborne.autopilot.parameters["NAV_DLL_ACT"] = 2
@@ -72,7 +72,7 @@ def test_px4_returns_on_although_the_ground_station_is_back_until_somebody_choos
     ]
 
 
-def test_a_ground_station_that_was_never_heard_is_not_missed(airborne: "Bench") -> None:
+def test_a_ground_station_that_never_sent_is_not_missed(airborne: "Bench") -> None:
     airborne.autopilot.parameters["NAV_DLL_ACT"] = 3
     wait(airborne, 60.0)
     assert airborne.autopilot.mode.name == "HOLD"
@@ -100,7 +100,7 @@ def test_ardupilot_listens_to_its_own_ground_station_only(copter_up: "Bench") ->
     assert copter_up.autopilot.mode.name == "GUIDED"
 
 
-def test_ardupilot_can_be_told_to_go_on_in_auto(copter: "Bench", items: "Items") -> None:
+def test_ardupilot_can_be_set_to_go_on_in_auto(copter: "Bench", items: "Items") -> None:
     for name, value in (("FS_GCS_ENABLE", 1), ("FS_OPTIONS", 2), ("SYSID_MYGCS", 245), ("AUTO_OPTIONS", 3)):
         copter.autopilot.parameters[name] = value
     copter.upload(items.waypoint(0.0, 0.0), items.add(22), items.waypoint(500.0, 0.0))
@@ -118,7 +118,7 @@ def test_ardupilot_can_be_told_to_go_on_in_auto(copter: "Bench", items: "Items")
     assert words(copter)[-1] == (4, "GCS Failsafe Cleared")
 
 
-def test_an_ardupilot_that_stands_tells_of_the_loss_too(copter: "Bench") -> None:
+def test_an_ardupilot_on_the_ground_reports_the_loss_too(copter: "Bench") -> None:
     copter.autopilot.parameters["FS_GCS_ENABLE"] = 1
     copter.autopilot.parameters["SYSID_MYGCS"] = 245
     beat(copter)
@@ -130,7 +130,7 @@ def test_an_ardupilot_that_stands_tells_of_the_loss_too(copter: "Bench") -> None
 @pytest.mark.parametrize(
     ("value", "mode"), [(0, Mode.RTL), (1, Mode.RTL), (2, Mode.RTL), (3, Mode.RTL), (4, Mode.LAND), (5, Mode.HOLD)]
 )
-def test_px4_without_a_remote_control_does_what_com_obl_rc_act_says_when_setpoints_end(
+def test_px4_without_a_remote_control_obeys_com_obl_rc_act_when_setpoints_end(
     airborne: "Bench", value: int, mode: Mode
 ) -> None:
     airborne.autopilot.parameters["COM_OBL_RC_ACT"] = value
@@ -153,10 +153,10 @@ def test_px4_goes_on_in_offboard_when_the_setpoints_are_back(airborne: "Bench") 
     assert (airborne.autopilot.mode, status(airborne)) == (Mode.GUIDED, 4)
 
 
-def test_an_arducopters_battery_failsafe_says_what_is_left_and_stays_on(copter_up: "Bench") -> None:
+def test_an_arducopters_battery_failsafe_reports_the_charge_and_stays_on(copter_up: "Bench") -> None:
     copter_up.autopilot.parameters["BATT_LOW_MAH"] = 1000.0
     copter_up.autopilot.parameters["BATT_FS_LOW_ACT"] = 2
-    copter_up.autopilot.mishaps.set_battery(0.19)
+    copter_up.autopilot.component_failures.set_battery(0.19)
     copter_up.fly(0.1)
     low, announced = words(copter_up)[-2:]
     assert (low[0], low[1].split(" used")[1], announced) == (4, " 4050 mAh", (4, "Battery Failsafe"))
@@ -166,8 +166,8 @@ def test_an_arducopters_battery_failsafe_says_what_is_left_and_stays_on(copter_u
     assert status(copter_up) == 5
 
 
-def test_a_position_that_is_lost_lands_an_arducopter_and_says_so(copter_up: "Bench") -> None:
-    copter_up.autopilot.mishaps.lose_satellites()
+def test_an_arducopter_without_a_position_lands_and_reports_it(copter_up: "Bench") -> None:
+    copter_up.autopilot.component_failures.lose_satellites()
     copter_up.fly(30.0)
     assert words(copter_up)[-2:] == [(2, "EKF variance"), (2, "EKF Failsafe: changed to LAND Mode")]
     state: Any = copter_up.autopilot.telemetry.build(0)
@@ -178,7 +178,7 @@ def test_a_position_that_is_lost_lands_an_arducopter_and_says_so(copter_up: "Ben
         4,
         "Mode change to GUIDED failed: requires position",
     )
-    copter_up.autopilot.mishaps.regain_satellites()
+    copter_up.autopilot.component_failures.regain_satellites()
     copter_up.fly(0.1)
     assert words(copter_up)[-1] == (2, "EKF Failsafe Cleared")
 

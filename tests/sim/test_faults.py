@@ -1,4 +1,4 @@
-"""sim.faults and sim.schedule, struck in virtual time"""
+"""sim.faults and sim.fault_schedule, struck in virtual time"""
 
 from contextlib import suppress
 from dataclasses import fields
@@ -33,7 +33,7 @@ from skyfolio.sim import (
     grid_of,
     parse_fault,
 )
-from skyfolio.sim.reports import BUILDERS, boot_ms
+from skyfolio.sim.telemetry_messages import BUILDERS
 from skyfolio.sim.wire import Decoder
 
 if TYPE_CHECKING:
@@ -117,7 +117,7 @@ def test_a_frozen_vehicle_goes_on_as_its_motors_were_and_thaws() -> None:
     assert vehicle.autopilot.body.east_m < before
 
 
-def test_a_vehicle_that_hung_for_8_s_answers_what_it_was_asked_and_misses_nobody(gcs: "GroundStation") -> None:
+def test_a_vehicle_that_hung_for_8_s_answers_what_was_sent_and_misses_no_ground_station(gcs: "GroundStation") -> None:
     fleet, vehicle = flying("ardupilot")
     vehicle.autopilot.parameters["FS_GCS_ENABLE"] = 1
     vehicle.autopilot.parameters["SYSID_MYGCS"] = 245
@@ -125,7 +125,7 @@ def test_a_vehicle_that_hung_for_8_s_answers_what_it_was_asked_and_misses_nobody
     decoder = Decoder()
     send = fleet.attach(lambda data, _: heard.extend(decoder.decode(data)))
     send(gcs.frame("heartbeat", 6, 8, 0, 0, 4, 3), 1)
-    before_ms = boot_ms(vehicle.autopilot)
+    before_ms = vehicle.autopilot.clock.boot_ms
     fleet.inject(Freeze(1, for_s=8.0))
     fleet.step_to(24.0)
     send(gcs.frame("command_long", 1, 1, 512, 0, 148.0, *[0.0] * 6), 1)
@@ -135,7 +135,7 @@ def test_a_vehicle_that_hung_for_8_s_answers_what_it_was_asked_and_misses_nobody
     assert "AUTOPILOT_VERSION" in [message.get_type() for message in heard]
     assert vehicle.mode.name == "GUIDED"
     assert not vehicle.autopilot.failsafes.active
-    assert boot_ms(vehicle.autopilot) - before_ms == pytest.approx(500, abs=60)
+    assert vehicle.autopilot.clock.boot_ms - before_ms == pytest.approx(500, abs=60)
 
 
 def test_a_vehicle_frozen_while_it_lands_softly_has_landed_not_crashed() -> None:
@@ -173,7 +173,7 @@ def test_an_empty_battery_lets_it_fall() -> None:
 
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
-def test_without_satellites_it_says_so_lands_and_drifts(autopilot: str) -> None:
+def test_without_satellites_it_reports_it_lands_and_drifts(autopilot: str) -> None:
     fleet, vehicle = flying(autopilot)
     fleet.inject(GpsLoss(1))
     fleet.step_to(24.0)
@@ -189,7 +189,7 @@ def test_without_satellites_it_says_so_lands_and_drifts(autopilot: str) -> None:
     assert 1.0 < vehicle.autopilot.body.distance_to(0.0, 0.0) < 20.0
 
 
-def test_a_motor_failure_is_told_and_falls() -> None:
+def test_a_vehicle_with_a_failed_motor_reports_it_and_falls() -> None:
     fleet, vehicle = flying()
     fleet.inject(MotorFailure(1))
     fleet.step_to(24.0)
@@ -199,7 +199,7 @@ def test_a_motor_failure_is_told_and_falls() -> None:
 
 
 @pytest.mark.parametrize(
-    ("autopilot", "said"),
+    ("autopilot", "texts"),
     [
         ("px4", ["Landing detected\t", "Disarmed by landing\t"]),
         (
@@ -208,7 +208,7 @@ def test_a_motor_failure_is_told_and_falls() -> None:
         ),
     ],
 )
-def test_a_vehicle_without_a_motor_falls_armed_and_disarms_once_it_lies_there(autopilot: str, said: list[str]) -> None:
+def test_a_vehicle_without_a_motor_falls_armed_and_disarms_on_the_ground(autopilot: str, texts: list[str]) -> None:
     fleet, vehicle = flying(autopilot)
     heard: list[Any] = []
     decoder = Decoder()
@@ -221,7 +221,7 @@ def test_a_vehicle_without_a_motor_falls_armed_and_disarms_once_it_lies_there(au
     assert state.landed_state == dialect.MAV_LANDED_STATE_IN_AIR
     fleet.step_to(30.0)
     assert not vehicle.armed
-    assert [message.text for message in heard if message.get_type() == "STATUSTEXT"] == said
+    assert [message.text for message in heard if message.get_type() == "STATUSTEXT"] == texts
 
 
 def test_a_human_takes_over_and_the_vehicle_stays() -> None:
@@ -249,7 +249,7 @@ def test_a_rejected_mission_is_refused_at_its_end_once(autopilot: str, items: "I
 
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
-def test_a_corrupted_upload_is_acknowledged_and_only_a_read_back_tells(
+def test_a_corrupted_upload_is_acknowledged_and_only_a_read_back_shows_it(
     autopilot: str, items: "Items", gcs: "GroundStation"
 ) -> None:
     fleet, vehicle = flying(autopilot)
@@ -339,7 +339,7 @@ def test_faults_are_written_as_kind_vehicle_time_and_knobs(
         ({"kind": "impair", "system_id": 1, "up": 3}, "up must be the impairments of a link, got 3"),
     ],
 )
-def test_a_fault_that_cannot_be_is_refused_naming_the_field(data: dict[str, Any], words: str) -> None:
+def test_an_impossible_fault_is_refused_naming_the_field(data: dict[str, Any], words: str) -> None:
     with pytest.raises(ValueError, match=words):
         fault_from(data)
 
@@ -389,7 +389,7 @@ def test_the_fleet_survives_whatever_fault_is_accepted(flavour: str, asked: list
     assert fleet.truth.happened("fault") or heard
 
 
-def test_every_kind_of_fault_says_what_it_does() -> None:
+def test_every_kind_of_fault_is_described() -> None:
     assert all(kind.__doc__ for kind in FAULTS.values())
     assert {describe(kind(1))["kind"] for kind in FAULTS.values()} == set(FAULTS)
 

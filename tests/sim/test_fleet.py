@@ -162,7 +162,7 @@ async def test_each_vehicle_speaks_from_its_own_port(listener: Listen) -> None:
         assert len(ports) == len({address for _, address in ports}) == 3
 
 
-async def test_after_a_kill_not_one_message_comes_again_and_others_are_still_heard(
+async def test_after_a_kill_no_message_arrives_while_the_others_still_send(
     listener: Listen, gcs: "GroundStation"
 ) -> None:
     async with heard_by(listener) as (ears, endpoint):
@@ -182,7 +182,7 @@ async def test_after_a_kill_not_one_message_comes_again_and_others_are_still_hea
         assert speakers == {1, 2}
 
 
-async def test_a_muted_vehicle_hears_nothing(listener: Listen, gcs: "GroundStation") -> None:
+async def test_a_muted_vehicle_receives_nothing(listener: Listen, gcs: "GroundStation") -> None:
     async with heard_by(listener) as (ears, endpoint):
         fleet = a_fleet(1, endpoint=endpoint)
         async with fleet:
@@ -220,7 +220,7 @@ async def test_serve_flies_for_a_while_and_closes(listener: Listen) -> None:
         assert 5.0 <= fleet.now_s < 60.0
 
 
-async def test_serve_ends_when_it_is_told_to(listener: Listen) -> None:
+async def test_serve_ends_on_request(listener: Listen) -> None:
     async with heard_by(listener) as (_, endpoint):
         stop = asyncio.Event()
         fleet = Fleet(grid_of(1, *HOME), clock=ScaledClock(1.0), endpoint=endpoint)

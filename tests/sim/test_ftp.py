@@ -34,19 +34,19 @@ def server() -> FileServer:
 def test_a_file_is_opened_read_piece_by_piece_and_closed(server: FileServer, gcs: "GroundStation") -> None:
     (opened,) = ask(server, gcs, OPEN, b"logs/one.bin")
     assert (opened.opcode, opened.data) == (ACK, struct.pack("<I", len(CONTENT)))
-    got = b""
+    content = b""
     while True:
-        (answer,) = ask(server, gcs, READ, offset=len(got), size=239)
+        (answer,) = ask(server, gcs, READ, offset=len(content), size=239)
         if answer.opcode == NAK:
             assert answer.data == b"\x06"
             break
-        got += answer.data
-    assert got == CONTENT
+        content += answer.data
+    assert content == CONTENT
     ask(server, gcs, TERMINATE)
     assert ask(server, gcs, READ, size=10)[0].data == b"\x04"
 
 
-def test_a_burst_brings_it_all_and_says_where_it_ends(server: FileServer, gcs: "GroundStation") -> None:
+def test_a_burst_sends_the_whole_file_and_marks_its_end(server: FileServer, gcs: "GroundStation") -> None:
     ask(server, gcs, OPEN, b"/logs/one.bin")
     answers = ask(server, gcs, BURST, size=100)
     assert b"".join(answer.data for answer in answers) == CONTENT

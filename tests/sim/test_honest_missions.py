@@ -1,4 +1,4 @@
-"""What real autopilots were measured to say about missions (ArduCopter 4.6.2, PX4 1.18), which the twin says too."""
+"""Reports of missions, measured on real autopilots (ArduCopter 4.6.2, PX4 1.18); the simulated ones send them too."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -41,7 +41,7 @@ def read_back(bench: "Bench", kind: int) -> list[Any]:
     return read
 
 
-def told(bench: "Bench") -> Any:
+def current(bench: "Bench") -> Any:
     """Return the MISSION_CURRENT it would send now."""
     message = bench.autopilot.telemetry.build(MISSION_CURRENT)
     return getattr(message, "base", message)
@@ -85,20 +85,20 @@ def test_a_px4_reads_fences_back_without_autocontinue_and_frame_but_rally_points
 
 
 def test_a_copter_does_not_count_home_among_its_items(copter: "Bench", items: "Items") -> None:
-    assert told(copter).total == 0
+    assert current(copter).total == 0
     six = flight(items, home=True)[:6]
     copter.upload(*six)
-    assert told(copter).total == 5
+    assert current(copter).total == 5
 
 
-def test_a_px4_counts_every_item_and_says_unknown_for_none(bench: "Bench", items: "Items") -> None:
-    assert told(bench).total == 0xFFFF
+def test_a_px4_counts_every_item_and_reports_unknown_for_none(bench: "Bench", items: "Items") -> None:
+    assert current(bench).total == 0xFFFF
     bench.upload(*flight(items, home=False))
-    assert told(bench).total == 6
+    assert current(bench).total == 6
 
 
 @pytest.mark.parametrize("flying", [False, True])
-def test_a_copter_told_to_begin_with_a_speed_says_the_waypoint_after_it(
+def test_a_copter_set_to_a_speed_change_reports_the_waypoint_after_it(
     copter_up: "Bench", items: "Items", flying: bool
 ) -> None:
     copter_up.upload(*flight(items, home=True))
@@ -112,13 +112,13 @@ def test_a_copter_told_to_begin_with_a_speed_says_the_waypoint_after_it(
     assert copter_up.autopilot.runner.speed_mps == 5.0
 
 
-def test_a_copter_answers_the_message_with_the_very_item_and_then_tells_the_one_it_flies(
+def test_a_copter_answers_the_message_with_the_item_set_and_then_reports_the_one_it_flies(
     copter_up: "Bench", items: "Items"
 ) -> None:
     copter_up.upload(*flight(items, home=True))
     (answer,) = copter_up.ask("mission_set_current", 1, 1, 2)
     assert (answer.get_type(), answer.seq) == ("MISSION_CURRENT", 2)
-    assert told(copter_up).seq == 3
+    assert current(copter_up).seq == 3
 
 
 def test_a_copter_denies_an_item_it_does_not_have(copter_up: "Bench", items: "Items") -> None:
@@ -130,10 +130,10 @@ def test_a_copter_denies_an_item_it_does_not_have(copter_up: "Bench", items: "It
 def test_a_px4_knows_no_command_to_set_the_current_item(bench: "Bench", items: "Items") -> None:
     bench.upload(*flight(items, home=False))
     assert bench.command(SET_CURRENT, 1.0) == UNSUPPORTED
-    assert told(bench).seq == 0
+    assert current(bench).seq == 0
 
 
-def test_a_px4_cannot_be_asked_for_its_current_item(bench: "Bench") -> None:
+def test_a_px4_does_not_send_its_current_item_on_request(bench: "Bench") -> None:
     assert bench.command(REQUEST, float(MISSION_CURRENT)) == DENIED
     assert bench.command(INTERVAL, float(MISSION_CURRENT), 2e5) == FAILED
     bench.fly(5.0)
@@ -144,10 +144,10 @@ def test_a_px4_cannot_be_asked_for_its_current_item(bench: "Bench") -> None:
 def test_a_px4_in_flight_moves_on_from_a_speed_to_the_waypoint_after_it(airborne: "Bench", items: "Items") -> None:
     airborne.upload(*flight(items, home=False))
     airborne.ask("mission_set_current", 1, 1, 3)
-    assert told(airborne).seq == 3  # it does not fly its mission yet
+    assert current(airborne).seq == 3  # it does not fly its mission yet
     assert airborne.set_mode(PX4_MISSION) == ACCEPTED
     airborne.fly(0.2)
-    assert told(airborne).seq == 4
+    assert current(airborne).seq == 4
     airborne.ask("mission_set_current", 1, 1, 1)
     airborne.fly(0.2)
-    assert told(airborne).seq == 2
+    assert current(airborne).seq == 2

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from skyfolio.sim.fault_schedule import parse_fault
 from skyfolio.sim.impairments import Channel, Impairments
-from skyfolio.sim.schedule import parse_fault
 
 N = 20_000
 
@@ -38,8 +38,8 @@ def test_loss_has_its_share_and_its_burst_length(burst: float) -> None:
     channel: Channel[int] = Channel("seed", Impairments(loss=0.2, burst=burst))
     for number in range(N):
         channel.push(number, 100, float(number))
-    got = set(channel.pop(float(N)))
-    lost = [number for number in range(N) if number not in got]
+    arrived = set(channel.pop(float(N)))
+    lost = [number for number in range(N) if number not in arrived]
     bursts = len(lost) - sum(after == before + 1 for before, after in pairwise(lost))
     assert len(lost) / N == pytest.approx(0.2, abs=0.02)
     assert len(lost) / bursts == pytest.approx(max(burst, 1.25), rel=0.1)  # 1 / 0.8 in a row by chance alone
@@ -106,7 +106,7 @@ def test_the_same_seed_gives_the_same_fate(**values: float) -> None:
         ({"bandwidth_bps": 0.0}, "bandwidth_bps must be between 1 and"),
     ],
 )
-def test_an_impairment_that_cannot_be_is_refused(values: dict[str, Any], words: str) -> None:
+def test_an_impossible_impairment_is_refused(values: dict[str, Any], words: str) -> None:
     with pytest.raises(ValueError, match=words):
         Impairments(**values)
 

@@ -75,7 +75,7 @@ def test_a_crowd_of_peers_is_bounded(gcs: "GroundStation") -> None:
     assert len(transport.sent) == MAX_PEERS + 1
 
 
-def test_a_closed_link_neither_sends_nor_hears(gcs: "GroundStation") -> None:
+def test_a_closed_link_neither_sends_nor_receives(gcs: "GroundStation") -> None:
     link, transport, heard = a_link()
     link.close()
     link.broadcast(b"data")

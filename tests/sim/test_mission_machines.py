@@ -125,7 +125,7 @@ class Px4Machine(Machine):
             assert [a.type for a in answers if a.get_type() == "MISSION_ACK"] == [dialect.MAV_MISSION_ACCEPTED]
             plan = self.accepted[kind][-1]
             assert self.promised[kind] == (who, len(plan))
-            assert {(who, one.seq, one.x) for one in plan} <= set(self.sent[kind])
+            assert {(who, item.seq, item.x) for item in plan} <= set(self.sent[kind])
 
     @rule(who=stations, variant=variants, kind=types)
     def next_item(self, who: Who, variant: int, kind: int) -> None:
@@ -148,7 +148,7 @@ class Px4Machine(Machine):
 
 
 class ArdupilotMachine(Machine):
-    """What was written last, item by item; `model` is that, and who may write next, told apart from the code."""
+    """What was written last, item by item; `model` keeps that and which station may write next on its own."""
 
     flavour = "ardupilot"
 

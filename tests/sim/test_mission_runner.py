@@ -73,9 +73,7 @@ def test_the_sharper_the_corner_the_slower_it_is_flown(
     assert low <= slowest <= high
 
 
-def test_a_hold_starts_when_the_waypoint_is_reached_and_lasts_as_long_as_it_says(
-    airborne: "Bench", items: "Items"
-) -> None:
+def test_a_hold_starts_when_the_waypoint_is_reached_and_lasts_for_its_param1(airborne: "Bench", items: "Items") -> None:
     airborne.upload(items.waypoint(30.0, 0.0, current=1.0, p1=6.0), items.waypoint(60.0, 0.0))
     airborne.set_mode(MISSION)
     airborne.fly_until(lambda: distance(airborne, 30.0, 0.0) <= 2.0)
@@ -172,7 +170,7 @@ def test_a_waypoint_is_not_reached_before_its_altitude(airborne: "Bench", items:
     assert distance(airborne, 5.0, 0.0) <= 2.0
 
 
-def test_a_waypoint_turns_the_nose_as_it_asks_and_no_faster_than_it_can(airborne: "Bench", items: "Items") -> None:
+def test_a_waypoint_turns_the_nose_to_its_yaw_and_no_faster_than_the_limit(airborne: "Bench", items: "Items") -> None:
     airborne.upload(items.waypoint(200.0, 0.0, current=1.0), items.waypoint(400.0, 0.0))
     airborne.set_mode(MISSION)
     airborne.fly(5.0)

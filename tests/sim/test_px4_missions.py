@@ -37,7 +37,7 @@ def test_the_acknowledgement_carries_the_id_that_mission_current_shows(bench: "B
     assert current.mission_id == ack.opaque_id
 
 
-def test_a_missing_item_is_asked_for_again_every_250_ms(bench: "Bench") -> None:
+def test_a_missing_item_is_requested_again_every_250_ms(bench: "Bench") -> None:
     bench.ask("mission_count", 1, 1, 2, 0)
     asked = []
     for _ in range(10):

@@ -1,7 +1,7 @@
 """What real autopilots answered to recorded commands, the simulated ones answer too.
 
-Each vehicle of each recorded flight is flown again in virtual time: it has the parameters that were read, and is told
-what the service told it, when the service did. What happened to it beside that, by another station or a fault, happens
+Each vehicle of each recorded flight is flown again in virtual time: it has the parameters that were read, and is sent
+what the service sent, when the service did. What happened to it beside that, by another station or a fault, happens
 again. Then both have given the same results, gone through the same modes, and stood or flown in the same order.
 """
 
@@ -35,7 +35,7 @@ def change_to(mode: Mode) -> Happening:
 
 
 def drain(autopilot: Autopilot) -> None:
-    autopilot.mishaps.set_battery(0.04)
+    autopilot.component_failures.set_battery(0.04)
 
 
 HAPPENED: dict[tuple[str, int], list[tuple[float, Happening]]] = {
@@ -44,17 +44,17 @@ HAPPENED: dict[tuple[str, int], list[tuple[float, Happening]]] = {
     ("ppp-crawl2", 1): [(53.4, change_to(Mode.RTL))],
     ("ppp-crawl2", 2): [(54.0, change_to(Mode.RTL))],
     ("ppp-crawl2", 3): [(54.5, change_to(Mode.RTL))],
-    ("ppp-gps-motor", 1): [(59.2, lambda autopilot: autopilot.mishaps.lose_satellites())],
+    ("ppp-gps-motor", 1): [(59.2, lambda autopilot: autopilot.component_failures.lose_satellites())],
     ("ppp-human-stop", 1): [(56.57, change_to(Mode.HOLD))],
     ("ppp-rtl-batt", 1): [(56.0, change_to(Mode.RTL))],
     ("ppp-rtl-batt", 2): [(89.4, drain)],
 }
-"""What is in the README of the recordings and not in what the service said, seconds into the recording."""
+"""What is in the README of the recordings and not in what the service sent, seconds into the recording."""
 
 STOPPED_S = {("ccc-human-stop", 2): (90.05, 98.2), ("ppp-human-stop", 2): (91.4, 99.4)}
-"""When a vehicle stood still as a process: it reads what it was told once it goes on."""
+"""When a vehicle stood still as a process: it reads what it was sent once it goes on."""
 DOWN_S = {("ccc-reboot", 2): (52.4, 55.6), ("ccc-reboot", 3): (82.4, 85.8)}
-"""When a vehicle was off: what it was told then is lost."""
+"""When a vehicle was off: what it was sent then is lost."""
 JUDGED_UNTIL_S = {
     ("ccc-human-stop", 1): 75.0,
     ("ccc-human-stop", 2): 112.0,
@@ -62,7 +62,7 @@ JUDGED_UNTIL_S = {
     ("ppp-human-stop", 2): 160.0,
 }
 """The first sank in LOITER because its sticks lay at the bottom; the simulator's are centred. The simulation of the
-others is seconds ahead at the end of its mission, and lands where the real one was still told something."""
+others is seconds ahead at the end of its mission, and lands where the real one was still sent something."""
 STALLED = ("ccp-kill-p",)
 """The machine that recorded this one stood still for seconds: answers and words are missing in it."""
 PASSING = re.compile(r"Mission|Reached|EKF3|AHRS|GPS 1|Field|SIM |PreArm|Geofence|RTL: start|\)")
@@ -83,7 +83,7 @@ class Flight:
         self.words: list[tuple[int, str]] = []
         self.orders: list[int] = []
 
-    def hear(self, name: str, get: Callable[[str], Any]) -> None:
+    def take(self, name: str, get: Callable[[str], Any]) -> None:
         """Take a message of the vehicle; `get` reads its fields."""
         if name == "COMMAND_ACK":
             if get("target_system") == SERVICE:
@@ -107,29 +107,29 @@ def changes(values: Iterable[Any]) -> list[Any]:
 
 def recorded_flight(name: str, system_id: int, *, until_s: float) -> Flight:
     flight = Flight()
-    for said in messages(name):
-        if said.system_id == system_id and said.component_id == 1 and said.at_s <= until_s:
-            flight.hear(said.name, said.fields.__getitem__)
+    for message in messages(name):
+        if message.system_id == system_id and message.component_id == 1 and message.at_s <= until_s:
+            flight.take(message.name, message.fields.__getitem__)
     return flight
 
 
-def told(name: str, system_id: int) -> list[Recorded]:
-    """Return what the service said to a vehicle and to everybody."""
+def sent_to(name: str, system_id: int) -> list[Recorded]:
+    """Return what the service sent to a vehicle and to everybody."""
     return [m for m in messages(name) if m.system_id == SERVICE and m.fields.get("target_system", 0) in (0, system_id)]
 
 
 def standing(name: str, system_id: int) -> Autopilot:
     """Return a simulated vehicle where the recorded one stood, with its parameters as far as they were read."""
-    said = [m for m in messages(name) if m.system_id == system_id]
-    home = next(m.fields for m in said if m.name == "HOME_POSITION")
-    flavour = "px4" if next(m for m in said if m.name == "HEARTBEAT").fields["autopilot"] == 12 else "ardupilot"
+    recorded = [m for m in messages(name) if m.system_id == system_id]
+    home = next(m.fields for m in recorded if m.name == "HOME_POSITION")
+    flavour = "px4" if next(m for m in recorded if m.name == "HEARTBEAT").fields["autopilot"] == 12 else "ardupilot"
     place = (home["latitude"] / 1e7, home["longitude"] / 1e7, home["altitude"] / 1e3)
     autopilot = Autopilot(
         VehicleSpec(system_id, *place, autopilot=flavour),
         protocol_clock=lambda: autopilot.now_s,
         on_event=lambda _kind, _detail: None,
     )
-    for message in said:
+    for message in recorded:
         if message.name == "PARAM_VALUE" and message.fields["param_id"] in autopilot.parameters:
             set_parameter(autopilot, message.fields)
     return autopilot
@@ -143,14 +143,14 @@ def set_parameter(autopilot: Autopilot, fields: dict[str, Any]) -> None:
 
 
 def ends_s(name: str, system_id: int) -> float:
-    """Return when the vehicle was heard last."""
+    """Return when the vehicle sent its last message."""
     return max(m.at_s for m in messages(name) if m.system_id == system_id)
 
 
 def simulated_flight(name: str, system_id: int, *, goes_on: bool) -> Flight:
     """Fly it; `goes_on`: beyond the recording, and the service's HEARTBEAT with it."""
     autopilot, flight, decoder = standing(name, system_id), Flight(), Decoder()
-    waiting = told(name, system_id)
+    waiting = sent_to(name, system_id)
     happening = list(HAPPENED.get((name, system_id), []))
     until_s = JUDGED_UNTIL_S.get((name, system_id), ends_s(name, system_id) + 0.2)
     if goes_on:
@@ -167,7 +167,7 @@ def simulated_flight(name: str, system_id: int, *, goes_on: bool) -> Flight:
             off = None
         if stopped is not None and autopilot.now_s >= stopped[0]:
             frozen_s, stopped = stopped[1] - stopped[0], None
-            autopilot.now_s += frozen_s
+            autopilot.clock.now_s += frozen_s
             autopilot.thaw(frozen_s, frozen_s)
         while waiting and waiting[0].at_s <= autopilot.now_s:
             for message in decoder.decode(waiting.pop(0).frame):
@@ -180,9 +180,9 @@ def simulated_flight(name: str, system_id: int, *, goes_on: bool) -> Flight:
     return flight
 
 
-def listen(flight: Flight, said: Iterable[Any]) -> None:
-    for message in said:
-        flight.hear(message.get_type(), partial(getattr, message))
+def listen(flight: Flight, messages_sent: Iterable[Any]) -> None:
+    for message in messages_sent:
+        flight.take(message.get_type(), partial(getattr, message))
 
 
 def path(beats: list[tuple[int, int, int]]) -> list[tuple[int, int, int]]:
@@ -228,4 +228,4 @@ def test_a_simulated_vehicle_answers_and_flies_as_the_recorded_one_did(name: str
 
 
 def words(flight: Flight) -> set[tuple[int, str]]:
-    return {said for said in flight.words if not PASSING.match(said[1])}
+    return {text for text in flight.words if not PASSING.match(text[1])}

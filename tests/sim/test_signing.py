@@ -6,7 +6,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from skyfolio.sim import Fleet, VirtualClock, grid_of
-from skyfolio.sim.reports import EPOCH_S
+from skyfolio.sim.clock import EPOCH_S
 from skyfolio.sim.signing import Signature
 from skyfolio.sim.wire import Decoder, Encoder
 
@@ -23,28 +23,28 @@ def listener() -> Decoder:
     return Decoder(Signature(KEY, lambda: EPOCH_S))
 
 
-def test_only_frames_with_the_key_are_heard() -> None:
+def test_only_frames_with_the_key_are_accepted() -> None:
     decoder = listener()
     assert len(decoder.decode(signed(KEY).encode(BEAT))) == 1
     assert decoder.decode(signed(OTHER).encode(BEAT)) == []
     assert decoder.decode(Encoder(245).encode(BEAT)) == []
 
 
-def test_a_frame_is_not_heard_twice() -> None:
+def test_a_frame_is_not_accepted_twice() -> None:
     decoder = listener()
     frame = signed(KEY).encode(BEAT)
     assert len(decoder.decode(frame)) == 1
     assert decoder.decode(frame) == []
 
 
-def test_a_forged_frame_from_the_future_shuts_nobody_out() -> None:
+def test_a_forged_frame_from_the_future_shuts_no_later_frame_out() -> None:
     decoder, genuine = listener(), signed(KEY)
     assert len(decoder.decode(genuine.encode(BEAT))) == 1
     assert decoder.decode(signed(OTHER, EPOCH_S + 1e6).encode(BEAT)) == []
     assert len(decoder.decode(genuine.encode(BEAT))) == 1
 
 
-def test_a_fleet_with_a_key_signs_and_obeys_only_who_signs() -> None:
+def test_a_fleet_with_a_key_signs_and_obeys_only_signed_messages() -> None:
     fleet = Fleet(grid_of(1, *HOME), clock=VirtualClock(), signing_key=KEY)
     heard: list[Any] = []
     decoder = listener()

@@ -78,7 +78,7 @@ def test_gusts_have_the_size_they_were_given() -> None:
         ({"wind_east_mps": math.nan}, "wind_east_mps must be a finite number"),
     ],
 )
-def test_weather_that_cannot_be_is_refused(values: dict[str, float], words: str) -> None:
+def test_impossible_weather_is_refused(values: dict[str, float], words: str) -> None:
     with pytest.raises(ValueError, match=words):
         Weather(**values)
 

@@ -28,7 +28,7 @@ def test_frames_are_numbered() -> None:
     assert frames[0][5:7] == bytes([9, 1])
 
 
-def test_damaged_and_mavlink_1_frames_are_dropped_and_the_next_is_still_heard(gcs: "GroundStation") -> None:
+def test_damaged_and_mavlink_1_frames_are_dropped_and_the_next_is_still_decoded(gcs: "GroundStation") -> None:
     good = gcs.frame("ping", 1, 2, 0, 0)
     damaged = bytearray(good)
     damaged[12] ^= 0xFF
@@ -40,7 +40,7 @@ def test_damaged_and_mavlink_1_frames_are_dropped_and_the_next_is_still_heard(gc
     assert [message.get_type() for message in decoder.decode(good + good)] == ["PING", "PING"]
 
 
-def test_words_are_cut_at_fifty_bytes() -> None:
+def test_a_text_is_cut_at_fifty_bytes() -> None:
     (message,) = Decoder().decode(Encoder(1).encode(text("x" * 80)))
     assert message.text == "x" * 50
 

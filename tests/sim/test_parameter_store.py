@@ -1,4 +1,4 @@
-"""sim.parameters"""
+"""sim.parameter_store"""
 
 import math
 import struct
@@ -9,7 +9,7 @@ import pytest
 
 from skyfolio.sim.flavours import FLAVOURS, PX4
 from skyfolio.sim.kinematics import Limits
-from skyfolio.sim.parameters import INT32, REAL32, ParameterStore
+from skyfolio.sim.parameter_store import INT32, REAL32, ParameterStore
 
 if TYPE_CHECKING:
     from tests.sim.conftest import Bench
@@ -55,7 +55,7 @@ def test_a_value_out_of_range_changes_nothing_and_is_answered_with_the_old_one(b
     assert answer.param_value == bench.autopilot.parameters["NAV_ACC_RAD"] == 2.0
 
 
-def test_an_unknown_name_or_a_wrong_type_is_answered_in_words(bench: "Bench") -> None:
+def test_an_unknown_name_or_a_wrong_type_is_answered_by_a_text(bench: "Bench") -> None:
     for message in (("param_set", 1, 1, b"NONSENSE", 1.0, REAL32), ("param_set", 1, 1, b"NAV_ACC_RAD", 1.0, INT32)):
         (words,) = bench.ask(*message)
         assert words.get_type() == "STATUSTEXT"
@@ -83,7 +83,7 @@ def test_setting_from_python_checks_name_and_range() -> None:
         store["MIS_TAKEOFF_ALT"] = -5.0
 
 
-def test_ardupilot_sends_integers_as_numbers_and_says_nothing_about_unknown_names(copter: "Bench") -> None:
+def test_ardupilot_sends_integers_as_numbers_and_does_not_answer_for_unknown_names(copter: "Bench") -> None:
     value = by_name(copter, "RTL_ALT")
     assert (value.param_value, value.param_type) == (1500.0, INT32)
     (answer,) = copter.ask("param_set", 1, 1, b"RTL_ALT", 2500.0, REAL32)

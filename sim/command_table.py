@@ -1,4 +1,4 @@
-"""COMMAND_LONG and COMMAND_INT -> COMMAND_ACK. What is not in a flavour's table is answered UNSUPPORTED.
+"""COMMAND_LONG and COMMAND_INT -> COMMAND_ACK. A command that is not in a flavour's table is answered UNSUPPORTED.
 
 Here is what both flavours do alike; `sim.px4_commands` and `sim.ardupilot_commands` add their own.
 """
@@ -6,16 +6,18 @@ Here is what both flavours do alike; `sim.px4_commands` and `sim.ardupilot_comma
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from skyfolio.sim.component_failures import ComponentFailures
+from skyfolio.sim.hosts import Announcer, Commandable, Equipment, VehicleState
 from skyfolio.sim.missions import NOT_GIVEN, RELATIVE_FRAMES
 from skyfolio.sim.modes import Mode
+from skyfolio.sim.navigator import Navigator
+from skyfolio.sim.onboard_plans import Plans
+from skyfolio.sim.telemetry_streams import Telemetry
 from skyfolio.sim.wire import Message
-
-if TYPE_CHECKING:
-    from skyfolio.sim.autopilot import Autopilot
 
 ACCEPTED = dialect.MAV_RESULT_ACCEPTED
 REJECTED_FOR_NOW = dialect.MAV_RESULT_TEMPORARILY_REJECTED
@@ -29,7 +31,11 @@ FORCE = 21196
 
 
 class Command(NamedTuple):
-    """One command, however it was sent: parameters 1-4, place in degrees or None, altitude as sent, MAV_FRAME."""
+    """One command, however it was sent: param1 to param4, and a place.
+
+    lat_deg, lon_deg (WGS 84) and alt_m (metres above the level of `frame`, a MAV_FRAME) are None if they are not
+    given. is_int: it was a COMMAND_INT.
+    """
 
     id: int
     param1: float
@@ -48,8 +54,8 @@ class Command(NamedTuple):
         head = (message.command, message.param1, message.param2, message.param3, message.param4)
         if message.get_type() == "COMMAND_INT":
             lat, lon = (None if raw == NOT_GIVEN else raw / 1e7 for raw in (message.x, message.y))
-            return cls(*head, lat, lon, _given(message.z), message.frame, True)
-        place = (_given(message.param5), _given(message.param6), _given(message.param7))
+            return cls(*head, lat, lon, _finite(message.z), message.frame, True)
+        place = (_finite(message.param5), _finite(message.param6), _finite(message.param7))
         return cls(*head, *place, dialect.MAV_FRAME_GLOBAL, False)
 
 
@@ -60,11 +66,29 @@ class Outcome(NamedTuple):
     messages: tuple[Message, ...] = ()
 
 
+class CommandHost(VehicleState, Equipment, Announcer, Commandable, Protocol):
+    """The vehicle that takes commands."""
+
+    component_failures: ComponentFailures
+    navigator: Navigator
+    plans: Plans
+    telemetry: Telemetry
+
+    def arm(self, *, force: bool = False) -> bool:
+        """Arm; return whether its checks allow it."""
+
+    def takeoff(self, up_m: float | None) -> None:
+        """Climb above this place to `up_m` metres above home (None: to the take-off parameter)."""
+
+    def reposition(self, east_m: float | None, north_m: float | None, up_m: float | None, speed_mps: float) -> None:
+        """Hold at a place and height (metres; None keeps the present one); a speed <= 0 means the cruise speed."""
+
+
 class Commands(ABC):
     """The command table of one autopilot."""
 
-    def __init__(self, autopilot: "Autopilot") -> None:
-        self._autopilot = autopilot
+    def __init__(self, host: CommandHost) -> None:
+        self._host = host
         self._table: dict[int, Callable[[Command], Outcome]] = {
             dialect.MAV_CMD_COMPONENT_ARM_DISARM: self._arm_disarm,
             dialect.MAV_CMD_NAV_TAKEOFF: self._takeoff,
@@ -86,7 +110,7 @@ class Commands(ABC):
         }
 
     def handle(self, message: Any) -> list[Message]:
-        """Return the acknowledgement of a command, and what it asked for."""
+        """Return the COMMAND_ACK of a command, and the messages it requests."""
         handler = self._table.get(message.command)
         outcome = Outcome(UNSUPPORTED) if handler is None else handler(Command.from_message(message))
         ack: Message = dialect.MAVLink_command_ack_message(
@@ -137,43 +161,43 @@ class Commands(ABC):
     def _set_mission_current(self, command: Command) -> Outcome: ...
 
     def _place(self, command: Command) -> tuple[float | None, float | None, float | None] | None:
-        """Return (east, north, up) metres as far as they are given, or None for a place that is not on the globe."""
-        autopilot = self._autopilot
+        """Return (east, north, up) in metres, each None if it is not given; None for a place off the globe."""
+        host = self._host
         east_m = north_m = up_m = None
         if command.lat_deg is not None and command.lon_deg is not None:
             if abs(command.lat_deg) > 90.0 or abs(command.lon_deg) > 180.0:
                 return None
-            east_m, north_m = autopilot.frame.to_local(command.lat_deg, command.lon_deg)
+            east_m, north_m = host.frame.to_local(command.lat_deg, command.lon_deg)
         if command.alt_m is not None:
-            up_m = command.alt_m - (0.0 if command.frame in RELATIVE_FRAMES else autopilot.spec.home_alt_m)
+            up_m = command.alt_m - (0.0 if command.frame in RELATIVE_FRAMES else host.spec.home_alt_m)
         return east_m, north_m, up_m
 
     def _request_message(self, command: Command) -> Outcome:
         return self._send(index_of(command.param1))
 
     def _send(self, message_id: int) -> Outcome:
-        message = self._autopilot.telemetry.build(message_id)
+        message = self._host.telemetry.build(message_id)
         return Outcome(self._unknown_message) if message is None else Outcome(ACCEPTED, (message,))
 
     _unknown_message = DENIED
     _message_first = False
-    """Whether a message that was asked for comes before the acknowledgement."""
+    """Whether a requested message is sent before the acknowledgement."""
 
     def _set_message_interval(self, command: Command) -> Outcome:
         if not math.isfinite(command.param2):
             return Outcome(DENIED)
-        known = self._autopilot.telemetry.set_interval(index_of(command.param1), command.param2 / 1e6)
-        return Outcome(ACCEPTED if known else FAILED)
+        is_streamed = self._host.telemetry.set_interval(index_of(command.param1), command.param2 / 1e6)
+        return Outcome(ACCEPTED if is_streamed else FAILED)
 
     def _prearm_checks(self, command: Command) -> Outcome:
         del command
-        return Outcome(REJECTED_FOR_NOW if self._autopilot.armed else ACCEPTED)
+        return Outcome(REJECTED_FOR_NOW if self._host.armed else ACCEPTED)
 
 
-def _given(value: float) -> float | None:
+def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
 def index_of(value: float) -> int:
-    """Return a number sent as a float; -1, which is never an index, for one that is none."""
+    """Return the index that a float carries; -1, which is never an index, for a negative number, infinity or NaN."""
     return int(value) if 0.0 <= value < math.inf else -1

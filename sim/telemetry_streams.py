@@ -1,17 +1,17 @@
-"""What a vehicle tells unasked: streams in fleet time and their rates; `sim.reports` fills the messages."""
+"""What a vehicle sends without being asked: streams and their rates, in fleet time.
+
+`sim.telemetry_messages` fills the messages.
+"""
 
 import math
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from skyfolio.sim.metadata import COMPONENT_METADATA, metadata_message
 from skyfolio.sim.mission_state import NOTHING_REACHED
-from skyfolio.sim.reports import BUILDERS, boot_ms
+from skyfolio.sim.telemetry_messages import BUILDERS, MessageHost, mission_current
 from skyfolio.sim.wire import Message
-
-if TYPE_CHECKING:
-    from skyfolio.sim.autopilot import Autopilot
 
 FASTEST_INTERVAL_S = 0.02
 GROUPS: dict[int, tuple[int, ...]] = {
@@ -36,35 +36,44 @@ REACHED_REPEATS = 10
 _ALWAYS_FIRST = dialect.MAVLINK_MSG_ID_HEARTBEAT
 
 
-class Telemetry:
-    """The streams of one autopilot, and every message it can be asked for (MAV_CMD_REQUEST_MESSAGE)."""
+class StreamHost(MessageHost, Protocol):
+    """The vehicle that sends."""
 
-    def __init__(self, autopilot: "Autopilot", *, start_s: float, phase: float) -> None:
-        self._autopilot = autopilot
-        self._defaults_hz = autopilot.flavour.rates_hz
+    files: dict[str, bytes]
+
+
+class Telemetry:
+    """The streams of one autopilot, and every message that can be requested from it (MAV_CMD_REQUEST_MESSAGE).
+
+    The streams begin at fleet time `start_s`, shifted by a `phase` in [0, 1) of their interval.
+    """
+
+    def __init__(self, host: StreamHost, *, start_s: float, phase: float) -> None:
+        self._host = host
+        self._defaults_hz = host.traits.rates_hz
         self._interval_s: dict[int, float] = {}
         self._due_s: dict[int, float] = {}
         for message_id, rate_hz in self._defaults_hz.items():
             self._interval_s[message_id] = 1.0 / rate_hz
             self._due_s[message_id] = start_s + (0.0 if message_id == _ALWAYS_FIRST else phase / rate_hz)
         self._next_s = start_s
-        self._told: tuple[int, bool] | None = None
+        self._announced: tuple[int, bool] | None = None
+        self._reached: int | None = None
         self._repeats = 0
 
-    @property
-    def boot_ns(self) -> int:
-        """The autopilot's clock in nanoseconds since boot."""
-        return boot_ms(self._autopilot) * 1_000_000
-
     def build(self, message_id: int) -> Message | None:
-        """Return the message as of now, or None if the vehicle does not know it."""
-        if message_id == COMPONENT_METADATA and self._autopilot.files:
-            return metadata_message(boot_ms(self._autopilot), self._autopilot.files)
+        """Return the message of an id as of now, or None if the vehicle does not have it."""
+        if message_id == COMPONENT_METADATA and self._host.files:
+            return metadata_message(self._host.clock.boot_ms, self._host.files)
         builder = BUILDERS.get(message_id)
-        return builder(self._autopilot) if builder else None
+        return builder(self._host) if builder else None
+
+    def mission_current(self, seq: int) -> Message:
+        """Return a MISSION_CURRENT that names item `seq`."""
+        return mission_current(self._host, seq)
 
     def set_interval(self, message_id: int, interval_s: float) -> bool:
-        """Set a stream's interval (0: default, negative: off); False for a message that cannot be streamed."""
+        """Set a stream's interval in seconds (0: default, negative: off); return whether it can be streamed."""
         if message_id not in BUILDERS:
             return False
         default = self._defaults_hz.get(message_id)
@@ -73,51 +82,56 @@ class Telemetry:
             self._due_s.pop(message_id, None)
             return True
         self._interval_s[message_id] = max(interval_s, FASTEST_INTERVAL_S) if interval_s else 1.0 / (default or 1.0)
-        self._due_s[message_id] = self._next_s = self._autopilot.now_s
+        self._due_s[message_id] = self._next_s = self._host.clock.now_s
         return True
 
     def set_group(self, group: int, rate_hz: float) -> None:
-        """Set the rate of a group of streams (0: off; MAV_DATA_STREAM_ALL: every group)."""
+        """Set the rate of a group of streams in Hz (0: off; MAV_DATA_STREAM_ALL: every group)."""
         groups = list(GROUPS) if group == dialect.MAV_DATA_STREAM_ALL else [group]
-        for one in groups:
-            for message_id in GROUPS.get(one, ()):
+        for member in groups:
+            for message_id in GROUPS.get(member, ()):
                 self.set_interval(message_id, 1.0 / rate_hz if rate_hz > 0.0 else -1.0)
 
-    def keep_to_itself(self) -> None:
-        """Take what the mission has come to for told: what a ground station sets comes with the stream only."""
-        runner = self._autopilot.runner
-        self._told = (runner.index, runner.finished)
+    def mission_set(self) -> None:
+        """Announce no change of the current item: one that a ground station sets is sent with the stream only."""
+        runner = self._host.runner
+        self._announced = (runner.index, runner.finished)
 
-    def mission_news(self, reached: int | None) -> list[Message]:
-        """Return what is to be told of the mission beside its stream; `reached`: the last item done since.
+    def item_reached(self, seq: int) -> None:
+        """Announce that mission item `seq` is done; of several done in one step only the last is announced."""
+        self._reached = seq
 
-        Only one item is told of when several are done at once, the last. PX4 tells whenever index or end change.
+    def mission_news(self) -> list[Message]:
+        """Return what the mission adds to the streams since the last call: MISSION_CURRENT, MISSION_ITEM_REACHED.
+
+        Only PX4 sends MISSION_CURRENT whenever the index changes or the mission ends.
         """
         messages: list[Message] = []
-        runner = self._autopilot.runner
-        told, self._told = self._told, (runner.index, runner.finished)
-        if self._autopilot.flavour.tells_mission and told not in (None, self._told) and runner.mission.items:
+        runner = self._host.runner
+        before, self._announced = self._announced, (runner.index, runner.finished)
+        if self._host.traits.announces_mission and before not in (None, self._announced) and runner.mission.items:
             messages += filter(None, [self.build(MISSION_CURRENT)])
+        reached, self._reached = self._reached, None
         if reached is not None:
             self._repeats = REACHED_REPEATS
             messages.append(dialect.MAVLink_mission_item_reached_message(reached))
         return messages
 
     def _reached_again(self) -> list[Message]:
-        reached = self._autopilot.runner.reached
-        if not self._autopilot.flavour.tells_mission or reached == NOTHING_REACHED or self._repeats <= 0:
+        reached = self._host.runner.reached
+        if not self._host.traits.announces_mission or reached == NOTHING_REACHED or self._repeats <= 0:
             return []
         self._repeats -= 1
         return [dialect.MAVLink_mission_item_reached_message(reached)]
 
     def due(self, now_s: float) -> list[Message]:
-        """Return the messages whose time has come; a stream that is late sends once, not once for each miss."""
+        """Return the messages due by fleet time `now_s`; a late stream sends once, however many intervals it missed."""
         if now_s < self._next_s:
             return []
         messages = []
         for message_id, due_s in self._due_s.items():
             if due_s <= now_s:
-                message = BUILDERS[message_id](self._autopilot)
+                message = BUILDERS[message_id](self._host)
                 if message is not None:
                     messages.append(message)
                 if message_id == MISSION_CURRENT:

@@ -1,4 +1,4 @@
-"""Faults to come, by fleet time or by slot, and how they are written on a command line."""
+"""Faults that are to happen at a fleet time or a slot, and how they are written on a command line."""
 
 import re
 from typing import Any
@@ -12,18 +12,18 @@ _TEXT = re.compile(
 
 
 class Schedule:
-    """Holds faults until their time; those for a slot wait until there is a `grid`."""
+    """Holds faults until they are due; those for a slot wait until there is a `grid`."""
 
     def __init__(self) -> None:
         self.grid: SlotGrid | None = None
         self._entries: list[tuple[float | None, int, Fault]] = []
 
     def add(self, fault: Fault, *, at_s: float | None, at_slot: int | None) -> None:
-        """Add a fault for a time or a slot."""
+        """Add a fault for a moment of fleet time (seconds) or for a slot."""
         self._entries.append((at_s, at_slot or 0, fault))
 
     def due(self, now_s: float) -> list[Fault]:
-        """Return the faults whose time has come, and forget them."""
+        """Return the faults due by fleet time `now_s`, and forget them."""
         due = [entry for entry in self._entries if self._time_of(entry) <= now_s + 1e-9]
         for entry in due:
             self._entries.remove(entry)
@@ -40,7 +40,7 @@ def parse_fault(text: str) -> tuple[Fault, float | None, int | None]:
     """Return a fault, its time and its slot, from `KIND:VEHICLE[@SECONDS|@slot=N][,KNOB=VALUE...]`.
 
     Words of a kind are joined by `-` or `_`. Knobs of a link's directions are written `up.loss=0.2`.
-    ValueError says what cannot be.
+    ValueError names the part that cannot be read.
     """
     match = _TEXT.fullmatch(text)
     if match is None:

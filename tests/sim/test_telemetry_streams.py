@@ -1,4 +1,4 @@
-"""sim.telemetry"""
+"""sim.telemetry_streams"""
 
 import math
 from collections import Counter
@@ -15,7 +15,7 @@ def names(messages: list[Any]) -> Counter[str]:
     return Counter(message.get_type() for message in messages)
 
 
-def test_the_heartbeat_beats_once_a_second_and_position_comes_at_five_hertz(bench: "Bench") -> None:
+def test_heartbeats_are_sent_once_a_second_and_positions_at_five_hertz(bench: "Bench") -> None:
     bench.fly(20.0)
     sent = names(bench.sent)
     assert 20 <= sent["HEARTBEAT"] <= 21
@@ -23,7 +23,7 @@ def test_the_heartbeat_beats_once_a_second_and_position_comes_at_five_hertz(benc
     assert 20 <= sent["MISSION_CURRENT"] <= 21
 
 
-def test_the_heartbeat_says_a_px4_quadrotor_and_its_mode(airborne: "Bench") -> None:
+def test_the_heartbeat_describes_a_px4_quadrotor_and_its_mode(airborne: "Bench") -> None:
     beat: Any = airborne.autopilot.telemetry.build(dialect.MAVLINK_MSG_ID_HEARTBEAT)
     assert (beat.autopilot, beat.type) == (dialect.MAV_AUTOPILOT_PX4, dialect.MAV_TYPE_QUADROTOR)
     assert beat.custom_mode == 0x03040000
@@ -103,39 +103,39 @@ def test_the_mission_state_follows_the_mission(airborne: "Bench", items: "Items"
 
 
 def test_a_px4s_takeoff_by_command_counts_as_a_mission_that_is_done(airborne: "Bench", items: "Items") -> None:
-    told: list[Any] = [m for m in airborne.sent if m.get_type() == "MISSION_CURRENT"]
-    assert {m.mission_state for m in told} == {dialect.MISSION_STATE_NO_MISSION}
+    reports: list[Any] = [m for m in airborne.sent if m.get_type() == "MISSION_CURRENT"]
+    assert {m.mission_state for m in reports} == {dialect.MISSION_STATE_NO_MISSION}
     airborne.set_mode(6)
     airborne.fly_until(lambda: not airborne.autopilot.armed)
     airborne.upload(items.waypoint(30.0, 0.0, current=1.0))
     airborne.sent.clear()
     airborne.take_off()
-    told = [(m.mission_state, m.mission_mode) for m in airborne.sent if m.get_type() == "MISSION_CURRENT"]
-    assert list(dict.fromkeys(told)) == [(3, 1), (5, 2)]
+    reports = [(m.mission_state, m.mission_mode) for m in airborne.sent if m.get_type() == "MISSION_CURRENT"]
+    assert list(dict.fromkeys(reports)) == [(3, 1), (5, 2)]
 
 
 def test_an_arducopters_mission_is_not_started_whenever_it_is_not_flown(copter_up: "Bench", items: "Items") -> None:
-    def told() -> tuple[int, int]:
+    def state_and_mode() -> tuple[int, int]:
         message: Any = copter_up.autopilot.telemetry.build(dialect.MAVLINK_MSG_ID_MISSION_CURRENT)
         return int(message.mission_state), int(message.mission_mode)
 
-    assert told() == (dialect.MISSION_STATE_NO_MISSION, 0)
+    assert state_and_mode() == (dialect.MISSION_STATE_NO_MISSION, 0)
     copter_up.upload(items.waypoint(0.0, 0.0), items.waypoint(30.0, 0.0), items.waypoint(90.0, 0.0))
-    assert told() == (dialect.MISSION_STATE_NOT_STARTED, 0)
+    assert state_and_mode() == (dialect.MISSION_STATE_NOT_STARTED, 0)
     copter_up.set_mode(3)
-    assert told() == (dialect.MISSION_STATE_ACTIVE, 1)
+    assert state_and_mode() == (dialect.MISSION_STATE_ACTIVE, 1)
     copter_up.fly_until(lambda: copter_up.reached() == [1])
     copter_up.set_mode(4)
-    assert told() == (dialect.MISSION_STATE_NOT_STARTED, 0)
+    assert state_and_mode() == (dialect.MISSION_STATE_NOT_STARTED, 0)
 
 
 def test_each_item_that_is_done_is_announced(airborne: "Bench", items: "Items") -> None:
     airborne.upload(items.speed(5.0, current=1.0), items.waypoint(20.0, 0.0), items.waypoint(40.0, 0.0))
     airborne.set_mode(4)
     airborne.fly(30.0)
-    told = [m.seq for m in airborne.sent if m.get_type() == "MISSION_ITEM_REACHED"]
-    assert list(dict.fromkeys(told)) == [0, 1, 2]
-    assert told.count(2) == 11
+    reports = [m.seq for m in airborne.sent if m.get_type() == "MISSION_ITEM_REACHED"]
+    assert list(dict.fromkeys(reports)) == [0, 1, 2]
+    assert reports.count(2) == 11
 
 
 def test_of_items_done_at_once_only_the_last_is_announced(copter_up: "Bench", items: "Items") -> None:

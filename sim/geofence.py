@@ -14,7 +14,7 @@ _KEEP_IN = (dialect.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION, dialect.MAV_CMD_
 
 
 class Fence:
-    """The shapes of an uploaded fence plan; with several to stay inside of, any one will do."""
+    """The shapes of an uploaded fence plan; of several inclusions, it is enough to be inside one."""
 
     def __init__(self, frame: LocalFrame) -> None:
         self._frame = frame
@@ -22,13 +22,13 @@ class Fence:
         self._circles: list[tuple[bool, Place, float]] = []
 
     def load(self, plan: Mission) -> None:
-        """Take an accepted fence (see `sim.missions.bad_fence`)."""
+        """Replace the shapes by those of an accepted plan (see `sim.missions.bad_fence`)."""
         self._polygons, self._circles = [], []
         at = 0
         while at < len(plan):
             item = plan.items[at]
             run = int(item.param1) if item.command in FENCE_POLYGONS else 1
-            places = [self._frame.to_local(one.x / 1e7, one.y / 1e7) for one in plan.items[at : at + run]]
+            places = [self._frame.to_local(corner.x / 1e7, corner.y / 1e7) for corner in plan.items[at : at + run]]
             if item.command in FENCE_POLYGONS:
                 self._polygons.append((item.command in _KEEP_IN, places))
             elif item.command in FENCE_CIRCLES:
@@ -36,7 +36,7 @@ class Fence:
             at += run
 
     def breach(self, body: Body, rule: FenceRule, home_m: Place) -> Breach | None:
-        """Return what a body breaks by being where it is, or None."""
+        """Return which part of the fence a body breaks, or None; `home_m` is in metres east and north."""
         if body.up_m > rule.ceiling_m:
             return Breach.CEILING
         if body.distance_to(*home_m) > rule.radius_m:
@@ -53,7 +53,7 @@ class Fence:
 
 
 def _in_polygon(place: Place, corners: Sequence[Place]) -> bool:
-    """Even-odd rule: how many edges cross the ray to the east."""
+    """Return whether a place lies in a polygon, by the even-odd rule with a ray to the east."""
     crossed = False
     previous = corners[-1]
     for corner in corners:

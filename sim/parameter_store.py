@@ -1,7 +1,7 @@
 """The parameter protocol: PARAM_REQUEST_LIST, PARAM_REQUEST_READ, PARAM_SET -> PARAM_VALUE.
 
-PX4 sends integers bytewise inside the float, refuses values out of range and says so about unknown names; ArduPilot
-casts them to float, takes any finite value and says nothing about a name it does not know. Every parameter here has
+PX4 sends integers bytewise inside the float, refuses values out of range and reports unknown names; ArduPilot
+casts them to float, takes any finite value and does not answer for an unknown name. Every parameter here has
 an effect: `tuning` is derived anew whenever one is set.
 """
 
@@ -21,7 +21,7 @@ INT16 = dialect.MAV_PARAM_TYPE_INT16
 INT32 = dialect.MAV_PARAM_TYPE_INT32
 REAL32 = dialect.MAV_PARAM_TYPE_REAL32
 BY_NAME = -1
-"""PARAM_REQUEST_READ.param_index when the parameter is asked for by name."""
+"""PARAM_REQUEST_READ.param_index when the parameter is requested by name."""
 
 
 class Parameter(NamedTuple):
@@ -48,13 +48,13 @@ class ParameterStore:
     """
 
     def __init__(
-        self, known: Sequence[Parameter], derive: Callable[[Mapping[str, float]], Tuning], *, bytewise: bool
+        self, parameters: Sequence[Parameter], derive: Callable[[Mapping[str, float]], Tuning], *, bytewise: bool
     ) -> None:
-        self._known = sorted(known)
+        self._parameters = sorted(parameters)
         self._derive = derive
         self._bytewise = bytewise
-        self._index = {parameter.name: index for index, parameter in enumerate(self._known)}
-        self._values = {parameter.name: parameter.default for parameter in self._known}
+        self._index = {parameter.name: index for index, parameter in enumerate(self._parameters)}
+        self._values = {parameter.name: parameter.default for parameter in self._parameters}
         self._handlers: dict[str, Callable[[Any], list[Message]]] = {
             "PARAM_REQUEST_LIST": self._list,
             "PARAM_REQUEST_READ": self._read,
@@ -72,7 +72,7 @@ class ParameterStore:
 
     def __setitem__(self, name: str, value: float) -> None:
         """Set a value; KeyError for an unknown name, ValueError outside the parameter's range."""
-        parameter = self._known[self._index[name]]
+        parameter = self._parameters[self._index[name]]
         if not parameter.low <= value <= parameter.high:
             raise ValueError(f"{name} must be between {parameter.low} and {parameter.high}, got {value}")
         self._put(parameter, value)
@@ -82,7 +82,7 @@ class ParameterStore:
 
     @property
     def messages(self) -> frozenset[str]:
-        """Names of the messages this protocol answers."""
+        """Names of the messages that this protocol answers."""
         return frozenset(self._handlers)
 
     def handle(self, message: Any) -> list[Message]:
@@ -95,20 +95,20 @@ class ParameterStore:
 
     def _list(self, message: Any) -> list[Message]:
         del message
-        return [self._value_message(parameter) for parameter in self._known]
+        return [self._value_message(parameter) for parameter in self._parameters]
 
     def _read(self, message: Any) -> list[Message]:
         if message.param_index != BY_NAME:
-            in_range = 0 <= message.param_index < len(self._known)
-            return [self._value_message(self._known[message.param_index])] if in_range else []
+            in_range = 0 <= message.param_index < len(self._parameters)
+            return [self._value_message(self._parameters[message.param_index])] if in_range else []
         index = self._index.get(message.param_id)
-        return self._unknown(message.param_id) if index is None else [self._value_message(self._known[index])]
+        return self._unknown(message.param_id) if index is None else [self._value_message(self._parameters[index])]
 
     def _set(self, message: Any) -> list[Message]:
         index = self._index.get(message.param_id)
         if index is None:
             return self._unknown(message.param_id)
-        parameter = self._known[index]
+        parameter = self._parameters[index]
         if self._bytewise and message.param_type != parameter.type:
             return [text(f"param types mismatch param: {parameter.name}", dialect.MAV_SEVERITY_ERROR)]
         value = self._from_wire(message.param_value, parameter.type)
@@ -121,7 +121,7 @@ class ParameterStore:
             parameter.name.encode(),
             self._to_wire(self._values[parameter.name], parameter.type),
             parameter.type,
-            len(self._known),
+            len(self._parameters),
             self._index[parameter.name],
         )
         return message
