@@ -20,7 +20,7 @@ The package knows the planner's plan type and nothing of the service or the simu
 MAVSDK has not: framing and signing.
 """
 
-from skyfolio.mavlink_bridge.autopilots import Autopilot, FlightMode
+from skyfolio.mavlink_bridge.autopilots import DEFAULT_AUTOPILOT, Autopilot, FlightMode
 from skyfolio.mavlink_bridge.compare import mission_differences
 from skyfolio.mavlink_bridge.compiler import compile_mission
 from skyfolio.mavlink_bridge.errors import (
@@ -33,6 +33,7 @@ from skyfolio.mavlink_bridge.errors import (
     LinkError,
     ReturnPathsTooClose,
     TooManyItems,
+    UnknownAutopilot,
     UnknownUav,
     VehiclesMissing,
 )
@@ -53,6 +54,7 @@ from skyfolio.mavlink_bridge.writer import OnEnd
 
 __all__ = [
     "AUTOPILOT",
+    "DEFAULT_AUTOPILOT",
     "MAX_ITEMS",
     "Autopilot",
     "BridgeError",
@@ -80,6 +82,7 @@ __all__ = [
     "SwapResult",
     "Telemetry",
     "TooManyItems",
+    "UnknownAutopilot",
     "UnknownUav",
     "UploadResult",
     "VehicleModel",

@@ -6,10 +6,11 @@ As everything in `flight`, confirmed by what the vehicle reports afterwards.
 from __future__ import annotations
 
 import asyncio
+from contextlib import nullcontext
 from math import hypot, nan
 
 from skyfolio.mavlink_bridge import readiness
-from skyfolio.mavlink_bridge.autopilots import HOLD_MODE, Autopilot, FlightMode, mode_numbers
+from skyfolio.mavlink_bridge.autopilots import FlightMode
 from skyfolio.mavlink_bridge.flight import (
     CUSTOM_MODE,
     SET_MODE,
@@ -40,8 +41,9 @@ async def arm(
     vehicle: Vehicle, patience_s: float = ARMABLE_WITHIN_S, on_refused: OnRefused = lambda _why: None
 ) -> None:
     """Arm it where it stands, in the mode it takes off from, waiting `patience_s` wall seconds until it lets itself."""
-    if vehicle.autopilot is Autopilot.ARDUPILOT:
-        await set_mode(vehicle, FlightMode.GUIDED)
+    mode = vehicle.profile.takeoff.armed_in
+    if mode is not None:
+        await set_mode(vehicle, mode)
     await readiness.arm(vehicle, patience_s, on_refused)
 
 
@@ -56,12 +58,10 @@ async def launch(
     now = vehicle.state.snapshot()
     if now is None or now.place_deg is None:
         raise NotDone("its position is not known yet")
-    if vehicle.autopilot is Autopilot.ARDUPILOT:
-        await vehicle.command(_TAKEOFF, 0, 0, 0, None, 0, 0, altitude_m)
-    else:
-        home_amsl_m = now.altitude_amsl_m - now.relative_alt_m
-        with vehicle.commanding(FlightMode.TAKEOFF):
-            await vehicle.command(_TAKEOFF, None, 0, 0, None, None, None, home_amsl_m + altitude_m)
+    takeoff = vehicle.profile.takeoff
+    params = takeoff.params(altitude_m, now.altitude_amsl_m - now.relative_alt_m)
+    with nullcontext() if takeoff.mode is None else vehicle.commanding(takeoff.mode):
+        await vehicle.command(_TAKEOFF, *params)
     if not await heartbeat_until(vehicle, lambda: vehicle.state.armed and is_ours(vehicle)):
         raise NotDone(f"told to take off, but {'armed' if vehicle.state.armed else 'not armed'}: {seen_of(vehicle)}")
     climb = _Climb(vehicle, altitude_m)
@@ -97,7 +97,7 @@ async def go_to(vehicle: Vehicle, lat_deg: float, lon_deg: float, relative_alt_m
     """Fly straight to a point (degrees, metres above home) and come to rest there."""
     if vehicle.state.place_deg is None:
         raise NotDone("its position is not known yet")
-    with vehicle.commanding(HOLD_MODE[vehicle.autopilot]):
+    with vehicle.commanding(vehicle.profile.hold_mode):
         await vehicle.command_int(
             _REPOSITION,
             frame=Frame.GLOBAL_RELATIVE_ALT_INT,
@@ -130,7 +130,7 @@ async def start(vehicle: Vehicle, item: int) -> None:
 
 async def _insist(vehicle: Vehicle, mode: FlightMode) -> None:
     """Send DO_SET_MODE unacknowledged, every INSIST_EVERY_S, until HEARTBEAT shows the mode; it may come twice."""
-    main, sub = mode_numbers(vehicle.autopilot, mode)
+    main, sub = vehicle.profile.numbers_of(mode)
     order = vehicle.command_message(SET_MODE, CUSTOM_MODE, main, sub)
     for _ in range(INSIST_TIMES):
         await asyncio.sleep(INSIST_EVERY_S)

@@ -4,6 +4,7 @@
     BridgeError
     ├── CompileError            a plan cannot become a mission
     │   ├── UnknownUav
+    │   ├── UnknownAutopilot
     │   ├── TooManyItems
     │   ├── ReturnPathsTooClose
     │   └── TransitionTooClose
@@ -36,6 +37,14 @@ class UnknownUav(CompileError):
     def __init__(self, uav_id: str, known: Iterable[str]) -> None:
         super().__init__(f"uav_id: '{uav_id}' is not in the plan; it flies {', '.join(known) or 'nobody'}")
         self.uav_id = uav_id
+
+
+class UnknownAutopilot(CompileError):
+    """The bridge has no profile of this autopilot, so that nothing it would send can be trusted to be right."""
+
+    def __init__(self, autopilot: str, known: str) -> None:
+        super().__init__(f"its autopilot is {autopilot}; missions are compiled for {known} only")
+        self.autopilot = autopilot
 
 
 class TooManyItems(CompileError):

@@ -5,18 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from skyfolio.mavlink_bridge.autopilots import (
-    HOLD_MODE,
-    OURS,
-    Autopilot,
-    FlightMode,
-    Speaker,
-    items_on_board,
-    mode_of,
-)
+from skyfolio.mavlink_bridge.autopilots import FlightMode
 from skyfolio.mavlink_bridge.conditions import Lasting, Timing
 from skyfolio.mavlink_bridge.disarming import Disarmed, Fate
 from skyfolio.mavlink_bridge.height import Height
+from skyfolio.mavlink_bridge.speaker import Speaker
 from skyfolio.mavlink_bridge.status_texts import StatusTexts
 
 STATE_CRITICAL = 5
@@ -80,11 +73,6 @@ class Evidence:
         self._mission_before: tuple[int | None, int] | None = None
         self.begin_flight()
 
-    @property
-    def autopilot(self) -> Autopilot | None:
-        """Which autopilot flies it; None until it was heard, and for one nobody compiles for."""
-        return self._speaker.autopilot
-
     def begin_flight(self) -> None:
         """It was armed on the ground: how the flight before ended is history."""
         timing = self._timing
@@ -116,14 +104,16 @@ class Evidence:
             for overtaken in orders[: orders.index(self.mode)]:
                 del self._announced[overtaken]
         self._may_end_mission = self.mode in _HOME_MODES and before in (FlightMode.MISSION, FlightMode.OTHER)
-        self._was_stopped = self.autopilot is not None and self.mode is HOLD_MODE[self.autopilot] and before in _FLIES
+        profile = self._speaker.profile
+        self._was_stopped = profile is not None and self.mode is profile.hold_mode and before in _FLIES
 
     @property
     def is_taken(self) -> bool:
         """Whether somebody else decided what it does now, a human or a failsafe: not we, and not its mission's end."""
-        if self.autopilot is None or self._is_announced or self._ends_mission:
+        profile = self._speaker.profile
+        if profile is None or self._is_announced or self._ends_mission:
             return False
-        return self.mode not in OURS[self.autopilot] or self._is_held
+        return self.mode not in profile.our_modes or self._is_held
 
     @property
     def is_held(self) -> bool:
@@ -147,7 +137,7 @@ class Evidence:
         if self._mission is None:
             return False
         seq, total, state, _ = self._mission
-        items = items_on_board(self.autopilot, total)
+        items = self._speaker.items_on_board(total)
         return state == _COMPLETE or (items is not None and seq >= items - 1)
 
     @property
@@ -262,7 +252,7 @@ class Evidence:
     def _heartbeat(self, fields: Mapping[str, Any], now_s: float) -> None:
         if not self._speaker.believes(fields, now_s):
             return
-        self.mode, self._mode_s = mode_of(self.autopilot, int(fields["custom_mode"])), now_s
+        self.mode, self._mode_s = self._speaker.mode_of(int(fields["custom_mode"])), now_s
         was_critical = self.is_critical
         self.system_status = int(fields.get("system_status", 0))
         if self.mode is not self.judged_mode:

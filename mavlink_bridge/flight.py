@@ -9,8 +9,8 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Awaitable, Callable
 
-from skyfolio.mavlink_bridge.autopilots import HOLD_MODE, OURS, Autopilot, FlightMode, mode_numbers
-from skyfolio.mavlink_bridge.items import Mission, told_as_current
+from skyfolio.mavlink_bridge.autopilots import FlightMode
+from skyfolio.mavlink_bridge.items import Mission
 from skyfolio.mavlink_bridge.mission_messages import Message
 from skyfolio.mavlink_bridge.results import CommandResult, SwapResult, UploadResult
 from skyfolio.mavlink_bridge.transfer import upload_verified
@@ -58,7 +58,7 @@ async def ask_for_streams(vehicle: Vehicle) -> None:
 
 async def set_mode(vehicle: Vehicle, mode: FlightMode) -> None:
     """Change the mode and see it in HEARTBEAT."""
-    main, sub = mode_numbers(vehicle.autopilot, mode)
+    main, sub = vehicle.profile.numbers_of(mode)
     with vehicle.commanding(mode):
         await vehicle.command(SET_MODE, CUSTOM_MODE, main, sub)
         await _in_mode(vehicle, mode)
@@ -72,7 +72,7 @@ def confirm_s(vehicle: Vehicle) -> float:
 async def set_current(vehicle: Vehicle, item: int) -> None:
     """Make `item` the next to be flown, seen in MISSION_CURRENT: that item, or the next one that is flown."""
     state, before, reports = vehicle.state, vehicle.state.mission_current, vehicle.state.mission_reports
-    told = told_as_current(vehicle.on_board or (), item, vehicle.autopilot)
+    told = vehicle.profile.current_after(vehicle.on_board or (), item)
 
     def is_current() -> bool:
         """Whether it has been told since, or it has even passed it; a vehicle that was further has to go back."""
@@ -111,7 +111,7 @@ async def _insist_on_item(vehicle: Vehicle, item: int, is_current: Callable[[], 
 
 async def hold(vehicle: Vehicle) -> None:
     """Stop here and hover, seen in HEARTBEAT."""
-    await set_mode(vehicle, HOLD_MODE[vehicle.autopilot])
+    await set_mode(vehicle, vehicle.profile.hold_mode)
 
 
 async def land(vehicle: Vehicle) -> None:
@@ -138,10 +138,10 @@ async def swap(vehicle: Vehicle, mission: Mission, given_up: Callable[[], bool])
     old, at_item = vehicle.on_board, vehicle.state.mission_current
     upload = UploadResult(system_id=vehicle.system_id, seconds=0.0, error="not tried")
     error: str | None = None
-    if vehicle.autopilot is Autopilot.ARDUPILOT:
-        error = await error_of(set_mode(vehicle, FlightMode.GUIDED))
-    else:
+    if vehicle.profile.replaces_whole:
         await vehicle.request(_HEARTBEAT)  # so that the round trip is known, should the link have become slow
+    else:
+        error = await error_of(hold(vehicle))
     if error is None:
         upload = await _upload_or_hold(vehicle, mission, given_up)
         error = upload.error or await _insist_on_new(vehicle, mission, upload.mission_id)
@@ -195,7 +195,7 @@ async def _upload_or_hold(vehicle: Vehicle, mission: Mission, given_up: Callable
 
 def is_ours(vehicle: Vehicle) -> bool:
     """Whether it is in a mode of ours; in any other a human or a failsafe flies it, and is not overruled."""
-    return vehicle.state.autopilot is not None and vehicle.state.mode in OURS[vehicle.state.autopilot]
+    return vehicle.state.is_ours
 
 
 def not_ours(vehicle: Vehicle) -> str:
@@ -214,7 +214,7 @@ async def _fly_new(vehicle: Vehicle, mission: Mission, mission_id: int) -> None:
     PX4 takes a new mission at once. If it says so by the mission's checksum nothing is sent: going back to the first
     item would undo what it has flown since.
     """
-    told = mission_id != 0 and vehicle.autopilot is Autopilot.PX4 and vehicle.state.mode is FlightMode.MISSION
+    told = mission_id != 0 and vehicle.profile.replaces_whole and vehicle.state.mode is FlightMode.MISSION
     wait_s = REPORT_S + 2 * vehicle.round_trip.seconds
     if told and await ask_until(vehicle, lambda: _flies_new(vehicle, mission, mission_id, -1), wait_s):
         return

@@ -12,13 +12,13 @@ from collections.abc import Mapping, Sequence
 from math import isinf, isnan, nan
 from typing import Any
 
-from skyfolio.mavlink_bridge.autopilots import Autopilot
+from skyfolio.mavlink_bridge.autopilots import MavAutopilot
 from skyfolio.mavlink_bridge.errors import FormatError
 from skyfolio.mavlink_bridge.geodesy import from_e7, to_e7
 from skyfolio.mavlink_bridge.items import Command, Frame, Mission, MissionItem
 from skyfolio.mavlink_bridge.plan_extras import fence_to_json, rally_to_json
+from skyfolio.mavlink_bridge.profiles import KNOWN, profile_in_heartbeat, profile_of
 
-_FIRMWARE = {Autopilot.PX4: 12, Autopilot.ARDUPILOT: 3}
 _VEHICLE_QUADROTOR = 2
 _ALTITUDE_RELATIVE = 1
 _HEADER = "QGC WPL 110"
@@ -41,14 +41,15 @@ def to_qgc_plan(
     .plan cannot hold.
     """
     first = next(item for item in mission.items if item.has_position)
-    flown = mission.items[int(mission.autopilot is Autopilot.ARDUPILOT) :]
+    profile = profile_of(mission.autopilot)
+    flown = mission.items[int(profile.home_first) :]
     return {
         "fileType": "Plan",
         "version": 1,
         "groundStation": "QGroundControl",
         "mission": {
             "version": 2,
-            "firmwareType": _FIRMWARE[mission.autopilot],
+            "firmwareType": int(profile.mav_autopilot),
             "vehicleType": _VEHICLE_QUADROTOR,
             "cruiseSpeed": hover_speed_mps,
             "hoverSpeed": hover_speed_mps,
@@ -67,11 +68,25 @@ def from_qgc_plan(plan: Mapping[str, Any]) -> tuple[MissionItem, ...]:
         if plan["fileType"] != "Plan":
             raise FormatError(f"fileType: {plan['fileType']!r} must be 'Plan'")
         mission = plan["mission"]
-        home = [_home_item(mission)] if mission.get("firmwareType") == _FIRMWARE[Autopilot.ARDUPILOT] else []
+        home = [_home_item(mission)] if _has_home(mission) else []
         items = [_from_simple_item(seq, item) for seq, item in enumerate(mission["items"], start=len(home))]
         return (*home, *items)
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise FormatError(f"not a QGroundControl plan: {type(error).__name__} at {error}") from error
+
+
+def _has_home(mission: Mapping[str, Any]) -> bool:
+    """Return whether the mission's first item is home, and in the file `plannedHomePosition`.
+
+    A file for any vehicle (firmwareType 0, or none) has plain items. Raises FormatError for an unknown autopilot.
+    """
+    firmware = MavAutopilot(mission.get("firmwareType", MavAutopilot.GENERIC))
+    if firmware is MavAutopilot.GENERIC:
+        return False
+    profile = profile_in_heartbeat(firmware)
+    if profile is None:
+        raise FormatError(f"mission.firmwareType: {firmware.name} ({int(firmware)}) is not {KNOWN}")
+    return profile.home_first
 
 
 def to_waypoints(mission: Mission) -> str:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from skyfolio.mavlink_bridge import departure, flight, speeds
-from skyfolio.mavlink_bridge.autopilots import STREAM_MODE, FlightMode
+from skyfolio.mavlink_bridge.autopilots import FlightMode
 from skyfolio.mavlink_bridge.deviations import AltitudeWatch, Deviation, HomeWatch
 from skyfolio.mavlink_bridge.geodesy import geodetic_to_east_north
 from skyfolio.mavlink_bridge.items import Mission
@@ -251,6 +251,8 @@ async def _fly_from(vehicle: Vehicle, item: int) -> None:
 
 
 async def _mode_error(vehicle: Vehicle) -> str | None:
-    if vehicle.state.autopilot is None:
-        return "its autopilot is neither PX4 nor ArduPilot"
-    return await flight.error_of(flight.set_mode(vehicle, STREAM_MODE[vehicle.autopilot]))
+    return await flight.error_of(_enter_stream_mode(vehicle))
+
+
+async def _enter_stream_mode(vehicle: Vehicle) -> None:
+    await flight.set_mode(vehicle, vehicle.profile.stream_mode)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 from types import MappingProxyType
 
-from skyfolio.mavlink_bridge.autopilots import Autopilot
+from skyfolio.mavlink_bridge.autopilots import DEFAULT_AUTOPILOT, Autopilot
 
 MAX_ITEMS = 200
 """Items one mission may have: what every common autopilot stores."""
@@ -82,17 +82,6 @@ class MissionItem:
         return self.command <= _LAST_NAV
 
 
-def told_as_current(items: Sequence[MissionItem], asked: int, autopilot: Autopilot) -> range:
-    """The seqs one of which MISSION_CURRENT tells once item `asked` has been made current.
-
-    Autopilots move on to the next item that is flown: ArduPilot at once, PX4 as soon as it flies its mission. Item 0
-    of ArduPilot is home, and means item 1. Without `items` (not known) only the item itself will do.
-    """
-    first = max(asked, 1) if autopilot is Autopilot.ARDUPILOT else asked
-    flown = next((item.seq for item in items[first:] if item.is_flown), first)
-    return range(min(asked, first), flown + 1)
-
-
 @dataclass(frozen=True, kw_only=True)
 class Mission:
     """What one vehicle is given to fly.
@@ -100,7 +89,7 @@ class Mission:
     `slot_of_item` maps the seq of each NAV_WAYPOINT to the slot at whose beginning the vehicle should be there.
     `duration_s` is the planned time from the start of slot 0 (airborne: from the swap) to the end of the last slot.
     `start_item` is what a vehicle in the air flies first: the slot-0 waypoint, or the first leg of a swap.
-    `autopilot` is whom it was compiled for: PX4 and ArduPilot fly different items.
+    `autopilot` is the one it was compiled for: each flies different items.
     """
 
     uav_id: str
@@ -108,7 +97,7 @@ class Mission:
     slot_of_item: Mapping[int, int]
     duration_s: float
     start_item: int = 0
-    autopilot: Autopilot = Autopilot.PX4
+    autopilot: Autopilot = DEFAULT_AUTOPILOT
 
     def __post_init__(self) -> None:
         seqs = [item.seq for item in self.items]

@@ -12,9 +12,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import hypot, inf
 
-from skyfolio.mavlink_bridge.autopilots import Autopilot
 from skyfolio.mavlink_bridge.items import Command, Mission
 from skyfolio.mavlink_bridge.pace import Point, VehicleModel, cruise_speed, lateness
+from skyfolio.mavlink_bridge.profiles import profile_of
 from skyfolio.mavlink_bridge.reach import head_start_s
 from skyfolio.mavlink_bridge.route import Route
 from skyfolio.mavlink_bridge.schedule import SAME_PLACE_M
@@ -87,6 +87,7 @@ class Keeper:
         self.model = model
         self._route = Route(path_m, slot_s)
         self._mission = mission
+        self._restarts_hold = profile_of(mission.autopilot).restarts_hold
         self._stops = sorted(mission.slot_of_item.items())
         self._ordered_s = -EVERY_S
         self._ordered_item = -1
@@ -196,7 +197,7 @@ class Keeper:
         """
         seq, slot = self._stops[number]
         hold_s = self._mission.items[seq].param1
-        if hold_s <= 0 or self._mission.autopilot is not Autopilot.ARDUPILOT or not self._is_near(slot, point_m):
+        if hold_s <= 0 or not self._restarts_hold or not self._is_near(slot, point_m):
             return None
         if self._holding is None:
             self._holding = (seq, now_s - hold_s if self._since_s > 0 else now_s)  # nobody saw when it came

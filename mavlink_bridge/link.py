@@ -15,8 +15,6 @@ from skyfolio.mavlink_bridge.heartbeat import LinkState
 from skyfolio.mavlink_bridge.items import MAX_ITEMS, Mission, MissionItem
 from skyfolio.mavlink_bridge.listening import ListeningLink
 from skyfolio.mavlink_bridge.mission_messages import MissionType
-from skyfolio.mavlink_bridge.models import model_from_parameters
-from skyfolio.mavlink_bridge.preflight import parameter_names
 from skyfolio.mavlink_bridge.readiness import wait_for_facts
 from skyfolio.mavlink_bridge.results import CommandResult, ReadResult, Recognised, SwapResult, UploadResult
 from skyfolio.mavlink_bridge.transfer import (
@@ -230,9 +228,9 @@ class FleetLink(ListeningLink):
 
     async def _prepare(self, vehicle: Vehicle) -> None:
         await flight.ask_for_streams(vehicle)
-        values = await read_parameters(vehicle, parameter_names(vehicle.autopilot))
+        values = await read_parameters(vehicle, vehicle.profile.parameter_names())
         self.parameters[vehicle.system_id] = values
-        self.models[vehicle.system_id] = model_from_parameters(vehicle.autopilot, values)
+        self.models[vehicle.system_id] = vehicle.profile.model_of(values)
 
     def _given_up(self, vehicle: Vehicle) -> Callable[[], bool]:
         system_id, monitor = vehicle.system_id, self.monitor

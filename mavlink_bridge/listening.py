@@ -25,8 +25,9 @@ from skyfolio.mavlink_bridge.heartbeat import AUTOPILOT, HeartbeatMonitor, LinkE
 from skyfolio.mavlink_bridge.hub import Hub, LinkOptions
 from skyfolio.mavlink_bridge.mavsdk_log import to_python_logging
 from skyfolio.mavlink_bridge.mission_messages import GROUND
-from skyfolio.mavlink_bridge.models import DEFAULTS
 from skyfolio.mavlink_bridge.pace import VehicleModel
+from skyfolio.mavlink_bridge.profile import AutopilotProfile
+from skyfolio.mavlink_bridge.profiles import unknown_autopilot
 from skyfolio.mavlink_bridge.speeds import SpeedWatch
 from skyfolio.mavlink_bridge.telemetry import Telemetry
 from skyfolio.mavlink_bridge.tlog import TelemetryLog
@@ -190,13 +191,30 @@ class ListeningLink:
         return self._vehicles[system_id]
 
     def autopilot(self, system_id: int) -> Autopilot:
-        """Which autopilot a vehicle has; PX4 until it was heard."""
+        """Return which autopilot a vehicle has. Raises UnknownAutopilot, naming it, as `profile` does."""
+        return self.profile(system_id).autopilot
+
+    def profile(self, system_id: int) -> AutopilotProfile:
+        """Return the profile of a vehicle's autopilot.
+
+        Raises UnknownAutopilot for an autopilot that has none, and for a vehicle that was never heard.
+        """
         vehicle = self._vehicles.get(system_id)
-        return (vehicle.state.autopilot if vehicle is not None else None) or Autopilot.PX4
+        if vehicle is None or vehicle.state.profile is None:
+            raise unknown_autopilot(None if vehicle is None else vehicle.state.mav_autopilot)
+        return vehicle.state.profile
+
+    def is_ours(self, system_id: int) -> bool:
+        """Return whether a vehicle was last seen in a mode in which the service may command it."""
+        vehicle = self._vehicles.get(system_id)
+        return vehicle is not None and vehicle.state.is_ours
 
     def model(self, system_id: int) -> VehicleModel:
-        """How a vehicle flies: from its parameters if `prepare` read them, else its autopilot's defaults."""
-        return self.models.get(system_id) or DEFAULTS[self.autopilot(system_id)]
+        """Return how a vehicle flies: from its parameters if `prepare` has read them, else its autopilot's defaults.
+
+        Raises UnknownAutopilot.
+        """
+        return self.models.get(system_id) or self.profile(system_id).default_model
 
     def record(self, path: Path, on_failure: Callable[[str], None] = lambda _reason: None) -> TelemetryLog:
         """Append all traffic to a .tlog until `stop_recording`; why it cannot goes to `on_failure`, on the loop."""

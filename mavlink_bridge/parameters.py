@@ -12,6 +12,7 @@ from typing import Any
 
 from skyfolio.mavlink_bridge.autopilots import Autopilot
 from skyfolio.mavlink_bridge.mission_messages import AUTOPILOT_COMPONENT, Message
+from skyfolio.mavlink_bridge.profiles import profile_of
 from skyfolio.mavlink_bridge.round_trip import RoundTrip
 
 _AGAIN_S = 0.3
@@ -80,9 +81,9 @@ class ParameterRead:
 
 
 def parameter_value(fields: dict[str, Any], autopilot: Autopilot) -> float:
-    """The number in a PARAM_VALUE. A bytewise -1 is NaN as a float, and comes as None from JSON."""
+    """Return the number in a PARAM_VALUE. A bytewise -1 is NaN as a float, and comes as None from JSON."""
     value = fields["param_value"]
-    if autopilot is not Autopilot.PX4 or int(fields["param_type"]) == _REAL32:
+    if not profile_of(autopilot).bytewise_parameters or int(fields["param_type"]) == _REAL32:
         return float("nan") if value is None else float(value)
     if value is None:
         return -1.0

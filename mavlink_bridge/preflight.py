@@ -10,11 +10,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from math import hypot
 
-from skyfolio.mavlink_bridge.autopilots import Autopilot
 from skyfolio.mavlink_bridge.findings import Facts, Finding, Level, Needs, blocker, warning
-from skyfolio.mavlink_bridge.models import MODEL_PARAMETERS
 from skyfolio.mavlink_bridge.pace import Point, mean_acceleration
-from skyfolio.mavlink_bridge.parameter_rules import RULES
+from skyfolio.mavlink_bridge.profiles import profile_of
 from skyfolio.mavlink_bridge.reach import first_leg_miss
 from skyfolio.mavlink_bridge.telemetry import FIX_3D
 
@@ -22,17 +20,11 @@ from skyfolio.mavlink_bridge.telemetry import FIX_3D
 def audit(facts: Facts, needs: Needs) -> list[Finding]:
     """All findings, blockers first."""
     found = [*_measurements(facts, needs), *_speed(facts, needs), *_first_leg(facts, needs)]
-    for rule in RULES[facts.autopilot]:
+    for rule in profile_of(facts.autopilot).rules:
         value = next((facts.parameters[name] for name in rule.names if name in facts.parameters), None)
         if value is not None:
             found += rule.check(value, facts, needs)
     return sorted(found, key=lambda finding: finding.level is not Level.BLOCKER)
-
-
-def parameter_names(autopilot: Autopilot) -> tuple[str, ...]:
-    """Parameters the audit and the vehicle model want to know."""
-    ruled = [name for rule in RULES[autopilot] for name in rule.names]
-    return tuple(dict.fromkeys([*ruled, *MODEL_PARAMETERS[autopilot]]))
 
 
 # -- measurements -----------------------------------------------------------------------------------------------------
@@ -112,7 +104,7 @@ def _speed(facts: Facts, needs: Needs) -> Iterable[Finding]:
         yield blocker(
             "max_speed_mps",
             f"{wanted:g} m/s planned",
-            f"at most {model.max_speed_mps:g} m/s, or a faster {'/'.join(_SPEED_NAMES[facts.autopilot])}",
+            f"at most {model.max_speed_mps:g} m/s, or a faster {_speed_names(facts)}",
             "it cannot fly as fast as the plan lets it",
         )
         return
@@ -146,14 +138,13 @@ def _first_leg(facts: Facts, needs: Needs) -> Iterable[Finding]:
         )
 
 
+def _speed_names(facts: Facts) -> str:
+    return "/".join(profile_of(facts.autopilot).speed_parameters)
+
+
 def _agility(facts: Facts, needs: Needs) -> str:
     """Which parameter would let it reach its speed in half a slot."""
-    if facts.autopilot is Autopilot.ARDUPILOT:
-        return f"WPNAV_JERK (WP_JERK) of at least {4 * needs.max_speed_mps / (needs.slot_s / 2) ** 2:.1f}"
-    return f"MPC_ACC_HOR of at least {needs.max_speed_mps / (needs.slot_s / 2):.1f}"
-
-
-_SPEED_NAMES = {Autopilot.PX4: ("MPC_XY_VEL_MAX",), Autopilot.ARDUPILOT: ("WP_SPD", "WPNAV_SPEED")}
+    return profile_of(facts.autopilot).agility(needs)
 
 
 def _told(value: float | None) -> str:

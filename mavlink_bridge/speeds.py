@@ -15,7 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from skyfolio.mavlink_bridge.autopilots import FlightMode
-from skyfolio.mavlink_bridge.flight import error_of, fresh_heartbeat, is_ours, seen_of
+from skyfolio.mavlink_bridge.flight import error_of, fresh_heartbeat, seen_of
 from skyfolio.mavlink_bridge.vehicle import NotDone, Vehicle
 
 TRIES = 5
@@ -104,4 +104,5 @@ class SpeedWatch:
 
 def _flies_ours_elsewhere(vehicle: Vehicle) -> bool:
     """Whether it is in the air at a speed of ours, in a mode that is not."""
-    return vehicle.flies_our_speed and vehicle.state.armed and not is_ours(vehicle)
+    state = vehicle.state
+    return vehicle.flies_our_speed and state.armed and state.profile is not None and not state.is_ours

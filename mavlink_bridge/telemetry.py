@@ -8,8 +8,10 @@ from enum import StrEnum
 from math import isfinite
 from typing import Any, TypeAlias
 
-from skyfolio.mavlink_bridge.autopilots import Autopilot, FlightMode, Speaker, items_on_board, mode_of
+from skyfolio.mavlink_bridge.autopilots import Autopilot, FlightMode
 from skyfolio.mavlink_bridge.geodesy import from_e7
+from skyfolio.mavlink_bridge.profile import AutopilotProfile
+from skyfolio.mavlink_bridge.speaker import Speaker
 
 MESSAGES = (
     *("HEARTBEAT", "GLOBAL_POSITION_INT", "MISSION_CURRENT", "MISSION_ACK"),
@@ -128,8 +130,23 @@ class TelemetryState:
 
     @property
     def autopilot(self) -> Autopilot | None:
-        """Which autopilot it is; None until it was heard, and for one nobody compiles for."""
+        """Return which autopilot it is; None until it was heard, and for one without a profile."""
         return self._speaker.autopilot
+
+    @property
+    def profile(self) -> AutopilotProfile | None:
+        """Return the profile of its autopilot; None until it was heard, and for one that has none."""
+        return self._speaker.profile
+
+    @property
+    def mav_autopilot(self) -> int | None:
+        """Return MAV_AUTOPILOT of its latest HEARTBEAT; None until it was heard."""
+        return self._speaker.mav_autopilot
+
+    @property
+    def is_ours(self) -> bool:
+        """Return whether the service may command it: in any other mode a human or a failsafe flies it."""
+        return self.profile is not None and self.mode in self.profile.our_modes
 
     @property
     def heard(self) -> bool:
@@ -179,7 +196,7 @@ class TelemetryState:
         self._heard = True
         self.heartbeats += 1
         self.mav_type = int(fields["type"])
-        self.mode = mode_of(self.autopilot, int(fields["custom_mode"]))
+        self.mode = self._speaker.mode_of(int(fields["custom_mode"]))
         self.armed = bool(int(fields["base_mode"]) & _ARMED)
 
     def _global_position(self, fields: Mapping[str, Any], heard_s: float) -> None:
@@ -189,7 +206,7 @@ class TelemetryState:
     def _mission_current(self, fields: Mapping[str, Any], heard_s: float) -> None:
         del heard_s
         self.mission_current = int(fields["seq"])
-        self.mission_total = items_on_board(self.autopilot, int(fields.get("total", _UNKNOWN_TOTAL)))
+        self.mission_total = self._speaker.items_on_board(int(fields.get("total", _UNKNOWN_TOTAL)))
         self.mission_id = int(fields.get("mission_id", 0))
         self.mission_reports += 1
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Iterable, Sequence
 
-from skyfolio.mavlink_bridge.autopilots import Autopilot
 from skyfolio.mavlink_bridge.compare import mission_differences
 from skyfolio.mavlink_bridge.items import Mission, MissionItem
 from skyfolio.mavlink_bridge.mission_messages import SILENCE_S, MissionType
@@ -13,7 +12,7 @@ from skyfolio.mavlink_bridge.mission_protocol import Download
 from skyfolio.mavlink_bridge.parameters import ParameterRead
 from skyfolio.mavlink_bridge.results import ReadResult, Recognised, UploadResult
 from skyfolio.mavlink_bridge.vehicle import NotDone, Vehicle
-from skyfolio.mavlink_bridge.verified import ATTEMPTS, STATELESS_WINDOW, OnBoard, VerifiedUpload
+from skyfolio.mavlink_bridge.verified import ATTEMPTS, OnBoard, VerifiedUpload
 
 
 def never() -> bool:
@@ -34,7 +33,7 @@ async def upload_verified(
     If it fails, what was on board before is put back, as far as that is known and the vehicle still answers.
     """
     if vehicle.state.autopilot is not mission.autopilot:
-        error = f"the mission is for {mission.autopilot}, the vehicle is {vehicle.state.autopilot or 'something else'}"
+        error = f"the mission is for {mission.autopilot}, the vehicle is {vehicle.autopilot}"
         return UploadResult(system_id=vehicle.system_id, seconds=0.0, error=error)
     result = await upload_items(
         vehicle, mission.items, MissionType.MISSION, attempts=attempts, silence_s=silence_s, given_up=given_up
@@ -101,8 +100,8 @@ async def read_items(vehicle: Vehicle, mission_type: MissionType, given_up: Call
     """Read what is on board of one mission type."""
     loop = asyncio.get_running_loop()
     started = loop.time()
-    window = STATELESS_WINDOW if vehicle.autopilot is Autopilot.ARDUPILOT else 1
-    reading = Download(vehicle.system_id, mission_type=mission_type, window=window, round_trip=vehicle.round_trip)
+    window, round_trip = vehicle.profile.read_window, vehicle.round_trip
+    reading = Download(vehicle.system_id, mission_type=mission_type, window=window, round_trip=round_trip)
     await vehicle.converse(reading, given_up)
     error = "not read" if reading.ended is None else reading.ended.error
     items = tuple(reading.items) if error is None else ()

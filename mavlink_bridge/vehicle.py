@@ -19,6 +19,8 @@ from skyfolio.mavlink_bridge.command_protocol import CommandCall
 from skyfolio.mavlink_bridge.heartbeat import AUTOPILOT
 from skyfolio.mavlink_bridge.items import MissionItem
 from skyfolio.mavlink_bridge.mission_messages import GROUND, Message
+from skyfolio.mavlink_bridge.profile import AutopilotProfile
+from skyfolio.mavlink_bridge.profiles import unknown_autopilot
 from skyfolio.mavlink_bridge.round_trip import RoundTrip
 from skyfolio.mavlink_bridge.status_texts import StatusTexts
 from skyfolio.mavlink_bridge.telemetry import MESSAGES, TelemetryState
@@ -132,10 +134,15 @@ class Vehicle:
 
     @property
     def autopilot(self) -> Autopilot:
-        """Which autopilot it is, from its heartbeat. Raises NotDone for one nobody compiles for."""
-        if self.state.autopilot is None:
-            raise NotDone("its autopilot is neither PX4 nor ArduPilot")
-        return self.state.autopilot
+        """Return which autopilot it is, from its HEARTBEAT. Raises NotDone for one without a profile."""
+        return self.profile.autopilot
+
+    @property
+    def profile(self) -> AutopilotProfile:
+        """Return the profile of its autopilot. Raises NotDone, naming the autopilot, where there is none."""
+        if self.state.profile is None:
+            raise NotDone(str(unknown_autopilot(self.state.mav_autopilot)))
+        return self.state.profile
 
     @contextmanager
     def commanding(self, mode: FlightMode) -> Iterator[None]:

@@ -17,11 +17,10 @@ from skyfolio.mavlink_bridge.compare import mission_differences
 from skyfolio.mavlink_bridge.items import MissionItem
 from skyfolio.mavlink_bridge.mission_messages import SILENCE_S, Ended, Message, MissionType
 from skyfolio.mavlink_bridge.mission_protocol import Download, Upload
+from skyfolio.mavlink_bridge.profiles import profile_of
 from skyfolio.mavlink_bridge.round_trip import RoundTrip
 
 ATTEMPTS = 3
-STATELESS_WINDOW = 4
-"""Items of ArduPilot that are read at once."""
 _PAUSE_S = 0.2
 """Before the second attempt; doubles with each further one."""
 
@@ -61,7 +60,8 @@ class VerifiedUpload:
         self.attempts = 0
         self.opaque_id = 0
         self._new, self._old = items, old
-        self._system_id, self._type, self._autopilot = system_id, mission_type, autopilot
+        self._system_id, self._type = system_id, mission_type
+        self._profile = profile_of(autopilot)
         self._limit = attempts
         self._silence_s = silence_s
         self._tries = 0
@@ -108,8 +108,8 @@ class VerifiedUpload:
             self.error = self._failure or "given up: the link was declared lost"
 
     def _try_again(self, now_s: float) -> list[Message]:
-        """PX4 keeps the old mission whole until it has a new one: uploaded again it would begin from the start."""
-        if self._restoring and self._autopilot is Autopilot.PX4 and not self._old_is_gone:
+        """Upload again, or only read an old mission that was kept whole: uploaded again it would start anew."""
+        if self._restoring and self._profile.replaces_whole and not self._old_is_gone:
             self._tries += 1
             return self._read_back(now_s)
         return self._upload(now_s)
@@ -149,8 +149,7 @@ class VerifiedUpload:
         return [upload.cancel(), *self._failed(now_s, again=ended.passing)]
 
     def _read_back(self, now_s: float) -> list[Message]:
-        window = STATELESS_WINDOW if self._autopilot is Autopilot.ARDUPILOT else 1
-        self._transfer = Download(self._system_id, window=window, **self._how)
+        self._transfer = Download(self._system_id, window=self._profile.read_window, **self._how)
         return self._transfer.start(now_s)
 
     def _proved(self, download: Download, ended: Ended, now_s: float) -> list[Message]:
@@ -158,7 +157,7 @@ class VerifiedUpload:
             self._failure = ended.error
             return self._failed(now_s, again=True)
         differences = mission_differences(
-            self._wanted, download.items, autopilot=self._autopilot, mission_type=self._type
+            self._wanted, download.items, autopilot=self._profile.autopilot, mission_type=self._type
         )
         if differences:
             self._old_is_gone = self._restoring

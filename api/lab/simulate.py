@@ -14,7 +14,7 @@ from typing import Any
 from rich.console import Console
 
 from skyfolio.api.lab.radio import RadioTruth
-from skyfolio.mavlink_bridge import east_north_to_geodetic
+from skyfolio.mavlink_bridge import DEFAULT_AUTOPILOT, east_north_to_geodetic
 from skyfolio.planner import EXAMPLES, Plan, Scenario
 from skyfolio.sim import (
     BOOTED_S_AGO,
@@ -54,7 +54,7 @@ class SimulateConfig:
 
     vehicles: int = 3
     speedup: float = 1.0
-    autopilot: str = "px4"
+    autopilot: str = DEFAULT_AUTOPILOT.value
     endpoint: str = "udpout://127.0.0.1:14540"
     scenario: Scenario | None = None
     plan: Plan | None = None
@@ -74,7 +74,7 @@ class SimulateConfig:
 
 
 def specs_at_starts(
-    scenario: Scenario, autopilot: str = "px4", booted_s_ago: float = BOOTED_S_AGO
+    scenario: Scenario, autopilot: str = DEFAULT_AUTOPILOT.value, booted_s_ago: float = BOOTED_S_AGO
 ) -> list[VehicleSpec]:
     """One vehicle on the ground at each UAV's start; system ids 1, 2, ... in the scenario's order."""
     specs = []

@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from skyfolio.mavlink_bridge import Autopilot, FlightMode, departure, readiness
+from skyfolio.mavlink_bridge import FlightMode, departure, readiness
+from skyfolio.mavlink_bridge.ardupilot import ARDUCOPTER
 from skyfolio.mavlink_bridge.status_texts import StatusTexts
 from skyfolio.mavlink_bridge.telemetry import TelemetryState
 from skyfolio.mavlink_bridge.vehicle import NotDone
@@ -26,7 +27,7 @@ BATTERY = {"battery_remaining": 90}
 class Booting:
     """A vehicle as the bridge knows it, that tells and allows things at given seconds since it was switched on."""
 
-    autopilot = Autopilot.ARDUPILOT
+    profile = ARDUCOPTER
 
     def __init__(self, *, armable_s: float = 0.0, refuses: str = "FAILED", words: str = "Arm: Need Position Estimate"):
         self.system_id = 1
