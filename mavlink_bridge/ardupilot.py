@@ -85,7 +85,7 @@ def _read_mode(custom_mode: int) -> FlightMode:
 
 
 def _takeoff_params(up_m: float, home_amsl_m: float) -> tuple[float | None, ...]:
-    """ArduCopter takes the altitude above its home."""
+    """Return the parameters: altitude above its home."""
     del home_amsl_m
     return (0.0, 0.0, 0.0, None, 0.0, 0.0, up_m)
 
@@ -112,7 +112,7 @@ _SPEED_FACTOR = 1.5
 
 
 def _model_of(parameters: Parameters) -> VehicleModel:
-    """Names and units changed in 4.7: WPNAV_* are centimetres, WP_* metres."""
+    """Return its model. Names and units changed in 4.7: WPNAV_* are centimetres, WP_* metres."""
     default = ARDUCOPTER_MODEL
     acceleration = max(_metres(parameters, "WP_ACC", "WPNAV_ACCEL", default.acceleration_mps2), _LEAST_MPS2)
     cruise = _metres(parameters, "WP_SPD", "WPNAV_SPEED", default.cruise_mps)
@@ -180,16 +180,22 @@ def _continues_in_auto(value: float, facts: Facts, needs: Needs) -> list[Finding
 
 
 _B, _W = Level.BLOCKER, Level.WARNING
+_GIVES_UP = "it gives up the link before this service does"
 _RULES = (
     one_of(
         ("SYSID_MYGCS", "MAV_GCS_SYSID"),
         {GROUND[0]},
         _W,
         f"{GROUND[0]} (us)",
-        "its ground station failsafe watches somebody else's heartbeat, not ours",
+        "its ground station failsafe watches another station's heartbeat, not ours",
     ),
-    one_of(("FS_GCS_ENABLE",), {1, 2, 3, 4, 5, 6}, _W, "1 (return)", "it would not notice that we are gone"),
-    at_least(("FS_GCS_TIMEOUT",), lambda needs: min(needs.lost_after_s, 5.0), _W, "it gives up the link before we do"),
+    one_of(("FS_GCS_ENABLE",), {1, 2, 3, 4, 5, 6}, _W, "1 (return)", "it would not notice that this service is gone"),
+    at_least(
+        ("FS_GCS_TIMEOUT",),
+        lambda needs: min(needs.lost_after_s, 5.0),
+        _W,
+        _GIVES_UP,
+    ),
     Rule(("FS_OPTIONS",), _continues_in_auto),
     one_of(("MIS_RESTART",), {0}, _B, "0", "after every hold its mission would begin again"),
     one_of(("BATT_FS_LOW_ACT",), {1, 2, 3, 4}, _W, "2 (return)", "an empty battery would only be announced"),

@@ -11,7 +11,7 @@ from skyfolio.mavlink_bridge.profiles import profile_of
 from skyfolio.mavlink_bridge.readback import LITERALLY, Kept
 
 _DATUM = {5: 0, 6: 3, 11: 10}
-"""MAV_FRAME of integer coordinates: the same datum as its older number; autopilots read either back."""
+"""MAV_FRAME with integer coordinates: the same datum as the older number; autopilots send either back."""
 _WHOLE = ("seq", "command")
 _RULED = ("param1", "param2", "param3", "param4", "autocontinue")
 

@@ -1,4 +1,4 @@
-"""Plan -> mission: which schedule, whose items, and the limits both must keep."""
+"""Compile a plan into missions: choose the schedule and the writer, and check the limits of both."""
 
 from __future__ import annotations
 

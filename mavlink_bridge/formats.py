@@ -33,7 +33,7 @@ def to_qgc_plan(
     fence: Sequence[MissionItem] = (),
     rally: Sequence[MissionItem] = (),
 ) -> dict[str, Any]:
-    """The mission as the JSON object of a QGroundControl .plan file.
+    """Return the mission as the JSON object of a QGroundControl .plan file.
 
     The planned home is the first position of the mission; home_alt_m is its height above mean sea level, which a
     plan does not know and QGroundControl only draws with. `fence`: items of mission type 1 (polygons and circles),
@@ -63,7 +63,7 @@ def to_qgc_plan(
 
 
 def from_qgc_plan(plan: Mapping[str, Any]) -> tuple[MissionItem, ...]:
-    """The mission items of a .plan file of simple items; raises FormatError for anything else."""
+    """Return the mission items of a .plan file of simple items. Raises FormatError for anything else."""
     try:
         if plan["fileType"] != "Plan":
             raise FormatError(f"fileType: {plan['fileType']!r} must be 'Plan'")
@@ -90,12 +90,12 @@ def _has_home(mission: Mapping[str, Any]) -> bool:
 
 
 def to_waypoints(mission: Mission) -> str:
-    """The mission as "QGC WPL 110" text: one tab-separated row an item, coordinates with 8 decimals."""
+    """Return the mission as "QGC WPL 110" text: one tab-separated row per item, coordinates with 8 decimals."""
     return "\n".join([_HEADER, *(_to_row(item) for item in mission.items)]) + "\n"
 
 
 def from_waypoints(text: str) -> tuple[MissionItem, ...]:
-    """The items of a "QGC WPL 110" file; raises FormatError naming the line.
+    """Return the items of a "QGC WPL 110" file. Raises FormatError naming the line.
 
     Empty lines and comments (`#`) are passed over, and rows may be numbered from 0 or, as some tools do, from 1.
     """
@@ -137,13 +137,13 @@ def _to_simple_item(number: int, item: MissionItem) -> dict[str, Any]:
 def _from_simple_item(seq: int, item: Mapping[str, Any]) -> MissionItem:
     if item["type"] != "SimpleItem":
         raise FormatError(f"items.{seq}.type: {item['type']!r} must be 'SimpleItem'")
-    given, frame = item["params"], int(item["frame"])
-    if len(given) != 7:
-        raise FormatError(f"items.{seq}.params: {len(given)} values, must be 7")
-    if given[6] is None and frame != Frame.MISSION:
+    params, frame = item["params"], int(item["frame"])
+    if len(params) != 7:
+        raise FormatError(f"items.{seq}.params: {len(params)} values, must be 7")
+    if params[6] is None and frame != Frame.MISSION:
         raise FormatError(f"items.{seq}.params.6: null, but an item with a place needs its altitude")
-    numbers = [nan if value is None else float(value) for value in given[:4]]
-    numbers += [0.0 if value is None else float(value) for value in given[4:]]  # no place: where the vehicle is
+    numbers = [nan if value is None else float(value) for value in params[:4]]
+    numbers += [0.0 if value is None else float(value) for value in params[4:]]  # no place: where the vehicle is
     return _item(f"items.{seq}", seq, frame, int(item["command"]), int(seq == 0), int(item["autoContinue"]), numbers)
 
 

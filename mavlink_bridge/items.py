@@ -10,7 +10,7 @@ from types import MappingProxyType
 from skyfolio.mavlink_bridge.autopilots import DEFAULT_AUTOPILOT, Autopilot
 
 MAX_ITEMS = 200
-"""Items one mission may have: what every common autopilot stores."""
+"""The number of items a mission may have: every common autopilot stores as many."""
 
 
 class Command(IntEnum):
@@ -73,18 +73,18 @@ class MissionItem:
 
     @property
     def has_position(self) -> bool:
-        """Whether x, y, z are a place."""
+        """Return whether x, y, z are a place."""
         return self.frame != Frame.MISSION
 
     @property
     def is_flown(self) -> bool:
-        """Whether the vehicle flies to complete this item; others (DO_...) are done at once and passed."""
+        """Return whether the vehicle flies to complete this item; others (DO_...) are done at once and passed."""
         return self.command <= _LAST_NAV
 
 
 @dataclass(frozen=True, kw_only=True)
 class Mission:
-    """What one vehicle is given to fly.
+    """What one vehicle is commanded to fly.
 
     `slot_of_item` maps the seq of each NAV_WAYPOINT to the slot at whose beginning the vehicle should be there.
     `duration_s` is the planned time from the start of slot 0 (airborne: from the swap) to the end of the last slot.
@@ -108,6 +108,6 @@ class Mission:
         object.__setattr__(self, "slot_of_item", MappingProxyType(dict(self.slot_of_item)))
 
     def item_of_slot(self, slot: int) -> int:
-        """seq of the waypoint where the vehicle is when `slot` begins: its own, or the hold it is part of."""
+        """Return the seq of the waypoint where the vehicle is when `slot` begins: the slot's own, or a hold's."""
         reached = [seq for seq, first in self.slot_of_item.items() if first <= slot]
         return max(reached, default=min(self.slot_of_item))

@@ -1,4 +1,4 @@
-"""Reading a handful of parameters of one autopilot by name, without I/O (PARAM_REQUEST_READ -> PARAM_VALUE).
+"""Read a handful of parameters of one autopilot by name, without I/O (PARAM_REQUEST_READ -> PARAM_VALUE).
 
 PX4 sends integers bytewise inside the float (MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE), ArduPilot as numbers.
 """
@@ -22,9 +22,9 @@ _BY_NAME = -1
 
 
 class ParameterRead:
-    """Asks for all names at once, and again for those that do not come; `values` has what the vehicle knows.
+    """Requests all names at once, and again those that are not answered; `values` has what the vehicle knows.
 
-    An autopilot says nothing (or a text) about a name it does not know, so unknown names end with the last round.
+    An autopilot sends nothing (or a text) for an unknown name, so unknown names end with the last round.
     """
 
     def __init__(
@@ -40,11 +40,11 @@ class ParameterRead:
 
     @property
     def due_s(self) -> float:
-        """When `tick` has something to do."""
+        """Return when `tick` has something to do."""
         return inf if self.ended else self._asked_s + _AGAIN_S + 1.5 * self._round_trip.seconds
 
     def start(self, now_s: float) -> list[Message]:
-        """Ask for everything."""
+        """Request everything."""
         self.ended = not self._missing
         self._round, self._asked_s = 1, now_s
         return [self._request(name) for name in self._missing]
@@ -60,7 +60,7 @@ class ParameterRead:
         return []
 
     def tick(self, now_s: float) -> list[Message]:
-        """Ask again for what is missing."""
+        """Request again what is missing."""
         if self.ended or now_s < self.due_s:
             return []
         if self._round == _ROUNDS:
@@ -71,7 +71,7 @@ class ParameterRead:
         return [self._request(name) for name in self._missing]
 
     def give_up(self) -> None:
-        """Stop asking."""
+        """Stop requesting."""
         self.ended = True
 
     def _request(self, name: str) -> Message:

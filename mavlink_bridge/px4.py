@@ -86,7 +86,7 @@ def _read_mode(custom_mode: int) -> FlightMode:
 
 
 def _takeoff_params(up_m: float, home_amsl_m: float) -> tuple[float | None, ...]:
-    """PX4 takes the altitude above mean sea level, and its own position and yaw where they are NaN."""
+    """Return the parameters: altitude above mean sea level, NaN for its own position and yaw."""
     return (None, 0.0, 0.0, None, None, None, home_amsl_m + up_m)
 
 
@@ -153,7 +153,7 @@ _HOLDS = 5
 
 
 def _holds_without_setpoints(value: float, facts: Facts, needs: Needs) -> list[Finding]:
-    """PX4 must hold when setpoints end, or it is gone before the guard, or the next service, can act."""
+    """Return a finding unless PX4 holds when setpoints end: else it is gone before the guard or a new service acts."""
     del facts
     if int(value) == _HOLDS or not needs.stream:
         return []
@@ -163,7 +163,7 @@ def _holds_without_setpoints(value: float, facts: Facts, needs: Needs) -> list[F
             name="COM_OBL_RC_ACT",
             found=f"{value:g}",
             should=f"{_HOLDS} (hold)",
-            why="when setpoints end, and be it for a second, it does not hold: without remote control it returns home",
+            why="when setpoints end, even for a second, it does not hold: without remote control it returns home",
             refuses=not needs.force_stream,
         )
     ]
@@ -175,7 +175,7 @@ def _first_waypoint_m(facts: Facts, needs: Needs) -> float:
 
 _B, _W = Level.BLOCKER, Level.WARNING
 _RULES = (
-    at_least(("COM_DL_LOSS_T",), lambda needs: needs.lost_after_s, _W, "it gives up the link before we do"),
+    at_least(("COM_DL_LOSS_T",), lambda needs: needs.lost_after_s, _W, "it gives up the link before this service does"),
     one_of(("NAV_DLL_ACT",), {0, 1, 2, 3}, _B, "0 (none) to 3 (land)", "losing our link would stop its motors"),
     one_of(("COM_LOW_BAT_ACT",), {2, 3}, _W, "3 (return, then land)", "an empty battery would only be announced"),
     one_of(("GF_ACTION",), {1, 2, 3, 5}, _W, "2 (hold)", "the uploaded geofence would not be kept"),

@@ -18,14 +18,14 @@ _ABS = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """What is kept of one value: `kept(sent)`, give or take `within`, or around `full_turn`. None: anything will do."""
+    """What is kept of one value: `kept(sent)`, within a tolerance, or around `full_turn`. None: any value will do."""
 
     kept: Callable[[float], float] | None
     within: float = _ABS
     full_turn: float | None = None
 
     def allows(self, sent: float, read: float) -> bool:
-        """Whether `read` is what the vehicle makes of `sent`."""
+        """Return whether `read` is what the vehicle makes of `sent`."""
         if self.kept is None:
             return True
         expected = self.kept(sent)
@@ -42,7 +42,7 @@ def _whole(sent: float) -> float:
 
 
 def _direction(sent: float) -> float:
-    """Only the sign is kept, and nothing is clockwise."""
+    """Return the sign, which is all that is kept; nothing is clockwise."""
     return -1.0 if sent < 0.0 else 1.0
 
 

@@ -16,7 +16,7 @@ from skyfolio.mavlink_bridge.verified import ATTEMPTS, OnBoard, VerifiedUpload
 
 
 def never() -> bool:
-    """Nobody gives up early."""
+    """Return false: the upload is never given up early."""
     return False
 
 
@@ -28,9 +28,9 @@ async def upload_verified(
     silence_s: float = SILENCE_S,
     given_up: Callable[[], bool] = never,
 ) -> UploadResult:
-    """Upload until the read-back is equal, at most `attempts` times; `given_up` ends it early (link declared lost).
+    """Upload until the read-back is equal, at most `attempts` times; `given_up` (link declared lost) ends it early.
 
-    If it fails, what was on board before is put back, as far as that is known and the vehicle still answers.
+    If it fails, what was on board before is restored, as far as that is known and the vehicle still answers.
     """
     if vehicle.state.autopilot is not mission.autopilot:
         error = f"the mission is for {mission.autopilot}, the vehicle is {vehicle.autopilot}"
@@ -52,7 +52,7 @@ async def upload_items(
     silence_s: float = SILENCE_S,
     given_up: Callable[[], bool] = never,
 ) -> UploadResult:
-    """As above, for any mission type. An empty list clears."""
+    """Upload items of any mission type, proven in the same way. An empty list clears."""
     loop = asyncio.get_running_loop()
     started = loop.time()
     flown = mission_type is MissionType.MISSION
@@ -87,13 +87,14 @@ async def recognise(vehicle: Vehicle, missions: Sequence[Mission], given_up: Cal
     loop = asyncio.get_running_loop()
     started = loop.time()
     reading = await read_items(vehicle, MissionType.MISSION, given_up)
-    found, error, read, autopilot = None, reading.error, reading.items, vehicle.autopilot
+    mission, error, read, autopilot = None, reading.error, reading.items, vehicle.autopilot
     if error is None:
-        found = next((one for one in missions if not mission_differences(one.items, read, autopilot=autopilot)), None)
-        error = None if found is not None else f"{len(read)} items on board, and they are none of the known missions"
-    if found is not None:
-        vehicle.on_board, vehicle.start_item = found.items, found.start_item
-    return Recognised(system_id=vehicle.system_id, seconds=loop.time() - started, error=error, mission=found)
+        equal = (known for known in missions if not mission_differences(known.items, read, autopilot=autopilot))
+        mission = next(equal, None)
+        error = None if mission is not None else f"{len(read)} items on board, and they are none of the known missions"
+    if mission is not None:
+        vehicle.on_board, vehicle.start_item = mission.items, mission.start_item
+    return Recognised(system_id=vehicle.system_id, seconds=loop.time() - started, error=error, mission=mission)
 
 
 async def read_items(vehicle: Vehicle, mission_type: MissionType, given_up: Callable[[], bool] = never) -> ReadResult:
@@ -109,7 +110,7 @@ async def read_items(vehicle: Vehicle, mission_type: MissionType, given_up: Call
 
 
 async def read_parameters(vehicle: Vehicle, names: Iterable[str]) -> dict[str, float]:
-    """The values of those parameters the vehicle knows. Raises NotDone for an autopilot nobody compiles for."""
+    """Return the values of those parameters the vehicle knows. Raises NotDone for an unknown autopilot."""
     reading = ParameterRead(names, vehicle.system_id, vehicle.autopilot, vehicle.round_trip)
     await vehicle.converse(reading)
     return reading.values

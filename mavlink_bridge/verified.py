@@ -1,6 +1,6 @@
-"""Put items on board and know what is there: upload, read back, compare, try again, or put the old ones back.
+"""Upload items and know what is on board: upload, read back, compare, try again, or restore the old ones.
 
-An accepting MISSION_ACK is not proof (it may have been meant for somebody else, or come too early); a read-back that
+An accepting MISSION_ACK is not proof (it may have been meant for another station, or come too early); a read-back that
 compares equal is. ArduPilot writes into the mission it flies, so an upload that cannot be finished leaves parts of
 both: then the mission that was there before is restored and proven the same way. Without I/O, like the protocol.
 """
@@ -22,11 +22,11 @@ from skyfolio.mavlink_bridge.round_trip import RoundTrip
 
 ATTEMPTS = 3
 _PAUSE_S = 0.2
-"""Before the second attempt; doubles with each further one."""
+"""Seconds before the second attempt; doubled with each further one."""
 
 
 class OnBoard(StrEnum):
-    """What the vehicle is known to have."""
+    """What the vehicle is known to have on board."""
 
     NEW = "new"
     """The whole new mission, read back and equal."""
@@ -37,10 +37,10 @@ class OnBoard(StrEnum):
 
 
 class VerifiedUpload:
-    """One upload with its proof and its retries; the same face as the transfers it is made of.
+    """One upload with its proof and its retries, with the same interface as the transfers it is made of.
 
     `old`: what is on board now, as far as known; None: unknown, then a failure is not repaired. `autopilot`: whose
-    read-back it is. `error` tells what went wrong with the new items, None when they are on board.
+    rules the read-back follows. `error` says what went wrong with the new items, None if they are on board.
     """
 
     def __init__(
@@ -73,12 +73,12 @@ class VerifiedUpload:
 
     @property
     def ended(self) -> bool:
-        """Whether `on_board` tells the result."""
+        """Return whether `on_board` has the result."""
         return self.on_board is not None
 
     @property
     def due_s(self) -> float:
-        """When `tick` has something to do."""
+        """Return when `tick` has something to do."""
         if self.ended:
             return inf
         return self._resume_s if self._transfer is None else self._transfer.due_s
@@ -102,7 +102,7 @@ class VerifiedUpload:
         return self._go_on(self._transfer.tick(now_s), now_s)
 
     def give_up(self) -> None:
-        """Stop here: the link is gone. What is on board is unknown unless it was proven."""
+        """Stop: the link is lost. What is on board is unknown unless it was proven."""
         if self.on_board is None:
             self.on_board = OnBoard.UNKNOWN
             self.error = self._failure or "given up: the link was declared lost"
@@ -131,7 +131,7 @@ class VerifiedUpload:
         return (self._old or ()) if self._restoring else self._new
 
     def _go_on(self, messages: list[Message], now_s: float) -> list[Message]:
-        """After each step: does the transfer that is going on end, and what follows from it?"""
+        """Continue after each step with what follows from the end of the current transfer, if it has ended."""
         transfer = self._transfer
         if transfer is None or transfer.ended is None:
             return messages
@@ -170,7 +170,7 @@ class VerifiedUpload:
         return []
 
     def _failed(self, now_s: float, *, again: bool) -> list[Message]:
-        """Try again after a pause; then put the old mission back; then admit that nothing is known."""
+        """Try again after a pause; then restore the old mission; then report that nothing is known."""
         if not self._restoring:
             self.error = self._failure
         if again and self._tries < self._limit:
