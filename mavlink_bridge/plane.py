@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from skyfolio.mavlink_bridge.pace import Point
 
+_GRID_DECIMALS = 9
+"""Nanometres. GEOS divides by the square of a length, which is 0 for a segment shorter than 1e-162 m."""
 Segment: TypeAlias = tuple[Point, Point]
 
 
@@ -30,4 +32,5 @@ def segment_distances_m(first_m: Sequence[Segment], second_m: Sequence[Segment])
 
 
 def _lines(segments_m: Sequence[Segment]) -> Any:
-    return shapely.linestrings(np.asarray(segments_m, dtype=float).reshape(-1, 2, 2))
+    """Return the segments as shapely has them, on a grid on which no length is lost when it is squared."""
+    return shapely.linestrings(np.asarray(segments_m, dtype=float).reshape(-1, 2, 2).round(_GRID_DECIMALS))
