@@ -101,7 +101,7 @@ class UdpOut(OneEnd):
         self._transport: asyncio.DatagramTransport | None = None
 
     async def open(self) -> None:
-        """Resolve the address; nobody has to listen there yet."""
+        """Resolve the address; the other end may begin to listen later."""
         try:
             transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(
                 lambda: Datagrams(self._received), remote_addr=self._at

@@ -150,7 +150,7 @@ class Evidence:
 
     @property
     def fails(self) -> bool:
-        """Return whether a failsafe flies it: its autopilot says so of a mode that nobody commanded.
+        """Return whether a failsafe flies it: its autopilot says so of a mode that was not commanded.
 
         A critical system status alone is not enough ("Continuing Auto Mode" has it too), nor is a return: anybody may
         order one.

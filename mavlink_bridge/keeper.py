@@ -191,7 +191,7 @@ class Keeper:
         if hold_s <= 0 or not self._restarts_hold or not self._is_near(number, point_m):
             return None
         if self._holding is None:
-            self._holding = (seq, now_s - hold_s if self._since_s > 0 else now_s)  # nobody saw when it came
+            self._holding = (seq, now_s - hold_s if self._since_s > 0 else now_s)  # when it came is not known
         elif self._holding[0] != seq:
             self._holding = (seq, now_s)
         left_s = self._holding[1] + hold_s - now_s

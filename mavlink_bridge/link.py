@@ -50,9 +50,9 @@ class FleetLink(ListeningLink):
             await link.wait_for({1, 2, 3}, timeout_s=10)
             await link.upload(missions)
 
-    `clock` tells fleet seconds and is read from MAVSDK's threads too. Time-outs named `timeout_s` are wall seconds.
+    `clock` returns fleet seconds and is read from MAVSDK's threads too. Time-outs named `timeout_s` are wall seconds.
     Methods that address vehicles ask all of them at once and return one result for each; none stops the others.
-    A system id nobody has heard on the link gets a result that says so.
+    A system id that was never heard on the link gets a result that says so.
     """
 
     # -- telling ------------------------------------------------------------------------------------------------

@@ -38,7 +38,7 @@ class VehicleModel:
     less where the legs beside it are short. jerk_mps3: how fast the acceleration itself builds up (WPNAV_JERK), and
     jerk_from_rest_mps3 the same where all of it counts, on the first leg (MPC_JERK_AUTO: PX4 hardly brakes at corners).
     departure_mps2: the acceleration with which it really leaves a place of rest, for predictions of a first leg.
-    cruise_mps: its own speed when nobody orders one (MPC_XY_CRUISE, WPNAV_SPEED). rests_in_plan: its autopilot plans
+    cruise_mps: its own speed if none is ordered (MPC_XY_CRUISE, WPNAV_SPEED). rests_in_plan: its autopilot plans
     each leg from rest to rest and blends the ends (ArduCopter's S-curves), so that a short leg is flown no faster than
     it could be braked from, whatever speed is asked for. settle_s: what a hold costs beside its own seconds, because
     it only begins once the vehicle has come to rest. hold_step_s: holds are multiples of this (0: any length).

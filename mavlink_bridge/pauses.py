@@ -16,7 +16,7 @@ is judged, and silence does not count the pause (`HeartbeatMonitor.missed`)."""
 
 
 class PauseWatch:
-    """Looks every POLL_S wall seconds, and reports how long nobody could be heard before.
+    """Looks every POLL_S wall seconds, and reports how long nothing could be received before.
 
     missed(now_s, for_s): called with fleet seconds before what was received meanwhile is taken in.
     """

@@ -35,7 +35,7 @@ class _Text:
 
     @property
     def explains(self) -> bool:
-        """Return whether it tells of a failsafe or of a reason for one."""
+        """Return whether it names a failsafe or a reason for one."""
         warns = self.severity <= _WARNING and bool(_REASON.search(self.words)) and not _OTHERWISE.search(self.words)
         return self.names_failsafe or warns
 

@@ -53,7 +53,7 @@ class Telemetry:
     Position: WGS-84 degrees (None while it does not know where it is: `place_of`), metres above the vehicle's own home,
     altitude_amsl_m above mean sea level; velocity m/s over ground. `mission_current` is the seq being flown,
     `mission_total` the number of items (ArduPilot's home is one), `mission_id` the checksum of the mission on board (0:
-    not told). `boot_ms`: milliseconds since the autopilot started. `heard_at_s`: fleet seconds of the position.
+    unknown). `boot_ms`: milliseconds since the autopilot started. `heard_at_s`: fleet seconds of the position.
     """
 
     system_id: int

@@ -57,7 +57,7 @@ class NotDone(Exception):  # noqa: N818 (ends one command of one vehicle; become
 
 
 class Clock(Protocol):
-    """Anything that tells fleet time; read from MAVSDK's threads too."""
+    """A clock of fleet time; read from MAVSDK's threads too."""
 
     def now(self) -> float:
         """Return fleet seconds, which never run backwards."""
