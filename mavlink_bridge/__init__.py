@@ -1,26 +1,24 @@
 """The bridge between plans and vehicles: missions out, telemetry and heartbeats in. Built on MAVSDK.
 
-    plan --schedule, pace--> writer (px4, ardupilot) --compiler--> Mission --verified, transfer--> vehicle
-    verified: mission_protocol up and down, then compare by what this autopilot keeps (readback)
-    vehicle: command_protocol; every question to it shares one round_trip
-    vehicle --endpoints, hub (routing, signing, watchers, tlog)--> MAVSDK --vehicle, telemetry--> classifier --> Change
-    readiness: wait for facts, arm    departure: launch, go to, start together    flight: swap in flight, hold, land
-    guidance: keeper over missions, or stream of setpoints       guard: a process that ends the stream if we die
-    before take-off: models, parameters, preflight (findings, parameter_rules), fence
-    after a loss: ghosts, transitions, corridors    what a vehicle is: senders (who speaks for it), evidence, disarming
+    plan -> mission    compiler, schedule, pace, reach, items, writer, fence; formats, plan_extras; plane, geodesy
+    one autopilot      autopilots (names), profile (what there is to know), px4, ardupilot, profiles (rows), speaker
+    protocols          mission_protocol, command_protocol, parameters; proof: verified, compare, readback
+    links              endpoints, serial_line, hub, routing, senders, signing, framing, tlog, watchers, pauses
+    one vehicle        vehicle, telemetry; readiness -> departure -> flight, transfer, speeds; confirming
+    the fleet          link (`FleetLink`) on listening; before take-off: preflight, findings, parameter_rules
+    guidance           guidance (keeper or stream of setpoints), route, deviations; guard: a process that outlives ours
+    what happened      heartbeat; classifier on evidence (height, disarming, reboot, status_texts), conditions
+    after a loss       ghosts, transitions, corridors, returns
 
-Pure and testable without a socket: everything that plans, compares, judges or speaks a protocol (`mission_protocol`,
-`command_protocol`, `verified`, `parameters`, `keeper`, `stream`, `classifier`, `routing`, ...): messages and time go
-in, messages come out.
-Sockets, threads and waiting are in endpoints, hub, listening, link, vehicle, transfer, readiness, departure, flight,
-guidance and guard.
-A new autopilot is a new writer, a row in `autopilots` and `models`, its rows in `readback`, and its rules in
-`parameter_rules`.
-The package knows the planner's plan type and nothing of the service or the simulator. pymavlink is only used for what
-MAVSDK has not: framing and signing.
+Pure and tested without a socket: everything that plans, compares, judges or speaks a protocol; messages and time go
+in, messages come out. Sockets, threads and waiting belong to endpoints, hub, listening, link, vehicle and what waits
+for one vehicle; keep it so. The package knows the planner's plan type and nothing of the service or the simulator.
+pymavlink may only be used for what MAVSDK lacks: framing and signing. Ask a profile, never which autopilot it is: a
+new one is a name in `Autopilot`, one file like `px4`, and a row in `profiles`. Missions and the proof of what is on
+board are contracts: golden files and recordings of real flights in the tests hold them.
 """
 
-from skyfolio.mavlink_bridge.autopilots import Autopilot, FlightMode
+from skyfolio.mavlink_bridge.autopilots import DEFAULT_AUTOPILOT, Autopilot, FlightMode
 from skyfolio.mavlink_bridge.compare import mission_differences
 from skyfolio.mavlink_bridge.compiler import compile_mission
 from skyfolio.mavlink_bridge.errors import (
@@ -33,6 +31,7 @@ from skyfolio.mavlink_bridge.errors import (
     LinkError,
     ReturnPathsTooClose,
     TooManyItems,
+    UnknownAutopilot,
     UnknownUav,
     VehiclesMissing,
 )
@@ -53,6 +52,7 @@ from skyfolio.mavlink_bridge.writer import OnEnd
 
 __all__ = [
     "AUTOPILOT",
+    "DEFAULT_AUTOPILOT",
     "MAX_ITEMS",
     "Autopilot",
     "BridgeError",
@@ -80,6 +80,7 @@ __all__ = [
     "SwapResult",
     "Telemetry",
     "TooManyItems",
+    "UnknownAutopilot",
     "UnknownUav",
     "UploadResult",
     "VehicleModel",

@@ -1,4 +1,4 @@
-"""Numbers an autopilot answers with, named. A number that nobody has named yet is an answer too, and no error."""
+"""Names for the numbers an autopilot answers with; a number without a name is an answer too, and no error."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Self
 
 
 class Answer(IntEnum):
-    """An enumeration of MAVLink as it is received: `UNKNOWN_n` for a number its members do not have."""
+    """An enumeration of MAVLink as it is received: `UNKNOWN_n` stands for a number without a member."""
 
     @classmethod
     def _missing_(cls, value: object) -> Self | None:

@@ -1,25 +1,62 @@
-"""Which autopilot flies a vehicle, and how it numbers its flight modes.
+"""Names of what MAVLink leaves to each autopilot: who it is, and what its flight modes mean to us.
 
-MAVLink leaves modes to the autopilot: HEARTBEAT.custom_mode means main and sub mode on PX4 (bytes 2 and 3) and one
-number on ArduCopter. Here both are read into one `FlightMode`, and written back for MAV_CMD_DO_SET_MODE (176).
+The names are shared by everything; what an autopilot makes of them is in its profile (`profile`, `px4`, `ardupilot`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from enum import StrEnum
-from typing import Any
+
+from skyfolio.mavlink_bridge.answers import Answer
 
 
 class Autopilot(StrEnum):
-    """The autopilots missions can be compiled for."""
+    """The autopilots that have a profile, by the names that files, the REST interface and the command line use.
+
+    `Autopilot(name)` raises ValueError for an unknown name; the text lists the known ones.
+    """
 
     PX4 = "px4"
     ARDUPILOT = "ardupilot"
 
+    @classmethod
+    def _missing_(cls, value: object) -> Autopilot:
+        raise ValueError(f"autopilot: {value!r} is unknown; known are {', '.join(cls)}")
+
+
+DEFAULT_AUTOPILOT = Autopilot.PX4
+"""The autopilot that missions are compiled for where a caller names none."""
+
+
+class MavAutopilot(Answer):
+    """MAV_AUTOPILOT, as HEARTBEAT.autopilot has it."""
+
+    GENERIC = 0
+    RESERVED = 1
+    SLUGS = 2
+    ARDUPILOTMEGA = 3
+    OPENPILOT = 4
+    GENERIC_WAYPOINTS_ONLY = 5
+    GENERIC_WAYPOINTS_AND_SIMPLE_NAVIGATION_ONLY = 6
+    GENERIC_MISSION_FULL = 7
+    INVALID = 8
+    """The sender reports itself that it is no autopilot."""
+    PPZ = 9
+    UDB = 10
+    FP = 11
+    PX4 = 12
+    SMACCMPILOT = 13
+    AUTOQUAD = 14
+    ARMAZILA = 15
+    AEROB = 16
+    ASLUAV = 17
+    SMARTAP = 18
+    AIRRAILS = 19
+    REFLEX = 20
+
 
 class FlightMode(StrEnum):
-    """Who flies; OTHER is a mode this list does not know."""
+    """Who flies the vehicle; OTHER is a mode that the profile does not list, or one of an unknown autopilot."""
 
     MANUAL = "manual"
     ALTITUDE = "altitude"
@@ -27,7 +64,7 @@ class FlightMode(StrEnum):
     ACRO = "acro"
     OFFBOARD = "offboard"
     GUIDED = "guided"
-    """ArduPilot only: flies where it is told, and hovers when it is told nothing."""
+    """ArduPilot only: the vehicle flies where it is commanded to, and hovers without a command."""
     STABILIZED = "stabilized"
     READY = "ready"
     TAKEOFF = "takeoff"
@@ -38,137 +75,16 @@ class FlightMode(StrEnum):
     OTHER = "other"
 
 
-_UNKNOWN_TOTAL = 65535
-
-_MAV_AUTOPILOT = {12: Autopilot.PX4, 3: Autopilot.ARDUPILOT}
-_NO_AUTOPILOT = 8
-"""MAV_AUTOPILOT_INVALID: the sender says itself that it is none."""
 _NO_AIRCRAFT = frozenset({5, 6, 18, 26, 27, *range(30, 35), *range(36, 43), 44, 48, 49})
 """MAV_TYPE of what may be on board or on the ground and is no aircraft: antenna tracker, ground station, onboard
 controller, gimbal, ADS-B, camera, charging station, FLARM, servo, remote identification, battery, parachute, log,
 display, IMU, GPS, winch, illuminator, gripper, radio."""
-_SAME_FOR_S = 5.5
-"""Fleet seconds of silence after which another autopilot may have taken the system id over."""
-
-_PX4_MAIN = {
-    1: FlightMode.MANUAL,
-    2: FlightMode.ALTITUDE,
-    3: FlightMode.POSITION,
-    5: FlightMode.ACRO,
-    6: FlightMode.OFFBOARD,
-    7: FlightMode.STABILIZED,
-}
-_PX4_AUTO = {
-    1: FlightMode.READY,
-    2: FlightMode.TAKEOFF,
-    3: FlightMode.HOLD,
-    4: FlightMode.MISSION,
-    5: FlightMode.RETURN,
-    6: FlightMode.LAND,
-}
-_PX4_AUTO_MAIN = 4
-
-_COPTER = {
-    0: FlightMode.STABILIZED,
-    1: FlightMode.ACRO,
-    2: FlightMode.ALTITUDE,
-    3: FlightMode.MISSION,
-    4: FlightMode.GUIDED,
-    5: FlightMode.POSITION,
-    6: FlightMode.RETURN,
-    9: FlightMode.LAND,
-    16: FlightMode.POSITION,
-    17: FlightMode.HOLD,
-    21: FlightMode.RETURN,
-    27: FlightMode.RETURN,
-}
-
-_PX4_NUMBERS = {
-    FlightMode.HOLD: (_PX4_AUTO_MAIN, 3),
-    FlightMode.MISSION: (_PX4_AUTO_MAIN, 4),
-    FlightMode.RETURN: (_PX4_AUTO_MAIN, 5),
-    FlightMode.LAND: (_PX4_AUTO_MAIN, 6),
-    FlightMode.OFFBOARD: (6, 0),
-}
-_COPTER_NUMBERS = {
-    FlightMode.MISSION: (3, 0),
-    FlightMode.GUIDED: (4, 0),
-    FlightMode.RETURN: (6, 0),
-    FlightMode.LAND: (9, 0),
-}
-
-HOLD_MODE = {Autopilot.PX4: FlightMode.HOLD, Autopilot.ARDUPILOT: FlightMode.GUIDED}
-"""Where a vehicle hovers until told otherwise. ArduCopter's LOITER would listen to a throttle stick nobody holds."""
-
-STREAM_MODE = {Autopilot.PX4: FlightMode.OFFBOARD, Autopilot.ARDUPILOT: FlightMode.GUIDED}
-"""The mode that follows streamed setpoints."""
-
-OURS = {
-    Autopilot.PX4: frozenset(
-        {FlightMode.MISSION, FlightMode.HOLD, FlightMode.TAKEOFF, FlightMode.READY, FlightMode.OFFBOARD}
-    ),
-    Autopilot.ARDUPILOT: frozenset({FlightMode.MISSION, FlightMode.GUIDED}),
-}
-"""Modes in which a vehicle is ours to command; in any other a human or a failsafe flies it."""
-
-
-def autopilot_of(mav_autopilot: int) -> Autopilot | None:
-    """The autopilot HEARTBEAT.autopilot (MAV_AUTOPILOT) names; None for one nobody compiles for."""
-    return _MAV_AUTOPILOT.get(mav_autopilot)
 
 
 def speaks_as_autopilot(mav_type: int, mav_autopilot: int) -> bool:
-    """Whether a HEARTBEAT of these (MAV_TYPE, MAV_AUTOPILOT) can be an aircraft's autopilot.
+    """Return whether a HEARTBEAT with this MAV_TYPE and MAV_AUTOPILOT can come from an aircraft's autopilot.
 
-    A ground station, camera or receiver that claims component 1 says nothing about the autopilot: neither what it does
-    nor that it is alive.
+    A ground station, camera or receiver that claims component 1 reports nothing about the autopilot: neither what the
+    autopilot does nor that it is alive.
     """
-    return mav_autopilot != _NO_AUTOPILOT and mav_type not in _NO_AIRCRAFT
-
-
-class Speaker:
-    """Which HEARTBEATs of a system's component 1 are its autopilot's: no aircraft changes its autopilot in flight."""
-
-    def __init__(self) -> None:
-        self.autopilot: Autopilot | None = None
-        self._heard_s = float("-inf")
-
-    def believes(self, fields: Mapping[str, Any], heard_s: float) -> bool:
-        """Whether this HEARTBEAT, heard at that fleet second, is the autopilot's own."""
-        number = int(fields["autopilot"])
-        if not speaks_as_autopilot(int(fields.get("type", 0)), number):
-            return False
-        said = autopilot_of(number)
-        if self.autopilot is not None and said is not self.autopilot and heard_s - self._heard_s < _SAME_FOR_S:
-            return False
-        self.autopilot, self._heard_s = said, heard_s
-        return True
-
-
-def mode_of(autopilot: Autopilot | None, custom_mode: int) -> FlightMode:
-    """HEARTBEAT.custom_mode as a mode."""
-    if autopilot is Autopilot.ARDUPILOT:
-        return _COPTER.get(custom_mode, FlightMode.OTHER)
-    main, sub = custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF
-    if main == _PX4_AUTO_MAIN:
-        return _PX4_AUTO.get(sub, FlightMode.OTHER)
-    return _PX4_MAIN.get(main, FlightMode.OTHER)
-
-
-def items_on_board(autopilot: Autopilot | None, total: int) -> int | None:
-    """MISSION_CURRENT.total as the length of the list that was uploaded; None: not told.
-
-    ArduPilot leaves item 0, its home, out.
-    """
-    if total == _UNKNOWN_TOTAL:
-        return None
-    return total + 1 if autopilot is Autopilot.ARDUPILOT and total > 0 else total
-
-
-def mode_numbers(autopilot: Autopilot, mode: FlightMode) -> tuple[int, int]:
-    """(param2, param3) of MAV_CMD_DO_SET_MODE (176). Raises ValueError for a mode we never command."""
-    numbers = _COPTER_NUMBERS if autopilot is Autopilot.ARDUPILOT else _PX4_NUMBERS
-    try:
-        return numbers[mode]
-    except KeyError:
-        raise ValueError(f"mode: '{mode}' is not one {autopilot} is commanded into") from None
+    return mav_autopilot != MavAutopilot.INVALID and mav_type not in _NO_AIRCRAFT

@@ -1,8 +1,8 @@
-"""What happened to each UAV: a pure classifier over what its autopilot says, with times and numbers as causes.
+"""Judge what happened to each UAV from the messages of its autopilot, with times and numbers as causes. Pure.
 
-Evidence goes in message by message (`hear`), time by `poll`; out come changes of condition. Several things can be true
-at once (its battery is low and the link is lost); the condition is the gravest of them, in the order of `Condition`.
-Everything needs to last before it counts, and longer before it is over, so that nothing flaps.
+Evidence goes in message by message (`hear`), time by `poll`; changes of condition come out. Several things can be true
+at once (the battery is low and the link is lost); the condition is the gravest of them, in the order of `Condition`.
+Everything has to last before it counts, and longer before it is over, so that nothing flaps.
 
     crashed > landed > disarmed in the air > rebooted > autopilot silent, link lost > human took over > in failsafe
             > back > stale > low battery > live
@@ -23,10 +23,11 @@ _LANDING = 4
 
 
 class Classifier:
-    """Conditions of the watched UAVs. Times are fleet seconds; it has no clock and does no I/O.
+    """Keeps the conditions of the watched UAVs. Times are fleet seconds; it has no clock and does no I/O.
 
-    `expect(system_id, modes, now_s)` announces modes we are about to command, so that they are not taken for a human's
-    or a failsafe's doing. `links`: the heartbeat monitor to use (default: one with the timing's own limits).
+    `expect(system_id, modes, now_s)` announces modes that the service is about to command, so that they are not
+    attributed to a human or a failsafe. `links`: the heartbeat monitor to use (default: one with the timing's own
+    limits).
     """
 
     def __init__(self, timing: Timing | None = None, links: HeartbeatMonitor | None = None) -> None:
@@ -37,48 +38,52 @@ class Classifier:
             recovered_after_s=self.timing.recovered_after_s,
         )
         self.link_events: list[LinkEvent] = []
-        """What the last poll found on the links alone."""
+        """The link events of the latest poll."""
         self._known: dict[int, Evidence] = {}
         self._conditions: dict[int, Condition] = {}
 
     def watch(self, system_id: int, now_s: float) -> None:
-        """Expect this UAV from now on."""
+        """Expect messages from this UAV from now on."""
         self.links.watch(system_id, now_s)
         if system_id not in self._known:
             self._known[system_id], self._conditions[system_id] = Evidence(self.timing), Condition.LIVE
 
     def unwatch(self, system_id: int) -> None:
-        """Expect nothing any more, and report nothing."""
+        """Stop expecting messages from this UAV and reporting changes of it."""
         self.links.unwatch(system_id)
         self._known.pop(system_id, None)
         self._conditions.pop(system_id, None)
 
     def condition(self, system_id: int) -> Condition:
-        """As of the last poll; KeyError if not watched."""
+        """Return the condition as of the latest poll. Raises KeyError if the UAV is not watched."""
         return self._conditions[system_id]
 
     def missed(self, now_s: float, for_s: float) -> None:
-        """We did not listen for so long until now; see `HeartbeatMonitor.missed`."""
+        """Take in that nothing could be received for the last `for_s` seconds; see `HeartbeatMonitor.missed`."""
         self.links.missed(now_s, for_s)
 
     def silent_for_s(self, system_id: int, now_s: float) -> float:
-        """Seconds since its autopilot was heard; KeyError if not watched."""
+        """Return the seconds since its autopilot was heard. Raises KeyError if the UAV is not watched."""
         return self.links.silent_for_s(system_id, now_s)
 
     def warning(self, system_id: int) -> str | None:
-        """What it tells of a failsafe that changes nothing, such as one that continues its mission; None if nothing."""
+        """Return what it reports of a failsafe that changes nothing, such as one that continues its mission.
+
+        None if it reports nothing of the kind.
+        """
         known = self._known.get(system_id)
         return None if known is None else known.warning
 
     def is_aloft(self, system_id: int, now_s: float) -> bool:
-        """Whether it says that it is disarmed, and yet is not known to be down."""
+        """Return whether it reports to be disarmed, and yet is not known to be down."""
         known = self._known.get(system_id)
         return known is not None and known.fate(now_s) in (Fate.UNKNOWN, Fate.ALOFT)
 
     def taken(self, system_id: int, now_s: float) -> str | None:
-        """Who else flies it at this moment, a human or a failsafe, and what is seen of that; None if we may command it.
+        """Return who else flies it at this moment, and what is seen of that; None if the service may command it.
 
-        Conditions count what lasts; here one heartbeat is enough, for whoever would overrule somebody.
+        A human or a failsafe may. Conditions count what lasts; here one heartbeat is enough, because a command now
+        would overrule it.
         """
         known = self._known.get(system_id)
         if known is None or not known.armed:
@@ -88,30 +93,31 @@ class Classifier:
         return f"somebody else flies it: {known.taken_over(now_s)}" if known.is_taken else None
 
     def expect(self, system_id: int, modes: frozenset[FlightMode], now_s: float, until_s: float | None = None) -> None:
-        """We command one of these modes now, or its mission ends in one; it counts as ours if entered by `until_s`.
+        """Announce that one of these modes is commanded now, or that its mission ends in one.
 
-        None: for `expected_for_s`.
+        The change counts as ordered by the service if the mode is entered by `until_s` (None: within `expected_for_s`).
         """
         if system_id in self._known:
             until_s = now_s + self.timing.expected_for_s if until_s is None else until_s
             self._known[system_id].announce(modes, now_s, until_s)
 
     def alive(self, system_id: int, component_id: int, now_s: float) -> None:
-        """Some message of a component arrived, whatever it says."""
+        """Take in that a component has sent some message, whatever it says."""
         known = self._known.get(system_id)
         if known is None:
             return
         if component_id == AUTOPILOT:
             self.links.heard(system_id, AUTOPILOT, now_s, known.height.boot_ms)
-            if self.links.reboots(system_id) != known.reboots:
+            if self.links.reboots(system_id) != known.reboot.count:
                 known.note_reboot(self.links.reboots(system_id), now_s)
         else:
             known.other_heard_s, known.other_component = now_s, component_id
 
     def hear(self, system_id: int, component_id: int, name: str, fields: dict[str, Any], now_s: float) -> None:
-        """A message arrived, fields as MAVLink names them. Unwatched systems are ignored.
+        """Take in a message, fields as MAVLink names them. Unwatched systems are ignored.
 
-        A HEARTBEAT that no aircraft's autopilot sends says nothing, whatever component it claims, not even life.
+        A HEARTBEAT that no aircraft's autopilot sends proves nothing, whatever component it claims to come from, not
+        even that the vehicle is alive.
         """
         if (
             name == "HEARTBEAT"
@@ -125,7 +131,7 @@ class Classifier:
         self.alive(system_id, component_id, now_s)
 
     def poll(self, now_s: float) -> list[Change]:
-        """Everything that changed since the last poll."""
+        """Return everything that changed since the latest poll."""
         self.link_events = self.links.poll(now_s)
         changes = []
         for system_id, known in self._known.items():
@@ -143,12 +149,12 @@ class Classifier:
     # -- judging ------------------------------------------------------------------------------------------------
 
     def _judge(self, system_id: int, known: Evidence, now_s: float) -> tuple[Condition, str]:
-        """The gravest thing that is true, and what was seen of it."""
+        """Return the gravest thing that is true, and what was seen of it."""
         silent_s = self.links.silent_for_s(system_id, now_s)
         link = self.links.state(system_id)
         self._update(system_id, known, link, now_s)
-        for found in (self._end, self._loss, self._doing):
-            verdict = found(known, link, silent_s, now_s)
+        for judge in (self._end, self._loss, self._doing):
+            verdict = judge(known, link, silent_s, now_s)
             if verdict is not None:
                 return verdict
         if known.battery.on and known.charge is not None:
@@ -156,7 +162,7 @@ class Classifier:
         return Condition.LIVE, f"heard {silent_s:.1f} s ago, in mode '{known.mode}'"
 
     def _update(self, system_id: int, known: Evidence, link: LinkState, now_s: float) -> None:
-        """Let time pass over what lasts; an autopilot that is not heard says nothing new."""
+        """Let time pass over what has to last; an autopilot that is not heard reports nothing new."""
         heard = link is LinkState.LIVE
         known.judge_mode(now_s)
         flying, fate = known.armed and known.flew, known.fate(now_s)
@@ -183,7 +189,7 @@ class Classifier:
             return Condition.LANDED, f"disarmed at {height.up_m:.1f} m above home after a flight"
         if known.aloft.on and disarmed is not None:
             return Condition.DISARMED, disarmed.seen(height)
-        since_s = now_s - known.rebooted_s
+        since_s = now_s - known.reboot.at_s
         if since_s < self.timing.rebooted_for_s and not known.may_prove(now_s, self.timing.proof_s):
             flies_on = ", and it flies its mission on" if known.flies_on else ""
             return (
@@ -214,7 +220,7 @@ class Classifier:
         return None
 
     def _has_crashed(self, known: Evidence, fate: Fate | None, now_s: float) -> bool:
-        """Whether it fell; once it counts as crashed only evident flight says otherwise."""
+        """Return whether it fell; once it counts as crashed, only evident flight proves otherwise."""
         if known.crashed.on:
             return not known.evidently_flies(now_s)
         return fate is Fate.FALLEN or known.is_falling(_LANDING)

@@ -1,7 +1,7 @@
 """The ground station's side of the MAVLink command protocol, without I/O: one command until its COMMAND_ACK.
 
-COMMAND_ACK names the command and nothing else, so one vehicle is asked one thing of a kind at a time, and answers to
-copies of an earlier one, which a slow link still brings, are not taken for the answer to this one.
+COMMAND_ACK names the command and nothing else. So a vehicle is sent one command of a kind at a time, and answers to
+copies of an earlier one, which a slow link still delivers, are not taken for the answer to this one.
 """
 
 from __future__ import annotations
@@ -14,24 +14,24 @@ from skyfolio.mavlink_bridge.mission_messages import GROUND, Message
 from skyfolio.mavlink_bridge.round_trip import RoundTrip
 
 ANSWER_S = 2.0
-"""A vehicle of which nothing is heard is given this long to answer, beside two round trips."""
+"""A vehicle from which nothing is received has this long to answer, plus two round trips."""
 PATIENT_S = 6.0
-"""One that is heard meanwhile is given this long: its link works, but it may be slow or lose a lot."""
+"""A vehicle that is heard meanwhile has this long: its link works, but it may be slow or lose a lot."""
 PROGRESS_S = 10.0
-"""One that said IN_PROGRESS is given this long to say more."""
+"""A vehicle that answered IN_PROGRESS has this long to report more."""
 
 
 class CommandCall:
-    """One COMMAND_LONG or COMMAND_INT, repeated until it is answered. `error` tells why it was not done.
+    """One COMMAND_LONG or COMMAND_INT, repeated until it is answered. `error` says why it was not done.
 
-    `strays`: answers to copies of an earlier command of this kind that may still come, and are not this one's.
+    `strays`: the number of answers to copies of an earlier command of this kind that may still be received.
     """
 
     def __init__(self, message: Message, round_trip: RoundTrip, *, strays: int = 0) -> None:
         self.answer: CommandAnswer | None = None
         self.error: str | None = None
         self.strays = strays
-        """Answers still to come that belong to nobody."""
+        """The number of answers that may still be received and do not belong to this command."""
         self._message = message
         self._command = int(message.fields["command"])
         self._round_trip = round_trip
@@ -41,12 +41,12 @@ class CommandCall:
 
     @property
     def ended(self) -> bool:
-        """Whether it is over: `error` is None when it was accepted."""
+        """Return whether it is over: `error` is None if it was accepted."""
         return self.answer is not None or self.error is not None
 
     @property
     def due_s(self) -> float:
-        """When `tick` has something to do."""
+        """Return when `tick` has something to do."""
         if self.ended:
             return inf
         if self._in_progress_s is not None:
@@ -59,11 +59,11 @@ class CommandCall:
         return self._send(now_s)
 
     def alive(self, now_s: float) -> None:
-        """Something of the vehicle was heard."""
+        """Take in that something was received from the vehicle."""
         self._heard_s = now_s
 
     def handle(self, name: str, fields: dict[str, Any], now_s: float) -> list[Message]:
-        """Take in one message of the vehicle; what is no answer to this command is ignored."""
+        """Take in one message of the vehicle; a message that does not answer this command is ignored."""
         if self.ended or name != "COMMAND_ACK" or not self._is_ours(fields):
             return []
         answer = CommandAnswer(int(fields["result"]))
@@ -93,7 +93,7 @@ class CommandCall:
         return self._send(now_s)
 
     def give_up(self, why: str = "given up") -> None:
-        """Stop here: it may have been done or not."""
+        """Stop waiting: the command may have been done or not."""
         self.error = self.error or why
         self.strays += self._times
 

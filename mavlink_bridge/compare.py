@@ -1,4 +1,4 @@
-"""Is what the vehicle stores what we sent? The proof of an upload is a read-back that compares equal."""
+"""Compare what a vehicle stores with what it was sent: an upload is proven by a read-back that compares equal."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ from collections.abc import Sequence
 from skyfolio.mavlink_bridge.autopilots import Autopilot
 from skyfolio.mavlink_bridge.items import MissionItem
 from skyfolio.mavlink_bridge.mission_messages import MissionType
-from skyfolio.mavlink_bridge.readback import Kept, kept_of
+from skyfolio.mavlink_bridge.profiles import profile_of
+from skyfolio.mavlink_bridge.readback import LITERALLY, Kept
 
 _DATUM = {5: 0, 6: 3, 11: 10}
-"""MAV_FRAME of integer coordinates: the same datum as its older number; autopilots read either back."""
+"""MAV_FRAME with integer coordinates: the same datum as the older number; autopilots send either back."""
 _WHOLE = ("seq", "command")
 _RULED = ("param1", "param2", "param3", "param4", "autocontinue")
 
@@ -22,20 +23,23 @@ def mission_differences(
     autopilot: Autopilot | None = None,
     mission_type: MissionType = MissionType.MISSION,
 ) -> tuple[str, ...]:
-    """What differs from what this autopilot has to give back (`readback`), one sentence each; empty means sound.
+    """Return what differs from what this autopilot has to send back, one text for each field; empty means sound.
 
     Without an autopilot everything has to be equal, but for the rounding of float32. `current` is the vehicle's own
-    state and is not compared, nor are the frame and the coordinates of items that have no place, nor item 0 of an
-    ArduPilot's mission, which is its own home.
+    state and is not compared, nor are the frame and the coordinates of items that have no place, nor item 0 of a
+    mission where that is the vehicle's own home. Raises UnknownAutopilot.
     """
     if len(sent) != len(read_back):
         return (f"{len(sent)} items sent, {len(read_back)} read back",)
-    home_first = autopilot is Autopilot.ARDUPILOT and mission_type is MissionType.MISSION
+    profile = None if autopilot is None else profile_of(autopilot)
+    home_first = profile is not None and profile.home_first and mission_type is MissionType.MISSION
     pairs = list(zip(sent, read_back, strict=True))[int(home_first) :]
     return tuple(
         text
-        for one, other in pairs
-        for text in _item_differences(one, other, kept_of(autopilot, mission_type, one.command))
+        for item, stored in pairs
+        for text in _item_differences(
+            item, stored, LITERALLY if profile is None else profile.kept_of(mission_type, item.command)
+        )
     )
 
 

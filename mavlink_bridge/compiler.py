@@ -1,22 +1,18 @@
-"""Plan -> mission: which schedule, whose items, and the limits both must keep."""
+"""Compile a plan into missions: choose the schedule and the writer, and check the limits of both."""
 
 from __future__ import annotations
 
 from math import isfinite
 
-from skyfolio.mavlink_bridge.ardupilot import ArduPilotWriter
-from skyfolio.mavlink_bridge.autopilots import Autopilot
+from skyfolio.mavlink_bridge.autopilots import DEFAULT_AUTOPILOT, Autopilot
 from skyfolio.mavlink_bridge.errors import TooManyItems, UnknownUav
 from skyfolio.mavlink_bridge.geodesy import points_to_geodetic
 from skyfolio.mavlink_bridge.items import MAX_ITEMS, Mission
-from skyfolio.mavlink_bridge.models import DEFAULTS
 from skyfolio.mavlink_bridge.pace import VehicleModel
-from skyfolio.mavlink_bridge.px4 import Px4Writer
+from skyfolio.mavlink_bridge.profiles import profile_of
 from skyfolio.mavlink_bridge.schedule import Schedule, airborne_schedule, ground_schedule
 from skyfolio.mavlink_bridge.writer import OnEnd
 from skyfolio.planner.plans import Plan
-
-_WRITERS = {Autopilot.PX4: Px4Writer, Autopilot.ARDUPILOT: ArduPilotWriter}
 
 
 def compile_mission(
@@ -26,11 +22,11 @@ def compile_mission(
     airborne: bool = False,
     first_leg_s: float | None = None,
     on_end: OnEnd = OnEnd.LAND,
-    autopilot: Autopilot = Autopilot.PX4,
+    autopilot: Autopilot = DEFAULT_AUTOPILOT,
     model: VehicleModel | None = None,
     max_items: int = MAX_ITEMS,
 ) -> Mission:
-    """The mission that flies `plan.trajectories_m[uav_id]` on a multirotor with this autopilot.
+    """Return the mission that flies `plan.trajectories_m[uav_id]` on a multirotor with this autopilot.
 
     On the ground: home (ArduPilot only), NAV_TAKEOFF at the slot-0 point, NAV_WAYPOINT at slot 0, then for every leg
     its DO_CHANGE_SPEED (left out where the speed stays) and the NAV_WAYPOINT it ends at; slots at one place become one
@@ -39,18 +35,20 @@ def compile_mission(
     has `first_leg_s` seconds (default: a whole slot). Altitudes are metres above each vehicle's own home. `model`:
     how it flies (default: the autopilot with its default parameters). `max_items`: what it stores.
 
-    Raises UnknownUav, TooManyItems, ValueError for a `first_leg_s` that is not above 0 or not airborne.
+    Raises UnknownUav, UnknownAutopilot, TooManyItems, and ValueError for a `first_leg_s` that is not above 0 or not
+    airborne.
     """
+    profile = profile_of(autopilot)
     path_m = plan.trajectories_m.get(uav_id)
     if not path_m:
         raise UnknownUav(uav_id, plan.trajectories_m)
     scenario = plan.scenario
     uav = scenario.uav(uav_id)
     flown_m = path_m[: scenario.last_slot(uav) + 1]
-    schedule = _schedule(flown_m, scenario.slot_duration_s, airborne, first_leg_s, model or DEFAULTS[autopilot])
+    schedule = _schedule(flown_m, scenario.slot_duration_s, airborne, first_leg_s, model or profile.default_model)
     points_m = list({stop.point_m for stop in schedule.stops})
     places_deg = dict(zip(points_m, points_to_geodetic(scenario.origin, points_m), strict=True))
-    writer = _WRITERS[autopilot](
+    writer = profile.writer(
         altitude_m=scenario.altitude_of(uav),
         to_geodetic=places_deg.__getitem__,
     )

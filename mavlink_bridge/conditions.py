@@ -1,4 +1,4 @@
-"""What a UAV can be in, when that counts, and how a change of it is told. Pure values, used by `classifier`."""
+"""The conditions a UAV can be in, when each counts, and how a change is reported. Pure values, used by `classifier`."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ class Condition(StrEnum):
     CRASHED = "crashed"
     LANDED = "landed"
     DISARMED = "disarmed_in_air"
-    """It says that it is disarmed, was high when it was last known to be armed, and is not seen to come down."""
+    """It reports to be disarmed, was high when it was last known to be armed, and is not seen to come down."""
     REBOOTED = "rebooted"
     AUTOPILOT_SILENT = "autopilot_silent"
-    """Nothing from component 1, though another component of the same system is heard: the link works."""
+    """Nothing is received from component 1, but another component of the system is heard: the link works."""
     LINK_LOST = "link_lost"
     HUMAN = "human_took_over"
     FAILSAFE = "in_failsafe"
@@ -28,12 +28,12 @@ class Condition(StrEnum):
 
     @property
     def serves(self) -> bool:
-        """Whether a plan may count on this UAV."""
+        """Return whether a plan may count on this UAV."""
         return self in (Condition.LIVE, Condition.STALE, Condition.LOW_BATTERY, Condition.BACK)
 
     @property
     def in_the_air(self) -> bool:
-        """Whether it may still be flying where its last mission takes it."""
+        """Return whether it may still be flying where its last mission takes it."""
         return self not in (Condition.CRASHED, Condition.LANDED)
 
 
@@ -42,11 +42,11 @@ class Timing:
     """When something counts, in fleet seconds; see `Condition`.
 
     lost_after_s is a little more than five heartbeats of a 1 Hz stream: only five lost in a row look like a loss.
-    low_battery, full_again: share of charge (0..1) at which the battery counts as low, and as not low any more.
-    proof_s: in which a UAV that rebooted in the air may tell that it flies its mission on.
-    crash_descent_mps: sinking faster than this for crash_after_s, other than by a landing, is falling. crash_height_m:
-    who was higher than this above home when it was disarmed did not land. withdrawn_after_s: whoever was seen crashed
-    and then evidently flies for so long has not.
+    low_battery, full_again: share of charge (0..1) at which the battery counts as low, and as no longer low. proof_s:
+    the time in which a UAV that rebooted in the air may report that it flies its mission on. crash_descent_mps: sinking
+    faster than this for crash_after_s, other than in a landing, is falling. crash_height_m: a UAV that was higher than
+    this above home when it was disarmed did not land. withdrawn_after_s: a UAV that was judged crashed and then
+    evidently flies for so long has not crashed.
     """
 
     stale_after_s: float = 3.0
@@ -82,7 +82,7 @@ class Timing:
 class Change:
     """A change of condition at `at_s`; `cause` says what was seen, with numbers.
 
-    flies_on: it rebooted in the air, and has told since that it flies the same mission on.
+    flies_on: it rebooted in the air, and has reported since that it flies the same mission on.
     """
 
     system_id: int
@@ -94,7 +94,7 @@ class Change:
 
 
 class Lasting:
-    """Something that is true once it was so for `on_s`, and false again once it was not for `off_s`."""
+    """Something that becomes true once it was so for `on_s`, and false once it was not for `off_s`."""
 
     def __init__(self, on_s: float, off_s: float) -> None:
         self.on = False
@@ -103,7 +103,7 @@ class Lasting:
         self._since_s: float | None = None
 
     def update(self, raw: bool | None, now_s: float) -> bool:
-        """Take in what is seen now (None: as before) and tell what counts."""
+        """Take in what is seen now (None: the same as before), and return what counts."""
         if raw is not None and raw != self._raw:
             self._raw, self._since_s = raw, now_s
         if self._since_s is not None and self._raw != self.on:

@@ -1,6 +1,6 @@
-"""Air that UAVs sweep, whenever they do: what is kept apart where clocks have nothing in common. Pure.
+"""The air that UAVs sweep at any time: what has to be kept apart when two clocks have nothing in common. Pure.
 
-Two operations begin when they like, pause and replan; so what keeps them apart is not when a UAV is somewhere but where
+Two operations begin, pause and replan independently. So they are kept apart not by when a UAV is somewhere but by where
 it may be at all: the whole rest of its route, at its height, and at every height the places where it climbs, lands, or
 flies home.
 """
@@ -20,10 +20,10 @@ Mapped = Callable[[Point], Point]
 
 @dataclass(frozen=True, kw_only=True)
 class Corridor:
-    """The air of one UAV; metres east/north of one origin for all that are compared.
+    """The air of one UAV; metres east/north of the one origin that all compared corridors share.
 
-    level_m: a line that is flown at `height_m` above sea level (None: at a height that is not known). upright_m: lines
-    that are flown at any height, single points included. owner: for whom it flies, in words.
+    level_m: a line that is flown at `height_m` above sea level (None: at an unknown height). upright_m: lines that are
+    flown at any height, single points included. owner: the operation it flies for, in words.
     """
 
     uav_id: str
@@ -34,7 +34,7 @@ class Corridor:
     upright_m: tuple[Sequence[Point], ...] = ()
 
     def mapped(self, to: Mapped) -> Corridor:
-        """The same air, seen from another origin."""
+        """Return the same air, seen from another origin."""
         return replace(
             self,
             level_m=[to(point) for point in self.level_m],
@@ -44,7 +44,7 @@ class Corridor:
 
 @dataclass(frozen=True, kw_only=True)
 class Meeting:
-    """Two UAVs could come closer than `required_m`: as close as `apart_m`, in metres east/north."""
+    """Two UAVs could come closer than `required_m`: as close as `apart_m` metres."""
 
     first: Corridor
     second: Corridor
@@ -59,34 +59,34 @@ class Meeting:
 
 
 def meetings(ours: Iterable[Corridor], others: Iterable[Corridor], slack_m: float = 0.0) -> list[Meeting]:
-    """Return each pair of ours and others that could meet; both keep the larger distance that either asks for.
+    """Return each pair of ours and others that could meet; each pair keeps the larger distance of the two.
 
-    slack_m: how much less is let pass as rounding.
+    slack_m: how much less than the distance is accepted as rounding.
     """
-    shapes = [(one, *_shapes(one)) for one in others]
-    found = []
-    for mine in ours:
-        level, upright = _shapes(mine)
+    shapes = [(corridor, *_shapes(corridor)) for corridor in others]
+    close_pairs = []
+    for own in ours:
+        level, upright = _shapes(own)
         for other, other_level, other_upright in shapes:
-            required_m = max(mine.required_m, other.required_m)
+            required_m = max(own.required_m, other.required_m)
             pairs = [(level, other_upright), (upright, other_level), (upright, other_upright)]
-            if not _one_above_the_other(mine, other, required_m):
+            if not _one_above_the_other(own, other, required_m):
                 pairs.append((level, other_level))
             near = [shapely.distance(a, b) for a, b in pairs if shapely.dwithin(a, b, required_m - slack_m)]
             near = [float(apart_m) for apart_m in near if apart_m < required_m - slack_m]
             if near:
-                found.append(Meeting(first=mine, second=other, apart_m=min(near), required_m=required_m))
-    return found
+                close_pairs.append(Meeting(first=own, second=other, apart_m=min(near), required_m=required_m))
+    return close_pairs
 
 
-def _one_above_the_other(one: Corridor, other: Corridor, required_m: float) -> bool:
-    if one.height_m is None or other.height_m is None:
+def _one_above_the_other(first: Corridor, second: Corridor, required_m: float) -> bool:
+    if first.height_m is None or second.height_m is None:
         return False
-    return abs(one.height_m - other.height_m) >= required_m
+    return abs(first.height_m - second.height_m) >= required_m
 
 
 def _shapes(corridor: Corridor) -> tuple[Any, Any]:
-    """Its level line, and its upright ones, either of them empty where there is none."""
+    """Return the level line and the upright ones, either of them empty if there is none."""
     level = _line(corridor.level_m) if corridor.level_m else shapely.GeometryCollection()
     upright = shapely.GeometryCollection([_line(line) for line in corridor.upright_m if line])
     for shape in (level, upright):

@@ -1,28 +1,20 @@
 """Bring one vehicle to where its mission begins: launch, go to, and start. All waits are wall seconds.
 
-As everything in `flight`, confirmed by what the vehicle reports afterwards.
+As in `flight`, every command is confirmed by what the vehicle reports afterwards.
 """
 
 from __future__ import annotations
 
 import asyncio
+from contextlib import nullcontext
 from math import hypot, nan
 
-from skyfolio.mavlink_bridge import readiness
-from skyfolio.mavlink_bridge.autopilots import HOLD_MODE, Autopilot, FlightMode, mode_numbers
-from skyfolio.mavlink_bridge.flight import (
-    CUSTOM_MODE,
-    SET_MODE,
-    ask_until,
-    confirm_s,
-    heartbeat_until,
-    is_ours,
-    seen_of,
-    set_mode,
-)
+from skyfolio.mavlink_bridge.autopilots import FlightMode
+from skyfolio.mavlink_bridge.confirming import ask_until, confirm_s, heartbeat_until, is_ours, seen_of
+from skyfolio.mavlink_bridge.flight import CUSTOM_MODE, SET_MODE, set_mode
 from skyfolio.mavlink_bridge.geodesy import geodetic_to_east_north, to_e7
 from skyfolio.mavlink_bridge.items import Frame
-from skyfolio.mavlink_bridge.readiness import ARMABLE_WITHIN_S, OnRefused
+from skyfolio.mavlink_bridge.readiness import ARMABLE_WITHIN_S, OnRefused, arm_when_ready
 from skyfolio.mavlink_bridge.vehicle import NotDone, Vehicle
 from skyfolio.planner.scenario import Origin
 
@@ -30,7 +22,7 @@ ALTITUDE_TOLERANCE_M = 1.0
 ARRIVAL_TOLERANCE_M = 1.0
 ARRIVAL_SPEED_MPS = 0.5
 INSIST_EVERY_S, INSIST_TIMES = 0.04, 8
-"""Eight start within 0.15 s of each other at 10 % loss each way, but for one launch in a hundred or so."""
+"""At 10 % loss each way eight vehicles start within 0.15 s of each other in all but one launch in a hundred."""
 
 _TAKEOFF, _REPOSITION = 22, 192
 _CHANGE_MODE = 1.0
@@ -39,31 +31,33 @@ _CHANGE_MODE = 1.0
 async def arm(
     vehicle: Vehicle, patience_s: float = ARMABLE_WITHIN_S, on_refused: OnRefused = lambda _why: None
 ) -> None:
-    """Arm it where it stands, in the mode it takes off from, waiting `patience_s` wall seconds until it lets itself."""
-    if vehicle.autopilot is Autopilot.ARDUPILOT:
-        await set_mode(vehicle, FlightMode.GUIDED)
-    await readiness.arm(vehicle, patience_s, on_refused)
+    """Arm it where it stands, in the mode it takes off from, within `patience_s` wall seconds. Raises NotDone."""
+    mode = vehicle.profile.takeoff.armed_in
+    if mode is not None:
+        await set_mode(vehicle, mode)
+    await arm_when_ready(vehicle, patience_s, on_refused)
 
 
 async def launch(
     vehicle: Vehicle, altitude_m: float, timeout_s: float, on_refused: OnRefused = lambda _why: None
 ) -> None:
-    """Arm, take off, and be within 1 m of `altitude_m` above home (or higher) in `timeout_s` wall seconds.
+    """Arm, take off, and climb to within 1 m of `altitude_m` above home (or higher) in `timeout_s` wall seconds.
 
-    It ends at once when the vehicle disarms on the way, or changes to a mode that is not ours.
+    Raises NotDone if that takes longer, and at once if the vehicle disarms on the way or changes to a mode in which the
+    service may not command it.
     """
     await arm(vehicle, min(timeout_s, ARMABLE_WITHIN_S), on_refused)
     now = vehicle.state.snapshot()
     if now is None or now.place_deg is None:
         raise NotDone("its position is not known yet")
-    if vehicle.autopilot is Autopilot.ARDUPILOT:
-        await vehicle.command(_TAKEOFF, 0, 0, 0, None, 0, 0, altitude_m)
-    else:
-        home_amsl_m = now.altitude_amsl_m - now.relative_alt_m
-        with vehicle.commanding(FlightMode.TAKEOFF):
-            await vehicle.command(_TAKEOFF, None, 0, 0, None, None, None, home_amsl_m + altitude_m)
+    takeoff = vehicle.profile.takeoff
+    params = takeoff.params(altitude_m, now.altitude_amsl_m - now.relative_alt_m)
+    with nullcontext() if takeoff.mode is None else vehicle.commanding(takeoff.mode):
+        await vehicle.command(_TAKEOFF, *params)
     if not await heartbeat_until(vehicle, lambda: vehicle.state.armed and is_ours(vehicle)):
-        raise NotDone(f"told to take off, but {'armed' if vehicle.state.armed else 'not armed'}: {seen_of(vehicle)}")
+        raise NotDone(
+            f"commanded to take off, but {'armed' if vehicle.state.armed else 'not armed'}: {seen_of(vehicle)}"
+        )
     climb = _Climb(vehicle, altitude_m)
     if not await vehicle.wait_until(climb.is_over, timeout_s):
         raise NotDone(f"at {climb.up_m:.1f} of {altitude_m:g} m after {timeout_s:g} s")
@@ -72,7 +66,7 @@ async def launch(
 
 
 class _Climb:
-    """A vehicle that was seen armed and ours, on its way up, and why it will not arrive."""
+    """A vehicle that was seen armed and ours, on its way up, and the reason why it will not arrive."""
 
     def __init__(self, vehicle: Vehicle, altitude_m: float) -> None:
         self.broken_off: str | None = None
@@ -80,24 +74,24 @@ class _Climb:
 
     @property
     def up_m(self) -> float:
-        """Metres above home, -1 before it told."""
+        """Return the metres above home, -1 before the first position."""
         now = self._vehicle.state.snapshot()
         return -1.0 if now is None else now.relative_alt_m
 
     def is_over(self) -> bool:
-        """Whether it has arrived or will not."""
+        """Return whether it has arrived, or will not."""
         if not self._vehicle.state.armed:
             self.broken_off = "disarmed"
         elif not is_ours(self._vehicle):
-            self.broken_off = f"in mode '{self._vehicle.state.mode}', which nobody commanded,"
+            self.broken_off = f"in mode '{self._vehicle.state.mode}', which was not commanded,"
         return self.broken_off is not None or self.up_m >= self._altitude_m - ALTITUDE_TOLERANCE_M
 
 
 async def go_to(vehicle: Vehicle, lat_deg: float, lon_deg: float, relative_alt_m: float, timeout_s: float) -> None:
-    """Fly straight to a point (degrees, metres above home) and come to rest there."""
+    """Fly straight to a point (degrees, metres above home) and come to rest there. Raises NotDone."""
     if vehicle.state.place_deg is None:
         raise NotDone("its position is not known yet")
-    with vehicle.commanding(HOLD_MODE[vehicle.autopilot]):
+    with vehicle.commanding(vehicle.profile.hold_mode):
         await vehicle.command_int(
             _REPOSITION,
             frame=Frame.GLOBAL_RELATIVE_ALT_INT,
@@ -113,9 +107,10 @@ async def go_to(vehicle: Vehicle, lat_deg: float, lon_deg: float, relative_alt_m
 
 
 async def start(vehicle: Vehicle, item: int) -> None:
-    """Enter mission mode and see it fly `item` or a later one (HEARTBEAT and MISSION_CURRENT).
+    """Enter mission mode and see it fly `item` or a later one (HEARTBEAT and MISSION_CURRENT). Raises NotDone.
 
-    The order is repeated until it is seen to be followed: the acknowledged one alone, lost, is half a second late.
+    The order is repeated until HEARTBEAT shows that it is followed: if the acknowledged one alone is lost, the vehicle
+    starts half a second late.
     """
     reports = vehicle.state.mission_reports
     insisting = asyncio.create_task(_insist(vehicle, FlightMode.MISSION))
@@ -129,8 +124,8 @@ async def start(vehicle: Vehicle, item: int) -> None:
 
 
 async def _insist(vehicle: Vehicle, mode: FlightMode) -> None:
-    """Send DO_SET_MODE unacknowledged, every INSIST_EVERY_S, until HEARTBEAT shows the mode; it may come twice."""
-    main, sub = mode_numbers(vehicle.autopilot, mode)
+    """Send DO_SET_MODE every INSIST_EVERY_S until HEARTBEAT shows the mode; the vehicle may receive it twice."""
+    main, sub = vehicle.profile.numbers_of(mode)
     order = vehicle.command_message(SET_MODE, CUSTOM_MODE, main, sub)
     for _ in range(INSIST_TIMES):
         await asyncio.sleep(INSIST_EVERY_S)
@@ -148,7 +143,7 @@ def _flies_from(vehicle: Vehicle, item: int, reports: int) -> bool:
 
 
 def _distance(vehicle: Vehicle, lat_deg: float, lon_deg: float) -> float:
-    """Metres over ground between the vehicle and a point."""
+    """Return the metres over ground between the vehicle and a point, NaN if its position is unknown."""
     place = vehicle.state.place_deg
     if place is None:
         return nan

@@ -1,8 +1,8 @@
-"""A vehicle that is not where its plan has it although it flies it: its altitude, and a home that moves. Pure.
+"""Detect that a vehicle which flies its plan is not where the plan has it: its altitude, and a home that moves. Pure.
 
-Slip, the horizontal distance, is told slot by slot (`keeper`). Altitude is told when it is wrong for a while, and again
-when it is right. Altitudes of a mission count from the vehicle's home: one that moves in flight (HOME_POSITION, 242)
-moves the whole mission up or down, and where a return ends.
+Slip, the horizontal distance, is reported slot by slot (`keeper`). Altitude is reported when it is wrong for a while,
+and again when it is right. Altitudes of a mission count from the vehicle's home: one that moves in flight
+(HOME_POSITION, 242) moves the whole mission up or down, and the place where a return ends.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ from skyfolio.mavlink_bridge.geodesy import geodetic_to_east_north
 from skyfolio.planner.scenario import Origin
 
 OFF_M, BACK_M = 5.0, 2.0
-"""Altitude is off beyond the first, and right again inside of the second."""
+"""Altitude is off beyond the first, and right again within the second."""
 LASTS_S = 3.0
-"""Fleet seconds for which it must be so: gusts and GPS steps are shorter."""
+"""Fleet seconds for which it has to last: gusts and GPS steps are shorter."""
 SETTLE_S = 5.0
-"""A new mission may ask for another altitude; fleet seconds until it is judged."""
+"""Fleet seconds before altitude is judged: a new mission may ask for another one."""
 HOME_M = 3.0
-"""GPS wanders by less; a home that moves further was set anew."""
+"""GPS wanders by less than this; a home that moves further was set anew."""
 
 
 @dataclass(frozen=True, slots=True)
 class AltitudeOffPlan:
-    """It is `off_m` above (below: negative) the plan's altitude. `off`: whether that is off, or right again."""
+    """It is `off_m` above (below: negative) the plan's altitude. `off`: whether that is wrong, or right again."""
 
     off: bool
     off_m: float
@@ -34,7 +34,7 @@ class AltitudeOffPlan:
 
 @dataclass(frozen=True, slots=True)
 class HomeMoved:
-    """Its home is `moved_m` over ground and `up_m` from where it was when the flight began, or last moved."""
+    """Its home is `moved_m` over ground and `up_m` away from where it was at the start of the flight, or moved last."""
 
     moved_m: float
     up_m: float
@@ -44,7 +44,7 @@ Deviation = AltitudeOffPlan | HomeMoved
 
 
 class AltitudeWatch:
-    """Judges the altitude of one vehicle against `altitude_m` above its home, as the mission it flies has it."""
+    """Judges the altitude of one vehicle against its mission's `altitude_m` above home."""
 
     def __init__(self, altitude_m: float) -> None:
         self._altitude_m = altitude_m
@@ -52,7 +52,7 @@ class AltitudeWatch:
         self._off = Lasting(LASTS_S, LASTS_S)
 
     def look(self, now_s: float, relative_alt_m: float) -> AltitudeOffPlan | None:
-        """What changed, if anything; only called while it flies the plan. `now_s`: fleet seconds."""
+        """Return what changed, if anything. Call it only while the vehicle flies the plan. `now_s`: fleet seconds."""
         if self._since_s is None:
             self._since_s = now_s
         if now_s - self._since_s < SETTLE_S:
@@ -70,7 +70,10 @@ class HomeWatch:
         self._home: tuple[float, float, float | None] | None = None
 
     def look(self, home_deg: tuple[float, float] | None, amsl_m: float | None) -> HomeMoved | None:
-        """Whether its home (latitude, longitude, metres above sea level) has moved since it was last told."""
+        """Return how its home has moved since the last report, None if it has not.
+
+        home_deg: latitude and longitude. amsl_m: metres above mean sea level.
+        """
         if home_deg is None:
             return None
         before = self._home

@@ -1,8 +1,8 @@
-"""What it means that a UAV which flew says it is disarmed: landed, fallen, or contradictory. Pure, used by `evidence`.
+"""Judge a UAV that flew and reports to be disarmed: landed, fallen, or contradictory. Pure, used by `evidence`.
 
-Without thrust a multirotor falls. So a disarmed one that was high is down or comes down fast; if its positions say
-that it stays up there, one of the two is wrong, and nobody may take its air. ArduCopter says "on the ground" whenever
-it is disarmed, also while it falls after a restart: its landed state only counts as long as it is armed.
+Without thrust a multirotor falls. So a disarmed one that was high is down or comes down fast; if its positions say that
+it stays up there, one of the two is wrong, and its air must not be given to others. ArduCopter reports "on the ground"
+whenever it is disarmed, also while it falls after a restart: its landed state only counts as long as it is armed.
 """
 
 from __future__ import annotations
@@ -14,27 +14,27 @@ from skyfolio.mavlink_bridge.conditions import Timing
 from skyfolio.mavlink_bridge.height import Height
 
 _BEATS = 2
-"""HEARTBEATs in a row that must say so before it is believed of a UAV in the air."""
+"""The number of HEARTBEATs in a row that must report it before it is believed of a UAV in the air."""
 _ON_GROUND, _LANDING = 1, 4
 """MAV_LANDED_STATE."""
 _LANDING_MPS = 3.0
-"""No autopilot comes down to land faster than that all the way; a free fall of 2 m is faster on the average."""
+"""No autopilot descends faster than this all the way to the ground; a free fall of 2 m is faster on average."""
 
 
 class Fate(Enum):
     """What became of a UAV that is disarmed."""
 
-    UNKNOWN = "not told often enough"
+    UNKNOWN = "not reported often enough"
     LANDED = "landed"
-    ALOFT = "said to be disarmed in the air, and not seen to come down"
+    ALOFT = "reported to be disarmed in the air, and not seen to come down"
     FALLEN = "fallen"
 
 
 @dataclass(kw_only=True, slots=True)
 class Disarmed:
-    """Since when it says so, and what was last known before.
+    """A UAV that reports to be disarmed: since when, and what was last known before.
 
-    `up_m`, `told_s`: its last height while it was armed, and when that was heard. `landing`: whether it was landing.
+    `up_m`, `told_s`: its last height while it was armed, and when that was received. `landing`: whether it was landing.
     """
 
     since_s: float
@@ -43,22 +43,22 @@ class Disarmed:
     landing: bool
     beats: int = 1
     low_s: float | None = None
-    """When it was first heard low."""
+    """When it was first seen low."""
 
     @classmethod
     def now(cls, height: Height, landed_state: int, now_s: float) -> Disarmed:
-        """It has just said so."""
+        """Return the record of a UAV that has just reported it."""
         told_s = height.heard_s if height.heard_s > float("-inf") else now_s
         landing = landed_state in (_ON_GROUND, _LANDING)
         return cls(since_s=now_s, up_m=height.up_m, told_s=told_s, landing=landing)
 
     def see(self, height: Height, timing: Timing) -> None:
-        """Take in where it is heard now."""
+        """Take in where it is seen now."""
         if self.low_s is None and height.heard_s >= self.since_s and height.up_m <= timing.crash_height_m:
             self.low_s = height.heard_s
 
     def fate(self, height: Height, timing: Timing, now_s: float) -> Fate:
-        """What became of it."""
+        """Return what became of it."""
         if self.up_m <= timing.crash_height_m:
             return Fate.LANDED
         if self.beats < _BEATS:
@@ -74,7 +74,7 @@ class Disarmed:
         return Fate.LANDED if self.landing and height.is_steady(now_s) else Fate.ALOFT
 
     def seen(self, height: Height) -> str:
-        """What was seen, with numbers."""
+        """Return what was seen, in words with numbers."""
         if height.heard_s < self.since_s:
             return f"disarmed at {self.up_m:.1f} m above home, where it was last heard"
         if self.low_s is not None:

@@ -1,4 +1,4 @@
-"""One radio, socket or cable to vehicles, by URL. Each hands on whole frames and sends frames; none looks inside.
+"""One radio, socket or cable to vehicles, by URL. Each carries whole frames both ways, without looking inside.
 
 udpin://HOST:PORT       listen; vehicles send here, and are answered where they sent from
 udpout://HOST:PORT      send there first (a vehicle or router that listens)
@@ -35,7 +35,7 @@ class Datagrams(asyncio.DatagramProtocol):
 
 
 class UdpIn:
-    """Many vehicles on one port: a parser for each sender; a vehicle is answered where its autopilot is heard from."""
+    """Many vehicles on one port: each sender has a parser; a vehicle is answered at the address of its autopilot."""
 
     def __init__(self, url: str, host: str, port: int, on_frames: OnFrames) -> None:
         self.url = url
@@ -57,19 +57,19 @@ class UdpIn:
         self._transport = transport
 
     def send(self, frame: bytes, system_id: int) -> None:
-        """To where the vehicle is heard from: its autopilot, or else whatever of it is; to all of them for 0."""
+        """Send to the address the vehicle is heard from: its autopilot's, or else any component's; to all for 0."""
         if self._transport is None:
             return
         components = self._places.get(system_id)
         if components is not None:
             places = {components[AUTOPILOT]} if AUTOPILOT in components else set(components.values())
         else:
-            places = {address for one in self._places.values() for address in one.values()}
+            places = {address for places in self._places.values() for address in places.values()}
         for address in places:
             self._transport.sendto(frame, address)
 
     def place(self, system_id: int, component_id: int, source: Hashable) -> None:
-        """Answer this component there from now on."""
+        """Send answers for this component to this address from now on."""
         if isinstance(source, tuple):
             self._places.setdefault(system_id, {})[component_id] = source
 
@@ -91,7 +91,7 @@ class UdpIn:
 
 
 class UdpOut(OneEnd):
-    """One remote address; it learns of us by our heartbeats."""
+    """One remote address, which learns ours from our heartbeats."""
 
     def __init__(self, url: str, host: str, port: int, on_frames: OnFrames) -> None:
         self.url = url
@@ -101,7 +101,7 @@ class UdpOut(OneEnd):
         self._transport: asyncio.DatagramTransport | None = None
 
     async def open(self) -> None:
-        """Resolve the address; it need not listen yet."""
+        """Resolve the address; the other end may begin to listen later."""
         try:
             transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(
                 lambda: Datagrams(self._received), remote_addr=self._at
@@ -111,7 +111,7 @@ class UdpOut(OneEnd):
         self._transport = transport
 
     def send(self, frame: bytes, system_id: int) -> None:
-        """To the one address there is."""
+        """Send to the one address there is."""
         del system_id
         if self._transport is not None:
             self._transport.sendto(frame)
@@ -129,19 +129,19 @@ class UdpOut(OneEnd):
 
 
 class TcpOut(OneEnd):
-    """A connection that is made again whenever it breaks."""
+    """A connection that is opened again whenever it breaks."""
 
     def __init__(self, url: str, host: str, port: int, on_frames: OnFrames) -> None:
         self.url = url
         self._at = (host, port)
         self._on_frames = on_frames
         self.dropped = 0
-        """Frames that were not sent because the other end did not take those before."""
+        """The number of frames that were not sent because the other end did not take those before."""
         self._writer: asyncio.StreamWriter | None = None
         self._task: asyncio.Task[None] | None = None
 
     async def open(self) -> None:
-        """Connect once, so that a wrong address is told at once."""
+        """Connect once, so that a wrong address is reported at once. Raises ConnectionFailed."""
         try:
             reader, writer = await asyncio.open_connection(*self._at)
         except OSError as error:
@@ -149,7 +149,7 @@ class TcpOut(OneEnd):
         self._task = asyncio.create_task(self._keep(reader, writer), name=f"link {self.url}")
 
     def send(self, frame: bytes, system_id: int) -> None:
-        """Into the stream, if it is up."""
+        """Write the frame into the stream, if the connection is up."""
         del system_id
         writer = self._writer
         if writer is None or writer.is_closing():
@@ -160,7 +160,7 @@ class TcpOut(OneEnd):
         writer.write(frame)
 
     def close(self) -> None:
-        """Hang up."""
+        """Close the connection."""
         if self._task is not None:
             self._task.cancel()
         if self._writer is not None:
@@ -190,7 +190,7 @@ class TcpOut(OneEnd):
 
 
 def endpoint_of(url: str, on_frames: OnFrames) -> Endpoint:
-    """The endpoint a URL names, not opened yet. Raises ConnectionFailed naming the rule."""
+    """Return the endpoint a URL names, not opened yet. Raises ConnectionFailed naming the rule."""
     network, line = NETWORK.fullmatch(url), _SERIAL.fullmatch(url)
     if network is not None and 1 <= int(network["port"]) <= 65535:
         kinds: dict[str, Callable[..., Endpoint]] = {

@@ -4,6 +4,7 @@
     BridgeError
     ├── CompileError            a plan cannot become a mission
     │   ├── UnknownUav
+    │   ├── UnknownAutopilot
     │   ├── TooManyItems
     │   ├── ReturnPathsTooClose
     │   └── TransitionTooClose
@@ -34,8 +35,16 @@ class UnknownUav(CompileError):
     """The plan has no trajectory for this UAV."""
 
     def __init__(self, uav_id: str, known: Iterable[str]) -> None:
-        super().__init__(f"uav_id: '{uav_id}' is not in the plan; it flies {', '.join(known) or 'nobody'}")
+        super().__init__(f"uav_id: '{uav_id}' is not in the plan; it flies {', '.join(known) or 'none'}")
         self.uav_id = uav_id
+
+
+class UnknownAutopilot(CompileError):
+    """The bridge has no profile of this autopilot, so nothing that it would send could be relied on."""
+
+    def __init__(self, autopilot: str, known: str) -> None:
+        super().__init__(f"its autopilot is {autopilot}; missions are compiled for {known} only")
+        self.autopilot = autopilot
 
 
 class TooManyItems(CompileError):
@@ -60,7 +69,7 @@ class ReturnPathsTooClose(CompileError):
 
 
 class TransitionTooClose(CompileError):
-    """UAVs, or a UAV and the reserved air of a lost one, would come too close while changing over to a new plan."""
+    """UAVs, or a UAV and the reserved air of a lost one, would come too close while changing to a new plan."""
 
     def __init__(self, what: str, required_m: float) -> None:
         super().__init__(f"transition: {what}, closer than min_separation_m {required_m:g}")
@@ -92,7 +101,7 @@ class GuardFailed(LinkError):
 
 
 class SigningKeyInvalid(LinkError):
-    """The key messages are signed with cannot be used; the text never shows it."""
+    """The key that messages are signed with cannot be used; the text never shows it."""
 
     def __init__(self, reason: str) -> None:
         super().__init__(f"signing key: {reason}")

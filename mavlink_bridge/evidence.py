@@ -1,28 +1,22 @@
-"""What is known of one UAV: the messages of its autopilot, folded. Pure, used by `classifier`."""
+"""What is known of one UAV: the messages of its autopilot, folded into one record. Pure, used by `classifier`."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from skyfolio.mavlink_bridge.autopilots import (
-    HOLD_MODE,
-    OURS,
-    Autopilot,
-    FlightMode,
-    Speaker,
-    items_on_board,
-    mode_of,
-)
+from skyfolio.mavlink_bridge.autopilots import FlightMode
 from skyfolio.mavlink_bridge.conditions import Lasting, Timing
 from skyfolio.mavlink_bridge.disarming import Disarmed, Fate
 from skyfolio.mavlink_bridge.height import Height
+from skyfolio.mavlink_bridge.reboot import MissionReport, Reboot
+from skyfolio.mavlink_bridge.speaker import Speaker
 from skyfolio.mavlink_bridge.status_texts import StatusTexts
 
 STATE_CRITICAL = 5
-"""MAV_STATE_CRITICAL of HEARTBEAT.system_status: a failsafe is on; what it makes of it, its mode tells."""
+"""MAV_STATE_CRITICAL of HEARTBEAT.system_status: a failsafe is active; its mode shows what it does about it."""
 _LAST_STATES = frozenset({6, 8})
-"""MAV_STATE_EMERGENCY and FLIGHT_TERMINATION: nobody flies a mission on like that."""
+"""MAV_STATE_EMERGENCY and FLIGHT_TERMINATION: in these no vehicle flies a mission on."""
 _HOME_MODES = frozenset({FlightMode.RETURN, FlightMode.LAND})
 _ARMED = 128
 _UNKNOWN = -1
@@ -32,7 +26,7 @@ _COMPLETE = 5
 _ON_GROUND = 1
 """MAV_LANDED_STATE_ON_GROUND."""
 _REASONS_S = 10.0
-"""Fleet seconds before a change of mode in which a STATUSTEXT may tell its reason."""
+"""Fleet seconds before a change of mode in which a STATUSTEXT may give its reason."""
 _TOLD_S = 3.0
 """Fleet seconds between a change of mode and the STATUSTEXT or the system status that explains it."""
 _WARNING_S = 60.0
@@ -45,7 +39,7 @@ _FLIES = frozenset(FlightMode) - {
 
 
 class Evidence:
-    """One UAV as its autopilot told of it; times are fleet seconds."""
+    """One UAV as its autopilot reports it; times are fleet seconds."""
 
     def __init__(self, timing: Timing) -> None:
         self.mode = self.judged_mode = FlightMode.OTHER
@@ -56,7 +50,7 @@ class Evidence:
         self.landed_state = 0
         self.system_status = 0
         self.disarmed: Disarmed | None = None
-        """Set while it says that it is disarmed, once it has flown."""
+        """Set while it reports to be disarmed, once it has flown."""
         self.other_heard_s = float("-inf")
         self.other_component = 0
         self.was_lost = False
@@ -67,29 +61,22 @@ class Evidence:
         self._order: tuple[FlightMode, float] | None = None
         self._is_announced = False
         self._changed_s = float("-inf")
-        """When the mode changed last."""
+        """The time of the latest change of mode."""
         self._critical_s = float("-inf")
-        """When the system status became critical last."""
+        """The time at which the system status last became critical."""
         self._was_critical = False
         """Whether the system status was critical before the mode changed, or with it."""
         self._was_stopped = self._may_end_mission = False
-        self._mission: tuple[int, int, int, int] | None = None
+        self._mission: MissionReport | None = None
         self._mode_s = self._mission_s = float("-inf")
-        self.reboots = 0
-        self._was_flying = False
-        self._mission_before: tuple[int | None, int] | None = None
+        self.reboot = Reboot()
         self.begin_flight()
 
-    @property
-    def autopilot(self) -> Autopilot | None:
-        """Which autopilot flies it; None until it was heard, and for one nobody compiles for."""
-        return self._speaker.autopilot
-
     def begin_flight(self) -> None:
-        """It was armed on the ground: how the flight before ended is history."""
+        """Begin a new flight, armed on the ground: how the flight before ended does not count any more."""
         timing = self._timing
         self.flew = False
-        self.rebooted_s = float("-inf")
+        self.reboot.forget()
         self.human = Lasting(timing.takeover_after_s, timing.clear_after_s)
         self.failsafe = Lasting(timing.failsafe_after_s, timing.clear_after_s)
         self.landed = Lasting(timing.landed_after_s, timing.clear_after_s)
@@ -99,14 +86,14 @@ class Evidence:
     # -- who flies it -------------------------------------------------------------------------------------------
 
     def announce(self, modes: frozenset[FlightMode], now_s: float, until_s: float) -> None:
-        """We command one of these modes, and it may be entered until then."""
+        """Take in that the service commands one of these modes, and that it may be entered until then."""
         for mode in modes:
             self._announced.pop(mode, None)
             self._announced[mode] = until_s
             self._order = (mode, now_s)
 
     def judge_mode(self, now_s: float) -> None:
-        """Take in a change of mode: whether it is the one we announced, and whether it stops a flight of ours."""
+        """Take in a change of mode: whether the service announced it, and whether it stops a flight of ours."""
         if self.mode is self.judged_mode:
             return
         before, self.judged_mode, self._changed_s = self.judged_mode, self.mode, now_s
@@ -116,23 +103,25 @@ class Evidence:
             for overtaken in orders[: orders.index(self.mode)]:
                 del self._announced[overtaken]
         self._may_end_mission = self.mode in _HOME_MODES and before in (FlightMode.MISSION, FlightMode.OTHER)
-        self._was_stopped = self.autopilot is not None and self.mode is HOLD_MODE[self.autopilot] and before in _FLIES
+        profile = self._speaker.profile
+        self._was_stopped = profile is not None and self.mode is profile.hold_mode and before in _FLIES
 
     @property
     def is_taken(self) -> bool:
-        """Whether somebody else decided what it does now, a human or a failsafe: not we, and not its mission's end."""
-        if self.autopilot is None or self._is_announced or self._ends_mission:
+        """Return whether a human or a failsafe decided what it does now: not the service, nor its mission's end."""
+        profile = self._speaker.profile
+        if profile is None or self._is_announced or self._ends_mission:
             return False
-        return self.mode not in OURS[self.autopilot] or self._is_held
+        return self.mode not in profile.our_modes or self._is_held
 
     @property
     def is_held(self) -> bool:
-        """Whether somebody else made it hover in a mode that could be ours."""
+        """Return whether somebody else made it hover, in a mode that could be ours."""
         return self.is_taken and self._is_held
 
     @property
     def _ends_mission(self) -> bool:
-        """Whether it returns or lands as its mission's last item has it: PX4 shows that by its mode."""
+        """Return whether it returns or lands as its mission's last item has it, which PX4 shows by its mode."""
         return self._may_end_mission and self._is_finished and not self._was_critical
 
     @property
@@ -146,25 +135,24 @@ class Evidence:
         """Return whether its mission has come to its last item."""
         if self._mission is None:
             return False
-        seq, total, state, _ = self._mission
-        items = items_on_board(self.autopilot, total)
-        return state == _COMPLETE or (items is not None and seq >= items - 1)
+        items = self._speaker.items_on_board(self._mission.total)
+        return self._mission.state == _COMPLETE or (items is not None and self._mission.seq >= items - 1)
 
     @property
     def is_critical(self) -> bool:
-        """Whether HEARTBEAT.system_status tells of a failsafe."""
+        """Return whether HEARTBEAT.system_status reports a failsafe."""
         return self.system_status == STATE_CRITICAL or self.system_status in _LAST_STATES
 
     @property
     def is_explained(self) -> bool:
-        """Whether its autopilot has said, in words, why it does something else now."""
+        """Return whether its autopilot has given a reason, in words, why it does something else now."""
         return bool(self.texts.about(self._changed_s, _TOLD_S, _TOLD_S))
 
     @property
     def fails(self) -> bool:
-        """Whether a failsafe flies it: its mode is not what we or its mission wanted, and its autopilot says why.
+        """Return whether a failsafe flies it: its autopilot says so of a mode that was not commanded.
 
-        A critical system status alone is none ("Continuing Auto Mode" has it too). A return alone is none: anybody may
+        A critical system status alone is not enough ("Continuing Auto Mode" has it too), nor is a return: anybody may
         order one.
         """
         if self.system_status in _LAST_STATES:
@@ -180,46 +168,48 @@ class Evidence:
 
     @property
     def is_taken_by_human(self) -> bool:
-        """Whether somebody flies it or stopped it, and no failsafe of its own."""
+        """Return whether somebody flies it or stopped it, and no failsafe of its own."""
         return self.is_taken and not self.fails and not (self.is_held and self.is_explained)
 
     @property
     def warning(self) -> str | None:
-        """What it tells of a failsafe that changes nothing: it goes on as it was told to."""
+        """Return what it reports of a failsafe that changes nothing and lets it do what it was commanded to."""
         if not self.armed or not self.is_critical or self.is_taken or self.fails:
             return None
-        said = self.texts.latest_failsafe(self._mode_s, _WARNING_S)
-        return f"in mode '{self.mode}', system status {self.system_status}" + (f", said '{said}'" if said else "")
+        text = self.texts.latest_failsafe(self._mode_s, _WARNING_S)
+        return f"in mode '{self.mode}', system status {self.system_status}" + (f", said '{text}'" if text else "")
 
     def taken_over(self, now_s: float) -> str:
-        """What is seen of whoever flies it."""
+        """Return what is seen of whoever flies it, in words."""
         if not self.is_held:
-            return f"in mode '{self.mode}', which nobody commanded"
-        order = "no order of ours" if self._order is None else _order_words(*self._order, now_s)
-        return f"in mode '{self.mode}', held by somebody else, not by us: {order}"
+            return f"in mode '{self.mode}', which was not commanded"
+        order = "it sent no order"
+        if self._order is not None:
+            order = f"its last order was '{self._order[0]}' {now_s - self._order[1]:.1f} s ago"
+        return f"in mode '{self.mode}', held by somebody else, not by this service: {order}"
 
     @property
     def failing(self) -> str:
-        """What is seen of its failsafe, with what it said about it."""
+        """Return what is seen of its failsafe, with what it reported about it, in words."""
         texts = self.texts.about(self._changed_s, _REASONS_S, _TOLD_S)
-        said = f", said {', '.join(repr(text) for text in texts)}" if texts else ""
+        reason = f", said {', '.join(repr(text) for text in texts)}" if texts else ""
         charge = "" if self.charge is None else f", {self.charge:.0%} of charge left"
-        return f"in mode '{self.mode}', system status {self.system_status}{said}{charge}"
+        return f"in mode '{self.mode}', system status {self.system_status}{reason}{charge}"
 
     # -- what became of it --------------------------------------------------------------------------------------
 
     def fate(self, now_s: float) -> Fate | None:
-        """What became of it if it is disarmed after a flight; None while it is armed, or was not in the air."""
+        """Return what became of it if it is disarmed after a flight; None while it is armed, or was not in the air."""
         return None if self.disarmed is None else self.disarmed.fate(self.height, self._timing, now_s)
 
     def is_falling(self, landing: int) -> bool:
-        """Whether it sinks as no landing does, by its speed and by its height."""
+        """Return whether it sinks as no landing does, by its speed and by its height."""
         if not self.flew or not self.armed or self.landed_state == landing:
             return False
         return self.height.falling_mps > self._timing.crash_descent_mps
 
     def evidently_flies(self, now_s: float) -> bool:
-        """Whether it is armed, high, keeps up, and does not say that it is on the ground."""
+        """Return whether it is armed, high, stays up, and does not report to be on the ground."""
         return (
             self.armed
             and self.height.is_fresh(now_s)
@@ -228,32 +218,24 @@ class Evidence:
             and self.landed_state != _ON_GROUND
         )
 
-    # -- after a reboot -----------------------------------------------------------------------------------------
-
     def note_reboot(self, reboots: int, now_s: float) -> None:
-        """Its autopilot has restarted: what it flew before has to be proven anew."""
-        self.reboots, self.rebooted_s = reboots, now_s
-        self._was_flying = self.flew and self.armed
-        mission = self._mission
-        self._mission_before = None if mission is None else (mission[1], mission[3])
+        """Take in that its autopilot has restarted: what it flew before has to be proven anew."""
+        self.reboot.note(reboots, now_s, was_flying=self.flew and self.armed, mission=self._mission)
 
     @property
     def flies_on(self) -> bool:
-        """Whether it has told, since it restarted, that it is armed and flies the very mission it flew before."""
-        if not self._was_flying or self._mission is None or self._mission_before is None:
-            return False
-        told = min(self._mode_s, self._mission_s) > self.rebooted_s
-        same = (self._mission[1], self._mission[3]) == self._mission_before
-        return told and same and self.armed and self.mode is FlightMode.MISSION
+        """Return whether it has reported, since it restarted, that it is armed and flies the very mission of before."""
+        told_s = min(self._mode_s, self._mission_s)
+        return self.reboot.flies_on(armed=self.armed, mode=self.mode, mission=self._mission, told_s=told_s)
 
     def may_prove(self, now_s: float, within_s: float) -> bool:
-        """Whether it was in the air when it restarted, and there is time left to prove that it flies on."""
-        return self._was_flying and not self.flies_on and now_s - self.rebooted_s < within_s
+        """Return whether it restarted in the air, and has time left to prove that it flies on."""
+        return not self.flies_on and self.reboot.may_prove(now_s, within_s)
 
     # -- messages -----------------------------------------------------------------------------------------------
 
     def fold(self, name: str, fields: Mapping[str, Any], now_s: float) -> None:
-        """Take in a message, fields as MAVLink names them; those it has no use for are ignored."""
+        """Take in a message, fields as MAVLink names them; one that holds no evidence is ignored."""
         if name == "HEARTBEAT":
             self._heartbeat(fields, now_s)
         elif name in _READERS:
@@ -262,7 +244,7 @@ class Evidence:
     def _heartbeat(self, fields: Mapping[str, Any], now_s: float) -> None:
         if not self._speaker.believes(fields, now_s):
             return
-        self.mode, self._mode_s = mode_of(self.autopilot, int(fields["custom_mode"])), now_s
+        self.mode, self._mode_s = self._speaker.mode_of(int(fields["custom_mode"])), now_s
         was_critical = self.is_critical
         self.system_status = int(fields.get("system_status", 0))
         if self.mode is not self.judged_mode:
@@ -300,14 +282,10 @@ class Evidence:
     def _mission_current(self, fields: Mapping[str, Any], now_s: float) -> None:
         total = int(fields.get("total", _UNKNOWN_TOTAL))
         state, identity = int(fields.get("mission_state", 0)), int(fields.get("mission_id", 0))
-        self._mission, self._mission_s = (int(fields["seq"]), total, state, identity), now_s
+        self._mission, self._mission_s = MissionReport(int(fields["seq"]), total, state, identity), now_s
 
     def _status_text(self, fields: Mapping[str, Any], now_s: float) -> None:
         self.texts.hear(fields, now_s)
-
-
-def _order_words(mode: FlightMode, at_s: float, now_s: float) -> str:
-    return f"our last order was '{mode}' {now_s - at_s:.1f} s ago"
 
 
 _READERS: dict[str, Callable[[Evidence, Mapping[str, Any], float], None]] = {

@@ -14,7 +14,7 @@ MARGIN_M = 20.0
 
 
 def fence_items(scenario: Scenario, *, margin_m: float = MARGIN_M) -> tuple[MissionItem, ...]:
-    """The plan's area, widened by `margin_m`, as an inclusion polygon (MAV_CMD 5001, corners counter-clockwise)."""
+    """Return the plan's area, widened by `margin_m`, as an inclusion polygon (MAV_CMD 5001, counter-clockwise)."""
     (west, south), (east, north) = scenario.area_m
     corners = [
         (west - margin_m, south - margin_m),
@@ -37,7 +37,7 @@ def fence_items(scenario: Scenario, *, margin_m: float = MARGIN_M) -> tuple[Miss
 
 
 def rally_items(scenario: Scenario, points_m: Sequence[Point], altitude_m: float) -> tuple[MissionItem, ...]:
-    """Places to return to instead of home (MAV_CMD 5100), metres east/north of the origin and above home."""
+    """Return places to return to instead of home (MAV_CMD 5100), metres east/north of the origin and above home."""
     return _items(
         scenario,
         points_m,
@@ -50,8 +50,8 @@ def rally_items(scenario: Scenario, points_m: Sequence[Point], altitude_m: float
 def _items(
     scenario: Scenario, points_m: Sequence[Point], item: Callable[[int, int, int], MissionItem]
 ) -> tuple[MissionItem, ...]:
-    made = []
+    items = []
     for seq, point in enumerate(points_m):
         lat_deg, lon_deg = east_north_to_geodetic(scenario.origin, *point)
-        made.append(item(seq, to_e7(lat_deg), to_e7(lon_deg)))
-    return tuple(made)
+        items.append(item(seq, to_e7(lat_deg), to_e7(lon_deg)))
+    return tuple(items)

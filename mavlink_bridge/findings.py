@@ -1,4 +1,4 @@
-"""What the preflight audit is given, and what it finds."""
+"""What the preflight audit compares, and what it finds."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from skyfolio.mavlink_bridge.autopilots import Autopilot
 from skyfolio.mavlink_bridge.pace import Point, VehicleModel
 
 START_WITHIN_M = 15.0
-"""A UAV that stands further from its first point flies through air in which the plan has others."""
+"""A UAV that stands further from its first point flies through air that the plan has given to others."""
 
 
 class Level(StrEnum):
@@ -37,7 +37,7 @@ class Finding:
 
 @dataclass(frozen=True, kw_only=True)
 class Facts:
-    """What a vehicle said. Positions in metres east/north of the origin; None: not told.
+    """What a vehicle has reported. Positions in metres east/north of the origin; None: not reported.
 
     gps_fix: GPS_FIX_TYPE (3 is a 3D fix). battery: share of charge, 0..1, of which nothing is known unless
     `battery_told`. mav_type: MAV_TYPE of its HEARTBEAT. model: from its own parameters.
@@ -59,9 +59,9 @@ class Facts:
 class Needs:
     """What the operation needs of this vehicle.
 
-    path_m: (n_slots, 2) metres east/north. `stream`: guided by setpoints; force_stream: even a vehicle that would not
-    hold when they end. lost_after_s: when we declare a link lost. items: of its mission, of at most max_items it
-    stores. start_within_m: further from its first point nobody takes off.
+    path_m: (n_slots, 2) metres east/north. `stream`: guided by setpoints; force_stream: even if the vehicle would not
+    hold when they end. lost_after_s: when a link is declared lost. items: the length of its mission; max_items: what it
+    can store. start_within_m: a UAV further from its first point does not take off.
     """
 
     path_m: list[Point]
@@ -78,10 +78,10 @@ class Needs:
 
 
 def blocker(name: str, found: str, should: str, why: str) -> Finding:
-    """Return a finding of this level; what was found, what it should be, and why."""
+    """Return a finding of this level: what was found, what it should be, and why."""
     return Finding(level=Level.BLOCKER, name=name, found=found, should=should, why=why)
 
 
 def warning(name: str, found: str, should: str, why: str) -> Finding:
-    """Return a finding of this level; what was found, what it should be, and why."""
+    """Return a finding of this level: what was found, what it should be, and why."""
     return Finding(level=Level.WARNING, name=name, found=found, should=should, why=why)

@@ -12,13 +12,13 @@ from collections.abc import Mapping, Sequence
 from math import isinf, isnan, nan
 from typing import Any
 
-from skyfolio.mavlink_bridge.autopilots import Autopilot
+from skyfolio.mavlink_bridge.autopilots import MavAutopilot
 from skyfolio.mavlink_bridge.errors import FormatError
 from skyfolio.mavlink_bridge.geodesy import from_e7, to_e7
 from skyfolio.mavlink_bridge.items import Command, Frame, Mission, MissionItem
 from skyfolio.mavlink_bridge.plan_extras import fence_to_json, rally_to_json
+from skyfolio.mavlink_bridge.profiles import KNOWN, profile_in_heartbeat, profile_of
 
-_FIRMWARE = {Autopilot.PX4: 12, Autopilot.ARDUPILOT: 3}
 _VEHICLE_QUADROTOR = 2
 _ALTITUDE_RELATIVE = 1
 _HEADER = "QGC WPL 110"
@@ -33,7 +33,7 @@ def to_qgc_plan(
     fence: Sequence[MissionItem] = (),
     rally: Sequence[MissionItem] = (),
 ) -> dict[str, Any]:
-    """The mission as the JSON object of a QGroundControl .plan file.
+    """Return the mission as the JSON object of a QGroundControl .plan file.
 
     The planned home is the first position of the mission; home_alt_m is its height above mean sea level, which a
     plan does not know and QGroundControl only draws with. `fence`: items of mission type 1 (polygons and circles),
@@ -41,14 +41,15 @@ def to_qgc_plan(
     .plan cannot hold.
     """
     first = next(item for item in mission.items if item.has_position)
-    flown = mission.items[int(mission.autopilot is Autopilot.ARDUPILOT) :]
+    profile = profile_of(mission.autopilot)
+    flown = mission.items[int(profile.home_first) :]
     return {
         "fileType": "Plan",
         "version": 1,
         "groundStation": "QGroundControl",
         "mission": {
             "version": 2,
-            "firmwareType": _FIRMWARE[mission.autopilot],
+            "firmwareType": int(profile.mav_autopilot),
             "vehicleType": _VEHICLE_QUADROTOR,
             "cruiseSpeed": hover_speed_mps,
             "hoverSpeed": hover_speed_mps,
@@ -62,25 +63,39 @@ def to_qgc_plan(
 
 
 def from_qgc_plan(plan: Mapping[str, Any]) -> tuple[MissionItem, ...]:
-    """The mission items of a .plan file of simple items; raises FormatError for anything else."""
+    """Return the mission items of a .plan file of simple items. Raises FormatError for anything else."""
     try:
         if plan["fileType"] != "Plan":
             raise FormatError(f"fileType: {plan['fileType']!r} must be 'Plan'")
         mission = plan["mission"]
-        home = [_home_item(mission)] if mission.get("firmwareType") == _FIRMWARE[Autopilot.ARDUPILOT] else []
+        home = [_home_item(mission)] if _has_home(mission) else []
         items = [_from_simple_item(seq, item) for seq, item in enumerate(mission["items"], start=len(home))]
         return (*home, *items)
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise FormatError(f"not a QGroundControl plan: {type(error).__name__} at {error}") from error
 
 
+def _has_home(mission: Mapping[str, Any]) -> bool:
+    """Return whether the mission's first item is home, and in the file `plannedHomePosition`.
+
+    A file for any vehicle (firmwareType 0, or none) has plain items. Raises FormatError for an unknown autopilot.
+    """
+    firmware = MavAutopilot(mission.get("firmwareType", MavAutopilot.GENERIC))
+    if firmware is MavAutopilot.GENERIC:
+        return False
+    profile = profile_in_heartbeat(firmware)
+    if profile is None:
+        raise FormatError(f"mission.firmwareType: {firmware.name} ({int(firmware)}) is not {KNOWN}")
+    return profile.home_first
+
+
 def to_waypoints(mission: Mission) -> str:
-    """The mission as "QGC WPL 110" text: one tab-separated row an item, coordinates with 8 decimals."""
+    """Return the mission as "QGC WPL 110" text: one tab-separated row per item, coordinates with 8 decimals."""
     return "\n".join([_HEADER, *(_to_row(item) for item in mission.items)]) + "\n"
 
 
 def from_waypoints(text: str) -> tuple[MissionItem, ...]:
-    """The items of a "QGC WPL 110" file; raises FormatError naming the line.
+    """Return the items of a "QGC WPL 110" file. Raises FormatError naming the line.
 
     Empty lines and comments (`#`) are passed over, and rows may be numbered from 0 or, as some tools do, from 1.
     """
@@ -122,13 +137,13 @@ def _to_simple_item(number: int, item: MissionItem) -> dict[str, Any]:
 def _from_simple_item(seq: int, item: Mapping[str, Any]) -> MissionItem:
     if item["type"] != "SimpleItem":
         raise FormatError(f"items.{seq}.type: {item['type']!r} must be 'SimpleItem'")
-    given, frame = item["params"], int(item["frame"])
-    if len(given) != 7:
-        raise FormatError(f"items.{seq}.params: {len(given)} values, must be 7")
-    if given[6] is None and frame != Frame.MISSION:
+    params, frame = item["params"], int(item["frame"])
+    if len(params) != 7:
+        raise FormatError(f"items.{seq}.params: {len(params)} values, must be 7")
+    if params[6] is None and frame != Frame.MISSION:
         raise FormatError(f"items.{seq}.params.6: null, but an item with a place needs its altitude")
-    numbers = [nan if value is None else float(value) for value in given[:4]]
-    numbers += [0.0 if value is None else float(value) for value in given[4:]]  # no place: where the vehicle is
+    numbers = [nan if value is None else float(value) for value in params[:4]]
+    numbers += [0.0 if value is None else float(value) for value in params[4:]]  # no place: where the vehicle is
     return _item(f"items.{seq}", seq, frame, int(item["command"]), int(seq == 0), int(item["autoContinue"]), numbers)
 
 

@@ -1,4 +1,4 @@
-"""Bytes to MAVLink frames and back: where a frame begins and ends, who sent it, and to whom it goes.
+"""Cut bytes into MAVLink frames: where a frame begins and ends, who sent it, and to whom it goes.
 
 Payloads are left alone: MAVSDK reads them. Frames of messages this dialect knows are only taken with a right checksum.
 Layout (MAVLink 2): 0xFD, length, incompat flags, compat flags, seq, system, component, message id (3 bytes, little
@@ -23,14 +23,16 @@ HEADER = 10
 _HEADER_V1 = 6
 _CHECKSUM = 2
 _HEARTBEAT, _MAV_TYPE, _MAV_AUTOPILOT = 0, 4, 5
-"""HEARTBEAT, and where its type and autopilot are in the payload."""
+"""The number of HEARTBEAT, and the offsets of its type and autopilot in the payload."""
 _AUTOPILOT = 1
 SIGNATURE = 13
 
 
 class Frame(NamedTuple):
-    """One frame as it came. `target` is the system it addresses, 0 for everybody; `source`: the address it came from,
-    None where a link has one end only.
+    """One frame as it was received.
+
+    `target` is the system it addresses, 0 for all; `source`: the address it was sent from, None on a link with one
+    other end.
     """
 
     data: bytes
@@ -44,7 +46,7 @@ class Frame(NamedTuple):
 
     @property
     def target(self) -> int:
-        """The system id in the payload; 0 where the message has none."""
+        """Return the system id in the payload; 0 if the message has none."""
         offset = _target_offset(self.message_id)
         header = HEADER if self.version == 2 else _HEADER_V1
         if offset is None or offset >= self.data[1]:  # trailing zeros are not sent
@@ -53,7 +55,7 @@ class Frame(NamedTuple):
 
 
 class Framer:
-    """Cuts a byte stream into frames; what is no frame, or a damaged one, is skipped and counted in `damaged`.
+    """Cuts a byte stream into frames; bytes between frames and damaged frames are skipped and counted in `damaged`.
 
     source: the address that the bytes come from.
     """
@@ -64,7 +66,7 @@ class Framer:
         self._rest = b""
 
     def feed(self, data: bytes) -> list[Frame]:
-        """The frames that `data` completes."""
+        """Return the frames that `data` completes."""
         buffer = self._rest + data if self._rest else data
         frames: list[Frame] = []
         at = 0
@@ -87,18 +89,18 @@ class Framer:
 
 
 def checksum(data: bytes, message_id: int) -> int | None:
-    """X.25 checksum of a frame's bytes after the marker, with the message's seed; None for an unknown message."""
+    """Return the X.25 checksum of a frame's bytes after the marker, with the message's seed; None if it is unknown."""
     seed = _seed(message_id)
     return None if seed is None else int(crc16.mcrf4xx(data + bytes((seed,))))
 
 
 def _next_marker(buffer: bytes, at: int) -> int:
-    found = [place for place in (buffer.find(V1, at), buffer.find(V2, at)) if place >= 0]
-    return min(found, default=len(buffer))
+    places = [place for place in (buffer.find(V1, at), buffer.find(V2, at)) if place >= 0]
+    return min(places, default=len(buffer))
 
 
 def _frame_length(buffer: bytes, at: int) -> int | None:
-    """Bytes of the frame that begins here, None if the header is not all there."""
+    """Return the length in bytes of the frame that begins here, None if its header is incomplete."""
     if buffer[at] == V1:
         return None if at + 2 > len(buffer) else _HEADER_V1 + buffer[at + 1] + _CHECKSUM
     if at + 3 > len(buffer):
@@ -107,7 +109,7 @@ def _frame_length(buffer: bytes, at: int) -> int | None:
 
 
 def _frame(data: bytes, source: Hashable) -> Frame | None:
-    """The frame in these bytes, None if it is damaged."""
+    """Return the frame in these bytes, None if it is damaged."""
     if data[0] == V1:
         _, length, seq, system, component, message = data[:_HEADER_V1]
         header, version, signed = _HEADER_V1, 1, False
@@ -125,7 +127,7 @@ def _frame(data: bytes, source: Hashable) -> Frame | None:
 
 
 def is_foreign_heartbeat(frame: Frame) -> bool:
-    """Return whether it is a HEARTBEAT that claims to be an autopilot's (component 1) and is none."""
+    """Return whether it is a HEARTBEAT that claims to be an autopilot's (component 1) and is not."""
     if frame.message_id != _HEARTBEAT or frame.component_id != _AUTOPILOT:
         return False
     header = HEADER if frame.version == 2 else _HEADER_V1
@@ -143,7 +145,7 @@ def _seed(message_id: int) -> int | None:
 
 @cache
 def _target_offset(message_id: int) -> int | None:
-    """Where `target_system` is in the payload: fields travel in `ordered_fieldnames` order."""
+    """Return the offset of `target_system` in the payload: fields are sent in the order of `ordered_fieldnames`."""
     message = dialect.mavlink_map.get(message_id)
     if message is None or "target_system" not in message.ordered_fieldnames:
         return None

@@ -18,12 +18,12 @@ _PASSES = 6
 
 
 def east_north_to_geodetic(origin: Origin, east_m: float, north_m: float) -> tuple[float, float]:
-    """(latitude, longitude) in degrees of the point on the ellipsoid that lies (east, north) metres from `origin`."""
+    """Return (latitude, longitude) in degrees of the ellipsoid's point (east, north) metres from `origin`."""
     return points_to_geodetic(origin, [(east_m, north_m)])[0]
 
 
 def points_to_geodetic(origin: Origin, points_m: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
-    """As `east_north_to_geodetic`, of many points in about the time of one."""
+    """Return (latitude, longitude) in degrees of many points, in about the time of one."""
     east_m, north_m = np.array(points_m, dtype=float).reshape(-1, 2).T
     up_m = np.zeros(len(points_m))
     lat_deg = lon_deg = up_m
@@ -34,16 +34,16 @@ def points_to_geodetic(origin: Origin, points_m: Sequence[tuple[float, float]]) 
 
 
 def geodetic_to_east_north(origin: Origin, lat_deg: float, lon_deg: float) -> tuple[float, float]:
-    """(east, north) metres from `origin` of a point on the ellipsoid given in degrees; inverse of the above."""
+    """Return (east, north) metres from `origin` of a point on the ellipsoid, given in degrees."""
     east_m, north_m, _ = geodetic2enu(lat_deg, lon_deg, 0.0, origin.lat_deg, origin.lon_deg, 0.0)
     return float(east_m), float(north_m)
 
 
 def to_e7(degrees: float) -> int:
-    """Degrees as MAVLink sends them: integer 1e-7 degrees (1.1 cm), rounded to nearest."""
+    """Return degrees as MAVLink sends them: integer 1e-7 degrees (1.1 cm), rounded to nearest."""
     return round(degrees * 1e7)
 
 
 def from_e7(e7: int) -> float:
-    """Integer 1e-7 degrees as degrees."""
+    """Return integer 1e-7 degrees as degrees."""
     return e7 / 1e7

@@ -1,8 +1,8 @@
-"""The ghost rule: a UAV we lost sight of still flies. Its old route and its way home stay reserved air. Pure.
+"""The ghost rule: a lost UAV still flies, so its old route and its way home stay reserved air. Pure.
 
-A link-lost aircraft usually flies its mission to the end, hovers where it was, or returns home. So until it is seen on
-the ground, or a deadline passes, no other UAV may come closer than `min_separation_m` to where its old plan has it at
-that moment, to where it was last seen, or to any point of the straight way from its route to its home.
+An aircraft whose link is lost usually flies its mission to the end, hovers where it was, or returns home. So until it
+is seen on the ground, or a deadline passes, no other UAV may come closer than `min_separation_m` to where its old plan
+has it at that moment, to where it was last seen, or to any point of the straight way from its route to its home.
 """
 
 from __future__ import annotations
@@ -10,15 +10,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from math import hypot
+from math import dist
 from typing import Any
 
 from skyfolio.mavlink_bridge.pace import Point
-from skyfolio.mavlink_bridge.returns import segment_distance_m
+from skyfolio.mavlink_bridge.plane import Segment, between, segment_distances_m
 from skyfolio.mavlink_bridge.route import Route
 
 DEADLINE_S = 30 * 60.0
-"""After this long in the air no battery of the class we fly lasts: the air is free again."""
+"""No battery of the class that is flown lasts longer than this in the air: after it the air is free again."""
 SAMPLE_S = 0.5
 _STORED = ("uav_id", "lost_at_s", "last_seen_m", "home_m", "deadline_s")
 
@@ -31,15 +31,15 @@ class Way:
     began_s: float
 
     def at_m(self, now_s: float) -> Point:
-        """Where a UAV is that flies it on schedule."""
+        """Return where a UAV is that flies it on schedule."""
         return self.route.at(now_s - self.began_s).point_m
 
 
 @dataclass(frozen=True, kw_only=True)
 class Ghost:
-    """One UAV we lost. Times are fleet seconds since the operation's slot 0; places metres east/north.
+    """One lost UAV. Times are fleet seconds since the operation's slot 0; places metres east/north.
 
-    `ways`: what the mission on board flies, and several where it is not known which is. `home_m` is where it took off,
+    `ways`: the routes it may fly; more than one if it is not known which mission it has. `home_m` is where it took off,
     None if unknown.
     """
 
@@ -69,41 +69,41 @@ class Conflict:
 
 
 class Airspace:
-    """Reserved air of the UAVs we lost, and sight of that of UAVs which others have."""
+    """The reserved air of lost UAVs: this operation's, and through `elsewhere` that of others."""
 
     def __init__(self) -> None:
         self._ghosts: dict[str, Ghost] = {}
         self.elsewhere: Callable[[], Iterable[Ghost]] = tuple
-        """Tells of UAVs that others have lost, on the same clock and from the same origin."""
+        """Returns the ghosts of other operations, on the same clock and from the same origin."""
 
     @property
     def ghosts(self) -> Mapping[str, Ghost]:
-        """By UAV id."""
+        """Return the ghosts by UAV id."""
         return dict(self._ghosts)
 
     def reserve(self, ghost: Ghost) -> None:
-        """From now on its air is taken."""
+        """Reserve its air from now on."""
         self._ghosts.setdefault(ghost.uav_id, ghost)
 
     def seen(self, uav_id: str, at_m: Point) -> None:
-        """One whose air is reserved is still heard, or again: the last place is there now, metres east/north."""
+        """Take in that a UAV whose air is reserved is heard: its last place is `at_m` now, metres east/north."""
         ghost = self._ghosts.get(uav_id)
         if ghost is not None:
             self._ghosts[uav_id] = replace(ghost, last_seen_m=at_m)
 
     def release(self, uav_id: str) -> None:
-        """It was seen on the ground, or is back."""
+        """Free its air: it was seen on the ground, or is back."""
         self._ghosts.pop(uav_id, None)
 
     def expire(self, now_s: float) -> list[str]:
-        """Free what is past its deadline; the UAV ids."""
+        """Free the air of ghosts that are past their deadline, and return their UAV ids."""
         gone = [uav for uav, ghost in self._ghosts.items() if now_s >= ghost.deadline_s]
         for uav in gone:
             self.release(uav)
         return gone
 
     def document(self) -> list[dict[str, Any]]:
-        """The ghosts as JSON values, for `recall` after a restart."""
+        """Return the ghosts as JSON values, for `recall` after a restart."""
         return [
             {name: getattr(ghost, name) for name in _STORED}
             | {
@@ -117,33 +117,37 @@ class Airspace:
 
     def recall(self, document: Iterable[Mapping[str, Any]]) -> None:
         """Reserve again what `document` wrote."""
-        for said in document:
-            home = said["home_m"]
-            places = {"last_seen_m": tuple(said["last_seen_m"]), "home_m": None if home is None else tuple(home)}
-            self.reserve(Ghost(**{name: said[name] for name in _STORED} | places, ways=tuple(_ways(said))))
+        for stored in document:
+            home = stored["home_m"]
+            places = {"last_seen_m": tuple(stored["last_seen_m"]), "home_m": None if home is None else tuple(home)}
+            self.reserve(Ghost(**{name: stored[name] for name in _STORED} | places, ways=tuple(_ways(stored))))
 
     def conflicts(
         self, paths_m: Mapping[str, Sequence[Point]], times_s: Sequence[float], required_m: float
     ) -> list[Conflict]:
-        """Where these paths, flown straight between the times, come too close to a ghost; the closest of each pair."""
-        found = []
+        """Return where these paths, flown straight between the times, come closest to a ghost, if that is too close.
+
+        paths_m: (n, 2) metres east/north for each UAV; times_s: (n,) fleet seconds since the operation's slot 0.
+        """
+        conflicts = []
         ghosts = [*self._ghosts.values(), *self.elsewhere()]
         for uav_id, path in paths_m.items():
             for ghost in ghosts:
                 worst = min(_approaches(uav_id, path, times_s, ghost), key=lambda c: c.apart_m, default=None)
                 if worst is not None and worst.apart_m < required_m:
-                    found.append(worst)
-        return found
+                    conflicts.append(worst)
+        return conflicts
 
 
 def _approaches(uav_id: str, path_m: Sequence[Point], times_s: Sequence[float], ghost: Ghost) -> Iterable[Conflict]:
-    """The least distances, leg by leg, for each way a ghost may behave."""
-    ways_home = [] if ghost.home_m is None else _ways_home(ghost)
-    for (start, end), (begin_s, end_s) in zip(pairwise(path_m), pairwise(times_s), strict=True):
-        hover = segment_distance_m((start, end), (ghost.last_seen_m, ghost.last_seen_m))
-        yield _conflict(uav_id, ghost, begin_s, hover, "the last place")
-        for way in ways_home:
-            yield _conflict(uav_id, ghost, begin_s, segment_distance_m((start, end), way), "the way home")
+    """Yield the least distances, leg by leg, for each way a ghost may behave."""
+    legs = list(pairwise(path_m))
+    lasting = [("the last place", (ghost.last_seen_m, ghost.last_seen_m))]
+    lasting += [("the way home", way) for way in _ways_home(ghost)]
+    apart_m = [segment_distances_m(legs, [segment]).tolist() for _, segment in lasting]
+    for leg, ((start, end), (begin_s, end_s)) in enumerate(zip(legs, pairwise(times_s), strict=True)):
+        for (because, _), distances_m in zip(lasting, apart_m, strict=True):
+            yield _conflict(uav_id, ghost, begin_s, distances_m[leg], because)
         yield from _at_the_same_time(uav_id, start, end, begin_s, end_s, ghost)
 
 
@@ -154,21 +158,21 @@ def _at_the_same_time(
     for step in range(steps + 1):
         share = step / steps
         at_s = begin_s + share * (end_s - begin_s)
-        here = (start[0] + share * (end[0] - start[0]), start[1] + share * (end[1] - start[1]))
+        here = between(start, end, share)
         for way in ghost.ways:
-            there = way.at_m(at_s)
-            yield _conflict(uav_id, ghost, at_s, hypot(here[0] - there[0], here[1] - there[1]), "the old route")
+            yield _conflict(uav_id, ghost, at_s, dist(here, way.at_m(at_s)), "the old route")
 
 
-def _ways_home(ghost: Ghost) -> list[tuple[Point, Point]]:
-    """From where it was last seen, and from the end of its route: it returns when its failsafe acts, or at the end."""
-    assert ghost.home_m is not None  # noqa: S101
+def _ways_home(ghost: Ghost) -> list[Segment]:
+    """Return the lines from where it was last seen, when its failsafe acts, and from the end of each route."""
+    if ghost.home_m is None:
+        return []
     return [(start_m, ghost.home_m) for start_m in (ghost.last_seen_m, *(way.route.path_m[-1] for way in ghost.ways))]
 
 
-def _ways(said: Mapping[str, Any]) -> Iterable[Way]:
-    """What `document` wrote of a ghost's ways; before there could be several, it wrote the one way beside the rest."""
-    for way in said.get("ways") or [{**said, "began_s": said["route_began_s"]}]:
+def _ways(stored: Mapping[str, Any]) -> Iterable[Way]:
+    """Yield the ways in a document; an older one has a single way beside the other values."""
+    for way in stored.get("ways") or [{**stored, "began_s": stored["route_began_s"]}]:
         route = Route([(east, north) for east, north in way["path_m"]], way["slot_s"])
         yield Way(route=route, began_s=way["began_s"])
 

@@ -1,12 +1,12 @@
-"""The guard of a stream: a process of its own that puts vehicles onto their missions when the one that streams dies.
+"""The guard of a stream: a process of its own that starts the vehicles' missions if the streaming one dies.
 
-No autopilot goes on from its mission by itself when setpoints end: PX4 holds after COM_OF_LOSS_T, ArduCopter stops
-after GUID_TIMEOUT. So while vehicles that shall go on are streamed to, a small process waits at the end of a pipe,
-which breaks however the other process ends. Then the guard opens the same links, makes the waypoint of the slot that
-lasts current in each vehicle that is still ours, sees it fly its mission, and ends. A service that is already back
-holds the links, and then the vehicles are its task.
+No autopilot flies its mission by itself when setpoints end: PX4 holds after COM_OF_LOSS_T, ArduCopter stops after
+GUID_TIMEOUT. So while vehicles with that policy are streamed to, a small process waits at the end of a pipe, which
+breaks however the other process ends. Then the guard opens the same links, makes the waypoint of the current slot
+current in each vehicle that is still ours, sees it fly its mission, and ends. A service that has already been restarted
+holds the links, and is then responsible for the vehicles.
 
-    python -m mavlink_bridge.guard      orders as JSON on standard input, one a line; `null`: nothing to guard
+    python -m skyfolio.mavlink_bridge.guard      orders as JSON on standard input, one a line; `null`: nothing to guard
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ from skyfolio.mavlink_bridge.link import FleetLink
 from skyfolio.mavlink_bridge.signing import Signing
 
 READY = b"guarding\n"
-"""What the process says once orders can be given."""
+"""What the process prints once it can take orders."""
 LINKS_FREE_S = 3.0
-"""Wall seconds until the links of a killed process are free; later, somebody else has them."""
+"""Wall seconds until the links of a killed process are free; if they are taken later, somebody else has them."""
 HEARD_S = 5.0
 TRIES = 3
 _LOGGER = logging.getLogger("skyfolio.mavlink_bridge.guard")
@@ -55,22 +55,22 @@ class Orders:
     signing_key_file: str | None = None
 
     def item_at(self, system_id: int, now: float) -> int:
-        """The waypoint to fly to at UTC second `now`: that of the slot that begins next, at most the last."""
+        """Return the waypoint to fly to at UTC second `now`: that of the slot that begins next, at most the last."""
         items = self.items[system_id]
         return items[next_slot((now - self.slot0_at) * self.scale, self.slot_s, len(items) - 1)]
 
     def line(self) -> bytes:
-        """As one line of JSON."""
+        """Return the orders as one line of JSON."""
         return json.dumps(asdict(self)).encode() + b"\n"
 
     @classmethod
     def of_line(cls, line: bytes) -> Orders | None:
-        """What `line` wrote; None for `null`."""
-        said = json.loads(line)
-        if said is None:
+        """Return the orders that `line` wrote; None for `null`."""
+        document = json.loads(line)
+        if document is None:
             return None
-        items = {int(system_id): tuple(seqs) for system_id, seqs in said["items"].items()}
-        return cls(**{**said, "links": tuple(said["links"]), "items": items})
+        items = {int(system_id): tuple(seqs) for system_id, seqs in document["items"].items()}
+        return cls(**{**document, "links": tuple(document["links"]), "items": items})
 
 
 class Guard:
@@ -97,22 +97,22 @@ class Guard:
         assert self._process.stdout is not None  # noqa: S101
         try:
             async with asyncio.timeout(timeout_s):
-                said = await self._process.stdout.readline()
+                printed = await self._process.stdout.readline()
         except TimeoutError:
-            said = b""
-        if said != READY:
+            printed = b""
+        if printed != READY:
             await self.close()
             raise GuardFailed(f"the guard process did not begin within {timeout_s:g} s")
 
     def orders(self, orders: Orders | None) -> None:
-        """What to do when this process dies, from now on. Raises GuardFailed when the guard is gone."""
+        """Set what to do if this process dies, from now on. Raises GuardFailed if the guard process has ended."""
         process = self._process
         if process is None or process.returncode is not None or process.stdin is None:
             raise GuardFailed("the guard process is gone")
         process.stdin.write(b"null\n" if orders is None else orders.line())
 
     async def close(self) -> None:
-        """End the process, without it doing anything."""
+        """End the guard process; it does nothing else."""
         process, self._process = self._process, None
         if process is None or process.stdin is None:
             return
@@ -129,14 +129,14 @@ class _Wall:
 
 
 async def take_over(orders: Orders) -> dict[int, str | None]:
-    """Put every vehicle onto its mission; for each what went wrong, or None. Raises ConnectionFailed."""
+    """Start the mission of every vehicle; return for each what went wrong, or None. Raises ConnectionFailed."""
     key = orders.signing_key_file
     options = LinkOptions(signing=Signing.from_file(Path(key)) if key is not None else None)
     async with FleetLink(clock=_Wall(), monitor=HeartbeatMonitor(), options=options) as link:
         for url in orders.links:
             await link.connect(url, patience_s=LINKS_FREE_S)
-        said = await asyncio.gather(*(_one(link, orders, system_id) for system_id in orders.items))
-    return dict(zip(orders.items, said, strict=True))
+        failures = await asyncio.gather(*(_one(link, orders, system_id) for system_id in orders.items))
+    return dict(zip(orders.items, failures, strict=True))
 
 
 async def _one(link: FleetLink, orders: Orders, system_id: int) -> str | None:
@@ -153,7 +153,7 @@ async def _one(link: FleetLink, orders: Orders, system_id: int) -> str | None:
 
 
 def last_of(lines: Iterable[bytes]) -> Orders | None:
-    """The last whole orders before the pipe broke."""
+    """Return the last complete orders before the pipe broke."""
     orders = None
     for line in lines:
         with suppress(ValueError, TypeError, KeyError):  # half a line: the process died as it wrote it
@@ -162,7 +162,7 @@ def last_of(lines: Iterable[bytes]) -> Orders | None:
 
 
 def main() -> None:
-    """Wait until the pipe breaks, then do as ordered."""
+    """Wait until the pipe breaks, then do as ordered; return the exit status."""
     for number in (signal.SIGINT, signal.SIGTERM):  # it ends with the pipe, and not before its task is done
         signal.signal(number, signal.SIG_IGN)
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s")
@@ -173,11 +173,11 @@ def main() -> None:
         return
     _LOGGER.warning("the process that streamed is gone: %d vehicles go on from their missions", len(orders.items))
     try:
-        said = asyncio.run(take_over(orders))
+        failures = asyncio.run(take_over(orders))
     except ConnectionFailed as error:
         _LOGGER.warning("left to whoever has the links now: %s", error)
         return
-    for system_id, failure in said.items():
+    for system_id, failure in failures.items():
         _LOGGER.warning("system %d: %s", system_id, failure or "flies its mission")
 
 

@@ -1,9 +1,9 @@
-"""Guidance while a plan is flown: the schedule keeper over missions, or a stream of setpoints. All in fleet time.
+"""Guide vehicles while a plan is flown: the schedule keeper over missions, or a stream of setpoints.
 
-`keep` looks at each vehicle ten times a fleet second and gives the keeper's orders. `Stream` sends setpoints; when it
-ends, for whatever reason, the vehicles go on from the mission that is on board or hold, by policy. If this whole
-process dies, PX4 holds after COM_OF_LOSS_T (COM_OBL_RC_ACT) and ArduCopter after GUID_TIMEOUT, which is why the
-preflight audit insists on them; `guard` then says the rest.
+`keep` looks at each vehicle ten times a fleet second and sends the keeper's orders. `Stream` sends setpoints; when it
+ends, for whatever reason, the vehicles fly the mission that is on board or hold, by policy. If this whole process dies,
+PX4 holds after COM_OF_LOSS_T (COM_OBL_RC_ACT) and ArduCopter after GUID_TIMEOUT, which is why the preflight audit
+insists on them; `guard` then sends the other orders. All times are fleet time.
 """
 
 from __future__ import annotations
@@ -13,12 +13,15 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
-from skyfolio.mavlink_bridge import departure, flight, speeds
-from skyfolio.mavlink_bridge.autopilots import STREAM_MODE, FlightMode
+from skyfolio.mavlink_bridge.autopilots import FlightMode
+from skyfolio.mavlink_bridge.confirming import error_of, is_ours, not_ours
+from skyfolio.mavlink_bridge.departure import start
 from skyfolio.mavlink_bridge.deviations import AltitudeWatch, Deviation, HomeWatch
+from skyfolio.mavlink_bridge.flight import hold, set_current, set_mode
 from skyfolio.mavlink_bridge.geodesy import geodetic_to_east_north
 from skyfolio.mavlink_bridge.items import Mission
 from skyfolio.mavlink_bridge.keeper import Keeper, Order, Slip
+from skyfolio.mavlink_bridge.speeds import order_speed, require_in_mission, restore_speed
 from skyfolio.mavlink_bridge.stream import RATE_HZ, Streamer
 from skyfolio.mavlink_bridge.telemetry import Telemetry
 from skyfolio.mavlink_bridge.vehicle import NotDone, Vehicle
@@ -27,18 +30,18 @@ from skyfolio.planner.scenario import Origin
 LOOK_S = 0.1
 """Fleet seconds between two looks of the keeper."""
 SHORTEST_SLEEP_S = 0.005
-"""Wall seconds; a fleet that lives much faster than we do is looked at less often."""
+"""Wall seconds; a fleet whose clock runs much faster than this is looked at less often."""
 FRESH_S = 2.0
-"""A position older than this (fleet seconds) is not steered by."""
+"""A position older than this (fleet seconds) is not used to steer."""
 PREPARE_S = 1.2
-"""Fleet seconds of setpoints before the mode is changed: PX4 refuses OFFBOARD without."""
+"""Fleet seconds of setpoints before the mode is changed: PX4 refuses OFFBOARD without them."""
 
 
 class FallBack(StrEnum):
     """What vehicles do when their stream of setpoints ends before the plan does."""
 
     MISSION = "mission"
-    """Go on from the mission on board, at the waypoint of the slot that lasts."""
+    """Fly the mission on board on, from the waypoint of the current slot."""
     HOLD = "hold"
 
 
@@ -70,15 +73,15 @@ async def keep(
 ) -> None:
     """Keep vehicles on schedule until cancelled.
 
-    elapsed_s: fleet seconds since slot 0 of their plans. now_s: the fleet's clock. scale: fleet seconds a wall second.
-    on_slip(system_id, slip): once for each vehicle and slot; on_order: for each command given; on_deviation: when its
-    altitude or its home is not as planned.
+    elapsed_s: fleet seconds since slot 0 of their plans. now_s: the fleet's clock. scale: fleet seconds per wall
+    second. on_slip(system_id, slip): called once for each vehicle and slot; on_order: for each order sent;
+    on_deviation: when the altitude or the home of a vehicle is not as planned.
     """
     giving: dict[int, asyncio.Task[None]] = {}
     try:
         while True:
-            for system_id, one in kept.items():
-                order, slip, deviations = _look(one, elapsed_s(), now_s())
+            for system_id, watched in kept.items():
+                order, slip, deviations = _look(watched, elapsed_s(), now_s())
                 if slip is not None:
                     on_slip(system_id, slip)
                 for deviation in deviations:
@@ -86,10 +89,10 @@ async def keep(
                 if order is None:
                     continue
                 if system_id in giving and not giving[system_id].done():
-                    one.keeper.not_taken(order)
+                    watched.keeper.not_taken(order)
                     continue
                 on_order(system_id, order)
-                giving[system_id] = asyncio.create_task(_give(one, order))
+                giving[system_id] = asyncio.create_task(_give(watched, order))
             await asyncio.sleep(max(LOOK_S / scale, SHORTEST_SLEEP_S))
     finally:
         for task in giving.values():
@@ -97,44 +100,44 @@ async def keep(
         await asyncio.gather(*giving.values(), return_exceptions=True)
 
 
-def _look(one: Kept, elapsed_s: float, now_s: float) -> tuple[Order | None, Slip | None, list[Deviation]]:
-    said = one.vehicle.state.snapshot()
-    if said is None or said.place_deg is None or now_s - said.heard_at_s > FRESH_S:
+def _look(watched: Kept, elapsed_s: float, now_s: float) -> tuple[Order | None, Slip | None, list[Deviation]]:
+    snapshot = watched.vehicle.state.snapshot()
+    if snapshot is None or snapshot.place_deg is None or now_s - snapshot.heard_at_s > FRESH_S:
         return None, None, []
-    age_s = now_s - said.heard_at_s
-    velocity = (said.velocity_east_mps, said.velocity_north_mps)
-    east, north = geodetic_to_east_north(one.origin, *said.place_deg)
+    age_s = now_s - snapshot.heard_at_s
+    velocity = (snapshot.velocity_east_mps, snapshot.velocity_north_mps)
+    east, north = geodetic_to_east_north(watched.origin, *snapshot.place_deg)
     point = (east + velocity[0] * age_s, north + velocity[1] * age_s)
     order = None
-    if said.mode is FlightMode.MISSION and said.mission_current is not None:
-        order = one.keeper.advise(elapsed_s, point, velocity, said.mission_current)
-    return order, one.keeper.slip(elapsed_s, point), list(_deviations(one, said, elapsed_s))
+    if snapshot.mode is FlightMode.MISSION and snapshot.mission_current is not None:
+        order = watched.keeper.advise(elapsed_s, point, velocity, snapshot.mission_current)
+    return order, watched.keeper.slip(elapsed_s, point), list(_deviations(watched, snapshot, elapsed_s))
 
 
-def _deviations(one: Kept, said: Telemetry, elapsed_s: float) -> Iterator[Deviation]:
-    """Altitude counts while the vehicle is ours and slots are flown, a home whenever it moves."""
-    state = one.vehicle.state
-    home = None if one.home is None else one.home.look(state.home_deg, state.home_amsl_m)
+def _deviations(watched: Kept, snapshot: Telemetry, elapsed_s: float) -> Iterator[Deviation]:
+    """Yield deviations: of altitude while the vehicle is ours and slots are flown, of its home whenever it moves."""
+    state = watched.vehicle.state
+    home = None if watched.home is None else watched.home.look(state.home_deg, state.home_amsl_m)
     if home is not None:
         yield home
-    if one.altitude is not None and flight.is_ours(one.vehicle) and 0 <= elapsed_s < one.keeper.ends_s:
-        altitude = one.altitude.look(elapsed_s, said.relative_alt_m)
+    if watched.altitude is not None and is_ours(watched.vehicle) and 0 <= elapsed_s < watched.keeper.ends_s:
+        altitude = watched.altitude.look(elapsed_s, snapshot.relative_alt_m)
         if altitude is not None:
             yield altitude
 
 
-async def _give(one: Kept, order: Order) -> None:
-    """Only to one that is seen in its mission just now. An order that is not taken is given again by a later look."""
+async def _give(watched: Kept, order: Order) -> None:
+    """Send an order to a vehicle that is seen in its mission just now; if it fails, a later look sends it again."""
     try:
         if order.item is not None:
-            await speeds.require_in_mission(one.vehicle)
-            await flight.set_current(one.vehicle, order.item)
+            await require_in_mission(watched.vehicle)
+            await set_current(watched.vehicle, order.item)
         elif order.its_own_speed:
-            await speeds.restore_speed(one.vehicle, order.speed_mps or one.keeper.model.cruise_mps)
+            await restore_speed(watched.vehicle, order.speed_mps or watched.keeper.model.cruise_mps)
         elif order.speed_mps is not None:
-            await speeds.order_speed(one.vehicle, order.speed_mps)
+            await order_speed(watched.vehicle, order.speed_mps)
     except NotDone:
-        one.keeper.not_taken(order)
+        watched.keeper.not_taken(order)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -147,9 +150,9 @@ class Streamed:
 
 
 class Stream:
-    """Setpoints for several vehicles. `begin` puts them into the mode, `run` guides them until the plan or we end.
+    """Streams setpoints to several vehicles. `begin` changes the mode, `run` guides until the plan or the process ends.
 
-    `elapsed_s()` is fleet seconds since slot 0 began, and negative before. `scale`: fleet seconds a wall second.
+    `elapsed_s()` is fleet seconds since slot 0 began, and negative before. `scale`: fleet seconds per wall second.
     """
 
     def __init__(self, streamed: Mapping[int, Streamed], *, scale: float, fall_back: FallBack) -> None:
@@ -162,13 +165,14 @@ class Stream:
         self._handing: dict[int, asyncio.Task[str | None]] = {}
 
     async def begin(self) -> dict[int, str | None]:
-        """Stream the first points, change the mode; for each vehicle what went wrong, or None."""
+        """Stream the first points, change the mode, and return for each vehicle what went wrong, or None."""
         until = asyncio.get_running_loop().time() + max(PREPARE_S / self._scale, 0.2)
         while asyncio.get_running_loop().time() < until:
             self._send(-1.0)
             await self._pause()
         changing = {
-            system_id: asyncio.create_task(_mode_error(one.vehicle)) for system_id, one in self._streamed.items()
+            system_id: asyncio.create_task(_mode_error(streamed.vehicle))
+            for system_id, streamed in self._streamed.items()
         }
         while not all(task.done() for task in changing.values()):
             self._send(-1.0)
@@ -176,7 +180,7 @@ class Stream:
         return {system_id: task.result() for system_id, task in changing.items()}
 
     async def run(self, elapsed_s: Callable[[], float]) -> None:
-        """Guide until the last slot begins, then hover there. However it ends, nobody is left without guidance."""
+        """Guide until the last slot ends. However it ends, no vehicle is left without guidance."""
         last_s = (self._last + 1) * self._slot_s
         try:
             while not self._ended and elapsed_s() < last_s:
@@ -188,35 +192,36 @@ class Stream:
                 await asyncio.shield(asyncio.wait(handed_over.values()))
 
     def leave(self, system_id: int) -> None:
-        """Send it nothing any more, and leave its mode to whoever flies it now, at once."""
+        """Stop sending to one vehicle, and leave its mode to whoever flies it now, at once."""
         self._streamed.pop(system_id, None)
         if system_id in self._handing:
             self._handing[system_id].cancel()
 
     def hand_over(self, elapsed_s: float) -> Mapping[int, asyncio.Task[str | None]]:
-        """No setpoints any more: let each go, once; the tasks that do it, by system id, each for itself."""
+        """Stop the setpoints and let each vehicle go, once; return the tasks that do it, by system id."""
         if not self._ended:
             self._ended = True
             slot = next_slot(elapsed_s, self._slot_s, self._last)
             self._handing = {
                 system_id: asyncio.create_task(
-                    let_go(one.vehicle, one.mission.item_of_slot(slot), self._fall_back), name=f"let-go-{system_id}"
+                    let_go(streamed.vehicle, streamed.mission.item_of_slot(slot), self._fall_back),
+                    name=f"let-go-{system_id}",
                 )
-                for system_id, one in self._streamed.items()
+                for system_id, streamed in self._streamed.items()
             }
         return self._handing
 
     def drop(self) -> None:
-        """No setpoints any more and nothing in their place, at once: whoever calls this commands the vehicles now."""
+        """Stop the setpoints and send nothing in their place: the caller commands the vehicles from now on."""
         self._ended = True
         for task in self._handing.values():
             task.cancel()
         self._handing = {}
 
     def _send(self, elapsed_s: float) -> None:
-        for one in list(self._streamed.values()):
+        for streamed in list(self._streamed.values()):
             try:
-                one.vehicle.send(one.streamer.setpoint(elapsed_s, one.vehicle.state.boot_ms or 0))
+                streamed.vehicle.send(streamed.streamer.setpoint(elapsed_s, streamed.vehicle.state.boot_ms or 0))
             except NotDone:
                 continue
 
@@ -225,32 +230,34 @@ class Stream:
 
 
 def next_slot(elapsed_s: float, slot_s: float, last: int) -> int:
-    """The slot whose waypoint is flown to when missions take over: the one that begins next, at most the last."""
+    """Return the slot whose waypoint is flown to when missions take over: the next to begin, at most the last."""
     return min(max(int(elapsed_s // slot_s) + 1, 0), last)
 
 
 async def let_go(vehicle: Vehicle, item: int, fall_back: FallBack) -> str | None:
-    """Fly the mission on board from `item` on, or hold (by policy, or because it will not fly it); what went wrong.
+    """Fly the mission on board from `item` on, or hold by policy or if that fails; return what went wrong, or None.
 
-    One that somebody else flies is left to them. One that hovers because its setpoints came late (PX4 leaves OFFBOARD
-    then) is still ours.
+    A vehicle that somebody else flies is left to them. One that hovers because its setpoints came late (PX4 leaves
+    OFFBOARD then) is still ours.
     """
-    if not flight.is_ours(vehicle):
-        return flight.not_ours(vehicle)
+    if not is_ours(vehicle):
+        return not_ours(vehicle)
     if fall_back is FallBack.HOLD:
-        return await flight.error_of(flight.hold(vehicle))
-    error = await flight.error_of(_fly_from(vehicle, item))
+        return await error_of(hold(vehicle))
+    error = await error_of(_fly_from(vehicle, item))
     if error is not None:
-        await flight.error_of(flight.hold(vehicle))
+        await error_of(hold(vehicle))
     return error
 
 
 async def _fly_from(vehicle: Vehicle, item: int) -> None:
-    await flight.set_current(vehicle, item)
-    await departure.start(vehicle, item)
+    await set_current(vehicle, item)
+    await start(vehicle, item)
 
 
 async def _mode_error(vehicle: Vehicle) -> str | None:
-    if vehicle.state.autopilot is None:
-        return "its autopilot is neither PX4 nor ArduPilot"
-    return await flight.error_of(flight.set_mode(vehicle, STREAM_MODE[vehicle.autopilot]))
+    return await error_of(_enter_stream_mode(vehicle))
+
+
+async def _enter_stream_mode(vehicle: Vehicle) -> None:
+    await set_mode(vehicle, vehicle.profile.stream_mode)

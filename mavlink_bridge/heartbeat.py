@@ -1,16 +1,17 @@
-"""Who is still there: a pure state machine over heartbeats of autopilots (component 1), with its own time-outs.
+"""Who is still alive: a pure state machine over heartbeats of autopilots (component 1), with its own time-outs.
 
-A companion computer that lives on says nothing about its autopilot, so only component 1 counts. The machine has no
-clock: every call brings the time, in fleet seconds. When it is asked does not change which states it goes through.
+A companion computer that still sends proves nothing about its autopilot, so only component 1 counts. The machine has no
+clock: every call carries the time, in fleet seconds. How often it is polled does not change which states it goes
+through.
 
     LIVE -- silent for stale_after_s --> STALE -- silent for lost_after_s --> LOST
     LOST -- heard for recovered_after_s --> STALE -- heard for another recovered_after_s --> LIVE
 
-"Heard for" counts from the first heartbeat after a silence to the latest one; a pause of stale_after_s starts it anew.
+"Heard for" counts from the first heartbeat after a silence to the latest one; a pause of stale_after_s restarts it.
 
-Silence counts only while we listen. What a pause of our own (`missed`: a stopped process, a moved machine, a blocked
-loop) takes of it is left out, so that nobody is lost for what we did not hear; but of many pauses together no more than
-the longest of them, or lost_after_s, so that a loss is found however often we pause.
+Silence counts only while this process listens. A pause of its own (`missed`: a stopped process, a moved machine, a
+blocked loop) is left out, so that no vehicle is lost because of what was not received; but of many pauses together no
+more than the longest of them, or lost_after_s, so that a loss is found however often the process pauses.
 """
 
 from __future__ import annotations
@@ -23,15 +24,15 @@ AUTOPILOT = 1
 """MAV_COMP_ID_AUTOPILOT1."""
 
 _LATE_MS = 2000
-"""A message may be this late, or a restarted autopilot this early, before its clock says something."""
+"""A message may be this late, or a restarted autopilot this early, before its clock proves anything."""
 _LISTENED = 0.1
-"""Share of lost_after_s in which we must have listened, all in all, before a silence is one."""
+"""The share of lost_after_s for which the process must have listened before a silence is one."""
 _BOOT_WRAP_MS = 2**31
 """`time_boot_ms` is a uint32: a larger step back is the counter wrapping after 49 days, not a reboot."""
 
 
 class LinkState(StrEnum):
-    """What the heartbeats of one vehicle say."""
+    """What the heartbeats of one vehicle show."""
 
     LIVE = "live"
     STALE = "stale"
@@ -54,10 +55,10 @@ class _Watched:
     now_s: float
     last_s: float
     first_s: float | None = None
-    """First heartbeat of the run that is going on; None before any and after a silence."""
+    """The first heartbeat of the current run; None before any, and after a silence."""
     state: LinkState = LinkState.LIVE
     missed_s: float = 0.0
-    """Time since it was last heard in which we did not listen."""
+    """The time since it was last heard in which the process did not listen."""
     longest_missed_s: float = 0.0
     boot_ms: int | None = None
     boot_at_s: float = 0.0
@@ -66,7 +67,7 @@ class _Watched:
 
 
 class HeartbeatMonitor:
-    """States of the watched vehicles. Times are fleet seconds, never wall time."""
+    """Keeps the link states of the watched vehicles. Times are fleet seconds, never wall time."""
 
     def __init__(
         self, *, stale_after_s: float = 3.0, lost_after_s: float = 5.0, recovered_after_s: float = 2.0
@@ -83,31 +84,31 @@ class HeartbeatMonitor:
 
     @property
     def watched(self) -> frozenset[int]:
-        """System ids being watched."""
+        """Return the system ids that are watched."""
         return frozenset(self._vehicles)
 
     def watch(self, system_id: int, now_s: float) -> None:
-        """Expect heartbeats from now on; live until proven silent. Watching twice changes nothing."""
+        """Expect heartbeats from now on; it is live until proven silent. Watching twice changes nothing."""
         self._vehicles.setdefault(system_id, _Watched(now_s=now_s, last_s=now_s))
 
     def unwatch(self, system_id: int) -> None:
-        """Expect nothing any more, and report nothing."""
+        """Stop expecting heartbeats and reporting changes."""
         self._vehicles.pop(system_id, None)
 
     def state(self, system_id: int) -> LinkState:
-        """State as of the last call; KeyError if not watched."""
+        """Return the state as of the latest call. Raises KeyError if it is not watched."""
         return self._vehicles[system_id].state
 
     def silent_for_s(self, system_id: int, now_s: float) -> float:
-        """Seconds since the last heartbeat (or since the watch began); KeyError if not watched."""
+        """Return the seconds since the last heartbeat (or since `watch`). Raises KeyError if it is not watched."""
         return max(0.0, now_s - self._vehicles[system_id].last_s)
 
     def reboots(self, system_id: int) -> int:
-        """How often the autopilot restarted, by its boot clock. KeyError if not watched."""
+        """Return how often the autopilot restarted, by its boot clock. Raises KeyError if it is not watched."""
         return self._vehicles[system_id].reboots
 
     def heard(self, system_id: int, component_id: int, now_s: float, boot_ms: int | None = None) -> None:
-        """A HEARTBEAT arrived. Other components and vehicles nobody watches are ignored.
+        """Take in a HEARTBEAT. Other components and vehicles that are not watched are ignored.
 
         boot_ms: the latest `time_boot_ms` this autopilot sent, milliseconds since it started.
         """
@@ -124,9 +125,9 @@ class HeartbeatMonitor:
             self._check_boot(vehicle, boot_ms)
 
     def missed(self, now_s: float, for_s: float) -> None:
-        """We have not listened for the last `for_s` seconds before now: what vehicles sent meanwhile may be gone.
+        """Take in that the process has not listened for the last `for_s` seconds: what was sent may be lost.
 
-        To be called before `poll`, which would take the pause for theirs.
+        Call it before `poll`, which would take the pause for the vehicles' silence.
         """
         for vehicle in self._vehicles.values():
             pause_s = min(for_s, max(0.0, now_s - vehicle.last_s))
@@ -134,7 +135,7 @@ class HeartbeatMonitor:
             vehicle.longest_missed_s = max(vehicle.longest_missed_s, pause_s)
 
     def poll(self, now_s: float) -> list[LinkEvent]:
-        """Everything that changed since the last poll, each vehicle's changes in order."""
+        """Return everything that changed since the latest poll, each vehicle's changes in order."""
         events: list[LinkEvent] = []
         for system_id, vehicle in self._vehicles.items():
             self._silence(system_id, vehicle, now_s)
@@ -143,7 +144,7 @@ class HeartbeatMonitor:
         return events
 
     def _silence(self, system_id: int, vehicle: _Watched, now_s: float) -> None:
-        """Let time pass without a heartbeat; time that runs backwards stands still."""
+        """Let time pass without a heartbeat; a clock that runs backwards counts as stopped."""
         vehicle.now_s = max(vehicle.now_s, now_s)
         silent_s = self._counted_s(vehicle)
         if silent_s >= self.stale_after_s:
@@ -154,7 +155,7 @@ class HeartbeatMonitor:
             self._change(system_id, vehicle, LinkState.LOST)
 
     def _counted_s(self, vehicle: _Watched) -> float:
-        """Its silence, less our own pauses."""
+        """Return its silence in seconds, less the pauses of this process."""
         silent_s = vehicle.now_s - vehicle.last_s
         if vehicle.missed_s == 0.0:
             return silent_s
@@ -183,10 +184,11 @@ class HeartbeatMonitor:
         vehicle.state = after
 
     def _check_boot(self, vehicle: _Watched, boot_ms: int) -> None:
-        """It restarted if its clock ran backwards and it started after it was last heard.
+        """Count a restart if its clock ran backwards and it started after it was last heard.
 
-        So neither a datagram that comes late nor a clock that was set back looks like a reboot. The same value again is
-        no news: HEARTBEATs carry none, and a vehicle that has restarted sends them long before its first position.
+        So neither a datagram that comes late nor a clock that was set back looks like a reboot. The same value again
+        proves nothing: HEARTBEATs carry none, and a vehicle that has restarted sends them long before its first
+        position.
         """
         if boot_ms == vehicle.boot_ms:
             return

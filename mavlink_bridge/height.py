@@ -7,15 +7,15 @@ from collections.abc import Mapping
 from typing import Any
 
 FRESH_S = 2.5
-"""Fleet seconds for which a position tells where a UAV is; it comes at 1 to 5 Hz."""
+"""Fleet seconds for which a position shows where a UAV is; it is sent at 1 to 5 Hz."""
 _RATE_OVER_S = 1.2
 """Fleet seconds over which heights are compared."""
 _STEADY_M, _STEADY_MPS, _STEADY_FOR_S = 1.0, 1.0, 1.0
-"""Within so many metres for so long, and said to be slower than that: it keeps its height."""
+"""It keeps its height if it stays within so many metres for so long and reports to be slower than that."""
 
 
 class Height:
-    """Metres above home and metres a second down, as said and as measured; times are fleet seconds."""
+    """Metres above home and metres per second down, as reported and as measured; times are fleet seconds."""
 
     def __init__(self) -> None:
         self.up_m = 0.0
@@ -35,12 +35,12 @@ class Height:
             self._heights.popleft()
 
     def is_fresh(self, now_s: float) -> bool:
-        """Whether it was told lately."""
+        """Return whether it was reported lately."""
         return now_s - self.heard_s <= FRESH_S
 
     @property
     def falling_mps(self) -> float:
-        """How fast it comes down, if what it says of its speed and what it says of its height agree; else the less."""
+        """Return how fast it descends, m/s: the lesser of its reported speed and the change of its reported height."""
         at_s, up_m = self._heights[-1] if self._heights else (0.0, 0.0)
         earlier = [(then_s, then_m) for then_s, then_m in self._heights if 0 < at_s - then_s <= _RATE_OVER_S]
         if not earlier:
@@ -49,7 +49,7 @@ class Height:
         return min(self.sinking_mps, (then_m - up_m) / (at_s - then_s))
 
     def is_steady(self, now_s: float) -> bool:
-        """Whether it keeps its height, by positions that span long enough."""
+        """Return whether it keeps its height, by positions that span long enough."""
         recent = [(at_s, up_m) for at_s, up_m in self._heights if self.heard_s - at_s <= 2 * _STEADY_FOR_S]
         if not self.is_fresh(now_s) or self.heard_s - recent[0][0] < _STEADY_FOR_S:
             return False

@@ -31,12 +31,12 @@ _LOGGER = logging.getLogger(__name__)
 
 @dataclass(frozen=True, kw_only=True)
 class LinkOptions:
-    """How the links work. `forward`: udpout:// URL of who watches; `forward_commands`: whether they may command too.
+    """How the links work. `forward`: udpout:// URL of a watcher; `forward_commands`: whether it may command too.
 
     `signing`: keys on both ends; then MAVLink 1, unsigned and forged frames are dropped. `healthy`: whether vehicles
-    may count on us; our heartbeat is only sent while it says so. `on_sender`: told on the loop when a vehicle is heard
-    from elsewhere, from two places, or on a second link; `moves_after_s`: wall seconds of silence before it may be
-    heard from elsewhere, longer than a loss takes to be declared.
+    may count on this service; our heartbeat is only sent while it returns true. `on_sender`: called on the loop when a
+    vehicle is heard from another address, from two places, or on a second link; `moves_after_s`: wall seconds of
+    silence before it may be heard from another address, longer than a loss takes to be declared.
     """
 
     signing: Signing | None = None
@@ -48,9 +48,10 @@ class LinkOptions:
 
 
 class Hub:
-    """Carries frames. `to_mavsdk(data)` gets what vehicles said; `on_heard(frame)` each frame of it, unsigned.
+    """Carries frames. `to_mavsdk(data)` gets what vehicles send; `on_heard(frame)` each frame of it, unsigned.
 
-    is_wanted: which systems are heard at all. Each costs MAVSDK threads and memory for good, so strangers cost nothing.
+    is_wanted: which systems are heard at all. Each costs MAVSDK threads and memory for good, so the frames of others
+    are dropped.
     """
 
     def __init__(
@@ -85,11 +86,11 @@ class Hub:
         self._routes.add(url)
 
     def links_of(self, system_id: int) -> list[str]:
-        """The URL a vehicle is reached on now."""
+        """Return the URL a vehicle is reached on now."""
         return self._routes.links_of(system_id, self._loop.time())
 
     def record(self, log: TelemetryLog) -> None:
-        """Write all frames, both ways, into this log too, until it is given to `stop_recording`."""
+        """Write all frames, both ways, into this log too, until it is passed to `stop_recording`."""
         self._logs.add(log)
 
     def stop_recording(self, log: TelemetryLog) -> None:
@@ -98,7 +99,7 @@ class Hub:
         log.close()
 
     def to_vehicles(self, data: bytes) -> None:
-        """What MAVSDK sends; from any thread."""
+        """Send what MAVSDK sends to the vehicles; may be called from any thread."""
         if not self._closed:
             self._loop.call_soon_threadsafe(self._send, data)
 
@@ -113,7 +114,7 @@ class Hub:
             self.stop_recording(log)
 
     def _received(self, endpoint: Endpoint, frames: list[Frame]) -> None:
-        """Take in what a link brought: genuine frames, each from where its sender is known to be, each once."""
+        """Take in what a link received: genuine frames, each from where its sender is known to be, each once."""
         heard = []
         for frame in frames:
             data = self._accepted(endpoint, frame)

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 from types import MappingProxyType
 
-from skyfolio.mavlink_bridge.autopilots import Autopilot
+from skyfolio.mavlink_bridge.autopilots import DEFAULT_AUTOPILOT, Autopilot
 
 MAX_ITEMS = 200
-"""Items one mission may have: what every common autopilot stores."""
+"""The number of items a mission may have: every common autopilot stores as many."""
 
 
 class Command(IntEnum):
@@ -73,34 +73,23 @@ class MissionItem:
 
     @property
     def has_position(self) -> bool:
-        """Whether x, y, z are a place."""
+        """Return whether x, y, z are a place."""
         return self.frame != Frame.MISSION
 
     @property
     def is_flown(self) -> bool:
-        """Whether the vehicle flies to complete this item; others (DO_...) are done at once and passed."""
+        """Return whether the vehicle flies to complete this item; others (DO_...) are done at once and passed."""
         return self.command <= _LAST_NAV
-
-
-def told_as_current(items: Sequence[MissionItem], asked: int, autopilot: Autopilot) -> range:
-    """The seqs one of which MISSION_CURRENT tells once item `asked` has been made current.
-
-    Autopilots move on to the next item that is flown: ArduPilot at once, PX4 as soon as it flies its mission. Item 0
-    of ArduPilot is home, and means item 1. Without `items` (not known) only the item itself will do.
-    """
-    first = max(asked, 1) if autopilot is Autopilot.ARDUPILOT else asked
-    flown = next((item.seq for item in items[first:] if item.is_flown), first)
-    return range(min(asked, first), flown + 1)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Mission:
-    """What one vehicle is given to fly.
+    """What one vehicle is commanded to fly.
 
     `slot_of_item` maps the seq of each NAV_WAYPOINT to the slot at whose beginning the vehicle should be there.
     `duration_s` is the planned time from the start of slot 0 (airborne: from the swap) to the end of the last slot.
     `start_item` is what a vehicle in the air flies first: the slot-0 waypoint, or the first leg of a swap.
-    `autopilot` is whom it was compiled for: PX4 and ArduPilot fly different items.
+    `autopilot` is the one it was compiled for: each flies different items.
     """
 
     uav_id: str
@@ -108,7 +97,7 @@ class Mission:
     slot_of_item: Mapping[int, int]
     duration_s: float
     start_item: int = 0
-    autopilot: Autopilot = Autopilot.PX4
+    autopilot: Autopilot = DEFAULT_AUTOPILOT
 
     def __post_init__(self) -> None:
         seqs = [item.seq for item in self.items]
@@ -119,6 +108,6 @@ class Mission:
         object.__setattr__(self, "slot_of_item", MappingProxyType(dict(self.slot_of_item)))
 
     def item_of_slot(self, slot: int) -> int:
-        """seq of the waypoint where the vehicle is when `slot` begins: its own, or the hold it is part of."""
+        """Return the seq of the waypoint where the vehicle is when `slot` begins: the slot's own, or a hold's."""
         reached = [seq for seq, first in self.slot_of_item.items() if first <= slot]
         return max(reached, default=min(self.slot_of_item))

@@ -1,4 +1,4 @@
-"""The link to the whole fleet: everything vehicles can be asked for, all of them at once."""
+"""The link to the whole fleet: every command and question to vehicles, all of them at once."""
 
 from __future__ import annotations
 
@@ -8,15 +8,14 @@ from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from functools import partial
 from typing import TypeVar
 
-from skyfolio.mavlink_bridge import departure, flight
+import skyfolio.mavlink_bridge.departure as departure
+import skyfolio.mavlink_bridge.flight as flight
 from skyfolio.mavlink_bridge.findings import START_WITHIN_M, Facts, Needs
 from skyfolio.mavlink_bridge.geodesy import geodetic_to_east_north
 from skyfolio.mavlink_bridge.heartbeat import LinkState
 from skyfolio.mavlink_bridge.items import MAX_ITEMS, Mission, MissionItem
 from skyfolio.mavlink_bridge.listening import ListeningLink
 from skyfolio.mavlink_bridge.mission_messages import MissionType
-from skyfolio.mavlink_bridge.models import model_from_parameters
-from skyfolio.mavlink_bridge.preflight import parameter_names
 from skyfolio.mavlink_bridge.readiness import wait_for_facts
 from skyfolio.mavlink_bridge.results import CommandResult, ReadResult, Recognised, SwapResult, UploadResult
 from skyfolio.mavlink_bridge.transfer import (
@@ -31,14 +30,14 @@ from skyfolio.mavlink_bridge.vehicle import NotDone, Vehicle
 from skyfolio.planner.plans import Plan
 
 SET_ITEM_TIMES = 2
-"""Nobody starts before everybody has its item, so a link that loses a tenth gets a second chance."""
+"""No vehicle starts before all have their item, so on a link that loses a tenth each gets a second chance."""
 
 _LOGGER = logging.getLogger(__name__)
 
 OnWait = Callable[[int, tuple[str, ...]], None]
-"""Told of the facts that a system id is waited for."""
+"""Called with the facts that are waited for from a system id."""
 OnRefused = Callable[[int, str], None]
-"""Told why a system id cannot be armed yet."""
+"""Called with the reason why a system id cannot be armed yet."""
 Outcome = TypeVar("Outcome")
 Request = TypeVar("Request")
 
@@ -51,15 +50,15 @@ class FleetLink(ListeningLink):
             await link.wait_for({1, 2, 3}, timeout_s=10)
             await link.upload(missions)
 
-    `clock` tells fleet seconds and is read from MAVSDK's threads too. Time-outs named `timeout_s` are wall seconds.
+    `clock` returns fleet seconds and is read from MAVSDK's threads too. Time-outs named `timeout_s` are wall seconds.
     Methods that address vehicles ask all of them at once and return one result for each; none stops the others.
-    A system id nobody has heard on the link gets a result that says so.
+    A system id that was never heard on the link gets a result that says so.
     """
 
     # -- telling ------------------------------------------------------------------------------------------------
 
     async def upload(self, missions: Mapping[int, Mission], *, attempts: int = ATTEMPTS) -> dict[int, UploadResult]:
-        """Give each vehicle its mission, read it back, compare; up to `attempts` times each."""
+        """Upload a mission to each vehicle, read it back, compare; up to `attempts` times each."""
         return await self._each(
             missions,
             lambda vehicle, mission: upload_verified(
@@ -69,25 +68,25 @@ class FleetLink(ListeningLink):
         )
 
     async def recognise(self, missions: Mapping[int, Sequence[Mission]]) -> dict[int, Recognised]:
-        """Which of the missions it may have is on board of each vehicle, proven by reading it back."""
+        """Return which of its possible missions is on board of each vehicle, proven by reading it back."""
         return await self._each(
             missions, lambda vehicle, known: recognise(vehicle, known, self._given_up(vehicle)), Recognised
         )
 
     async def prepare(self, system_ids: Iterable[int]) -> dict[int, CommandResult]:
-        """Ask each for its telemetry streams and read the parameters its model and the preflight audit need."""
+        """Request telemetry streams from each, and read the parameters that its model and the preflight audit need."""
         return await self._command(dict.fromkeys(system_ids), lambda vehicle, _: self._prepare(vehicle))
 
     async def ask_for_streams(self, system_ids: Iterable[int]) -> dict[int, CommandResult]:
-        """Ask each for its telemetry streams."""
+        """Request telemetry streams from each."""
         return await self._command(dict.fromkeys(system_ids), lambda vehicle, _: flight.ask_for_streams(vehicle))
 
     async def wait_for_facts(
         self, system_ids: Iterable[int], on_wait: OnWait = lambda _system, _missing: None
     ) -> dict[int, tuple[str, ...]]:
-        """Wait until each has told what the preflight audit judges; what each had not when its time was over.
+        """Wait until each has reported what the preflight audit judges; return what each had not within its time.
 
-        Who was never heard has told nothing, and is not waited for.
+        A vehicle that was never heard is not waited for.
         """
         here = {system_id: self._vehicles.get(system_id) for system_id in system_ids}
         heard = {system_id: vehicle for system_id, vehicle in here.items() if vehicle is not None and vehicle.heard}
@@ -99,7 +98,7 @@ class FleetLink(ListeningLink):
     async def upload_fence(
         self, items: Mapping[int, Sequence[MissionItem]], *, mission_type: MissionType = MissionType.FENCE
     ) -> dict[int, UploadResult]:
-        """Give each vehicle a geofence (or rally points), read it back, compare. No items: clear."""
+        """Upload a geofence (or rally points) to each vehicle, read it back, compare. No items: clear."""
         return await self._each(
             items,
             lambda vehicle, wanted: upload_items(vehicle, wanted, mission_type, given_up=self._given_up(vehicle)),
@@ -109,7 +108,7 @@ class FleetLink(ListeningLink):
     async def arm(
         self, system_ids: Iterable[int], *, patience_s: float, on_refused: OnRefused = lambda _system, _why: None
     ) -> dict[int, CommandResult]:
-        """Arm each where it stands, as soon as it lets itself be armed; `on_refused` is told why it does not yet."""
+        """Arm each where it stands, as soon as it can be armed; `on_refused` is called with why it cannot yet."""
         return await self._command(
             dict.fromkeys(system_ids),
             lambda vehicle, _: departure.arm(vehicle, patience_s, partial(on_refused, vehicle.system_id)),
@@ -139,10 +138,10 @@ class FleetLink(ListeningLink):
     async def start(
         self, system_ids: Iterable[int], *, item: int | None = None, on_go: Callable[[], None] = lambda: None
     ) -> dict[int, CommandResult]:
-        """Fly the missions on board, all together: every vehicle has its item set before the first one starts.
+        """Start the missions on board, all together: every vehicle has its item set before the first one starts.
 
-        They begin with `item`, or with what a vehicle flies that hovers at its slot-0 point (`Mission.start_item`).
-        `on_go()` is called when the first one is told to go: setting items takes longer on a bad link.
+        They begin with `item`, or with the item that a vehicle at its slot-0 point flies first (`Mission.start_item`).
+        `on_go()` is called when the first one is commanded to start: setting items takes longer on a bad link.
         """
 
         def first(vehicle: Vehicle) -> int:
@@ -162,7 +161,10 @@ class FleetLink(ListeningLink):
         )
 
     async def swap(self, missions: Mapping[int, Mission]) -> dict[int, SwapResult]:
-        """Replace missions in flight. Each result is `ok` (verified and flying it) or says why not and if it holds."""
+        """Replace missions in flight.
+
+        Each result is `ok` (verified and flown), or says why not and whether it holds.
+        """
         return await self._each(
             missions,
             lambda vehicle, mission: flight.swap(vehicle, mission, self._given_up(vehicle)),
@@ -194,9 +196,9 @@ class FleetLink(ListeningLink):
         force_stream: bool = False,
         start_within_m: float = START_WITHIN_M,
     ) -> tuple[Facts, Needs]:
-        """What the preflight audit compares: the vehicle as it was heard, and what the plan needs of it (see `Needs`).
+        """Return what the preflight audit compares: the vehicle as reported, and what the plan needs (see `Needs`).
 
-        Raises KeyError if it was never heard.
+        Raises KeyError if it was never heard, UnknownAutopilot if its autopilot has no profile.
         """
         vehicle, scenario = self._vehicles[system_id], plan.scenario
         uav, place, home = scenario.uav(uav_id), vehicle.state.place_deg, vehicle.state.home_deg
@@ -230,9 +232,9 @@ class FleetLink(ListeningLink):
 
     async def _prepare(self, vehicle: Vehicle) -> None:
         await flight.ask_for_streams(vehicle)
-        values = await read_parameters(vehicle, parameter_names(vehicle.autopilot))
+        values = await read_parameters(vehicle, vehicle.profile.parameter_names())
         self.parameters[vehicle.system_id] = values
-        self.models[vehicle.system_id] = model_from_parameters(vehicle.autopilot, values)
+        self.models[vehicle.system_id] = vehicle.profile.model_of(values)
 
     def _given_up(self, vehicle: Vehicle) -> Callable[[], bool]:
         system_id, monitor = vehicle.system_id, self.monitor
@@ -251,7 +253,10 @@ class FleetLink(ListeningLink):
         act: Callable[[Vehicle, Request], Awaitable[Outcome]],
         refuse: Callable[..., Outcome],
     ) -> dict[int, Outcome]:
-        """One result for each system id, all at once; `refuse(system_id=, seconds=, error=)` for who is not here."""
+        """Return one result for each system id, all at once.
+
+        `refuse(...)` makes that of a vehicle that is not heard.
+        """
         self._open()
 
         async def one(system_id: int, request: Request) -> Outcome:

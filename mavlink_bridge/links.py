@@ -9,7 +9,7 @@ from skyfolio.mavlink_bridge.framing import Frame
 
 OnFrames = Callable[["Endpoint", list[Frame]], None]
 RETRY_S = 1.0
-"""Before a broken connection is tried again."""
+"""Wall seconds before a broken connection is tried again."""
 MOST_WAITING_BYTES = 16_384
 """Bytes that may wait for a slow line; whole frames beyond are dropped: an old setpoint is worse than none."""
 READ_BYTES = 65536
@@ -21,7 +21,10 @@ class Endpoint(Protocol):
     url: str
 
     async def open(self) -> None:
-        """Begin; raises ConnectionFailed. What may come later (a vehicle that is switched on) is no failure."""
+        """Begin. Raises ConnectionFailed.
+
+        An end that may appear later (a vehicle that is switched on) is no failure.
+        """
         ...
 
     def send(self, frame: bytes, system_id: int) -> None:
@@ -38,7 +41,7 @@ class Endpoint(Protocol):
 
 
 class OneEnd:
-    """A link with one other end: everybody is answered there."""
+    """A link with one other end, where every answer is sent."""
 
     def place(self, system_id: int, component_id: int, source: Hashable) -> None:
-        """Nothing to learn."""
+        """Ignore it: there is one address only."""

@@ -1,4 +1,4 @@
-"""The listening half of the fleet link: MAVSDK behind the hub, who is there, what they say, what happened to them."""
+"""The listening half of the fleet link: MAVSDK behind the hub, the vehicles, and what happened to them."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from typing import Any, Self, TypeVar
 from mavsdk import ComponentType, Configuration, ForwardingOption, Mavsdk
 
 from skyfolio.mavlink_bridge.autopilots import Autopilot, FlightMode
+from skyfolio.mavlink_bridge.broadcast import Broadcast
 from skyfolio.mavlink_bridge.classifier import Classifier
 from skyfolio.mavlink_bridge.conditions import Change, Timing
 from skyfolio.mavlink_bridge.errors import ConnectionFailed, LinkClosed, VehiclesMissing
@@ -25,8 +26,10 @@ from skyfolio.mavlink_bridge.heartbeat import AUTOPILOT, HeartbeatMonitor, LinkE
 from skyfolio.mavlink_bridge.hub import Hub, LinkOptions
 from skyfolio.mavlink_bridge.mavsdk_log import to_python_logging
 from skyfolio.mavlink_bridge.mission_messages import GROUND
-from skyfolio.mavlink_bridge.models import DEFAULTS
 from skyfolio.mavlink_bridge.pace import VehicleModel
+from skyfolio.mavlink_bridge.pauses import PauseWatch
+from skyfolio.mavlink_bridge.profile import AutopilotProfile
+from skyfolio.mavlink_bridge.profiles import unknown_autopilot
 from skyfolio.mavlink_bridge.speeds import SpeedWatch
 from skyfolio.mavlink_bridge.telemetry import Telemetry
 from skyfolio.mavlink_bridge.tlog import TelemetryLog
@@ -34,25 +37,19 @@ from skyfolio.mavlink_bridge.vehicle import Clock, Vehicle
 
 log = logging.getLogger(__name__)
 Outcome = TypeVar("Outcome")
-Event = TypeVar("Event")
 
 ANYBODY = frozenset(range(1, 255)) - {GROUND[0]}
-"""System ids a vehicle may have: `expect` them where nobody knows beforehand who is there."""
-POLL_S = 0.05
-"""Wall seconds between looks at the monitor: detection is late by at most this, times the speed-up, in fleet time."""
-STALL_S = 0.2
-"""A look that is later than this was kept by a pause of our own: what arrived meanwhile is taken in before anyone is
-judged, and silence does not count the pause (`HeartbeatMonitor.missed`)."""
+"""The system ids a vehicle may have: `expect` them if it is not known beforehand which are there."""
 DISCOVERY_S = 0.1
 TRY_AGAIN_S = 0.1
 MAX_THREADS = 2
-"""Blocking calls at once: MAVSDK is only asked which systems it has seen."""
+"""Blocking calls at once: MAVSDK is only asked which systems it has discovered."""
 
 
 class ListeningLink:
     """One MAVSDK object, one pool of threads for its blocking calls, one classifier; `FleetLink` adds commands.
 
-    `clock` tells fleet seconds and is read from MAVSDK's threads too. Time-outs named `timeout_s` are wall seconds.
+    `clock` returns fleet seconds and is read from MAVSDK's threads too. Time-outs named `timeout_s` are wall seconds.
     """
 
     def __init__(
@@ -66,10 +63,10 @@ class ListeningLink:
         self.monitor = monitor
         self.classifier = Classifier(timing, links=monitor)
         self.models: dict[int, VehicleModel] = {}
-        """What `prepare` made of each vehicle's own parameters."""
+        """The models that `prepare` made of each vehicle's own parameters."""
         self.parameters: dict[int, dict[str, float]] = {}
         self.speeds = SpeedWatch(lambda system_id: self.model(system_id).cruise_mps)
-        """Gives back their own speed to vehicles that leave our modes at one of ours."""
+        """Restores the own speed of vehicles that leave our modes at a speed ordered by the service."""
         self._options = options or LinkOptions()
         self._hub: Hub | None = None
         self._clock = clock
@@ -78,13 +75,10 @@ class ListeningLink:
         self._pool = ThreadPoolExecutor(MAX_THREADS, thread_name_prefix="mavsdk")
         self._vehicles: dict[int, Vehicle] = {}
         self._awaited: set[int] = set()
-        self._listeners: list[asyncio.Queue[LinkEvent | None]] = []
-        self._change_listeners: list[asyncio.Queue[Change | None]] = []
+        self._events: Broadcast[LinkEvent] = Broadcast()
+        self._changes: Broadcast[Change] = Broadcast()
         self._tasks: set[asyncio.Task[None]] = set()
-        self._awake = (0.0, 0.0)
-        """When the event loop was last seen to run: its own seconds, and fleet seconds."""
-
-    # -- life ---------------------------------------------------------------------------------------------------
+        self._pauses = PauseWatch(clock.now, self.classifier.missed)
 
     async def __aenter__(self) -> Self:
         self._begin()
@@ -105,20 +99,19 @@ class ListeningLink:
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
-        for queue in self._listeners:
-            queue.put_nowait(None)
-        for listener in self._change_listeners:
-            listener.put_nowait(None)
+        self._events.close()
+        self._changes.close()
         if mavsdk is not None:
             await asyncio.to_thread(self._pool.shutdown)
             await asyncio.to_thread(mavsdk.destroy)
         self._vehicles.clear()
 
     async def connect(self, url: str, *, patience_s: float = 0.0) -> None:
-        """Open a further link (see `endpoints`), such as `udpin://127.0.0.1:14540`; raises ConnectionFailed.
+        """Open a further link (see `endpoints`), such as `udpin://127.0.0.1:14540`. Raises ConnectionFailed.
 
-        A vehicle heard on several is spoken to on the first that works. Without `async with`, the first success begins
-        the link and `close` ends it. patience_s: wall seconds in which whoever still has the port may let go of it.
+        A vehicle heard on several links is commanded on the first that works. Without `async with`, the first success
+        begins the link and `close` ends it. patience_s: wall seconds in which another process that still has the port
+        may free it.
         """
         entered, until = self._mavsdk is not None, time.monotonic() + patience_s
         while True:
@@ -133,13 +126,13 @@ class ListeningLink:
                 raise
 
     def expect(self, system_ids: Collection[int]) -> None:
-        """Listen to these vehicles from now on: what others send costs nothing and is not kept."""
+        """Listen to these vehicles from now on: frames of others are dropped."""
         self._awaited |= set(system_ids)
 
     async def wait_for(self, system_ids: Collection[int], timeout_s: float) -> None:
         """Wait until the autopilot of each was heard, and watch its heartbeats from then on.
 
-        Raises VehiclesMissing naming who never answered within `timeout_s` wall seconds, and who did.
+        Raises VehiclesMissing naming those that were not heard within `timeout_s` wall seconds, and those that were.
         """
         self._open()
         self.expect(system_ids)
@@ -154,52 +147,66 @@ class ListeningLink:
             heard = self.heard_systems
             raise VehiclesMissing(set(system_ids) - heard, heard, timeout_s) from None
 
-    # -- hearing ------------------------------------------------------------------------------------------------
-
     @property
     def heard_systems(self) -> frozenset[int]:
-        """System ids of expected vehicles whose autopilot has sent a heartbeat since the link was opened."""
+        """Return the system ids of expected vehicles whose autopilot has sent a heartbeat on this link."""
         return frozenset(system_id for system_id, vehicle in self._vehicles.items() if vehicle.heard)
 
     def telemetry(self, system_id: int) -> Telemetry | None:
-        """Latest snapshot of one autopilot (component 1), however old: see `heard_at_s`. None before the first."""
+        """Return the latest snapshot of one autopilot (component 1), however old: see `heard_at_s`.
+
+        None before the first.
+        """
         vehicle = self._vehicles.get(system_id)
         return None if vehicle is None else vehicle.state.snapshot()
 
     def home_deg(self, system_id: int) -> tuple[float, float] | None:
-        """Latitude and longitude of the home it told of, degrees; None before that."""
+        """Return latitude and longitude of the home it has reported, degrees; None before that."""
         vehicle = self._vehicles.get(system_id)
         return None if vehicle is None else vehicle.state.home_deg
 
     def events(self) -> AsyncGenerator[LinkEvent, None]:
-        """Changes of link state from this call on, until the link closes. Each caller gets all of them."""
+        """Return the changes of link state from this call on, until the link closes. Each caller gets all of them."""
         self._open()
-        queue: asyncio.Queue[LinkEvent | None] = asyncio.Queue()
-        self._listeners.append(queue)
-        return _drain(queue, self._listeners)
+        return self._events.listen()
 
     def changes(self) -> AsyncGenerator[Change, None]:
-        """Changes of condition from this call on, until the link closes. Each caller gets all of them."""
+        """Return the changes of condition from this call on, until the link closes. Each caller gets all of them."""
         self._open()
-        queue: asyncio.Queue[Change | None] = asyncio.Queue()
-        self._change_listeners.append(queue)
-        return _drain(queue, self._change_listeners)
+        return self._changes.listen()
 
     def vehicle(self, system_id: int) -> Vehicle:
-        """One vehicle, for `guidance`. Raises KeyError if it was never heard."""
+        """Return one vehicle, for `guidance`. Raises KeyError if it was never heard."""
         return self._vehicles[system_id]
 
     def autopilot(self, system_id: int) -> Autopilot:
-        """Which autopilot a vehicle has; PX4 until it was heard."""
+        """Return which autopilot a vehicle has. Raises UnknownAutopilot, naming it, as `profile` does."""
+        return self.profile(system_id).autopilot
+
+    def profile(self, system_id: int) -> AutopilotProfile:
+        """Return the profile of a vehicle's autopilot.
+
+        Raises UnknownAutopilot for an autopilot that has none, and for a vehicle that was never heard.
+        """
         vehicle = self._vehicles.get(system_id)
-        return (vehicle.state.autopilot if vehicle is not None else None) or Autopilot.PX4
+        if vehicle is None or vehicle.state.profile is None:
+            raise unknown_autopilot(None if vehicle is None else vehicle.state.mav_autopilot)
+        return vehicle.state.profile
+
+    def is_ours(self, system_id: int) -> bool:
+        """Return whether a vehicle was last seen in a mode in which the service may command it."""
+        vehicle = self._vehicles.get(system_id)
+        return vehicle is not None and vehicle.state.is_ours
 
     def model(self, system_id: int) -> VehicleModel:
-        """How a vehicle flies: from its parameters if `prepare` read them, else its autopilot's defaults."""
-        return self.models.get(system_id) or DEFAULTS[self.autopilot(system_id)]
+        """Return how a vehicle flies: from its parameters if `prepare` has read them, else its autopilot's defaults.
+
+        Raises UnknownAutopilot.
+        """
+        return self.models.get(system_id) or self.profile(system_id).default_model
 
     def record(self, path: Path, on_failure: Callable[[str], None] = lambda _reason: None) -> TelemetryLog:
-        """Append all traffic to a .tlog until `stop_recording`; why it cannot goes to `on_failure`, on the loop."""
+        """Append all traffic to a .tlog until `stop_recording`; `on_failure` gets, on the loop, why it cannot."""
         loop = asyncio.get_running_loop()
 
         def failed(reason: str) -> None:
@@ -215,10 +222,8 @@ class ListeningLink:
         if self._hub is not None:
             self._hub.stop_recording(log)
 
-    # -- inside -------------------------------------------------------------------------------------------------
-
     def _begin(self) -> Hub:
-        """MAVSDK behind the hub, made on first use; a closed link stays closed."""
+        """Return the hub, with MAVSDK behind it; both are made on first use. Raises LinkClosed after `close`."""
         if self._mavsdk is None and not self._closed:
             to_python_logging()
             loop = asyncio.get_running_loop()
@@ -233,16 +238,15 @@ class ListeningLink:
             mavsdk.subscribe_raw_bytes_to_be_sent(self._hub.to_vehicles)
             mavsdk.subscribe_on_new_system(lambda _user_data: loop.call_soon_threadsafe(self._look_around))
             self._mavsdk = mavsdk
-            self._spawn(self._watch())
+            self._spawn(self._pauses.run(self._look))
         self._open()
         assert self._hub is not None  # noqa: S101
         return self._hub
 
     def _open(self) -> Mavsdk:
         if self._mavsdk is None:
-            raise LinkClosed(
-                "the fleet link is closed" if self._closed else "the fleet link was not opened: connect it first"
-            )
+            never = "the fleet link was not opened: connect it first"
+            raise LinkClosed("the fleet link is closed" if self._closed else never)
         return self._mavsdk
 
     async def _call(self, blocking: Callable[..., Outcome], *arguments: Any) -> Outcome:
@@ -262,70 +266,33 @@ class ListeningLink:
         for system in systems:
             system_id = int(system.get_system_id())
             if system_id not in self._vehicles:
-                vehicle = self._vehicles[system_id] = Vehicle(
-                    system,
-                    clock=self._clock,
-                    loop=asyncio.get_running_loop(),
-                    on_message=self._message,
-                )
+                loop = asyncio.get_running_loop()
+                vehicle = Vehicle(system, clock=self._clock, loop=loop, on_message=self._message)
+                self._vehicles[system_id] = vehicle
                 vehicle.announce = partial(self._announce, system_id)
 
     def _announce(self, system_id: int, mode: FlightMode, going_on: bool) -> None:
-        """A mode is expected while its command goes on, and for a while after."""
+        """Expect a mode while its command goes on, and for a while after."""
         self.classifier.expect(system_id, frozenset({mode}), self._clock.now(), inf if going_on else None)
 
     def _frame_heard(self, frame: Frame) -> None:
-        """Whatever component 1 sends shows that autopilot and link are alive, unless it is no autopilot's HEARTBEAT."""
-        self._note_pause()
+        """Take in a frame: all but a foreign HEARTBEAT shows that its sender and the link are alive."""
+        self._pauses.note()
         if not is_foreign_heartbeat(frame):
             self.classifier.alive(frame.system_id, frame.component_id, self._clock.now())
 
     def _message(self, vehicle: Vehicle, name: str, fields: dict[str, Any], heard_s: float) -> None:
-        self._note_pause()
+        self._pauses.note()
         if name == "HEARTBEAT" and vehicle.heard and vehicle.system_id in self._awaited:
             self.classifier.watch(vehicle.system_id, heard_s)
         self.classifier.hear(vehicle.system_id, AUTOPILOT, name, fields, heard_s)
         if name == "HEARTBEAT":
             self.speeds.look(vehicle)
 
-    def _note_pause(self) -> None:
-        """Tell the classifier if we could not listen until now, before it takes in what waited meanwhile."""
-        woke_s, woke_at_s = self._awake
-        self._awake = awake_s, now_s = asyncio.get_running_loop().time(), self._clock.now()
-        late_s = awake_s - woke_s - POLL_S
-        if late_s > STALL_S:
-            self.classifier.missed(now_s, (now_s - woke_at_s) * late_s / (late_s + POLL_S))
-            log.warning("did not listen for %.2f s: stopped, or the event loop was blocked", late_s)
-
-    async def _watch(self) -> None:
-        """Ask the monitor, forever; after a pause of our own, first take in what arrived meanwhile, once."""
-        loop, looked = asyncio.get_running_loop(), True
-        self._awake = loop.time(), self._clock.now()
-        while True:
-            asked_s = loop.time()
-            await asyncio.sleep(POLL_S)
-            self._note_pause()
-            paused = loop.time() - asked_s > POLL_S + STALL_S
-            looked = not (paused and looked)
-            if looked:
-                self._look()
-
     def _look(self) -> None:
-        """Tell everybody what has changed."""
+        """Report what has changed to everybody who listens."""
         changes = self.classifier.poll(self._clock.now())
         for event in self.classifier.link_events:
-            for queue in self._listeners:
-                queue.put_nowait(event)
+            self._events.send(event)
         for change in changes:
-            for listener in self._change_listeners:
-                listener.put_nowait(change)
-
-
-async def _drain(
-    queue: asyncio.Queue[Event | None], listeners: list[asyncio.Queue[Event | None]]
-) -> AsyncGenerator[Event, None]:
-    try:
-        while (event := await queue.get()) is not None:
-            yield event
-    finally:
-        listeners.remove(queue)
+            self._changes.send(change)

@@ -1,4 +1,4 @@
-"""MAVSDK writes its log to standard output unless someone takes it: here it goes to Python's logging."""
+"""Send MAVSDK's log to Python's logging instead of standard output."""
 
 from __future__ import annotations
 

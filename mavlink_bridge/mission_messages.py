@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 from skyfolio.mavlink_bridge.answers import Ack
 
 GROUND = (245, 190)
-"""System and component id of MAVSDK's ground station: who we are on the link."""
+"""System and component id of MAVSDK's ground station: our own on the link."""
 AUTOPILOT_COMPONENT = 1
 SILENCE_S = 3.0
-"""A transfer in which nothing was heard for this long has failed (PX4 gives up after 5 s, ArduPilot after 8 s)."""
+"""A transfer in which nothing was received for this long has failed (PX4 gives up after 5 s, ArduPilot after 8 s)."""
 
 
 class MissionType(IntEnum):
@@ -24,7 +24,7 @@ class MissionType(IntEnum):
 
 
 PASSING = frozenset({Ack.ERROR, Ack.DENIED, Ack.OPERATION_CANCELLED, Ack.INVALID_SEQUENCE})
-"""Answers that trying again may change: somebody else's transfer, a time-out, a confusion about what is next."""
+"""Answers that another try may change: another transfer, a time-out, a confusion about which item is next."""
 
 
 class Message(NamedTuple):
@@ -36,9 +36,9 @@ class Message(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Ended:
-    """How a transfer ended. `error` None: well. `opaque_id`: checksum the vehicle told, 0 if none.
+    """How a transfer ended. `error` None: complete. `opaque_id`: the checksum the vehicle reported, 0 if none.
 
-    `passing`: trying again may help. `perhaps_done`: everything was sent, only the vehicle's last word is missing.
+    `passing`: another try may help. `perhaps_done`: everything was sent, only the final acknowledgement is missing.
     """
 
     error: str | None = None

@@ -1,129 +1,37 @@
 """The ground station's side of the MAVLink mission protocol, without I/O: messages and time in, messages out.
 
-`Upload` offers items with MISSION_COUNT and sends each when it is asked for; `Download` reads them back. Both serve all
+`Upload` offers items with MISSION_COUNT and sends each when it is requested; `Download` reads them back. Both serve all
 mission types (0 mission, 1 geofence, 2 rally points) and measure the link's round trip, so that a lost message costs
 little more than that. They speak to one vehicle: the caller hands in only what that autopilot (component 1) sent.
 
-When an item is followed neither by the next request nor by an acknowledgement, either the item was lost or the next
-request. The item and the next (then the next two) are sent together: PX4 ignores what it has already, ArduPilot says
-INVALID_SEQUENCE to it and goes on, and both take the one they wait for. So nobody waits for the vehicle's own timer,
-250 ms on PX4 and a second on ArduPilot.
+If an item is followed neither by the next request nor by an acknowledgement, either the item was lost or the next
+request. The item and the next (then the next two) are sent together: PX4 ignores what it has already, ArduPilot answers
+INVALID_SEQUENCE and goes on, and both take the one they wait for. So the transfer does not wait for the vehicle's own
+timer, 250 ms on PX4 and a second on ArduPilot.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from math import inf
+from collections.abc import Sequence
 from typing import Any
 
 from skyfolio.mavlink_bridge.answers import Ack
 from skyfolio.mavlink_bridge.items import MissionItem
 from skyfolio.mavlink_bridge.mission_messages import (
-    AUTOPILOT_COMPONENT,
-    GROUND,
     PASSING,
     SILENCE_S,
     Ended,
     Message,
     MissionType,
 )
+from skyfolio.mavlink_bridge.mission_transfer import Transfer
 from skyfolio.mavlink_bridge.round_trip import RoundTrip
 
 MOST_AHEAD = 2
-"""Items sent beyond the one that was asked for."""
+"""The number of items sent beyond the one that was requested."""
 
 
-class _Transfer:
-    """What uploads and downloads share: the question that is open, its timer, and the end."""
-
-    def __init__(
-        self, system_id: int, mission_type: MissionType, round_trip: RoundTrip | None, silence_s: float
-    ) -> None:
-        self.ended: Ended | None = None
-        self._silence_s = silence_s
-        self._type = mission_type
-        self._address = {"target_system": system_id, "target_component": AUTOPILOT_COMPONENT}
-        self._round_trip = round_trip or RoundTrip()
-        self._question: Message | None = None
-        self._first_s = self._asked_s = self._heard_s = 0.0
-        self._times = 0
-        self._handlers: dict[str, Callable[[dict[str, Any], float], list[Message]]] = {}
-
-    @property
-    def due_s(self) -> float:
-        """When `tick` has something to do."""
-        return inf if self.ended else min(self._asked_s + self._round_trip.timeout_s, self._heard_s + self._limit_s)
-
-    @property
-    def _limit_s(self) -> float:
-        """How long nothing may be heard; on a slow link that begins after the answer could have come twice."""
-        return self._silence_s + 2 * self._round_trip.seconds
-
-    def start(self, now_s: float) -> list[Message]:
-        """Begin; times are seconds of one steady clock."""
-        self._heard_s = now_s
-        return self._ask(self._opening(), now_s)
-
-    def handle(self, name: str, fields: dict[str, Any], now_s: float) -> list[Message]:
-        """Take in one message of the vehicle; what is not addressed to us or of another mission type is ignored."""
-        handler = self._handlers.get(name)
-        if handler is None or self.ended or not self._is_ours(fields):
-            return []
-        self._heard_s = now_s
-        return handler(fields, now_s)
-
-    def tick(self, now_s: float) -> list[Message]:
-        """Repeat the open question when its time has come; end after a long silence."""
-        if self.ended or self._question is None:
-            return []
-        if now_s - self._heard_s >= self._limit_s:
-            self.ended = Ended(
-                error=f"{self._question.name}: no answer for {round(self._limit_s, 1):g} s",
-                perhaps_done=self._all_sent(),
-            )
-            return []
-        timeout_s = self._round_trip.timeout_s
-        if now_s - self._asked_s < timeout_s:
-            return []
-        self._round_trip.missed()
-        return self._repeat(now_s, timeout_s)
-
-    def give_up(self) -> None:
-        """Stop here: the link is gone."""
-        self.ended = self.ended or Ended(error="given up: the link was declared lost")
-
-    def _opening(self) -> Message:
-        raise NotImplementedError
-
-    def _all_sent(self) -> bool:
-        return False
-
-    def _repeat(self, now_s: float, timeout_s: float) -> list[Message]:
-        """Ask again what has not been answered for `timeout_s`."""
-        del timeout_s
-        assert self._question is not None  # noqa: S101
-        self._asked_s = now_s
-        self._times += 1
-        return [self._question]
-
-    def _ask(self, question: Message, now_s: float) -> list[Message]:
-        self._question, self._first_s, self._asked_s, self._times = question, now_s, now_s, 1
-        return [question]
-
-    def _answered(self, now_s: float) -> None:
-        """The open question was answered: take its round trip."""
-        self._round_trip.answered(now_s - self._first_s, self._times)
-
-    def _is_ours(self, fields: dict[str, Any]) -> bool:
-        to = (int(fields.get("target_system", 0)), int(fields.get("target_component", 0)))
-        mine = to[0] in (0, GROUND[0]) and to[1] in (0, GROUND[1])
-        return mine and int(fields.get("mission_type", 0)) == self._type
-
-    def _message(self, name: str, **fields: Any) -> Message:
-        return Message(name, {**self._address, "mission_type": int(self._type), **fields})
-
-
-class Upload(_Transfer):
+class Upload(Transfer):
     """Offers `items` until the vehicle has acknowledged them; no items: clears what it has."""
 
     def __init__(
@@ -146,7 +54,7 @@ class Upload(_Transfer):
         }
 
     def cancel(self) -> Message:
-        """Tells PX4 to forget a transfer that was given up; else it would go on with the items of the next one."""
+        """Return the message that ends the transfer on PX4, which would go on with the items of the next one."""
         return self._message("MISSION_ACK", type=int(Ack.OPERATION_CANCELLED))
 
     def _opening(self) -> Message:
@@ -172,7 +80,7 @@ class Upload(_Transfer):
         return sent
 
     def _repeat(self, now_s: float, timeout_s: float) -> list[Message]:
-        """The item again, and with it the one or two after it: see above."""
+        """Send the item again, and with it the one or two after it (see the module)."""
         repeated = super()._repeat(now_s, timeout_s)
         if self._asked_for < 0:
             return repeated
@@ -204,10 +112,11 @@ class Upload(_Transfer):
         return self._message("MISSION_ITEM_INT", **values)
 
 
-class Download(_Transfer):
+class Download(Transfer):
     """Reads all items of one type; `items` is complete once it has `ended` without an error.
 
-    `window`: items asked for at once. PX4 answers only the next one; ArduPilot has no state and answers any.
+    `window`: the number of items requested at once. PX4 answers only the next one; ArduPilot has no state and answers
+    any.
     """
 
     def __init__(
@@ -223,7 +132,7 @@ class Download(_Transfer):
         self._window = window
         self._read: dict[int, MissionItem] = {}
         self._open: dict[int, tuple[float, float, int]] = {}
-        """Of each question that is open: when it was asked first, when last, and how often."""
+        """For each open request: when it was first sent, when last, and how often."""
         self._count: int | None = None
         self._opaque_id = 0
         self._handlers = {
@@ -234,7 +143,7 @@ class Download(_Transfer):
 
     @property
     def items(self) -> list[MissionItem]:
-        """What was read, in order."""
+        """Return what was read, in order."""
         return [self._read[seq] for seq in sorted(self._read)]
 
     def _opening(self) -> Message:
@@ -258,7 +167,7 @@ class Download(_Transfer):
         return self._go_on(now_s)
 
     def _go_on(self, now_s: float) -> list[Message]:
-        """Keep `window` questions open; the timer is for the oldest of them."""
+        """Keep `window` requests open; the timer is for the oldest of them."""
         assert self._count is not None  # noqa: S101
         if len(self._read) == self._count:
             self.ended = Ended(opaque_id=self._opaque_id)
@@ -285,7 +194,7 @@ class Download(_Transfer):
         return self._message("MISSION_REQUEST_INT", seq=seq)
 
     def _ack(self, fields: dict[str, Any], now_s: float) -> list[Message]:
-        """A refusal ends it; other acknowledgements are late ones of the upload before."""
+        """End at a refusal; other acknowledgements are late ones of the upload before."""
         del now_s
         result = Ack(int(fields["type"]))
         if result not in (Ack.ACCEPTED, Ack.INVALID_SEQUENCE, Ack.ERROR):
@@ -303,7 +212,7 @@ _FLOATS = ("param1", "param2", "param3", "param4", "z")
 
 
 def item_from(fields: dict[str, Any]) -> MissionItem:
-    """A received MISSION_ITEM_INT as an item; a parameter that is NaN comes as None from JSON."""
+    """Return a received MISSION_ITEM_INT as an item; a parameter that is NaN is None in JSON."""
     whole = {name: int(fields[name]) for name in _ITEM_FIELDS if name not in _FLOATS}
     floats = {name: float("nan") if fields[name] is None else float(fields[name]) for name in _FLOATS}
     values: dict[str, Any] = {**whole, **floats}

@@ -1,4 +1,4 @@
-"""How fast each leg must be flown to be on time, although speed changes, corners and stops cost some.
+"""How fast each leg must be flown to be on time, although changes of speed, corners and stops cost time.
 
 A waypoint that is flown through counts as reached, and the next leg begins, one acceptance radius before it; there
 the vehicle has the lowest of both legs' speeds and what the turn allows. A waypoint with a hold is budgeted to count
@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
-from math import acos, hypot, inf, isfinite, pi, sqrt, tan
+from math import acos, dist, hypot, inf, isfinite, pi, sqrt, tan
 
 Point = tuple[float, float]
 """East, north in metres from the scenario's origin."""
@@ -18,10 +18,10 @@ Point = tuple[float, float]
 _PASSES = 8
 """Speeds and the speeds at the corners between them depend on each other; this many passes settle them."""
 _ENTRY_IN_FLIGHT = 0.5
-"""Where a vehicle in flight was heading is not known: half of its speed helps, on average."""
+"""The course of a vehicle in flight is not known: half of its speed helps, on average."""
 _LEAST_RADIUS_M = 0.2
 _JERK_PASSES = 4
-"""With a jerk limit the mean acceleration depends on the speed that is looked for."""
+"""With a jerk limit the mean acceleration depends on the speed that is computed."""
 _LEAST_CHANGE_MPS = 0.5
 _RADIUS_PER_LEG = 1 / 3
 _HALVINGS = 40
@@ -38,7 +38,7 @@ class VehicleModel:
     less where the legs beside it are short. jerk_mps3: how fast the acceleration itself builds up (WPNAV_JERK), and
     jerk_from_rest_mps3 the same where all of it counts, on the first leg (MPC_JERK_AUTO: PX4 hardly brakes at corners).
     departure_mps2: the acceleration with which it really leaves a place of rest, for predictions of a first leg.
-    cruise_mps: its own speed when nobody orders one (MPC_XY_CRUISE, WPNAV_SPEED). rests_in_plan: its autopilot plans
+    cruise_mps: its own speed if none is ordered (MPC_XY_CRUISE, WPNAV_SPEED). rests_in_plan: its autopilot plans
     each leg from rest to rest and blends the ends (ArduCopter's S-curves), so that a short leg is flown no faster than
     it could be braked from, whatever speed is asked for. settle_s: what a hold costs beside its own seconds, because
     it only begins once the vehicle has come to rest. hold_step_s: holds are multiples of this (0: any length).
@@ -69,21 +69,21 @@ class VehicleModel:
                 raise ValueError(f"{name}: {value} must be a finite number above 0")
 
     def from_rest(self) -> VehicleModel:
-        """The model for a leg that begins at rest."""
+        """Return the model for a leg that begins at rest."""
         return replace(self, jerk_mps3=min(self.jerk_mps3, self.jerk_from_rest_mps3))
 
     def departing(self) -> VehicleModel:
-        """The model of what it really does in its first seconds from rest, whatever speed was ordered."""
+        """Return the model of its first seconds from rest, whatever speed was ordered."""
         return replace(self.from_rest(), acceleration_mps2=min(self.acceleration_mps2, self.departure_mps2))
 
 
 def cruise_speed(
     distance_m: float, duration_s: float, *, entry_mps: float, leave_mps: float, model: VehicleModel
 ) -> float:
-    """Speed v that covers a leg in time although it is entered at `entry_mps` and left at `leave_mps`, both <= v.
+    """Return the speed v (m/s) that covers a leg in time, entered at `entry_mps` and left at `leave_mps`, both <= v.
 
-    With acceleration a and braking b that costs (v - entry)^2 / 2av + (v - leave)^2 / 2bv seconds beside distance / v:
-    a quadratic in v. Where no speed is fast enough it is the one that is least late.
+    With acceleration a and braking b the changes cost (v - entry)^2 / 2av + (v - leave)^2 / 2bv seconds beside distance
+    / v: a quadratic in v. If no speed is fast enough it is the one that is least late.
     """
     speed = distance_m / duration_s
     for _ in range(1 if model.jerk_mps3 == inf else _JERK_PASSES):
@@ -99,7 +99,7 @@ def cruise_speed(
 
 
 def lateness(distance_m: float, duration_s: float, *, entry_mps: float, leave_mps: float, model: VehicleModel) -> float:
-    """Seconds the fastest flight of such a leg is late; 0 where `cruise_speed` is in time."""
+    """Return how many seconds the fastest flight of such a leg is late; 0 if `cruise_speed` is in time."""
     change_mps = max(distance_m / duration_s - min(entry_mps, leave_mps), _LEAST_CHANGE_MPS)
     a = mean_acceleration(change_mps, model.acceleration_mps2, model.jerk_mps3)
     b = mean_acceleration(change_mps, model.braking_mps2, model.jerk_mps3)
@@ -110,9 +110,10 @@ def lateness(distance_m: float, duration_s: float, *, entry_mps: float, leave_mp
 
 
 def mean_acceleration(change_mps: float, limit_mps2: float, jerk_mps3: float) -> float:
-    """Mean acceleration (m/s^2) of a change of speed that begins and ends without one, limited in itself and in jerk.
+    """Return the mean acceleration (m/s^2) of a change of speed with limited acceleration and jerk.
 
-    It takes `change / limit + limit / jerk` seconds where the limit is reached, else `2 sqrt(change / jerk)`.
+    It begins and ends without acceleration, and takes `change / limit + limit / jerk` seconds if the limit is reached,
+    else `2 sqrt(change / jerk)`.
     """
     if jerk_mps3 == inf:
         return limit_mps2
@@ -122,7 +123,7 @@ def mean_acceleration(change_mps: float, limit_mps2: float, jerk_mps3: float) ->
 
 
 def way_from_rest_m(speed_mps: float, time_s: float, model: VehicleModel) -> float:
-    """Metres flown in `time_s` from rest towards a cruise speed, with limited acceleration and jerk.
+    """Return the metres flown in `time_s` from rest towards a cruise speed, with limited acceleration and jerk.
 
     The acceleration builds up for `ramp` seconds, stays for `steady`, and fades for `ramp` again.
     """
@@ -141,9 +142,10 @@ def way_from_rest_m(speed_mps: float, time_s: float, model: VehicleModel) -> flo
 
 
 def fastest_on_leg(distance_m: float, model: VehicleModel) -> float:
-    """The speed (m/s) an autopilot that plans legs from rest to rest reaches on one of this length; else the model's.
+    """Return the speed (m/s) reached on a leg of this length: the model's, or less from rest to rest.
 
-    Speeding up to v and braking again take `v` times the mean seconds of both changes in metres.
+    If the autopilot plans legs from rest to rest, speeding up to v and braking again take `v` times the mean seconds of
+    both changes in metres.
     """
     if not model.rests_in_plan:
         return model.max_speed_mps
@@ -156,14 +158,14 @@ def fastest_on_leg(distance_m: float, model: VehicleModel) -> float:
 
 
 def acceptance_radii(points: Sequence[Point], model: VehicleModel) -> list[float]:
-    """Metres for each point: the model's, but at most a third of the shorter leg beside it."""
-    legs = [hypot(q[0] - p[0], q[1] - p[1]) for p, q in pairwise(points)]
+    """Return for each point the metres: the model's, but at most a third of the shorter leg beside it."""
+    legs = [dist(p, q) for p, q in pairwise(points)]
     shortest = [min(before, after) for before, after in zip([inf, *legs], [*legs, inf], strict=True)]
     return [max(_LEAST_RADIUS_M, min(model.acceptance_radius_m, leg * _RADIUS_PER_LEG)) for leg in shortest]
 
 
 class Pacer:
-    """Speeds for the legs between consecutive points.
+    """Computes the speeds for the legs between consecutive points.
 
     points: (n + 1, 2) metres east/north, the last one a halt. halts: (n + 1,) whether the vehicle comes to rest there.
     times_s: (n,) seconds from slot boundary to slot boundary. in_flight: the first point is passed, not left from rest.
@@ -180,14 +182,14 @@ class Pacer:
     ) -> None:
         self._halts, self._times_s = halts, times_s
         self._in_flight, self._model = in_flight, model
-        self._lengths = [hypot(q[0] - p[0], q[1] - p[1]) for p, q in pairwise(points)]
+        self._lengths = [dist(p, q) for p, q in pairwise(points)]
         self._radii = acceptance_radii(points, model)
         self._cosines = [
             0.0 if halt or at == 0 else _cosine_of_turn(*points[at - 1 : at + 2]) for at, halt in enumerate(halts)
         ]
 
     def speeds(self) -> list[float]:
-        """(n,) m/s, not yet limited to what the vehicle flies."""
+        """Return the speeds, (n,) m/s, not yet limited to what the vehicle flies."""
         speeds = [length / time_s for length, time_s in zip(self._lengths, self._times_s, strict=True)]
         for _ in range(_PASSES):
             late_s, paced = 0.0, []
@@ -198,7 +200,9 @@ class Pacer:
         return speeds
 
     def _speed(self, leg: int, speeds: list[float], late_s: float) -> tuple[float, float]:
-        """The speed of one leg, given the others', and how late it ends. A leg that is entered late has less time.
+        """Return the speed of one leg, given the others', and how late it ends.
+
+        A leg that is entered late has less time.
 
         A leg flown through ends one radius early in way and in time.
         """
@@ -222,13 +226,13 @@ class Pacer:
         return speed, 0.0 if self._halts[leg + 1] else still_late_s
 
     def _entry(self, leg: int, speeds: list[float]) -> float:
-        """Speed along the leg at its beginning: after a sharp turn it is negative, the vehicle still flies away."""
+        """Return the speed along the leg at its beginning; negative after a sharp turn, as it still flies away."""
         if leg == 0:
             return _ENTRY_IN_FLIGHT * speeds[0] if self._in_flight else 0.0
         return 0.0 if self._halts[leg] else self._through(leg, speeds) * self._cosines[leg]
 
     def _through(self, at: int, speeds: list[float]) -> float:
-        """Speed at a point flown through: the turn must fit in the acceptance radius, as PX4 has it."""
+        """Return the speed at a point flown through: the turn must fit in the acceptance radius, as PX4 has it."""
         cosine = self._cosines[at]
         turn_mps = inf
         if cosine < _STRAIGHT:
@@ -238,7 +242,7 @@ class Pacer:
 
 
 def _cosine_of_turn(before: Point, at: Point, after: Point) -> float:
-    """1 for straight on, -1 for straight back; 0 where a leg has no length."""
+    """Return 1 for straight on, -1 for straight back; 0 if a leg has no length."""
     (ax, ay), (bx, by), (cx, cy) = before, at, after
     lengths = hypot(bx - ax, by - ay) * hypot(cx - bx, cy - by)
     return ((bx - ax) * (cx - bx) + (by - ay) * (cy - by)) / lengths if lengths else 0.0

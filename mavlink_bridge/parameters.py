@@ -1,4 +1,4 @@
-"""Reading a handful of parameters of one autopilot by name, without I/O (PARAM_REQUEST_READ -> PARAM_VALUE).
+"""Read a handful of parameters of one autopilot by name, without I/O (PARAM_REQUEST_READ -> PARAM_VALUE).
 
 PX4 sends integers bytewise inside the float (MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE), ArduPilot as numbers.
 """
@@ -12,6 +12,7 @@ from typing import Any
 
 from skyfolio.mavlink_bridge.autopilots import Autopilot
 from skyfolio.mavlink_bridge.mission_messages import AUTOPILOT_COMPONENT, Message
+from skyfolio.mavlink_bridge.profiles import profile_of
 from skyfolio.mavlink_bridge.round_trip import RoundTrip
 
 _AGAIN_S = 0.3
@@ -21,9 +22,9 @@ _BY_NAME = -1
 
 
 class ParameterRead:
-    """Asks for all names at once, and again for those that do not come; `values` has what the vehicle knows.
+    """Requests all names at once, and again those that are not answered; `values` has what the vehicle knows.
 
-    An autopilot says nothing (or a text) about a name it does not know, so unknown names end with the last round.
+    An autopilot sends nothing (or a text) for an unknown name, so unknown names end with the last round.
     """
 
     def __init__(
@@ -39,11 +40,11 @@ class ParameterRead:
 
     @property
     def due_s(self) -> float:
-        """When `tick` has something to do."""
+        """Return when `tick` has something to do."""
         return inf if self.ended else self._asked_s + _AGAIN_S + 1.5 * self._round_trip.seconds
 
     def start(self, now_s: float) -> list[Message]:
-        """Ask for everything."""
+        """Request everything."""
         self.ended = not self._missing
         self._round, self._asked_s = 1, now_s
         return [self._request(name) for name in self._missing]
@@ -59,7 +60,7 @@ class ParameterRead:
         return []
 
     def tick(self, now_s: float) -> list[Message]:
-        """Ask again for what is missing."""
+        """Request again what is missing."""
         if self.ended or now_s < self.due_s:
             return []
         if self._round == _ROUNDS:
@@ -70,7 +71,7 @@ class ParameterRead:
         return [self._request(name) for name in self._missing]
 
     def give_up(self) -> None:
-        """Stop asking."""
+        """Stop requesting."""
         self.ended = True
 
     def _request(self, name: str) -> Message:
@@ -80,9 +81,9 @@ class ParameterRead:
 
 
 def parameter_value(fields: dict[str, Any], autopilot: Autopilot) -> float:
-    """The number in a PARAM_VALUE. A bytewise -1 is NaN as a float, and comes as None from JSON."""
+    """Return the number in a PARAM_VALUE. A bytewise -1 is NaN as a float, and comes as None from JSON."""
     value = fields["param_value"]
-    if autopilot is not Autopilot.PX4 or int(fields["param_type"]) == _REAL32:
+    if not profile_of(autopilot).bytewise_parameters or int(fields["param_type"]) == _REAL32:
         return float("nan") if value is None else float(value)
     if value is None:
         return -1.0

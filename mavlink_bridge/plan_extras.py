@@ -40,9 +40,9 @@ def fence_to_json(items: Sequence[MissionItem]) -> dict[str, Any]:
             continue
         count = int(item.param1)
         vertices = items[position : position + count]
-        if len(vertices) < max(count, _LEAST_VERTICES) or any(one.command != item.command for one in vertices):
+        if len(vertices) < max(count, _LEAST_VERTICES) or any(vertex.command != item.command for vertex in vertices):
             raise FormatError(f"fence.{position}: a polygon of {count} vertices, of which not all follow")
-        polygons.append({**common, "polygon": [[from_e7(one.x), from_e7(one.y)] for one in vertices]})
+        polygons.append({**common, "polygon": [[from_e7(vertex.x), from_e7(vertex.y)] for vertex in vertices]})
         position += count
     return {"version": 2, "circles": circles, "polygons": polygons}
 
@@ -59,16 +59,16 @@ def fence_from_qgc_plan(plan: Mapping[str, Any]) -> tuple[MissionItem, ...]:
     """
     try:
         fence = plan["geoFence"]
-        made: list[MissionItem] = []
+        items: list[MissionItem] = []
         for number, polygon in enumerate(fence.get("polygons", ())):
-            made += _polygon(f"geoFence.polygons.{number}", len(made), polygon)
+            items += _polygon(f"geoFence.polygons.{number}", len(items), polygon)
         for number, circle in enumerate(fence.get("circles", ())):
-            made.append(_circle(f"geoFence.circles.{number}", len(made), circle))
+            items.append(_circle(f"geoFence.circles.{number}", len(items), circle))
     except _MALFORMED as error:
         raise FormatError(f"not a QGroundControl plan: {type(error).__name__} at {error}") from error
     if fence.get("breachReturn") is not None:
         raise FormatError("geoFence.breachReturn: a breach return point is not taken; use a rally point")
-    return tuple(made)
+    return tuple(items)
 
 
 def rally_from_qgc_plan(plan: Mapping[str, Any]) -> tuple[MissionItem, ...]:

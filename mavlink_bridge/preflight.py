@@ -1,8 +1,8 @@
 """The preflight audit: is this vehicle fit to fly this plan under our timers? Pure: facts in, findings out.
 
 Each finding names a parameter (or a measurement), what was found, what it should be, and why. A `blocker` means that
-the flight would go wrong; a `warning`, that something it relies on is missing or unusual. Rules for parameters a
-vehicle did not tell are left out: names differ between versions.
+the flight would go wrong; a `warning`, that something it relies on is missing or unusual. Rules for parameters that a
+vehicle did not report are left out: names differ between versions.
 """
 
 from __future__ import annotations
@@ -10,29 +10,21 @@ from __future__ import annotations
 from collections.abc import Iterable
 from math import hypot
 
-from skyfolio.mavlink_bridge.autopilots import Autopilot
 from skyfolio.mavlink_bridge.findings import Facts, Finding, Level, Needs, blocker, warning
-from skyfolio.mavlink_bridge.models import MODEL_PARAMETERS
 from skyfolio.mavlink_bridge.pace import Point, mean_acceleration
-from skyfolio.mavlink_bridge.parameter_rules import RULES
+from skyfolio.mavlink_bridge.profiles import profile_of
 from skyfolio.mavlink_bridge.reach import first_leg_miss
 from skyfolio.mavlink_bridge.telemetry import FIX_3D
 
 
 def audit(facts: Facts, needs: Needs) -> list[Finding]:
-    """All findings, blockers first."""
-    found = [*_measurements(facts, needs), *_speed(facts, needs), *_first_leg(facts, needs)]
-    for rule in RULES[facts.autopilot]:
+    """Return all findings, blockers first."""
+    findings = [*_measurements(facts, needs), *_speed(facts, needs), *_first_leg(facts, needs)]
+    for rule in profile_of(facts.autopilot).rules:
         value = next((facts.parameters[name] for name in rule.names if name in facts.parameters), None)
         if value is not None:
-            found += rule.check(value, facts, needs)
-    return sorted(found, key=lambda finding: finding.level is not Level.BLOCKER)
-
-
-def parameter_names(autopilot: Autopilot) -> tuple[str, ...]:
-    """Parameters the audit and the vehicle model want to know."""
-    ruled = [name for rule in RULES[autopilot] for name in rule.names]
-    return tuple(dict.fromkeys([*ruled, *MODEL_PARAMETERS[autopilot]]))
+            findings += rule.check(value, facts, needs)
+    return sorted(findings, key=lambda finding: finding.level is not Level.BLOCKER)
 
 
 # -- measurements -----------------------------------------------------------------------------------------------------
@@ -40,7 +32,7 @@ def parameter_names(autopilot: Autopilot) -> tuple[str, ...]:
 _FEW_SATELLITES = 8
 _START_TOLERANCE_M = 5.0
 _FIRST_LEG_M = 8.0
-"""A vehicle further than this from its point when its first leg should end is told of before take-off."""
+"""A vehicle that will be further than this from its point when its first leg ends is reported before take-off."""
 _COMFORTABLE = 0.6
 
 
@@ -53,17 +45,20 @@ MULTIROTORS = {
     29: "dodecarotor",
     35: "decarotor",
 }
-"""MAV_TYPE of what hovers, flies in any direction and numbers its modes as the bridge reads them."""
+"""MAV_TYPE of vehicles that hover, fly in any direction and number their modes as the profiles have it."""
 
 
 def _measurements(facts: Facts, needs: Needs) -> Iterable[Finding]:
     if facts.mav_type is not None and facts.mav_type not in MULTIROTORS:
         why = "it cannot hover in its slots, and its modes mean something else"
-        found, should = f"MAV_TYPE {facts.mav_type}", f"a multirotor ({', '.join(map(str, MULTIROTORS))})"
-        yield Finding(level=Level.BLOCKER, name="vehicle type", found=found, should=should, why=why, refuses=True)
+        kind, should = f"MAV_TYPE {facts.mav_type}", f"a multirotor ({', '.join(map(str, MULTIROTORS))})"
+        yield Finding(level=Level.BLOCKER, name="vehicle type", found=kind, should=should, why=why, refuses=True)
     if not facts.parameters:
         yield warning(
-            "parameters", "none told", "told when asked", "how it flies and what it does without us is guessed"
+            "parameters",
+            "none reported",
+            "reported on request",
+            "how it flies, and what it does without a link, is guessed",
         )
     yield from _places(facts, needs)
     yield from _battery(facts, needs)
@@ -73,13 +68,13 @@ def _measurements(facts: Facts, needs: Needs) -> Iterable[Finding]:
 
 def _places(facts: Facts, needs: Needs) -> Iterable[Finding]:
     if facts.gps_fix is None or facts.gps_fix < FIX_3D:
-        yield blocker("GPS fix", _told(facts.gps_fix), "3 (3D fix) or better", "it does not know where it is")
+        yield blocker("GPS fix", _reported(facts.gps_fix), "3 (3D fix) or better", "it does not know where it is")
     elif facts.satellites is not None and facts.satellites < _FEW_SATELLITES:
         yield warning("GPS satellites", str(facts.satellites), f"{_FEW_SATELLITES} or more", "its position may wander")
     if facts.home_m is None:
         yield blocker("home position", "not set", "set", "altitudes of the mission count from it")
     if facts.at_m is None:
-        yield blocker("position", "none", "a place on the globe", "nobody knows where its mission would begin")
+        yield blocker("position", "none", "a place on the globe", "it is not known where its mission would begin")
     else:
         away_m = _apart(facts.at_m, needs.path_m[0])
         if away_m > min(_START_TOLERANCE_M, needs.start_within_m):
@@ -96,9 +91,9 @@ def _places(facts: Facts, needs: Needs) -> Iterable[Finding]:
 
 def _battery(facts: Facts, needs: Needs) -> Iterable[Finding]:
     if not facts.battery_told:
-        yield warning("battery", "not told", "told once a second", "nobody knows how long it can fly")
+        yield warning("battery", "not reported", "reported once a second", "it is not known how long it can fly")
     elif facts.battery is None:
-        yield warning("battery", "not measured", "measured", "nobody would notice that it runs empty")
+        yield warning("battery", "not measured", "measured", "it could run empty unnoticed")
     elif facts.battery < needs.battery_at_least:
         yield blocker("battery", f"{facts.battery:.0%}", f"at least {needs.battery_at_least:.0%}", "too little to fly")
     elif facts.battery < _COMFORTABLE:
@@ -106,13 +101,13 @@ def _battery(facts: Facts, needs: Needs) -> Iterable[Finding]:
 
 
 def _speed(facts: Facts, needs: Needs) -> Iterable[Finding]:
-    """The plan's max_speed_mps against the vehicle: whether it flies that fast, and gets there inside a slot."""
+    """Yield what is wrong with the plan's max_speed_mps: whether it flies that fast, and gets there inside a slot."""
     wanted, model = needs.max_speed_mps, facts.model
     if wanted > model.max_speed_mps:
         yield blocker(
             "max_speed_mps",
             f"{wanted:g} m/s planned",
-            f"at most {model.max_speed_mps:g} m/s, or a faster {'/'.join(_SPEED_NAMES[facts.autopilot])}",
+            f"at most {model.max_speed_mps:g} m/s, or a faster {_speed_names(facts)}",
             "it cannot fly as fast as the plan lets it",
         )
         return
@@ -135,7 +130,7 @@ def _speed(facts: Facts, needs: Needs) -> Iterable[Finding]:
 
 
 def _first_leg(facts: Facts, needs: Needs) -> Iterable[Finding]:
-    """Where its first leg from rest gets it, by the speed it will be given and its acceleration and jerk."""
+    """Yield a warning if its first leg from rest ends far behind, by its speed, acceleration and jerk."""
     missed = first_leg_miss(needs.path_m, needs.slot_s, facts.model)
     if missed is not None and missed.miss_m > _FIRST_LEG_M:
         yield warning(
@@ -146,18 +141,17 @@ def _first_leg(facts: Facts, needs: Needs) -> Iterable[Finding]:
         )
 
 
+def _speed_names(facts: Facts) -> str:
+    return "/".join(profile_of(facts.autopilot).speed_parameters)
+
+
 def _agility(facts: Facts, needs: Needs) -> str:
-    """Which parameter would let it reach its speed in half a slot."""
-    if facts.autopilot is Autopilot.ARDUPILOT:
-        return f"WPNAV_JERK (WP_JERK) of at least {4 * needs.max_speed_mps / (needs.slot_s / 2) ** 2:.1f}"
-    return f"MPC_ACC_HOR of at least {needs.max_speed_mps / (needs.slot_s / 2):.1f}"
+    """Return which parameter would let it reach its speed in half a slot."""
+    return profile_of(facts.autopilot).agility(needs)
 
 
-_SPEED_NAMES = {Autopilot.PX4: ("MPC_XY_VEL_MAX",), Autopilot.ARDUPILOT: ("WP_SPD", "WPNAV_SPEED")}
-
-
-def _told(value: float | None) -> str:
-    return "not told" if value is None else f"{value:g}"
+def _reported(value: float | None) -> str:
+    return "not reported" if value is None else f"{value:g}"
 
 
 def _apart(a: Point, b: Point) -> float:

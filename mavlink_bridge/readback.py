@@ -1,24 +1,15 @@
-"""What an autopilot gives back of what it was sent: one table of autopilot, mission type, command and field.
+"""What can become of a field of a mission item that an autopilot stores: the vocabulary of `AutopilotProfile.kept`.
 
 Storage is smaller than a MISSION_ITEM_INT, so a sound mission does not come back literally. Each field has a rule: it
 comes back as it was sent (`SAME`), changed in a known way (`WHOLE`, `DEGREES`, ...), as 0 whatever was sent
-(`DROPPED`), or it means nothing (`ANY`). A command that is not in the table has to come back literally.
-
-From the sources: ArduPilot 4.6 `AP_Mission::mavlink_int_to_mission_cmd` and back, `MissionItemProtocol_Fence`,
-`AC_PolyFence_loader::write_fence`, `MissionItemProtocol_Rally`; PX4 1.18 `MavlinkMissionManager::
-parse_mavlink_mission_item`, `format_mavlink_mission_item` and `send_mission_item`.
+(`DROPPED`), or its value means nothing (`ANY`). A command without a row has to come back literally.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from math import fmod, isclose, isnan, trunc
-from types import MappingProxyType
-
-from skyfolio.mavlink_bridge.autopilots import Autopilot
-from skyfolio.mavlink_bridge.items import Command
-from skyfolio.mavlink_bridge.mission_messages import MissionType
 
 _REL = 2.0**-22
 """Two units in the last place of a float32."""
@@ -27,14 +18,14 @@ _ABS = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """What is kept of one value: `kept(sent)`, give or take `within`, or around `full_turn`. None: anything will do."""
+    """What is kept of one value: `kept(sent)`, within a tolerance, or around `full_turn`. None: any value will do."""
 
     kept: Callable[[float], float] | None
     within: float = _ABS
     full_turn: float | None = None
 
     def allows(self, sent: float, read: float) -> bool:
-        """Whether `read` is what the vehicle makes of `sent`."""
+        """Return whether `read` is what the vehicle makes of `sent`."""
         if self.kept is None:
             return True
         expected = self.kept(sent)
@@ -51,7 +42,7 @@ def _whole(sent: float) -> float:
 
 
 def _direction(sent: float) -> float:
-    """Only the sign is kept, and nothing is clockwise."""
+    """Return the sign, which is all that is kept; nothing is clockwise."""
     return -1.0 if sent < 0.0 else 1.0
 
 
@@ -87,65 +78,4 @@ class Kept:
 
 
 LITERALLY = Kept()
-_NO_PARAMS = Kept(param1=DROPPED, param2=DROPPED, param3=DROPPED, param4=DROPPED)
-
-_COPTER_ITEM = replace(_NO_PARAMS, z=CENTIMETRES, autocontinue=SET)
-_COPTER_ORDER = Kept(param4=DROPPED, autocontinue=SET, placed=False)
-_COPTER_FENCE = replace(_NO_PARAMS, z=DROPPED, autocontinue=DROPPED, datum=False)
-_COPTER_CIRCLE = replace(_COPTER_FENCE, param1=MILLIMETRES)
-_COPTER_CORNER = replace(_COPTER_FENCE, param1=WHOLE)
-
-_PX4_FENCE = replace(_NO_PARAMS, autocontinue=DROPPED, datum=False)
-_PX4_CORNER = replace(_PX4_FENCE, param1=NEAREST)
-_PX4_CIRCLE = replace(_PX4_FENCE, param1=SAME)
-
-TABLE: Mapping[tuple[Autopilot, MissionType], Mapping[int, Kept]] = MappingProxyType(
-    {
-        (Autopilot.ARDUPILOT, MissionType.MISSION): {
-            Command.NAV_WAYPOINT: replace(_COPTER_ITEM, param1=WHOLE),
-            Command.NAV_SPLINE_WAYPOINT: replace(_COPTER_ITEM, param1=WHOLE),
-            Command.NAV_LOITER_UNLIM: replace(_COPTER_ITEM, param3=WHOLE),
-            Command.NAV_LOITER_TIME: replace(_COPTER_ITEM, param1=WHOLE, param3=DIRECTION, param4=FLAG),
-            Command.NAV_RETURN_TO_LAUNCH: replace(_NO_PARAMS, autocontinue=SET, placed=False),
-            Command.NAV_LAND: replace(_COPTER_ITEM, param1=WHOLE, param4=DIRECTION),
-            Command.NAV_TAKEOFF: replace(_COPTER_ITEM, param1=WHOLE),
-            Command.NAV_DELAY: replace(_COPTER_ORDER, param2=WHOLE, param3=WHOLE, param4=WHOLE),
-            Command.DO_CHANGE_SPEED: replace(_COPTER_ORDER, param1=WHOLE),
-        },
-        (Autopilot.ARDUPILOT, MissionType.FENCE): {
-            Command.NAV_FENCE_RETURN_POINT: _COPTER_FENCE,
-            Command.NAV_FENCE_POLYGON_VERTEX_INCLUSION: _COPTER_CORNER,
-            Command.NAV_FENCE_POLYGON_VERTEX_EXCLUSION: _COPTER_CORNER,
-            Command.NAV_FENCE_CIRCLE_INCLUSION: _COPTER_CIRCLE,
-            Command.NAV_FENCE_CIRCLE_EXCLUSION: _COPTER_CIRCLE,
-        },
-        (Autopilot.ARDUPILOT, MissionType.RALLY): {
-            Command.NAV_RALLY_POINT: replace(_NO_PARAMS, z=WHOLE, autocontinue=DROPPED),
-        },
-        (Autopilot.PX4, MissionType.MISSION): {
-            Command.NAV_WAYPOINT: Kept(param3=DROPPED, param4=DEGREES),
-            Command.NAV_LOITER_UNLIM: Kept(param1=DROPPED, param2=DROPPED, param4=DEGREES),
-            Command.NAV_LOITER_TIME: Kept(param2=FLAG, param4=FLAG),
-            Command.NAV_RETURN_TO_LAUNCH: Kept(placed=False),
-            Command.NAV_LAND: Kept(param2=WHOLE, param3=DROPPED, param4=DEGREES),
-            Command.NAV_TAKEOFF: replace(_NO_PARAMS, param4=DEGREES),
-            Command.NAV_DELAY: Kept(placed=False),
-            Command.DO_CHANGE_SPEED: Kept(placed=False),
-        },
-        (Autopilot.PX4, MissionType.FENCE): {
-            Command.NAV_FENCE_RETURN_POINT: _PX4_FENCE,
-            Command.NAV_FENCE_POLYGON_VERTEX_INCLUSION: _PX4_CORNER,
-            Command.NAV_FENCE_POLYGON_VERTEX_EXCLUSION: _PX4_CORNER,
-            Command.NAV_FENCE_CIRCLE_INCLUSION: _PX4_CIRCLE,
-            Command.NAV_FENCE_CIRCLE_EXCLUSION: _PX4_CIRCLE,
-        },
-        (Autopilot.PX4, MissionType.RALLY): {Command.NAV_RALLY_POINT: _NO_PARAMS},
-    }
-)
-
-
-def kept_of(autopilot: Autopilot | None, mission_type: MissionType, command: int) -> Kept:
-    """The row of a command; None for the autopilot: a file, which keeps everything."""
-    if autopilot is None:
-        return LITERALLY
-    return TABLE[autopilot, mission_type].get(command, LITERALLY)
+NO_PARAMS = Kept(param1=DROPPED, param2=DROPPED, param3=DROPPED, param4=DROPPED)

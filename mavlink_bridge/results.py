@@ -1,4 +1,4 @@
-"""What came of asking one vehicle for something: failure is a value that says why."""
+"""The result of a request to one vehicle: failure is a value that says why."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from skyfolio.mavlink_bridge.verified import OnBoard
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """`seconds` is wall time; `error` is None when all went well."""
+    """The result of one request. `seconds` is wall time; `error` is None if it was done."""
 
     system_id: int
     seconds: float
@@ -18,13 +18,13 @@ class Outcome:
 
     @property
     def ok(self) -> bool:
-        """Whether it was done, and seen to be done."""
+        """Return whether it was done, and seen to be done."""
         return self.error is None
 
 
 @dataclass(frozen=True, kw_only=True)
 class UploadResult(Outcome):
-    """`verified`: the mission was read back and compared equal. `mission_id`: its checksum, 0 if not told.
+    """The result of an upload. `verified`: it was read back and compared equal. `mission_id`: its checksum, or 0.
 
     `on_board`: the whole new mission, the whole old one (read back too), or unknown.
     """
@@ -37,28 +37,28 @@ class UploadResult(Outcome):
 
 @dataclass(frozen=True, kw_only=True)
 class ReadResult(Outcome):
-    """`items`: what is on board of one mission type, as read; empty after an error."""
+    """The result of a read. `items`: what is on board of one mission type; empty after an error."""
 
     items: tuple[MissionItem, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
 class Recognised(Outcome):
-    """`mission`: which of the missions it may have is on board, read back and equal; None: none of them."""
+    """The result of a recognition. `mission`: which of the possible ones is on board, read back and equal, or None."""
 
     mission: Mission | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class CommandResult(Outcome):
-    """Launch, go to, start, hold, land."""
+    """The result of launch, go to, start, hold or land."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SwapResult(Outcome):
-    """Either `ok`: verified and flying the new mission. Or not: then it flies the one from before, or holds.
+    """The result of a swap. `ok`: verified and flown. Else it flies the mission from before, or holds.
 
-    `went_on`: the mission from before goes on, proven to be on board whole. `held`: it was seen to hold.
+    `went_on`: it flies the mission from before, proven to be on board whole. `held`: it was seen to hold.
     """
 
     upload: UploadResult

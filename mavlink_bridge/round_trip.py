@@ -1,20 +1,20 @@
-"""How long to wait for an answer on a link whose delay nobody knows beforehand and that may change in flight."""
+"""How long to wait for an answer on a link whose delay is not known beforehand and may change in flight."""
 
 from __future__ import annotations
 
 _BACK_OFF = 1.5
 _PATIENT_S = 4.0
-"""Without a measured reason for it nobody waits longer than this between two askings."""
+"""Unless a measurement requires it, no wait between two sendings is longer than this."""
 _MANY = 6
 """After this many copies without an answer the link has become slow: that all of them were lost is less likely."""
 
 
 class RoundTrip:
-    """Smoothed round trip and its deviation, as TCP has them (RFC 6298). One for each vehicle, used by all it is asked.
+    """The smoothed round trip and its deviation, as in TCP (RFC 6298): one for each vehicle, for all its requests.
 
-    An answer to something that was sent once is measured. One to something that was repeated may belong to any of the
-    copies (Karn's rule): it is only taken for the upper bound it is, when nothing better is known. Until the next
-    answer that is clear, the longer wait stays.
+    An answer to a message that was sent once is measured. One to a message that was repeated may belong to any of the
+    copies (Karn's rule): it is only used as the upper bound it is, if nothing better is known. Until the next
+    unambiguous answer the longer wait stays.
     """
 
     def __init__(self, *, initial_s: float = 0.3, least_s: float = 0.045) -> None:
@@ -26,16 +26,16 @@ class RoundTrip:
 
     @property
     def seconds(self) -> float:
-        """The smoothed round trip, 0 as long as none was measured."""
+        """Return the smoothed round trip, 0 until one was measured."""
         return self._smooth_s or 0.0
 
     @property
     def timeout_s(self) -> float:
-        """Seconds after which an answer is overdue."""
+        """Return the seconds after which an answer is overdue."""
         return min(max(self._wait_s * self._patience, self._least_s), max(_PATIENT_S, self._wait_s))
 
     def answered(self, since_first_s: float, times: int) -> None:
-        """An answer came this long after the first of `times` sendings of its question."""
+        """Take in an answer that came so many seconds after the first of `times` sendings."""
         if times == 1:
             self._measured(since_first_s)
         elif self._smooth_s is None or times > _MANY:

@@ -1,13 +1,15 @@
-"""A plan's path against the slot clock: where a UAV should be, and how far a way along the path is. Pure."""
+"""A plan's path against the slot clock: where a UAV should be, and how long a way along the path is. Pure."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from math import hypot
+from math import dist
 
 from skyfolio.mavlink_bridge.pace import Point
+from skyfolio.mavlink_bridge.plane import between
+from skyfolio.mavlink_bridge.schedule import SAME_PLACE_M
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,23 +29,39 @@ class Route:
 
     @property
     def last(self) -> int:
-        """Number of the last slot."""
+        """Return the number of the last slot."""
         return len(self.path_m) - 1
 
     def at(self, elapsed_s: float) -> Planned:
-        """Straight and even from slot to slot; before the first and after the last it rests."""
+        """Return where it should be: straight and even from slot to slot, at rest before the first and after."""
         slot = int(elapsed_s // self.slot_s)
         if elapsed_s < 0 or slot >= self.last:
             return Planned(self.path_m[0] if elapsed_s < 0 else self.path_m[-1], (0.0, 0.0))
-        (e0, n0), (e1, n1) = self.path_m[slot], self.path_m[slot + 1]
-        share = elapsed_s / self.slot_s - slot
-        velocity = ((e1 - e0) / self.slot_s, (n1 - n0) / self.slot_s)
-        return Planned((e0 + share * (e1 - e0), n0 + share * (n1 - n0)), velocity)
+        start, end = self.path_m[slot], self.path_m[slot + 1]
+        velocity = ((end[0] - start[0]) / self.slot_s, (end[1] - start[1]) / self.slot_s)
+        return Planned(between(start, end, elapsed_s / self.slot_s - slot), velocity)
 
     def due_s(self, slot: int) -> float:
-        """When a slot begins."""
+        """Return when a slot begins."""
         return slot * self.slot_s
 
     def way_m(self, first: int, last: int) -> float:
-        """Metres along the path from the beginning of one slot to that of another."""
-        return sum(hypot(q[0] - p[0], q[1] - p[1]) for p, q in pairwise(self.path_m[first : last + 1]))
+        """Return the metres along the path from the beginning of one slot to that of another."""
+        return sum(dist(start, end) for start, end in pairwise(self.path_m[first : last + 1]))
+
+    def pace_mps(self, slot: int) -> float:
+        """Return the mean speed of the leg that begins with a slot."""
+        return self.way_m(slot, min(slot + 1, self.last)) / self.slot_s
+
+    def rests_at(self, slot: int) -> bool:
+        """Return whether the plan stays at the point of this slot for a while."""
+        return slot >= self.last or self.way_m(slot, slot + 1) < SAME_PLACE_M
+
+    def late_s(self, slot: int, point_m: Point) -> float:
+        """Return the seconds that the missing way to a slot's point takes at the pace of the leg that ends there."""
+        (e0, n0), (e1, n1) = self.path_m[slot - 1], self.path_m[slot]
+        leg_m = dist((e0, n0), (e1, n1))
+        if leg_m < SAME_PLACE_M:
+            return 0.0
+        along_m = ((e1 - point_m[0]) * (e1 - e0) + (n1 - point_m[1]) * (n1 - n0)) / leg_m
+        return along_m / (leg_m / self.slot_s)

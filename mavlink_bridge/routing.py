@@ -1,4 +1,4 @@
-"""Which of several links to a vehicle is used, and which frames were heard already. Pure: time comes with each call."""
+"""Which of several links to a vehicle is used, and which frames are copies. Pure: each call carries the time."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from skyfolio.mavlink_bridge.framing import Frame
 FRESH_S = 2.5
 """A link on which a vehicle was not heard for this long is not used for it: two heartbeats and a half."""
 STEADY_S = 5.0
-"""A better link is gone back to after it has worked for this long."""
+"""A better link is used again after it has worked for this long."""
 _REMEMBERED = 256
 _TWICE_WITHIN_S = 1.0
 
@@ -31,11 +31,11 @@ class Routes:
         self._seen: dict[int, OrderedDict[tuple[int, int, bytes], tuple[str, float]]] = {}
 
     def add(self, url: str) -> None:
-        """A further link; earlier ones are preferred."""
+        """Add a link; earlier ones are preferred."""
         self._order.append(url)
 
     def heard(self, url: str, frame: Frame, now_s: float) -> bool:
-        """A frame came on a link; whether it is new, and not the copy of one that came on another link."""
+        """Take in a frame of a link, and return whether it is new, not the copy of one received on another link."""
         ways = self._ways.setdefault(frame.system_id, {})
         way = ways.get(url)
         if way is None or now_s - way.heard_s > FRESH_S:
@@ -45,7 +45,7 @@ class Routes:
         return len(ways) == 1 or self._is_new(url, frame, now_s)
 
     def links_of(self, system_id: int, now_s: float) -> list[str]:
-        """Where to send to a vehicle: one link, or all of them for a vehicle nobody heard and for everybody (0)."""
+        """Return where to send to a vehicle: one link, or all of them for an unheard vehicle and for everybody (0)."""
         ways = self._ways.get(system_id)
         if not ways:
             return list(self._order)
@@ -60,7 +60,7 @@ class Routes:
         return [best]
 
     def silent_for_s(self, system_id: int, url: str, now_s: float) -> float | None:
-        """Seconds since a vehicle was heard on a link, None if never."""
+        """Return the seconds since a vehicle was heard on a link, None if it never was."""
         way = self._ways.get(system_id, {}).get(url)
         return None if way is None else now_s - way.heard_s
 

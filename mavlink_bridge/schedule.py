@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from math import floor, hypot, isclose
+from math import dist, floor, isclose
 
 from skyfolio.mavlink_bridge.pace import Pacer, Point, VehicleModel, acceptance_radii
 
@@ -55,16 +55,16 @@ class Schedule:
 
     @property
     def duration_s(self) -> float:
-        """Seconds of all legs and holds."""
+        """Return the seconds of all legs and holds."""
         return sum(leg.duration_s for leg in self.legs) + sum(stop.hold_s + stop.settle_s for stop in self.stops)
 
     def leg_to(self, stop: int) -> Leg | None:
-        """The leg that ends at stop number `stop`, None where the schedule begins there."""
+        """Return the leg that ends at stop number `stop`, None if the schedule begins there."""
         return next((leg for leg in self.legs if leg.to == stop), None)
 
 
 def ground_schedule(path_m: Sequence[Point], slot_s: float, model: VehicleModel) -> Schedule:
-    """Schedule of a UAV that waits, at rest, at the slot-0 point when slot 0 begins.
+    """Return the schedule of a UAV that waits, at rest, at the slot-0 point when slot 0 begins.
 
     path_m: (n_slots, 2), metres east/north of the origin. slot_s: slot duration in seconds.
     """
@@ -73,7 +73,7 @@ def ground_schedule(path_m: Sequence[Point], slot_s: float, model: VehicleModel)
 
 
 def airborne_schedule(path_m: Sequence[Point], slot_s: float, first_leg_s: float, model: VehicleModel) -> Schedule:
-    """Schedule of a UAV in flight at the slot-0 point that has `first_leg_s` to reach the slot-1 point.
+    """Return the schedule of a UAV in flight at the slot-0 point that has `first_leg_s` to reach the slot-1 point.
 
     With a single slot left there is nowhere to go: it holds at the slot-0 point for `first_leg_s`.
     """
@@ -85,10 +85,13 @@ def airborne_schedule(path_m: Sequence[Point], slot_s: float, first_leg_s: float
 
 
 def _merge(path_m: Sequence[Point], slot_s: float, *, first: int, radius_m: float) -> list[Stop]:
-    """Runs of slots within SAME_PLACE_M of their first point, from slot `first` on; the last slot is held."""
+    """Return the runs of slots within SAME_PLACE_M of their first point, from slot `first` on, as stops.
+
+    The last slot is held.
+    """
     runs: list[list[int]] = []
     for slot in range(first, len(path_m)):
-        if runs and _length(path_m[runs[-1][0]], path_m[slot]) < SAME_PLACE_M:
+        if runs and dist(path_m[runs[-1][0]], path_m[slot]) < SAME_PLACE_M:
             runs[-1].append(slot)
         else:
             runs.append([slot])
@@ -104,12 +107,15 @@ def _merge(path_m: Sequence[Point], slot_s: float, *, first: int, radius_m: floa
 
 
 def _timed(stops: list[Stop], times_s: list[float], *, approach: Point | None, model: VehicleModel) -> Schedule:
-    """Give every leg its speed; a leg too short to be flown slowly enough ends early and its stop holds the rest."""
+    """Return the schedule with a speed for every leg.
+
+    A leg too short for the least speed ends early, in a longer hold.
+    """
     before = [] if approach is None else [approach]
     points = before + [stop.point_m for stop in stops]
     flown_s = list(times_s)
     for leg, (p, q) in enumerate(pairwise(points)):
-        flown_s[leg] = min(times_s[leg], _length(p, q) / model.min_speed_mps)
+        flown_s[leg] = min(times_s[leg], dist(p, q) / model.min_speed_mps)
         to = leg + 1 - len(before)
         stops[to] = replace(stops[to], hold_s=stops[to].hold_s + times_s[leg] - flown_s[leg])
     times_s = _settle(stops, times_s, flown_s, first=1 - len(before), model=model)
@@ -119,7 +125,7 @@ def _timed(stops: list[Stop], times_s: list[float], *, approach: Point | None, m
     legs = [
         Leg(
             to=leg + 1 - len(before),
-            distance_m=_length(points[leg], points[leg + 1]),
+            distance_m=dist(points[leg], points[leg + 1]),
             duration_s=flown_s[leg],
             speed_mps=min(max(speed, model.min_speed_mps), model.max_speed_mps),
         )
@@ -132,7 +138,7 @@ def _timed(stops: list[Stop], times_s: list[float], *, approach: Point | None, m
 def _settle(
     stops: list[Stop], times_s: list[float], flown_s: list[float], *, first: int, model: VehicleModel
 ) -> list[float]:
-    """Take settling out of each hold, and round it down to what can be stored; the leg after it gets what is left.
+    """Take settling out of each hold, and round it down to what is stored; the leg after it gets what is left.
 
     Changes `stops` and `flown_s`; returns the legs' times. Leg number n ends at stop `first + n`.
     """
@@ -174,7 +180,7 @@ def _without_straight_stops(stops: list[Stop], legs: list[Leg], approach: Point 
 
 
 def _joined(first: Leg, second: Leg) -> Leg:
-    """Both legs as one, at the speed that takes as long."""
+    """Return both legs as one, at the speed that takes as long."""
     distance_m = first.distance_m + second.distance_m
     cruising_s = first.distance_m / first.speed_mps + second.distance_m / second.speed_mps
     return replace(
@@ -186,14 +192,10 @@ def _joined(first: Leg, second: Leg) -> Leg:
 
 
 def _passed_straight(origin: Point | None, through: Stop, to: Stop, before: Leg, after: Leg) -> bool:
-    """Whether `through` lies on the straight way from `origin` to `to` and is passed without a change of speed."""
+    """Return whether `through` is passed straight on from `origin` to `to`, without a change of speed."""
     if origin is None or through.hold_s + through.settle_s > 0:
         return False
     if not isclose(before.speed_mps, after.speed_mps, rel_tol=SAME_SPEED):
         return False
-    straight_m = _length(origin, to.point_m)
+    straight_m = dist(origin, to.point_m)
     return before.distance_m + after.distance_m - straight_m < STRAIGHT_M**2 / max(straight_m, STRAIGHT_M)
-
-
-def _length(a: Point, b: Point) -> float:
-    return hypot(b[0] - a[0], b[1] - a[1])

@@ -1,8 +1,8 @@
-"""Who may speak for a vehicle: each system and component is tied to the address that it is heard from. Pure.
+"""Who may send for a vehicle: each system and component is tied to the address it is heard from. Pure.
 
-Only frames that passed every other check come here, so that nobody claims an id with a frame that would be dropped. A
-claim moves to another address of the same link only when the old one has been silent for longer than it takes to
-declare a loss: whoever forges a dead vehicle's heartbeats comes too late to hide that it is dead.
+Only frames that passed every other check are judged here, so that no id can be claimed by a frame that would be
+dropped. A claim moves to another address of the same link only when the old one has been silent for longer than it
+takes to declare a loss: forged heartbeats of a dead vehicle come too late to hide that it is dead.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ TOLD_AGAIN_S = 60.0
 
 
 class SenderKind(StrEnum):
-    """What was noticed about who speaks for a vehicle."""
+    """What was noticed about the senders of a vehicle's frames."""
 
     MOVED = "link_moved"
     """It is heard from another address now; the old one had been silent."""
     CONTESTED = "two_senders"
     """A second address sends with its id at the same time; its frames are dropped."""
     SECOND_LINK = "second_link"
-    """It is heard on a second link; unsigned, nobody knows whether that is the same aircraft."""
+    """It is heard on a second link; unsigned, that need not be the same aircraft."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,8 +82,8 @@ class Senders:
 
     def notices(self) -> list[SenderNotice]:
         """Return what was noticed since the last call."""
-        found, self._notices = self._notices, []
-        return found
+        notices, self._notices = self._notices, []
+        return notices
 
     def _contest(self, claim: _Claim, frame: Frame, now_s: float) -> None:
         if claim.rival != frame.source or now_s - claim.told_s >= TOLD_AGAIN_S:
@@ -104,5 +104,5 @@ class Senders:
 
 
 def _words(source: Hashable) -> str:
-    """An address as HOST:PORT."""
+    """Return an address as HOST:PORT."""
     return ":".join(map(str, source[:2])) if isinstance(source, tuple) else str(source)

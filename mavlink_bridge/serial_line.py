@@ -1,4 +1,4 @@
-"""A telemetry radio or a cable as a link: whole frames or none, and never waiting for it."""
+"""A telemetry radio or a cable as a link: it sends whole frames or none, and never waits for the line."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class SerialLine(OneEnd):
         self._framer = Framer()
         self._loop = asyncio.get_running_loop()
         self.dropped = 0
-        """Frames that were not sent because too much waited."""
+        """The number of frames that were not sent because too much waited."""
         self._waiting = bytearray()
         self._port: serial.Serial | None = None
         self._again: asyncio.TimerHandle | None = None
@@ -35,7 +35,7 @@ class SerialLine(OneEnd):
             raise ConnectionFailed(self.url, str(error)) from error
 
     def send(self, frame: bytes, system_id: int) -> None:
-        """Into the line, if it is plugged in: whole, or not at all while too much waits for it."""
+        """Write the frame into the line, if it is plugged in: whole, or not at all while too much waits."""
         del system_id
         if self._port is None:
             return

@@ -30,7 +30,7 @@ _BEHIND = 60 * _PER_SECOND
 
 
 class _Checked(dialect.MAVLink):  # type: ignore[misc]
-    """pymavlink's parser with the check of a signature in a safe order: nothing is remembered of a wrong one."""
+    """pymavlink's parser with a safe order of checks: nothing of a frame with a wrong signature is stored."""
 
     def check_signature(self, msgbuf: bytearray, srcSystem: int, srcComponent: int) -> bool:  # noqa: N803
         """Whether a signed frame is genuine and newer than the last of its stream (link id, system, component)."""
@@ -48,9 +48,9 @@ class _Checked(dialect.MAVLink):  # type: ignore[misc]
 
 
 class Signing:
-    """Signs what we send and lets in only what is signed with the same key.
+    """Signs what is sent and accepts only what is signed with the same key.
 
-    `wall_s` tells seconds since 1970. The key never appears in a message, a log or a repr. Raises SigningKeyInvalid.
+    `wall_s` returns seconds since 1970. The key never appears in a message, a log or a repr. Raises SigningKeyInvalid.
     """
 
     def __init__(self, key: bytes | SecretBytes, *, link_id: int = 0, wall_s: Callable[[], float] = time.time) -> None:
@@ -58,7 +58,7 @@ class Signing:
         if len(secret) != KEY_BYTES:
             raise SigningKeyInvalid(f"{len(secret)} bytes, must be {KEY_BYTES}")
         self.refused = 0
-        """Frames dropped because they were MAVLink 1, unsigned, forged or replayed."""
+        """The number of frames dropped because they were MAVLink 1, unsigned, forged or replayed."""
         self._wall_s = wall_s
         self._mav = _Checked(None)
         self._mav.signing.secret_key = secret
@@ -67,7 +67,10 @@ class Signing:
 
     @classmethod
     def from_file(cls, path: Path, *, link_id: int = 0) -> Signing:
-        """The key from a file: 32 raw bytes, or 64 hexadecimal digits. Raises SigningKeyInvalid."""
+        """Return the signing with the key in a file: 32 raw bytes, or 64 hexadecimal digits.
+
+        Raises SigningKeyInvalid.
+        """
         try:
             content = path.read_bytes()
             key = content if len(content) == KEY_BYTES else bytes.fromhex(content.decode().strip())
@@ -76,7 +79,7 @@ class Signing:
         return cls(key, link_id=link_id)
 
     def sign(self, frame: bytes) -> bytes:
-        """A MAVLink 2 frame with our signature. Raises ValueError for anything that cannot be signed."""
+        """Return a MAVLink 2 frame with our signature. Raises ValueError for anything that cannot be signed."""
         message_id = int.from_bytes(frame[7:HEADER], "little")
         bare = _with_flag(frame, message_id, signed=True)
         if bare is None:
@@ -88,7 +91,7 @@ class Signing:
         return bare + tail + digest[:_HASH_BYTES]
 
     def accept(self, frame: Frame) -> bytes | None:
-        """The frame without its signature if it is genuine, None if it must be dropped."""
+        """Return the frame without its signature if it is genuine, None if it must be dropped."""
         genuine = (
             frame.version == 2
             and frame.signed
@@ -104,7 +107,7 @@ class Signing:
 
 
 def _with_flag(frame: bytes, message_id: int, *, signed: bool) -> bytes | None:
-    """The frame (without signature) with incompat flag 1 set or cleared and its checksum made right."""
+    """Return the frame (without signature) with incompat flag 1 set or cleared and its checksum made right."""
     if len(frame) < HEADER + 2 or frame[0] != V2:
         return None
     flags = frame[2] | SIGNED if signed else frame[2] & ~SIGNED

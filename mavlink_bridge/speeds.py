@@ -1,11 +1,11 @@
 """Speed orders in flight, and the way back from them. All waits are wall seconds.
 
 MAV_CMD_DO_CHANGE_SPEED (178) outlives the mode it was meant for: PX4 (`FlightTaskAuto::overrideCruiseSpeed`) and
-ArduCopter (`ModeRTL::set_speed_xy`) obey it in a return too, so one that arrives just after a failsafe or a pilot took
-the vehicle makes it crawl home until its battery is empty. HEARTBEAT, the only message that tells the mode, comes at
-1 Hz. Therefore an order is only given on a HEARTBEAT that was asked for and heard just now, the mode is looked at
-again right after it, and a vehicle that is seen in a mode that is not ours gets its own cruise speed back at once.
-That is the one command it is given then: it undoes an order of ours and changes nothing else.
+ArduCopter (`ModeRTL::set_speed_xy`) obey it in a return too, so one that arrives just after a failsafe or a pilot has
+taken over makes the vehicle crawl home until its battery is empty. HEARTBEAT, the only message that reports the mode,
+is sent at 1 Hz. Therefore an order is only sent on a HEARTBEAT that was requested and received just now, the mode is
+checked again right after it, and a vehicle that is seen in a mode that is not ours is given its own cruise speed back
+at once. That is the only command it is sent then: it undoes an order of ours and changes nothing else.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from skyfolio.mavlink_bridge.autopilots import FlightMode
-from skyfolio.mavlink_bridge.flight import error_of, fresh_heartbeat, is_ours, seen_of
+from skyfolio.mavlink_bridge.confirming import error_of, fresh_heartbeat, seen_of
 from skyfolio.mavlink_bridge.vehicle import NotDone, Vehicle
 
 TRIES = 5
-"""Each lasts as long as a command is repeated (2 s); a later HEARTBEAT begins anew."""
+"""Each lasts as long as a command is repeated (2 s); a later HEARTBEAT starts anew."""
 _CHANGE_SPEED = 178
 _GROUND_SPEED, _THROTTLE_UNCHANGED = 1.0, -1.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedRestored:
-    """A vehicle left our modes at a speed of ours and was given its own cruise speed (m/s); `error`: it was not."""
+    """A vehicle left our modes at a speed of ours and was sent its own cruise speed (m/s); `error`: why that failed."""
 
     system_id: int
     mode: FlightMode
@@ -35,24 +35,25 @@ class SpeedRestored:
 
 
 async def require_in_mission(vehicle: Vehicle) -> None:
-    """Raises NotDone unless a HEARTBEAT from now on shows that it flies its mission."""
+    """Raise NotDone unless a HEARTBEAT from now on shows that it flies its mission."""
     if not await fresh_heartbeat(vehicle):
-        raise NotDone("no heartbeat tells which mode it is in")
+        raise NotDone("no heartbeat shows which mode it is in")
     if vehicle.state.mode is not FlightMode.MISSION:
         raise NotDone(f"not in its mission: {seen_of(vehicle)}")
 
 
 async def order_speed(vehicle: Vehicle, speed_mps: float) -> None:
-    """Have it fly its mission at this ground speed from now on. Raises NotDone, for any other mode too."""
+    """Order it to fly its mission at this ground speed from now on. Raises NotDone, for any other mode too."""
     await require_in_mission(vehicle)
     await _change(vehicle, speed_mps)
     await fresh_heartbeat(vehicle)  # had it left its mission meanwhile, `SpeedWatch` sees it now
 
 
 async def restore_speed(vehicle: Vehicle, cruise_mps: float) -> None:
-    """Give it its own cruise speed (m/s) back, whoever flies it. Raises NotDone.
+    """Restore its own cruise speed (m/s), whoever flies it. Raises NotDone.
 
-    A positive number, not -2 ("default"): PX4's flight tasks know no other way back, ArduCopter refuses it.
+    It is sent as a positive number, not -2 ("default"): PX4's flight tasks have no other way back, ArduCopter refuses
+    it.
     """
     await _change(vehicle, cruise_mps)
     vehicle.flies_our_speed = False
@@ -66,7 +67,7 @@ async def _change(vehicle: Vehicle, speed_mps: float) -> None:
 
 
 class SpeedWatch:
-    """Gives vehicles their own speed back. Show it every HEARTBEAT; `cruise_mps(system_id)` is the speed.
+    """Restores the vehicles' own speed. Show it every HEARTBEAT; `cruise_mps(system_id)` is the speed.
 
     `tell` is called with what was done.
     """
@@ -77,7 +78,7 @@ class SpeedWatch:
         self._restoring: dict[int, asyncio.Task[None]] = {}
 
     def look(self, vehicle: Vehicle) -> None:
-        """A HEARTBEAT of this vehicle was just taken in."""
+        """Look at a vehicle whose HEARTBEAT was just taken in."""
         if not vehicle.state.armed:
             vehicle.flies_our_speed = False  # on the ground; the next flight begins with its own speed
         if not _flies_ours_elsewhere(vehicle) or vehicle.system_id in self._restoring:
@@ -87,7 +88,7 @@ class SpeedWatch:
         task.add_done_callback(lambda _done: self._restoring.pop(vehicle.system_id, None))
 
     async def close(self) -> None:
-        """Restore nothing any more."""
+        """Stop restoring."""
         tasks = list(self._restoring.values())
         for task in tasks:
             task.cancel()
@@ -103,5 +104,6 @@ class SpeedWatch:
 
 
 def _flies_ours_elsewhere(vehicle: Vehicle) -> bool:
-    """Whether it is in the air at a speed of ours, in a mode that is not."""
-    return vehicle.flies_our_speed and vehicle.state.armed and not is_ours(vehicle)
+    """Return whether it is in the air at a speed of ours, in a mode that is not."""
+    state = vehicle.state
+    return vehicle.flies_our_speed and state.armed and state.profile is not None and not state.is_ours

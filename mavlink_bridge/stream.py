@@ -23,7 +23,7 @@ _ACCELERATION_YAW_RATE = 0b1001_1100_0000
 
 
 class Streamer:
-    """Setpoints of one UAV. `to_geodetic` turns east/north metres into (lat, lon) degrees."""
+    """Makes the setpoints of one UAV. `to_geodetic` turns east/north metres into (lat, lon) degrees."""
 
     def __init__(
         self,
@@ -37,7 +37,7 @@ class Streamer:
         self._system_id, self._altitude_m, self._to_geodetic = system_id, altitude_m, to_geodetic
 
     def setpoint(self, elapsed_s: float, boot_ms: int = 0) -> Message:
-        """The message to send `elapsed_s` fleet seconds after slot 0 began; before that it holds the first point."""
+        """Return the message to send `elapsed_s` fleet seconds after slot 0 began (before: that of the first point)."""
         planned = self.route.at(elapsed_s + LEAD_S if elapsed_s >= 0 else elapsed_s)
         lat_deg, lon_deg = self._to_geodetic(planned.point_m)
         east, north = planned.velocity_mps

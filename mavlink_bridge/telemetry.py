@@ -1,4 +1,4 @@
-"""What one autopilot says about itself: MAVLink messages folded into a snapshot. Pure: time comes with each message."""
+"""What one autopilot reports about itself: MAVLink messages folded into a snapshot. Pure: each carries its time."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ from enum import StrEnum
 from math import isfinite
 from typing import Any, TypeAlias
 
-from skyfolio.mavlink_bridge.autopilots import Autopilot, FlightMode, Speaker, items_on_board, mode_of
+from skyfolio.mavlink_bridge.autopilots import Autopilot, FlightMode
 from skyfolio.mavlink_bridge.geodesy import from_e7
+from skyfolio.mavlink_bridge.profile import AutopilotProfile
+from skyfolio.mavlink_bridge.speaker import Speaker
 
 MESSAGES = (
     *("HEARTBEAT", "GLOBAL_POSITION_INT", "MISSION_CURRENT", "MISSION_ACK"),
@@ -51,7 +53,7 @@ class Telemetry:
     Position: WGS-84 degrees (None while it does not know where it is: `place_of`), metres above the vehicle's own home,
     altitude_amsl_m above mean sea level; velocity m/s over ground. `mission_current` is the seq being flown,
     `mission_total` the number of items (ArduPilot's home is one), `mission_id` the checksum of the mission on board (0:
-    not told). `boot_ms`: milliseconds since the autopilot started. `heard_at_s`: fleet seconds of the position.
+    unknown). `boot_ms`: milliseconds since the autopilot started. `heard_at_s`: fleet seconds of the position.
     """
 
     system_id: int
@@ -70,13 +72,13 @@ class Telemetry:
     boot_ms: int
     heard_at_s: float
     heading_deg: float | None = None
-    """Where the nose points, degrees clockwise from north; None if it is not told."""
+    """Heading of the nose, degrees clockwise from north; None if it is not reported."""
     battery: float | None = None
     """Share of charge, 0..1; None if it is not measured."""
 
     @property
     def place_deg(self) -> Place | None:
-        """Latitude and longitude, None while it does not know them."""
+        """Return latitude and longitude, None while it does not know them."""
         return None if self.lat_deg is None or self.lon_deg is None else (self.lat_deg, self.lon_deg)
 
 
@@ -89,7 +91,10 @@ class TelemetryState:
         """MAV_TYPE of its HEARTBEAT: 2 is a quadrotor."""
         self.mode = FlightMode.OTHER
         self.heartbeats = 0
-        """HEARTBEAT messages so far: a mode is only as fresh as the last one, and they come at 1 Hz."""
+        """The number of HEARTBEAT messages so far.
+
+        A mode is only as fresh as the last one, and they are sent at 1 Hz.
+        """
         self.armed = False
         self.landed_state = LandedState.UNDEFINED
         self.boot_ms: int | None = None
@@ -97,18 +102,18 @@ class TelemetryState:
         self.mission_total: int | None = None
         self.mission_id = 0
         self.mission_reports = 0
-        """MISSION_CURRENT messages so far: tells a fresh one from an old one."""
+        """The number of MISSION_CURRENT messages so far: distinguishes a fresh one from an old one."""
         self.accepted_id: int | None = None
-        """opaque_id of the latest accepting MISSION_ACK, None if it carried none."""
+        """opaque_id of the latest accepting MISSION_ACK, None if it had none."""
         self.battery: float | None = None
         """Share of charge, 0..1; None if it is not measured."""
         self.battery_told = False
-        """Whether it has sent a SYS_STATUS, which says whether the battery is measured."""
+        """Whether it has sent a SYS_STATUS, which reports whether the battery is measured."""
         self.gps_fix: int | None = None
         """GPS_FIX_TYPE; 3 is a 3D fix."""
         self.satellites: int | None = None
         self.home_deg: tuple[float, float] | None = None
-        """Latitude and longitude of the home it told of; None for a home that is not set."""
+        """Latitude and longitude of the home it has reported; None for a home that is not set."""
         self.home_amsl_m: float | None = None
         """Metres above mean sea level of that home."""
         self._position: Mapping[str, Any] | None = None
@@ -128,12 +133,27 @@ class TelemetryState:
 
     @property
     def autopilot(self) -> Autopilot | None:
-        """Which autopilot it is; None until it was heard, and for one nobody compiles for."""
+        """Return which autopilot it is; None until it was heard, and for one without a profile."""
         return self._speaker.autopilot
 
     @property
+    def profile(self) -> AutopilotProfile | None:
+        """Return the profile of its autopilot; None until it was heard, and for one that has none."""
+        return self._speaker.profile
+
+    @property
+    def mav_autopilot(self) -> int | None:
+        """Return MAV_AUTOPILOT of its latest HEARTBEAT; None until it was heard."""
+        return self._speaker.mav_autopilot
+
+    @property
+    def is_ours(self) -> bool:
+        """Return whether the service may command it: in any other mode a human or a failsafe flies it."""
+        return self.profile is not None and self.mode in self.profile.our_modes
+
+    @property
     def heard(self) -> bool:
-        """Whether a HEARTBEAT of the autopilot itself was heard."""
+        """Return whether a HEARTBEAT of the autopilot itself was received."""
         return self._heard
 
     def fold(self, name: str, fields: Mapping[str, Any], heard_s: float) -> None:
@@ -141,7 +161,7 @@ class TelemetryState:
         self._folds[name](fields, heard_s)
 
     def snapshot(self) -> Telemetry | None:
-        """Everything at once; None until a heartbeat and a position were heard."""
+        """Return everything at once; None until a heartbeat and a position were received."""
         if self._position is None or not self._heard:
             return None
         position = self._position
@@ -168,7 +188,7 @@ class TelemetryState:
 
     @property
     def place_deg(self) -> Place | None:
-        """Where it says it is; None before it told, and while its receiver has no 3D fix to know it by."""
+        """Return its position; None before it was reported, and while its receiver has no 3D fix."""
         if self._position is None or (self.gps_fix is not None and self.gps_fix < FIX_3D):
             return None
         return place_of(self._position["lat"], self._position["lon"])
@@ -179,7 +199,7 @@ class TelemetryState:
         self._heard = True
         self.heartbeats += 1
         self.mav_type = int(fields["type"])
-        self.mode = mode_of(self.autopilot, int(fields["custom_mode"]))
+        self.mode = self._speaker.mode_of(int(fields["custom_mode"]))
         self.armed = bool(int(fields["base_mode"]) & _ARMED)
 
     def _global_position(self, fields: Mapping[str, Any], heard_s: float) -> None:
@@ -189,7 +209,7 @@ class TelemetryState:
     def _mission_current(self, fields: Mapping[str, Any], heard_s: float) -> None:
         del heard_s
         self.mission_current = int(fields["seq"])
-        self.mission_total = items_on_board(self.autopilot, int(fields.get("total", _UNKNOWN_TOTAL)))
+        self.mission_total = self._speaker.items_on_board(int(fields.get("total", _UNKNOWN_TOTAL)))
         self.mission_id = int(fields.get("mission_id", 0))
         self.mission_reports += 1
 
@@ -219,12 +239,12 @@ class TelemetryState:
     def _home(self, fields: Mapping[str, Any], heard_s: float) -> None:
         del heard_s
         self.home_deg = place_of(fields["latitude"], fields["longitude"])
-        told_m = fields.get("altitude")
-        self.home_amsl_m = None if self.home_deg is None or told_m is None else int(told_m) / 1000
+        altitude_mm = fields.get("altitude")
+        self.home_amsl_m = None if self.home_deg is None or altitude_mm is None else int(altitude_mm) / 1000
 
 
 def place_of(lat_e7: float | None, lon_e7: float | None) -> Place | None:
-    """Latitude and longitude in degrees, or None for what autopilots send when they know of no place.
+    """Return latitude and longitude in degrees, or None for what autopilots send while they know no place.
 
     That is 0/0 (PX4 and ArduPilot before their first position), NaN (None in JSON), and numbers that are on no globe
     (INT32_MAX, which the MAVLink definitions use for "unknown").
@@ -237,6 +257,6 @@ def place_of(lat_e7: float | None, lon_e7: float | None) -> Place | None:
 
 
 def _heading_deg(position: Mapping[str, Any]) -> float | None:
-    """GLOBAL_POSITION_INT.hdg: hundredths of a degree, 65535 for not known."""
-    told = int(position.get("hdg", _UNKNOWN_HEADING))
-    return None if told == _UNKNOWN_HEADING else told / 100
+    """Return GLOBAL_POSITION_INT.hdg (hundredths of a degree) in degrees; None for 65535, unknown."""
+    hundredths = int(position.get("hdg", _UNKNOWN_HEADING))
+    return None if hundredths == _UNKNOWN_HEADING else hundredths / 100

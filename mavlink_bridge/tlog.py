@@ -16,18 +16,18 @@ from typing import BinaryIO
 
 SUFFIX = ".tlog"
 WAITING_FRAMES = 20_000
-"""So many frames may wait for a slow disk, about 6 MB; those beyond are left out, which is reported as a failure."""
+"""The number of frames that may wait for a slow disk, about 6 MB; losing those beyond is reported as a failure."""
 
 
 def _ignore(reason: str) -> None:
-    """Tell nobody."""
+    """Ignore it."""
 
 
 class TelemetryLog:
     """One `.tlog` file; QGroundControl, Mission Planner and pymavlink read it.
 
-    A file that is there is appended to, so that a restart of the service keeps the flight's first part. What goes wrong
-    is given to `on_failure(reason)`, once; nothing raises, and nothing is written from then on.
+    An existing file is appended to, so that a restart of the service keeps the flight's first part. A failure is
+    reported to `on_failure(reason)`, once; nothing raises, and nothing is written from then on.
     """
 
     def __init__(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Iterable, Sequence
 
-from skyfolio.mavlink_bridge.autopilots import Autopilot
 from skyfolio.mavlink_bridge.compare import mission_differences
 from skyfolio.mavlink_bridge.items import Mission, MissionItem
 from skyfolio.mavlink_bridge.mission_messages import SILENCE_S, MissionType
@@ -13,11 +12,11 @@ from skyfolio.mavlink_bridge.mission_protocol import Download
 from skyfolio.mavlink_bridge.parameters import ParameterRead
 from skyfolio.mavlink_bridge.results import ReadResult, Recognised, UploadResult
 from skyfolio.mavlink_bridge.vehicle import NotDone, Vehicle
-from skyfolio.mavlink_bridge.verified import ATTEMPTS, STATELESS_WINDOW, OnBoard, VerifiedUpload
+from skyfolio.mavlink_bridge.verified import ATTEMPTS, OnBoard, VerifiedUpload
 
 
 def never() -> bool:
-    """Nobody gives up early."""
+    """Return false: the upload is never given up early."""
     return False
 
 
@@ -29,12 +28,12 @@ async def upload_verified(
     silence_s: float = SILENCE_S,
     given_up: Callable[[], bool] = never,
 ) -> UploadResult:
-    """Upload until the read-back is equal, at most `attempts` times; `given_up` ends it early (link declared lost).
+    """Upload until the read-back is equal, at most `attempts` times; `given_up` (link declared lost) ends it early.
 
-    If it fails, what was on board before is put back, as far as that is known and the vehicle still answers.
+    If it fails, what was on board before is restored, as far as that is known and the vehicle still answers.
     """
     if vehicle.state.autopilot is not mission.autopilot:
-        error = f"the mission is for {mission.autopilot}, the vehicle is {vehicle.state.autopilot or 'something else'}"
+        error = f"the mission is for {mission.autopilot}, the vehicle is {vehicle.autopilot}"
         return UploadResult(system_id=vehicle.system_id, seconds=0.0, error=error)
     result = await upload_items(
         vehicle, mission.items, MissionType.MISSION, attempts=attempts, silence_s=silence_s, given_up=given_up
@@ -53,7 +52,7 @@ async def upload_items(
     silence_s: float = SILENCE_S,
     given_up: Callable[[], bool] = never,
 ) -> UploadResult:
-    """As above, for any mission type. An empty list clears."""
+    """Upload items of any mission type, proven in the same way. An empty list clears."""
     loop = asyncio.get_running_loop()
     started = loop.time()
     flown = mission_type is MissionType.MISSION
@@ -88,21 +87,22 @@ async def recognise(vehicle: Vehicle, missions: Sequence[Mission], given_up: Cal
     loop = asyncio.get_running_loop()
     started = loop.time()
     reading = await read_items(vehicle, MissionType.MISSION, given_up)
-    found, error, read, autopilot = None, reading.error, reading.items, vehicle.autopilot
+    mission, error, read, autopilot = None, reading.error, reading.items, vehicle.autopilot
     if error is None:
-        found = next((one for one in missions if not mission_differences(one.items, read, autopilot=autopilot)), None)
-        error = None if found is not None else f"{len(read)} items on board, and they are none of the known missions"
-    if found is not None:
-        vehicle.on_board, vehicle.start_item = found.items, found.start_item
-    return Recognised(system_id=vehicle.system_id, seconds=loop.time() - started, error=error, mission=found)
+        equal = (known for known in missions if not mission_differences(known.items, read, autopilot=autopilot))
+        mission = next(equal, None)
+        error = None if mission is not None else f"{len(read)} items on board, and they are none of the known missions"
+    if mission is not None:
+        vehicle.on_board, vehicle.start_item = mission.items, mission.start_item
+    return Recognised(system_id=vehicle.system_id, seconds=loop.time() - started, error=error, mission=mission)
 
 
 async def read_items(vehicle: Vehicle, mission_type: MissionType, given_up: Callable[[], bool] = never) -> ReadResult:
     """Read what is on board of one mission type."""
     loop = asyncio.get_running_loop()
     started = loop.time()
-    window = STATELESS_WINDOW if vehicle.autopilot is Autopilot.ARDUPILOT else 1
-    reading = Download(vehicle.system_id, mission_type=mission_type, window=window, round_trip=vehicle.round_trip)
+    window, round_trip = vehicle.profile.read_window, vehicle.round_trip
+    reading = Download(vehicle.system_id, mission_type=mission_type, window=window, round_trip=round_trip)
     await vehicle.converse(reading, given_up)
     error = "not read" if reading.ended is None else reading.ended.error
     items = tuple(reading.items) if error is None else ()
@@ -110,7 +110,7 @@ async def read_items(vehicle: Vehicle, mission_type: MissionType, given_up: Call
 
 
 async def read_parameters(vehicle: Vehicle, names: Iterable[str]) -> dict[str, float]:
-    """The values of those parameters the vehicle knows. Raises NotDone for an autopilot nobody compiles for."""
+    """Return the values of those parameters the vehicle knows. Raises NotDone for an unknown autopilot."""
     reading = ParameterRead(names, vehicle.system_id, vehicle.autopilot, vehicle.round_trip)
     await vehicle.converse(reading)
     return reading.values

@@ -1,4 +1,4 @@
-"""Do UAVs keep apart while they change over to a new plan? From where they really are, ghosts included. Pure."""
+"""Check that UAVs keep apart while they change to a new plan, from where they really are, ghosts included. Pure."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def check_transition(
 
 
 def _require_apart(ways_m: Mapping[str, Sequence[Point]], times_s: Sequence[float], required_m: float) -> None:
-    """Raise TransitionTooClose for the first two of several UAVs that fly straight between the same times too close."""
+    """Raise TransitionTooClose for the first two UAVs that come too close, flying straight between the same times."""
     names, places = list(ways_m), np.array(list(ways_m.values()), dtype=float)  # (n_uavs, n_times, 2)
     for number, first in enumerate(names[:-1]):
         apart_m, shares = _least_apart(places[number] - places[number + 1 :])
@@ -56,9 +56,10 @@ def _require_apart(ways_m: Mapping[str, Sequence[Point]], times_s: Sequence[floa
 
 
 def _least_apart(between_m: Array) -> tuple[Array, Array]:
-    """Least distance on each leg, metres, and at which share of it: (n, n_times - 1) both, or (n, 1) of one time.
+    """Return the least distance on each leg, metres, and at which share of it it is reached.
 
-    between_m: (n, n_times, 2), from one UAV to each of n others at each time, metres east/north.
+    between_m: (n, n_times, 2), from one UAV to each of n others at each time, metres east/north. Returns two arrays of
+    (n, n_times - 1), or (n, 1) of one time.
     """
     if between_m.shape[1] == 1:
         return np.hypot(between_m[..., 0], between_m[..., 1]), np.zeros(between_m.shape[:2])

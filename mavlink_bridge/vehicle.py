@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from math import isfinite
 from typing import Any, Protocol, TypeVar
 
@@ -15,10 +14,12 @@ from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectError, Mav
 
 from skyfolio.mavlink_bridge.answers import CommandAnswer
 from skyfolio.mavlink_bridge.autopilots import Autopilot, FlightMode
-from skyfolio.mavlink_bridge.command_protocol import CommandCall
 from skyfolio.mavlink_bridge.heartbeat import AUTOPILOT
 from skyfolio.mavlink_bridge.items import MissionItem
 from skyfolio.mavlink_bridge.mission_messages import GROUND, Message
+from skyfolio.mavlink_bridge.open_commands import ACK, OpenCommands
+from skyfolio.mavlink_bridge.profile import AutopilotProfile
+from skyfolio.mavlink_bridge.profiles import unknown_autopilot
 from skyfolio.mavlink_bridge.round_trip import RoundTrip
 from skyfolio.mavlink_bridge.status_texts import StatusTexts
 from skyfolio.mavlink_bridge.telemetry import MESSAGES, TelemetryState
@@ -26,10 +27,9 @@ from skyfolio.mavlink_bridge.telemetry import MESSAGES, TelemetryState
 Result = TypeVar("Result")
 
 _ANSWERS = ("MISSION_REQUEST_INT", "MISSION_REQUEST", "MISSION_COUNT", "MISSION_ITEM_INT", "PARAM_VALUE")
-"""Messages that only mean something to the conversation that is going on."""
+"""Messages that only mean something to the current conversation."""
 _NEWS = ("STATUSTEXT",)
-"""Messages no telemetry is made of, that `on_message` hears all the same."""
-_ACK = "COMMAND_ACK"
+"""Messages that are no part of telemetry, and that `on_message` gets all the same."""
 
 _NAMES = {
     21: "land",
@@ -57,10 +57,10 @@ class NotDone(Exception):  # noqa: N818 (ends one command of one vehicle; become
 
 
 class Clock(Protocol):
-    """Anything that tells fleet time. Read from MAVSDK's threads too."""
+    """A clock of fleet time; read from MAVSDK's threads too."""
 
     def now(self) -> float:
-        """Fleet seconds; never runs backwards."""
+        """Return fleet seconds, which never run backwards."""
         ...
 
 
@@ -83,10 +83,10 @@ class Conversation(Protocol):
 
 
 class Vehicle:
-    """One system id. Lives on the event loop; MAVSDK's callbacks are handed over to it.
+    """One system id. It lives on the event loop; MAVSDK's callbacks are handed over to it.
 
-    `on_message(vehicle, name, fields, heard_s)` is called for each message of component 1 that telemetry is made of,
-    and for STATUSTEXT, with fleet seconds.
+    `on_message(vehicle, name, fields, heard_s)` is called with fleet seconds for each message of component 1 that is
+    part of telemetry, and for STATUSTEXT.
     """
 
     def __init__(
@@ -100,17 +100,17 @@ class Vehicle:
         self.system_id = int(system.get_system_id())
         self.state = TelemetryState(self.system_id)
         self.texts = StatusTexts()
-        """What it said in words, at the event loop's times."""
+        """What it reported in words, at the event loop's times."""
         self.heard = False
         """Whether its autopilot (component 1) has sent a heartbeat."""
         self.announce: Callable[[FlightMode, bool], None] = lambda _mode, _going_on: None
-        """Told of each mode before it is commanded (True), and when the command has ended (False)."""
+        """Called with each mode before it is commanded (True), and when the command has ended (False)."""
         self.start_item = 1
         """The item of the mission on board that a vehicle in the air begins with."""
         self.on_board: tuple[MissionItem, ...] | None = None
-        """The mission it is proven to have; None: not known."""
+        """The mission it is proven to have; None: unknown."""
         self.round_trip = RoundTrip()
-        """What all questions to it have measured."""
+        """The round trip that all requests to it have measured."""
         self.unsupported: set[int] = set()
         """Commands (MAV_CMD) it has answered UNSUPPORTED."""
         self.flies_our_speed = False
@@ -121,25 +121,27 @@ class Vehicle:
         self._changed = asyncio.Event()
         self._talking = asyncio.Lock()
         self._inbox: asyncio.Queue[tuple[str, dict[str, Any]]] | None = None
-        self._calls: dict[int, CommandCall] = {}
-        self._answered = asyncio.Event()
-        self._one_of_a_kind: defaultdict[int, asyncio.Lock] = defaultdict(asyncio.Lock)
-        self._strays: dict[int, tuple[int, float]] = {}
+        self._commands = OpenCommands(self._send_all, self.round_trip, loop)
         self._not_on_request: set[int] = set()
         self._direct = MavlinkDirect(system)
-        for name in (*MESSAGES, *_ANSWERS, *_NEWS, _ACK):
+        for name in (*MESSAGES, *_ANSWERS, *_NEWS, ACK):
             self._direct.subscribe_message(name, self._receive)
 
     @property
     def autopilot(self) -> Autopilot:
-        """Which autopilot it is, from its heartbeat. Raises NotDone for one nobody compiles for."""
-        if self.state.autopilot is None:
-            raise NotDone("its autopilot is neither PX4 nor ArduPilot")
-        return self.state.autopilot
+        """Return which autopilot it is, from its HEARTBEAT. Raises NotDone for one without a profile."""
+        return self.profile.autopilot
+
+    @property
+    def profile(self) -> AutopilotProfile:
+        """Return the profile of its autopilot. Raises NotDone, naming the autopilot, where there is none."""
+        if self.state.profile is None:
+            raise NotDone(str(unknown_autopilot(self.state.mav_autopilot)))
+        return self.state.profile
 
     @contextmanager
     def commanding(self, mode: FlightMode) -> Iterator[None]:
-        """Announce a mode that is commanded meanwhile, so that nobody else is taken to have chosen it."""
+        """Announce a mode that is commanded meanwhile, so that the change is not attributed to anybody else."""
         self.announce(mode, True)
         try:
             yield
@@ -147,7 +149,7 @@ class Vehicle:
             self.announce(mode, False)
 
     def send(self, message: Message) -> None:
-        """Send one message, unconfirmed. Raises NotDone when the link does not take it."""
+        """Send one message, unconfirmed. Raises NotDone if the link does not take it."""
         wanted = MavlinkMessage(message.name, *GROUND, self.system_id, AUTOPILOT, json.dumps(message.fields))
         try:
             self._direct.send_message(wanted)
@@ -155,26 +157,26 @@ class Vehicle:
             raise NotDone(f"{message.name} was not sent: {failed.result.name}") from failed
 
     async def command(self, number: int, *params: float | None) -> None:
-        """COMMAND_LONG with up to seven parameters (None: not given), repeated until answered.
+        """Send COMMAND_LONG with up to seven parameters (None: NaN), repeated until it is answered.
 
         Raises NotDone unless it is accepted.
         """
         await self._command(self.command_message(number, *params))
 
     def command_message(self, number: int, *params: float | None) -> Message:
-        """COMMAND_LONG as `command` sends it, to be sent unconfirmed."""
+        """Return COMMAND_LONG as `command` sends it, to be sent unconfirmed."""
         return Message("COMMAND_LONG", {"command": number, "confirmation": 0, **self._address, **_numbered(params)})
 
     async def command_int(self, number: int, *, frame: int, x: int, y: int, z: float, **params: float | None) -> None:
-        """COMMAND_INT with a place (1e-7 degrees). Raises NotDone unless it is accepted."""
+        """Send COMMAND_INT with a place (1e-7 degrees). Raises NotDone unless it is accepted."""
         fields = {"command": number, **self._address, "frame": frame, "x": x, "y": y, "z": z, **params}
         await self._command(Message("COMMAND_INT", fields))
 
     async def request(self, message_id: int) -> None:
-        """Ask for one message (MAV_CMD_REQUEST_MESSAGE), unless it was refused once: then it comes when it comes."""
+        """Request one message (MAV_CMD_REQUEST_MESSAGE), unless the vehicle has refused that once."""
         if message_id in self._not_on_request:
             return
-        answer = await self._ask(self.command_message(_REQUEST, float(message_id)))
+        answer = await self._commands.ask(self.command_message(_REQUEST, float(message_id)))
         if answer.answer in _NEVER:
             self._not_on_request.add(message_id)
 
@@ -197,7 +199,10 @@ class Vehicle:
                 self._inbox = None
 
     async def wait_until(self, condition: Callable[[], bool], timeout_s: float) -> bool:
-        """Whether the condition came true within `timeout_s` wall seconds; looked at after each message."""
+        """Return whether the condition became true within `timeout_s` wall seconds.
+
+        It is checked after each message.
+        """
         try:
             async with asyncio.timeout(timeout_s):
                 while not condition():
@@ -207,9 +212,9 @@ class Vehicle:
         return True
 
     async def _turn(self, conversation: Conversation, inbox: asyncio.Queue[tuple[str, dict[str, Any]]]) -> bool:
-        """The next message, or the next thing that is due; what a slow loop let pile up is taken in first.
+        """Handle the next message, or the next thing that is due, and return whether it was a message.
 
-        Whether it was a message.
+        Messages that waited for a slow loop are taken in first.
         """
         wait_s = conversation.due_s - self._loop.time()
         heard: tuple[str, dict[str, Any]] | None = None
@@ -230,45 +235,19 @@ class Vehicle:
             self.send(message)
 
     async def _command(self, message: Message) -> None:
-        call = await self._ask(message)
+        call = await self._commands.ask(message)
         if call.error is not None:
             number = int(message.fields["command"])
             if call.answer is CommandAnswer.UNSUPPORTED:
                 self.unsupported.add(number)
             raise NotDone(f"{_NAMES.get(number, number)}: {call.error}")
 
-    async def _ask(self, message: Message) -> CommandCall:
-        """Send a command and wait until it is answered, or will not be."""
-        number = int(message.fields["command"])
-        async with self._one_of_a_kind[number]:
-            strays, until_s = self._strays.pop(number, (0, 0.0))
-            call = CommandCall(message, self.round_trip, strays=strays if self._loop.time() < until_s else 0)
-            self._calls[number] = call
-            try:
-                self._send_all(call.start(self._loop.time()))
-                while not call.ended:
-                    await self._until(call.due_s)
-                    self._send_all(call.tick(self._loop.time()))
-            finally:
-                del self._calls[number]
-                if not call.ended:
-                    call.give_up()
-                if call.strays:
-                    self._strays[number] = (call.strays, self._loop.time() + 2 * self.round_trip.timeout_s)
-        return call
-
-    async def _until(self, due_s: float) -> None:
-        """Wait for an answer to any command, at most until `due_s`."""
-        with suppress(TimeoutError):
-            async with asyncio.timeout_at(due_s):
-                await self._answered.wait()
-
     @property
     def _address(self) -> dict[str, int]:
         return {"target_system": self.system_id, "target_component": AUTOPILOT}
 
     def _receive(self, message: MavlinkMessage, _user_data: object) -> None:
-        """On MAVSDK's thread: keep only what this very autopilot sent, stamp it, hand it over."""
+        """Keep only what this autopilot itself sent, stamp it, and hand it to the loop; runs on MAVSDK's thread."""
         if message.system_id == self.system_id and message.component_id == AUTOPILOT:
             heard_s = self._clock.now()
             self._loop.call_soon_threadsafe(self._take_in, message.message_name, message.fields_json, heard_s)
@@ -276,10 +255,9 @@ class Vehicle:
     def _take_in(self, name: str, fields_json: str, heard_s: float) -> None:
         fields = json.loads(fields_json)
         now_s = self._loop.time()
-        for call in self._calls.values():
-            call.alive(now_s)
-        if name == _ACK:
-            self._take_answer(fields, now_s)
+        self._commands.alive(now_s)
+        if name == ACK:
+            self._commands.take_answer(fields, now_s)
             return
         if self._inbox is not None:
             self._inbox.put_nowait((name, fields))
@@ -294,19 +272,7 @@ class Vehicle:
         changed, self._changed = self._changed, asyncio.Event()
         changed.set()
 
-    def _take_answer(self, fields: dict[str, Any], now_s: float) -> None:
-        number = int(fields["command"])
-        call = self._calls.get(number)
-        if call is not None:
-            call.handle(_ACK, fields, now_s)
-            answered, self._answered = self._answered, asyncio.Event()
-            answered.set()
-        elif number in self._strays:
-            left, until_s = self._strays.pop(number)
-            if left > 1:
-                self._strays[number] = (left - 1, until_s)
-
 
 def _numbered(params: Sequence[float | None]) -> dict[str, float | None]:
-    """param1 to param7; those not given are 0."""
+    """Return param1 to param7; those not given are 0."""
     return {f"param{n}": value for n, value in enumerate([*params, *[0.0] * (7 - len(params))], start=1)}

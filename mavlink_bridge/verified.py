@@ -1,6 +1,6 @@
-"""Put items on board and know what is there: upload, read back, compare, try again, or put the old ones back.
+"""Upload items and know what is on board: upload, read back, compare, try again, or restore the old ones.
 
-An accepting MISSION_ACK is not proof (it may have been meant for somebody else, or come too early); a read-back that
+An accepting MISSION_ACK is not proof (it may have been meant for another station, or come too early); a read-back that
 compares equal is. ArduPilot writes into the mission it flies, so an upload that cannot be finished leaves parts of
 both: then the mission that was there before is restored and proven the same way. Without I/O, like the protocol.
 """
@@ -17,17 +17,16 @@ from skyfolio.mavlink_bridge.compare import mission_differences
 from skyfolio.mavlink_bridge.items import MissionItem
 from skyfolio.mavlink_bridge.mission_messages import SILENCE_S, Ended, Message, MissionType
 from skyfolio.mavlink_bridge.mission_protocol import Download, Upload
+from skyfolio.mavlink_bridge.profiles import profile_of
 from skyfolio.mavlink_bridge.round_trip import RoundTrip
 
 ATTEMPTS = 3
-STATELESS_WINDOW = 4
-"""Items of ArduPilot that are read at once."""
 _PAUSE_S = 0.2
-"""Before the second attempt; doubles with each further one."""
+"""Seconds before the second attempt; doubled with each further one."""
 
 
 class OnBoard(StrEnum):
-    """What the vehicle is known to have."""
+    """What the vehicle is known to have on board."""
 
     NEW = "new"
     """The whole new mission, read back and equal."""
@@ -38,10 +37,10 @@ class OnBoard(StrEnum):
 
 
 class VerifiedUpload:
-    """One upload with its proof and its retries; the same face as the transfers it is made of.
+    """One upload with its proof and its retries, with the same interface as the transfers it is made of.
 
     `old`: what is on board now, as far as known; None: unknown, then a failure is not repaired. `autopilot`: whose
-    read-back it is. `error` tells what went wrong with the new items, None when they are on board.
+    rules the read-back follows. `error` says what went wrong with the new items, None if they are on board.
     """
 
     def __init__(
@@ -61,7 +60,8 @@ class VerifiedUpload:
         self.attempts = 0
         self.opaque_id = 0
         self._new, self._old = items, old
-        self._system_id, self._type, self._autopilot = system_id, mission_type, autopilot
+        self._system_id, self._type = system_id, mission_type
+        self._profile = profile_of(autopilot)
         self._limit = attempts
         self._silence_s = silence_s
         self._tries = 0
@@ -73,12 +73,12 @@ class VerifiedUpload:
 
     @property
     def ended(self) -> bool:
-        """Whether `on_board` tells the result."""
+        """Return whether `on_board` has the result."""
         return self.on_board is not None
 
     @property
     def due_s(self) -> float:
-        """When `tick` has something to do."""
+        """Return when `tick` has something to do."""
         if self.ended:
             return inf
         return self._resume_s if self._transfer is None else self._transfer.due_s
@@ -102,14 +102,14 @@ class VerifiedUpload:
         return self._go_on(self._transfer.tick(now_s), now_s)
 
     def give_up(self) -> None:
-        """Stop here: the link is gone. What is on board is unknown unless it was proven."""
+        """Stop: the link is lost. What is on board is unknown unless it was proven."""
         if self.on_board is None:
             self.on_board = OnBoard.UNKNOWN
             self.error = self._failure or "given up: the link was declared lost"
 
     def _try_again(self, now_s: float) -> list[Message]:
-        """PX4 keeps the old mission whole until it has a new one: uploaded again it would begin from the start."""
-        if self._restoring and self._autopilot is Autopilot.PX4 and not self._old_is_gone:
+        """Upload again, or only read an old mission that was kept whole: uploaded again it would start anew."""
+        if self._restoring and self._profile.replaces_whole and not self._old_is_gone:
             self._tries += 1
             return self._read_back(now_s)
         return self._upload(now_s)
@@ -131,7 +131,7 @@ class VerifiedUpload:
         return (self._old or ()) if self._restoring else self._new
 
     def _go_on(self, messages: list[Message], now_s: float) -> list[Message]:
-        """After each step: does the transfer that is going on end, and what follows from it?"""
+        """Continue after each step with what follows from the end of the current transfer, if it has ended."""
         transfer = self._transfer
         if transfer is None or transfer.ended is None:
             return messages
@@ -149,8 +149,7 @@ class VerifiedUpload:
         return [upload.cancel(), *self._failed(now_s, again=ended.passing)]
 
     def _read_back(self, now_s: float) -> list[Message]:
-        window = STATELESS_WINDOW if self._autopilot is Autopilot.ARDUPILOT else 1
-        self._transfer = Download(self._system_id, window=window, **self._how)
+        self._transfer = Download(self._system_id, window=self._profile.read_window, **self._how)
         return self._transfer.start(now_s)
 
     def _proved(self, download: Download, ended: Ended, now_s: float) -> list[Message]:
@@ -158,7 +157,7 @@ class VerifiedUpload:
             self._failure = ended.error
             return self._failed(now_s, again=True)
         differences = mission_differences(
-            self._wanted, download.items, autopilot=self._autopilot, mission_type=self._type
+            self._wanted, download.items, autopilot=self._profile.autopilot, mission_type=self._type
         )
         if differences:
             self._old_is_gone = self._restoring
@@ -171,7 +170,7 @@ class VerifiedUpload:
         return []
 
     def _failed(self, now_s: float, *, again: bool) -> list[Message]:
-        """Try again after a pause; then put the old mission back; then admit that nothing is known."""
+        """Try again after a pause; then restore the old mission; then report that nothing is known."""
         if not self._restoring:
             self.error = self._failure
         if again and self._tries < self._limit:

@@ -25,11 +25,11 @@ class Watchers:
         self._link = UdpOut(url, network["host"].strip("[]"), int(network["port"]), self._heard)
 
     async def open(self) -> None:
-        """Open the socket; raises ConnectionFailed for an unknown host."""
+        """Open the socket. Raises ConnectionFailed for an unknown host."""
         await self._link.open()
 
     def send(self, data: bytes) -> None:
-        """What vehicles said, frames in a row."""
+        """Send frames of vehicles, in a row, to the watching station."""
         self._link.send(data, 0)
 
     def close(self) -> None:

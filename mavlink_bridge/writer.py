@@ -1,4 +1,4 @@
-"""What the writers of all autopilots share: items with gapless seq, speeds only where they change, the last item."""
+"""What the writers of all autopilots share: items with gapless seq, speeds only where they change, the end."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ from skyfolio.mavlink_bridge.schedule import Schedule, Stop
 _GROUND_SPEED = 1.0
 _THROTTLE_UNCHANGED = -1.0
 _SAME_SPEED = 0.002
-"""Relative: 2 cm on a leg of 10 m, not worth an item."""
+"""Relative: 2 cm on a leg of 10 m are not worth an item."""
 
 
 class OnEnd(StrEnum):
     """What a vehicle does after its last slot."""
 
     LAND = "land"
-    """NAV_LAND where it is: vertical descents keep the separation the plan has."""
+    """NAV_LAND where it is: vertical descents keep the separation of the plan."""
     RETURN = "return"
     """NAV_RETURN_TO_LAUNCH: check the ways home with `check_return_paths` first."""
     HOLD = "hold"
-    """NAV_LOITER_UNLIM: hover until told otherwise."""
+    """NAV_LOITER_UNLIM: hover until the next command."""
 
 
 @dataclass(kw_only=True)
 class MissionWriter:
     """Collects the items of one mission; `to_geodetic` turns east/north metres into (lat, lon) degrees.
 
-    A subclass says how its autopilot wants a mission to begin (`_begin`) and a waypoint (`_waypoint`). `start_item`
-    is the first item a vehicle in the air flies.
+    A subclass defines the beginning of a mission (`_begin`) and a waypoint (`_waypoint`) for its autopilot.
+    `start_item` is the first item a vehicle in the air flies.
     """
 
     altitude_m: float
@@ -45,7 +45,7 @@ class MissionWriter:
     _speed_mps: float | None = None
 
     def write(self, schedule: Schedule, *, takeoff: bool, on_end: OnEnd) -> None:
-        """Items of a whole mission: the beginning, then per stop its speed and waypoint, then the end."""
+        """Write a whole mission: the beginning, then for each stop its speed and waypoint, then the end."""
         self._begin(schedule.stops[0].point_m, takeoff=takeoff)
         self.start_item = len(self.items)
         for number, stop in enumerate(schedule.stops):

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
+from skyfolio.api.cli.autopilots import DEFAULT, AutopilotOfFleet
 from skyfolio.api.cli.files import Json, Out
 from skyfolio.api.cli.lazy import Later, LaterGroup
 
@@ -98,7 +99,7 @@ def serve(
 def simulate(
     vehicles: Annotated[int, typer.Option(min=1, max=254, help="How many; system ids 1..N.")] = 3,
     speedup: Annotated[float, typer.Option(min=0.1, max=100, help="Times real time.")] = 1.0,
-    autopilot: Annotated[Literal["px4", "ardupilot"], typer.Option(help="Which autopilot they have.")] = "px4",
+    autopilot: AutopilotOfFleet = DEFAULT,
     endpoint: Annotated[str, typer.Option(help="Where they send to; HOST:FIRST-LAST: each to a port of its own.")] = (
         "udpout://127.0.0.1:14540"
     ),
@@ -281,7 +282,7 @@ def bench_start(
 @bench.command("simulator")
 def bench_simulator(
     vehicles: Annotated[int, typer.Option(min=1, max=254, help="How many.")] = 100,
-    autopilot: Annotated[Literal["px4", "ardupilot"], typer.Option(help="Which autopilot they have.")] = "px4",
+    autopilot: AutopilotOfFleet = DEFAULT,
     position_hz: Annotated[float, typer.Option(min=0.1, max=50, help="Position messages a second, of each.")] = 10.0,
     seconds: Annotated[float, typer.Option(min=1, help="How long to measure.")] = 15.0,
     as_json: Json = False,

@@ -11,6 +11,7 @@ import typer
 from rich.console import Console
 
 from skyfolio.api.cli import terminal as show
+from skyfolio.api.cli.autopilots import DEFAULT, AutopilotOfMission
 from skyfolio.api.cli.files import Json, Out, UsageError, read_as, read_scenario, write
 from skyfolio.planner import EXAMPLES, AnyOf, Changes, Deadline, Plan, converged, plan, replan
 
@@ -63,14 +64,15 @@ def export(
     file: Annotated[Path, typer.Argument(help="Plan as JSON.")],
     uav_id: Annotated[str | None, typer.Option(help="Which UAV; not needed for --format json.")] = None,
     format: Annotated[Literal["plan", "waypoints", "json"], typer.Option(help="File format.")] = "plan",  # noqa: A002
-    autopilot: Annotated[Literal["px4", "ardupilot"], typer.Option(help="Which autopilot will fly it.")] = "px4",
+    autopilot: AutopilotOfMission = DEFAULT,
     out: Out = None,
     as_json: Json = False,
 ) -> None:
     """Write the MAVLink missions of a plan as QGroundControl `.plan`, `.waypoints` text or JSON."""
     from skyfolio.api.plans.mission_files import Missions  # noqa: PLC0415 - MAVSDK is only loaded where it is used
+    from skyfolio.mavlink_bridge import Autopilot  # noqa: PLC0415
 
-    missions = Missions(read_as(Plan, file), autopilot)
+    missions = Missions(read_as(Plan, file), Autopilot(autopilot))
     if format == "json" or as_json:
         text = json.dumps(missions.as_json(uav_id), indent=2)
     elif format == "plan":

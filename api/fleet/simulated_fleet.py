@@ -9,7 +9,7 @@ from typing import Any
 
 from skyfolio import sim
 from skyfolio.api.common.errors import InvalidError
-from skyfolio.mavlink_bridge import east_north_to_geodetic
+from skyfolio.mavlink_bridge import DEFAULT_AUTOPILOT, east_north_to_geodetic
 from skyfolio.planner import EXAMPLES, Scenario
 
 
@@ -21,7 +21,7 @@ def scenario_of(name: str) -> Scenario:
 
 
 def specs_at_starts(
-    scenario: Scenario, autopilot: str = "px4", booted_s_ago: float = sim.BOOTED_S_AGO
+    scenario: Scenario, autopilot: str = DEFAULT_AUTOPILOT.value, booted_s_ago: float = sim.BOOTED_S_AGO
 ) -> list[sim.VehicleSpec]:
     """One vehicle on the ground at each UAV's start; system ids 1, 2, ... in the scenario's order."""
     specs = []

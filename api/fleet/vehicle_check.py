@@ -29,6 +29,7 @@ from skyfolio.mavlink_bridge.findings import Finding, Level
 from skyfolio.mavlink_bridge.listening import ANYBODY
 from skyfolio.mavlink_bridge.mission_messages import MissionType
 from skyfolio.mavlink_bridge.preflight import audit
+from skyfolio.mavlink_bridge.profiles import KNOWN, unknown_autopilot
 from skyfolio.mavlink_bridge.results import UploadResult
 from skyfolio.planner import Origin, Plan
 
@@ -148,8 +149,8 @@ class _Check:
         state = self._link.vehicle(self._system).state
         report = VehicleReport(system_id=self._system, autopilot=state.autopilot)
         if state.autopilot is None:
-            why = "missions are compiled for these two only"
-            report.findings = [_blocker("autopilot", "something else", "PX4 or ArduPilot", why)]
+            unknown = unknown_autopilot(state.mav_autopilot)
+            report.findings = [_blocker("autopilot", unknown.autopilot, KNOWN, "missions are compiled for these only")]
             return report
         self._say("asking for its parameters")
         await self._link.prepare([self._system])

@@ -18,8 +18,7 @@ from skyfolio.api.flights.roster import Roster
 from skyfolio.api.flights.take_off import LOOK_EVERY_S, FlightError, TakeOff, each
 from skyfolio.api.flights.track import Seen, Track
 from skyfolio.api.flights.traffic import Traffic
-from skyfolio.mavlink_bridge import Autopilot, Mission, OnEnd, Telemetry, VehiclesMissing, geodetic_to_east_north
-from skyfolio.mavlink_bridge.autopilots import HOLD_MODE, STREAM_MODE
+from skyfolio.mavlink_bridge import Mission, OnEnd, Telemetry, VehiclesMissing, geodetic_to_east_north
 from skyfolio.mavlink_bridge.results import CommandResult, SwapResult
 from skyfolio.mavlink_bridge.verified import OnBoard
 from skyfolio.planner import Plan
@@ -229,9 +228,9 @@ class Flight:
         """What the vehicle last said, its mission included."""
         return self._fleet.link.telemetry(self.systems[uav])
 
-    def autopilot(self, uav: str) -> Autopilot:
-        """Which autopilot it has."""
-        return self._fleet.link.autopilot(self.systems[uav])
+    def is_ours(self, uav: str) -> bool:
+        """Return whether it was last seen in a mode in which the service may command it."""
+        return self._fleet.link.is_ours(self.systems[uav])
 
     def note(self, kind: str, **data: Any) -> None:
         """Add an event about a vehicle to the log."""
@@ -240,11 +239,11 @@ class Flight:
     def hovers(self, uav: str) -> bool:
         """Return whether it last said that it waits for orders, or for setpoints that nobody sends any more."""
         said = self.on_board(uav)
-        if said is None or not said.armed:
+        if said is None or not said.armed or not self.is_ours(uav):
             return False
-        autopilot = self.autopilot(uav)
-        waits = {HOLD_MODE[autopilot], STREAM_MODE[autopilot]}
-        return said.mode in waits and not (said.mode is STREAM_MODE[autopilot] and self.guidance.streams)
+        profile = self._fleet.link.profile(self.systems[uav])
+        waits = {profile.hold_mode, profile.stream_mode}
+        return said.mode in waits and not (said.mode is profile.stream_mode and self.guidance.streams)
 
     def recorded(self, name: str) -> AbstractContextManager[None]:
         """Keep a telemetry log of this name meanwhile, if the service keeps logs."""

@@ -5,8 +5,7 @@ from __future__ import annotations
 from math import dist
 from typing import TYPE_CHECKING
 
-from skyfolio.mavlink_bridge import OnEnd, Telemetry
-from skyfolio.mavlink_bridge.autopilots import OURS
+from skyfolio.mavlink_bridge import OnEnd
 
 if TYPE_CHECKING:
     from skyfolio.api.flights.flight import Flight
@@ -70,11 +69,11 @@ class Stragglers:
 
     def _hovers(self, flight: Flight, uav: str) -> bool:
         said, at_m = flight.on_board(uav), flight.roster.last_seen_m(uav)
-        if said is None or at_m is None or said.relative_alt_m < LOW_M or not _is_ours(flight, uav, said):
+        if said is None or at_m is None or said.relative_alt_m < LOW_M or not _is_ours(flight, uav):
             self._stillness.forget(uav)
             return False
         return self._stillness.seen(uav, flight.now_s(), (*at_m, said.relative_alt_m))
 
 
-def _is_ours(flight: Flight, uav: str, said: Telemetry) -> bool:
-    return flight.roster.may_command(uav) and said.mode in OURS[flight.autopilot(uav)]
+def _is_ours(flight: Flight, uav: str) -> bool:
+    return flight.roster.may_command(uav) and flight.is_ours(uav)

@@ -17,7 +17,6 @@ from skyfolio.api.fleet.registry import HEARD_WITHIN_S, Fleet
 from skyfolio.api.flights.guidance import FlightGuidance
 from skyfolio.api.flights.losses import Loss, seen, silent
 from skyfolio.mavlink_bridge import BridgeError, LinkState, VehiclesMissing, geodetic_to_east_north
-from skyfolio.mavlink_bridge.autopilots import OURS
 from skyfolio.mavlink_bridge.fence import fence_items, rally_items
 from skyfolio.mavlink_bridge.mission_messages import MissionType
 from skyfolio.mavlink_bridge.readiness import ARMABLE_WITHIN_S
@@ -113,7 +112,7 @@ class TakeOff:
         """Metres above home of a UAV that is armed and ours to command."""
         system = self._systems[uav]
         said = self._fleet.link.telemetry(system)
-        if said is None or not said.armed or said.mode not in OURS[self._fleet.link.autopilot(system)]:
+        if said is None or not said.armed or not self._fleet.link.is_ours(system):
             return None
         return said.relative_alt_m if self._fallen(uav) is None else None
 

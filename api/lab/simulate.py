@@ -15,7 +15,7 @@ from rich.console import Console
 
 from skyfolio.api.fleet.simulated_fleet import specs_at_starts
 from skyfolio.api.lab.radio import RadioTruth
-from skyfolio.mavlink_bridge import east_north_to_geodetic
+from skyfolio.mavlink_bridge import DEFAULT_AUTOPILOT, east_north_to_geodetic
 from skyfolio.planner import EXAMPLES, Plan, Scenario
 from skyfolio.sim import (
     Event,
@@ -53,7 +53,7 @@ class SimulateConfig:
 
     vehicles: int = 3
     speedup: float = 1.0
-    autopilot: str = "px4"
+    autopilot: str = DEFAULT_AUTOPILOT.value
     endpoint: str = "udpout://127.0.0.1:14540"
     scenario: Scenario | None = None
     plan: Plan | None = None

@@ -22,12 +22,12 @@ from skyfolio.mavlink_bridge import (
     geodetic_to_east_north,
     model_from_parameters,
 )
-from skyfolio.mavlink_bridge.autopilots import STREAM_MODE, FlightMode, mode_numbers
+from skyfolio.mavlink_bridge.autopilots import FlightMode
 from skyfolio.mavlink_bridge.keeper import Keeper, Order
 from skyfolio.mavlink_bridge.mission_messages import Message
 from skyfolio.mavlink_bridge.mission_protocol import Upload
-from skyfolio.mavlink_bridge.models import MODEL_PARAMETERS
 from skyfolio.mavlink_bridge.pace import Point
+from skyfolio.mavlink_bridge.profiles import profile_of
 from skyfolio.mavlink_bridge.reach import head_start_s
 from skyfolio.mavlink_bridge.stream import RATE_HZ, Streamer
 from skyfolio.planner import Plan
@@ -56,6 +56,7 @@ class VirtualFlight:
         self, plan: Plan, uav_id: str, autopilot: Autopilot, parameters: dict[str, float] | None = None
     ) -> None:
         self.plan, self.uav_id, self.autopilot = plan, uav_id, autopilot
+        self.profile = profile_of(autopilot)
         self.path_m: list[Point] = list(plan.trajectories_m[uav_id])
         self.origin = plan.scenario.origin
         self.clock = sim.VirtualClock()
@@ -73,7 +74,7 @@ class VirtualFlight:
         """From the vehicle's own parameters."""
         known = self.vehicle.autopilot.parameters
         values = {}
-        for name in MODEL_PARAMETERS[self.autopilot]:
+        for name in self.profile.model_parameters:
             try:
                 values[name] = float(known[name])
             except KeyError:
@@ -88,7 +89,7 @@ class VirtualFlight:
         model = NAIVE if guidance == "naive" else self.model()
         mission = compile_mission(self.plan, self.uav_id, on_end=OnEnd.HOLD, autopilot=self.autopilot, model=model)
         self._upload(mission)
-        self._tell(set_current(self.autopilot, mission.start_item))
+        self._tell(set_current(mission.start_item))
         self._mode(FlightMode.MISSION)
         keeper = Keeper(self.path_m, self.plan.scenario.slot_duration_s, mission, model)
         began_s, orders, distances = self.clock.now(), 0, []
@@ -106,7 +107,7 @@ class VirtualFlight:
                 order = keeper.advise(elapsed_s, point, velocity, current)
                 if order is not None:
                     orders += 1
-                    self._later(order_message(order, self.autopilot))
+                    self._later(order_message(order))
         return Flown(distances_m=distances, orders=orders)
 
     def _stream(self) -> Flown:
@@ -122,7 +123,7 @@ class VirtualFlight:
         for _ in range(round(1.5 / STEP_S)):  # PX4 wants to hear it before it changes the mode
             self._tell(streamer.setpoint(-1.0))
             self._step()
-        self._mode(STREAM_MODE[self.autopilot])
+        self._mode(self.profile.stream_mode)
         began_s = self.clock.now()
         distances: list[float] = []
         steps = 0
@@ -137,15 +138,11 @@ class VirtualFlight:
 
     def _launch(self) -> None:
         up_m = self.plan.scenario.altitude_m
-        if self.autopilot is Autopilot.ARDUPILOT:
-            self._mode(FlightMode.GUIDED)
+        takeoff = self.profile.takeoff
+        if takeoff.armed_in is not None:
+            self._mode(takeoff.armed_in)
         self._tell(command(400, 1))
-        if self.autopilot is Autopilot.ARDUPILOT:
-            self._tell(command(22, 0, 0, 0, 0, 0, 0, up_m))
-        else:
-            nothing = float("nan")
-            amsl_m = self.vehicle.autopilot.spec.home_alt_m + up_m
-            self._tell(command(22, nothing, 0, 0, nothing, nothing, nothing, amsl_m))
+        self._tell(command(22, *takeoff.params(up_m, self.vehicle.autopilot.spec.home_alt_m)))
         while self.vehicle.position[2] < up_m - 0.5:
             self._step()
             if self.clock.now() > CLIMB_LIMIT_S:
@@ -165,7 +162,7 @@ class VirtualFlight:
                 raise RuntimeError(f"{self.autopilot}: the upload got stuck")
 
     def _mode(self, mode: FlightMode) -> None:
-        self._tell(command(176, 1, *mode_numbers(self.autopilot, mode)))
+        self._tell(command(176, 1, *self.profile.numbers_of(mode)))
 
     def _tell(self, message: Message) -> list[Any]:
         answers: list[Any] = self.vehicle.autopilot.handle(incoming(message))
@@ -199,25 +196,23 @@ class VirtualFlight:
         return hypot(east - planned[0], north - planned[1])
 
 
-def command(number: int, *params: float) -> Message:
-    """A COMMAND_LONG to vehicle 1."""
-    values = [*params, *[0.0] * (7 - len(params))]
+def command(number: int, *params: float | None) -> Message:
+    """Return a COMMAND_LONG to vehicle 1; a parameter that is None is sent as NaN."""
+    values = [*(float("nan") if value is None else value for value in params), *[0.0] * (7 - len(params))]
     fields = {f"param{n}": float(value) for n, value in enumerate(values, start=1)}
     return Message(
         "COMMAND_LONG", {"target_system": 1, "target_component": 1, "command": number, "confirmation": 0, **fields}
     )
 
 
-def set_current(autopilot: Autopilot, item: int) -> Message:
-    """Make an item current: PX4 knows the message only."""
-    if autopilot is Autopilot.PX4:
-        return Message("MISSION_SET_CURRENT", {"target_system": 1, "target_component": 1, "seq": item})
-    return command(224, item)
+def set_current(item: int) -> Message:
+    """Return the message that makes an item current; every autopilot knows it, unlike the command (224)."""
+    return Message("MISSION_SET_CURRENT", {"target_system": 1, "target_component": 1, "seq": item})
 
 
-def order_message(order: Order, autopilot: Autopilot) -> Message:
-    """What an order of the keeper is on the wire."""
+def order_message(order: Order) -> Message:
+    """Return an order of the keeper as it is sent."""
     if order.item is not None:
-        return set_current(autopilot, order.item)
+        return set_current(order.item)
     assert order.speed_mps is not None  # noqa: S101
     return command(178, 1, order.speed_mps, -1)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import Any, Literal
+from typing import Any
 
 from skyfolio.api.common.errors import InvalidError
-from skyfolio.mavlink_bridge import Autopilot, Mission, compile_mission, to_qgc_plan, to_waypoints
+from skyfolio.mavlink_bridge import DEFAULT_AUTOPILOT, Autopilot, Mission, compile_mission, to_qgc_plan, to_waypoints
 from skyfolio.mavlink_bridge.fence import fence_items, rally_items
 from skyfolio.planner import Plan
 
@@ -14,8 +14,8 @@ from skyfolio.planner import Plan
 class Missions:
     """The missions of one plan, for this autopilot with its default parameters."""
 
-    def __init__(self, plan: Plan, autopilot: Literal["px4", "ardupilot"] = "px4") -> None:
-        self._plan, self._autopilot = plan, Autopilot(autopilot)
+    def __init__(self, plan: Plan, autopilot: Autopilot = DEFAULT_AUTOPILOT) -> None:
+        self._plan, self._autopilot = plan, autopilot
 
     def as_json(self, uav_id: str | None = None) -> dict[str, list[dict[str, Any]]]:
         """MISSION_ITEM_INT rows of each UAV (or of one): degrees times 1e7, metres above home."""

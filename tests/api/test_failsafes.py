@@ -143,7 +143,7 @@ def test_a_px4_that_somebody_else_holds_is_seen_and_left_alone(served: Served) -
         seen_s = flown.fleet.fleet.now_s
         (lost,) = events_of(flown, operation_id, "uav_lost")
         assert lost["cause"] == "human_took_over"
-        assert "held by somebody else, not by us: our last order was 'mission'" in lost["detail"]
+        assert "held by somebody else, not by this service: its last order was 'mission'" in lost["detail"]
         assert_left_alone_and_planned_around(flown, operation_id, view, "human_took_over", seen_s)
         assert flown.fleet.fleet.vehicles[3].mode is sim.Mode.HOLD
 

@@ -286,7 +286,7 @@ def test_a_uav_that_a_human_took_over_is_planned_around_and_never_commanded_agai
     assert {("uav-1", "low_battery"), ("uav-3", "human_took_over")} <= {
         (event["uav_id"], event["after"]) for event in conditions
     }
-    assert "nobody commanded" in events_of(flown, operation_id, "uav_lost")[0]["detail"]
+    assert "not commanded" in events_of(flown, operation_id, "uav_lost")[0]["detail"]
 
 
 def test_a_drill_strikes_only_what_the_service_simulates_and_a_plan_made_ahead_answers_it() -> None:

@@ -10,7 +10,7 @@ from skyfolio.api.common.fleet_clock import FleetClock
 from skyfolio.api.flights.guidance import FlightGuidance
 from skyfolio.api.flights.missions_on_board import MissionsOnBoard
 from skyfolio.mavlink_bridge import Autopilot
-from skyfolio.mavlink_bridge.models import PX4
+from skyfolio.mavlink_bridge.px4 import PX4_MODEL as PX4
 from skyfolio.mavlink_bridge.verified import OnBoard
 from skyfolio.planner import EXAMPLES, Plan, plan
 from tests.api.test_assigned_missions import given

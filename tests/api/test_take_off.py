@@ -93,8 +93,8 @@ def commands_to(flown: Flight, system_id: int, since_s: float) -> list[str]:
     ("fault", "cause"),
     [
         (sim.MotorFailure(2), ("crashed", "disarmed", "landed")),
-        (sim.ModeChange(2, "POSITION"), ("nobody commanded",)),
-        (sim.LowBattery(2, 0.06), ("in failsafe", "nobody commanded")),
+        (sim.ModeChange(2, "POSITION"), ("not commanded",)),
+        (sim.LowBattery(2, 0.06), ("in failsafe", "not commanded")),
         (sim.Mute(2), ("silent for",)),
     ],
     ids=["crash", "human", "battery", "silence"],

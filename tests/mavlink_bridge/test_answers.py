@@ -10,7 +10,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from skyfolio.mavlink_bridge import Autopilot, Mission, compile_mission, mission_differences
-from skyfolio.mavlink_bridge.items import told_as_current
+from skyfolio.mavlink_bridge.profiles import profile_of
 from skyfolio.planner.plans import Plan
 from skyfolio.sim import Impair, Impairments, Mode
 
@@ -93,13 +93,13 @@ def test_an_order_to_begin_with_a_speed_is_told_as_the_item_that_is_flown(
     plan_of: PlanOf, autopilot: Autopilot
 ) -> None:
     (mission,) = missions_of(north(plan_of), autopilot).values()
-    items = mission.items
+    items, profile = mission.items, profile_of(autopilot)
     for item in items[1:]:
-        told = told_as_current(items, item.seq, autopilot)
+        told = profile.current_after(items, item.seq)
         assert told.start == item.seq
         assert told[-1] == (item.seq if item.is_flown else item.seq + 1)
-    assert list(told_as_current(items, 0, autopilot)) == ([0, 1] if autopilot is Autopilot.ARDUPILOT else [0])
-    assert list(told_as_current((), 5, autopilot)) == [5]
+    assert list(profile.current_after(items, 0)) == ([0, 1] if autopilot is Autopilot.ARDUPILOT else [0])
+    assert list(profile.current_after((), 5)) == [5]
 
 
 @BOTH

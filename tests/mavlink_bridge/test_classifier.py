@@ -174,7 +174,7 @@ def test_a_failsafe_is_over_when_the_next_flight_begins() -> None:
 def test_a_mode_nobody_commanded_is_a_human(autopilot: int, mode: int) -> None:
     story = Story(autopilot=autopilot, mode=PX4_MISSION if autopilot == 12 else COPTER_AUTO)
     assert story.tell(4, custom_mode=mode) == [Condition.HUMAN]
-    assert "nobody commanded" in story.cause
+    assert "not commanded" in story.cause
     back = PX4_MISSION if autopilot == 12 else COPTER_AUTO
     assert story.tell(2, custom_mode=back) == []  # not at once
     assert story.tell(3) == [Condition.LIVE]
@@ -266,7 +266,7 @@ def test_a_hold_we_did_not_order_is_somebody_elses(autopilot: int, flies: int, h
     assert story.classifier.condition(1) is Condition.HUMAN
     story.classifier.poll(story.now_s)
     if flies != PX4_POSITION:
-        assert "held by somebody else, not by us: our last order was 'mission' " in story.cause
+        assert "held by somebody else, not by this service: its last order was 'mission' " in story.cause
     assert story.tell(5, custom_mode=PX4_MISSION if autopilot == 12 else COPTER_AUTO) == [Condition.LIVE]
 
 

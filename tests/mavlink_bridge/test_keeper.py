@@ -8,8 +8,9 @@ from itertools import pairwise
 import pytest
 
 from skyfolio.mavlink_bridge import Autopilot, OnEnd, compile_mission
+from skyfolio.mavlink_bridge.ardupilot import ARDUCOPTER_MODEL as ARDUCOPTER
 from skyfolio.mavlink_bridge.keeper import Keeper, Order
-from skyfolio.mavlink_bridge.models import ARDUCOPTER, PX4
+from skyfolio.mavlink_bridge.px4 import PX4_MODEL as PX4
 from skyfolio.planner.plans import Plan
 
 PlanOf = Callable[..., Plan]

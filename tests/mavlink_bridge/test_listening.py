@@ -10,7 +10,8 @@ import pytest
 
 from skyfolio.mavlink_bridge import AUTOPILOT, HeartbeatMonitor, LinkEvent, LinkState
 from skyfolio.mavlink_bridge.framing import Frame, Framer, is_foreign_heartbeat
-from skyfolio.mavlink_bridge.listening import POLL_S, STALL_S, ListeningLink
+from skyfolio.mavlink_bridge.listening import ListeningLink
+from skyfolio.mavlink_bridge.pauses import POLL_S, STALL_S
 from tests.recordings.reading import messages
 
 LOST_AFTER_S = 1.5

@@ -11,10 +11,12 @@ import pytest
 
 from skyfolio.api.lab.virtual_wire import fields_of, incoming
 from skyfolio.mavlink_bridge import Autopilot, model_from_parameters
+from skyfolio.mavlink_bridge.ardupilot import ARDUCOPTER_MODEL as ARDUCOPTER
 from skyfolio.mavlink_bridge.findings import Facts, Level, Needs
-from skyfolio.mavlink_bridge.models import ARDUCOPTER, PX4
 from skyfolio.mavlink_bridge.parameters import ParameterRead, parameter_value
-from skyfolio.mavlink_bridge.preflight import audit, parameter_names
+from skyfolio.mavlink_bridge.preflight import audit
+from skyfolio.mavlink_bridge.profiles import profile_of
+from skyfolio.mavlink_bridge.px4 import PX4_MODEL as PX4
 from skyfolio.sim import VehicleSpec
 from skyfolio.sim.autopilot import Autopilot as SimAutopilot
 
@@ -189,7 +191,7 @@ def test_parameters_are_read_by_name_over_a_bad_link_and_unknown_ones_left_out(
     vehicle = SimAutopilot(
         VehicleSpec(1, 47.0, 8.0, autopilot=autopilot.value), protocol_clock=lambda: 0.0, on_event=lambda *_: None
     )
-    reading = ParameterRead([*parameter_names(autopilot), "NO_SUCH"], 1, autopilot)
+    reading = ParameterRead([*profile_of(autopilot).parameter_names(), "NO_SUCH"], 1, autopilot)
     now_s, messages = 0.0, reading.start(0.0)
     while not reading.ended:
         for message in messages:

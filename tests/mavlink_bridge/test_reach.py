@@ -10,8 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skyfolio.mavlink_bridge import VehicleModel
-from skyfolio.mavlink_bridge.models import ARDUCOPTER, PX4
+from skyfolio.mavlink_bridge.ardupilot import ARDUCOPTER_MODEL as ARDUCOPTER
 from skyfolio.mavlink_bridge.pace import fastest_on_leg, mean_acceleration, way_from_rest_m
+from skyfolio.mavlink_bridge.px4 import PX4_MODEL as PX4
 from skyfolio.mavlink_bridge.reach import UNDER_WAY_S, first_leg_miss, head_start_s
 
 

@@ -12,7 +12,7 @@ import pytest
 from skyfolio.api.lab.virtual_wire import Wire, autopilot_on
 from skyfolio.mavlink_bridge import Autopilot, Command, MissionItem, mission_differences
 from skyfolio.mavlink_bridge.mission_messages import MissionType
-from skyfolio.mavlink_bridge.readback import TABLE
+from skyfolio.mavlink_bridge.profiles import PROFILES
 from skyfolio.mavlink_bridge.verified import OnBoard, VerifiedUpload
 
 COPTER, PX4 = Autopilot.ARDUPILOT, Autopilot.PX4
@@ -108,7 +108,12 @@ def test_anything_else_is_a_difference(
 
 def test_every_row_of_the_table_has_its_example() -> None:
     examples = {(autopilot, kind, command) for autopilot, kind, command, _, _ in ROWS}
-    assert examples == {(*of, int(command)) for of, rows in TABLE.items() for command in rows}
+    assert examples == {
+        (autopilot, kind, int(command))
+        for autopilot, profile in PROFILES.items()
+        for kind, rows in profile.kept.items()
+        for command in rows
+    }
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from skyfolio.mavlink_bridge import Autopilot, FlightMode, departure, readiness
+from skyfolio.mavlink_bridge import FlightMode, departure, readiness
+from skyfolio.mavlink_bridge.ardupilot import ARDUCOPTER
 from skyfolio.mavlink_bridge.status_texts import StatusTexts
 from skyfolio.mavlink_bridge.telemetry import TelemetryState
 from skyfolio.mavlink_bridge.vehicle import NotDone
@@ -26,7 +27,7 @@ BATTERY = {"battery_remaining": 90}
 class Booting:
     """A vehicle as the bridge knows it, that tells and allows things at given seconds since it was switched on."""
 
-    autopilot = Autopilot.ARDUPILOT
+    profile = ARDUCOPTER
 
     def __init__(self, *, armable_s: float = 0.0, refuses: str = "FAILED", words: str = "Arm: Need Position Estimate"):
         self.system_id = 1
@@ -69,7 +70,7 @@ def waited(vehicle: Booting, waits: list[tuple[str, ...]] | None = None) -> tupl
 
 
 def arm(vehicle: Booting, reasons: list[str], patience_s: float = 60.0) -> float:
-    _, seconds = run(readiness.arm(vehicle, patience_s, reasons.append))  # type: ignore[arg-type]
+    _, seconds = run(readiness.arm_when_ready(vehicle, patience_s, reasons.append))  # type: ignore[arg-type]
     return seconds
 
 
@@ -141,7 +142,7 @@ def test_a_reason_that_changes_is_told_again_and_other_texts_do_not_explain_a_re
     vehicle = Booting(armable_s=5.0)
 
     async def both(reasons: list[str]) -> None:
-        arming = asyncio.create_task(readiness.arm(vehicle, 60.0, reasons.append))  # type: ignore[arg-type]
+        arming = asyncio.create_task(readiness.arm_when_ready(vehicle, 60.0, reasons.append))  # type: ignore[arg-type]
         await asyncio.sleep(1.5)
         vehicle.words = "PreArm: Compass not calibrated"
         vehicle.texts.hear({"severity": 4, "text": "Low battery"}, asyncio.get_running_loop().time())

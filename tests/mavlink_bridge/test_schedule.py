@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skyfolio.mavlink_bridge import VehicleModel
-from skyfolio.mavlink_bridge.returns import segment_distance_m
+from skyfolio.mavlink_bridge.plane import segment_distances_m
 from skyfolio.mavlink_bridge.schedule import SAME_PLACE_M, STRAIGHT_M, Schedule, airborne_schedule, ground_schedule
 
 PX4 = VehicleModel()
@@ -38,7 +38,7 @@ def test_every_slot_is_spent_at_its_stop_or_on_the_straight_way_to_the_next(
     assert stops[0].slot == 0
     for stop, following in pairwise(stops):
         for slot in range(stop.slot, following.slot):
-            on_the_way = segment_distance_m((path[slot], path[slot]), (stop.point_m, following.point_m))
+            (on_the_way,) = segment_distances_m([(path[slot], path[slot])], [(stop.point_m, following.point_m)])
             assert on_the_way < SAME_PLACE_M + STRAIGHT_M
 
 

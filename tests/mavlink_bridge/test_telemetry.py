@@ -5,7 +5,8 @@ from typing import Any
 import pytest
 
 from skyfolio.mavlink_bridge import FlightMode, LandedState
-from skyfolio.mavlink_bridge.autopilots import Autopilot, mode_of
+from skyfolio.mavlink_bridge.autopilots import Autopilot
+from skyfolio.mavlink_bridge.px4 import PX4
 from skyfolio.mavlink_bridge.telemetry import TelemetryState, place_of
 
 POSITION: dict[str, Any] = {
@@ -37,7 +38,7 @@ HEARTBEAT: dict[str, Any] = {"custom_mode": 4 << 16 | 4 << 24, "base_mode": 157,
     ],
 )
 def test_custom_mode_is_read_as_px4_writes_it(main: int, sub: int, mode: FlightMode) -> None:
-    assert mode_of(Autopilot.PX4, main << 16 | sub << 24) is mode
+    assert PX4.read_mode(main << 16 | sub << 24) is mode
 
 
 def test_there_is_no_snapshot_before_both_a_heartbeat_and_a_position() -> None:

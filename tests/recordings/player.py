@@ -6,7 +6,7 @@ from collections import defaultdict
 from dataclasses import dataclass, field
 from math import inf
 
-from skyfolio.mavlink_bridge.autopilots import Autopilot, FlightMode, mode_of
+from skyfolio.mavlink_bridge.autopilots import FlightMode
 from skyfolio.mavlink_bridge.classifier import Classifier
 from skyfolio.mavlink_bridge.conditions import Change, Condition, Timing
 from skyfolio.mavlink_bridge.telemetry import MESSAGES, TelemetryState
@@ -68,12 +68,13 @@ class Player:
 
     def _command(self, heard: Recorded) -> None:
         system_id, fields = int(heard.fields["target_system"]), heard.fields
-        autopilot = self.played.states[system_id].autopilot
+        profile = self.played.states[system_id].profile
         if fields["command"] == TAKE_OFF:
             mode = FlightMode.TAKEOFF
         elif fields["command"] == SET_MODE:
-            main, sub = int(fields["param2"]), int(fields["param3"])
-            mode = mode_of(autopilot, main if autopilot is Autopilot.ARDUPILOT else main << 16 | sub << 24)
+            numbers = int(fields["param2"]), int(fields["param3"])
+            assert profile is not None
+            mode = next(mode for mode, sent in profile.mode_numbers.items() if sent == numbers)
         else:
             return
         self._ordered[system_id] = (mode, heard.at_s)

@@ -51,7 +51,7 @@ class OperationRequest(BaseModel):
         bool,
         Field(
             description="Stream even to a PX4 whose `COM_OBL_RC_ACT` is not 5 (hold): it leaves for home when "
-            "setpoints end, and be it for a second. Refused without this, whatever the preflight setting is."
+            "setpoints end, even for a second. Refused without this, whatever the preflight setting is."
         ),
     ] = False
     at_end: Annotated[

@@ -26,6 +26,7 @@ from skyfolio.api.http.routes.examples import PLAN_EXAMPLES, REPLAN_EXAMPLES
 from skyfolio.api.plans.mission_files import Missions
 from skyfolio.api.plans.plan_records import PlanRecord, PlanRow, UnfinishedPlan
 from skyfolio.api.service import Service
+from skyfolio.mavlink_bridge import DEFAULT_AUTOPILOT, Autopilot
 from skyfolio.planner import Cause, Changes, Plan, PlanStatus, Scenario, Uav, User, Utility, cause_of, remaining
 from skyfolio.planner.scenario import Hertz, Identifier
 
@@ -202,7 +203,7 @@ async def read_missions(
     plan_id: str,
     service: ServiceDep,
     format: Literal["plan", "waypoints", "json"] = "json",  # noqa: A002 - the name is part of the contract
-    autopilot: Annotated[Literal["px4", "ardupilot"], Query(description="Which autopilot will fly them.")] = "px4",
+    autopilot: Annotated[Autopilot, Query(description="Which autopilot will fly them.")] = DEFAULT_AUTOPILOT,
     uav_id: str | None = None,
 ) -> Response:
     """The MAVLink missions of a plan: one per UAV as JSON, or one UAV's as a QGroundControl `.plan` or `.waypoints`."""

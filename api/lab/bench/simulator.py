@@ -9,6 +9,8 @@ from typing import Any
 
 from rich.table import Table
 
+from skyfolio.mavlink_bridge import Autopilot, FlightMode
+from skyfolio.mavlink_bridge.profiles import profile_of
 from skyfolio.planner import EXAMPLES
 from skyfolio.sim import Fleet, Mode, ScaledClock, grid_of
 
@@ -27,10 +29,12 @@ async def _measure(vehicles: int, autopilot: str, position_hz: float, seconds: f
         sink.bind(("127.0.0.1", 0))
         sink.setblocking(False)
         origin = EXAMPLES["paper"]().origin
+        guided = profile_of(Autopilot(autopilot)).hold_mode is FlightMode.GUIDED
+        hold = Mode.GUIDED if guided else Mode.HOLD
         specs = grid_of(vehicles, origin.lat_deg, origin.lon_deg, autopilot=autopilot)
         fleet = Fleet(specs, clock=ScaledClock(), endpoint=f"udpout://127.0.0.1:{sink.getsockname()[1]}")
         for vehicle in fleet.vehicles.values():
-            vehicle.autopilot.set_mode(Mode.HOLD if autopilot == "px4" else Mode.GUIDED)
+            vehicle.autopilot.set_mode(hold)
             vehicle.autopilot.arm()
             vehicle.autopilot.takeoff(30.0)
             vehicle.autopilot.telemetry.set_interval(GLOBAL_POSITION_INT, 1.0 / position_hz)
