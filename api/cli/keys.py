@@ -15,17 +15,18 @@ from rich.console import Console
 from rich.table import Table
 
 from skyfolio.api.access.api_keys import KeyRing, KeyView, Role
+from skyfolio.api.cli.files import Json
+from skyfolio.api.cli.lazy import application
 from skyfolio.api.common.configuration import require_known
 from skyfolio.api.common.errors import InvalidError
 from skyfolio.api.common.settings import TEMPORARY, default_database_url
 from skyfolio.api.store import Database
 
 Result = TypeVar("Result")
-keys = typer.Typer(no_args_is_help=True, help="API keys of the service.")
+keys = application("Create, list and revoke the API keys of the service.")
 DatabaseUrl = Annotated[
     str | None, typer.Option(envvar="SKYFOLIO_DATABASE_URL", help="The service's database; default: as `serve`.")
 ]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON only.")]
 
 
 @keys.command()

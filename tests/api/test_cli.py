@@ -242,9 +242,9 @@ def test_help_loads_neither_planner_nor_service(arguments: list[str], allowed: s
 
 
 def test_what_help_says_of_a_command_is_the_first_line_of_its_docstring() -> None:
-    for name, later in cli._Commands.later.items():
-        command = load(name, later)
-        assert " ".join(command.help.split("\n\n")[0].split()) == later.help, name
+    for name, lazy in cli.COMMANDS.items():
+        command = load(name, lazy)
+        assert " ".join(command.help.split("\n\n")[0].split()) == lazy.help, name
 
 
 def test_a_plan_is_only_timed_once_kernels_are_there(
