@@ -36,7 +36,7 @@ def create(
     database_url: DatabaseUrl = None,
     as_json: Json = False,
 ) -> None:
-    """Make a key and print it; it is shown this once and kept as a digest only."""
+    """Create a key and print it. It is shown only this once; the database keeps no more than its digest."""
     if not 1 <= len(name) <= 64 or not name.isprintable():
         raise InvalidError(f"name: {name!r} must be 1 to 64 printable characters")
     key = _with_ring(database_url, lambda ring: ring.create(name, role))
@@ -48,13 +48,13 @@ def create(
 
 @keys.command("list")
 def list_keys(database_url: DatabaseUrl = None, as_json: Json = False) -> None:
-    """Show all keys, without their secrets."""
-    found: list[KeyView] = _with_ring(database_url, lambda ring: ring.all())
+    """List all keys, without their secrets."""
+    api_keys: list[KeyView] = _with_ring(database_url, lambda ring: ring.all())
     if as_json:
-        _print(json.dumps([key.model_dump(mode="json") for key in found], indent=2))
+        _print(json.dumps([key.model_dump(mode="json") for key in api_keys], indent=2))
         return
     table = Table("id", "name", "role", "made", "revoked")
-    for key in found:
+    for key in api_keys:
         table.add_row(key.id, key.name, key.role.value, _day(key.created_at), _day(key.revoked_at))
     Console().print(table)
 
@@ -65,7 +65,7 @@ def revoke(
     database_url: DatabaseUrl = None,
     as_json: Json = False,
 ) -> None:
-    """End a key; a running service stops taking it within seconds. When the last one is gone, nobody gets in."""
+    """Revoke a key; a running service refuses it within seconds. After the last one, every request is refused."""
     _with_ring(database_url, lambda ring: ring.revoke(key_id))
     if as_json:
         _print(json.dumps({"id": key_id, "revoked": True}))
@@ -73,7 +73,7 @@ def revoke(
 
 @keys.command()
 def reset(database_url: DatabaseUrl = None, as_json: Json = False) -> None:
-    """Forget all keys, which must be revoked: on loopback the service is open to everybody on this machine again."""
+    """Delete all keys, which must be revoked first: on loopback the service is then open to this machine again."""
     forgotten = _with_ring(database_url, lambda ring: ring.reset())
     if as_json:
         _print(json.dumps({"forgotten": forgotten}))

@@ -84,8 +84,8 @@ def _with_kernels(callback: Any) -> Any:
     def prepared(*arguments: Any, **options: Any) -> Any:
         from skyfolio.api.common import kernels  # noqa: PLC0415
 
-        kernels.explain(print_error)
-        kernels.prepare(print_error)
+        kernels.report_temporary_folder(print_error)
+        kernels.load_all(print_error)
         return callback(*arguments, **options)
 
     return prepared

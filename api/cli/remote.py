@@ -26,7 +26,7 @@ LOCAL = "http://127.0.0.1:8080"
 
 
 class UnreachableError(ServiceError):
-    """Nobody answers at the service's address."""
+    """Nothing answers at the service's address."""
 
 
 def fly(
@@ -48,14 +48,14 @@ def fly(
         "stream_fallback": _one_of("stream_fallback", stream_fallback, "mission", "hold"),
         "at_end": _one_of("at_end", at_end, "land", "return"),
     }
-    wanted = read_scenario(scenario, example)
-    with _Asking(service, key) as client:
-        plan = client.plan(wanted)
+    requested = read_scenario(scenario, example)
+    with _ReportingClient(service, key) as client:
+        plan = client.plan(requested)
         _show(client.fly(plan.id, force_stream=force_stream, **order), as_json=as_json)  # type: ignore[arg-type]
 
 
 def _one_of(name: str, value: str, *allowed: str) -> str:
-    """Raises InvalidError naming the option and what it may be."""
+    """Return the value. Raises InvalidError naming the option and its allowed values."""
     if value not in allowed:
         raise InvalidError(f"{name}: {value!r} must be one of {', '.join(allowed)}")
     return value
@@ -67,12 +67,12 @@ def status(
     key: Key = None,
     as_json: Json = False,
 ) -> None:
-    """Show where an operation is, and each of its UAVs."""
-    with _Asking(service, key) as client:
-        wanted = operation_id or next((row.id for row in client.operations()), None)
-        if wanted is None:
+    """Show the state of an operation and of each of its UAVs."""
+    with _ReportingClient(service, key) as client:
+        wanted_id = operation_id or next((row.id for row in client.operations()), None)
+        if wanted_id is None:
             raise InvalidError("operation_id: the service has flown no operation yet")
-        _show(client.operation(wanted), as_json=as_json)
+        _show(client.operation(wanted_id), as_json=as_json)
 
 
 def fleet(
@@ -85,21 +85,21 @@ def fleet(
 ) -> None:
     """Order vehicles of a service to hold, return or land now.
 
-    Whatever they do. Exits with 1 when one does not obey.
+    The order is carried out whatever the vehicles are doing. Exits with 1 when a vehicle does not obey.
     """
     _one_of("action", action, "hold", "return", "land")
     if force and action == "hold":
         raise InvalidError("force: nobody is made to hold whom a human or a failsafe flies")
-    with _Asking(service, key) as client:
-        given = client.order(action, uav_ids or None, force=force)  # type: ignore[arg-type]
+    with _ReportingClient(service, key) as client:
+        results = client.order(action, uav_ids or None, force=force)  # type: ignore[arg-type]
     if as_json:
-        _print(json.dumps([one.model_dump(mode="json") for one in given], indent=2))
+        _print(json.dumps([result.model_dump(mode="json") for result in results], indent=2))
     else:
         table = Table("uav", "outcome", "reason", title=f"ordered to {action}")
-        for one in given:
-            table.add_row(one.uav_id, one.outcome.replace("_", " "), one.reason or "")
+        for result in results:
+            table.add_row(result.uav_id, result.outcome.replace("_", " "), result.reason or "")
         Console().print(table)
-    if any(one.outcome == "failed" for one in given):
+    if any(result.outcome == "failed" for result in results):
         raise typer.Exit(1)
 
 
@@ -112,16 +112,16 @@ def drill(
     key: Key = None,
     as_json: Json = False,
 ) -> None:
-    """Let a fault strike a simulated vehicle, to see the service answer it."""
-    with _Asking(service, key) as client:
-        made = client.drill(operation_id, uav_id, fault=fault, at_slot=at_slot)
+    """Inject a fault into a simulated vehicle, to see the service recover."""
+    with _ReportingClient(service, key) as client:
+        drill_view = client.drill(operation_id, uav_id, fault=fault, at_slot=at_slot)
     if as_json:
-        _print(made.model_dump_json(indent=2))
+        _print(drill_view.model_dump_json(indent=2))
     else:
-        _print(f"{made.id}: {made.fault} of {made.uav_id} is {made.state.value}")
+        _print(f"{drill_view.id}: {drill_view.fault} of {drill_view.uav_id} is {drill_view.state.value}")
 
 
-class _Asking(Client):
+class _ReportingClient(Client):
     """A client whose connection errors are one message."""
 
     def __init__(self, service: str, key: str | None) -> None:
@@ -141,12 +141,12 @@ def _show(view: OperationView, *, as_json: bool) -> None:
         return
     slot = "-" if view.slot is None else str(view.slot)
     table = Table("uav", "state", "item", "slip, m", title=f"{view.id}: {view.state.value}, slot {slot}")
-    for uav, said in view.uavs.items():
+    for uav, uav_view in view.uavs.items():
         table.add_row(
             uav,
-            said.end or said.state,
-            str(said.mission_item or "-"),
-            "-" if said.slip_m is None else f"{said.slip_m:.1f}",
+            uav_view.end or uav_view.state,
+            str(uav_view.mission_item or "-"),
+            "-" if uav_view.slip_m is None else f"{uav_view.slip_m:.1f}",
         )
     Console().print(table)
     for report in view.recoveries:

@@ -41,7 +41,7 @@ def _run(settings: dict[str, Any], *, as_json: bool, ui: bool) -> None:
 
     # the server replaces this handler while it runs, and puts it back when it ends
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
-    kernels.explain(print_error)
+    kernels.report_temporary_folder(print_error)
     flight = flight_lane()
     try:
         flight.begin()

@@ -12,12 +12,12 @@ from skyfolio.api.common import kernels
 
 def warm_up(as_json: Json = False) -> None:
     """Compile the optimiser's kernels now, so that no later command has to."""
-    kernels.explain(print_error)
+    kernels.report_temporary_folder(print_error)
     began_s = time.perf_counter()
-    compiled = kernels.prepare(print_error)
+    compiled = kernels.load_all(print_error)
     took_s = round(time.perf_counter() - began_s, 3)
     if as_json:
-        write(json.dumps({"compiled": compiled, "seconds": took_s, "folder": str(kernels.place())}), None)
+        write(json.dumps({"compiled": compiled, "seconds": took_s, "folder": str(kernels.folder())}), None)
     else:
         outcome = f"{compiled} kernels compiled" if compiled else "all kernels had been compiled before"
         write(f"{outcome}; ready after {took_s} s", None)

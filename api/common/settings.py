@@ -107,24 +107,24 @@ class Settings(BaseSettings):
     @field_validator("timing", mode="before")
     @classmethod
     def _said_once(cls, value: Any) -> Any:
-        """Silence has settings of its own: the same thing said here would be ignored."""
+        """Refuse a value that has a setting of its own: it would be ignored here."""
         for name, setting in SET_ELSEWHERE.items():
             default = getattr(Timing, name)
-            given = value.get(name, default) if isinstance(value, Mapping) else getattr(value, name, default)
-            if given != default:
+            setting_value = value.get(name, default) if isinstance(value, Mapping) else getattr(value, name, default)
+            if setting_value != default:
                 raise ValueError(f"{name} is not set here but by {setting} ({PREFIX}{setting.upper()})")
         return value
 
     @field_validator("trusted_proxies")
     @classmethod
     def _addresses(cls, value: str) -> str:
-        for one in listed(value):
-            ipaddress.ip_network(one, strict=False)
+        for address in listed(value):
+            ipaddress.ip_network(address, strict=False)
         return value
 
     @property
     def on_loopback(self) -> bool:
-        """Whether only this machine can reach the service."""
+        """Return whether only this machine can reach the service."""
         if self.host == "localhost":
             return True
         try:
@@ -134,11 +134,11 @@ class Settings(BaseSettings):
 
 
 def listed(value: str) -> list[str]:
-    """What a setting with several values, separated by commas, holds."""
-    return [one.strip() for one in value.split(",") if one.strip()]
+    """Return the values of a setting that are separated by commas."""
+    return [part.strip() for part in value.split(",") if part.strip()]
 
 
 def default_database_url() -> str:
-    """Where `skyfolio serve` and `skyfolio keys` keep things unless told otherwise."""
+    """Return where `skyfolio serve` and `skyfolio keys` store their data by default."""
     state = os.environ.get("XDG_STATE_HOME") or str(Path.home() / ".local" / "state")
     return f"sqlite+aiosqlite:///{state}/skyfolio/skyfolio.db"

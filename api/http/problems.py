@@ -1,4 +1,4 @@
-"""The one table of errors: what goes wrong inside, and what the client is told (RFC 9457 problem+json)."""
+"""The one table of errors: each exception of the service and its response (RFC 9457 problem+json)."""
 
 from __future__ import annotations
 
@@ -54,13 +54,16 @@ TABLE: Mapping[type[Exception], tuple[int, str, str]] = {
 }
 
 
-def _described(said: str) -> dict[str, Any]:
-    return {"description": said, "content": {"application/problem+json": {"schema": Problem.model_json_schema()}}}
+def _described(description: str) -> dict[str, Any]:
+    return {
+        "description": description,
+        "content": {"application/problem+json": {"schema": Problem.model_json_schema()}},
+    }
 
 
 DESCRIBED: dict[int | str, dict[str, Any]] = {
-    status: _described(said)
-    for status, said in {
+    status: _described(description)
+    for status, description in {
         400: "The body cannot be read.",
         401: "An API key is needed.",
         403: "The key's role does not allow this, or a page of another origin asks.",
@@ -76,7 +79,7 @@ DESCRIBED: dict[int | str, dict[str, Any]] = {
         503: "Too much is waiting already, or the database does not answer; see `Retry-After`.",
     }.items()
 }
-"""Of every operation in the OpenAPI description."""
+"""The error responses of every operation in the OpenAPI description."""
 
 
 def problem(
@@ -87,7 +90,7 @@ def problem(
     errors: list[dict[str, str]] | None = None,
     retry_after_s: float = 1.0,
 ) -> JSONResponse:
-    """One problem+json answer."""
+    """Return one problem+json response."""
     body: dict[str, Any] = {
         "type": f"urn:skyfolio:problem:{kind}",
         "title": title,
@@ -108,7 +111,7 @@ def _invalid(errors: list[dict[str, str]]) -> JSONResponse:
 
 
 def answer_to(error: Exception) -> JSONResponse:
-    """The answer to an error of the table."""
+    """Return the response to an error of the table."""
     status, kind, title = next(row for cls, row in TABLE.items() if isinstance(error, cls))
     field, colon, message = str(error).partition(": ")
     errors = [{"field": field, "rule": kind, "message": message}] if status == 422 and colon else None
@@ -116,7 +119,7 @@ def answer_to(error: Exception) -> JSONResponse:
 
 
 def install(app: FastAPI) -> None:
-    """Attach the table to the app."""
+    """Register the handlers of the table's errors with the app."""
 
     async def known(_: Request, error: Exception) -> JSONResponse:
         return answer_to(error)

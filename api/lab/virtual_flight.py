@@ -1,4 +1,4 @@
-"""Flights of one UAV in virtual time, by every way of guidance: how far from the plan is it when slots end?
+"""Flights of one UAV in virtual time, by every kind of guidance, and its distance from the plan at slot ends.
 
 The vehicle is the simulator's, the guidance the bridge's own: missions, keeper and stream, fed with what the vehicle
 reports (GLOBAL_POSITION_INT at 5 Hz, MISSION_CURRENT), with the delay of a link in between.
@@ -70,7 +70,7 @@ class VirtualFlight:
         self._launch()
 
     def model(self) -> VehicleModel:
-        """From the vehicle's own parameters."""
+        """Return the model with the vehicle's own parameters."""
         known = self.vehicle.autopilot.parameters
         values = {}
         for name in MODEL_PARAMETERS[self.autopilot]:
@@ -200,7 +200,7 @@ class VirtualFlight:
 
 
 def command(number: int, *params: float) -> Message:
-    """A COMMAND_LONG to vehicle 1."""
+    """Send a COMMAND_LONG to vehicle 1."""
     values = [*params, *[0.0] * (7 - len(params))]
     fields = {f"param{n}": float(value) for n, value in enumerate(values, start=1)}
     return Message(
@@ -216,7 +216,7 @@ def set_current(autopilot: Autopilot, item: int) -> Message:
 
 
 def order_message(order: Order, autopilot: Autopilot) -> Message:
-    """What an order of the keeper is on the wire."""
+    """Return the MAVLink message of a keeper's order."""
     if order.item is not None:
         return set_current(autopilot, order.item)
     assert order.speed_mps is not None  # noqa: S101

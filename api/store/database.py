@@ -1,4 +1,4 @@
-"""Opening the database and writing to it."""
+"""The database: opening, migrating, claiming, reading and writing it."""
 
 from __future__ import annotations
 
@@ -21,12 +21,11 @@ from skyfolio.api.common.settings import TEMPORARY
 from skyfolio.api.store.errors import StoreError
 from skyfolio.api.store.migrate import upgrade
 from skyfolio.api.store.spill import Spill
-from skyfolio.api.store.writer import InThread, OnLoop, Statement, Writer
+from skyfolio.api.store.writer import LoopCommitter, Statement, ThreadCommitter, Writer
 
 log = structlog.get_logger()
 LOOK_EVERY_S = 0.1
-"""How often a flight that waits for its write looks whether the database still answers."""
-"""Database URL of a service that keeps nothing after it ends."""
+"""How often a flight that waits for its write checks whether the database still answers."""
 SHRINK_PAGES = 2_000
 _PRAGMAS = (
     "auto_vacuum=INCREMENTAL",  # takes effect in a new file
@@ -40,7 +39,7 @@ _LOCK = 0x5C1F0110
 
 
 class Database:
-    """One engine, one writer. `await Database.open(url)`; `close` when done."""
+    """The engine and the writer of one database. Create it with `await Database.open(url)`, and end it with `close`."""
 
     def __init__(self, engine: AsyncEngine, folder: tempfile.TemporaryDirectory[str] | None) -> None:
         self._engine, self._folder = engine, folder
@@ -70,7 +69,7 @@ class Database:
         return opened
 
     async def _take_up(self) -> None:
-        """Store what an earlier process could not. Raises StoreError when the database still takes nothing."""
+        """Store what an earlier process could not. Raises StoreError when the database still refuses it."""
         try:
             async with self._engine.begin() as connection:
                 self.taken_up = await connection.run_sync(self._spill.replay)
@@ -80,37 +79,38 @@ class Database:
 
     @property
     def trouble(self) -> str | None:
-        """Why nothing can be stored at present (and what flights store is held), None while the database answers."""
+        """Return why nothing can be stored at present (flights' writes are held), None while the database answers."""
         return self._writer.trouble
 
     @property
     def held(self) -> int:
-        """How many transactions of flights wait to be stored."""
+        """Return how many transactions of flights wait to be stored."""
         return self._writer.held
 
     @property
     def is_postgresql(self) -> bool:
-        """Which of the two it is."""
+        """Return whether this is PostgreSQL; otherwise it is SQLite."""
         return self._engine.dialect.name == "postgresql"
 
     async def write(self, *statements: Executable | Statement) -> None:
         """Execute in one transaction, together with what others write now; durable when it returns.
 
-        Raises StoreError when the database refuses; what others wrote is not touched by that.
+        Raises StoreError when the database refuses; other writes are not affected by that.
         """
         await self.write_soon(*statements)
 
     def write_soon(self, *statements: Executable | Statement, keep: bool = False) -> asyncio.Future[None]:
-        """As `write`, in the order of the calls, without waiting; await the future to know that it is durable.
+        """Write as `write` does, in the order of the calls, without waiting; await the future for durability.
 
-        keep: it is a flight's; it is held, in order, while the database does not answer.
+        keep: the write belongs to a flight; it is held, in order, while the database does not answer.
         """
         return self._writer.write_soon(*statements, keep=keep)
 
     async def keep(self, *statements: Executable | Statement) -> None:
         """Store what belongs to a flight: durable when it returns, or held if the database does not answer.
 
-        It waits for the database only as long as that answers: aircraft come before books. Never raises StoreError.
+        Waits for the database only as long as it answers: a flight must not wait for it. Never raises
+        StoreError.
         """
         await self.kept(self.write_soon(*statements, keep=True))
 
@@ -130,7 +130,7 @@ class Database:
             raise StoreError(f"read: {error}") from error
 
     async def shrink(self) -> None:
-        """Give space that deleted rows have left back to the file system, a little at a time. Raises StoreError."""
+        """Return the space of deleted rows to the file system, a little at a time. Raises StoreError."""
         if self.is_postgresql:
             return
         try:
@@ -142,7 +142,7 @@ class Database:
             raise StoreError(f"shrink: {error}") from error
 
     async def claim(self) -> None:
-        """Be the only service of this database: two services must not fly the same fleet. Raises StoreError."""
+        """Lock the database for this service: two services must not fly the same fleet. Raises StoreError."""
         if self.is_postgresql:
             self._claim = await self._engine.connect()
             free = bool((await self._claim.execute(text(f"SELECT pg_try_advisory_lock({_LOCK})"))).scalar())
@@ -153,7 +153,7 @@ class Database:
             raise StoreError("database_url: the database is in use by another service")
 
     def _lock_file(self) -> bool:
-        """Whether the file beside the SQLite database could be locked; the lock dies with the process."""
+        """Lock the file beside the SQLite database. Return whether it was free; the lock ends with the process."""
         lock = Path(f"{self._engine.url.database}.lock")
         _make_private(lock)
         self._lock = lock.open("w")
@@ -164,7 +164,7 @@ class Database:
         return True
 
     async def close(self) -> None:
-        """Finish what waits to be written, and let go of the database."""
+        """Finish the writes that wait, and release the database."""
         await self._writer.close()
         await self._sink.close()
         if self._claim is not None:
@@ -176,12 +176,12 @@ class Database:
             self._folder.cleanup()
 
 
-def _sink(engine: AsyncEngine) -> InThread | OnLoop:
+def _sink(engine: AsyncEngine) -> ThreadCommitter | LoopCommitter:
     if engine.dialect.name == "postgresql":
-        return OnLoop(engine)
-    own = create_engine(engine.url.set(drivername="sqlite"))
-    event.listen(own, "connect", _set_pragmas)
-    return InThread(own)
+        return LoopCommitter(engine)
+    sync_engine = create_engine(engine.url.set(drivername="sqlite"))
+    event.listen(sync_engine, "connect", _set_pragmas)
+    return ThreadCommitter(sync_engine)
 
 
 def _engine(url: str) -> AsyncEngine:
@@ -199,7 +199,7 @@ def _engine(url: str) -> AsyncEngine:
 
 
 def _make_private(file: Path) -> None:
-    """Make the file, or the one that is there, readable by its owner alone; SQLite's -wal and -shm files follow it."""
+    """Make the file readable by its owner alone, creating it if needed. SQLite's -wal and -shm files follow it."""
     file.parent.mkdir(parents=True, exist_ok=True)
     os.close(os.open(file, os.O_CREAT | os.O_RDWR, 0o600))
     if file.stat().st_uid == os.geteuid():

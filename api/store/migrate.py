@@ -1,4 +1,4 @@
-"""Bringing a database to the tables of this version, with the alembic files that ship in this package."""
+"""Migration of a database to the tables of this version, with the Alembic files of this package."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def upgrade(connection: Connection) -> None:
 
 
 def configuration(connection: Connection) -> Config:
-    """Alembic's configuration for this package; `alembic revision` and the tests use it too."""
+    """Return Alembic's configuration for this package; `alembic revision` and the tests use it too."""
     config = Config()
     config.set_main_option("script_location", str(_FOLDER))
     config.attributes["connection"] = connection

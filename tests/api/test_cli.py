@@ -252,7 +252,7 @@ def test_a_plan_is_only_timed_once_kernels_are_there(
 ) -> None:
     order: list[str] = []
 
-    def prepare(say: Any) -> int:
+    def load_all(say: Any) -> int:
         say("compiling")
         order.append("kernels")
         return 1
@@ -261,7 +261,7 @@ def test_a_plan_is_only_timed_once_kernels_are_there(
         order.append("plan")
         return plan(*given, **named)
 
-    monkeypatch.setattr(kernels, "prepare", prepare)
+    monkeypatch.setattr(kernels, "load_all", load_all)
     monkeypatch.setattr("skyfolio.api.cli.planning.plan", planned)
     assert run(monkeypatch, "plan", "--example", "minimal", "--json") == 0
     assert order == ["kernels", "plan"]
@@ -278,5 +278,5 @@ def test_warm_up_says_what_it_compiled_and_where(
     assert run(monkeypatch, "warm-up", "--json") == 0
     said = json.loads(capsys.readouterr().out)
     assert said["compiled"] == 0
-    assert Path(said["folder"]) == kernels.place()
+    assert Path(said["folder"]) == kernels.folder()
     assert list(Path(said["folder"]).rglob("climb.climb-*.nbc"))

@@ -1,4 +1,4 @@
-"""What if a UAV were lost: the N-1 table of a plan."""
+"""The N-1 table of a plan: what users would receive after each single loss."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ async def read_contingencies(
     ] = None,
     wait_s: Annotated[float, Query(ge=0, le=60, description="Wait up to this many seconds for all rows.")] = 10,
 ) -> Response:
-    """N-1: for each UAV lost at a slot, the rates that the survivors' new plan gives, and those without one.
+    """Return, for each UAV lost at a slot (N-1), the rates with and without a plan for the survivors.
 
     Each plan is made once, kept, and flown when that loss really happens.
     """

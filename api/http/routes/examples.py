@@ -1,4 +1,4 @@
-"""Example bodies of the OpenAPI description: the very objects that the planner's examples make."""
+"""Example bodies of the OpenAPI description: built from the planner's own examples."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from skyfolio.planner import EXAMPLES
 
 
 def _bodies(**examples: tuple[str, Any]) -> dict[str, Any]:
-    shown = {name: {"summary": summary, "value": value} for name, (summary, value) in examples.items()}
-    return {"requestBody": {"content": {"application/json": {"examples": shown}}}}
+    bodies = {name: {"summary": summary, "value": value} for name, (summary, value) in examples.items()}
+    return {"requestBody": {"content": {"application/json": {"examples": bodies}}}}
 
 
 PLAN_EXAMPLES = _bodies(

@@ -1,4 +1,4 @@
-"""The web page's way in: a key becomes a cookie, because browsers cannot send headers with an event stream."""
+"""Sign-in of the web page: the key becomes a cookie, since browsers cannot send headers with an event stream."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class LoginRequest(BaseModel):
 
 @router.get("/login", response_class=HTMLResponse)
 async def show_login() -> HTMLResponse:
-    """The sign-in form."""
+    """Return the sign-in form."""
     return HTMLResponse(PAGE, headers={"content-security-policy": page_policy(PAGE)})
 
 
@@ -45,7 +45,7 @@ async def show_login() -> HTMLResponse:
 async def log_in(body: LoginRequest, service: ServiceDep, request: Request, response: Response) -> None:
     """Keep the key in a cookie that scripts cannot read and other sites cannot send."""
     client = request.client.host if request.client else "unknown"
-    if await service.door.identify(client, body.key) is None:
+    if await service.authenticator.identify(client, body.key) is None:
         raise UnauthorizedError("key: is not known")
     response.set_cookie(
         COOKIE,

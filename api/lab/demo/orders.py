@@ -1,4 +1,4 @@
-"""How a drill is to be flown, and what the service said of it in the end."""
+"""The configuration of a drill, and its outcome as the service reports it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class DemoConfig:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What the service said in the end, and when slot 0 began on the simulator's clock."""
+    """What the service reported in the end, and when slot 0 began on the simulator's clock."""
 
     operation: dict[str, Any]
     plans: list[Plan]

@@ -1,4 +1,4 @@
-"""The drill's result for the eye: a table in the terminal, and one self-contained HTML page."""
+"""The drill's result: a table in the terminal, and one self-contained HTML page."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ def figures(report: DemoReport) -> list[tuple[str, str, str]]:
     def unit(value: float | None, form: str) -> str:
         return "-" if value is None else form.format(value)
 
-    left = len(without.sum_rate_bps) - report.killed_at_slot + 1
+    slots_left = len(without.sum_rate_bps) - report.killed_at_slot + 1
     return [
         ("loss declared after", unit(report.detection_s, "{:.2f} s"), "-"),
         ("replan solved in", unit(report.replan_ms, "{:.0f} ms"), "-"),
         ("missions uploaded, verified, flying in", unit(report.upload_s, "{:.3f} s"), "-"),
-        ("slots without service of the lost UAV's users", f"{report.slots_without_service:.1f}", f"{left:.1f}"),
+        ("slots without service of the lost UAV's users", f"{report.slots_without_service:.1f}", f"{slots_left:.1f}"),
         ("sum rate before", kbps(flown.mean_sum_rate_before_bps), kbps(without.mean_sum_rate_before_bps)),
         ("sum rate during the outage", kbps(flown.mean_sum_rate_during_bps), kbps(without.mean_sum_rate_during_bps)),
         ("sum rate after", kbps(flown.mean_sum_rate_after_bps), kbps(without.mean_sum_rate_after_bps)),
@@ -55,7 +55,7 @@ def _named(users: list[str]) -> str:
 
 
 def result_table(report: DemoReport) -> Group:
-    """The table, the checks, and the verdict."""
+    """Return the table, the checks, and the verdict."""
     flown = "flown, with replan" if report.replanned else "flown, no replan"
     title = f"{report.killed} falls when slot {report.killed_at_slot} begins (slots count from 1)"
     table = Table("", flown, "computed, no replan", title=title)
@@ -69,7 +69,7 @@ def result_table(report: DemoReport) -> Group:
 
 
 def write_page(report: DemoReport, path: Path) -> None:
-    """One HTML file with everything in it: no script, no request."""
+    """Write one self-contained HTML file: no script, no request."""
     flown = "flown, with replan" if report.replanned else "flown, no replan"
     rows = "".join(
         f"<tr><th scope='row'>{escape(a)}</th><td>{escape(b)}</td><td>{escape(c)}</td></tr>"

@@ -15,7 +15,7 @@ MARKERS = "osD^vPX*"
 
 
 def convergence(histories: Mapping[str, Mapping[str, Sequence[float]]]) -> Figure:
-    """Fig. 2: utility and mean sum rate after each iteration, for several mu; kbit/s."""
+    """Draw fig. 2: utility and mean sum rate after each iteration, for several mu; kbit/s."""
     figure = Figure(figsize=(9, 3.6), layout="constrained")
     for axes, what in zip(figure.subplots(1, 2), ("utility", "sum rate"), strict=True):
         for index, (mu, history) in enumerate(histories.items()):
@@ -27,7 +27,7 @@ def convergence(histories: Mapping[str, Mapping[str, Sequence[float]]]) -> Figur
 
 
 def periods(curves: Mapping[str, Sequence[float]], title: str) -> Figure:
-    """Fig. 3: the sum rate of each slot, and its average over each ten slots as a solid line; kbit/s."""
+    """Draw fig. 3: the sum rate of each slot, and its average over each ten slots as a solid line; kbit/s."""
     figure = Figure(figsize=(9, 4.6), layout="constrained")
     axes = figure.add_subplot()
     for index, (name, values) in enumerate(curves.items()):
@@ -50,7 +50,7 @@ def against_mu(
     levels: Mapping[str, float],
     label: str,
 ) -> Figure:
-    """Fig. 5: a measure against |mu| (mean and spread over cases); baselines and the letter's numbers as levels."""
+    """Draw fig. 5: a measure against |mu| (mean and spread); baselines and the letter's numbers as levels."""
     figure = Figure(figsize=(7, 4.2), layout="constrained")
     axes = figure.add_subplot()
     strength = np.abs(np.array(mus))
@@ -66,7 +66,7 @@ def against_mu(
 
 
 def trade_off(rows: Sequence[Mapping[str, float]], chosen_mu: float | None) -> Figure:
-    """Sum rate, variance and Jain index against |mu|, and the chosen mu."""
+    """Draw sum rate, variance and Jain index against |mu|, and the chosen mu."""
     figure = Figure(figsize=(10, 3.4), layout="constrained")
     strength = [abs(row["mu_per_kbps"]) for row in rows]
     panels = (
