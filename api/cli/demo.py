@@ -10,6 +10,7 @@ import typer
 
 from skyfolio.api.cli.files import Json, write
 from skyfolio.api.cli.lazy import print_error
+from skyfolio.api.common import extras
 
 
 def demo(
@@ -26,6 +27,7 @@ def demo(
     from skyfolio.api.lab.demo import DemoConfig, DemoError, run_demo  # noqa: PLC0415 - `--help` needs none of these
     from skyfolio.planner import Utility  # noqa: PLC0415
 
+    extras.require("matplotlib", "the report of the drill")
     config = DemoConfig(
         speedup=speedup,
         kill=kill,

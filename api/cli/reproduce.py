@@ -14,6 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from skyfolio.api.cli.files import Json, read_as, write
+from skyfolio.api.common import extras
 from skyfolio.api.lab.reproduce import figures
 from skyfolio.api.lab.reproduce.batch import Advance, Batch
 from skyfolio.api.lab.reproduce.calibration import calibrate
@@ -38,6 +39,7 @@ def reproduce(
         with progress("calibrating", quiet=as_json) as advance, Batch(advance) as batch:
             _print(calibrate(batch, range(100, 100 + layouts)))
         return
+    extras.require("matplotlib", "drawing the figures")
     with progress(f"figure {figure}", quiet=as_json) as advance:
         study = run_study(StudyConfig(figure=figure, layouts=layouts), advance)
     files = write_study(study, out, document)
@@ -61,6 +63,8 @@ def tune_mu(
     as_json: Json = False,
 ) -> None:
     """Find the mu that meets limits on sum rate, fluctuation and fairness, in the worst of the given losses."""
+    if plot is not None:
+        extras.require("matplotlib", "--plot")
     scenario = read_as(Scenario, file) if file else EXAMPLES["paper"]()
     limits = Limits(min_sum_rate_kbps=min_sum_rate, max_variance_kbps2=max_variance, min_jain=min_jain)
     with progress("scanning mu", quiet=as_json) as advance:

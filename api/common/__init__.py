@@ -5,6 +5,7 @@
     idempotency                  ids of resources that are created once
     supervision, metrics, logs   background tasks that are restarted, Prometheus metrics, structured logs
     fleet_clock, slots           fleet time, slots as text
+    extras                       clear errors for optional dependencies that are missing
     kernels                      where the optimiser's compiled code is kept; imported before anything imports numba
 
 Add a module here only when two rooms need it. `errors` and `kernels` are imported by worker processes and by

@@ -4,6 +4,7 @@
     demo/                        `skyfolio demo`: a drill whose every claim is checked against the ground truth
     bench/                       `skyfolio bench`: planner, bridge, service, simulator, start
     reproduce/                   `skyfolio reproduce` and `tune-mu`: the letter's figures and numbers
+    plots                        figures by matplotlib, an extra
     virtual_flight, virtual_wire  the bridge against simulated autopilots in virtual time; tests use them too
 
 It is a leaf: it may import the rooms of the service, and only `cli` and tests import it. Numbers in `docs/` come from

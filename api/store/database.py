@@ -17,6 +17,7 @@ from sqlalchemy.engine import make_url
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine, create_async_engine
 
+from skyfolio.api.common import extras
 from skyfolio.api.common.settings import TEMPORARY
 from skyfolio.api.store.errors import StoreError
 from skyfolio.api.store.migrate import upgrade
@@ -53,7 +54,10 @@ class Database:
 
     @classmethod
     async def open(cls, url: str) -> Database:
-        """Open and migrate. Raises StoreError for a URL that cannot be used or a database that cannot be reached."""
+        """Open and migrate.
+
+        Raises StoreError for a URL or database that cannot be used, MissingExtraError for PostgreSQL without its driver.
+        """
         folder = None
         if url == TEMPORARY:
             folder = tempfile.TemporaryDirectory(prefix="skyfolio-")
@@ -195,6 +199,7 @@ def _engine(url: str) -> AsyncEngine:
         return engine
     if parts.drivername != "postgresql+asyncpg":
         raise ValueError(f"must be '{TEMPORARY}', sqlite+aiosqlite:///FILE or postgresql+asyncpg://...")
+    extras.require("asyncpg", "database_url: PostgreSQL")
     return create_async_engine(parts, pool_size=8, max_overflow=8, pool_pre_ping=True)
 
 

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import io
 from html import escape
 from pathlib import Path
 
 import numpy as np
-from matplotlib.backends.backend_svg import FigureCanvasSVG
-from matplotlib.figure import Figure
 from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
 from skyfolio.api.lab.demo.report import DemoReport
+from skyfolio.api.lab.plots import as_svg, new_figure
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#f0e442")
 """Okabe and Ito's palette: told apart by colour-blind eyes too."""
@@ -100,7 +98,7 @@ def write_page(report: DemoReport, path: Path) -> None:
 
 
 def _map(report: DemoReport) -> str:
-    figure = Figure(figsize=(7.2, 6.6), layout="constrained")
+    figure = new_figure(7.2, 6.6)
     axes = figure.add_subplot()
     scenario = report.plans[0].scenario
     (west, south), (east, north) = scenario.area_m
@@ -120,11 +118,11 @@ def _map(report: DemoReport) -> str:
             if uav == report.killed:
                 axes.plot(*track[-1, 1:], "x", color=colour, markersize=12, markeredgewidth=3)
     axes.legend(loc="upper right")
-    return _svg(figure)
+    return as_svg(figure)
 
 
 def _rates(report: DemoReport) -> str:
-    figure = Figure(figsize=(9, 6.4), layout="constrained")
+    figure = new_figure(9, 6.4)
     top, bottom = figure.subplots(2, 1, sharex=True)
     slots = np.arange(1, len(report.flown.sum_rate_bps) + 1)
     flown = "flown, with replan" if report.replanned else "flown, no replan"
@@ -147,11 +145,4 @@ def _rates(report: DemoReport) -> str:
         axes.grid(alpha=0.3)
         axes.legend(loc="lower left", fontsize="small", ncols=3)
     bottom.set_xlabel("slot")
-    return _svg(figure)
-
-
-def _svg(figure: Figure) -> str:
-    sink = io.StringIO()
-    FigureCanvasSVG(figure).print_svg(sink, metadata={"Date": None})  # type: ignore[no-untyped-call]
-    text = sink.getvalue()
-    return text[text.index("<svg") :]
+    return as_svg(figure)
