@@ -56,7 +56,7 @@ class Database:
     async def open(cls, url: str) -> Database:
         """Open and migrate.
 
-        Raises StoreError for a URL or database that cannot be used, MissingExtraError for PostgreSQL without its driver.
+        Raises StoreError for a URL or database that cannot be used, MissingExtraError without the PostgreSQL driver.
         """
         folder = None
         if url == TEMPORARY:
@@ -160,11 +160,13 @@ class Database:
         """Lock the file beside the SQLite database. Return whether it was free; the lock ends with the process."""
         lock = Path(f"{self._engine.url.database}.lock")
         _make_private(lock)
-        self._lock = lock.open("w")
+        opened = lock.open("w")
         try:
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
+            opened.close()
             return False
+        self._lock = opened
         return True
 
     async def close(self) -> None:
@@ -175,6 +177,7 @@ class Database:
             await self._claim.close()
         await self._engine.dispose()
         if self._lock is not None:
+            fcntl.flock(self._lock, fcntl.LOCK_UN)  # a process that is being forked holds a copy of the descriptor
             self._lock.close()
         if self._folder is not None:
             self._folder.cleanup()
