@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import signal
 import sys
 from typing import Annotated, Any
@@ -43,10 +44,12 @@ def _run(settings: dict[str, Any], *, as_json: bool, ui: bool) -> None:
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     kernels.report_temporary_folder(print_error)
     flight = flight_lane()
+    gc.disable()  # a tenth of the imports' time would go into collections that find nothing
     try:
         flight.begin()
         from skyfolio.api.http import server  # noqa: PLC0415 - seconds of imports, while the worker loads
 
         server.serve(settings, as_json=as_json, ui=ui, flight=flight)
     finally:
+        gc.enable()
         flight.close()

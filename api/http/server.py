@@ -71,6 +71,7 @@ def _keep_for_good() -> None:
     """Exempt what was imported and built from garbage collection: a full one would block the loop for 0.1 s."""
     gc.collect()
     gc.freeze()
+    gc.enable()  # `skyfolio serve` has switched it off for its imports
 
 
 def require_safe(settings: Settings) -> None:

@@ -180,8 +180,8 @@ def _ablation(batch: Batch, config: StudyConfig) -> dict[str, Any]:
         "foresight": {},
     }
     for utility in (Utility(kind="sum", mu_per_kbps=-0.1), Utility(kind="pooled", mu_per_kbps=-0.3)):
-        jobs = [ablation.Foresight(choices, failed, utility) for choices, failed in cases(config)]
-        rows = ablation.mean_rows(list(batch.run(ablation.foresight, jobs).values()))
+        foresights = [ablation.Foresight(choices, failed, utility) for choices, failed in cases(config)]
+        rows = ablation.mean_rows(list(batch.run(ablation.foresight, foresights).values()))
         found["foresight"][f"{utility.kind}, mu = {utility.mu_per_kbps:g}"] = rows
     return found
 
