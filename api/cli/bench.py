@@ -64,7 +64,7 @@ def service(
     only: Annotated[list[str] | None, typer.Option(help="plans, rate, streams, recovery, loop; default: all.")] = None,
     as_json: Json = False,
 ) -> None:
-    """Measure plans, requests a second, event streams, recovery from a loss, and what blocks the event loop."""
+    """Measure plans, requests per second, event streams, recovery from a loss, and what blocks the event loop."""
     from skyfolio.api.lab.bench.service import service_figures, table  # noqa: PLC0415
 
     figures = service_figures(runs, set(only or []))
@@ -73,7 +73,7 @@ def service(
 
 @bench.command()
 def start(
-    runs: Annotated[int, typer.Option(min=1, help="Starts of each, of which the median counts.")] = 5,
+    runs: Annotated[int, typer.Option(min=1, help="Starts of each; the median is reported.")] = 5,
     as_json: Json = False,
 ) -> None:
     """Measure how long commands take to answer, and the service to start and to stop."""
@@ -87,7 +87,9 @@ def start(
 def simulator(
     vehicles: Annotated[int, typer.Option(min=1, max=254, help="How many.")] = 100,
     autopilot: Annotated[Literal["px4", "ardupilot"], typer.Option(help="Which autopilot they have.")] = "px4",
-    position_hz: Annotated[float, typer.Option(min=0.1, max=50, help="Position messages a second, of each.")] = 10.0,
+    position_hz: Annotated[
+        float, typer.Option(min=0.1, max=50, help="Position messages per second, from each.")
+    ] = 10.0,
     seconds: Annotated[float, typer.Option(min=1, help="How long to measure.")] = 15.0,
     as_json: Json = False,
 ) -> None:

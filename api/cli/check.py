@@ -19,15 +19,18 @@ if TYPE_CHECKING:
 
 def check(
     url: Annotated[
-        str, typer.Argument(help="udpin://, udpout://, tcpout://HOST:PORT or serial://DEVICE:BAUD; several: by commas.")
+        str,
+        typer.Argument(
+            help="udpin://, udpout://, tcpout://HOST:PORT or serial://DEVICE:BAUD; separate several with commas."
+        ),
     ],
     system_id: Annotated[
         list[int] | None, typer.Option(min=1, max=254, help="Check this vehicle only; may be given several times.")
     ] = None,
-    wait_s: Annotated[float, typer.Option(min=1, max=600, help="How long a heartbeat may take to come.")] = 15.0,
+    wait_s: Annotated[float, typer.Option(min=1, max=600, help="How long to wait for a heartbeat.")] = 15.0,
     signing_key_file: Annotated[
         Path | None,
-        typer.Option(envvar="SKYFOLIO_SIGNING_KEY_FILE", help="Key of both ends, where MAVLink is signed."),
+        typer.Option(envvar="SKYFOLIO_SIGNING_KEY_FILE", help="Signing key, where MAVLink is signed."),
     ] = None,
     as_json: Json = False,
 ) -> None:

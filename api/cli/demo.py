@@ -17,7 +17,9 @@ def demo(
     speedup: Annotated[float, typer.Option(min=1, max=20, help="Times real time.")] = 5.0,
     kill: Annotated[str, typer.Option(help="The UAV that crashes.")] = "uav-3",
     kill_slot: Annotated[int, typer.Option(min=2, help="It crashes when this slot begins; 1 is the first.")] = 11,
-    replan: Annotated[bool, typer.Option("--replan/--no-replan", help="Whether the service recovers the loss.")] = True,
+    replan: Annotated[
+        bool, typer.Option("--replan/--no-replan", help="Whether the service recovers from the loss.")
+    ] = True,
     utility: Annotated[Literal["sum", "per_user", "pooled"], typer.Option(help="What the plans maximise.")] = "pooled",
     mu: Annotated[float, typer.Option(max=0, help="1/(kbit/s): 0 is pure sum rate, more negative is steadier.")] = -0.3,
     out: Annotated[Path, typer.Option(help="Folder of report.html and report.json.")] = Path("out/demo"),

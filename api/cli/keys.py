@@ -32,7 +32,7 @@ DatabaseUrl = Annotated[
 @keys.command()
 def create(
     name: Annotated[str, typer.Argument(help="Whose key it is; shown in the audit log.")],
-    role: Annotated[Role, typer.Option(help="viewer looks, planner also plans, pilot also flies.")] = Role.VIEWER,
+    role: Annotated[Role, typer.Option(help="viewer reads, planner also plans, pilot also flies.")] = Role.VIEWER,
     database_url: DatabaseUrl = None,
     as_json: Json = False,
 ) -> None:
@@ -53,7 +53,7 @@ def list_keys(database_url: DatabaseUrl = None, as_json: Json = False) -> None:
     if as_json:
         _print(json.dumps([key.model_dump(mode="json") for key in api_keys], indent=2))
         return
-    table = Table("id", "name", "role", "made", "revoked")
+    table = Table("id", "name", "role", "created", "revoked")
     for key in api_keys:
         table.add_row(key.id, key.name, key.role.value, _day(key.created_at), _day(key.revoked_at))
     Console().print(table)

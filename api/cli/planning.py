@@ -37,7 +37,7 @@ def plan_command(
 def replan_command(
     file: Annotated[Path, typer.Argument(help="Plan as JSON, as `skyfolio plan --json` prints it.")],
     at_slot: Annotated[int, typer.Option(min=0, help="First slot to plan, counted from 0.")],
-    failed: Annotated[list[str] | None, typer.Option(help="A UAV that is gone; may be given several times.")] = None,
+    failed: Annotated[list[str] | None, typer.Option(help="A UAV that is lost; may be given several times.")] = None,
     changes: Annotated[
         Path | None,
         typer.Option(

@@ -35,7 +35,9 @@ def fly(
     replanning: Annotated[str, typer.Option(help="After a loss: auto, approve or off.")] = "auto",
     guidance: Annotated[str, typer.Option(help="By mission, or by a stream of setpoints.")] = "mission",
     stream_fallback: Annotated[str, typer.Option(help="When the stream ends: fly on by mission, or hold.")] = "mission",
-    force_stream: Annotated[bool, typer.Option(help="Stream even to a PX4 that would not hold without.")] = False,
+    force_stream: Annotated[
+        bool, typer.Option(help="Stream even to a PX4 that would not hold when the stream ends.")
+    ] = False,
     at_end: Annotated[str, typer.Option(help="After the last slot: land or return.")] = "land",
     service: ServiceUrl = LOCAL,
     key: Key = None,
@@ -78,7 +80,7 @@ def status(
 def fleet(
     action: Annotated[str, typer.Argument(help="hold, return or land.")],
     uav_ids: Annotated[list[str] | None, typer.Argument(help="Which UAVs; default: all that are registered.")] = None,
-    force: Annotated[bool, typer.Option(help="Return or land also who is flown by a human or a failsafe.")] = False,
+    force: Annotated[bool, typer.Option(help="Also vehicles that a human or a failsafe flies (return, land).")] = False,
     service: ServiceUrl = LOCAL,
     key: Key = None,
     as_json: Json = False,
@@ -89,7 +91,7 @@ def fleet(
     """
     _one_of("action", action, "hold", "return", "land")
     if force and action == "hold":
-        raise InvalidError("force: nobody is made to hold whom a human or a failsafe flies")
+        raise InvalidError("force: a vehicle that a human or a failsafe flies is never made to hold")
     with _ReportingClient(service, key) as client:
         results = client.order(action, uav_ids or None, force=force)  # type: ignore[arg-type]
     if as_json:
@@ -105,8 +107,8 @@ def fleet(
 
 def drill(
     operation_id: Annotated[str, typer.Argument(help="Operation in the air.")],
-    uav_id: Annotated[str, typer.Argument(help="The UAV that is struck; the service must simulate it.")],
-    fault: Annotated[str, typer.Option(help="What happens to it.")] = "kill",
+    uav_id: Annotated[str, typer.Argument(help="The UAV with the fault; the service must simulate it.")],
+    fault: Annotated[str, typer.Option(help="Kind of fault.")] = "kill",
     at_slot: Annotated[int | None, typer.Option(min=0, help="When this slot begins (from 0); default: now.")] = None,
     service: ServiceUrl = LOCAL,
     key: Key = None,
@@ -132,7 +134,7 @@ class _ReportingClient(Client):
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
         self.close()
         if isinstance(error, httpx2.TransportError):
-            raise UnreachableError(f"service: nobody answers at {self._where} ({error})") from error
+            raise UnreachableError(f"service: nothing answers at {self._where} ({error})") from error
 
 
 def _show(view: OperationView, *, as_json: bool) -> None:
@@ -150,7 +152,7 @@ def _show(view: OperationView, *, as_json: bool) -> None:
         )
     Console().print(table)
     for report in view.recoveries:
-        _print(f"{report.cause} of {', '.join(report.lost) or 'nobody'}: {report.outcome}, plan {report.plan_id}")
+        _print(f"{report.cause} of {', '.join(report.lost) or 'none'}: {report.outcome}, plan {report.plan_id}")
 
 
 def _print(text: str) -> None:

@@ -29,9 +29,11 @@ console = Console(stderr=True)
 
 def reproduce(
     figure: Annotated[Literal["2", "3", "5a", "5b", "all"], typer.Option(help="Which figure of the letter.")] = "all",
-    out: Annotated[Path, typer.Option(help="Folder of reproduction.md and its pictures.")] = Path("out"),
+    out: Annotated[Path, typer.Option(help="Folder of reproduction.md and its figures.")] = Path("out"),
     layouts: Annotated[int, typer.Option(min=1, help="User layouts; each UAV fails in turn in each.")] = 5,
-    search: Annotated[bool, typer.Option("--calibrate", help="Search what the letter omits instead.")] = False,
+    search: Annotated[
+        bool, typer.Option("--calibrate", help="Instead, search for the values that the letter omits.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Compute the letter's figures and numbers and set them beside the printed ones."""

@@ -88,7 +88,7 @@ def _not_known(name: str, known: Collection[str]) -> str:
         meant = [PREFIX + SET_ELSEWHERE[part].upper()]
     else:
         meant = difflib.get_close_matches(name.upper().replace(".", NESTED), sorted(known), n=1)
-    return f"{name}: is no setting of skyfolio" + (f"; did you mean {meant[0]}?" if meant else "")
+    return f"{name}: is not a setting of skyfolio" + (f"; did you mean {meant[0]}?" if meant else "")
 
 
 def _require_writable(field: str, folder: Path) -> None:

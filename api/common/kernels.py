@@ -70,7 +70,9 @@ def report_temporary_folder(say: Callable[[str], None]) -> None:
     if os.environ.get(REPORTED) or not in_ours:
         return
     os.environ[REPORTED] = "1"
-    say(f"compiled kernels are kept in {folder()}: neither the code nor a home can be written (set {VARIABLE})")
+    say(
+        f"compiled kernels are kept in {folder()}: neither the code's folder nor a home can be written (set {VARIABLE})"
+    )
 
 
 @contextmanager

@@ -26,9 +26,9 @@ SET_ELSEWHERE = {"stale_after_s": "heartbeat_stale_s", "lost_after_s": "heartbea
 
 
 class Settings(BaseSettings):
-    """How the service runs. It binds to loopback unless told otherwise.
+    """How the service runs. It binds to loopback by default.
 
-    database_url: `sqlite+aiosqlite:///FILE`, `postgresql+asyncpg://...`, or `temporary`, which is forgotten at the end.
+    database_url: `sqlite+aiosqlite:///FILE`, `postgresql+asyncpg://...`, or `temporary`, which is deleted at the end.
     time_scale: how much faster than real time the (simulated) fleet lives; leave it at 1 for real aircraft.
     fleet_url: where vehicles are; several links, the preferred first, separated by commas. forward_url: udpout://HOST:PORT
     where a ground station watches the fleet; forward_commands: whether it may command too. signing_key_file: 32 bytes
@@ -46,13 +46,13 @@ class Settings(BaseSettings):
     keep_ended_s: how long ended plans that no operation flew are kept; keep_operations_s: ended operations with their
     plans, journals and tracks; keep_events_s, keep_audit_s: events and audit rows, at most keep_events and keep_audit
     of them. max_cells: UAVs times users times slots.
-    tile_url: of a map server for the dashboard, with {z}, {x} and {y}; without one it draws a grid and asks nobody.
+    tile_url: of a map server for the dashboard, with {z}, {x} and {y}; without one it draws a grid and loads nothing.
     allowed_hosts: names under which browsers reach the service, separated by commas, beside loopback, the bound address
     and, when more than loopback is bound, IP addresses and this machine's name; `*.example.org` is all below it.
     trusted_proxies: addresses or networks, separated by commas, of proxies whose `X-Forwarded-*` headers are believed.
     root_path: the sub-path under which a proxy offers the service; a trusted proxy may say it in `X-Forwarded-Prefix`.
     rate_per_s, rate_burst: requests of one client. failed_keys_per_minute: wrong API keys that one address may try.
-    swap_attempts: tries of a mission swap before the last good plan.
+    swap_attempts: attempts at a mission swap before falling back to the last good plan.
     """
 
     model_config = SettingsConfigDict(env_prefix=PREFIX, env_nested_delimiter=NESTED, frozen=True, extra="forbid")

@@ -18,15 +18,16 @@ from skyfolio.api.plans.solver import Lane
 from skyfolio.api.service import Service
 
 DESCRIPTION = """
-Plans where a fleet of flying base stations goes and whom each one serves, flies that plan over MAVLink, and replans for
-the survivors when an aircraft is lost.
+Plans where a fleet of flying base stations goes and which users each one serves, flies that plan over MAVLink, and
+replans for the survivors when an aircraft is lost.
 
 **Units** are in names: `_m` metres, `_s` seconds, `_hz`, `_bps` bit/s, `_w` watts, `_deg` degrees WGS-84. Positions are
 metres east and north of the scenario's `origin`; altitude is metres above each vehicle's own home. Slots count from 0.
 
-**Manners.** What takes time answers `202` with `Location` and `Retry-After`; `wait_s` waits for it. `Idempotency-Key`
-makes every creating POST safe to repeat. Operations have an `ETag`; commands take `If-Match`. Lists are paged by
-`cursor`. Errors are RFC 9457 `application/problem+json` and name the field and the rule. Bodies are `application/json`.
+**Conventions.** Requests that take time return `202` with `Location` and `Retry-After`; `wait_s` waits for the result.
+`Idempotency-Key` makes every creating POST safe to repeat. Operations have an `ETag`; commands take `If-Match`. Lists
+are paged by `cursor`. Errors are RFC 9457 `application/problem+json` and name the field and the rule. Bodies are
+`application/json`.
 """
 
 

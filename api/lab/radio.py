@@ -33,7 +33,7 @@ def true_rates_bps(timeline: Sequence[InForce], samples: Sequence[Sample], n_slo
 class RadioTruth:
     """Watches a simulated fleet fly one plan, and reports each slot's rates when the slot is over.
 
-    `uav_of` gives the UAV of a system id. A UAV that is dead, standing, or silent serves nobody.
+    `uav_of` gives the UAV of a system id. A UAV that is dead, standing, or silent serves no user.
     """
 
     def __init__(self, plan: Plan, uav_of: Mapping[int, str], *, seed: int) -> None:

@@ -108,7 +108,7 @@ class Contingencies:
             task = asyncio.create_task(self._solve(plan, at_slot, uav_id))
             self._under_way[key] = task
             task.add_done_callback(lambda _: self._under_way.pop(key, None))
-        await asyncio.shield(task)  # who waits may give up; the plan is made all the same
+        await asyncio.shield(task)  # a caller may give up waiting; the plan is made anyway
 
     async def _solve(self, plan: Plan, at_slot: int, uav_id: str) -> Plan | str:
         key = (plan.id, at_slot, uav_id)

@@ -132,11 +132,11 @@ def test_keys_are_made_listed_and_revoked_and_shown_only_once(
         (["serve", "--host", "0.0.0.0"], "there is no API key"),  # noqa: S104
         (["serve", "--database-url", "mysql://x"], "must be 'temporary'"),
         (["serve", "--port", "0", "--database-url", "temporary", "--time-scale", "0"], "time_scale: "),
-        (["status", "--service", "http://127.0.0.1:9"], "nobody answers at http://127.0.0.1:9"),
+        (["status", "--service", "http://127.0.0.1:9"], "nothing answers at http://127.0.0.1:9"),
         (["fly", "--example", "none"], "must be one of"),
         (["fleet", "fall"], "action: 'fall' must be one of hold, return, land"),
-        (["fleet", "hold", "--force"], "force: nobody is made to hold"),
-        (["fleet", "land", "--service", "http://127.0.0.1:9"], "nobody answers at http://127.0.0.1:9"),
+        (["fleet", "hold", "--force"], "force: a vehicle that a human"),
+        (["fleet", "land", "--service", "http://127.0.0.1:9"], "nothing answers at http://127.0.0.1:9"),
     ],
 )
 def test_a_service_that_cannot_be_run_or_reached_is_one_message(

@@ -17,7 +17,7 @@ router = APIRouter(prefix="/v1", tags=["plans"], dependencies=[*KNOWN, requires(
 
 ANSWERS: dict[int | str, dict[str, Any]] = {
     200: {"description": "Every row.", "model": ContingencyTable},
-    202: {"description": "Some rows are still being made; ask again after `Retry-After`.", "model": ContingencyTable},
+    202: {"description": "Some rows are still being made; try again after `Retry-After`.", "model": ContingencyTable},
 }
 
 
@@ -26,7 +26,7 @@ async def read_contingencies(
     plan_id: str,
     service: ServiceDep,
     at_slot: Annotated[
-        int | None, Query(ge=0, le=1_000_000, description="The slot at which it is lost; default: the second.")
+        int | None, Query(ge=0, le=1_000_000, description="The slot at which the UAV is lost; default: the second.")
     ] = None,
     wait_s: Annotated[float, Query(ge=0, le=60, description="Wait up to this many seconds for all rows.")] = 10,
 ) -> Response:

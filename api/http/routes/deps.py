@@ -23,7 +23,7 @@ _bearer = HTTPBearer(
 )
 Limit = Annotated[int, Query(ge=1, le=200, description="At most this many.")]
 Before = Annotated[
-    int | None, Query(ge=1, le=2**53, alias="cursor", description="`next` of the page before; none: the newest.")
+    int | None, Query(ge=1, le=2**53, alias="cursor", description="`next` of the previous page; default: the newest.")
 ]
 WaitS = Annotated[float, Query(ge=0, le=60, description="Wait up to this many seconds for the result.")]
 
@@ -62,7 +62,7 @@ Key = Annotated[
         alias="Idempotency-Key",
         min_length=1,
         max_length=255,
-        description="A name you choose for this request. Sending it again makes nothing new and answers with the "
+        description="A name you choose for this request. Sending it again creates nothing new and returns the "
         "resource as it is now; the same key with another request is refused with 422.",
         examples=["8e03978e-40d5-43dd-bc93-6894a57f9324"],
     ),

@@ -28,7 +28,7 @@ class DrillRequest(BaseModel):
     at_slot: Annotated[
         int | None, Field(ge=0, le=1_000_000, strict=True, description="When this slot begins; null: at once.")
     ] = None
-    options: Annotated[DrillOptions, Field(max_length=16, description="What the fault takes, by name.")] = {}
+    options: Annotated[DrillOptions, Field(max_length=16, description="Options of the fault, by name.")] = {}
 
 
 class DrillPage(BaseModel):

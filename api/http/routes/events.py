@@ -31,7 +31,7 @@ STREAM: dict[int | str, dict[str, Any]] = {
     }
 }
 LastEventId = Annotated[
-    int, Header(ge=0, le=2**53, alias="Last-Event-ID", description="Go on after this event; browsers send it.")
+    int, Header(ge=0, le=2**53, alias="Last-Event-ID", description="Continue after this event; browsers send it.")
 ]
 
 
@@ -48,7 +48,7 @@ async def stream_events(
     service: ServiceDep,
     last_event_id: LastEventId = 0,
     telemetry: Annotated[
-        bool, Query(description="Also pictures of all vehicles, ten a second, as `event: telemetry` without an id.")
+        bool, Query(description="Also snapshots of all vehicles, ten per second, as `event: telemetry` without an id.")
     ] = False,
     follow: Annotated[bool, Query(description="False: end after what is stored now.")] = True,
 ) -> StreamingResponse:

@@ -33,7 +33,7 @@ Force = Annotated[
 ]
 UavIds = Annotated[
     list[Annotated[str, Field(max_length=64)]] | None,
-    Field(max_length=254, description="Only these vehicles; none: all that are registered."),
+    Field(max_length=254, description="Only these vehicles; default: all registered ones."),
 ]
 
 

@@ -23,7 +23,7 @@ document.getElementById("f").onsubmit = async (e) => { e.preventDefault();
   const r = await fetch("login", {method: "POST", headers: {"content-type": "application/json"},
     body: JSON.stringify({key: document.getElementById("k").value})});
   if (r.ok) location.href = "ui/"; else document.getElementById("s").textContent =
-    r.status === 401 ? "This key is not known." : (await r.json()).detail; };
+    r.status === 401 ? "This key is unknown." : (await r.json()).detail; };
 </script></body></html>"""
 
 
@@ -46,7 +46,7 @@ async def log_in(body: LoginRequest, service: ServiceDep, request: Request, resp
     """Keep the key in a cookie that scripts cannot read and other sites cannot send."""
     client = request.client.host if request.client else "unknown"
     if await service.authenticator.identify(client, body.key) is None:
-        raise UnauthorizedError("key: is not known")
+        raise UnauthorizedError("key: is unknown")
     response.set_cookie(
         COOKIE,
         body.key,

@@ -45,18 +45,22 @@ class OperationRequest(BaseModel):
     ] = "mission"
     stream_fallback: Annotated[
         FallBack,
-        Field(description="What vehicles do when the stream of setpoints ends, also because the service is killed."),
+        Field(
+            description="What vehicles do when the stream of setpoints ends, for example because the service is killed."
+        ),
     ] = FallBack.MISSION
     force_stream: Annotated[
         bool,
         Field(
-            description="Stream even to a PX4 whose `COM_OBL_RC_ACT` is not 5 (hold): it leaves for home when "
-            "setpoints end, and be it for a second. Refused without this, whatever the preflight setting is."
+            description="Stream even to a PX4 whose `COM_OBL_RC_ACT` is not 5 (hold): it flies home when "
+            "setpoints pause, even for a second. Refused without this, whatever the preflight setting is."
         ),
     ] = False
     at_end: Annotated[
         Literal["land", "return"],
-        Field(description="After the last slot: land where it is, or return to the start; refused if ways home meet."),
+        Field(
+            description="After the last slot: land where it is, or return to the start; refused if return paths meet."
+        ),
     ] = "land"
     launch: Annotated[
         Literal["auto", "manual"], Field(description="manual: upload, then wait for `operations/{id}:start`.")
@@ -167,7 +171,7 @@ async def read_track(
     after_s: Annotated[
         float | None, Query(allow_inf_nan=False, description="Only what was heard after this fleet second.")
     ] = None,
-    limit: Annotated[int | None, Query(ge=1, le=10_000, description="At most so many points; default: all.")] = None,
+    limit: Annotated[int | None, Query(ge=1, le=10_000, description="At most this many points; default: all.")] = None,
 ) -> Response:
     """Return where every UAV was heard, twice per fleet second, for replay; `after_s` and `limit` page through."""
     await _require(service, operation_id)

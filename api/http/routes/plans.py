@@ -39,7 +39,7 @@ Starts = Annotated[
     Query(
         ge=1,
         le=64,
-        description="Starts to climb from: fewer is faster. Default: by size, at most `plan_starts` of the settings.",
+        description="Starts of the optimiser: fewer is faster. Default: by size, at most the setting `plan_starts`.",
     ),
 ]
 NewPlan = Annotated[NewResource, Depends(creates("plan"))]
@@ -64,20 +64,20 @@ class ReplanRequest(Changes):
     Slots are on the operation's grid, positions in metres east/north, rates in bit/s.
     """
 
-    failed: Annotated[tuple[Identifier, ...], Field(max_length=1000, description="UAVs that are gone.")] = ()
+    failed: Annotated[tuple[Identifier, ...], Field(max_length=1000, description="UAVs that are lost.")] = ()
     returned: Annotated[
         tuple[Uav, ...],
-        Field(max_length=1000, description="UAVs that join or come back, whole; `start_m`: where they are then."),
+        Field(max_length=1000, description="Complete UAVs that join or come back; `start_m`: where they are then."),
     ] = ()
     users_joined: Annotated[
         tuple[User, ...], Field(description="New users; slots before `at_slot` do not count for them.")
     ] = ()
     users_left: Annotated[
-        tuple[Identifier, ...], Field(description="Users that no longer count, nor what they got.")
+        tuple[Identifier, ...], Field(description="Users that no longer count; nor do their past rates.")
     ] = ()
-    utility: Annotated[Utility | None, Field(description="Another utility, or another mu; default: as it was.")] = None
+    utility: Annotated[Utility | None, Field(description="Another utility, or another mu; default: unchanged.")] = None
     bandwidth_hz: Annotated[
-        dict[Identifier, Hertz], Field(default_factory=dict, description="The new bands of some UAVs, by id.")
+        dict[Identifier, Hertz], Field(default_factory=dict, description="New bandwidths of some UAVs, by id.")
     ]
     at_slot: Annotated[int, Field(ge=0, le=1_000_000, strict=True, description="First slot to plan.")]
     positions_m: Annotated[
@@ -86,9 +86,9 @@ class ReplanRequest(Changes):
     ] = None
     achieved_rates_bps: Annotated[
         dict[str, list[float]] | None,
-        Field(description="Rates each user got in every slot before `at_slot`; default: as planned."),
+        Field(description="Rates each user received in every slot before `at_slot`; default: as planned."),
     ] = None
-    cause: Annotated[Cause | None, Field(description="Why; default: what the changes say.")] = None
+    cause: Annotated[Cause | None, Field(description="Why; default: derived from the changes.")] = None
 
     def arguments(self) -> dict[str, Any]:
         """Return the request as the arguments of `planner.replan`."""
@@ -169,7 +169,7 @@ async def create_replan(
     wait_s: WaitS = 0,
     deadline_s: DeadlineS = None,
 ) -> Response:
-    """Plan the remaining slots of a plan after a change: UAVs gone or back, users gone or new, another utility or band.
+    """Plan the remaining slots of a plan after a change of UAVs, users, utility or bandwidth.
 
     The result is a new plan whose `parent` is this one.
     """

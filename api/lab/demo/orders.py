@@ -14,7 +14,7 @@ class DemoConfig:
     """How to fly it. kill_slot counts from 1, as the letter does; speedup is fleet seconds per wall second.
 
     The default utility trades between users, so that what a loss does to each, and what replanning mends, is seen.
-    Under `sum` the planner pays no heed to users that nobody serves, before the loss or after it.
+    Under `sum` the planner ignores users that are served by none, before the loss or after it.
     """
 
     utility: Utility = field(default_factory=lambda: Utility(kind="pooled", mu_per_kbps=-0.3))

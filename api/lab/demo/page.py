@@ -14,7 +14,7 @@ from skyfolio.api.lab.demo.report import DemoReport
 from skyfolio.api.lab.plots import as_svg, new_figure
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#f0e442")
-"""Okabe and Ito's palette: told apart by colour-blind eyes too."""
+"""Okabe and Ito's palette: distinguishable with colour blindness too."""
 
 
 def figures(report: DemoReport) -> list[tuple[str, str, str]]:

@@ -50,7 +50,7 @@ class Course:
         ]
 
     def samples(self) -> list[Sample]:
-        """Everyone's true position at each instant of the slots; a dead or landed UAV serves nobody."""
+        """Everyone's true position at each instant of the slots; a dead or landed UAV serves no user."""
         end_s = self.scenario.slots * self.scenario.slot_duration_s
         instants: dict[float, dict[str, tuple[Point, bool]]] = {}
         for uav, rows in self._rows.items():
