@@ -44,7 +44,7 @@ MOST_BUCKETS = 10_000
 _ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
 
 
-class Buckets:
+class TokenBuckets:
     """A token bucket for each client: `rate_per_s` on average, `burst` at once."""
 
     def __init__(self, rate_per_s: float, burst: int) -> None:
@@ -52,11 +52,11 @@ class Buckets:
         self._state: dict[str, tuple[float, float]] = {}
 
     def take(self, client: str, now_s: float) -> bool:
-        """Whether the client may go on; `now_s` is monotonic."""
-        tokens, at = self._state.get(client, (float(self._burst), now_s))
-        tokens = min(self._burst, tokens + (now_s - at) * self._rate)
-        if len(self._state) >= MOST_BUCKETS:
-            self._state.clear()
+        """Take a token of the client. Return whether there was one; `now_s` is monotonic."""
+        tokens, at_s = self._state.pop(client, (float(self._burst), now_s))
+        tokens = min(self._burst, tokens + (now_s - at_s) * self._rate)
+        if len(self._state) >= MOST_BUCKETS:  # forget the client that has been silent for longest
+            del self._state[next(iter(self._state))]
         self._state[client] = (tokens - 1 if tokens >= 1 else tokens, now_s)
         return tokens >= 1
 
@@ -66,7 +66,7 @@ class AdmissionMiddleware:
 
     def __init__(self, app: ASGIApp, *, owner: FastAPI) -> None:
         self._app, self._owner = app, owner
-        self._buckets: Buckets | None = None
+        self._buckets: TokenBuckets | None = None
         self._hosts: AllowedHosts | None = None
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -97,7 +97,7 @@ class AdmissionMiddleware:
     async def _admit(self, passage: RequestAdmission) -> Principal:
         service = passage.service
         if self._buckets is None or self._hosts is None:
-            self._buckets = Buckets(service.settings.rate_per_s, service.settings.rate_burst)
+            self._buckets = TokenBuckets(service.settings.rate_per_s, service.settings.rate_burst)
             self._hosts = AllowedHosts(service.settings)
         if not self._buckets.take(passage.client, time.monotonic()):
             raise TooManyRequestsError(f"rate: more than {service.settings.rate_per_s:g} requests a second")

@@ -61,7 +61,7 @@ class Foresight:
 
 
 def foresight(job: Foresight) -> dict[str, float]:
-    """Utility of all slots, kbit/s: the loss ignored, answered by a replan, and known from the start."""
+    """Return the utility of all slots, kbit/s: the loss ignored, replanned, and known from the start."""
     scenario = job.choices.scenario(job.utility)
     first = plan(scenario, method="fast")
     served = table(first)

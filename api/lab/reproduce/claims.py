@@ -66,7 +66,10 @@ def _number(figure: str, claim: str, unit: str, paper: float, values: Array) -> 
 
 
 def _trend(figure: str, claim: str, holds: NDArray[np.bool_], on_mean: bool) -> Judged:
-    """holds: one truth value for each case."""
+    """Judge a claim by the share of cases in which it holds.
+
+    holds: one truth value for each case.
+    """
     share = float(np.mean(holds))
     in_most = Verdict.REPRODUCED if share >= MOST_CASES else Verdict.TREND_ONLY
     verdict = in_most if on_mean else Verdict.NOT
