@@ -76,34 +76,36 @@ class AdmissionMiddleware:
             return
         await self._pass(RequestAdmission(self._owner.state.service, scope), scope, receive, send)
 
-    async def _pass(self, passage: RequestAdmission, scope: Scope, receive: Receive, send: Send) -> None:
-        with structlog.contextvars.bound_contextvars(request_id=passage.request_id):
+    async def _pass(self, admission: RequestAdmission, scope: Scope, receive: Receive, send: Send) -> None:
+        with structlog.contextvars.bound_contextvars(request_id=admission.request_id):
             try:
-                passage.principal = await self._admit(passage)
+                admission.principal = await self._admit(admission)
                 state = scope.setdefault("state", {})
-                state["principal"], state["still_admitted"] = passage.principal, passage.still_admitted
-                take = passage.limited(receive) if scope["type"] == "http" else passage.while_admitted(receive, send)
-                await self._app(scope, take, passage.noting(send))
+                state["principal"], state["still_admitted"] = admission.principal, admission.still_admitted
+                take = (
+                    admission.limited(receive) if scope["type"] == "http" else admission.while_admitted(receive, send)
+                )
+                await self._app(scope, take, admission.noting(send))
             except (ServiceError, StoreError) as error:  # raised before any route was reached
-                if isinstance(error, UnauthorizedError) and passage.wants_page:
-                    await RedirectResponse("/login", 303)(scope, receive, passage.noting(send))
+                if isinstance(error, UnauthorizedError) and admission.wants_page:
+                    await RedirectResponse("/login", 303)(scope, receive, admission.noting(send))
                 elif scope["type"] == "websocket":
                     await send({"type": "websocket.close", "code": 1008, "reason": str(error)[:100]})
                 else:
-                    await answer_to(error)(scope, receive, passage.noting(send))
+                    await answer_to(error)(scope, receive, admission.noting(send))
             finally:
-                passage.finish()
+                admission.finish()
 
-    async def _admit(self, passage: RequestAdmission) -> Principal:
-        service = passage.service
+    async def _admit(self, admission: RequestAdmission) -> Principal:
+        service = admission.service
         if self._buckets is None or self._hosts is None:
             self._buckets = TokenBuckets(service.settings.rate_per_s, service.settings.rate_burst)
             self._hosts = AllowedHosts(service.settings)
-        if not self._buckets.take(passage.client, time.monotonic()):
+        if not self._buckets.take(admission.client, time.monotonic()):
             raise TooManyRequestsError(f"rate: more than {service.settings.rate_per_s:g} requests a second")
-        passage.require_ours(self._hosts)
-        passage.require_small()
-        principal = await passage.identified()
+        admission.require_ours(self._hosts)
+        admission.require_small()
+        principal = await admission.identified()
         if principal is None:
             raise UnauthorizedError("Authorization: send 'Bearer <key>' with a key made by 'skyfolio keys create'")
         return principal
