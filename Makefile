@@ -7,7 +7,7 @@ ARGS ?=
 .PHONY: test-sitl demo test serve bench lint format clean
 .DEFAULT_GOAL := demo
 
-$(READY): pyproject.toml constraints.txt scripts/setup.sh scripts/browser.sh
+$(READY): pyproject.toml constraints.txt scripts/setup.sh
 	sh scripts/setup.sh $(VENV)
 	@touch $@
 
@@ -16,6 +16,7 @@ demo: $(READY)
 
 test: lint
 	sh scripts/postgres.sh
+	sh scripts/browser.sh
 	$(BIN)/python -m pytest $(ARGS)
 	sh scripts/end_to_end.sh $(BIN)/python -m pytest $(ARGS)
 

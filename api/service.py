@@ -12,7 +12,7 @@ import structlog
 
 from skyfolio.api.access.api_keys import KeyRing
 from skyfolio.api.access.audit_log import AuditLog
-from skyfolio.api.access.key_attempts import Door
+from skyfolio.api.access.key_attempts import KeyAuthenticator
 from skyfolio.api.common.errors import BusyError
 from skyfolio.api.common.fleet_clock import FleetClock
 from skyfolio.api.common.metrics import Metrics
@@ -53,7 +53,7 @@ class Service:
         self.metrics = Metrics()
         self.keys = KeyRing(database)
         self.audit = AuditLog(database)
-        self.door = Door(self.keys, settings.failed_keys_per_minute)
+        self.authenticator = KeyAuthenticator(self.keys, settings.failed_keys_per_minute)
         self.background = Supervisor(events.add)
         self.solver = solver
         self.plans = PlanBook(self.solver, events, PlanStore(database), settings)
@@ -227,7 +227,7 @@ class Service:
             await asyncio.sleep(1 / self.settings.telemetry_hz)
             if self.events.followers and not self.fleet.empty:
                 vehicles = [view.model_dump(mode="json") for view in self.fleet.views()]
-                self.events.picture({"at": round(time.time(), 3), "vehicles": vehicles})
+                self.events.publish_telemetry({"at": round(time.time(), 3), "vehicles": vehicles})
 
     async def _tend_solver(self) -> None:
         """Replace workers that do not answer, and tell when vehicles stop and begin to hear our HEARTBEAT."""

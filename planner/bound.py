@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
+from scipy.optimize import linear_sum_assignment, minimize_scalar
 
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.channel import sum_of_others
@@ -22,6 +22,8 @@ from skyfolio.planner.utility import rate_weights, soft_mean, utility_kbps
 
 TANGENTS = 12
 """How many tangent planes are tried: each costs one assignment per slot."""
+STEP_ACCURACY = 0.003
+"""Of the line search between two of them, as a share of the way."""
 SMALL = 200_000
 """U K N up to which every plan gets a bound from tangent planes."""
 
@@ -77,19 +79,12 @@ def tangent_bound_kbps(problem: Problem, tables: Callable[[Array], Array], tries
 
 
 def best_step(problem: Problem, point: Array, vertex: Array) -> float:
-    """Line search in [0, 1] by golden section: the utility is concave along the segment."""
-    low, high, ratio = 0.0, 1.0, (5**0.5 - 1) / 2
+    """Return the share in [0, 1] of the way to the vertex with the greatest utility, which is concave along it."""
 
-    def worth(share: float) -> float:
-        return utility_kbps(problem.counted_kbps(point + share * (vertex - point)), problem.kind, problem.mu)
+    def loss_kbps(share: float) -> float:
+        return -utility_kbps(problem.counted_kbps(point + share * (vertex - point)), problem.kind, problem.mu)
 
-    for _ in range(12):
-        left, right = high - ratio * (high - low), low + ratio * (high - low)
-        if worth(left) < worth(right):
-            low = left
-        else:
-            high = right
-    return (low + high) / 2
+    return float(minimize_scalar(loss_kbps, bounds=(0.0, 1.0), method="bounded", options={"xatol": STEP_ACCURACY}).x)
 
 
 def optimistic_rates_kbps(problem: Problem) -> Array:

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import combinations, pairwise
-from math import hypot, inf, isfinite
+from math import hypot, isfinite
 
 from shapely import LineString, Polygon
 from shapely import Point as GeoPoint
 
+from skyfolio.planner.geometry import distance_to_segment_m
 from skyfolio.planner.plans import Plan
 from skyfolio.planner.scenario import Frozen, NoFlyDisc, NoFlyPolygon, Uav
 
@@ -150,7 +151,7 @@ def _separation(plan: Plan) -> Iterator[Violation]:
             continue
         apart = [(ea - eb, na - nb) for (ea, na), (eb, nb) in zip(path_a, path_b, strict=True)]
         for n, here in enumerate(apart):
-            near = _segment_distance(here, apart[n + 1]) if n + 1 < len(apart) else hypot(*here)
+            near = distance_to_segment_m((0.0, 0.0), here, apart[n + 1]) if n + 1 < len(apart) else hypot(*here)
             if near < limit - ROUNDING_M:
                 where = f"{a.id} and {b.id} in slot {n}"
                 yield Violation(constraint="6e", where=where, message=f"{near} m apart, less than {limit} m")
@@ -180,8 +181,7 @@ def _no_fly(plan: Plan) -> Iterator[Violation]:
 def _depth_m(zone: NoFlyDisc | NoFlyPolygon, here: tuple[float, float], there: tuple[float, float]) -> float:
     """Return how far the leg reaches into the zone: below the disc's radius, or metres of it inside the polygon."""
     if isinstance(zone, NoFlyDisc):
-        east, north = zone.center_m
-        return zone.radius_m - _segment_distance((here[0] - east, here[1] - north), (there[0] - east, there[1] - north))
+        return zone.radius_m - distance_to_segment_m(zone.center_m, here, there)
     outline = Polygon(zone.vertices_m)
     if here == there:
         inside = GeoPoint(here)
@@ -189,12 +189,3 @@ def _depth_m(zone: NoFlyDisc | NoFlyPolygon, here: tuple[float, float], there: t
     leg = LineString([here, there]).intersection(outline)
     middle_m = outline.boundary.distance(leg.centroid) if not leg.is_empty else 0.0
     return float(min(leg.length, middle_m))
-
-
-def _segment_distance(p: tuple[float, float], q: tuple[float, float]) -> float:
-    """Return the distance of the segment p-q to (0, 0): how near two UAVs come that fly straight through one slot."""
-    de, dn = q[0] - p[0], q[1] - p[1]
-    length2 = de * de + dn * dn
-    along = 0.0 if length2 == 0 else min(1.0, max(0.0, -(p[0] * de + p[1] * dn) / length2))
-    least = hypot(p[0] + along * de, p[1] + along * dn)
-    return min(least, hypot(*p), hypot(*q), inf)

@@ -6,6 +6,7 @@ import numpy as np
 import shapely
 
 from skyfolio.planner.arrays import Array
+from skyfolio.planner.geometry import nearest_to_origin
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.separation import closest_approach
 
@@ -81,10 +82,8 @@ def outside_zones(problem: Problem, paths_m: Array) -> bool:
 
 def _least_distance(legs: Array, centre: Array) -> float:
     """Return the least distance of segments (L, 2, 2) to a point."""
-    begin, move = legs[:, 0] - centre, legs[:, 1] - legs[:, 0]
-    length2 = (move**2).sum(axis=1)
-    along = np.clip(-(begin * move).sum(axis=1) / np.where(length2 > 0, length2, 1.0), 0.0, 1.0)
-    return float(np.linalg.norm(begin + along[:, None] * move, axis=1).min())
+    nearest = nearest_to_origin(legs[:, 0] - centre, legs[:, 1] - legs[:, 0])
+    return float(np.linalg.norm(nearest, axis=1).min())
 
 
 def flyable(problem: Problem, paths_m: Array) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from skyfolio.planner.arrays import Array
+from skyfolio.planner.geometry import nearest_to_origin
 
 
 def closest_approach(paths_m: Array) -> float:
@@ -25,8 +26,5 @@ def _least_squared(apart: Array) -> float:
     least = float((apart**2).sum(axis=-1).min())
     if apart.shape[1] < 2:
         return least
-    begin, move = apart[:, :-1], np.diff(apart, axis=1)
-    length2 = (move**2).sum(axis=-1)
-    along = -(begin * move).sum(axis=-1) / np.where(length2 > 0, length2, 1.0)
-    inside = begin + np.clip(along, 0.0, 1.0)[..., None] * move
-    return min(least, float((inside**2).sum(axis=-1).min()))
+    nearest = nearest_to_origin(apart[:, :-1], np.diff(apart, axis=1))
+    return min(least, float((nearest**2).sum(axis=-1).min()))

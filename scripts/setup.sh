@@ -28,5 +28,4 @@ fi
 mkdir -p "$venv/typing/skyfolio"
 for part in planner mavlink_bridge sim api; do ln -sfn "$PWD/$part" "$venv/typing/skyfolio/$part"; done
 for part in __init__.py __main__.py py.typed; do ln -sfn "$PWD/api/skyfolio/$part" "$venv/typing/skyfolio/$part"; done
-sh "$(dirname "$0")/browser.sh"
 "$venv/bin/skyfolio" warm-up # compiles the optimiser once, for a minute, so that nobody waits for it later

@@ -11,7 +11,7 @@ import typer
 from markdown_it import MarkdownIt
 
 from skyfolio.api.cli.lazy import load
-from skyfolio.api.cli.main import _Commands, cli
+from skyfolio.api.cli.main import Commands, cli
 from skyfolio.api.common.settings import PREFIX, Settings
 from skyfolio.api.http.app import create_app
 
@@ -64,7 +64,7 @@ def command_named(words: list[str]) -> tuple[Any, list[str]]:
     """Return the command that the words call, and the words left for it."""
     command = typer.main.get_command(cli)
     while words and hasattr(command, "commands"):
-        later = _Commands.later.get(words[0]) if isinstance(command, _Commands) else None
+        later = Commands.commands_by_name.get(words[0]) if isinstance(command, Commands) else None
         found = load(words[0], later) if later else command.commands.get(words[0])
         if found is None:
             break

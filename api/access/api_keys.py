@@ -1,8 +1,8 @@
-"""Who may do what: API keys, kept as digests, and three roles.
+"""API keys, stored as digests, and their three roles.
 
-A viewer looks, a planner also plans, a pilot also flies. Until there is a first key the service is open, which is only
+A viewer reads, a planner also plans, a pilot also flies. Until there is a first key the service is open, which is only
 allowed on loopback; revoking the last one closes it, `skyfolio keys reset` opens it again. Keys are 256 random bits, so
-a plain digest cannot be turned back.
+a plain digest cannot be inverted.
 """
 
 from __future__ import annotations
@@ -24,37 +24,37 @@ from skyfolio.api.store.tables import api_keys as table
 REMEMBER_S = 1.0
 """A revoked key works at most this long; a new one is known after it."""
 RECHECK_S = 0.5
-"""How often what stays open looks whether its key still works."""
+"""How often an open stream checks whether its key is still valid."""
 MOST_REMEMBERED = 10_000
 
 
 class Role(StrEnum):
-    """What a key may do; each may do what the one before may."""
+    """What a key may do; each role includes the one before."""
 
     VIEWER = "viewer"
     PLANNER = "planner"
     PILOT = "pilot"
 
     def covers(self, needed: Role) -> bool:
-        """Whether this role may do what `needed` may."""
+        """Return whether this role includes `needed`."""
         order = list(Role)
         return order.index(self) >= order.index(needed)
 
 
 @dataclass(frozen=True)
 class Principal:
-    """Who asks."""
+    """Who sends a request."""
 
     name: str
     role: Role
 
 
 LOCAL = Principal("local", Role.PILOT)
-"""Everybody, until there is a key."""
+"""Every client, until there is a key."""
 
 
 class KeyView(BaseModel):
-    """A key as it is kept: without its secret. Times are UTC seconds since 1970."""
+    """A key as it is stored: without its secret. Times are UTC seconds since 1970."""
 
     id: str
     name: str
@@ -72,7 +72,7 @@ class KeyRing:
         self._in_use: tuple[float, bool] = (-REMEMBER_S, False)
 
     async def create(self, name: str, role: Role) -> str:
-        """A new key; this is the only time that it is seen."""
+        """Create a key and return it; it is shown only this once."""
         key_id, secret = secrets.token_hex(6), secrets.token_urlsafe(32)
         key = f"sky_{key_id}_{secret}"
         row = {"id": key_id, "name": name, "role": role.value, "digest": _digest(key), "created_at": time.time()}
@@ -80,16 +80,16 @@ class KeyRing:
         return key
 
     async def revoke(self, key_id: str) -> None:
-        """End a key. Raises NotFoundError."""
+        """Revoke a key. Raises NotFoundError."""
         if not await self._database.rows(select(table.c.id).where(table.c.id == key_id)):
             raise NotFoundError(f"key {key_id!r} does not exist")
         await self._database.write(update(table).where(table.c.id == key_id).values(revoked_at=time.time()))
         self._known.clear()
 
     async def reset(self) -> int:
-        """Forget all keys, how many there were: everybody on this machine may do everything again.
+        """Delete all keys and return how many there were: everybody on this machine may do everything again.
 
-        Raises ConflictError while one works.
+        Raises ConflictError while one is valid.
         """
         keys = await self.all()
         if working := [key.id for key in keys if key.revoked_at is None]:
@@ -99,30 +99,30 @@ class KeyRing:
         return len(keys)
 
     async def all(self) -> list[KeyView]:
-        """Every key, the oldest first."""
+        """Return every key, the oldest first."""
         rows = await self._database.rows(select(table).order_by(table.c.created_at))
         return [KeyView(**{name: getattr(row, name) for name in KeyView.model_fields}) for row in rows]
 
     async def in_use(self) -> bool:
-        """Whether there ever was a key, also one that is revoked by now: then every request needs one that works."""
-        asked, answer = self._in_use
-        if time.monotonic() - asked >= REMEMBER_S:
+        """Return whether there ever was a key, even a revoked one: then every request needs a valid key."""
+        known_s, answer = self._in_use
+        if time.monotonic() - known_s >= REMEMBER_S:
             rows = await self._database.rows(select(table.c.id).limit(1))
             answer = bool(rows)
             self._in_use = (time.monotonic(), answer)
         return answer
 
     async def identify(self, key: str) -> Principal | None:
-        """Whose key this is, None for one that is unknown or revoked."""
+        """Return whose key this is, None for one that is unknown or revoked."""
         digest = _digest(key)
-        asked, found = self._known.get(digest, (-REMEMBER_S, None))
-        if time.monotonic() - asked < REMEMBER_S:
-            return found
-        found = await self._look_up(key, digest)
+        known_s, principal = self._known.get(digest, (-REMEMBER_S, None))
+        if time.monotonic() - known_s < REMEMBER_S:
+            return principal
+        principal = await self._look_up(key, digest)
         if len(self._known) >= MOST_REMEMBERED:
             self._known.clear()
-        self._known[digest] = (time.monotonic(), found)
-        return found
+        self._known[digest] = (time.monotonic(), principal)
+        return principal
 
     async def _look_up(self, key: str, digest: str) -> Principal | None:
         parts = key.split("_", 2)

@@ -1,6 +1,6 @@
-"""The audit log: who asked for what that changes something, and who was refused.
+"""The audit log: who requested which change, and who was refused.
 
-Refusals of one kind and address are counted, not listed, beyond some a minute: an attacker must not fill the disk.
+Beyond some per minute, refusals of one kind and address are counted, not listed: an attacker must not fill the disk.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class AuditLog:
         self._minutes: OrderedDict[str, _Minute] = OrderedDict()
 
     def write(self, row: dict[str, Any]) -> None:
-        """Store one row, unless it is one refusal too many; the next row of that address says how many there were."""
+        """Store one row, unless it is one refusal too many; the next row of that address counts what was left out."""
         if row["status"] in REFUSED:
             refused = self._refused(f"{row['client']} {row['status']}")
             if refused is None:
@@ -48,7 +48,7 @@ class AuditLog:
         self._database.write_soon((_INSERT, row))
 
     def _refused(self, whose: str) -> int | None:
-        """Count a refusal: how many were left out before this one, or None when it is left out itself."""
+        """Count a refusal. Return how many were left out before this one, or None when it is left out itself."""
         now = self._now_s()
         minute = self._minutes.get(whose)
         left_out = 0

@@ -1,7 +1,7 @@
-"""Trying keys: each address may try some wrong ones a minute, and is not listened to after that.
+"""Rate limit of wrong keys: each address may try some per minute, and is refused after that.
 
-An operator must always be able to act. A key that was right from an address before goes on being taken from it,
-also while somebody else there, behind the same router or proxy for one, tries wrong ones.
+An operator must always be able to act. A key that was valid from an address before is still accepted from it while
+someone else there, for example behind the same router or proxy, tries wrong ones.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from skyfolio.api.access.api_keys import KeyRing, Principal
 from skyfolio.api.common.errors import TooManyRequestsError
 
 MOST_KNOWN = 1_000
-"""Addresses with their keys that are remembered as right."""
+"""Pairs of address and key that are remembered as valid."""
 V6_NETWORK = 64
 """Bits of an IPv6 address that its owner does not choose."""
 
 
-class Door:
-    """Says whose key it is, and counts those that are nobody's."""
+class KeyAuthenticator:
+    """Identifies API keys, and limits the wrong ones that an address may try."""
 
     def __init__(self, keys: KeyRing, per_minute: int) -> None:
         self._keys = keys
@@ -34,7 +34,7 @@ class Door:
         self._known: OrderedDict[tuple[str, bytes], None] = OrderedDict()
 
     async def identify(self, client: str, key: str) -> Principal | None:
-        """Whose key this is, None for one that is unknown or revoked. Raises TooManyRequestsError."""
+        """Return whose key this is, None for one that is unknown or revoked. Raises TooManyRequestsError."""
         network = _network(client)
         known = (network, sha256(key.encode("utf-8", "replace")).digest())
         if known not in self._known and not self._limiter.test(self._limit, network):
@@ -42,8 +42,8 @@ class Door:
             raise TooManyRequestsError(
                 f"Authorization: more than {self._limit.amount} wrong keys a minute from this address", wait_s
             )
-        found = await self._keys.identify(key)
-        if found is None:
+        principal = await self._keys.identify(key)
+        if principal is None:
             self._known.pop(known, None)
             self._limiter.hit(self._limit, network)
             return None
@@ -51,7 +51,7 @@ class Door:
         self._known.move_to_end(known)
         if len(self._known) > MOST_KNOWN:
             self._known.popitem(last=False)
-        return found
+        return principal
 
 
 def _network(client: str) -> str:

@@ -19,25 +19,29 @@ if TYPE_CHECKING:
 
 def check(
     url: Annotated[
-        str, typer.Argument(help="udpin://, udpout://, tcpout://HOST:PORT or serial://DEVICE:BAUD; several: by commas.")
+        str,
+        typer.Argument(
+            help="udpin://, udpout://, tcpout://HOST:PORT or serial://DEVICE:BAUD; separate several with commas."
+        ),
     ],
     system_id: Annotated[
         list[int] | None, typer.Option(min=1, max=254, help="Check this vehicle only; may be given several times.")
     ] = None,
-    wait_s: Annotated[float, typer.Option(min=1, max=600, help="How long a heartbeat may take to come.")] = 15.0,
+    wait_s: Annotated[float, typer.Option(min=1, max=600, help="How long to wait for a heartbeat.")] = 15.0,
     signing_key_file: Annotated[
         Path | None,
-        typer.Option(envvar="SKYFOLIO_SIGNING_KEY_FILE", help="Key of both ends, where MAVLink is signed."),
+        typer.Option(envvar="SKYFOLIO_SIGNING_KEY_FILE", help="Signing key, where MAVLink is signed."),
     ] = None,
     as_json: Json = False,
 ) -> None:
     """Check vehicles on the ground: audit them, and try what is put on board; then restore what was there.
 
-    Exit status 0: all is right; 1: something keeps a vehicle from being flown; 2: nobody answers, or wrong usage.
+    Exit status 0: all is well; 1: something prevents a vehicle from being flown; 2: no vehicle answers, or wrong
+    usage.
     """
     from skyfolio.api.fleet import vehicle_check as checking  # noqa: PLC0415 - MAVSDK is only loaded where it is used
 
-    urls = tuple(one.strip() for one in url.split(",") if one.strip())
+    urls = tuple(part.strip() for part in url.split(",") if part.strip())
     if not urls:
         raise UsageError("URL: give at least one")
     config = checking.CheckConfig(
@@ -45,8 +49,8 @@ def check(
     )
     progress = Console(stderr=True)
     status = nullcontext() if as_json else progress.status("connecting")
-    with status as shown:
-        report = asyncio.run(checking.check(config, (lambda _words: None) if shown is None else shown.update))
+    with status as spinner:
+        report = asyncio.run(checking.check(config, (lambda _words: None) if spinner is None else spinner.update))
     if as_json:
         write(report.model_dump_json(indent=2), None)
     else:
@@ -56,23 +60,23 @@ def check(
 
 def _show(report: CheckReport) -> None:
     console = Console()
-    for one in report.vehicles:
-        title = f"system {one.system_id}, {one.autopilot or 'unknown autopilot'}"
+    for vehicle in report.vehicles:
+        title = f"system {vehicle.system_id}, {vehicle.autopilot or 'unknown autopilot'}"
         findings = Table("", "audit", "found", "should be", "why", title=title)
-        for finding in one.findings:
+        for finding in vehicle.findings:
             colour = "red" if finding.level.value == "blocker" else "yellow"
             findings.add_row(
                 f"[{colour}]{finding.level.value}[/]", finding.name, finding.found, finding.should, finding.why
             )
-        console.print(findings if one.findings else f"{title}: the audit has no finding")
-        if one.transfers:
-            console.print(_transfers(one))
-        console.print(f"system {one.system_id}: " + ("[green]ready[/]" if one.ready else "[red]NOT READY[/]"))
+        console.print(findings if vehicle.findings else f"{title}: the audit has no finding")
+        if vehicle.transfers:
+            console.print(_transfers(vehicle))
+        console.print(f"system {vehicle.system_id}: " + ("[green]ready[/]" if vehicle.ready else "[red]NOT READY[/]"))
 
 
-def _transfers(one: VehicleReport) -> Table:
+def _transfers(vehicle: VehicleReport) -> Table:
     table = Table("on board", "items", "proven", "s", "stored otherwise", "restored")
-    for transfer in one.transfers:
+    for transfer in vehicle.transfers:
         table.add_row(
             transfer.kind,
             str(transfer.items),

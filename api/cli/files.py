@@ -1,4 +1,4 @@
-"""What commands read and write: scenarios, plans, results; and how a user's mistake is told."""
+"""What commands read and write: scenarios, plans, results; and the error for a user's mistake."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def read(file: Path) -> str:
 
 
 def write(text: str, out: Path | None) -> None:
-    """Write into the file, whose folder is made, or to standard output. Raises UsageError when it cannot be written."""
+    """Write into the file, creating its folder, or to standard output. Raises UsageError when it cannot be written."""
     if out is None:
         sys.stdout.write(text.rstrip("\n") + "\n")
         return

@@ -15,27 +15,28 @@ from rich.console import Console
 from rich.table import Table
 
 from skyfolio.api.access.api_keys import KeyRing, KeyView, Role
+from skyfolio.api.cli.files import Json
+from skyfolio.api.cli.lazy import application
 from skyfolio.api.common.configuration import require_known
 from skyfolio.api.common.errors import InvalidError
 from skyfolio.api.common.settings import TEMPORARY, default_database_url
 from skyfolio.api.store import Database
 
 Result = TypeVar("Result")
-keys = typer.Typer(no_args_is_help=True, help="API keys of the service.")
+keys = application("Create, list and revoke the API keys of the service.")
 DatabaseUrl = Annotated[
     str | None, typer.Option(envvar="SKYFOLIO_DATABASE_URL", help="The service's database; default: as `serve`.")
 ]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON only.")]
 
 
 @keys.command()
 def create(
     name: Annotated[str, typer.Argument(help="Whose key it is; shown in the audit log.")],
-    role: Annotated[Role, typer.Option(help="viewer looks, planner also plans, pilot also flies.")] = Role.VIEWER,
+    role: Annotated[Role, typer.Option(help="viewer reads, planner also plans, pilot also flies.")] = Role.VIEWER,
     database_url: DatabaseUrl = None,
     as_json: Json = False,
 ) -> None:
-    """Make a key and print it; it is shown this once and kept as a digest only."""
+    """Create a key and print it. It is shown only this once; the database keeps no more than its digest."""
     if not 1 <= len(name) <= 64 or not name.isprintable():
         raise InvalidError(f"name: {name!r} must be 1 to 64 printable characters")
     key = _with_ring(database_url, lambda ring: ring.create(name, role))
@@ -47,13 +48,13 @@ def create(
 
 @keys.command("list")
 def list_keys(database_url: DatabaseUrl = None, as_json: Json = False) -> None:
-    """Show all keys, without their secrets."""
-    found: list[KeyView] = _with_ring(database_url, lambda ring: ring.all())
+    """List all keys, without their secrets."""
+    api_keys: list[KeyView] = _with_ring(database_url, lambda ring: ring.all())
     if as_json:
-        _print(json.dumps([key.model_dump(mode="json") for key in found], indent=2))
+        _print(json.dumps([key.model_dump(mode="json") for key in api_keys], indent=2))
         return
-    table = Table("id", "name", "role", "made", "revoked")
-    for key in found:
+    table = Table("id", "name", "role", "created", "revoked")
+    for key in api_keys:
         table.add_row(key.id, key.name, key.role.value, _day(key.created_at), _day(key.revoked_at))
     Console().print(table)
 
@@ -64,7 +65,7 @@ def revoke(
     database_url: DatabaseUrl = None,
     as_json: Json = False,
 ) -> None:
-    """End a key; a running service stops taking it within seconds. When the last one is gone, nobody gets in."""
+    """Revoke a key; a running service refuses it within seconds. After the last one, every request is refused."""
     _with_ring(database_url, lambda ring: ring.revoke(key_id))
     if as_json:
         _print(json.dumps({"id": key_id, "revoked": True}))
@@ -72,7 +73,7 @@ def revoke(
 
 @keys.command()
 def reset(database_url: DatabaseUrl = None, as_json: Json = False) -> None:
-    """Forget all keys, which must be revoked: on loopback the service is open to everybody on this machine again."""
+    """Delete all keys, which must be revoked first: on loopback the service is then open to this machine again."""
     forgotten = _with_ring(database_url, lambda ring: ring.reset())
     if as_json:
         _print(json.dumps({"forgotten": forgotten}))

@@ -9,64 +9,88 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 
-class Later(NamedTuple):
-    """Where a command is, `module:function` or `module:group`, and what `--help` says: its docstring's first line.
+class LazyCommand(NamedTuple):
+    """A command, or a group of commands, that has not been imported yet.
 
-    solves: it runs the optimiser in this process, so kernels are there before it begins, and its times are of solving.
+    target: `module:function` or `module:group`. help: what `--help` says of it, the first line of its docstring.
+    solves: it runs the optimiser in this process, so the kernels are loaded before it starts and are not part of the
+    times that it measures.
     """
 
-    home: str
+    target: str
     help: str
     solves: bool = False
 
 
-class LaterGroup(TyperGroup):
-    """A group whose commands in `later` are imported when they are called; others are registered as ever."""
-
-    later: dict[str, Later]
-
-    def list_commands(self, ctx: Any) -> list[str]:
-        """All names, sorted."""
-        return sorted({*super().list_commands(ctx), *self.later})
+class Group(TyperGroup):
+    """A group whose `--help` shows the first sentences of each command in full, on as many lines as they take."""
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """What `--help` needs to know of the command."""
-        if cmd_name in self.later:
-            return TyperCommand(cmd_name, help=self.later[cmd_name].help)
-        return super().get_command(ctx, cmd_name)
+        """Return the command of this name, or None when there is no such command."""
+        command = super().get_command(ctx, cmd_name)
+        if command is not None and command.help:
+            command.short_help = " ".join(command.help.split("\n\n")[0].split())
+        return command
+
+
+class LazyGroup(TyperGroup):
+    """A group whose commands are all in `commands_by_name`, and are imported when they are called."""
+
+    commands_by_name: dict[str, LazyCommand]
+
+    def list_commands(self, ctx: Any) -> list[str]:  # noqa: ARG002 - as in the base class
+        """Return all names, sorted."""
+        return sorted(self.commands_by_name)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ARG002
+        """Return what the group's `--help` needs to know of a command, or None when there is no such command."""
+        command = self.commands_by_name.get(cmd_name)
+        return None if command is None else TyperCommand(cmd_name, short_help=command.help)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """The command that is called, imported now."""
-        if args and args[0] in self.later:
-            return args[0], load(args[0], self.later[args[0]]), args[1:]
+        """Import the command that is called."""
+        if args and args[0] in self.commands_by_name:
+            return args[0], load(args[0], self.commands_by_name[args[0]]), args[1:]
         return super().resolve_command(ctx, args)
 
 
-def load(name: str, later: Later) -> Any:
+def application(help_text: str, group: type[TyperGroup] = Group) -> typer.Typer:
+    """Return an empty group. Its help is plain text: loading what draws boxes takes as long as everything else."""
+    return typer.Typer(
+        cls=group,
+        no_args_is_help=True,
+        add_completion=False,
+        pretty_exceptions_enable=False,
+        rich_markup_mode=None,
+        help=help_text,
+    )
+
+
+def load(name: str, command: LazyCommand) -> Any:
     """Import the command."""
-    module, attribute = later.home.split(":")
-    found = getattr(import_module(module), attribute)
-    if not isinstance(found, typer.Typer):
-        app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
-        app.command(name)(found)
-        found = app
-    command = typer.main.get_command(found)
-    if later.solves:
-        command.callback = _with_kernels(command.callback)
-    return command
+    module, attribute = command.target.split(":")
+    target = getattr(import_module(module), attribute)
+    if not isinstance(target, typer.Typer):
+        app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+        app.command(name)(target)
+        target = app
+    loaded = typer.main.get_command(target)
+    if command.solves:
+        loaded.callback = _with_kernels(loaded.callback)
+    return loaded
 
 
 def _with_kernels(callback: Any) -> Any:
-    def prepared(*given: Any, **named: Any) -> Any:
+    def prepared(*arguments: Any, **options: Any) -> Any:
         from skyfolio.api.common import kernels  # noqa: PLC0415
 
-        kernels.explain(typer_err)
-        kernels.prepare(typer_err)
-        return callback(*given, **named)
+        kernels.report_temporary_folder(print_error)
+        kernels.load_all(print_error)
+        return callback(*arguments, **options)
 
     return prepared
 
 
-def typer_err(text: str) -> None:
-    """One line on standard error."""
-    typer.echo(text, err=True)
+def print_error(line: str) -> None:
+    """Print one line on standard error."""
+    typer.echo(line, err=True)

@@ -38,7 +38,7 @@ def plan_command(
 def replan_command(
     file: Annotated[Path, typer.Argument(help="Plan as JSON, as `skyfolio plan --json` prints it.")],
     at_slot: Annotated[int, typer.Option(min=0, help="First slot to plan, counted from 0.")],
-    failed: Annotated[list[str] | None, typer.Option(help="A UAV that is gone; may be given several times.")] = None,
+    failed: Annotated[list[str] | None, typer.Option(help="A UAV that is lost; may be given several times.")] = None,
     changes: Annotated[
         Path | None,
         typer.Option(
@@ -51,13 +51,13 @@ def replan_command(
 ) -> None:
     """Plan the remaining slots of a plan: for the survivors, and for what else is different."""
     previous = read_as(Plan, file)
-    other = read_as(Changes, changes) if changes else None
-    if not failed and other is None:
+    changed = read_as(Changes, changes) if changes else None
+    if not failed and changed is None:
         raise UsageError("give --failed UAV or --changes FILE: what is different?")
-    made = replan(
-        previous, failed=failed or (), at_slot=at_slot, changes=other, stop=_stop(deadline_s), clock=time.perf_counter
+    replanned = replan(
+        previous, failed=failed or (), at_slot=at_slot, changes=changed, stop=_stop(deadline_s), clock=time.perf_counter
     )
-    _deliver(made, out, as_json)
+    _deliver(replanned, out, as_json)
 
 
 def export(
@@ -108,12 +108,12 @@ def _stop(deadline_s: float | None) -> AnyOf:
     return AnyOf(converged(), Deadline(deadline_s, clock=time.monotonic))
 
 
-def _deliver(made: Plan, out: Path | None, as_json: bool) -> None:
+def _deliver(result: Plan, out: Path | None, as_json: bool) -> None:
     if as_json or out is not None:
-        write(made.model_dump_json(indent=2), out)
+        write(result.model_dump_json(indent=2), out)
     if not as_json:
-        Console().print(show.plan_table(made))
-    if made.unmet_min_rate_slots:
-        for line in show.unmet(made):
+        Console().print(show.plan_table(result))
+    if result.unmet_min_rate_slots:
+        for line in show.unmet(result):
             Console(stderr=True).print(f"[yellow]not served:[/] {line}", highlight=False, soft_wrap=True)
         raise typer.Exit(UNMET_STATUS)

@@ -26,7 +26,7 @@ LOCAL = "http://127.0.0.1:8080"
 
 
 class UnreachableError(ServiceError):
-    """Nobody answers at the service's address."""
+    """Nothing answers at the service's address."""
 
 
 def fly(
@@ -35,7 +35,9 @@ def fly(
     replanning: Annotated[str, typer.Option(help="After a loss: auto, approve or off.")] = "auto",
     guidance: Annotated[str, typer.Option(help="By mission, or by a stream of setpoints.")] = "mission",
     stream_fallback: Annotated[str, typer.Option(help="When the stream ends: fly on by mission, or hold.")] = "mission",
-    force_stream: Annotated[bool, typer.Option(help="Stream even to a PX4 that would not hold without.")] = False,
+    force_stream: Annotated[
+        bool, typer.Option(help="Stream even to a PX4 that would not hold when the stream ends.")
+    ] = False,
     at_end: Annotated[str, typer.Option(help="After the last slot: land or return.")] = "land",
     service: ServiceUrl = LOCAL,
     key: Key = None,
@@ -48,14 +50,14 @@ def fly(
         "stream_fallback": _one_of("stream_fallback", stream_fallback, "mission", "hold"),
         "at_end": _one_of("at_end", at_end, "land", "return"),
     }
-    wanted = read_scenario(scenario, example)
-    with _Asking(service, key) as client:
-        plan = client.plan(wanted)
+    requested = read_scenario(scenario, example)
+    with _ReportingClient(service, key) as client:
+        plan = client.plan(requested)
         _show(client.fly(plan.id, force_stream=force_stream, **order), as_json=as_json)  # type: ignore[arg-type]
 
 
 def _one_of(name: str, value: str, *allowed: str) -> str:
-    """Raises InvalidError naming the option and what it may be."""
+    """Return the value. Raises InvalidError naming the option and its allowed values."""
     if value not in allowed:
         raise InvalidError(f"{name}: {value!r} must be one of {', '.join(allowed)}")
     return value
@@ -67,61 +69,61 @@ def status(
     key: Key = None,
     as_json: Json = False,
 ) -> None:
-    """Show where an operation is, and each of its UAVs."""
-    with _Asking(service, key) as client:
-        wanted = operation_id or next((row.id for row in client.operations()), None)
-        if wanted is None:
+    """Show the state of an operation and of each of its UAVs."""
+    with _ReportingClient(service, key) as client:
+        wanted_id = operation_id or next((row.id for row in client.operations()), None)
+        if wanted_id is None:
             raise InvalidError("operation_id: the service has flown no operation yet")
-        _show(client.operation(wanted), as_json=as_json)
+        _show(client.operation(wanted_id), as_json=as_json)
 
 
 def fleet(
     action: Annotated[str, typer.Argument(help="hold, return or land.")],
     uav_ids: Annotated[list[str] | None, typer.Argument(help="Which UAVs; default: all that are registered.")] = None,
-    force: Annotated[bool, typer.Option(help="Return or land also who is flown by a human or a failsafe.")] = False,
+    force: Annotated[bool, typer.Option(help="Also vehicles that a human or a failsafe flies (return, land).")] = False,
     service: ServiceUrl = LOCAL,
     key: Key = None,
     as_json: Json = False,
 ) -> None:
     """Order vehicles of a service to hold, return or land now.
 
-    Whatever they do. Exits with 1 when one does not obey.
+    The order is carried out whatever the vehicles are doing. Exits with 1 when a vehicle does not obey.
     """
     _one_of("action", action, "hold", "return", "land")
     if force and action == "hold":
-        raise InvalidError("force: nobody is made to hold whom a human or a failsafe flies")
-    with _Asking(service, key) as client:
-        given = client.order(action, uav_ids or None, force=force)  # type: ignore[arg-type]
+        raise InvalidError("force: a vehicle that a human or a failsafe flies is never made to hold")
+    with _ReportingClient(service, key) as client:
+        results = client.order(action, uav_ids or None, force=force)  # type: ignore[arg-type]
     if as_json:
-        _print(json.dumps([one.model_dump(mode="json") for one in given], indent=2))
+        _print(json.dumps([result.model_dump(mode="json") for result in results], indent=2))
     else:
         table = Table("uav", "outcome", "reason", title=f"ordered to {action}")
-        for one in given:
-            table.add_row(one.uav_id, one.outcome.replace("_", " "), one.reason or "")
+        for result in results:
+            table.add_row(result.uav_id, result.outcome.replace("_", " "), result.reason or "")
         Console().print(table)
-    if any(one.outcome == "failed" for one in given):
+    if any(result.outcome == "failed" for result in results):
         raise typer.Exit(1)
 
 
 def drill(
     operation_id: Annotated[str, typer.Argument(help="Operation in the air.")],
-    uav_id: Annotated[str, typer.Argument(help="The UAV that is struck; the service must simulate it.")],
-    fault: Annotated[str, typer.Option(help="What happens to it.")] = "kill",
+    uav_id: Annotated[str, typer.Argument(help="The UAV with the fault; the service must simulate it.")],
+    fault: Annotated[str, typer.Option(help="Kind of fault.")] = "kill",
     at_slot: Annotated[int | None, typer.Option(min=0, help="When this slot begins (from 0); default: now.")] = None,
     service: ServiceUrl = LOCAL,
     key: Key = None,
     as_json: Json = False,
 ) -> None:
-    """Let a fault strike a simulated vehicle, to see the service answer it."""
-    with _Asking(service, key) as client:
-        made = client.drill(operation_id, uav_id, fault=fault, at_slot=at_slot)
+    """Inject a fault into a simulated vehicle, to see the service recover."""
+    with _ReportingClient(service, key) as client:
+        drill_view = client.drill(operation_id, uav_id, fault=fault, at_slot=at_slot)
     if as_json:
-        _print(made.model_dump_json(indent=2))
+        _print(drill_view.model_dump_json(indent=2))
     else:
-        _print(f"{made.id}: {made.fault} of {made.uav_id} is {made.state.value}")
+        _print(f"{drill_view.id}: {drill_view.fault} of {drill_view.uav_id} is {drill_view.state.value}")
 
 
-class _Asking(Client):
+class _ReportingClient(Client):
     """A client whose connection errors are one message."""
 
     def __init__(self, service: str, key: str | None) -> None:
@@ -132,7 +134,7 @@ class _Asking(Client):
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
         self.close()
         if isinstance(error, httpx2.TransportError):
-            raise UnreachableError(f"service: nobody answers at {self._where} ({error})") from error
+            raise UnreachableError(f"service: nothing answers at {self._where} ({error})") from error
 
 
 def _show(view: OperationView, *, as_json: bool) -> None:
@@ -141,16 +143,16 @@ def _show(view: OperationView, *, as_json: bool) -> None:
         return
     slot = "-" if view.slot is None else str(view.slot)
     table = Table("uav", "state", "item", "slip, m", title=f"{view.id}: {view.state.value}, slot {slot}")
-    for uav, said in view.uavs.items():
+    for uav, uav_view in view.uavs.items():
         table.add_row(
             uav,
-            said.end or said.state,
-            str(said.mission_item or "-"),
-            "-" if said.slip_m is None else f"{said.slip_m:.1f}",
+            uav_view.end or uav_view.state,
+            str(uav_view.mission_item or "-"),
+            "-" if uav_view.slip_m is None else f"{uav_view.slip_m:.1f}",
         )
     Console().print(table)
     for report in view.recoveries:
-        _print(f"{report.cause} of {', '.join(report.lost) or 'nobody'}: {report.outcome}, plan {report.plan_id}")
+        _print(f"{report.cause} of {', '.join(report.lost) or 'none'}: {report.outcome}, plan {report.plan_id}")
 
 
 def _print(text: str) -> None:

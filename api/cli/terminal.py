@@ -10,7 +10,7 @@ from skyfolio.planner import Plan
 
 
 def plan_table(plan: Plan) -> Group:
-    """Summary of a plan and the average rate of each user."""
+    """Return the summary of a plan and the average rate of each user, as tables."""
     summary = Table(title=f"{plan.id} (revision {plan.revision}, {plan.status.value})", show_header=False)
     measures = plan.summary
     for name, value in (

@@ -1,4 +1,4 @@
-"""`skyfolio warm-up`: what set-up runs, so that the first plan on a machine is as fast as any other."""
+"""`skyfolio warm-up`: what the set-up runs, so that the first plan on a machine is as fast as any other."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ import json
 import time
 
 from skyfolio.api.cli.files import Json, write
-from skyfolio.api.cli.lazy import typer_err
+from skyfolio.api.cli.lazy import print_error
 from skyfolio.api.common import kernels
 
 
 def warm_up(as_json: Json = False) -> None:
-    """Compile the optimiser's kernels now, so that nobody waits later."""
-    kernels.explain(typer_err)
+    """Compile the optimiser's kernels now, so that no later command has to."""
+    kernels.report_temporary_folder(print_error)
     began_s = time.perf_counter()
-    compiled = kernels.prepare(typer_err)
+    compiled = kernels.load_all(print_error)
     took_s = round(time.perf_counter() - began_s, 3)
     if as_json:
-        write(json.dumps({"compiled": compiled, "seconds": took_s, "folder": str(kernels.place())}), None)
+        write(json.dumps({"compiled": compiled, "seconds": took_s, "folder": str(kernels.folder())}), None)
     else:
-        said = f"{compiled} kernels compiled" if compiled else "all kernels were compiled before"
-        write(f"{said}; ready after {took_s} s", None)
+        outcome = f"{compiled} kernels compiled" if compiled else "all kernels had been compiled before"
+        write(f"{outcome}; ready after {took_s} s", None)

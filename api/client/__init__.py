@@ -1,4 +1,11 @@
-"""The typed client of the service, used by the command line, the dashboard's tests and scripts."""
+"""The typed client of the service, for the command line, the dashboard's tests and scripts.
+
+    service_client    one method per request; returns the models that the service itself sends
+
+It may import the models of `common`, `plans`, `fleet`, `flights` and `store`, but opens no database and starts nothing:
+everything goes over HTTP. A new route gets a method here together with its test. Methods raise `ApiError` with the
+problem document of the service; connection errors are those of httpx2.
+"""
 
 from skyfolio.api.client.service_client import ApiError, Client
 

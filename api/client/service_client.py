@@ -38,7 +38,7 @@ PAGE = 100
 
 
 class ApiError(ServiceError):
-    """The service refused; `problem` is what it said."""
+    """The service refused the request; `problem` holds its response."""
 
     def __init__(self, method: str, path: str, problem: Problem) -> None:
         super().__init__(f"{method} {path}: {problem.status} {problem.detail}")
@@ -46,12 +46,12 @@ class ApiError(ServiceError):
 
     @property
     def status(self) -> int:
-        """The HTTP status."""
+        """Return the HTTP status."""
         return self.problem.status
 
 
 class Client:
-    """One service. `key` is an API key; `http` brings a client of one's own (tests bring Starlette's)."""
+    """The client of one service. `key` is an API key; `http` replaces the HTTP client (tests pass Starlette's)."""
 
     def __init__(
         self,
@@ -87,7 +87,7 @@ class Client:
         return _plan(answer)
 
     def plan(self, scenario: Scenario, *, wait_s: float = 60, deadline_s: float | None = None) -> Plan:
-        """A finished plan. Raises ApiError when it has no result within `wait_s`."""
+        """Plan a scenario and return the finished plan. Raises ApiError when it has no result within `wait_s`."""
         return self._finished(self.submit(scenario, wait_s=wait_s, deadline_s=deadline_s))
 
     def replan(
@@ -101,15 +101,15 @@ class Client:
         wait_s: float = 60,
         key: str | None = None,
     ) -> Plan:
-        """A finished plan from `at_slot` on: for the survivors, and for what else is different."""
-        gone = [*(changes.failed if changes else ()), *failed]
-        other = changes.model_dump(mode="json", exclude={"failed"}) if changes else {}
-        body = {**other, "failed": gone, "at_slot": at_slot, "positions_m": positions_m}
+        """Return a finished plan from `at_slot` on: for the survivors, and for what else is different."""
+        lost = [*(changes.failed if changes else ()), *failed]
+        rest = changes.model_dump(mode="json", exclude={"failed"}) if changes else {}
+        body = {**rest, "failed": lost, "at_slot": at_slot, "positions_m": positions_m}
         path = f"/v1/plans/{plan_id}/replans"
         return self._finished(_plan(self._call("POST", path, json=body, params={"wait_s": wait_s}, key=key)))
 
     def read_plan(self, plan_id: str, *, wait_s: float = 0) -> Plan | UnfinishedPlan:
-        """A plan, or how far it is."""
+        """Return a plan, or how far it is."""
         return _plan(self._call("GET", f"/v1/plans/{plan_id}", params={"wait_s": wait_s}))
 
     def cancel(self, plan_id: str, *, wait_s: float = 0) -> Plan | UnfinishedPlan:
@@ -117,11 +117,11 @@ class Client:
         return _plan(self._call("POST", f"/v1/plans/{plan_id}:cancel", params={"wait_s": wait_s}))
 
     def plans(self) -> Iterator[PlanRow]:
-        """All plans, the newest first."""
+        """Return all plans, the newest first."""
         return self._pages("/v1/plans", PlanRow)
 
     def contingencies(self, plan_id: str, *, at_slot: int | None = None, wait_s: float = 60) -> ContingencyTable:
-        """What users get for each UAV that could be lost at a slot."""
+        """Return what users receive for each UAV that could be lost at a slot."""
         params = {"wait_s": wait_s} | ({} if at_slot is None else {"at_slot": at_slot})
         return ContingencyTable.model_validate_json(
             self._call("GET", f"/v1/plans/{plan_id}/contingencies", params=params).content
@@ -135,7 +135,7 @@ class Client:
         return VehicleView.model_validate_json(self._call("POST", "/v1/fleet/vehicles", json=body).content)
 
     def vehicles(self) -> list[VehicleView]:
-        """All registered vehicles."""
+        """Return all registered vehicles."""
         return [VehicleView.model_validate(row) for row in self._call("GET", "/v1/fleet/vehicles").json()]
 
     def order(self, action: Action, uav_ids: Sequence[str] | None = None, *, force: bool = False) -> list[OrderResult]:
@@ -171,11 +171,11 @@ class Client:
         return self._operation("POST", "/v1/operations", json=body, key=key)
 
     def operation(self, operation_id: str) -> OperationView:
-        """Where an operation is."""
+        """Return the state of an operation."""
         return self._operation("GET", f"/v1/operations/{operation_id}")
 
     def operations(self) -> Iterator[OperationRow]:
-        """All operations, the newest first."""
+        """Return all operations, the newest first."""
         return self._pages("/v1/operations", OperationRow)
 
     def command(
@@ -186,7 +186,7 @@ class Client:
         version: int | None = None,
         **body: Any,
     ) -> OperationView:
-        """Command an operation; with `version`, only if it is still in that version."""
+        """Command an operation; with `version`, only if it still has that version."""
         headers = {} if version is None else {"If-Match": f'"{operation_id}.{version}"'}
         return self._operation("POST", f"/v1/operations/{operation_id}:{verb}", json=body or None, headers=headers)
 
@@ -196,7 +196,7 @@ class Client:
         return self._operation("POST", f"/v1/operations/{operation_id}/incidents/{incident}:{verb}")
 
     def journal(self, operation_id: str) -> list[Entry]:
-        """Every step of every incident."""
+        """Return every step of every incident."""
         rows = self._call("GET", f"/v1/operations/{operation_id}/journal").json()
         return [Entry.model_validate(row) for row in rows]
 
@@ -216,9 +216,10 @@ class Client:
     # -- events ---------------------------------------------------------------------------------------------------
 
     def events(self, last_id: int = 0, *, follow: bool = True) -> Iterator[Event]:
-        """Events after `last_id`, then each new one as it comes; without `follow` until the last one stored.
+        """Yield events after `last_id`, then each new one as it comes; without `follow`, until the last one stored.
 
-        While the service cannot store events they come late here, each with its number (`provisional` is left out).
+        While the service cannot store events they arrive late here, each with its number (`provisional` is left
+        out).
         """
         headers = {**self._headers, "Last-Event-ID": str(last_id)}
         with self._http.stream(
@@ -247,11 +248,13 @@ class Client:
     def _operation(self, method: str, path: str, **options: Any) -> OperationView:
         return OperationView.model_validate_json(self._call(method, path, **options).content)
 
-    def _finished(self, found: Plan | UnfinishedPlan) -> Plan:
-        if isinstance(found, Plan):
-            return found
-        said = f"plan {found.id} is {found.status.value}: {found.error or 'not finished in time'}"
-        raise ApiError("GET", f"/v1/plans/{found.id}", Problem(type="client", title="No plan", status=409, detail=said))
+    def _finished(self, plan: Plan | UnfinishedPlan) -> Plan:
+        if isinstance(plan, Plan):
+            return plan
+        detail = f"plan {plan.id} is {plan.status.value}: {plan.error or 'not finished in time'}"
+        raise ApiError(
+            "GET", f"/v1/plans/{plan.id}", Problem(type="client", title="No plan", status=409, detail=detail)
+        )
 
     def _pages(self, path: str, row: type[Model]) -> Iterator[Model]:
         cursor: int | None = None

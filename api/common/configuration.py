@@ -1,4 +1,4 @@
-"""What is wrong with how the service was set up, said before anything starts: by name, in one line, exit status 2."""
+"""Checks of the configuration before anything starts: errors name the setting, in one line, exit status 2."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from skyfolio.mavlink_bridge import Signing
 from skyfolio.mavlink_bridge.errors import SigningKeyInvalid
 
 OF_COMMANDS = frozenset({"SERVICE", "KEY", "SIM_SIGNING_KEY", "API"})
-"""Variables that are no settings: of `fly`, `status` and `drill`, of `simulate`, of the tour of the API."""
+"""Variables that are not settings: of `fly`, `status` and `drill`, of `simulate`, of the tour of the API."""
 
 
-def settings_from(given: Mapping[str, Any], environment: Mapping[str, str] | None = None) -> Settings:
-    """The settings from arguments and environment. Raises InvalidError and pydantic's ValidationError."""
+def settings_from(options: Mapping[str, Any], environment: Mapping[str, str] | None = None) -> Settings:
+    """Return the settings from arguments and environment. Raises InvalidError and pydantic's ValidationError."""
     require_known(os.environ if environment is None else environment)
     try:
-        return Settings(**given)
+        return Settings(**options)
     except SettingsError as error:
         raise InvalidError(f"{PREFIX}*: {error}: not JSON") from error
 
 
 def require_known(environment: Mapping[str, str]) -> None:
-    """Refuse variables that nobody reads. Raises InvalidError with the name that was probably meant."""
+    """Refuse variables that nothing reads. Raises InvalidError with the name that was probably meant."""
     known = _variables()
     unknown = [name for name in sorted(environment) if name.upper().startswith(PREFIX) and name.upper() not in known]
     if unknown:
@@ -56,17 +56,20 @@ def require_usable(settings: Settings) -> None:
 
 
 def bound(settings: Settings) -> socket.socket:
-    """The socket of the service, bound and not listening yet. Raises InvalidError when the address is not to be had."""
+    """Return the socket of the service, bound and not listening yet.
+
+    Raises InvalidError when the address cannot be bound.
+    """
     family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
-    made = socket.socket(family, socket.SOCK_STREAM)
+    listener = socket.socket(family, socket.SOCK_STREAM)
     try:
-        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        made.bind((settings.host, settings.port))
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind((settings.host, settings.port))
     except OSError as error:
-        made.close()
+        listener.close()
         raise InvalidError(f"host, port: {settings.host}:{settings.port} cannot be bound: {error.strerror}") from error
-    made.set_inheritable(True)
-    return made
+    listener.set_inheritable(True)
+    return listener
 
 
 def _variables() -> set[str]:
@@ -85,11 +88,11 @@ def _not_known(name: str, known: Collection[str]) -> str:
         meant = [PREFIX + SET_ELSEWHERE[part].upper()]
     else:
         meant = difflib.get_close_matches(name.upper().replace(".", NESTED), sorted(known), n=1)
-    return f"{name}: is no setting of skyfolio" + (f"; did you mean {meant[0]}?" if meant else "")
+    return f"{name}: is not a setting of skyfolio" + (f"; did you mean {meant[0]}?" if meant else "")
 
 
 def _require_writable(field: str, folder: Path) -> None:
-    """Raises InvalidError when no file can be made there, or the folder cannot."""
+    """Refuse a folder that cannot be created or written. Raises InvalidError naming the setting."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=folder):

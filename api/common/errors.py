@@ -1,11 +1,11 @@
-"""What goes wrong inside and a client can do something about; `problems` says what it is told.
+"""Errors that a client can act on; `api/http/problems.py` turns them into responses.
 
-Nothing is imported here: a worker that solves loads no web framework for the name of an error.
+Nothing is imported here: a worker process needs no web framework for the name of an error.
 """
 
 
 class ServiceError(Exception):
-    """An error the client can do something about."""
+    """An error that the client can act on."""
 
 
 class NotFoundError(ServiceError):
@@ -37,11 +37,11 @@ class ForbiddenError(ServiceError):
 
 
 class CrossSiteError(ServiceError):
-    """A page of another origin had a browser send this."""
+    """A page of another origin made a browser send this."""
 
 
 class ProxiedError(ServiceError):
-    """It came through a proxy to a service that lets everybody on this machine in."""
+    """The request came through a proxy to a service that is open to everybody on this machine."""
 
 
 class MisdirectedError(ServiceError):

@@ -1,4 +1,4 @@
-"""The fleet's time: monotonic, and as fast as a simulated fleet lives."""
+"""The fleet's clock: monotonic, and accelerated as a simulated fleet is."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class FleetClock:
         self._origin = time.monotonic()
 
     def now(self) -> float:
-        """Fleet seconds, never running backwards."""
+        """Return the fleet seconds, which never run backwards."""
         return (time.monotonic() - self._origin) * self.scale
 
     async def sleep(self, seconds: float) -> None:

@@ -1,7 +1,7 @@
 """Where the planner's compiled kernels are kept, and when they are compiled.
 
 Compiling takes most of a minute, loading what was compiled half a second. numba keeps what it compiled beside the
-sources or in the user's home, and fails where it can write neither (a container, another user, no home). So a place is
+sources or in the user's home, and fails where it can write neither (a container, another user, no home). So a folder is
 chosen before numba is imported, the first of these that can be written:
 
     NUMBA_CACHE_DIR, when it is set
@@ -32,23 +32,23 @@ from pathlib import Path
 from typing import Any
 
 VARIABLE = "NUMBA_CACHE_DIR"
-TOLD = "_SKYFOLIO_KERNELS_TOLD"
-"""Set for this process and its children once somebody has read on standard error where kernels are kept."""
+REPORTED = "_SKYFOLIO_KERNELS_REPORTED"
+"""Set for this process and its children once standard error has told where kernels are kept."""
 SAY_EVERY_S = 5.0
 _OURS = "skyfolio-"
-"""How our folders among the temporary ones begin; code that was put among them has its kernels beside it."""
+"""Prefix of our temporary folders; code that was installed in a temporary folder has its kernels beside it."""
 _PLANNER = Path(str(getattr(find_spec("skyfolio.planner"), "origin", None))).parent
 _STEMS = ("fast/*.py", "cells.py", "repair.py")
 
 
-def settle() -> None:
-    """Choose the place for this process and its children. Cheap; called before anything can import numba."""
-    given = os.environ.get(VARIABLE)
-    if given and _writable(Path(given)):
+def choose_folder() -> None:
+    """Choose the folder for this process and its children. Cheap; called before anything can import numba."""
+    configured = os.environ.get(VARIABLE)
+    if configured and _writable(Path(configured)):
         return
     name = f"kernels-{_digest()}"
     installed = _PLANNER / "__pycache__" / name
-    chosen = next((place for place in (installed, *_homes(name)) if _writable(place)), None)
+    chosen = next((candidate for candidate in (installed, *_homes(name)) if _writable(candidate)), None)
     if chosen is None:
         chosen = _temporary(name)
     if chosen != installed:
@@ -58,19 +58,21 @@ def settle() -> None:
         sys.modules["numba"].config.CACHE_DIR = str(chosen)
 
 
-def place() -> Path:
-    """The folder that `settle` has chosen."""
+def folder() -> Path:
+    """Return the folder that `choose_folder` has chosen."""
     return Path(os.environ[VARIABLE])
 
 
-def explain(say: Callable[[str], None]) -> None:
-    """Say once, for this process and its children, when kernels are only kept in a temporary folder."""
+def report_temporary_folder(say: Callable[[str], None]) -> None:
+    """Report once, for this process and its children, that kernels are only kept in a temporary folder."""
     temporary = Path(tempfile.gettempdir())
-    in_ours = place().is_relative_to(temporary) and place().relative_to(temporary).parts[0].startswith(_OURS)
-    if os.environ.get(TOLD) or not in_ours:
+    in_ours = folder().is_relative_to(temporary) and folder().relative_to(temporary).parts[0].startswith(_OURS)
+    if os.environ.get(REPORTED) or not in_ours:
         return
-    os.environ[TOLD] = "1"
-    say(f"compiled kernels are kept in {place()}: neither the code nor a home can be written (set {VARIABLE})")
+    os.environ[REPORTED] = "1"
+    say(
+        f"compiled kernels are kept in {folder()}: neither the code's folder nor a home can be written (set {VARIABLE})"
+    )
 
 
 @contextmanager
@@ -97,8 +99,8 @@ def compiling(note: Callable[[int], None]) -> Iterator[None]:
 COMPILE = "numba:compile"
 
 
-def prepare(say: Callable[[str], None] | None = None) -> int:
-    """Load every kernel, and compile those that are not there yet, telling how far it is: how many were compiled.
+def load_all(say: Callable[[str], None] | None = None) -> int:
+    """Load every kernel, and compile those that are missing, reporting progress. Return how many were compiled.
 
     One process compiles at a time: two could store different signatures of a kernel under one name.
     """
@@ -108,29 +110,29 @@ def prepare(say: Callable[[str], None] | None = None) -> int:
     with compiling(progress.note), _alone():
         rehearse()
     if progress.compiled:
-        progress.say(f"{progress.compiled} kernels compiled into {place()}")
+        progress.say(f"{progress.compiled} kernels compiled into {folder()}")
     return progress.compiled
 
 
 @contextmanager
 def _alone() -> Iterator[None]:
-    """While no other process compiles, unless all has been compiled for this machine before."""
+    """Lock out other processes that compile, unless everything has been compiled for this machine before."""
     import llvmlite.binding  # noqa: PLC0415
     import numba  # noqa: PLC0415
 
     machine = f"{llvmlite.binding.get_host_cpu_name()} {llvmlite.binding.get_host_cpu_features().flatten()}"
-    complete = place() / f"complete-{numba.__version__}-{sha256(machine.encode()).hexdigest()[:8]}"
+    complete = folder() / f"complete-{numba.__version__}-{sha256(machine.encode()).hexdigest()[:8]}"
     if complete.exists():
         yield
         return
-    with (place() / "lock").open("w") as lock:
+    with (folder() / "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         yield
         complete.touch()
 
 
 class _Progress:
-    """Counts kernels as numba compiles them, and says so now and then."""
+    """Counts kernels as numba compiles them, and reports now and then."""
 
     def __init__(self, say: Callable[[str], None]) -> None:
         self.say = say
@@ -139,7 +141,7 @@ class _Progress:
         self._said_s = time.monotonic()
 
     def note(self, depth: int) -> None:
-        """There are so many being compiled now."""
+        """Note how many kernels are being compiled now."""
         begun, self._depth = depth > self._depth, depth
         if not begun:
             return
@@ -163,7 +165,7 @@ def _digest() -> str:
 
 
 def _homes(name: str) -> Iterator[Path]:
-    """Below the user's cache folder, if there is a home at all."""
+    """Yield the folder below the user's cache folder, if there is a home at all."""
     cache = os.environ.get("XDG_CACHE_HOME")
     if cache:
         yield Path(cache) / "skyfolio" / name
@@ -175,7 +177,7 @@ def _homes(name: str) -> Iterator[Path]:
 
 
 def _writable(folder: Path) -> bool:
-    """Whether a file can be made in the folder, which is made when it is not there."""
+    """Return whether a file can be created in the folder, which is created if needed."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -185,20 +187,23 @@ def _writable(folder: Path) -> bool:
 
 
 def _temporary(name: str) -> Path:
-    """A temporary folder that nobody else can write: what is in it is run. Kept when it is ours, else ended with us."""
+    """Return a temporary folder that nobody else can write, since its content is executed.
+
+    It is kept when it belongs to this user, else removed when the process ends.
+    """
     shared = Path(tempfile.gettempdir()) / f"{_OURS}{os.getuid()}"
     try:
         shared.mkdir(mode=0o700, exist_ok=True)
-        found = shared.lstat()
+        status = shared.lstat()
     except OSError:
-        found = None
-    if found and stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o077:
+        status = None
+    if status and stat.S_ISDIR(status.st_mode) and status.st_uid == os.getuid() and not status.st_mode & 0o077:
         kept = shared / name
         if _writable(kept):
             return kept
-    own = Path(tempfile.mkdtemp(prefix=f"{_OURS}kernels-"))
-    atexit.register(_remove, own, os.getpid())
-    return own
+    private = Path(tempfile.mkdtemp(prefix=f"{_OURS}kernels-"))
+    atexit.register(_remove, private, os.getpid())
+    return private
 
 
 def _remove(folder: Path, owner: int) -> None:
@@ -207,14 +212,14 @@ def _remove(folder: Path, owner: int) -> None:
 
 
 def _copy_missing(source: Path, target: Path) -> None:
-    """Take over what was compiled at install; files appear whole, for whoever loads at the same time."""
+    """Copy what was compiled at install; files appear whole, for processes that load at the same time."""
     if not source.is_dir():
         return
     for file in source.rglob("*.nb[ci]"):
-        wanted = target / file.relative_to(source)
-        if wanted.exists():
+        copy = target / file.relative_to(source)
+        if copy.exists():
             continue
-        wanted.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=wanted.parent, delete=False) as made:
-            made.write(file.read_bytes())
-        Path(made.name).replace(wanted)
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=copy.parent, delete=False) as temporary:
+            temporary.write(file.read_bytes())
+        Path(temporary.name).replace(copy)

@@ -1,4 +1,4 @@
-"""Structured logs on standard error; nothing secret is ever put into them."""
+"""Structured logs on standard error; they never contain secrets."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import structlog
 
 
 class StandardError:
-    """Whatever standard error is when a line is written, not when logging was configured."""
+    """The standard error of the moment when a line is written, not when logging was configured."""
 
     def write(self, text: str) -> int:
         """Write to standard error."""
@@ -21,7 +21,7 @@ class StandardError:
 
 
 def configure_logging(*, as_json: bool) -> None:
-    """Human-readable lines, or one JSON object a line."""
+    """Write human-readable lines, or one JSON object per line."""
     render = structlog.processors.JSONRenderer() if as_json else structlog.dev.ConsoleRenderer(colors=False)
     structlog.configure(
         processors=[

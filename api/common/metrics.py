@@ -1,4 +1,4 @@
-"""Figures for Prometheus, one registry a service. Names end in their unit."""
+"""Metrics for Prometheus, one registry per service. Names end in their unit."""
 
 from __future__ import annotations
 
@@ -20,54 +20,54 @@ class Metrics:
 
     def __init__(self) -> None:
         self.registry = CollectorRegistry()
-        own: dict[str, Any] = {"namespace": "skyfolio", "registry": self.registry}
+        common: dict[str, Any] = {"namespace": "skyfolio", "registry": self.registry}
         self.requests = Histogram(
-            "request_seconds", "Time to answer", ["method", "route", "status"], buckets=FAST, **own
+            "request_seconds", "Time to answer", ["method", "route", "status"], buckets=FAST, **common
         )
-        self.solve = Histogram("solve_seconds", "Time in the optimiser", ["kind"], buckets=FAST, **own)
+        self.solve = Histogram("solve_seconds", "Time in the optimiser", ["kind"], buckets=FAST, **common)
         self.iterations = Histogram(
-            "solve_iterations", "Outer iterations of a solve", ["kind"], buckets=(1, 2, 5, 10, 20, 50, 100), **own
+            "solve_iterations", "Outer iterations of a solve", ["kind"], buckets=(1, 2, 5, 10, 20, 50, 100), **common
         )
-        self.solves_waiting = Gauge("solves_waiting", "Solves queued or running", ["lane"], **own)
-        self.heartbeat_age = Gauge("heartbeat_age_seconds", "Fleet seconds since the last heartbeat", ["uav"], **own)
-        self.slip = Gauge("slip_metres", "Distance between a UAV and where the plan has it now", ["uav"], **own)
+        self.solves_waiting = Gauge("solves_waiting", "Solves queued or running", ["lane"], **common)
+        self.heartbeat_age = Gauge("heartbeat_age_seconds", "Fleet seconds since the last heartbeat", ["uav"], **common)
+        self.slip = Gauge("slip_metres", "Distance between a UAV and where the plan has it now", ["uav"], **common)
         self.slot_distance = Histogram(
-            "slot_distance_metres", "Distance from the plan as a slot begins", ["uav"], buckets=DISTANCE_M, **own
+            "slot_distance_metres", "Distance from the plan as a slot begins", ["uav"], buckets=DISTANCE_M, **common
         )
         self.slot_lateness = Histogram(
             "slot_lateness_seconds",
             "How late a UAV is as a slot begins, or early",
             ["uav"],
             buckets=LATE_S,
-            **own,
+            **common,
         )
-        self.solver_answers = Gauge("solver_answers", "1 while a worker of the lane shows it is alive", ["lane"], **own)
-        self.losses = Counter("losses", "UAVs declared lost in flight", ["cause"], **own)
-        self.returns = Counter("returns", "Lost UAVs that were heard again", [], **own)
-        self.upload_retries = Counter("upload_retries", "Mission uploads that were tried again", [], **own)
-        self.replans = Counter("replans", "Answers to a change in flight", ["cause", "outcome"], **own)
+        self.solver_answers = Gauge("solver_answers", "1 while a worker of the lane responds", ["lane"], **common)
+        self.losses = Counter("losses", "UAVs declared lost in flight", ["cause"], **common)
+        self.returns = Counter("returns", "Lost UAVs that were heard again", [], **common)
+        self.upload_retries = Counter("upload_retries", "Mission uploads that were tried again", [], **common)
+        self.replans = Counter("replans", "Recoveries from a change in flight", ["cause", "outcome"], **common)
         self.replan_phase = Histogram(
-            "replan_phase_seconds", "Wall time of each phase of an answer", ["phase"], buckets=FAST, **own
+            "replan_phase_seconds", "Wall time of each phase of a recovery", ["phase"], buckets=FAST, **common
         )
-        self.subscribers = Gauge("event_subscribers", "Streams of /v1/events that are open", **own)
-        self.events = Counter("events", "Events appended to the log", ["kind"], **own)
-        self.loop_lag = Histogram("event_loop_lag_seconds", "How late the event loop wakes", buckets=BLOCKED, **own)
+        self.subscribers = Gauge("event_subscribers", "Streams of /v1/events that are open", **common)
+        self.events = Counter("events", "Events appended to the log", ["kind"], **common)
+        self.loop_lag = Histogram("event_loop_lag_seconds", "How late the event loop wakes", buckets=BLOCKED, **common)
         self.worst_lag_s = 0.0
 
     def note_slip(self, uav_id: str, distance_m: float, late_s: float) -> None:
-        """A UAV was this far and this late (fleet seconds) as a slot began."""
+        """Note how far (metres) and how late (fleet seconds) a UAV was as a slot began."""
         self.slot_distance.labels(uav_id).observe(distance_m)
         self.slot_lateness.labels(uav_id).observe(late_s)
 
     def text(self) -> bytes:
-        """The exposition format."""
+        """Return the metrics in Prometheus exposition format."""
         return generate_latest(self.registry)
 
     async def watch_loop(self) -> None:
-        """Measure how long the event loop is kept busy by one thing, forever."""
+        """Measure, for ever, how long a single callback blocks the event loop."""
         while True:
-            asked = time.monotonic()
+            slept_from_s = time.monotonic()
             await asyncio.sleep(TICK_S)
-            late = max(0.0, time.monotonic() - asked - TICK_S)
+            late = max(0.0, time.monotonic() - slept_from_s - TICK_S)
             self.loop_lag.observe(late)
             self.worst_lag_s = max(self.worst_lag_s, late)

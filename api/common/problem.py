@@ -1,4 +1,4 @@
-"""What clients are told of an error: RFC 9457 problem+json."""
+"""The response to an error: RFC 9457 problem+json."""
 
 from __future__ import annotations
 

@@ -26,9 +26,9 @@ SET_ELSEWHERE = {"stale_after_s": "heartbeat_stale_s", "lost_after_s": "heartbea
 
 
 class Settings(BaseSettings):
-    """How the service runs. It binds to loopback unless told otherwise.
+    """How the service runs. It binds to loopback by default.
 
-    database_url: `sqlite+aiosqlite:///FILE`, `postgresql+asyncpg://...`, or `temporary`, which is forgotten at the end.
+    database_url: `sqlite+aiosqlite:///FILE`, `postgresql+asyncpg://...`, or `temporary`, which is deleted at the end.
     time_scale: how much faster than real time the (simulated) fleet lives; leave it at 1 for real aircraft.
     fleet_url: where vehicles are; several links, the preferred first, separated by commas. forward_url: udpout://HOST:PORT
     where a ground station watches the fleet; forward_commands: whether it may command too. signing_key_file: 32 bytes
@@ -46,13 +46,13 @@ class Settings(BaseSettings):
     keep_ended_s: how long ended plans that no operation flew are kept; keep_operations_s: ended operations with their
     plans, journals and tracks; keep_events_s, keep_audit_s: events and audit rows, at most keep_events and keep_audit
     of them. max_cells: UAVs times users times slots.
-    tile_url: of a map server for the dashboard, with {z}, {x} and {y}; without one it draws a grid and asks nobody.
+    tile_url: of a map server for the dashboard, with {z}, {x} and {y}; without one it draws a grid and loads nothing.
     allowed_hosts: names under which browsers reach the service, separated by commas, beside loopback, the bound address
     and, when more than loopback is bound, IP addresses and this machine's name; `*.example.org` is all below it.
     trusted_proxies: addresses or networks, separated by commas, of proxies whose `X-Forwarded-*` headers are believed.
     root_path: the sub-path under which a proxy offers the service; a trusted proxy may say it in `X-Forwarded-Prefix`.
     rate_per_s, rate_burst: requests of one client. failed_keys_per_minute: wrong API keys that one address may try.
-    swap_attempts: tries of a mission swap before the last good plan.
+    swap_attempts: attempts at a mission swap before falling back to the last good plan.
     """
 
     model_config = SettingsConfigDict(env_prefix=PREFIX, env_nested_delimiter=NESTED, frozen=True, extra="forbid")
@@ -107,24 +107,24 @@ class Settings(BaseSettings):
     @field_validator("timing", mode="before")
     @classmethod
     def _said_once(cls, value: Any) -> Any:
-        """Silence has settings of its own: the same thing said here would be ignored."""
+        """Refuse a value that has a setting of its own: it would be ignored here."""
         for name, setting in SET_ELSEWHERE.items():
             default = getattr(Timing, name)
-            given = value.get(name, default) if isinstance(value, Mapping) else getattr(value, name, default)
-            if given != default:
+            setting_value = value.get(name, default) if isinstance(value, Mapping) else getattr(value, name, default)
+            if setting_value != default:
                 raise ValueError(f"{name} is not set here but by {setting} ({PREFIX}{setting.upper()})")
         return value
 
     @field_validator("trusted_proxies")
     @classmethod
     def _addresses(cls, value: str) -> str:
-        for one in listed(value):
-            ipaddress.ip_network(one, strict=False)
+        for address in listed(value):
+            ipaddress.ip_network(address, strict=False)
         return value
 
     @property
     def on_loopback(self) -> bool:
-        """Whether only this machine can reach the service."""
+        """Return whether only this machine can reach the service."""
         if self.host == "localhost":
             return True
         try:
@@ -134,11 +134,11 @@ class Settings(BaseSettings):
 
 
 def listed(value: str) -> list[str]:
-    """What a setting with several values, separated by commas, holds."""
-    return [one.strip() for one in value.split(",") if one.strip()]
+    """Return the values of a setting that are separated by commas."""
+    return [part.strip() for part in value.split(",") if part.strip()]
 
 
 def default_database_url() -> str:
-    """Where `skyfolio serve` and `skyfolio keys` keep things unless told otherwise."""
+    """Return where `skyfolio serve` and `skyfolio keys` store their data by default."""
     state = os.environ.get("XDG_STATE_HOME") or str(Path.home() / ".local" / "state")
     return f"sqlite+aiosqlite:///{state}/skyfolio/skyfolio.db"

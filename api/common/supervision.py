@@ -1,4 +1,4 @@
-"""Background tasks that are not let die unseen: each is started again, later each time, and all can see that it was."""
+"""Supervised background tasks: a task that fails is reported, and started again after growing pauses."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ import structlog
 log = structlog.get_logger()
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.5, 30.0
 CALM_S = 10.0
-"""A task that has gone on for so long since it failed is well again."""
+"""A task that has run for so long since it failed is well again."""
 Work = Callable[[], Awaitable[None]]
 Tell = Callable[..., Any]
-"""As `EventLog.add`: a kind, and named data."""
+"""The signature of `EventLog.add`: a kind, and named data."""
 
 
 class Supervisor:
-    """Runs background work until `close`. `tell` hears of each failure; `troubles` says what is not well now."""
+    """Runs background work until `close`. `tell` receives each failure; `troubles` lists what is not well now."""
 
     def __init__(
         self,
@@ -34,23 +34,23 @@ class Supervisor:
 
     @property
     def troubles(self) -> dict[str, str]:
-        """What failed and has not been well for CALM_S since: its last error by the name of the task."""
+        """Return the last error, by task name, of each task that failed and has not been well for CALM_S since."""
         now = self._clock()
-        return {name: said for name, (well_at, said) in self._failed.items() if now < well_at}
+        return {name: message for name, (well_at, message) in self._failed.items() if now < well_at}
 
     def start(self, name: str, work: Work) -> asyncio.Task[None]:
-        """Do `work`, again when it fails; it is over when it returns, or when the task is cancelled."""
+        """Run `work`, again whenever it fails; it is over when it returns, or when the task is cancelled."""
         task = asyncio.create_task(self._keep(name, work), name=name)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
         return task
 
     def watch_loop(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Tell also of errors in tasks that nobody supervises or awaits, which asyncio only writes to its log."""
+        """Report also errors in tasks that nobody supervises or awaits, which asyncio only logs."""
         loop.set_exception_handler(self._unseen)
 
     async def close(self) -> None:
-        """End all."""
+        """Cancel all tasks."""
         tasks = list(self._tasks)
         for task in tasks:
             task.cancel()
@@ -73,9 +73,9 @@ class Supervisor:
             pause_s = min(LONGEST_PAUSE_S, pause_s * 2.0)
 
     def _note(self, name: str, error: BaseException, pause_s: float) -> None:
-        said = f"{type(error).__name__}: {error}"[:200]
-        self._failed[name] = (self._clock() + pause_s + CALM_S, said)
-        self._tell("task_failed", task=name, error=said, again_in_s=pause_s)
+        message = f"{type(error).__name__}: {error}"[:200]
+        self._failed[name] = (self._clock() + pause_s + CALM_S, message)
+        self._tell("task_failed", task=name, error=message, again_in_s=pause_s)
 
     def _unseen(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         error, task = context.get("exception"), context.get("task") or context.get("future")
@@ -84,6 +84,6 @@ class Supervisor:
             loop.default_exception_handler(context)
             return
         log.error("unseen failure", task=name, message=context.get("message"), exc_info=error)
-        said = f"{type(error).__name__}: {error}"[:200]
-        self._failed[name] = (self._clock() + CALM_S, said)
-        self._tell("task_failed", task=name, error=said, again_in_s=None)
+        message = f"{type(error).__name__}: {error}"[:200]
+        self._failed[name] = (self._clock() + CALM_S, message)
+        self._tell("task_failed", task=name, error=message, again_in_s=None)

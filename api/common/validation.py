@@ -1,4 +1,4 @@
-"""Broken rules of what a user gave, each with the field it is about: for REST and the command line alike."""
+"""Validation errors, each with its field, in the same form for REST and the command line."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ _CONSEQUENCES = frozenset({"too_short", "too_long"})
 def broken_rules(errors: Iterable[Mapping[str, Any]], prefix: tuple[str, ...] = ("body",)) -> list[dict[str, str]]:
     """Return pydantic's errors as {field, rule, message, value}; the field is a dotted path into the request.
 
-    A list that is too short only because an item of it is invalid is told by the item's own error alone.
+    A list that is too short only because an item of it is invalid is reported by the item's own error alone.
     """
-    found = list(errors)
-    return [_row(error, prefix) for error in found if not _is_consequence(error, found)]
+    all_errors = list(errors)
+    return [_row(error, prefix) for error in all_errors if not _is_consequence(error, all_errors)]
 
 
 def _is_consequence(error: Mapping[str, Any], errors: list[Mapping[str, Any]]) -> bool:
@@ -33,9 +33,9 @@ def _row(error: Mapping[str, Any], prefix: tuple[str, ...]) -> dict[str, str]:
         field, message = message.split(": ", 1)
         loc = [field]
     row = {"field": ".".join(loc) or "body", "rule": str(error["type"]), "message": message}
-    given = error.get("input")
-    if isinstance(given, str | int | float | bool) or given is None:
-        row["value"] = repr(given)[:100]
+    value = error.get("input")
+    if isinstance(value, str | int | float | bool) or value is None:
+        row["value"] = repr(value)[:100]
         if error["type"] == "string_pattern_mismatch":
             row["message"] = f"{row['value']}: {message}"
     return row

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from skyfolio.planner import Plan, delivered_rates_bps
+from skyfolio.planner.utility import jain_index
 
 SERVED_BPS = 100.0
 """A user with a lower mean rate counts as not served."""
@@ -39,12 +40,11 @@ def course(rates_bps: Mapping[str, Sequence[float]]) -> Course:
     """Return the figures of rates, in bit/s, over the remaining slots."""
     table = np.array([list(row) for row in rates_bps.values()], dtype=float)
     means = table.mean(axis=1)
-    squares = float((means**2).sum())
     return Course(
         mean_sum_rate_bps=float(table.sum(axis=0).mean()),
         worst_mean_bps=float(means.min()),
         unserved=int((means < SERVED_BPS).sum()),
-        jain=float(means.sum() ** 2 / (len(means) * squares)) if squares else 0.0,
+        jain=jain_index(table) if means.any() else 0.0,
     )
 
 

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from math import atan2, degrees
 from typing import Any
 
-from skyfolio.api.dashboard.schedule import point_at, slip_s
+from skyfolio.api.dashboard.schedule import slip_s
 from skyfolio.api.dashboard.views import Operation, Vehicle
 from skyfolio.planner import Plan, Scenario
+from skyfolio.planner.geometry import point_at
 
 Json = dict[str, Any]
 Point = tuple[float, float]

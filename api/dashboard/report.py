@@ -10,6 +10,7 @@ import numpy as np
 from skyfolio.api.dashboard.comparison import without
 from skyfolio.api.dashboard.views import Drill, Operation, TrackPoint
 from skyfolio.planner import Plan
+from skyfolio.planner.utility import jain_index
 
 Rate = float | None
 
@@ -130,8 +131,7 @@ def _variance(rates: Sequence[Rate]) -> str:
 
 def _jain(table: Mapping[str, Sequence[Rate]]) -> str:
     means = [np.mean([rate for rate in row if rate is not None] or [0.0]) for row in table.values()]
-    squares = float(np.square(means).sum())
-    return f"{float(np.sum(means)) ** 2 / (len(means) * squares):.3f}" if squares else "-"
+    return f"{jain_index(np.array(means)[:, None]):.3f}" if any(means) else "-"
 
 
 def _title(drill: Drill | None, operation: Operation) -> str:

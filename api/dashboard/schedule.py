@@ -5,19 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import hypot
 
-Point = tuple[float, float]
+from skyfolio.planner.geometry import Point, point_at
+
 LOOK_BEHIND_SLOTS = 4.0
 LOOK_AHEAD_SLOTS = 2.0
 STEPS_PER_SLOT = 20
 AS_NEAR_M = 1.0
-
-
-def point_at(path: Sequence[Point], slots: float) -> Point:
-    """Return the point `slots` slot durations after the path's first one, metres east/north, clamped to its ends."""
-    at = min(max(slots, 0.0), len(path) - 1.0)
-    low = min(int(at), max(len(path) - 2, 0))
-    (e1, n1), (e2, n2) = path[low], path[min(low + 1, len(path) - 1)]
-    return e1 + (at - low) * (e2 - e1), n1 + (at - low) * (n2 - n1)
 
 
 def slip_s(path: Sequence[Point], slot_s: float, now_s: float, here: Point) -> float:

@@ -13,6 +13,7 @@ from skyfolio.api.dashboard.event_text import describe
 from skyfolio.api.dashboard.map_scene import Json
 from skyfolio.api.dashboard.views import Recovery, ServiceEvent
 from skyfolio.planner import Plan
+from skyfolio.planner.utility import jain_index
 
 SHOWN_EVENTS = 120
 Row = Sequence[float | None]
@@ -171,6 +172,5 @@ def achieved_line(table: Mapping[str, Row]) -> str | None:
     known = rows[:, ~np.isnan(rows).any(axis=0)] / 1e3 if rows.size else rows
     if known.size == 0 or known.shape[1] < 2:
         return None
-    means = known.mean(axis=1)
-    jain = float(means.sum() ** 2 / (len(means) * (means**2).sum())) if means.any() else 0.0
+    jain = jain_index(known) if known.any() else 0.0
     return f"achieved {float(known.sum(axis=0).var()):.1f}, {jain:.3f}"

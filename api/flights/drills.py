@@ -12,7 +12,7 @@ from pydantic import BaseModel
 from sqlalchemy import Row, func, insert, select, update
 
 from skyfolio.api.common.errors import ConflictError, InvalidError, NotFoundError
-from skyfolio.api.common.idempotency import Creation
+from skyfolio.api.common.idempotency import NewResource
 from skyfolio.api.fleet.registry import Fleet
 from skyfolio.api.fleet.simulated_fleet import SimulatedFleet, fault_of
 from skyfolio.api.flights.operation import Operation
@@ -66,7 +66,7 @@ class Drills:
             update(table).where(table.c.state == DrillState.SCHEDULED.value).values(state=DrillState.MISSED.value)
         )
 
-    async def schedule(self, creation: Creation, drill: DrillView) -> DrillView:
+    async def schedule(self, creation: NewResource, drill: DrillView) -> DrillView:
         """Begin a drill. Raises InvalidError for vehicles that are not simulated, NotFoundError, ConflictError."""
         if creation.fingerprint is not None and (found := await self._made_before(creation)):
             return found
@@ -117,7 +117,7 @@ class Drills:
         await self._database.write(update(table).where(table.c.id == drill.id).values(state=state.value))
         self._events.add("drill", **drill.model_copy(update={"state": state}).model_dump(mode="json"))
 
-    async def _store(self, creation: Creation, drill: DrillView) -> None:
+    async def _store(self, creation: NewResource, drill: DrillView) -> None:
         self._number += 1
         row = {
             "id": drill.id,
@@ -130,7 +130,7 @@ class Drills:
         }
         await self._database.write((insert(table), row))
 
-    async def _made_before(self, creation: Creation) -> DrillView | None:
+    async def _made_before(self, creation: NewResource) -> DrillView | None:
         rows = await self._database.rows(select(table).where(table.c.id == creation.id))
         if not rows:
             return None
@@ -138,7 +138,7 @@ class Drills:
         return _view(rows[0])
 
 
-def new_drill(creation: Creation, **fields: Any) -> DrillView:
+def new_drill(creation: NewResource, **fields: Any) -> DrillView:
     """A drill that has not begun."""
     return DrillView(id=creation.id, state=DrillState.SCHEDULED, created_at=time.time(), **fields)
 

@@ -11,7 +11,7 @@ import structlog
 from sqlalchemy import Row, func, select
 
 from skyfolio.api.common.errors import ConflictError, InvalidError, NotFoundError, PreconditionError
-from skyfolio.api.common.idempotency import Creation
+from skyfolio.api.common.idempotency import NewResource
 from skyfolio.api.fleet.commander import Action
 from skyfolio.api.fleet.registry import Fleet
 from skyfolio.api.flights.aborts import Aborts
@@ -58,7 +58,7 @@ class Operations:
         self,
         plan_id: str,
         policy: Policy,
-        creation: Creation,
+        creation: NewResource,
         *,
         launch_itself: bool = True,
         way: Way | None = None,
@@ -203,7 +203,7 @@ class Operations:
             self._unsaved[operation.id] = operation
             saved.add_done_callback(lambda _: self._unsaved.pop(operation.id, None))
 
-    async def _made_before(self, creation: Creation) -> Operation | OperationView | None:
+    async def _made_before(self, creation: NewResource) -> Operation | OperationView | None:
         rows = await self._books.database.rows(select(table.c.fingerprint).where(table.c.id == creation.id))
         if not rows:
             return None

@@ -14,6 +14,7 @@ from skyfolio.mavlink_bridge.errors import TransitionTooClose
 from skyfolio.mavlink_bridge.ghosts import Airspace, Conflict
 from skyfolio.mavlink_bridge.transitions import check_transition
 from skyfolio.planner import Plan, ReplanError
+from skyfolio.planner.geometry import point_at
 
 SPEED_TOLERANCE = 1.25
 """A first leg may ask for this share of the maximum speed before it is called out of reach: it begins in mid-slot."""
@@ -43,12 +44,7 @@ def expected_position(plan: Plan, uav_id: str, live_m: Point, now_s: float, at_s
 
 def scheduled_at(plan: Plan, uav_id: str, now_s: float) -> Point:
     """Where the plan has a UAV `now_s` fleet seconds after slot 0 of the operation began, metres east/north."""
-    path = plan.trajectories_m[uav_id]
-    slots = max(now_s / plan.scenario.slot_duration_s - plan.first_slot, 0.0)
-    begin = min(int(slots), len(path) - 1)
-    (e0, n0), (e1, n1) = path[begin], path[min(begin + 1, len(path) - 1)]
-    share = min(slots - begin, 1.0)
-    return e0 + share * (e1 - e0), n0 + share * (n1 - n0)
+    return point_at(plan.trajectories_m[uav_id], now_s / plan.scenario.slot_duration_s - plan.first_slot)
 
 
 def begun_at(plan: Plan, uav_id: str, live_m: Point) -> Plan:

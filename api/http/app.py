@@ -11,30 +11,31 @@ from skyfolio import __version__
 from skyfolio.api.common.settings import Settings
 from skyfolio.api.http import docs_page as reference
 from skyfolio.api.http import problems
-from skyfolio.api.http.middleware import Gate
-from skyfolio.api.http.proxies import Proxied
+from skyfolio.api.http.middleware import AdmissionMiddleware
+from skyfolio.api.http.proxies import ForwardedHeadersMiddleware
 from skyfolio.api.http.routes import contingencies, drills, events, fleet, login, operations, plans, scenarios, service
 from skyfolio.api.plans.solver import Lane
 from skyfolio.api.service import Service
 
 DESCRIPTION = """
-Plans where a fleet of flying base stations goes and whom each one serves, flies that plan over MAVLink, and replans for
-the survivors when an aircraft is lost.
+Plans where a fleet of flying base stations goes and which users each one serves, flies that plan over MAVLink, and
+replans for the survivors when an aircraft is lost.
 
 **Units** are in names: `_m` metres, `_s` seconds, `_hz`, `_bps` bit/s, `_w` watts, `_deg` degrees WGS-84. Positions are
 metres east and north of the scenario's `origin`; altitude is metres above each vehicle's own home. Slots count from 0.
 
-**Manners.** What takes time answers `202` with `Location` and `Retry-After`; `wait_s` waits for it. `Idempotency-Key`
-makes every creating POST safe to repeat. Operations have an `ETag`; commands take `If-Match`. Lists are paged by
-`cursor`. Errors are RFC 9457 `application/problem+json` and name the field and the rule. Bodies are `application/json`.
+**Conventions.** Requests that take time return `202` with `Location` and `Retry-After`; `wait_s` waits for the result.
+`Idempotency-Key` makes every creating POST safe to repeat. Operations have an `ETag`; commands take `If-Match`. Lists
+are paged by `cursor`. Errors are RFC 9457 `application/problem+json` and name the field and the rule. Bodies are
+`application/json`.
 """
 
 
 def create_app(settings: Settings | None = None, *, ui: bool = False, flight: Lane | None = None) -> FastAPI:
-    """The service as an ASGI app; its parts live from startup to shutdown.
+    """Return the service as an ASGI app; its parts live from startup to shutdown.
 
-    ui: also serve the dashboard at `/ui`; it lives in one app a process, so make only one app with it.
-    flight: the lane of replans in flight, when it was begun before (`api.plans.solver.flight_lane`).
+    ui: also serve the dashboard at `/ui`; its framework allows one app per process, so create only one with it.
+    flight: the lane of replans in flight, when it has already been started (`api.plans.solver.flight_lane`).
     """
     settings = settings or Settings()
 
@@ -60,8 +61,8 @@ def create_app(settings: Settings | None = None, *, ui: bool = False, flight: La
         app.include_router(routes.router)
     reference.install(app)
     problems.install(app)
-    app.add_middleware(Gate, owner=app)
-    app.add_middleware(Proxied, settings=settings)
+    app.add_middleware(AdmissionMiddleware, owner=app)
+    app.add_middleware(ForwardedHeadersMiddleware, settings=settings)
     if ui:
         from skyfolio.api.dashboard.mount import mount  # noqa: PLC0415 - importing it makes the process-wide app
 

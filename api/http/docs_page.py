@@ -1,4 +1,4 @@
-"""The page `/docs`, with everything that it needs: it works without the internet."""
+"""The page `/docs` and its assets, which are all served from here: it works offline."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from fastapi.staticfiles import StaticFiles
 from skyfolio.api.http.response_headers import page_policy
 
 ASSETS = "docs/assets"
-"""Where the page finds its scripts, relative to itself, below whatever sub-path."""
+"""Path of the scripts relative to the page, so that any sub-path works."""
 NO_ICON = "data:,"
 
 
 def install(app: FastAPI) -> None:
-    """Serve it."""
+    """Add the page and its assets to the app."""
     app.mount(f"/{ASSETS}", StaticFiles(directory=str(files("fastapi_offline") / "static")), name="docs-assets")
 
     async def page(_: Request) -> HTMLResponse:
-        made = get_swagger_ui_html(
+        response = get_swagger_ui_html(
             openapi_url="openapi.json",
             title=f"{app.title}: the REST interface",
             swagger_js_url=f"{ASSETS}/swagger-ui-bundle.js",
             swagger_css_url=f"{ASSETS}/swagger-ui.css",
             swagger_favicon_url=NO_ICON,
         )
-        html = bytes(made.body).decode()
+        html = bytes(response.body).decode()
         return HTMLResponse(html, headers={"content-security-policy": page_policy(html)})
 
     app.add_route("/docs", page, include_in_schema=False)

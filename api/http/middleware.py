@@ -1,6 +1,6 @@
-"""What every request passes: a request id, host and origin, the key, rate and body limits; then log, metrics, audit.
+"""The middleware around every request: id, host and origin, API key, rate and body limits; log, metrics, audit.
 
-Plain ASGI, so that it holds for mounted apps, streams and websockets alike.
+It is plain ASGI, so that it covers mounted apps, streams and websockets alike.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from skyfolio.api.common.errors import (
 )
 from skyfolio.api.dashboard import port
 from skyfolio.api.http import response_headers as edge
-from skyfolio.api.http.origin_checks import Hosts, require_json, require_same_origin
+from skyfolio.api.http.origin_checks import AllowedHosts, require_json, require_same_origin
 from skyfolio.api.http.problems import answer_to
 from skyfolio.api.http.proxies import inner_path
 from skyfolio.api.service import Service
@@ -44,7 +44,7 @@ MOST_BUCKETS = 10_000
 _ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
 
 
-class Buckets:
+class TokenBuckets:
     """A token bucket for each client: `rate_per_s` on average, `burst` at once."""
 
     def __init__(self, rate_per_s: float, burst: int) -> None:
@@ -52,65 +52,67 @@ class Buckets:
         self._state: dict[str, tuple[float, float]] = {}
 
     def take(self, client: str, now_s: float) -> bool:
-        """Whether the client may go on; `now_s` is monotonic."""
-        left, at = self._state.get(client, (float(self._burst), now_s))
-        left = min(self._burst, left + (now_s - at) * self._rate)
-        if len(self._state) >= MOST_BUCKETS:
-            self._state.clear()
-        self._state[client] = (left - 1 if left >= 1 else left, now_s)
-        return left >= 1
+        """Take a token of the client. Return whether there was one; `now_s` is monotonic."""
+        tokens, at_s = self._state.pop(client, (float(self._burst), now_s))
+        tokens = min(self._burst, tokens + (now_s - at_s) * self._rate)
+        if len(self._state) >= MOST_BUCKETS:  # forget the client that has been silent for longest
+            del self._state[next(iter(self._state))]
+        self._state[client] = (tokens - 1 if tokens >= 1 else tokens, now_s)
+        return tokens >= 1
 
 
-class Gate:
+class AdmissionMiddleware:
     """ASGI middleware around the whole application."""
 
     def __init__(self, app: ASGIApp, *, owner: FastAPI) -> None:
         self._app, self._owner = app, owner
-        self._buckets: Buckets | None = None
-        self._hosts: Hosts | None = None
+        self._buckets: TokenBuckets | None = None
+        self._hosts: AllowedHosts | None = None
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass one request or websocket through."""
         if scope["type"] not in {"http", "websocket"}:
             await self._app(scope, receive, send)
             return
-        await self._pass(Passage(self._owner.state.service, scope), scope, receive, send)
+        await self._pass(RequestAdmission(self._owner.state.service, scope), scope, receive, send)
 
-    async def _pass(self, passage: Passage, scope: Scope, receive: Receive, send: Send) -> None:
-        with structlog.contextvars.bound_contextvars(request_id=passage.request_id):
+    async def _pass(self, admission: RequestAdmission, scope: Scope, receive: Receive, send: Send) -> None:
+        with structlog.contextvars.bound_contextvars(request_id=admission.request_id):
             try:
-                passage.principal = await self._admit(passage)
+                admission.principal = await self._admit(admission)
                 state = scope.setdefault("state", {})
-                state["principal"], state["still_admitted"] = passage.principal, passage.still_admitted
-                take = passage.limited(receive) if scope["type"] == "http" else passage.while_admitted(receive, send)
-                await self._app(scope, take, passage.noting(send))
+                state["principal"], state["still_admitted"] = admission.principal, admission.still_admitted
+                take = (
+                    admission.limited(receive) if scope["type"] == "http" else admission.while_admitted(receive, send)
+                )
+                await self._app(scope, take, admission.noting(send))
             except (ServiceError, StoreError) as error:  # raised before any route was reached
-                if isinstance(error, UnauthorizedError) and passage.wants_page:
-                    await RedirectResponse("/login", 303)(scope, receive, passage.noting(send))
+                if isinstance(error, UnauthorizedError) and admission.wants_page:
+                    await RedirectResponse("/login", 303)(scope, receive, admission.noting(send))
                 elif scope["type"] == "websocket":
                     await send({"type": "websocket.close", "code": 1008, "reason": str(error)[:100]})
                 else:
-                    await answer_to(error)(scope, receive, passage.noting(send))
+                    await answer_to(error)(scope, receive, admission.noting(send))
             finally:
-                passage.finish()
+                admission.finish()
 
-    async def _admit(self, passage: Passage) -> Principal:
-        service = passage.service
+    async def _admit(self, admission: RequestAdmission) -> Principal:
+        service = admission.service
         if self._buckets is None or self._hosts is None:
-            self._buckets = Buckets(service.settings.rate_per_s, service.settings.rate_burst)
-            self._hosts = Hosts(service.settings)
-        if not self._buckets.take(passage.client, time.monotonic()):
+            self._buckets = TokenBuckets(service.settings.rate_per_s, service.settings.rate_burst)
+            self._hosts = AllowedHosts(service.settings)
+        if not self._buckets.take(admission.client, time.monotonic()):
             raise TooManyRequestsError(f"rate: more than {service.settings.rate_per_s:g} requests a second")
-        passage.require_ours(self._hosts)
-        passage.require_small()
-        principal = await passage.identified()
+        admission.require_ours(self._hosts)
+        admission.require_small()
+        principal = await admission.identified()
         if principal is None:
             raise UnauthorizedError("Authorization: send 'Bearer <key>' with a key made by 'skyfolio keys create'")
         return principal
 
 
-class Passage:
-    """One request on its way through the gate."""
+class RequestAdmission:
+    """The admission of one request, and what is recorded of it."""
 
     def __init__(self, service: Service, scope: Scope) -> None:
         self.service, self.scope = service, scope
@@ -118,8 +120,8 @@ class Passage:
         self.path = inner_path(scope)
         self.method: str = scope.get("method", "WEBSOCKET")
         self.client = "inside" if scope.get(port.INSIDE) else (scope.get("client") or ("unknown", 0))[0]
-        given = self.headers.get("x-request-id", "")
-        self.request_id = given if _ID.fullmatch(given) else secrets.token_hex(8)
+        request_id = self.headers.get("x-request-id", "")
+        self.request_id = request_id if _ID.fullmatch(request_id) else secrets.token_hex(8)
         self.principal: Principal | None = None
         self.status = 0
         self._began = time.monotonic()
@@ -128,7 +130,7 @@ class Passage:
 
     @property
     def key(self) -> str | None:
-        """The API key: `Authorization: Bearer`, `X-API-Key`, or the cookie of the web page."""
+        """Return the API key: from `Authorization: Bearer`, `X-API-Key`, or the cookie of the web page."""
         scheme, _, token = self.headers.get("authorization", "").partition(" ")
         if scheme.lower() == "bearer" and token:
             return token.strip()
@@ -142,35 +144,38 @@ class Passage:
 
     @property
     def wants_page(self) -> bool:
-        """Whether a person's browser asks for a page of the dashboard."""
+        """Return whether a person's browser asks for a page of the dashboard."""
         page = self.path == "/" or self.of_dashboard
         return self.method == "GET" and page and "text/html" in self.headers.get("accept", "")
 
     @property
     def of_dashboard(self) -> bool:
-        """Whether it is for the dashboard, which has a framework and a protocol of its own."""
+        """Return whether the request is for the dashboard, which has a framework and a protocol of its own."""
         return self.path == port.PATH or self.path.startswith(f"{port.PATH}/")
 
-    def require_ours(self, hosts: Hosts) -> None:
-        """Raises MisdirectedError, CrossSiteError or MediaTypeError for what a browser must not be made to send."""
+    def require_ours(self, hosts: AllowedHosts) -> None:
+        """Refuse what a browser may have been made to send.
+
+        Raises MisdirectedError, CrossSiteError or MediaTypeError.
+        """
         host = hosts.require(self.headers)
         require_same_origin(self.headers, host, safe=self.method in SAFE)
         if self.method not in SAFE | {"WEBSOCKET"} and not self.of_dashboard:
             require_json(self.headers)
 
     async def identified(self) -> Principal | None:
-        """Who asks; None without the key that is needed. Raises what the client is told."""
+        """Return who asks, None without the key that is needed. Raises ProxiedError and TooManyRequestsError."""
         if await self._is_open():
             return LOCAL
         if self.key is None or self.scope.get(port.INSIDE):
             return await self._known()
-        return await self.service.door.identify(self.client, self.key)
+        return await self.service.authenticator.identify(self.client, self.key)
 
     async def _known(self) -> Principal | None:
         return await self.service.keys.identify(self.key) if self.key else None
 
     async def _is_open(self) -> bool:
-        """Whether no key is needed. Raises ProxiedError: behind a proxy everybody would come from this machine."""
+        """Return whether no key is needed. Raises ProxiedError: behind a proxy every client looks local."""
         if self.path in OPEN_PATHS or self.path.startswith(OPEN_BELOW):
             return True
         if not self.service.settings.on_loopback or await self.service.keys.in_use():
@@ -183,14 +188,14 @@ class Passage:
         return True
 
     async def still_admitted(self) -> bool:
-        """Whether who was let in would be let in again."""
+        """Return whether the request would still be admitted now, with the same rights."""
         try:
             return (LOCAL if await self._is_open() else await self._known()) == self.principal
         except StoreError:  # a database that does not answer revokes nothing
             return True
 
     def while_admitted(self, receive: Receive, send: Send) -> Receive:
-        """The receive channel of a websocket, which ends when its key is revoked."""
+        """Return the receive channel of a websocket, which ends when its key is revoked."""
         asked_s = time.monotonic()
 
         async def revoked() -> bool:
@@ -216,13 +221,13 @@ class Passage:
         return take
 
     def require_small(self) -> None:
-        """Raises TooLargeError for a body that says it is too large."""
+        """Refuse a body whose declared length is too large. Raises TooLargeError."""
         length = self.headers.get("content-length", "0")
         if length.isdigit() and int(length[:20]) > self.service.settings.max_body_bytes:
             raise TooLargeError(f"body: {length[:20]} bytes are more than {self.service.settings.max_body_bytes}")
 
     def limited(self, receive: Receive) -> Receive:
-        """The receive channel with the body's size and time limited."""
+        """Return the receive channel with the body's size and time limited."""
         until = self._began + BODY_LIMIT_S
         complete = False
 
@@ -244,7 +249,7 @@ class Passage:
         return take
 
     def noting(self, send: Send) -> Send:
-        """The send channel; notes the status and adds the headers that every answer carries."""
+        """Return the send channel, which notes the status and adds the headers that every response carries."""
 
         async def give(message: Message) -> None:
             if self._over:
@@ -260,21 +265,21 @@ class Passage:
         return give
 
     def finish(self) -> None:
-        """Log, measure, and write the audit log."""
+        """Log and measure the request, and write it to the audit log."""
         seconds = time.monotonic() - self._began
         if self.status == 0:
             return
         route = getattr(self.scope.get("route"), "path", "none")
         self.service.metrics.requests.labels(self.method, route, str(self.status)).observe(seconds)
-        said = {"method": self.method, "path": self.path, "status": self.status, "ms": round(seconds * 1e3, 1)}
+        request = {"method": self.method, "path": self.path, "status": self.status, "ms": round(seconds * 1e3, 1)}
         if self.method in SAFE and self.status < 400:
             return
-        who = self.principal or Principal("nobody", LOCAL.role)
-        log.info("request", principal=who.name, **said)
+        principal = self.principal or Principal("nobody", LOCAL.role)
+        log.info("request", principal=principal.name, **request)
         row = {
             "at": time.time(),
-            "principal": who.name,
-            "role": who.role.value if self.principal else "none",
+            "principal": principal.name,
+            "role": principal.role.value if self.principal else "none",
             "client": str(self.client)[:64],
             "method": self.method[:8],
             "path": self.path[:256].replace("\0", "?"),

@@ -1,8 +1,9 @@
-"""Which hosts, which pages and which bodies are let in: a browser on this machine is not its user.
+"""Checks of `Host`, `Origin` and content type: a browser on this machine does not always act for its user.
 
-A page of any site can have a browser send requests to loopback (a form needs nobody's leave), and DNS rebinding lets it
-even read the answers. So the `Host` must be one of this service, a page that asks must have come from that host (RFC
-6454; every browser says so in `Origin` or `Sec-Fetch-Site`), and a body must be of a type that no form can send.
+A page of any site can make a browser send requests to loopback (a form needs no permission), and DNS rebinding lets it
+even read the responses. So the `Host` must be one of this service, a page that sends requests must have come from that
+host (RFC 6454; every browser states it in `Origin` or `Sec-Fetch-Site`), and a body must be of a type that no form can
+send.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ _JSON = re.compile(r"application/(?:[\w.-]+\+)?json\s*(?:;.*)?", re.IGNORECASE)
 _PORTS = {"http": 80, "https": 443}
 
 
-class Hosts:
+class AllowedHosts:
     """The names under which a service may be reached."""
 
     def __init__(self, settings: Settings) -> None:
@@ -33,16 +34,16 @@ class Hosts:
         self._below = tuple(name.removeprefix("*") for name in names if name.startswith("*"))
 
     def require(self, headers: Headers) -> SplitResult:
-        """The host that was asked for. Raises MisdirectedError when it is none of ours.
+        """Return the host that was asked for. Raises MisdirectedError when it is none of this service.
 
-        An IP address needs no listing unless only loopback is bound: no name can be made to stand for it.
+        An IP address need not be listed unless only loopback is bound: DNS rebinding needs a name.
         """
-        given = headers.getlist("host")
-        host = _split(f"//{given[0]}") if len(given) == 1 else None
+        hosts = headers.getlist("host")
+        host = _split(f"//{hosts[0]}") if len(hosts) == 1 else None
         if host is None or not self._knows(_bare(host.hostname or "")):
-            said = repr(given[0][:100]) if given else "nothing"
+            sent = repr(hosts[0][:100]) if hosts else "nothing"
             raise MisdirectedError(
-                f"Host: {said} is not a name of this service; SKYFOLIO_ALLOWED_HOSTS can name more (docs/security.md)"
+                f"Host: {sent} is not a name of this service; SKYFOLIO_ALLOWED_HOSTS can name more (docs/security.md)"
             )
         return host
 
@@ -76,11 +77,11 @@ def require_same_origin(headers: Headers, host: SplitResult, *, safe: bool) -> N
 def require_json(headers: Headers) -> None:
     """Refuse a body that is not JSON, also one that a form could send. Raises MediaTypeError."""
     body = "transfer-encoding" in headers or headers.get("content-length", "0").strip("0") != ""
-    said = headers.get("content-type")
-    if said is None and not body:
+    media_type = headers.get("content-type")
+    if media_type is None and not body:
         return
-    if said is None or not _JSON.fullmatch(said.strip()):
-        raise MediaTypeError(f"Content-Type: {(said or 'nothing')[:100]!r} must be application/json")
+    if media_type is None or not _JSON.fullmatch(media_type.strip()):
+        raise MediaTypeError(f"Content-Type: {(media_type or 'nothing')[:100]!r} must be application/json")
 
 
 def _where(url: SplitResult, scheme: str) -> tuple[str, int]:
@@ -92,7 +93,7 @@ def _bare(name: str) -> str:
 
 
 def _split(url: str) -> SplitResult | None:
-    """The parts; None when it is no URL of a host, optionally with a port."""
+    """Return the parts of a URL, None unless it is just a host with an optional port."""
     try:
         parts = urlsplit(url)
         _ = parts.port  # raises when it is none

@@ -1,4 +1,4 @@
-"""The one table of errors: what goes wrong inside, and what the client is told (RFC 9457 problem+json)."""
+"""The one table of errors: each exception of the service and its response (RFC 9457 problem+json)."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ TABLE: Mapping[type[Exception], tuple[int, str, str]] = {
     ConflictError: (409, "conflict", "Not possible in this state"),
     InvalidError: (422, "invalid-request", "The request breaks a rule"),
     ReplanError: (422, "invalid-request", "The request breaks a rule"),
-    BusyError: (503, "busy", "Too much is waiting already"),
+    BusyError: (503, "busy", "The queue is full"),
     PreconditionError: (412, "precondition", "The resource has changed"),
     UnauthorizedError: (401, "unauthorized", "An API key is needed"),
     ForbiddenError: (403, "forbidden", "The role does not allow this"),
-    CrossSiteError: (403, "cross-site", "Only pages of this service may ask it"),
+    CrossSiteError: (403, "cross-site", "Only pages of this service may send requests to it"),
     ProxiedError: (403, "proxied", "Behind a proxy an API key is needed"),
     MediaTypeError: (415, "media-type", "Bodies are JSON"),
     MisdirectedError: (421, "host", "The host is not one of this service"),
@@ -50,20 +50,23 @@ TABLE: Mapping[type[Exception], tuple[int, str, str]] = {
     TooLargeError: (413, "too-large", "The body is too large"),
     StoreError: (503, "store", "The database does not answer"),
     InfeasiblePlanError: (500, "internal", "The planner refused its own result"),
-    BridgeError: (502, "fleet", "The fleet did not do what it was told"),
+    BridgeError: (502, "fleet", "The fleet did not carry out the order"),
 }
 
 
-def _described(said: str) -> dict[str, Any]:
-    return {"description": said, "content": {"application/problem+json": {"schema": Problem.model_json_schema()}}}
+def _described(description: str) -> dict[str, Any]:
+    return {
+        "description": description,
+        "content": {"application/problem+json": {"schema": Problem.model_json_schema()}},
+    }
 
 
 DESCRIBED: dict[int | str, dict[str, Any]] = {
-    status: _described(said)
-    for status, said in {
+    status: _described(description)
+    for status, description in {
         400: "The body cannot be read.",
         401: "An API key is needed.",
-        403: "The key's role does not allow this, or a page of another origin asks.",
+        403: "The key's role does not allow this, or the request comes from a page of another origin.",
         404: "There is no such resource.",
         409: "The resource is in a state that does not allow this.",
         412: "The resource is not in the version that `If-Match` names.",
@@ -72,11 +75,11 @@ DESCRIBED: dict[int | str, dict[str, Any]] = {
         421: "The `Host` is not one of this service (setting `allowed_hosts`).",
         422: "The request breaks a rule; `errors` says which.",
         429: "More requests, or wrong API keys, than the limit allows; see `Retry-After`.",
-        502: "The fleet did not do what it was told.",
-        503: "Too much is waiting already, or the database does not answer; see `Retry-After`.",
+        502: "The fleet did not carry out the order.",
+        503: "The queue is full, or the database does not answer; see `Retry-After`.",
     }.items()
 }
-"""Of every operation in the OpenAPI description."""
+"""The error responses of every operation in the OpenAPI description."""
 
 
 def problem(
@@ -87,7 +90,7 @@ def problem(
     errors: list[dict[str, str]] | None = None,
     retry_after_s: float = 1.0,
 ) -> JSONResponse:
-    """One problem+json answer."""
+    """Return one problem+json response."""
     body: dict[str, Any] = {
         "type": f"urn:skyfolio:problem:{kind}",
         "title": title,
@@ -108,7 +111,7 @@ def _invalid(errors: list[dict[str, str]]) -> JSONResponse:
 
 
 def answer_to(error: Exception) -> JSONResponse:
-    """The answer to an error of the table."""
+    """Return the response to an error of the table."""
     status, kind, title = next(row for cls, row in TABLE.items() if isinstance(error, cls))
     field, colon, message = str(error).partition(": ")
     errors = [{"field": field, "rule": kind, "message": message}] if status == 422 and colon else None
@@ -116,7 +119,7 @@ def answer_to(error: Exception) -> JSONResponse:
 
 
 def install(app: FastAPI) -> None:
-    """Attach the table to the app."""
+    """Register the handlers of the table's errors with the app."""
 
     async def known(_: Request, error: Exception) -> JSONResponse:
         return answer_to(error)

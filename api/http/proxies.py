@@ -1,7 +1,7 @@
-"""Behind a reverse proxy: who really asks, under which host, and below which sub-path.
+"""Handling of reverse proxies: the real client, the host it asked for, and the sub-path of the service.
 
-What `X-Forwarded-*` say is believed of the proxies that the settings name, of nobody else. Inside, paths are those of
-the service; the sub-path is ASGI's `root_path`, and is put before every `Location` on the way out.
+`X-Forwarded-*` headers are believed from the proxies that the settings name, from no one else. Inside, paths are those
+of the service; the sub-path is ASGI's `root_path`, and is put before every `Location` on the way out.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ FORWARDED = ("forwarded", "x-forwarded-for", "x-forwarded-host", "x-forwarded-pr
 _PREFIX = re.compile(SUB_PATH)
 
 
-class Proxied:
-    """ASGI middleware, outermost: `scope` says afterwards what it would say without a proxy.
+class ForwardedHeadersMiddleware:
+    """ASGI middleware, outermost: afterwards `scope` is what it would be without a proxy.
 
     Whether there was one is kept in `scope["state"]["proxied"]`.
     """
@@ -29,7 +29,7 @@ class Proxied:
     def __init__(self, app: ASGIApp, *, settings: Settings) -> None:
         trusted = listed(settings.trusted_proxies)
         self._app: ASGIApp = ProxyHeadersMiddleware(app, trusted)  # type: ignore[arg-type,assignment]
-        self._networks = [ipaddress.ip_network(one, strict=False) for one in trusted]
+        self._networks = [ipaddress.ip_network(network, strict=False) for network in trusted]
         self._root_path = settings.root_path
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -37,15 +37,15 @@ class Proxied:
         if scope["type"] not in {"http", "websocket"}:
             await self._app(scope, receive, send)
             return
-        given = Headers(scope=scope)
-        scope.setdefault("state", {})["proxied"] = any(name in given for name in FORWARDED)
+        received = Headers(scope=scope)
+        scope.setdefault("state", {})["proxied"] = any(name in received for name in FORWARDED)
         trusted = self._trusts((scope.get("client") or ("", 0))[0])
-        prefix = _prefix(given) if trusted else None
+        prefix = _prefix(received) if trusted else None
         _set_root(scope, self._root_path if prefix is None else prefix)
         headers = MutableHeaders(scope=scope)
-        if trusted and "x-forwarded-host" in given:
-            headers["host"] = given["x-forwarded-host"].split(",")[0].strip()
-        del headers["x-forwarded-prefix"]  # the dashboard's framework would believe it of anybody
+        if trusted and "x-forwarded-host" in received:
+            headers["host"] = received["x-forwarded-host"].split(",")[0].strip()
+        del headers["x-forwarded-prefix"]  # the dashboard's framework would believe it from anyone
         await self._app(scope, receive, _prefixing(scope["root_path"], send))
 
     def _trusts(self, address: str) -> bool:
@@ -57,19 +57,19 @@ class Proxied:
 
 
 def inner_path(scope: Scope) -> str:
-    """The path within the service, without the sub-path."""
+    """Return the path within the service, without the sub-path."""
     path: str = scope["path"]
     return path.removeprefix(scope.get("root_path", "")) or "/"
 
 
 def _prefix(headers: Headers) -> str | None:
-    """The sub-path that a proxy names, None when it names none or nothing that is one."""
-    said = headers.get("x-forwarded-prefix", "").rstrip("/")
-    return said if said and _PREFIX.fullmatch(said) else None
+    """Return the sub-path that a proxy names, None when it names none or an invalid one."""
+    prefix = headers.get("x-forwarded-prefix", "").rstrip("/")
+    return prefix if prefix and _PREFIX.fullmatch(prefix) else None
 
 
 def _set_root(scope: Scope, prefix: str) -> None:
-    """Whether or not the proxy took the sub-path off: ASGI has it in `path` and in `root_path`."""
+    """Set `root_path` and `path` as ASGI has them, whether or not the proxy has removed the sub-path."""
     path: str = scope["path"]
     if prefix and path != prefix and not path.startswith(f"{prefix}/"):
         scope["path"] = prefix + path
@@ -78,7 +78,7 @@ def _set_root(scope: Scope, prefix: str) -> None:
 
 
 def _prefixing(prefix: str, send: Send) -> Send:
-    """The send channel, which puts the sub-path before a `Location` that is a path of the service."""
+    """Return the send channel, which puts the sub-path before a `Location` that is a path of the service."""
     if not prefix:
         return send
 

@@ -1,7 +1,7 @@
-"""What every answer tells a browser: what the page may load, who may frame it, and what it may tell others.
+"""Security headers of every response: what a page may load, who may frame it, what it may reveal to others.
 
-The answers of the REST interface load nothing. Pages bring a policy of their own; the dashboard's framework compiles
-its templates in the browser and starts from inline scripts, which its policy must allow, but nothing from elsewhere.
+Responses of the REST interface load nothing. Pages have a policy of their own; the dashboard's framework compiles its
+templates in the browser and starts from inline scripts, which its policy must allow, but nothing from other hosts.
 """
 
 from __future__ import annotations
@@ -25,7 +25,10 @@ _SCRIPT = re.compile(r"<script>(.*?)</script>", re.DOTALL)
 
 
 def add(headers: MutableHeaders, *, dashboard: str | None, request_id: str) -> None:
-    """Add what an answer does not say itself. dashboard: the policy, when the answer is part of the dashboard."""
+    """Add the headers that the response does not set itself.
+
+    dashboard: the content security policy, when the response is part of the dashboard.
+    """
     headers["x-request-id"] = request_id
     for name, value in FIXED.items():
         headers[name] = value
@@ -34,7 +37,7 @@ def add(headers: MutableHeaders, *, dashboard: str | None, request_id: str) -> N
 
 
 def dashboard_policy(tile_url: str | None) -> str:
-    """The policy of the dashboard's pages; pictures may also come from the map server."""
+    """Return the policy of the dashboard's pages; images may also come from the map server."""
     tiles = ""
     if tile_url is not None:
         parts = urlsplit(tile_url)
@@ -48,7 +51,7 @@ def dashboard_policy(tile_url: str | None) -> str:
 
 
 def page_policy(html: str) -> str:
-    """The policy of a page of ours: its own inline scripts and no others."""
+    """Return the policy of a page of this service: its own inline scripts and no others."""
     digests = (base64.b64encode(sha256(script.encode()).digest()).decode() for script in _SCRIPT.findall(html))
     scripts = " ".join(f"'sha256-{digest}'" for digest in digests)
     return (

@@ -1,4 +1,4 @@
-"""`skyfolio serve`: what may be bound, and the server around the app."""
+"""The server around the app: settings that are safe to bind, uvicorn, start and stop."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from skyfolio.api.common.errors import InvalidError
 from skyfolio.api.common.logs import configure_logging
 from skyfolio.api.common.settings import Settings, default_database_url
 from skyfolio.api.http.app import create_app
-from skyfolio.api.http.connections import PatientProtocol
+from skyfolio.api.http.connections import HeaderTimeoutProtocol
 from skyfolio.api.plans.solver import Lane
 from skyfolio.api.store import Database
 
@@ -27,7 +27,7 @@ GRACE_S = 1
 
 
 class _Server(uvicorn.Server):
-    """Ends the event streams when it is told to stop: it would wait for them."""
+    """Ends the event streams when it is stopped: it would wait for them otherwise."""
 
     def __init__(self, config: uvicorn.Config, app: FastAPI) -> None:
         super().__init__(config)
@@ -39,14 +39,14 @@ class _Server(uvicorn.Server):
         await super().shutdown(sockets)
 
 
-def serve(given: dict[str, Any], *, as_json: bool, ui: bool = True, flight: Lane | None = None) -> None:
-    """Run until interrupted. Raises InvalidError for what cannot work, also an address that needs keys and has none.
+def serve(options: dict[str, Any], *, as_json: bool, ui: bool = True, flight: Lane | None = None) -> None:
+    """Run until interrupted. Raises InvalidError for settings that cannot work, and an address that needs API keys.
 
     flight: the lane of replans in flight, whose worker loads while everything else does.
     """
-    if "database_url" not in given and "SKYFOLIO_DATABASE_URL" not in os.environ:
-        given = {**given, "database_url": default_database_url()}
-    settings = settings_from(given)
+    if "database_url" not in options and "SKYFOLIO_DATABASE_URL" not in os.environ:
+        options = {**options, "database_url": default_database_url()}
+    settings = settings_from(options)
     require_usable(settings)
     with bound(settings) as listener:
         require_safe(settings)
@@ -54,7 +54,7 @@ def serve(given: dict[str, Any], *, as_json: bool, ui: bool = True, flight: Lane
         app = create_app(settings, ui=ui, flight=flight)
         config = uvicorn.Config(
             app,
-            http=PatientProtocol,
+            http=HeaderTimeoutProtocol,
             log_config=None,
             access_log=False,
             proxy_headers=False,  # `api.http.proxies` reads them
@@ -68,13 +68,17 @@ def serve(given: dict[str, Any], *, as_json: bool, ui: bool = True, flight: Lane
 
 
 def _keep_for_good() -> None:
-    """Never look again through what was imported and built: a full collection would stop the loop for 0.1 s."""
+    """Exempt what was imported and built from garbage collection: a full one would block the loop for 0.1 s."""
     gc.collect()
     gc.freeze()
+    gc.enable()  # `skyfolio serve` has switched it off for its imports
 
 
 def require_safe(settings: Settings) -> None:
-    """Refuse to let other machines in without keys: InvalidError. Raises StoreError for a database of no use."""
+    """Refuse to let other machines in without keys.
+
+    Raises InvalidError, and StoreError for a database that cannot be used.
+    """
 
     async def keys_in_use() -> bool:
         database = await Database.open(settings.database_url)

@@ -1,4 +1,4 @@
-"""What users truly get while a plan is flown: true positions, and a fading draw the planner has not seen.
+"""True rates of users while a plan is flown: true positions, and a fading draw the planner has not seen.
 
 The planner knows the channel's statistics, or one draw of it; the air draws anew. Same plan, positions and seed, same
 rates. The sums are `planner.delivered_rates_bps` (eqs. 3 and 4), on another draw of eq. (2).
@@ -19,7 +19,7 @@ from skyfolio.planner.arrays import Array
 
 
 def in_unseen_air(plan: Plan, seed: int) -> Plan:
-    """The plan under a Rician draw from `seed`, whatever fading it was made for."""
+    """Return the plan under a Rician draw from `seed`, whatever fading it was made for."""
     channel = plan.scenario.channel.model_copy(update={"fading": "sampled", "seed": seed})
     return plan.model_copy(update={"scenario": plan.scenario.model_copy(update={"channel": channel})})
 
@@ -31,9 +31,9 @@ def true_rates_bps(timeline: Sequence[InForce], samples: Sequence[Sample], n_slo
 
 
 class RadioTruth:
-    """Watches a simulated fleet fly one plan, and tells each slot's rates when the slot is over.
+    """Watches a simulated fleet fly one plan, and reports each slot's rates when the slot is over.
 
-    `uav_of` gives the UAV of a system id. A UAV that is dead, standing, or silent serves nobody.
+    `uav_of` gives the UAV of a system id. A UAV that is dead, standing, or silent serves no user.
     """
 
     def __init__(self, plan: Plan, uav_of: Mapping[int, str], *, seed: int) -> None:

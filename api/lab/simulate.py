@@ -38,7 +38,7 @@ _QUIET = ("items",)
 
 
 class SimulateError(Exception):
-    """An option of `skyfolio simulate` that cannot be."""
+    """An option of `skyfolio simulate` is wrong."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,7 +73,7 @@ class SimulateConfig:
 
 
 def fleet_of(config: SimulateConfig) -> Fleet:
-    """The fleet, with its faults scheduled and its links impaired. Raises SimulateError naming what cannot be."""
+    """Return the fleet, with its faults scheduled and its links impaired. Raises SimulateError naming the option."""
     scenario = config.plan.scenario if config.plan else config.scenario
     origin = EXAMPLES["paper"]().origin
     try:
@@ -128,13 +128,13 @@ def _record(fleet: Fleet, config: SimulateConfig, files: ExitStack) -> None:
 
 
 async def _watch(fleet: Fleet, config: SimulateConfig) -> None:
-    shown = 0
+    printed = 0
     plan = config.plan
     uavs = dict(enumerate(plan.scenario.uav_ids, start=1)) if plan else {}
     radio = RadioTruth(plan, uavs, seed=config.radio_seed) if plan else None
     while True:
-        for event in fleet.truth.events[shown:]:
-            shown += 1
+        for event in fleet.truth.events[printed:]:
+            printed += 1
             _print_event(event, config)
         if plan is not None and fleet.slots is None:
             begin_slots(fleet, plan)

@@ -1,4 +1,4 @@
-"""Flights of one UAV in virtual time, by every way of guidance: how far from the plan is it when slots end?
+"""Flights of one UAV in virtual time, by every kind of guidance, and its distance from the plan at slot ends.
 
 The vehicle is the simulator's, the guidance the bridge's own: missions, keeper and stream, fed with what the vehicle
 reports (GLOBAL_POSITION_INT at 5 Hz, MISSION_CURRENT), with the delay of a link in between.
@@ -71,7 +71,7 @@ class VirtualFlight:
         self._launch()
 
     def model(self) -> VehicleModel:
-        """From the vehicle's own parameters."""
+        """Return the model with the vehicle's own parameters."""
         known = self.vehicle.autopilot.parameters
         values = {}
         for name in self.profile.model_parameters:

@@ -24,26 +24,26 @@ Filter = Callable[[str, dict[str, Any]], int]
 
 
 def incoming(message: Message, sender: tuple[int, int] = GROUND) -> Any:
-    """A message of ours as an autopilot decodes it."""
+    """Return a message of ours as an autopilot decodes it."""
     fields = {name: value.encode() if isinstance(value, str) else value for name, value in message.fields.items()}
-    made = getattr(dialect, f"MAVLink_{message.name.lower()}_message")(**fields)
-    made._header = dialect.MAVLink_header(made.id, 0, 0, 0, 0, *sender)
-    return made
+    encoded = getattr(dialect, f"MAVLink_{message.name.lower()}_message")(**fields)
+    encoded._header = dialect.MAVLink_header(encoded.id, 0, 0, 0, 0, *sender)
+    return encoded
 
 
 def fields_of(message: Any) -> dict[str, Any]:
-    """A simulated autopilot's message as the bridge gets it."""
+    """Return a simulated autopilot's message as the bridge receives it."""
     base = getattr(message, "base", message)
     return {name: getattr(base, name) for name in base.fieldnames} | dict(getattr(message, "extension", {}))
 
 
 def everything(_name: str, _fields: dict[str, Any]) -> int:
-    """Nothing is lost."""
+    """Lose nothing."""
     return 1
 
 
 def lossy(chance: random.Random, share: float) -> Filter:
-    """Loses this share of the messages."""
+    """Lose this share of the messages."""
     return lambda _name, _fields: int(chance.random() >= share)
 
 
@@ -74,7 +74,7 @@ class Wire:
         return transfer
 
     def send(self, messages: list[Message], sender: tuple[int, int] = GROUND) -> None:
-        """Ground to vehicle."""
+        """Send a message from the ground to the vehicle."""
         for message in messages:
             for _ in range(self.up(message.name, message.fields)):
                 heard = incoming(message, sender)
@@ -107,7 +107,7 @@ class Wire:
 
 
 def autopilot_on(wire: Wire, flavour: Autopilot) -> Any:
-    """A simulated autopilot, on the ground, at the other end of the wire."""
+    """Return a simulated autopilot, on the ground, at the other end of the wire."""
     autopilot = SimulatedAutopilot(
         sim.VehicleSpec(1, 47.397742, 8.545594, autopilot=flavour.value),
         protocol_clock=lambda: wire.now_s,

@@ -1,4 +1,4 @@
-"""`skyfolio bound`: a plan, and a proof of how far from the best it can be at most."""
+"""`skyfolio bound`: a plan, and a proven bound on its distance from the optimum."""
 
 from __future__ import annotations
 
@@ -13,27 +13,27 @@ from skyfolio.planner.problem import problem_of
 
 
 class TooManyUavsError(ValueError):
-    """Branch and bound over positions is for small fleets."""
+    """The fleet is too large for branch and bound over positions."""
 
 
 def certify(scenario: Scenario, *, tolerance: float, seconds: float) -> dict[str, Any]:
-    """The plan's utility beside the bound of every feasible plan, at the root and after branching (bit/s).
+    """Return the plan's utility beside the bound of every feasible plan, at the root and after branching (bit/s).
 
     Raises TooManyUavsError beyond three UAVs.
     """
     if len(scenario.uavs) > MAX_UAVS:
         raise TooManyUavsError(f"uavs: branch and bound takes at most {MAX_UAVS} UAVs, not {len(scenario.uavs)}")
     began = time.perf_counter()
-    made = plan(scenario)
-    rates_kbps = np.array([made.user_rates_bps[user] for user in scenario.user_ids]) / 1e3
+    best = plan(scenario)
+    rates_kbps = np.array([best.user_rates_bps[user] for user in scenario.user_ids]) / 1e3
     deadline = Deadline(seconds, clock=time.monotonic)
     proven = certificate(
         problem_of(scenario), rates_kbps, tolerance=tolerance, max_nodes=10**9, stop=lambda: deadline([])
     )
-    utility = made.summary.utility_bps
-    root, bound = (max(one * 1e3, utility) for one in (proven.root_kbps, proven.bound_kbps))
+    utility = best.summary.utility_bps
+    root, bound = (max(bound_kbps * 1e3, utility) for bound_kbps in (proven.root_kbps, proven.bound_kbps))
     return {
-        "plan": made.id,
+        "plan": best.id,
         "utility_bps": utility,
         "root_bound_bps": root,
         "root_gap": root / utility - 1,
@@ -47,7 +47,7 @@ def certify(scenario: Scenario, *, tolerance: float, seconds: float) -> dict[str
 
 
 def shown(figures: dict[str, Any]) -> str:
-    """The figures in two sentences."""
+    """Return the figures in two sentences."""
     ended = "all slots settled" if figures["finished"] else "stopped early; the bound holds"
     return (
         f"utility {figures['utility_bps'] / 1e3:.2f} kbit/s; no feasible plan has more than "

@@ -1,6 +1,6 @@
-"""Plans made ahead of a loss: for each UAV that could be lost at a slot, what the survivors would do.
+"""Contingencies: plans made ahead of a loss, for each UAV that could be lost at a slot.
 
-Made in a lane of their own, stored, and used twice: as the N-1 answer to "what if", and in flight, where
+They are made in a lane of their own, stored, and used twice: for the N-1 table, and in flight, where the recovery from
 a loss whose plan is ready needs no solve.
 """
 
@@ -57,7 +57,7 @@ class ContingencyTable(BaseModel):
 
 
 class Contingencies:
-    """All plans ahead of this service, by (plan, slot, UAV)."""
+    """All contingency plans of this service, by (plan, slot, UAV)."""
 
     def __init__(self, solver: Solver, database: Database) -> None:
         self._lane, self._database = solver[LaneName.AHEAD], database
@@ -66,12 +66,12 @@ class Contingencies:
         self._tokens: set[int] = set()
 
     def ready(self, plan: Plan, at_slot: int, uav_id: str) -> Plan | None:
-        """The plan for this loss if it is there now."""
-        found = self._ready.get((plan.id, at_slot, uav_id))
-        return found if isinstance(found, Plan) else None
+        """Return the plan for this loss if it is there now."""
+        outcome = self._ready.get((plan.id, at_slot, uav_id))
+        return outcome if isinstance(outcome, Plan) else None
 
     async def make(self, plan: Plan, at_slot: int, uav_ids: tuple[str, ...]) -> None:
-        """Make what is missing for these losses at that slot, one after the other. Raises BusyError."""
+        """Make the plans that are missing for these losses at that slot, one after the other. Raises BusyError."""
         keys = [(plan.id, at_slot, uav_id) for uav_id in uav_ids]
         if any(key not in self._ready and key not in self._under_way for key in keys):
             await self._load(plan.id, at_slot)
@@ -79,22 +79,22 @@ class Contingencies:
             await self._one(plan, at_slot, uav_id)
 
     async def table_of(self, plan: Plan, at_slot: int, wait_s: float) -> list[Contingency]:
-        """Rows for every UAV, as many as were ready within `wait_s` wall seconds."""
+        """Return the rows of every UAV whose plan was ready within `wait_s` wall seconds."""
         with suppress(TimeoutError):
             async with asyncio.timeout(wait_s):
                 await self.make(plan, at_slot, plan.scenario.uav_ids)
-        found = {uav: self._ready.get((plan.id, at_slot, uav)) for uav in plan.scenario.uav_ids}
+        outcomes = {uav: self._ready.get((plan.id, at_slot, uav)) for uav in plan.scenario.uav_ids}
         return await asyncio.to_thread(
-            rows_of, plan, at_slot, {uav: one for uav, one in found.items() if one is not None}
+            rows_of, plan, at_slot, {uav: outcome for uav, outcome in outcomes.items() if outcome is not None}
         )
 
     def yield_to_flight(self) -> None:
-        """A loss has happened: what is being made ahead ends now, and leaves the cores to the replan."""
+        """End the solves that are running, so that the replan of a real loss has the cores."""
         for token in self._tokens:
             self._lane.stop(token)
 
     async def close(self) -> None:
-        """End what is under way."""
+        """Cancel the solves that are running."""
         for task in self._under_way.values():
             task.cancel()
         await asyncio.gather(*self._under_way.values(), return_exceptions=True)
@@ -108,7 +108,7 @@ class Contingencies:
             task = asyncio.create_task(self._solve(plan, at_slot, uav_id))
             self._under_way[key] = task
             task.add_done_callback(lambda _: self._under_way.pop(key, None))
-        await asyncio.shield(task)  # who waits may give up; the plan is made all the same
+        await asyncio.shield(task)  # a caller may give up waiting; the plan is made anyway
 
     async def _solve(self, plan: Plan, at_slot: int, uav_id: str) -> Plan | str:
         key = (plan.id, at_slot, uav_id)
@@ -123,37 +123,37 @@ class Contingencies:
             token = self._lane.reserve()
             self._tokens.add(token)
             try:
-                made: Plan | str = Plan.model_validate_json((await self._lane.solve(job, token)).plan)
+                outcome: Plan | str = Plan.model_validate_json((await self._lane.solve(job, token)).plan)
             finally:
                 self._tokens.discard(token)
         except (ReplanError, SolveError) as error:
-            made = str(error)
-        self._remember(key, made)
-        await self._store(key, made)
-        return made
+            outcome = str(error)
+        self._remember(key, outcome)
+        await self._store(key, outcome)
+        return outcome
 
-    def _remember(self, key: tuple[str, int, str], made: Plan | str) -> None:
+    def _remember(self, key: tuple[str, int, str], outcome: Plan | str) -> None:
         while len(self._ready) >= KEEP_IN_MEMORY:
             self._ready.pop(next(iter(self._ready)))
-        self._ready[key] = made
+        self._ready[key] = outcome
 
     async def _load(self, plan_id: str, at_slot: int) -> None:
-        wanted = select(table).where(table.c.plan_id == plan_id, table.c.at_slot == at_slot)
-        for row in await self._database.rows(wanted):
+        query = select(table).where(table.c.plan_id == plan_id, table.c.at_slot == at_slot)
+        for row in await self._database.rows(query):
             key = (plan_id, at_slot, row.uav_id)
             if key not in self._ready:
                 self._remember(key, Plan.model_validate_json(row.result) if row.result else str(row.error))
                 await asyncio.sleep(0)  # a large fleet's plans take a while: let others take turns
 
-    async def _store(self, key: tuple[str, int, str], made: Plan | str) -> None:
-        plan = made if isinstance(made, Plan) else None
+    async def _store(self, key: tuple[str, int, str], outcome: Plan | str) -> None:
+        plan = outcome if isinstance(outcome, Plan) else None
         row = {
             "plan_id": key[0],
             "at_slot": key[1],
             "uav_id": key[2],
             "created_at": time.time(),
             "result": plan.model_dump_json() if plan else None,
-            "error": None if plan else made,
+            "error": None if plan else outcome,
         }
         insert = postgresql.insert if self._database.is_postgresql else sqlite.insert
         try:
@@ -162,28 +162,28 @@ class Contingencies:
             log.warning("contingency not stored", error=str(error))
 
 
-def rows_of(plan: Plan, at_slot: int, made: Mapping[str, Plan | str]) -> list[Contingency]:
-    """Rows of these losses; for a large fleet that takes seconds, beside the event loop."""
-    return [_row(plan, at_slot, uav, one) for uav, one in made.items()]
+def rows_of(plan: Plan, at_slot: int, outcomes: Mapping[str, Plan | str]) -> list[Contingency]:
+    """Return the rows of these losses; for a large fleet that takes seconds, so call it in a thread."""
+    return [_row(plan, at_slot, uav, outcome) for uav, outcome in outcomes.items()]
 
 
-def _row(plan: Plan, at_slot: int, uav_id: str, made: Plan | str) -> Contingency:
+def _row(plan: Plan, at_slot: int, uav_id: str, outcome: Plan | str) -> Contingency:
     without = _without_replan_bps(plan, at_slot, uav_id)
-    if isinstance(made, str):
-        return Contingency(uav_id=uav_id, mean_sum_rate_without_replan_bps=without, error=made)
+    if isinstance(outcome, str):
+        return Contingency(uav_id=uav_id, mean_sum_rate_without_replan_bps=without, error=outcome)
     return Contingency(
         uav_id=uav_id,
-        mean_sum_rate_bps=made.summary.mean_sum_rate_bps,
+        mean_sum_rate_bps=outcome.summary.mean_sum_rate_bps,
         mean_sum_rate_without_replan_bps=without,
-        user_mean_rates_bps={user: sum(rates) / len(rates) for user, rates in made.user_rates_bps.items()},
-        utility_bps=made.summary.utility_bps,
-        solve_ms=made.solve_ms,
+        user_mean_rates_bps={user: sum(rates) / len(rates) for user, rates in outcome.user_rates_bps.items()},
+        utility_bps=outcome.summary.utility_bps,
+        solve_ms=outcome.solve_ms,
     )
 
 
 def _without_replan_bps(plan: Plan, at_slot: int, uav_id: str) -> float:
-    """Mean sum rate of the slots from `at_slot` on when this UAV is gone and the others fly the plan all the same."""
+    """Return the mean sum rate from `at_slot` on when this UAV is gone and the others fly on by the plan."""
     slots = np.arange(at_slot - plan.first_slot, plan.scenario.slots, dtype=np.intp)
     paths_m = np.array([plan.trajectories_m[uav] for uav in plan.scenario.uav_ids])
-    there = np.array([[uav != uav_id for uav in plan.scenario.uav_ids]] * len(slots))
-    return float(delivered_rates_bps(plan, slots, np.moveaxis(paths_m[:, slots], 0, 1), there).sum(axis=1).mean())
+    flying = np.array([[uav != uav_id for uav in plan.scenario.uav_ids]] * len(slots))
+    return float(delivered_rates_bps(plan, slots, np.moveaxis(paths_m[:, slots], 0, 1), flying).sum(axis=1).mean())

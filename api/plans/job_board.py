@@ -1,4 +1,4 @@
-"""What the service and a planner process both see of each job: a stop flag, how far it is, its best plan so far."""
+"""Shared state of each job between service and planner process: stop flag, progress, best plan so far."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ class Progress(BaseModel):
 
 
 class Worker(NamedTuple):
-    """Who runs a job: process id, 0 when nobody does, and the monotonic second when it began, 0 before that."""
+    """The process that runs a job: its id, 0 when there is none, and the monotonic second when it began, 0 before."""
 
     pid: int
     began_s: float
 
 
-class Board:
+class JobBoard:
     """Rows of shared memory, one for each job by its token; best plans are files, replaced whole.
 
-    It travels to each worker when that starts. A worker may be killed at any moment: nothing here is locked.
+    Each worker receives it when it starts. A worker may be killed at any moment: nothing here is locked.
     """
 
     def __init__(self, context: SpawnContext, jobs: int, folder: Path) -> None:
@@ -43,58 +43,58 @@ class Board:
         self._folder = folder
 
     def clear(self, token: int) -> None:
-        """A new job has this token now; it waits."""
+        """Reset the row of this token for a new job, which waits."""
         self._stop[token] = 0
         self._rows[token * _FIELDS : (token + 1) * _FIELDS] = [0.0] * _FIELDS
 
-    # -- said by the service, read by the worker -------------------------------------------------------------------
+    # -- written by the service, read by the worker -------------------------------------------------------------------
 
     def stop(self, token: int) -> None:
-        """The job should return the best it has."""
+        """Ask the job to return the best plan it has."""
         self._stop[token] = 1
 
     def stopped(self, token: int) -> bool:
-        """Whether it should."""
+        """Return whether the job has been asked to stop."""
         return bool(self._stop[token])
 
-    # -- said by the worker, read by the service -------------------------------------------------------------------
+    # -- written by the worker, read by the service -------------------------------------------------------------------
 
     def begin(self, token: int) -> None:
-        """This process runs the job."""
+        """Note that this process runs the job."""
         self._file(token).unlink(missing_ok=True)
         self._rows[token * _FIELDS : token * _FIELDS + 2] = [os.getpid(), time.monotonic()]
 
     def end(self, token: int) -> None:
-        """It no longer does."""
+        """Note that this process no longer runs the job."""
         self._rows[token * _FIELDS] = 0
         self._file(token).unlink(missing_ok=True)
 
     def worker(self, token: int) -> Worker:
-        """Who runs the job."""
+        """Return who runs the job."""
         pid, began_s = self._rows[token * _FIELDS : token * _FIELDS + 2]
         return Worker(int(pid), began_s)
 
     def note(self, token: int, iteration: Iteration) -> None:
-        """How far the job is."""
+        """Note how far the job is."""
         at = token * _FIELDS
         self._rows[at + 2 : at + _FIELDS] = [iteration.iteration, iteration.utility_bps, iteration.mean_sum_rate_bps]
 
     def progress(self, token: int) -> Progress | None:
-        """What the job has reached, None before its first iteration."""
+        """Return what the job has reached, None before its first iteration."""
         iterations, utility, rate = self._rows[token * _FIELDS + 2 : (token + 1) * _FIELDS]
         if not iterations:
             return None
         return Progress(iterations=int(iterations), utility_bps=utility, mean_sum_rate_bps=rate)
 
     def show(self, token: int, plan: str) -> None:
-        """The best plan so far, as JSON."""
+        """Publish the best plan so far, as JSON."""
         file = self._file(token)
         new = file.with_suffix(".new")
         new.write_text(plan, encoding="utf-8")
         new.replace(file)
 
     def best(self, token: int) -> str | None:
-        """The plan that was shown last, None while there is none. Reads a file: not for the event loop."""
+        """Return the plan that was published last, None while there is none. Reads a file: not for the event loop."""
         with suppress(FileNotFoundError):
             return self._file(token).read_text(encoding="utf-8")
         return None

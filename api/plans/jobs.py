@@ -1,4 +1,4 @@
-"""What goes to a planner process and what comes back. Light: whoever asks for a solve loads no solver."""
+"""Messages to and from a planner process. Importing this loads no solver."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Job:
 
 @dataclass(frozen=True, kw_only=True)
 class Solved:
-    """What a worker hands back: a plan as JSON with its status, or how it failed."""
+    """What a worker returns: a plan as JSON with its status, or the reason why there is none."""
 
     status: PlanStatus
     plan: str = ""

@@ -1,8 +1,9 @@
-"""Whether worker processes answer: each beats in shared memory, from a thread of its own, whatever it is solving.
+"""Tells whether worker processes respond: each writes heartbeats into shared memory, from a thread of its own.
 
-A busy worker beats between two steps of its solve; one that is stopped, dead, or stuck in native code does not. One
-that is cold, because it still loads or compiles kernels, is given longer: the compiler holds it for seconds, on a busy
-machine for many. It says so in shared memory, and each step of the compiler counts as a beat.
+A busy worker does so between two steps of its solve; one that is stopped, dead, or stuck in native code does not. A
+worker that is cold, because it is still loading or compiling kernels, is given longer: the compiler blocks it for
+seconds, on a busy machine for many. It notes that in shared memory, and each step of the compiler counts as a
+heartbeat.
 """
 
 from __future__ import annotations
@@ -16,109 +17,111 @@ from multiprocessing.context import SpawnContext
 from typing import Any, NamedTuple
 
 EVERY_S = 0.25
-"""Wall seconds between two beats."""
+"""Wall seconds between two heartbeats."""
 SILENT_S = 3.0
-"""A worker that has not beaten for so long does not answer: longer than any solver step on a loaded machine."""
+"""A worker without a heartbeat for so long does not respond: longer than any solver step on a loaded machine."""
 STUCK_S = 15.0
-"""A worker that has not beaten for so long is killed, so that another one can take its place."""
+"""A worker without a heartbeat for so long is killed, so that another one can replace it."""
 COLD_SILENT_S = 60.0
 """The same as SILENT_S for a cold one: longer than any step of the compiler on a loaded machine."""
 COLD_STUCK_S = 120.0
 """The same as STUCK_S for a cold one, times `patience`."""
 _FIELDS = (
-    3  # of one worker: its process id, when it beat last (monotonic, the same clock in all processes), whether cold
+    3  # of one worker: its process id, its last heartbeat (monotonic, the same clock in all processes), whether cold
 )
 
 
 class _Worker(NamedTuple):
     pid: int
-    beat_s: float
+    heartbeat_s: float
     cold: bool
 
 
-class Beats:
-    """The beats of one pool of at most `workers` processes. `shared` is what each worker gets."""
+class WorkerHeartbeats:
+    """The heartbeats of one pool of at most `workers` processes. `shared` is passed to each worker."""
 
     def __init__(self, context: SpawnContext, workers: int) -> None:
         self._next = context.Value("i", 0)
-        self._beats = context.Array("d", workers * _FIELDS, lock=False)
-        self.shared: tuple[Any, Any] = (self._next, self._beats)
+        self._heartbeats = context.Array("d", workers * _FIELDS, lock=False)
+        self.shared: tuple[Any, Any] = (self._next, self._heartbeats)
 
     @property
     def begun(self) -> bool:
-        """Whether a worker has ever beaten."""
+        """Return whether a worker has ever sent a heartbeat."""
         return any(self._workers())
 
     @property
     def cold(self) -> bool:
-        """Whether a worker loads or compiles kernels now."""
+        """Return whether a worker is loading or compiling kernels now."""
         return any(worker.cold for worker in self._workers())
 
     @property
     def warm(self) -> int:
-        """How many workers have all kernels."""
+        """Return how many workers have loaded all kernels."""
         return sum(not worker.cold for worker in self._workers())
 
     def is_cold(self, pid: int) -> bool:
-        """Whether this worker loads or compiles kernels now."""
+        """Return whether this worker is loading or compiling kernels now."""
         return any(worker.cold for worker in self._workers() if worker.pid == pid)
 
     def answer(self) -> bool:
-        """Whether all that have begun are there, and one of them has beaten lately."""
+        """Return whether all workers that have started exist, and one of them has sent a heartbeat lately."""
         if self.gone():
             return False
         now = time.monotonic()
-        return any(now - worker.beat_s < (COLD_SILENT_S if worker.cold else SILENT_S) for worker in self._workers())
+        return any(
+            now - worker.heartbeat_s < (COLD_SILENT_S if worker.cold else SILENT_S) for worker in self._workers()
+        )
 
     def silent_for_s(self) -> float:
-        """Wall seconds since the worker that beat last did; infinite before any has."""
-        return time.monotonic() - max((worker.beat_s for worker in self._workers()), default=float("-inf"))
+        """Return the wall seconds since the last heartbeat of any worker; infinite before the first."""
+        return time.monotonic() - max((worker.heartbeat_s for worker in self._workers()), default=float("-inf"))
 
     def gone(self) -> bool:
-        """Whether a worker that has beaten is no longer there."""
+        """Return whether a worker that has sent a heartbeat no longer exists."""
         return any(not _exists(worker.pid) for worker in self._workers())
 
     def kill_stuck(self, patience: float = 1.0) -> None:
-        """Kill who has not beaten for STUCK_S, COLD_STUCK_S times patience when cold: its pool breaks, is made anew."""
+        """Kill workers without a heartbeat for STUCK_S, or COLD_STUCK_S times patience while cold."""
         now = time.monotonic()
         for worker in self._workers():
-            if now - worker.beat_s > (COLD_STUCK_S * patience if worker.cold else STUCK_S):
+            if now - worker.heartbeat_s > (COLD_STUCK_S * patience if worker.cold else STUCK_S):
                 with suppress(ProcessLookupError):
                     os.kill(worker.pid, signal.SIGKILL)
 
     def _workers(self) -> Iterator[_Worker]:
-        for at in range(0, len(self._beats), _FIELDS):
-            pid, beat_s, cold = self._beats[at : at + _FIELDS]
-            if beat_s > 0:
-                yield _Worker(int(pid), beat_s, bool(cold))
+        for at in range(0, len(self._heartbeats), _FIELDS):
+            pid, heartbeat_s, cold = self._heartbeats[at : at + _FIELDS]
+            if heartbeat_s > 0:
+                yield _Worker(int(pid), heartbeat_s, bool(cold))
 
 
-class Place:
-    """In a worker: its place among the beats."""
+class WorkerHeartbeat:
+    """In a worker: its own row among the heartbeats."""
 
-    def __init__(self, next_worker: Any, beats: Any) -> None:
+    def __init__(self, next_worker: Any, rows: Any) -> None:
         with next_worker.get_lock():
             self._at, next_worker.value = next_worker.value * _FIELDS, next_worker.value + 1
-        self._beats = beats
+        self._heartbeats = rows
         self.set_cold(True)
-        beats[self._at] = os.getpid()
+        rows[self._at] = os.getpid()
 
     def beat(self) -> None:
-        """Now."""
-        self._beats[self._at + 1] = time.monotonic()
+        """Send a heartbeat."""
+        self._heartbeats[self._at + 1] = time.monotonic()
 
     def beat_for_ever(self) -> None:
-        """For a thread of its own."""
+        """Send heartbeats for ever, in a thread of its own."""
         while True:
             self.beat()
             time.sleep(EVERY_S)
 
     def set_cold(self, cold: bool) -> None:
-        """Say whether it loads or compiles kernels from now on."""
-        self._beats[self._at + 2] = cold
+        """Set whether this worker is loading or compiling kernels."""
+        self._heartbeats[self._at + 2] = cold
 
     def note_compiling(self, depth: int) -> None:
-        """A step of the compiler, with so many kernels begun and not ended."""
+        """Note a step of the compiler, with so many kernels begun and not ended."""
         self.set_cold(depth > 0)
         self.beat()
 

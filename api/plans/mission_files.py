@@ -1,4 +1,4 @@
-"""The MAVLink missions of a plan, as the formats the service and the command line give out."""
+"""The MAVLink missions of a plan, in the file formats that the service and the command line offer."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ class Missions:
         self._plan, self._autopilot = plan, autopilot
 
     def as_json(self, uav_id: str | None = None) -> dict[str, list[dict[str, Any]]]:
-        """MISSION_ITEM_INT rows of each UAV (or of one): degrees times 1e7, metres above home."""
+        """Return the MISSION_ITEM_INT rows of each UAV (or of one): degrees times 1e7, metres above home."""
         ids = self._plan.scenario.uav_ids if uav_id is None else (self._one(uav_id),)
-        return {one: [asdict(item) for item in self._mission(one).items] for one in ids}
+        return {uav: [asdict(item) for item in self._mission(uav).items] for uav in ids}
 
     def qgc_plan(self, uav_id: str | None) -> dict[str, Any]:
-        """One UAV's mission as a QGroundControl `.plan`, with the geofence and rally point of its flight."""
+        """Return one UAV's mission as a QGroundControl `.plan`, with the geofence and rally point of its flight."""
         scenario, uav = self._plan.scenario, self._plan.scenario.uav(self._one(uav_id))
         return to_qgc_plan(
             self._mission(uav.id),
@@ -32,14 +32,14 @@ class Missions:
         )
 
     def waypoints(self, uav_id: str | None) -> str:
-        """One UAV's mission as a `QGC WPL 110` text."""
+        """Return one UAV's mission as a `QGC WPL 110` text."""
         return to_waypoints(self._mission(self._one(uav_id)))
 
     def _mission(self, uav_id: str) -> Mission:
         return compile_mission(self._plan, uav_id, autopilot=self._autopilot)
 
     def _one(self, uav_id: str | None) -> str:
-        """These files hold one vehicle. Raises InvalidError for an unknown UAV, or none where there are several."""
+        """Return the id of the one UAV. Raises InvalidError for an unknown one, or none where there are several."""
         ids = self._plan.scenario.uav_ids
         if uav_id is None and len(ids) == 1:
             return ids[0]

@@ -1,4 +1,4 @@
-"""Plans as resources: what was asked, how far it is, and what came out. Stored; recent ones are also in memory."""
+"""Plans as resources: request, progress and result. All are stored; recent ones are also in memory."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 import structlog
 
 from skyfolio.api.common.errors import ConflictError, NotFoundError
-from skyfolio.api.common.idempotency import Creation
+from skyfolio.api.common.idempotency import NewResource
 from skyfolio.api.common.settings import Settings
 from skyfolio.api.plans.jobs import Job
 from skyfolio.api.plans.plan_records import PlanRecord, UnfinishedPlan
@@ -35,25 +35,25 @@ class PlanBook:
         self._tasks: set[asyncio.Task[None]] = set()
         self._number = 0
         self.on_solved: Callable[[str, float, int], None] = lambda kind, seconds, iterations: None  # noqa: ARG005
-        """Told of each solve: plan or replan, seconds in the optimiser, iterations."""
+        """Called after each solve: plan or replan, seconds in the optimiser, iterations."""
 
     async def start(self) -> None:
-        """Take over what the last process left: solves it did not finish are `interrupted`."""
+        """Take over what the last process left: solves it did not finish end as `interrupted`."""
         self._number = await self.store.last_number()
         for plan_id in await self.store.unended():
-            said = "the service was stopped before the plan was finished"
-            await self.store.interrupt(plan_id, said)
-            self._events.add("plan_ended", plan_id=plan_id, status=PlanStatus.INTERRUPTED.value, error=said)
+            error = "the service was stopped before the plan was finished"
+            await self.store.interrupt(plan_id, error)
+            self._events.add("plan_ended", plan_id=plan_id, status=PlanStatus.INTERRUPTED.value, error=error)
 
     async def record(self, plan_id: str) -> PlanRecord:
-        """The resource. Raises NotFoundError."""
-        found = self._active.get(plan_id) or self._recent.get(plan_id) or await self._load(plan_id)
-        if found is None:
+        """Return the resource. Raises NotFoundError."""
+        record = self._active.get(plan_id) or self._recent.get(plan_id) or await self._load(plan_id)
+        if record is None:
             raise NotFoundError(f"plan {plan_id!r} does not exist")
-        return found
+        return record
 
     async def finished(self, plan_id: str) -> Plan:
-        """The plan itself. Raises NotFoundError, or ConflictError while it has no result."""
+        """Return the plan itself. Raises NotFoundError, or ConflictError while it has no result."""
         record = await self.record(plan_id)
         if record.plan is None:
             raise ConflictError(f"plan {plan_id!r} is {record.status.value} and has no result to use")
@@ -62,11 +62,11 @@ class PlanBook:
     # -- making and ending them -----------------------------------------------------------------------------------
 
     async def submit(
-        self, scenario: Scenario, creation: Creation, deadline_s: float | None = None, starts: int | None = None
+        self, scenario: Scenario, creation: NewResource, deadline_s: float | None = None, starts: int | None = None
     ) -> PlanRecord:
         """Queue a plan for `scenario`. Raises BusyError; returns the same resource for the same Idempotency-Key."""
-        if found := await self._made_before(creation):
-            return found
+        if existing := await self._made_before(creation):
+            return existing
         text = scenario.model_dump_json()
         job = Job(
             scenario=text, deadline_s=deadline_s or self._deadline_s, starts=starts, most_starts=self._most_starts
@@ -78,14 +78,14 @@ class PlanBook:
         previous: Plan,
         request: dict[str, Any],
         cause: Cause,
-        creation: Creation,
+        creation: NewResource,
         *,
         deadline_s: float | None = None,
         lane: LaneName = LaneName.REQUESTS,
     ) -> PlanRecord:
         """Queue a replan of a finished plan; `request` holds arguments of `planner.replan`. Raises BusyError."""
-        if found := await self._made_before(creation):
-            return found
+        if existing := await self._made_before(creation):
+            return existing
         job = Job(previous=previous.model_dump_json(), request=request, deadline_s=deadline_s or self._deadline_s)
         return self._start(
             job,
@@ -97,8 +97,8 @@ class PlanBook:
             scenario=previous.scenario.model_dump_json(),
         )
 
-    async def adopt(self, plan: Plan, creation: Creation) -> Plan:
-        """Store a plan that was made ahead of its need, under a new id. Durable when it returns."""
+    async def adopt(self, plan: Plan, creation: NewResource) -> Plan:
+        """Store a plan that was made ahead of time, under a new id. Durable when it returns."""
         plan = plan.model_copy(update={"id": creation.id})
         record = self._new(
             creation,
@@ -115,14 +115,14 @@ class PlanBook:
         return plan
 
     async def cancel(self, plan_id: str) -> PlanRecord:
-        """Ask a running plan to return the best it has; a finished one stays as it is."""
+        """Ask a running plan to return the best result it has; an ended one stays as it is."""
         record = await self.record(plan_id)
         if not record.ended:
             self._solver[record.lane].stop(record.token)
         return record
 
     async def wait(self, record: PlanRecord, seconds: float) -> bool:
-        """Wait until the plan has ended, at most that long; whether it has."""
+        """Wait at most that many seconds until the plan has ended. Return whether it has."""
         if record.done.is_set() or seconds <= 0:
             return record.done.is_set()
         try:
@@ -133,7 +133,7 @@ class PlanBook:
         return True
 
     async def text(self, record: PlanRecord) -> str:
-        """The plan as JSON; without a result: what is known of it, and the best plan so far."""
+        """Return the plan as JSON; while it has no result, what is known of it and the best plan so far."""
         best = await self._best_so_far(record)
         if record.result is not None:
             return record.result
@@ -157,14 +157,14 @@ class PlanBook:
         return await lane.best(record.token, record.id)
 
     async def forget_ended(self, before: float) -> int:
-        """Delete plans that ended before that UTC second and that no operation flew; how many."""
-        gone = await self.store.forget_ended(before)
-        for plan_id in gone:
+        """Delete plans that ended before that UTC second and that no operation flew. Return how many."""
+        forgotten = await self.store.forget_ended(before)
+        for plan_id in forgotten:
             self._recent.pop(plan_id, None)
-        return len(gone)
+        return len(forgotten)
 
     async def close(self) -> None:
-        """Ask every running solve to stop and forget those that wait: they end `interrupted`."""
+        """Ask every running solve to stop and cancel those that wait: they end as `interrupted`."""
         for record in self._active.values():
             self._solver[record.lane].stop(record.token)
         for task in self._tasks:
@@ -173,16 +173,16 @@ class PlanBook:
 
     # -- inside ---------------------------------------------------------------------------------------------------
 
-    async def _made_before(self, creation: Creation) -> PlanRecord | None:
+    async def _made_before(self, creation: NewResource) -> PlanRecord | None:
         if creation.fingerprint is None:
             return None
-        found = self._active.get(creation.id) or self._recent.get(creation.id) or await self._load(creation.id)
-        found = found or self._active.get(creation.id)  # made by a twin while we looked
-        if found is not None:
-            creation.require_same(found.fingerprint)
-        return found
+        record = self._active.get(creation.id) or self._recent.get(creation.id) or await self._load(creation.id)
+        record = record or self._active.get(creation.id)  # submitted by a concurrent request meanwhile
+        if record is not None:
+            creation.require_same(record.fingerprint)
+        return record
 
-    def _new(self, creation: Creation, **fields: Any) -> PlanRecord:
+    def _new(self, creation: NewResource, **fields: Any) -> PlanRecord:
         self._number += 1
         return PlanRecord(
             id=creation.id,
@@ -193,7 +193,7 @@ class PlanBook:
             **fields,
         )
 
-    def _start(self, job: Job, creation: Creation, lane: LaneName, **fields: Any) -> PlanRecord:
+    def _start(self, job: Job, creation: NewResource, lane: LaneName, **fields: Any) -> PlanRecord:
         token = self._solver[lane].reserve()
         record = self._new(creation, lane=lane, token=token, **fields)
         job.identity.update(id=record.id, cause=record.cause.model_dump(mode="json"))
@@ -237,7 +237,7 @@ class PlanBook:
             self._recent.popitem(last=False)
 
     async def _load(self, plan_id: str) -> PlanRecord | None:
-        found = await self.store.load(plan_id)
-        if found is not None:
-            self._remember(found)
-        return found
+        record = await self.store.load(plan_id)
+        if record is not None:
+            self._remember(record)
+        return record

@@ -1,4 +1,4 @@
-"""A plan as a resource: what the service knows of it, and what clients see while it has no result."""
+"""A plan as a resource: its record, and what clients see while it has no result."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class UnfinishedPlan(BaseModel):
 
 
 class PlanRow(BaseModel):
-    """A line of the list of plans. Times are UTC seconds since 1970."""
+    """A row of the list of plans. Times are UTC seconds since 1970."""
 
     id: str
     status: PlanStatus
@@ -72,19 +72,19 @@ class PlanRecord:
 
     @property
     def plan(self) -> Plan | None:
-        """The result, None while there is none."""
+        """Return the result, None while there is none."""
         if self._plan is None and self.result is not None:
             self._plan = Plan.model_validate_json(self.result)
         return self._plan
 
     @property
     def ended(self) -> bool:
-        """Whether nothing of it changes any more."""
+        """Return whether the plan is final."""
         return self.status in ENDED
 
 
 def _already() -> asyncio.Future[None]:
-    """The future of something that is stored."""
+    """Return the future of something that is stored already."""
     done: asyncio.Future[None] = asyncio.get_running_loop().create_future()
     done.set_result(None)
     return done

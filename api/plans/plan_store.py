@@ -1,4 +1,4 @@
-"""Plans in the database: written when asked for and when they end, read when they are no longer in memory."""
+"""Plans in the database: written when requested and when they end, read when they are no longer in memory."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ class PlanStore:
         self._database = database
 
     async def last_number(self) -> int:
-        """How many plans there have been."""
+        """Return how many plans there have been."""
         return (await self._database.rows(select(func.max(table.c.number))))[0][0] or 0
 
     async def unended(self) -> list[str]:
-        """Ids of plans that were queued or running when they were last written."""
-        wanted = select(table.c.id).where(table.c.status.in_([PlanStatus.QUEUED, PlanStatus.RUNNING]))
-        return [row.id for row in await self._database.rows(wanted)]
+        """Return the ids of plans that were queued or running when they were last written."""
+        query = select(table.c.id).where(table.c.status.in_([PlanStatus.QUEUED, PlanStatus.RUNNING]))
+        return [row.id for row in await self._database.rows(query)]
 
     def add(self, record: PlanRecord) -> asyncio.Future[None]:
         """Store a new plan; `added` waits for it."""
@@ -69,7 +69,7 @@ class PlanStore:
         await self._database.keep((_END, row))
 
     async def load(self, plan_id: str) -> PlanRecord | None:
-        """The plan as it was stored."""
+        """Return the plan as it was stored."""
         rows = await self._database.rows(select(table).where(table.c.id == plan_id))
         if not rows:
             return None
@@ -92,23 +92,23 @@ class PlanStore:
         return record
 
     async def rows(self, limit: int, before: int | None = None, status: PlanStatus | None = None) -> list[Row[Any]]:
-        """The newest plans (older than number `before`), without their results."""
+        """Return the newest plans (older than number `before`), without their results."""
         columns = [column for column in table.c if column.name not in {"scenario", "result"}]
-        wanted = select(*columns).order_by(table.c.number.desc()).limit(limit)
+        query = select(*columns).order_by(table.c.number.desc()).limit(limit)
         if before is not None:
-            wanted = wanted.where(table.c.number < before)
+            query = query.where(table.c.number < before)
         if status is not None:
-            wanted = wanted.where(table.c.status == status)
-        return list(await self._database.rows(wanted))
+            query = query.where(table.c.status == status)
+        return list(await self._database.rows(query))
 
     async def forget_ended(self, before: float) -> list[str]:
         """Delete plans that ended before that UTC second and that no operation flew; their ids."""
         old = select(table.c.id).where(table.c.ended_at < before, table.c.operation_id.is_(None))
-        gone = [row.id for row in await self._database.rows(old)]
-        for start in range(0, len(gone), FORGET_AT_ONCE):
-            some = gone[start : start + FORGET_AT_ONCE]
-            await self._database.write(delete(table).where(table.c.id.in_(some)))
-        return gone
+        ids = [row.id for row in await self._database.rows(old)]
+        for start in range(0, len(ids), FORGET_AT_ONCE):
+            batch = ids[start : start + FORGET_AT_ONCE]
+            await self._database.write(delete(table).where(table.c.id.in_(batch)))
+        return ids
 
 
 def _is_a_flights(record: PlanRecord) -> bool:

@@ -1,9 +1,9 @@
-"""Solves run in worker processes: the event loop that watches heartbeats never waits for an optimiser.
+"""Solves in worker processes: the event loop that watches heartbeats never waits for an optimiser.
 
-Three lanes: `flight` for replans of operations in the air and nothing else, `requests` for what clients ask, `ahead`
-for plans made ahead of a loss, in flight or because a client asks what would be. Neither a client nor a plan that may
-never be needed can make a fleet wait. Scenarios and plans cross the border between processes as JSON, which is also
-what is stored and answered: nothing is encoded twice.
+Three lanes: `flight` for replans of operations in the air and nothing else, `requests` for those of clients, `ahead`
+for contingencies, made in flight or for a client. Neither a client nor a plan that may never be needed can delay a
+fleet. Scenarios and plans pass between processes as JSON, which is also what is stored and sent: nothing is encoded
+twice.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ from enum import StrEnum
 from pathlib import Path
 
 from skyfolio.api.common.errors import BusyError
-from skyfolio.api.plans.job_board import Board, Progress
+from skyfolio.api.plans.job_board import JobBoard, Progress
 from skyfolio.api.plans.jobs import Job, Solved
-from skyfolio.api.plans.liveness import Beats
+from skyfolio.api.plans.liveness import WorkerHeartbeats
 from skyfolio.api.plans.worker import begin_worker, ready, run
 from skyfolio.planner import PlanStatus
 
 OVERRUN_S = 10.0
-"""A worker that is so late beyond its deadline hangs, and is killed."""
+"""A worker that exceeds its deadline by so much hangs, and is killed."""
 START_S = 60.0
-"""A new worker is given so long to begin to beat."""
+"""A new worker has so long to send its first heartbeat."""
 CLOSE_S = 0.5
 """Workers have so long to end by themselves."""
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.5, 30.0
-"""Between two tries to start workers that end before they are warm."""
+"""Pauses between two attempts to start workers that end before they are warm."""
 MOST_PATIENCE = 16.0
 AHEAD_NICENESS = 5
 
@@ -49,7 +49,7 @@ class LaneName(StrEnum):
 
 
 class SolveError(Exception):
-    """A solve without a result: `status` infeasible when the problem has none, failed when the solver broke."""
+    """The solve has no result. `status`: infeasible when the problem has no solution, failed when the solver broke."""
 
     def __init__(self, status: PlanStatus, message: str) -> None:
         super().__init__(message)
@@ -62,7 +62,7 @@ class Lane:
     def __init__(self, workers: int, queue_limit: int, niceness: int = 0) -> None:
         self._context = multiprocessing.get_context("spawn")
         self._folder = tempfile.TemporaryDirectory(prefix="skyfolio-plans-")
-        self._board = Board(self._context, queue_limit, Path(self._folder.name))
+        self._board = JobBoard(self._context, queue_limit, Path(self._folder.name))
         self._free = list(range(queue_limit))
         self._limit = queue_limit
         self._niceness = niceness
@@ -73,50 +73,52 @@ class Lane:
         self._pool = self._make_pool()
 
     def _make_pool(self) -> ProcessPoolExecutor:
-        self._beats = Beats(self._context, self.workers)
+        self._heartbeats = WorkerHeartbeats(self._context, self.workers)
         self._asked_s = math.inf
-        shared = (self._board, self._niceness, *self._beats.shared)
+        shared = (self._board, self._niceness, *self._heartbeats.shared)
         return ProcessPoolExecutor(self.workers, mp_context=self._context, initializer=begin_worker, initargs=shared)
 
     @property
     def answers(self) -> bool:
-        """Whether a worker shows that it is alive. One that was never needed has nothing to show; one that starts is
-        given time, once: not when the one before it ended cold.
+        """Return whether a worker shows that it is alive.
+
+        A lane that was never needed has nothing to show. A worker that is starting is given time, unless the
+        one before it ended while it was cold.
         """
-        if self._beats.begun:
-            return self._beats.answer()
+        if self._heartbeats.begun:
+            return self._heartbeats.answer()
         return self._patience == 1.0 and time.monotonic() - self._asked_s < START_S
 
     @property
     def warm(self) -> bool:
-        """Whether all workers are there with all kernels loaded."""
-        return self._beats.warm == self.workers
+        """Return whether all workers exist and have loaded all kernels."""
+        return self._heartbeats.warm == self.workers
 
     async def tend(self) -> None:
-        """Replace workers that died or are stuck; jobs they had are tried once more."""
-        self._beats.kill_stuck(self._patience)
-        if self._beats.begun and self._beats.gone():
+        """Replace workers that died or are stuck; their jobs are tried once more."""
+        self._heartbeats.kill_stuck(self._patience)
+        if self._heartbeats.begun and self._heartbeats.gone():
             self._renew(self._pool)
-        if self._asked_s < math.inf and not self._beats.warm and (self._starting is None or self._starting.done()):
+        if self._asked_s < math.inf and not self._heartbeats.warm and (self._starting is None or self._starting.done()):
             self._starting = asyncio.create_task(self.warm_up(), name="start-workers")
         elif self._starting is not None and self._starting.done():
-            self._starting.result()  # raises what went wrong, for who supervises this
+            self._starting.result()  # raises what went wrong, for the supervisor
 
     def _renew(self, broken: ProcessPoolExecutor) -> None:
-        """Another pool in the place of this one, once. Who ended cold gets a more patient watch the next time."""
+        """Replace the broken pool, once. After workers that ended while cold, the next ones are given more time."""
         if self._pool is broken and not self._closed:
-            self._patience = 1.0 if self._beats.warm else min(MOST_PATIENCE, self._patience * 2.0)
+            self._patience = 1.0 if self._heartbeats.warm else min(MOST_PATIENCE, self._patience * 2.0)
             self._pool = self._make_pool()
             self._asked_s = time.monotonic()
             broken.shutdown(wait=False)
 
     @property
     def busy(self) -> int:
-        """Jobs waiting or running."""
+        """Return how many jobs wait or run."""
         return self._limit - len(self._free)
 
     def reserve(self) -> int:
-        """A token for one job. Raises BusyError when the queue is full."""
+        """Return a token for one job. Raises BusyError when the queue is full."""
         if not self._free:
             raise BusyError(f"queue: {self._limit} solves are already waiting or running")
         token = self._free.pop()
@@ -124,23 +126,23 @@ class Lane:
         return token
 
     def stop(self, token: int) -> None:
-        """Ask the job with this token to return the best it has."""
+        """Ask the job with this token to return the best plan it has."""
         self._board.stop(token)
 
     def running(self, token: int) -> bool:
-        """Whether a worker has begun with the job."""
+        """Return whether a worker has begun the job."""
         return self._board.worker(token).began_s > 0
 
     def progress(self, token: int) -> Progress | None:
-        """What the job has reached, None before its first iteration."""
+        """Return what the job has reached, None before its first iteration."""
         return self._board.progress(token)
 
     async def best(self, token: int, plan_id: str) -> str | None:
-        """The best feasible plan of the job so far, as JSON; None while it has shown none, or is another plan's."""
+        """Return the best feasible plan of the job so far, as JSON; None while there is none or for another plan."""
         if not self.running(token):
             return None
-        shown = await asyncio.to_thread(self._board.best, token)
-        return shown if shown is not None and shown.startswith(f'{{"id":"{plan_id}",') else None
+        plan = await asyncio.to_thread(self._board.best, token)
+        return plan if plan is not None and plan.startswith(f'{{"id":"{plan_id}",') else None
 
     async def solve(self, job: Job, token: int | None = None) -> Solved:
         """Run the job in a worker. Raises SolveError; a job whose worker died is tried once more."""
@@ -168,7 +170,7 @@ class Lane:
             while not (await asyncio.wait([future], timeout=OVERRUN_S))[0]:
                 pid, began_s = self._board.worker(token)
                 late = time.monotonic() > began_s + job.deadline_s + OVERRUN_S
-                if pid and late and not self._beats.is_cold(pid):
+                if pid and late and not self._heartbeats.is_cold(pid):
                     with suppress(ProcessLookupError):
                         os.kill(pid, signal.SIGKILL)
                     raise TimeoutError
@@ -178,12 +180,12 @@ class Lane:
             raise
 
     def begin(self) -> None:
-        """Let a worker start, and wait for nothing."""
+        """Start a worker without waiting for it."""
         self._asked_s = min(self._asked_s, time.monotonic())
         self._pool.submit(ready)
 
     async def warm_up(self) -> None:
-        """Start the workers, and wait until they have loaded or compiled all kernels, however often it takes."""
+        """Start the workers, and wait until they have loaded or compiled all kernels, restarting them as needed."""
         pause_s = FIRST_PAUSE_S
         while not self._closed:
             pool = self._pool
@@ -199,7 +201,7 @@ class Lane:
             pause_s = min(LONGEST_PAUSE_S, pause_s * 2.0)
 
     def close(self) -> None:
-        """End the workers; jobs that wait are dropped, those that run are asked to stop, and killed if they do not."""
+        """End the workers: drop the jobs that wait, ask those that run to stop, and kill those that do not."""
         self._closed = True
         for token in range(self._limit):
             self._board.stop(token)
@@ -215,12 +217,12 @@ class Lane:
 
 
 def flight_lane() -> Lane:
-    """The lane of replans in flight: one worker."""
+    """Return the lane of replans in flight: one worker."""
     return Lane(1, 256)
 
 
 class Solver:
-    """All lanes. `flight`: that of flights, where it was begun before the rest of the service was even imported."""
+    """All lanes. `flight`: the lane of flights, if it was started before the rest of the service was imported."""
 
     def __init__(self, workers: int, queue_limit: int, flight: Lane | None = None) -> None:
         self.lanes = {
@@ -234,21 +236,22 @@ class Solver:
 
     @property
     def warm(self) -> bool:
-        """Whether a replan in flight finds a warm worker. Those of clients follow in a second, and keep nobody waiting
-        for kernels: the first worker has compiled them for all.
+        """Return whether a replan in flight finds a warm worker.
+
+        The workers of clients follow within a second: the first worker has compiled the kernels for all.
         """
         return self[LaneName.FLIGHT].warm
 
     def begin(self) -> None:
-        """Let the worker of flights start, waiting for nothing."""
+        """Start the worker of flights without waiting for it."""
         self[LaneName.FLIGHT].begin()
 
     async def warm_up(self) -> None:
-        """Ready all workers, those of flights first: on a new machine the first compiles for all."""
+        """Warm all workers, those of flights first: on a new machine the first compiles for all."""
         for lane in self.lanes.values():
             await lane.warm_up()
 
     def close(self) -> None:
-        """End all workers, at once."""
+        """End all workers at once."""
         with ThreadPoolExecutor(len(self.lanes)) as closing:
             list(closing.map(Lane.close, self.lanes.values()))

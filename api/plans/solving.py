@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from math import sqrt
 
-from skyfolio.api.plans.job_board import Board
+from skyfolio.api.plans.job_board import JobBoard
 from skyfolio.api.plans.jobs import Job
 from skyfolio.planner import (
     AnyOf,
@@ -39,7 +39,7 @@ class BestSoFar:
         self._due_s = clock() + SHOW_EVERY_S
 
     def offer(self, make: Callable[[], Plan]) -> None:
-        """There is a better one."""
+        """Offer a better solution."""
         self._make = make
 
     def show_if_due(self) -> None:
@@ -53,7 +53,7 @@ class BestSoFar:
         self._due_s = now + max(SHOW_EVERY_S, SOLVING_PER_SHOWING * (now - began))
 
 
-def solve(job: Job, board: Board, token: int) -> Plan:
+def solve(job: Job, board: JobBoard, token: int) -> Plan:
     """Solve one job, showing on the board how far it is. Raises ValueError when the problem has no solution."""
     best = BestSoFar(lambda text: board.show(token, text), time.monotonic)
 
@@ -77,6 +77,6 @@ def solve(job: Job, board: Board, token: int) -> Plan:
 
 
 def starts_of(scenario: Scenario, most: int) -> int:
-    """How many starts a plan is climbed from when nobody says: by size, few where a few already find the best."""
+    """Return how many starts a plan is climbed from by default: few where few already find the best, by size."""
     size = len(scenario.uavs) * len(scenario.users) * scenario.slots
     return max(1, min(most, int(STARTS_PER_ROOT * sqrt(size)), default_starts(problem_of(scenario))))

@@ -15,7 +15,7 @@ from skyfolio.api.common import kernels
 if TYPE_CHECKING:
     __version__: str
 
-kernels.settle()  # before anything imports numba, in whatever process
+kernels.choose_folder()  # before anything imports numba, in whatever process
 
 
 def __getattr__(name: str) -> str:

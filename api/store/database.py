@@ -1,4 +1,4 @@
-"""Opening the database and writing to it."""
+"""The database: opening, migrating, claiming, reading and writing it."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from sqlalchemy.engine import make_url
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine, create_async_engine
 
+from skyfolio.api.common import extras
 from skyfolio.api.common.settings import TEMPORARY
 from skyfolio.api.store.errors import StoreError
 from skyfolio.api.store.migrate import upgrade
 from skyfolio.api.store.spill import Spill
-from skyfolio.api.store.writer import InThread, OnLoop, Statement, Writer
+from skyfolio.api.store.writer import LoopCommitter, Statement, ThreadCommitter, Writer
 
 log = structlog.get_logger()
 LOOK_EVERY_S = 0.1
-"""How often a flight that waits for its write looks whether the database still answers."""
-"""Database URL of a service that keeps nothing after it ends."""
+"""How often a flight that waits for its write checks whether the database still answers."""
 SHRINK_PAGES = 2_000
 _PRAGMAS = (
     "auto_vacuum=INCREMENTAL",  # takes effect in a new file
@@ -40,7 +40,7 @@ _LOCK = 0x5C1F0110
 
 
 class Database:
-    """One engine, one writer. `await Database.open(url)`; `close` when done."""
+    """The engine and the writer of one database. Create it with `await Database.open(url)`, and end it with `close`."""
 
     def __init__(self, engine: AsyncEngine, folder: tempfile.TemporaryDirectory[str] | None) -> None:
         self._engine, self._folder = engine, folder
@@ -54,7 +54,10 @@ class Database:
 
     @classmethod
     async def open(cls, url: str) -> Database:
-        """Open and migrate. Raises StoreError for a URL that cannot be used or a database that cannot be reached."""
+        """Open and migrate.
+
+        Raises StoreError for a URL or database that cannot be used, MissingExtraError without the PostgreSQL driver.
+        """
         folder = None
         if url == TEMPORARY:
             folder = tempfile.TemporaryDirectory(prefix="skyfolio-")
@@ -70,7 +73,7 @@ class Database:
         return opened
 
     async def _take_up(self) -> None:
-        """Store what an earlier process could not. Raises StoreError when the database still takes nothing."""
+        """Store what an earlier process could not. Raises StoreError when the database still refuses it."""
         try:
             async with self._engine.begin() as connection:
                 self.taken_up = await connection.run_sync(self._spill.replay)
@@ -80,37 +83,38 @@ class Database:
 
     @property
     def trouble(self) -> str | None:
-        """Why nothing can be stored at present (and what flights store is held), None while the database answers."""
+        """Return why nothing can be stored at present (flights' writes are held), None while the database answers."""
         return self._writer.trouble
 
     @property
     def held(self) -> int:
-        """How many transactions of flights wait to be stored."""
+        """Return how many transactions of flights wait to be stored."""
         return self._writer.held
 
     @property
     def is_postgresql(self) -> bool:
-        """Which of the two it is."""
+        """Return whether this is PostgreSQL; otherwise it is SQLite."""
         return self._engine.dialect.name == "postgresql"
 
     async def write(self, *statements: Executable | Statement) -> None:
         """Execute in one transaction, together with what others write now; durable when it returns.
 
-        Raises StoreError when the database refuses; what others wrote is not touched by that.
+        Raises StoreError when the database refuses; other writes are not affected by that.
         """
         await self.write_soon(*statements)
 
     def write_soon(self, *statements: Executable | Statement, keep: bool = False) -> asyncio.Future[None]:
-        """As `write`, in the order of the calls, without waiting; await the future to know that it is durable.
+        """Write as `write` does, in the order of the calls, without waiting; await the future for durability.
 
-        keep: it is a flight's; it is held, in order, while the database does not answer.
+        keep: the write belongs to a flight; it is held, in order, while the database does not answer.
         """
         return self._writer.write_soon(*statements, keep=keep)
 
     async def keep(self, *statements: Executable | Statement) -> None:
         """Store what belongs to a flight: durable when it returns, or held if the database does not answer.
 
-        It waits for the database only as long as that answers: aircraft come before books. Never raises StoreError.
+        Waits for the database only as long as it answers: a flight must not wait for it. Never raises
+        StoreError.
         """
         await self.kept(self.write_soon(*statements, keep=True))
 
@@ -130,7 +134,7 @@ class Database:
             raise StoreError(f"read: {error}") from error
 
     async def shrink(self) -> None:
-        """Give space that deleted rows have left back to the file system, a little at a time. Raises StoreError."""
+        """Return the space of deleted rows to the file system, a little at a time. Raises StoreError."""
         if self.is_postgresql:
             return
         try:
@@ -142,7 +146,7 @@ class Database:
             raise StoreError(f"shrink: {error}") from error
 
     async def claim(self) -> None:
-        """Be the only service of this database: two services must not fly the same fleet. Raises StoreError."""
+        """Lock the database for this service: two services must not fly the same fleet. Raises StoreError."""
         if self.is_postgresql:
             self._claim = await self._engine.connect()
             free = bool((await self._claim.execute(text(f"SELECT pg_try_advisory_lock({_LOCK})"))).scalar())
@@ -153,35 +157,38 @@ class Database:
             raise StoreError("database_url: the database is in use by another service")
 
     def _lock_file(self) -> bool:
-        """Whether the file beside the SQLite database could be locked; the lock dies with the process."""
+        """Lock the file beside the SQLite database. Return whether it was free; the lock ends with the process."""
         lock = Path(f"{self._engine.url.database}.lock")
         _make_private(lock)
-        self._lock = lock.open("w")
+        opened = lock.open("w")
         try:
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
+            opened.close()
             return False
+        self._lock = opened
         return True
 
     async def close(self) -> None:
-        """Finish what waits to be written, and let go of the database."""
+        """Finish the writes that wait, and release the database."""
         await self._writer.close()
         await self._sink.close()
         if self._claim is not None:
             await self._claim.close()
         await self._engine.dispose()
         if self._lock is not None:
+            fcntl.flock(self._lock, fcntl.LOCK_UN)  # a process that is being forked holds a copy of the descriptor
             self._lock.close()
         if self._folder is not None:
             self._folder.cleanup()
 
 
-def _sink(engine: AsyncEngine) -> InThread | OnLoop:
+def _sink(engine: AsyncEngine) -> ThreadCommitter | LoopCommitter:
     if engine.dialect.name == "postgresql":
-        return OnLoop(engine)
-    own = create_engine(engine.url.set(drivername="sqlite"))
-    event.listen(own, "connect", _set_pragmas)
-    return InThread(own)
+        return LoopCommitter(engine)
+    sync_engine = create_engine(engine.url.set(drivername="sqlite"))
+    event.listen(sync_engine, "connect", _set_pragmas)
+    return ThreadCommitter(sync_engine)
 
 
 def _engine(url: str) -> AsyncEngine:
@@ -195,11 +202,12 @@ def _engine(url: str) -> AsyncEngine:
         return engine
     if parts.drivername != "postgresql+asyncpg":
         raise ValueError(f"must be '{TEMPORARY}', sqlite+aiosqlite:///FILE or postgresql+asyncpg://...")
+    extras.require("asyncpg", "database_url: PostgreSQL")
     return create_async_engine(parts, pool_size=8, max_overflow=8, pool_pre_ping=True)
 
 
 def _make_private(file: Path) -> None:
-    """Make the file, or the one that is there, readable by its owner alone; SQLite's -wal and -shm files follow it."""
+    """Make the file readable by its owner alone, creating it if needed. SQLite's -wal and -shm files follow it."""
     file.parent.mkdir(parents=True, exist_ok=True)
     os.close(os.open(file, os.O_CREAT | os.O_RDWR, 0o600))
     if file.stat().st_uid == os.geteuid():

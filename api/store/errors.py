@@ -1,7 +1,7 @@
-"""What can go wrong with the database."""
+"""The error of the database."""
 
 from __future__ import annotations
 
 
 class StoreError(Exception):
-    """The database did not take or give what it should; the message says what it said."""
+    """The database could not be read or written; the message holds what it reported."""

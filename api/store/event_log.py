@@ -1,11 +1,10 @@
-"""The event log: everything that happened, in order, with a number each; a client can resume after any number.
+"""The event log: numbered events, in order; a client can resume after any number.
 
-Events are stored before anyone hears of them by number, so that a number never means two things, whatever is killed
-when. While the database does not answer, followers hear of an event at once all the same, as `provisional` and without
-a number; with its number it comes when it is stored.
-Telemetry is different: it is made ten times a second while somebody listens, has no number, and is not kept.
-No subscriber has a queue of its own: all read the same two bounded rings, each at its own pace. Who falls behind
-reads events from the database, and misses old telemetry, never an event.
+An event is stored before it is sent with its number, so that a number never means two things, whatever is killed when.
+While the database does not answer, subscribers receive an event at once, as `provisional` and without a number, and
+again with its number when it is stored. Telemetry is different: it is sampled ten times a second while there is a
+subscriber, has no number, and is not kept. No subscriber has a queue of its own: all read the same bounded rings, each
+at its own pace. A slow subscriber reads events from the database, and misses old telemetry, but never an event.
 """
 
 from __future__ import annotations
@@ -35,13 +34,13 @@ PAGE = 500
 KEEP_ALIVE = b": keep-alive\n\n"
 KEEP_ALIVE_S = 15.0
 ASK_AGAIN_S = 0.5
-"""How often a stream asks whether it may go on."""
+"""How often a stream checks whether it may continue."""
 Allowed: TypeAlias = Callable[[], Awaitable[bool]]
 _INSERT = table.insert()
 
 
 class Event(BaseModel):
-    """One thing that happened. `id` grows by one; `at` is UTC."""
+    """Something that happened. `id` grows by one; `at` is UTC."""
 
     id: int
     at: datetime
@@ -50,23 +49,23 @@ class Event(BaseModel):
 
 
 class Frame(BaseModel):
-    """An event or a telemetry picture, encoded once for all subscribers. `number` of telemetry counts pictures."""
+    """An event or a telemetry snapshot, encoded once for all subscribers. `number` of telemetry counts snapshots."""
 
     number: int
     wire: bytes
 
 
 class EventLog:
-    """Appends events, wakes those who follow. Made by `open`, on the event loop that it is used on."""
+    """Appends events and wakes subscribers. Created by `open`, on the event loop that it is used on."""
 
     def __init__(self, database: Database, last_id: int) -> None:
         self._database = database
         self._last_id = last_id
         self._stored_id = last_id
         self._recent: deque[Frame] = deque(maxlen=KEEP_EVENTS)
-        self._pictures: deque[Frame] = deque(maxlen=KEEP_TELEMETRY)
+        self._snapshots: deque[Frame] = deque(maxlen=KEEP_TELEMETRY)
         self._provisional: deque[Frame] = deque(maxlen=KEEP_PROVISIONAL)
-        self._picture = self._announced = 0
+        self._snapshot = self._announced = 0
         self._news = asyncio.Event()
         self._followers = 0
         self._ended = False
@@ -74,22 +73,22 @@ class EventLog:
 
     @classmethod
     async def open(cls, database: Database) -> EventLog:
-        """The log of this database, ready to go on after its last event."""
+        """Return the log of this database, ready to continue after its last event."""
         last_id = (await database.rows(select(func.max(table.c.id))))[0][0]
         return cls(database, last_id or 0)
 
     @property
     def followers(self) -> int:
-        """How many subscribers there are now."""
+        """Return how many subscribers there are now."""
         return self._followers
 
     @property
     def last_id(self) -> int:
-        """Number of the newest stored event."""
+        """Return the number of the newest stored event."""
         return self._stored_id
 
     def add(self, kind: str, **data: Any) -> Event:
-        """Append an event; followers get it once it is stored, which is right after."""
+        """Append an event; subscribers receive it once it is stored, which is right after."""
         self._last_id += 1
         event = Event(id=self._last_id, at=datetime.fromtimestamp(time.time(), UTC), kind=kind, data=data)
         row = {"id": event.id, "at": event.at.timestamp(), "kind": kind, "data": json.dumps(data)}
@@ -101,26 +100,26 @@ class EventLog:
         return event
 
     def end(self) -> None:
-        """The service ends: so does every stream, once it has shown what there is."""
+        """End every stream once it has sent what there is, because the service ends."""
         self._ended = True
         self._wake()
 
     def _announce(self, event: Event) -> None:
-        """Show an event that cannot be stored yet, without the number that it will have."""
+        """Send an event that cannot be stored yet, without the number that it will have."""
         self._announced += 1
         data = json.dumps({**event.model_dump(mode="json"), "id": None})
         self._provisional.append(Frame(number=self._announced, wire=format_sse_event(data_str=data, event=PROVISIONAL)))
         self._wake()
 
-    def picture(self, data: Any) -> None:
+    def publish_telemetry(self, data: Any) -> None:
         """Show telemetry to those who listen now."""
-        self._picture += 1
+        self._snapshot += 1
         wire = format_sse_event(data_str=json.dumps(data, separators=(",", ":")), event="telemetry")
-        self._pictures.append(Frame(number=self._picture, wire=wire))
+        self._snapshots.append(Frame(number=self._snapshot, wire=wire))
         self._wake()
 
     async def after(self, last_id: int, limit: int = PAGE) -> list[Event]:
-        """Stored events with a greater id, oldest first, at most `limit`. Raises StoreError."""
+        """Return stored events with a greater id, oldest first, at most `limit`. Raises StoreError."""
         rows = await self._database.rows(
             select(table).where(table.c.id > last_id, table.c.id <= self._stored_id).order_by(table.c.id).limit(limit)
         )
@@ -132,13 +131,13 @@ class EventLog:
     async def follow(
         self, last_id: int = 0, *, telemetry: bool = False, forever: bool = True, allowed: Allowed | None = None
     ) -> AsyncIterator[bytes]:
-        """Server-sent events after `last_id`, then each new one as it comes; each item is one or more whole events.
+        """Yield server-sent events after `last_id`, then each new one as it comes; an item is one or more whole events.
 
-        telemetry: also pictures made from now on. forever: False ends after what is stored now. allowed: asked again
-        and again; the stream ends when the answer is no.
+        telemetry: also snapshots taken from now on. forever: False ends after what is stored now. allowed:
+        called again and again; the stream ends when it returns False.
         """
         self._followers += 1
-        seen, announced = self._picture, self._announced
+        seen, announced = self._snapshot, self._announced
         asked_s = said_s = time.monotonic()
         try:
             while True:
@@ -152,8 +151,8 @@ class EventLog:
                 wire += b"".join(frame.wire for frame in self._provisional if frame.number > announced)
                 announced = self._announced
                 if telemetry:
-                    wire += b"".join(frame.wire for frame in self._pictures if frame.number > seen)
-                    seen = self._picture
+                    wire += b"".join(frame.wire for frame in self._snapshots if frame.number > seen)
+                    seen = self._snapshot
                 if not wire and (self._ended or not forever):
                     return
                 if not wire and now_s - said_s >= KEEP_ALIVE_S:
@@ -167,7 +166,7 @@ class EventLog:
             self._followers -= 1
 
     async def _since(self, last_id: int) -> tuple[int, bytes]:
-        """The next events after `last_id` on the wire, and the id of the last of them."""
+        """Return the next events after `last_id` as sent, and the id of the last of them."""
         if last_id >= self._stored_id:
             return last_id, b""
         if self._recent and self._recent[0].number <= last_id + 1:
@@ -177,7 +176,7 @@ class EventLog:
         return (events[-1].id if events else self._stored_id), b"".join(_encoded(event) for event in events)
 
     def _publish(self, event: Event, frame: Frame) -> None:
-        """Show a stored event, or one that the database has refused for good: the fleet flies on."""
+        """Send an event that is stored, or that the database has finally refused: the flight goes on either way."""
         self._stored_id = event.id
         self._recent.append(frame)
         for listener in self.listeners:
@@ -190,7 +189,7 @@ class EventLog:
 
 
 async def _pause(news: asyncio.Event) -> None:
-    """Wait for news, and not too long to look whether one may still wait."""
+    """Wait for news, but not longer than a subscriber may go unchecked."""
     with suppress(TimeoutError):
         async with asyncio.timeout(ASK_AGAIN_S):
             await news.wait()

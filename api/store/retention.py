@@ -1,6 +1,6 @@
-"""What is forgotten, and when: ended plans, ended operations with all that belongs to them, events, and the audit log.
+"""Retention: when ended plans, ended operations with all their rows, events and audit rows are deleted.
 
-Everything is found by column and deleted in small steps, so that neither the event loop nor a flight's writes wait.
+Rows are selected by column and deleted in small steps, so that neither the event loop nor a flight's writes wait.
 """
 
 from __future__ import annotations
@@ -27,24 +27,24 @@ class Retention:
         self._database, self._settings, self._wall_s = database, settings, wall_s
 
     async def tidy(self, forget_plans: Callable[[float], Awaitable[int]]) -> dict[str, int]:
-        """Forget what is old or too much; how many rows of each kind. Raises StoreError.
+        """Delete what is old or too much. Return how many rows of each kind. Raises StoreError.
 
-        forget_plans: forgets plans that ended before that UTC second and that no operation flew.
+        forget_plans: deletes plans that ended before that UTC second and that no operation flew.
         """
         now, settings = self._wall_s(), self._settings
-        gone = {
+        counts = {
             "operations": await self._forget_operations(now - settings.keep_operations_s),
             "plans": await forget_plans(now - settings.keep_ended_s),
             "events": await self._forget(events, now - settings.keep_events_s, settings.keep_events),
             "audit": await self._forget(audit, now - settings.keep_audit_s, settings.keep_audit),
         }
-        if any(gone.values()):
-            log.info("forgotten", **gone)
+        if any(counts.values()):
+            log.info("forgotten", **counts)
             await self._database.shrink()
-        return gone
+        return counts
 
     async def _forget(self, table: Table, before: float, most: int) -> int:
-        """Delete rows from before that UTC second, and the oldest of more than `most`; `id` grows with time."""
+        """Delete rows from before that UTC second, and the oldest beyond `most`; `id` grows with time."""
         newest = (await self._database.rows(select(func.max(table.c.id))))[0][0] or 0
         count = 0
         while True:
@@ -56,13 +56,13 @@ class Retention:
             count += len(ids)
 
     async def _forget_operations(self, before: float) -> int:
-        """Delete operations that ended before that, with their journals, tracks, missions, plans and drills."""
+        """Delete operations that ended before that second, with their journals, tracks, missions, plans and drills."""
         old = select(operations.c.id).where(operations.c.ended_at < before)
         ids = [row.id for row in await self._database.rows(old.limit(AT_ONCE))]
-        for one in ids:  # each in a transaction of its own: a long flight has many rows
+        for operation_id in ids:  # each in a transaction of its own: a long flight has many rows
             await self._database.write(
-                delete(drills).where(drills.c.operation_id == one),
-                delete(plans).where(plans.c.operation_id == one),
-                delete(operations).where(operations.c.id == one),
+                delete(drills).where(drills.c.operation_id == operation_id),
+                delete(plans).where(plans.c.operation_id == operation_id),
+                delete(operations).where(operations.c.id == operation_id),
             )
         return len(ids)

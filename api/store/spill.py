@@ -1,7 +1,7 @@
-"""What the database does not take, in a local file: so that a restart knows it all the same.
+"""A local file for what the database does not accept, so that nothing is lost over a restart.
 
-JSON lines of SQL text and its rows, in the order in which they were asked for, beside an SQLite database or, where that
-disk takes nothing either, in the system's folder for temporary files. A service that starts stores them first.
+It holds JSON lines of SQL text and its rows, in order, beside an SQLite database or, when that disk cannot be written
+either, in the system's temporary folder. A service that starts stores them first.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _DIALECTS: dict[str, Dialect] = {
 
 
 class Spill:
-    """The local file of one database. Blocking work is done in a thread."""
+    """The local file of one database. Blocking work runs in a thread."""
 
     def __init__(self, url: URL, folders: Sequence[Path] | None = None) -> None:
         self._dialect = _DIALECTS[url.get_backend_name()]
@@ -42,17 +42,19 @@ class Spill:
 
     async def add(self, transactions: list[list[Statement]]) -> None:
         """Append transactions. Where no file can be written, that is logged, and they are held in memory alone."""
-        lines = "".join(f"{json.dumps([self._encoded(one) for one in statements])}\n" for statements in transactions)
+        lines = "".join(
+            f"{json.dumps([self._encoded(statement) for statement in statements])}\n" for statements in transactions
+        )
         await asyncio.to_thread(self._append, lines)
 
     async def clear(self) -> None:
-        """Forget everything: it is stored."""
+        """Delete the file: its transactions are stored."""
         await asyncio.to_thread(self._remove)
 
     def replay(self, connection: Connection) -> int:
-        """Store what an earlier process could not, in its order; how many transactions. What is stored already stays.
+        """Store what an earlier process could not, in its order. Return how many transactions there were.
 
-        The caller commits, and calls `clear` after that.
+        Rows that are stored already stay. The caller commits, and calls `clear` after that.
         """
         count = 0
         for transaction in self._stored():
@@ -109,6 +111,6 @@ def _folders(url: URL) -> list[Path]:
 
 
 def _name(url: URL) -> str:
-    """A name of its own for each database, without anything secret."""
+    """Return a file name that is unique to the database, without anything secret."""
     where = f"{url.host}:{url.port}/{url.database}" if url.host else str(Path(str(url.database)).absolute())
     return f"skyfolio-held-{hashlib.sha256(where.encode()).hexdigest()[:16]}.jsonl"

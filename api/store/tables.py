@@ -122,7 +122,7 @@ track = Table(
     Index(None, "operation_id"),
 )
 
-given = Table(
+assigned_missions = Table(
     "given",
     metadata,
     Column("id", _Number, primary_key=True, autoincrement=True),

@@ -1,8 +1,8 @@
-"""One writer for the whole service: one commit for all that came while the last one was made.
+"""The only writer of the service: one commit for everything that arrived during the last one.
 
-Fly first: what a flight stores (`keep=True`) is never refused because the database does not answer. It is held in order
-and tried again until it is stored, and meanwhile a local file holds it too (`spill`), so that a restart can go on. What
-a client asks for is refused at once in that state: nothing is half done.
+Flying comes first: what a flight stores (`keep=True`) is never refused because the database does not answer. It is held
+in order and tried again until it is stored, and meanwhile a local file holds it too (`spill`), so that a restart can
+continue. Writes of clients are refused at once in that state: nothing is half done.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ log = structlog.get_logger()
 Params: TypeAlias = dict[str, Any] | list[dict[str, Any]]
 Statement: TypeAlias = tuple[Executable, Params]
 Commit: TypeAlias = Callable[[list[Statement]], Awaitable[None]]
-"""Executes statements in one transaction; raises whatever the database says."""
+"""Executes statements in one transaction; raises whatever the database reports."""
 MOST_AT_ONCE = 500
 MOST_HELD = 50_000
 """Transactions of flights that are held while the database does not answer, some 50 MB; those beyond are refused."""
@@ -37,7 +37,7 @@ AGAIN_S = (0.1, 0.3, 1.0)
 
 
 class Holds(Protocol):
-    """Keeps statements that the database does not take, so that they outlive the process (`spill.Spill`)."""
+    """Keeps statements that the database does not accept, so that they outlive the process (`spill.Spill`)."""
 
     async def add(self, transactions: list[list[Statement]]) -> None: ...
 
@@ -46,7 +46,7 @@ class Holds(Protocol):
 
 @dataclass(eq=False)
 class _Transaction:
-    """One call. `keep`: of a flight; `spilled`: it is in the local file too."""
+    """The statements of one call. `keep`: they belong to a flight; `spilled`: they are in the local file too."""
 
     statements: list[Statement]
     done: asyncio.Future[None]
@@ -55,7 +55,7 @@ class _Transaction:
 
 
 class Writer:
-    """Keeps the order of the calls. Made on the event loop that it is used on."""
+    """Writes in the order of the calls. Created on the event loop that it is used on."""
 
     def __init__(self, commit: Commit, holds: Holds | None = None) -> None:
         self._commit_all, self._holds = commit, holds
@@ -68,7 +68,7 @@ class Writer:
 
     @property
     def trouble(self) -> str | None:
-        """Why nothing can be stored at present, None while the database answers."""
+        """Return why nothing can be stored at present, None while the database answers."""
         if self._trouble is not None:
             return self._trouble
         stuck = self._began_s is not None and time.monotonic() - self._began_s > STUCK_AFTER_S
@@ -76,16 +76,17 @@ class Writer:
 
     @property
     def held(self) -> int:
-        """How many transactions of flights wait to be stored."""
-        return sum(one.keep for one in self._waiting)
+        """Return how many transactions of flights wait to be stored."""
+        return sum(transaction.keep for transaction in self._waiting)
 
     def write_soon(self, *statements: Executable | Statement, keep: bool = False) -> asyncio.Future[None]:
         """Queue one transaction; the future ends when it is durable, or with StoreError when it is refused.
 
-        keep: it is a flight's, and held while the database does not answer; another one is refused at once then.
+        keep: it belongs to a flight, and is held while the database does not answer; any other is refused at
+        once then.
         """
         done: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-        rows = [one if isinstance(one, tuple) else (one, {}) for one in statements]
+        rows = [statement if isinstance(statement, tuple) else (statement, {}) for statement in statements]
         refusal = self._refusal(keep=keep)
         if refusal is not None:
             _refuse(done, refusal)
@@ -95,7 +96,7 @@ class Writer:
         return done
 
     async def close(self) -> None:
-        """Finish what waits; what the database still does not take stays in the local file for the next start."""
+        """Finish the writes that wait; what the database still refuses stays in the local file for the next start."""
         self._ending = True
         self._news.set()
         await self._task
@@ -129,23 +130,23 @@ class Writer:
 
     async def _commit(self, batch: list[_Transaction]) -> list[_Transaction]:
         """Store a batch; return those of flights that must be tried again, because the database does not answer."""
-        error = await self._error_of([row for one in batch for row in one.statements])
+        error = await self._error_of([row for transaction in batch for row in transaction.statements])
         if error is not None and is_passing(error):
             if self._trouble is None:
                 log.critical("the database does not answer", reason=str(error))
             self._trouble = _first_line(error)
-            for one in batch:
-                if not one.keep:
-                    _refuse(one.done, f"write: {error}")
-            return [one for one in batch if one.keep]
-        if error is not None and len(batch) > 1:  # find out whose fault it is; the others' writes are good
-            return [left for one in batch for left in await self._commit([one])]
-        for one in batch:
+            for transaction in batch:
+                if not transaction.keep:
+                    _refuse(transaction.done, f"write: {error}")
+            return [transaction for transaction in batch if transaction.keep]
+        if error is not None and len(batch) > 1:  # find the bad one; the other writes are good
+            return [unstored for transaction in batch for unstored in await self._commit([transaction])]
+        for transaction in batch:
             if error is not None:
                 log.error("write refused", error=str(error))
-                _refuse(one.done, f"write: {error}")
-            elif not one.done.cancelled():
-                one.done.set_result(None)
+                _refuse(transaction.done, f"write: {error}")
+            elif not transaction.done.cancelled():
+                transaction.done.set_result(None)
         return []
 
     async def _error_of(self, rows: list[Statement]) -> Exception | None:
@@ -162,21 +163,21 @@ class Writer:
         if self._trouble is not None:
             self._trouble = None
             log.warning("the database answers again", waiting=len(self._waiting))
-            for one in self._waiting:
-                one.spilled = False
+            for transaction in self._waiting:
+                transaction.spilled = False
             if self._holds is not None:
                 await self._holds.clear()
 
     async def _spill(self) -> None:
-        """Write into the local file what is held and not in there yet."""
-        new = [one for one in self._waiting if one.keep and not one.spilled]
+        """Write what is held and not in the local file yet into it."""
+        new = [transaction for transaction in self._waiting if transaction.keep and not transaction.spilled]
         if self._holds is not None and new:
-            await self._holds.add([one.statements for one in new])
-            for one in new:
-                one.spilled = True
+            await self._holds.add([transaction.statements for transaction in new])
+            for transaction in new:
+                transaction.spilled = True
 
     async def _pause(self, seconds: float) -> None:
-        """Wait before the next try; the end of the service ends it."""
+        """Wait before the next try; the end of the service ends the wait."""
         until = time.monotonic() + seconds
         while not self._ending and (left_s := until - time.monotonic()) > 0:
             self._news.clear()
@@ -186,7 +187,7 @@ class Writer:
 
 
 def is_passing(error: Exception) -> bool:
-    """Return whether the database did not answer (locked, full, gone), rather than refuse what it was given."""
+    """Return whether the database did not answer (locked, full, gone), rather than refuse the statement."""
     if isinstance(error, IntegrityError | ProgrammingError | DataError):
         return False
     if isinstance(error, DBAPIError):
@@ -197,16 +198,16 @@ def is_passing(error: Exception) -> bool:
 def _refuse(done: asyncio.Future[None], reason: str) -> None:
     if not done.done():
         done.set_exception(StoreError(reason))
-        done.exception()  # seen: whoever does not await it finds it in the log
+        done.exception()  # retrieved: without an awaiter it is only in the log
 
 
 def _first_line(error: Exception) -> str:
-    said = error.orig if isinstance(error, DBAPIError) and error.orig is not None else error
-    return str(said).splitlines()[0][:200] if str(said) else type(said).__name__
+    cause = error.orig if isinstance(error, DBAPIError) and error.orig is not None else error
+    return str(cause).splitlines()[0][:200] if str(cause) else type(cause).__name__
 
 
-class InThread:
-    """SQLite: its own connection in its own thread. The event loop pays one hop a transaction, not one a call."""
+class ThreadCommitter:
+    """SQLite: commits on its own connection in its own thread. The event loop pays one hop per transaction."""
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
@@ -222,13 +223,13 @@ class InThread:
                 connection.execute(statement, params or None)
 
     async def close(self) -> None:
-        """Let go of the connection."""
+        """Close the connection."""
         await asyncio.get_running_loop().run_in_executor(self._thread, self._engine.dispose)
         self._thread.shutdown()
 
 
-class OnLoop:
-    """PostgreSQL: the driver waits on the event loop by itself."""
+class LoopCommitter:
+    """PostgreSQL: commits on the event loop, as its driver is asynchronous."""
 
     def __init__(self, engine: AsyncEngine) -> None:
         self._engine = engine
@@ -240,16 +241,16 @@ class OnLoop:
                 await connection.execute(statement, params or None)
 
     async def close(self) -> None:
-        """Nothing to let go of: the engine is the database's."""
+        """Do nothing: the engine belongs to the database."""
 
 
 def _runs(rows: list[Statement]) -> list[Statement]:
-    """Neighbours with the very same statement become one call with many parameter sets."""
+    """Merge neighbours with the very same statement into one call with many parameter sets."""
     merged: list[tuple[Executable, Any]] = []
     for statement, params in rows:
-        given = params if isinstance(params, list) else [params]
+        parameter_sets = params if isinstance(params, list) else [params]
         if merged and merged[-1][0] is statement and params:
-            merged[-1][1].extend(given)
+            merged[-1][1].extend(parameter_sets)
         else:
-            merged.append((statement, list(given) if params else {}))
+            merged.append((statement, list(parameter_sets) if params else {}))
     return merged

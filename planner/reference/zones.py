@@ -13,6 +13,7 @@ import numpy as np
 import shapely
 
 from skyfolio.planner.arrays import Array
+from skyfolio.planner.geometry import nearest_to_origin
 from skyfolio.planner.problem import Problem
 
 MARGIN_M = 1e-4
@@ -47,10 +48,7 @@ def outside(zones: list[tuple[Array, Array]], q: cp.Expression) -> list[cp.Const
 
 def _nearest_to(point: Array, here: Array, there: Array) -> Array:
     """Return the point of each segment that is nearest to `point`: (L, 2)."""
-    move = there - here
-    length2 = (move**2).sum(axis=1)
-    along = ((point - here) * move).sum(axis=1) / np.where(length2 > 0, length2, 1.0)
-    near: Array = here + np.clip(along, 0.0, 1.0)[:, None] * move
+    near: Array = point + nearest_to_origin(here - point, there - here)
     return near
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from skyfolio.api.cli import bench
 from skyfolio.api.cli import main as cli
 from skyfolio.api.lab.bench import loop, markdown, planner_figures, table
 from skyfolio.api.lab.bench.cases import CASES, instance, stop, value_kbps
@@ -96,7 +97,7 @@ def test_the_report_holds_the_figures_and_nothing_else(figures: dict[str, Any], 
     assert table(figures).row_count == 4
     file, out = tmp_path / "figures.json", tmp_path / "report.md"
     file.write_text(json.dumps(figures))
-    cli.bench_report(file, out)
+    bench.report(file, out)
     assert out.read_text() == text
 
 

@@ -132,11 +132,11 @@ def test_keys_are_made_listed_and_revoked_and_shown_only_once(
         (["serve", "--host", "0.0.0.0"], "there is no API key"),  # noqa: S104
         (["serve", "--database-url", "mysql://x"], "must be 'temporary'"),
         (["serve", "--port", "0", "--database-url", "temporary", "--time-scale", "0"], "time_scale: "),
-        (["status", "--service", "http://127.0.0.1:9"], "nobody answers at http://127.0.0.1:9"),
+        (["status", "--service", "http://127.0.0.1:9"], "nothing answers at http://127.0.0.1:9"),
         (["fly", "--example", "none"], "must be one of"),
         (["fleet", "fall"], "action: 'fall' must be one of hold, return, land"),
-        (["fleet", "hold", "--force"], "force: nobody is made to hold"),
-        (["fleet", "land", "--service", "http://127.0.0.1:9"], "nobody answers at http://127.0.0.1:9"),
+        (["fleet", "hold", "--force"], "force: a vehicle that a human"),
+        (["fleet", "land", "--service", "http://127.0.0.1:9"], "nothing answers at http://127.0.0.1:9"),
     ],
 )
 def test_a_service_that_cannot_be_run_or_reached_is_one_message(
@@ -242,9 +242,9 @@ def test_help_loads_neither_planner_nor_service(arguments: list[str], allowed: s
 
 
 def test_what_help_says_of_a_command_is_the_first_line_of_its_docstring() -> None:
-    for name, later in cli._Commands.later.items():
-        command = load(name, later)
-        assert " ".join(command.help.split("\n\n")[0].split()) == later.help, name
+    for name, lazy in cli.COMMANDS.items():
+        command = load(name, lazy)
+        assert " ".join(command.help.split("\n\n")[0].split()) == lazy.help, name
 
 
 def test_a_plan_is_only_timed_once_kernels_are_there(
@@ -252,7 +252,7 @@ def test_a_plan_is_only_timed_once_kernels_are_there(
 ) -> None:
     order: list[str] = []
 
-    def prepare(say: Any) -> int:
+    def load_all(say: Any) -> int:
         say("compiling")
         order.append("kernels")
         return 1
@@ -261,7 +261,7 @@ def test_a_plan_is_only_timed_once_kernels_are_there(
         order.append("plan")
         return plan(*given, **named)
 
-    monkeypatch.setattr(kernels, "prepare", prepare)
+    monkeypatch.setattr(kernels, "load_all", load_all)
     monkeypatch.setattr("skyfolio.api.cli.planning.plan", planned)
     assert run(monkeypatch, "plan", "--example", "minimal", "--json") == 0
     assert order == ["kernels", "plan"]
@@ -278,5 +278,5 @@ def test_warm_up_says_what_it_compiled_and_where(
     assert run(monkeypatch, "warm-up", "--json") == 0
     said = json.loads(capsys.readouterr().out)
     assert said["compiled"] == 0
-    assert Path(said["folder"]) == kernels.place()
+    assert Path(said["folder"]) == kernels.folder()
     assert list(Path(said["folder"]).rglob("climb.climb-*.nbc"))

@@ -27,7 +27,7 @@ from tests.ports import free_port
     ],
 )
 def test_a_misspelt_variable_is_refused_with_the_one_that_was_meant(wrong: str, meant: str) -> None:
-    with pytest.raises(InvalidError, match=rf"^{wrong}: is no setting of skyfolio; did you mean {meant}\?$"):
+    with pytest.raises(InvalidError, match=rf"^{wrong}: is not a setting of skyfolio; did you mean {meant}\?$"):
         settings_from({}, {wrong: "1", "HOME": "/"})
 
 
@@ -35,7 +35,7 @@ def test_a_variable_like_no_other_is_refused_without_a_guess_and_all_are_named()
     with pytest.raises(InvalidError) as refused:
         require_known({"SKYFOLIO_XYZZY_QQQQ": "", "SKYFOLIO_PROT": ""})
     assert "SKYFOLIO_PROT: " in str(refused.value)
-    assert "SKYFOLIO_XYZZY_QQQQ: is no setting of skyfolio" in str(refused.value)
+    assert "SKYFOLIO_XYZZY_QQQQ: is not a setting of skyfolio" in str(refused.value)
 
 
 def test_every_setting_and_what_the_commands_read_is_known() -> None:
@@ -108,7 +108,7 @@ def test_a_folder_that_takes_no_files_is_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("variables", "said"),
     [
-        ({"SKYFOLIO_PROT": "1"}, "SKYFOLIO_PROT: is no setting of skyfolio; did you mean SKYFOLIO_PORT?"),
+        ({"SKYFOLIO_PROT": "1"}, "SKYFOLIO_PROT: is not a setting of skyfolio; did you mean SKYFOLIO_PORT?"),
         ({"SKYFOLIO_PORT": "x"}, "port: "),
         ({"SKYFOLIO_TIMING": "{"}, "timing"),
         ({"SKYFOLIO_TIMING": '{"lost_after_s": 9}'}, "timing: lost_after_s is not set here but by heartbeat_lost_s"),

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 import uvicorn
 
-from skyfolio.api.http.connections import HEADERS_WITHIN_S, PatientProtocol
+from skyfolio.api.http.connections import HEADERS_WITHIN_S, HeaderTimeoutProtocol
 from tests.ports import free_port
 
 SOON_S = 0.3
@@ -17,7 +17,7 @@ HALF = b"GET / HTTP/1.1\r\nHost: x\r\nX-A: "
 WHOLE = b"GET / HTTP/1.1\r\nHost: x\r\n\r\n"
 
 
-class Hurried(PatientProtocol):
+class Hurried(HeaderTimeoutProtocol):
     headers_within_s = SOON_S
 
 
@@ -96,7 +96,7 @@ async def test_who_never_finishes_a_request_is_let_go(port: int, chunks: tuple[b
     assert await closed_after(port, *chunks, dripping=dripping) >= SOON_S * 0.9
 
 
-@pytest.mark.parametrize("port", [PatientProtocol], indirect=True)
+@pytest.mark.parametrize("port", [HeaderTimeoutProtocol], indirect=True)
 async def test_headers_without_end_are_cut_off(port: int) -> None:
     assert await closed_after(port, HALF, *[b"a" * 8_192] * 100, dripping=b"a") < HEADERS_WITHIN_S
 
@@ -124,4 +124,4 @@ async def test_a_websocket_that_is_quiet_stays_open(port: int) -> None:
 
 
 def test_the_service_waits_fifteen_seconds() -> None:
-    assert PatientProtocol.headers_within_s == HEADERS_WITHIN_S == 15.0
+    assert HeaderTimeoutProtocol.headers_within_s == HEADERS_WITHIN_S == 15.0

@@ -59,7 +59,7 @@ async def test_a_reader_that_sleeps_through_more_than_memory_holds_still_gets_ev
     heard = ids(await anext(reader))
     for number in range(2000):
         log.add("test", number=number)
-        log.picture({"number": number})
+        log.publish_telemetry({"number": number})
     await stored(log, 2001)
     pictures = 0
     while len(heard) < 2001:
@@ -76,7 +76,7 @@ async def test_telemetry_is_only_for_those_who_ask_and_has_no_number(log: EventL
     with_pictures, without = log.follow(telemetry=True), log.follow()
     first, second = asyncio.ensure_future(anext(with_pictures)), asyncio.ensure_future(anext(without))
     await asyncio.sleep(0)
-    log.picture({"vehicles": []})
+    log.publish_telemetry({"vehicles": []})
     assert await first == b'event: telemetry\ndata: {"vehicles":[]}\n\n'
     log.add("test")
     assert ids(await second) == [1]

@@ -18,14 +18,14 @@ NOBODY = 65_534
 
 @pytest.fixture
 def machine(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[..., Path]:
-    """`settle` on a machine with its own code, home and temporary folder, of which only some can be written."""
+    """Run `choose_folder` on a machine with its own code, home and temporary folder, some of them read-only."""
     code, home, temporary = tmp_path / "code", tmp_path / "home", tmp_path / "tmp"
     (code / "fast").mkdir(parents=True)
     (code / "fast" / "kernel.py").write_text("first")
     temporary.mkdir()
     really = kernels._writable
 
-    def settle(*writable: str, variable: str | None = None) -> Path:
+    def choose(*writable: str, variable: str | None = None) -> Path:
         allowed = [tmp_path / name for name in writable]
         monkeypatch.setattr(kernels, "_PLANNER", code)
         monkeypatch.setattr(
@@ -34,18 +34,18 @@ def machine(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[..., Pa
         monkeypatch.setattr("tempfile.tempdir", str(temporary))
         monkeypatch.setenv("HOME", str(home))
         monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
-        monkeypatch.setenv(kernels.TOLD, "")
+        monkeypatch.setenv(kernels.REPORTED, "")
         monkeypatch.setenv(kernels.VARIABLE, variable or "")
         monkeypatch.setattr("numba.config.CACHE_DIR", "")
-        kernels.settle()
-        return kernels.place().relative_to(tmp_path)
+        kernels.choose_folder()
+        return kernels.folder().relative_to(tmp_path)
 
-    return settle
+    return choose
 
 
 def said() -> list[str]:
     lines: list[str] = []
-    kernels.explain(lines.append)
+    kernels.report_temporary_folder(lines.append)
     return lines
 
 

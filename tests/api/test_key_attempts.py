@@ -7,7 +7,7 @@ import httpx2
 import pytest
 
 from skyfolio.api.access.api_keys import KeyRing, Role
-from skyfolio.api.access.key_attempts import Door
+from skyfolio.api.access.key_attempts import KeyAuthenticator
 from skyfolio.api.common.errors import TooManyRequestsError
 from skyfolio.api.common.settings import Settings
 from skyfolio.api.http.app import create_app
@@ -21,10 +21,10 @@ async def ring(tmp_path: Path) -> AsyncIterator[KeyRing]:
     await database.close()
 
 
-async def refused_after(door: Door, client: str, most: int) -> int:
+async def refused_after(authenticator: KeyAuthenticator, client: str, most: int) -> int:
     for count in range(most):
         try:
-            found = await door.identify(client, f"sky_000000000000_{count}")
+            found = await authenticator.identify(client, f"sky_000000000000_{count}")
         except TooManyRequestsError as error:
             return count if 0 < error.retry_after_s <= 60 else -1
         assert found is None
@@ -32,28 +32,28 @@ async def refused_after(door: Door, client: str, most: int) -> int:
 
 
 async def test_an_address_may_try_some_wrong_keys_a_minute_and_others_are_not_held_to_it(ring: KeyRing) -> None:
-    door = Door(ring, per_minute=5)
-    assert await refused_after(door, "192.0.2.1", 50) == 5
-    assert await refused_after(door, "192.0.2.2", 50) == 5
-    assert await refused_after(door, "2001:db8::1", 50) == 5
-    assert await refused_after(door, "2001:db8::2:9", 50) == 0  # the same network of one owner
-    assert await refused_after(door, "2001:db8:0:1::1", 50) == 5
+    authenticator = KeyAuthenticator(ring, per_minute=5)
+    assert await refused_after(authenticator, "192.0.2.1", 50) == 5
+    assert await refused_after(authenticator, "192.0.2.2", 50) == 5
+    assert await refused_after(authenticator, "2001:db8::1", 50) == 5
+    assert await refused_after(authenticator, "2001:db8::2:9", 50) == 0  # the same network of one owner
+    assert await refused_after(authenticator, "2001:db8:0:1::1", 50) == 5
 
 
 async def test_a_key_that_was_right_before_is_taken_while_its_address_is_held_off(ring: KeyRing) -> None:
-    door = Door(ring, per_minute=5)
+    authenticator = KeyAuthenticator(ring, per_minute=5)
     old, new = await ring.create("tower", Role.PILOT), await ring.create("new", Role.PILOT)
-    assert await door.identify("192.0.2.1", old) is not None
-    await refused_after(door, "192.0.2.1", 50)
-    found = await door.identify("192.0.2.1", old)
+    assert await authenticator.identify("192.0.2.1", old) is not None
+    await refused_after(authenticator, "192.0.2.1", 50)
+    found = await authenticator.identify("192.0.2.1", old)
     assert found is not None
     assert found.name == "tower"
     with pytest.raises(TooManyRequestsError):  # else an answer would tell right from wrong
-        await door.identify("192.0.2.1", new)
+        await authenticator.identify("192.0.2.1", new)
     await ring.revoke(old.split("_")[1])
-    assert await door.identify("192.0.2.1", old) is None
+    assert await authenticator.identify("192.0.2.1", old) is None
     with pytest.raises(TooManyRequestsError):
-        await door.identify("192.0.2.1", old)
+        await authenticator.identify("192.0.2.1", old)
 
 
 async def test_wrong_keys_end_in_429_wherever_they_are_tried(tmp_path: Path, ring: KeyRing) -> None:

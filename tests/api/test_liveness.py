@@ -13,7 +13,7 @@ import pytest
 from fastapi.testclient import TestClient
 
 from skyfolio.api.plans.jobs import Job
-from skyfolio.api.plans.liveness import COLD_STUCK_S, SILENT_S, STUCK_S, Beats, Place
+from skyfolio.api.plans.liveness import COLD_STUCK_S, SILENT_S, STUCK_S, WorkerHeartbeat, WorkerHeartbeats
 from skyfolio.api.plans.solver import Lane, LaneName
 from skyfolio.planner import EXAMPLES, Scenario, Uav, User
 from tests.api.flying import FleetThread, Flight, service
@@ -53,7 +53,7 @@ async def test_a_worker_that_was_never_needed_is_not_missed_and_a_busy_one_answe
     began, worst_s = time.monotonic(), 0.0
     solving = asyncio.gather(*(lane.solve(Job(scenario=large().model_dump_json())) for _ in range(6)))
     while not solving.done():
-        worst_s = max(worst_s, lane._beats.silent_for_s())
+        worst_s = max(worst_s, lane._heartbeats.silent_for_s())
         assert lane.answers
         await asyncio.sleep(0.01)
     assert time.monotonic() - began > 1.0  # it was busy
@@ -74,9 +74,9 @@ async def test_a_worker_that_stays_stuck_is_killed_and_replaced(lane: Lane, monk
     await lane.warm_up()
     (pid,) = pids(lane)
     os.kill(pid, signal.SIGSTOP)
-    await until(lambda: lane._beats.silent_for_s() > 1.2)
+    await until(lambda: lane._heartbeats.silent_for_s() > 1.2)
     await lane.tend()
-    await until(lane._beats.gone)
+    await until(lane._heartbeats.gone)
     await lane.tend()
     assert lane.answers
     assert pids(lane) != [pid]
@@ -93,21 +93,21 @@ class Clock:
 
 
 @pytest.fixture
-def beats(monkeypatch: pytest.MonkeyPatch) -> tuple[Beats, Place, Clock, list[int]]:
+def beats(monkeypatch: pytest.MonkeyPatch) -> tuple[WorkerHeartbeats, WorkerHeartbeat, Clock, list[int]]:
     """A worker's place among the beats, where time stands still, and whom the watch killed."""
     clock, killed = Clock(), list[int]()
     monkeypatch.setattr("skyfolio.api.plans.liveness.time", clock)
     monkeypatch.setattr(
         "skyfolio.api.plans.liveness.os.kill", lambda pid, number: killed.append(pid) if number else None
     )
-    made = Beats(multiprocessing.get_context("spawn"), 1)
-    place = Place(*made.shared)
+    made = WorkerHeartbeats(multiprocessing.get_context("spawn"), 1)
+    place = WorkerHeartbeat(*made.shared)
     place.beat()
     return made, place, clock, killed
 
 
 def test_a_warm_worker_that_is_silent_does_not_answer_and_is_killed(
-    beats: tuple[Beats, Place, Clock, list[int]],
+    beats: tuple[WorkerHeartbeats, WorkerHeartbeat, Clock, list[int]],
 ) -> None:
     watch, place, clock, killed = beats
     place.set_cold(False)
@@ -118,7 +118,9 @@ def test_a_warm_worker_that_is_silent_does_not_answer_and_is_killed(
     assert killed == [os.getpid()]
 
 
-def test_a_worker_that_compiles_is_given_time_and_is_not_killed(beats: tuple[Beats, Place, Clock, list[int]]) -> None:
+def test_a_worker_that_compiles_is_given_time_and_is_not_killed(
+    beats: tuple[WorkerHeartbeats, WorkerHeartbeat, Clock, list[int]],
+) -> None:
     watch, place, clock, killed = beats
     place.set_cold(False)
     place.note_compiling(1)
@@ -133,7 +135,7 @@ def test_a_worker_that_compiles_is_given_time_and_is_not_killed(beats: tuple[Bea
 
 
 def test_a_worker_that_hangs_while_it_compiles_is_killed_later_each_time(
-    beats: tuple[Beats, Place, Clock, list[int]],
+    beats: tuple[WorkerHeartbeats, WorkerHeartbeat, Clock, list[int]],
 ) -> None:
     watch, place, clock, killed = beats
     place.note_compiling(3)
@@ -166,7 +168,7 @@ async def test_a_worker_has_all_kernels_before_its_first_job(lane: Lane) -> None
     assert solved.plan
     assert began == (True, False)  # it was given time to start
     assert lane.warm
-    assert not lane._beats.cold
+    assert not lane._heartbeats.cold
 
 
 def test_clients_what_ifs_and_health_leave_the_workers_of_flights_alone(

@@ -12,7 +12,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from skyfolio.api.common.errors import CrossSiteError, MediaTypeError, MisdirectedError
 from skyfolio.api.common.settings import Settings
 from skyfolio.api.http.app import create_app
-from skyfolio.api.http.origin_checks import Hosts, require_json, require_same_origin
+from skyfolio.api.http.origin_checks import AllowedHosts, require_json, require_same_origin
 from skyfolio.api.http.response_headers import dashboard_policy
 
 OWN = "http://127.0.0.1:8080"
@@ -50,7 +50,7 @@ def test_loopback_and_the_names_of_the_settings_are_ours(keyless: TestClient, ho
 
 
 def test_bound_to_all_addresses_any_address_is_ours_but_no_foreign_name() -> None:
-    hosts = Hosts(Settings(host="0.0.0.0"))  # noqa: S104
+    hosts = AllowedHosts(Settings(host="0.0.0.0"))  # noqa: S104
     for host in ("192.0.2.7:8080", "[2001:db8::7]", "localhost"):
         hosts.require(asked(host=host))
     with pytest.raises(MisdirectedError):
@@ -82,7 +82,7 @@ def test_a_browser_that_only_says_where_the_page_is_from_is_believed(keyless: Te
     ("host", "origin"), [("h", "https://h"), ("h:80", "http://h"), ("[::1]:8080", "http://[::1]:8080")]
 )
 def test_default_ports_and_brackets_make_no_other_origin(host: str, origin: str) -> None:
-    hosts = Hosts(Settings(allowed_hosts="h"))
+    hosts = AllowedHosts(Settings(allowed_hosts="h"))
     require_same_origin(asked(origin=origin), hosts.require(asked(host=host)), safe=False)
     with pytest.raises(CrossSiteError):
         require_same_origin(

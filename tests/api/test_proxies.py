@@ -17,7 +17,7 @@ from pydantic import ValidationError
 from skyfolio.api.access.api_keys import KeyRing, Role
 from skyfolio.api.common.settings import Settings
 from skyfolio.api.http.app import create_app
-from skyfolio.api.http.connections import PatientProtocol
+from skyfolio.api.http.connections import HeaderTimeoutProtocol
 from skyfolio.api.http.proxies import FORWARDED
 from skyfolio.api.store import Database
 from tests.ports import free_port
@@ -46,7 +46,7 @@ def served(url: str, **settings: Any) -> Iterator[int]:
     port = free_port(socket.SOCK_STREAM)
     app = create_app(Settings(database_url=url, warm_up=False, **settings))
     config = uvicorn.Config(
-        app, port=port, http=PatientProtocol, log_config=None, access_log=False, proxy_headers=False
+        app, port=port, http=HeaderTimeoutProtocol, log_config=None, access_log=False, proxy_headers=False
     )
     server = uvicorn.Server(config)
     thread = threading.Thread(target=server.run)

@@ -15,7 +15,7 @@ from starlette.types import Message
 from skyfolio.api.access.api_keys import KeyRing, Role
 from skyfolio.api.common.settings import Settings
 from skyfolio.api.http.app import create_app
-from skyfolio.api.http.middleware import Gate
+from skyfolio.api.http.middleware import AdmissionMiddleware
 from skyfolio.api.lab.demo.client import free_port
 from skyfolio.api.store import Database
 
@@ -76,7 +76,7 @@ async def test_the_stream_of_a_revoked_key_ends_and_those_of_others_go_on(
             revoked_at = time.monotonic()
             await ring.revoke(keys["leaver"].split("_")[1])
             while not listeners["leaver"].done():
-                app.state.service.events.picture({})  # a stream that is never quiet is looked after too
+                app.state.service.events.publish_telemetry({})  # a stream that is never quiet is looked after too
                 await asyncio.sleep(0.02)
         await listeners["leaver"]
         assert ended["leaver"] - revoked_at < SOON_S
@@ -115,7 +115,7 @@ async def test_a_websocket_is_closed_when_its_key_is_revoked(
         "path": "/ui/socket",
         "headers": [(b"host", b"127.0.0.1"), (b"cookie", f"skyfolio_key={key}".encode())],
     }
-    connected = asyncio.create_task(Gate(echo, owner=app)(scope, receive, send))
+    connected = asyncio.create_task(AdmissionMiddleware(echo, owner=app)(scope, receive, send))
     await asyncio.sleep(0.6)
     assert not connected.done()
     revoked_at = time.monotonic()

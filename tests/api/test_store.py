@@ -1,15 +1,19 @@
 """The database, both kinds: migrations, durable writes that share commits, one service at a time."""
 
 import asyncio
+import os
+import sys
 from collections.abc import AsyncIterator
+from pathlib import Path
 
 import pytest
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
+from alembic.script import ScriptDirectory
 from sqlalchemy import Connection, insert, select
 from sqlalchemy.ext.asyncio import create_async_engine
 
-from skyfolio.api.store import Database, StoreError, metadata
+from skyfolio.api.store import Database, StoreError, metadata, migrate
 from skyfolio.api.store.tables import events
 
 INSERT = insert(events)
@@ -40,6 +44,31 @@ async def test_migrations_lead_to_exactly_the_tables_of_this_version(database_ur
     async with engine.connect() as connection:
         assert await connection.run_sync(differences) == []
     await engine.dispose()
+
+
+async def test_a_database_at_the_newest_revision_is_opened_without_alembic(
+    database_url: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    await (await Database.open(database_url)).close()
+    monkeypatch.setitem(sys.modules, "alembic", None)  # importing it fails
+    await (await Database.open(database_url)).close()
+
+
+def test_the_newest_revisions_are_those_that_alembic_finds() -> None:
+    scripts = ScriptDirectory(str(Path(migrate.__file__).parent / "migrations"))
+    assert migrate.newest_revisions() == set(scripts.get_heads())
+
+
+async def test_a_database_that_is_closed_is_free_though_a_forked_process_holds_its_files(tmp_path: Path) -> None:
+    url = f"sqlite+aiosqlite:///{tmp_path}/service.db"
+    first = await Database.open(url)
+    await first.claim()
+    assert first._lock is not None
+    with os.fdopen(os.dup(first._lock.fileno())):  # as between fork and exec of a worker
+        await first.close()
+        second = await Database.open(url)
+        await second.claim()
+        await second.close()
 
 
 async def test_what_was_written_is_there_after_opening_again(database_url: str) -> None:

@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skyfolio.api.dashboard.schedule import point_at, slip_s
+from skyfolio.api.dashboard.schedule import slip_s
+from skyfolio.planner.geometry import point_at
 
 EAST = [(25.0 * n, 0.0) for n in range(11)]
 coordinates = st.floats(-500, 500)

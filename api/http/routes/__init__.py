@@ -1,1 +1,1 @@
-"""HTTP routes. Each parses, calls one part of the service, and renders; nothing is decided here."""
+"""HTTP routes. Each parses a request, calls one part of the service, and renders the result; routes decide nothing."""

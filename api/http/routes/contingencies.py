@@ -1,4 +1,4 @@
-"""What if a UAV were lost: the N-1 table of a plan."""
+"""The N-1 table of a plan: what users would receive after each single loss."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ router = APIRouter(prefix="/v1", tags=["plans"], dependencies=[*KNOWN, requires(
 
 ANSWERS: dict[int | str, dict[str, Any]] = {
     200: {"description": "Every row.", "model": ContingencyTable},
-    202: {"description": "Some rows are still being made; ask again after `Retry-After`.", "model": ContingencyTable},
+    202: {"description": "Some rows are still being made; try again after `Retry-After`.", "model": ContingencyTable},
 }
 
 
@@ -26,11 +26,11 @@ async def read_contingencies(
     plan_id: str,
     service: ServiceDep,
     at_slot: Annotated[
-        int | None, Query(ge=0, le=1_000_000, description="The slot at which it is lost; default: the second.")
+        int | None, Query(ge=0, le=1_000_000, description="The slot at which the UAV is lost; default: the second.")
     ] = None,
     wait_s: Annotated[float, Query(ge=0, le=60, description="Wait up to this many seconds for all rows.")] = 10,
 ) -> Response:
-    """N-1: for each UAV lost at a slot, the rates that the survivors' new plan gives, and those without one.
+    """Return, for each UAV lost at a slot (N-1), the rates with and without a plan for the survivors.
 
     Each plan is made once, kept, and flown when that loss really happens.
     """

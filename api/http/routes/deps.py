@@ -1,4 +1,4 @@
-"""What the routes need of the running service, and the manners that they share."""
+"""Dependencies of the routes: the running service, roles, paging, idempotency and size limits."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from fastapi.security import HTTPBearer
 
 from skyfolio.api.access.api_keys import Principal, Role
 from skyfolio.api.common.errors import ForbiddenError, InvalidError
-from skyfolio.api.common.idempotency import Creation, fresh, keyed
+from skyfolio.api.common.idempotency import NewResource, fresh, keyed
 from skyfolio.api.common.settings import Settings
 from skyfolio.api.service import Service
 from skyfolio.planner import Scenario
@@ -23,7 +23,7 @@ _bearer = HTTPBearer(
 )
 Limit = Annotated[int, Query(ge=1, le=200, description="At most this many.")]
 Before = Annotated[
-    int | None, Query(ge=1, le=2**53, alias="cursor", description="`next` of the page before; none: the newest.")
+    int | None, Query(ge=1, le=2**53, alias="cursor", description="`next` of the previous page; default: the newest.")
 ]
 WaitS = Annotated[float, Query(ge=0, le=60, description="Wait up to this many seconds for the result.")]
 
@@ -37,13 +37,13 @@ ServiceDep = Annotated[Service, Depends(_service)]
 
 
 def principal_of(request: Request) -> Principal:
-    """Who asks; the gate has found out."""
+    """Return who asks, as the middleware has established it."""
     principal: Principal = request.state.principal
     return principal
 
 
 def requires(role: Role) -> Any:
-    """A dependency for a router or a route: only keys of this role or a higher one pass. Raises ForbiddenError."""
+    """Return a dependency that lets only keys of this role or a higher one pass. Raises ForbiddenError."""
 
     async def check(request: Request) -> None:
         principal = principal_of(request)
@@ -54,7 +54,7 @@ def requires(role: Role) -> Any:
 
 
 KNOWN = [Security(_bearer)]
-"""Dependency of every router: shows in the OpenAPI that a key may be needed. The gate checks it."""
+"""Dependency of every router: shows in the OpenAPI that a key may be needed. The middleware checks it."""
 
 Key = Annotated[
     str | None,
@@ -62,17 +62,17 @@ Key = Annotated[
         alias="Idempotency-Key",
         min_length=1,
         max_length=255,
-        description="A name you choose for this request. Sending it again makes nothing new and answers with the "
+        description="A name you choose for this request. Sending it again creates nothing new and returns the "
         "resource as it is now; the same key with another request is refused with 422.",
         examples=["8e03978e-40d5-43dd-bc93-6894a57f9324"],
     ),
 ]
 
 
-def creates(prefix: str) -> Callable[..., Awaitable[Creation]]:
-    """A dependency that gives the resource to be made its id, the same one for the same `Idempotency-Key`."""
+def creates(prefix: str) -> Callable[..., Awaitable[NewResource]]:
+    """Return a dependency that gives the new resource its id, the same one for the same `Idempotency-Key`."""
 
-    async def creation(request: Request, key: Key = None) -> Creation:
+    async def creation(request: Request, key: Key = None) -> NewResource:
         owner = principal_of(request).name
         if key is None:
             return fresh(prefix, owner)

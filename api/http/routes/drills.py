@@ -8,7 +8,7 @@ from fastapi import APIRouter, Depends, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from skyfolio.api.access.api_keys import Role
-from skyfolio.api.common.idempotency import Creation
+from skyfolio.api.common.idempotency import NewResource
 from skyfolio.api.flights.drills import DrillOptions, DrillView, new_drill
 from skyfolio.api.http.routes.deps import KNOWN, Before, Limit, ServiceDep, creates, requires
 from skyfolio.api.http.routes.examples import DRILL_EXAMPLES
@@ -18,7 +18,7 @@ router = APIRouter(prefix="/v1", tags=["drills"], dependencies=[*KNOWN, requires
 
 
 class DrillRequest(BaseModel):
-    """Which simulated UAV of an operation is struck by what, and when. Slots count from 0."""
+    """Which fault is injected into which simulated UAV of an operation, and when. Slots count from 0."""
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
@@ -28,7 +28,7 @@ class DrillRequest(BaseModel):
     at_slot: Annotated[
         int | None, Field(ge=0, le=1_000_000, strict=True, description="When this slot begins; null: at once.")
     ] = None
-    options: Annotated[DrillOptions, Field(max_length=16, description="What the fault takes, by name.")] = {}
+    options: Annotated[DrillOptions, Field(max_length=16, description="Options of the fault, by name.")] = {}
 
 
 class DrillPage(BaseModel):
@@ -43,9 +43,9 @@ async def start_drill(
     body: DrillRequest,
     service: ServiceDep,
     response: Response,
-    creation: Annotated[Creation, Depends(creates("drill"))],
+    creation: Annotated[NewResource, Depends(creates("drill"))],
 ) -> DrillView:
-    """Let a fault strike a vehicle that this service simulates (`serve --simulate`); refused for any other."""
+    """Inject a fault into a vehicle that this service simulates (`serve --simulate`); any other is refused."""
     drill = await service.drills.schedule(creation, new_drill(creation, **body.model_dump()))
     response.headers["Location"] = f"/v1/drills/{drill.id}"
     return drill
@@ -53,12 +53,12 @@ async def start_drill(
 
 @router.get("/drills")
 async def list_drills(service: ServiceDep, limit: Limit = 50, cursor: Before = None) -> DrillPage:
-    """Drills, the newest first."""
+    """List drills, the newest first."""
     items, following = await service.drills.page(limit, cursor)
     return DrillPage(items=items, next=following)
 
 
 @router.get("/drills/{drill_id}")
 async def read_drill(drill_id: str, service: ServiceDep) -> DrillView:
-    """One drill."""
+    """Return one drill."""
     return await service.drills.get(drill_id)

@@ -31,7 +31,7 @@ STREAM: dict[int | str, dict[str, Any]] = {
     }
 }
 LastEventId = Annotated[
-    int, Header(ge=0, le=2**53, alias="Last-Event-ID", description="Go on after this event; browsers send it.")
+    int, Header(ge=0, le=2**53, alias="Last-Event-ID", description="Continue after this event; browsers send it.")
 ]
 
 
@@ -48,11 +48,11 @@ async def stream_events(
     service: ServiceDep,
     last_event_id: LastEventId = 0,
     telemetry: Annotated[
-        bool, Query(description="Also pictures of all vehicles, ten a second, as `event: telemetry` without an id.")
+        bool, Query(description="Also snapshots of all vehicles, ten per second, as `event: telemetry` without an id.")
     ] = False,
     follow: Annotated[bool, Query(description="False: end after what is stored now.")] = True,
 ) -> StreamingResponse:
-    """Server-sent events from the first one, or from the one after `Last-Event-ID`; none is ever left out.
+    """Stream the events (SSE), from the first or from the one after `Last-Event-ID`; none is ever left out.
 
     The stream ends when the API key it was opened with is revoked.
     """
@@ -71,7 +71,7 @@ async def read_events(
     after: Annotated[int, Query(ge=0, le=2**53, description="Events with a greater number.")] = 0,
     limit: Annotated[int, Query(ge=1, le=500)] = 100,
 ) -> EventPage:
-    """A page of the event log, for replay."""
+    """Return a page of the event log, for replay."""
     items = await service.events.after(after, limit)
     return EventPage(items=items, next=items[-1].id if len(items) == limit else None)
 

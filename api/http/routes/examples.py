@@ -1,4 +1,4 @@
-"""Example bodies of the OpenAPI description: the very objects that the planner's examples make."""
+"""Example bodies of the OpenAPI description: built from the planner's own examples."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from skyfolio.planner import EXAMPLES
 
 
 def _bodies(**examples: tuple[str, Any]) -> dict[str, Any]:
-    shown = {name: {"summary": summary, "value": value} for name, (summary, value) in examples.items()}
-    return {"requestBody": {"content": {"application/json": {"examples": shown}}}}
+    bodies = {name: {"summary": summary, "value": value} for name, (summary, value) in examples.items()}
+    return {"requestBody": {"content": {"application/json": {"examples": bodies}}}}
 
 
 PLAN_EXAMPLES = _bodies(
@@ -17,13 +17,13 @@ PLAN_EXAMPLES = _bodies(
     paper=("The letter's scenario", EXAMPLES["paper"]().model_dump(mode="json", exclude_defaults=True)),
 )
 REPLAN_EXAMPLES = _bodies(
-    loss=("uav-2 is gone from slot 2 on", {"failed": ["uav-2"], "at_slot": 2}),
+    loss=("uav-2 is lost from slot 2 on", {"failed": ["uav-2"], "at_slot": 2}),
     moved=(
-        "uav-1 is not where the plan has it (metres east, north)",
+        "uav-1 is not at its planned position (metres east, north)",
         {"failed": ["uav-2"], "at_slot": 2, "positions_m": {"uav-1": [51.0, 48.5]}},
     ),
     users=(
-        "A user leaves, one joins, and rates shall be steadier",
+        "A user leaves, one joins, and rates are to be steadier",
         {
             "at_slot": 2,
             "users_left": ["user-1"],
@@ -32,15 +32,15 @@ REPLAN_EXAMPLES = _bodies(
         },
     ),
     returned=(
-        "uav-2 is back, where it is now, with half of its band",
+        "uav-2 is back, at its present position, with half of its bandwidth",
         {"at_slot": 3, "returned": [{"id": "uav-2", "start_m": [80.0, 60.0]}], "bandwidth_hz": {"uav-2": 5000.0}},
     ),
 )
 VEHICLE_EXAMPLES = _bodies(first=("UAV 'uav-1' is MAVLink system 1", {"uav_id": "uav-1", "system_id": 1}))
 OPERATION_EXAMPLES = _bodies(
-    auto=("Answer losses by itself", {"plan_id": "plan-5b0c4e9a7d21", "replanning": "auto"}),
+    auto=("Recover from losses automatically", {"plan_id": "plan-5b0c4e9a7d21", "replanning": "auto"}),
     approve=("Ask before missions are swapped", {"plan_id": "plan-5b0c4e9a7d21", "replanning": "approve"}),
 )
 DRILL_EXAMPLES = _bodies(
-    kill=("uav-3 falls when slot 11 begins", {"operation_id": "op-5b0c4e9a7d21", "uav_id": "uav-3", "at_slot": 11})
+    kill=("uav-3 crashes when slot 11 begins", {"operation_id": "op-5b0c4e9a7d21", "uav_id": "uav-3", "at_slot": 11})
 )

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from skyfolio.api.access.api_keys import Role
 from skyfolio.api.common.errors import ConflictError
-from skyfolio.api.common.idempotency import Creation
+from skyfolio.api.common.idempotency import NewResource
 from skyfolio.api.fleet.vehicle_view import VehicleView
 from skyfolio.api.flights.orders import OrderResult
 from skyfolio.api.http.routes.deps import KNOWN, ServiceDep, creates, requires
@@ -19,7 +19,7 @@ router = APIRouter(prefix="/v1", tags=["fleet"], dependencies=[*KNOWN, requires(
 
 
 class VehicleRequest(BaseModel):
-    """Ties a UAV id, as plans use it, to a MAVLink system id."""
+    """A UAV id, as plans use it, and the MAVLink system id of its vehicle."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -33,12 +33,12 @@ Force = Annotated[
 ]
 UavIds = Annotated[
     list[Annotated[str, Field(max_length=64)]] | None,
-    Field(max_length=254, description="Only these vehicles; none: all that are registered."),
+    Field(max_length=254, description="Only these vehicles; default: all registered ones."),
 ]
 
 
 class HoldRequest(BaseModel):
-    """Who shall hover."""
+    """Which vehicles hover."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -46,7 +46,7 @@ class HoldRequest(BaseModel):
 
 
 class OrderRequest(HoldRequest):
-    """Who shall come down."""
+    """Which vehicles come down."""
 
     force: Force = False
 
@@ -61,7 +61,7 @@ class ForceRequest(BaseModel):
 
 @router.post("/fleet/vehicles", status_code=201, dependencies=[requires(Role.PILOT)], openapi_extra=VEHICLE_EXAMPLES)
 async def register_vehicle(
-    body: VehicleRequest, service: ServiceDep, creation: Annotated[Creation, Depends(creates("vehicle"))]
+    body: VehicleRequest, service: ServiceDep, creation: Annotated[NewResource, Depends(creates("vehicle"))]
 ) -> VehicleView:
     """Register a vehicle; the first one opens the fleet link. Registering the same pair again changes nothing."""
     del creation  # a pair is its own key: the header is taken, and has nothing to add
@@ -70,59 +70,59 @@ async def register_vehicle(
 
 @router.get("/fleet/vehicles")
 async def list_vehicles(service: ServiceDep) -> list[VehicleView]:
-    """All registered vehicles, as they were last heard."""
+    """List all registered vehicles, as they were last heard."""
     return service.fleet.views()
 
 
 @router.get("/fleet/vehicles/{uav_id}")
 async def read_vehicle(uav_id: str, service: ServiceDep) -> VehicleView:
-    """One vehicle, as it was last heard."""
+    """Return one vehicle, as it was last heard."""
     return service.fleet.find(uav_id)
 
 
 @router.post("/fleet:hold", dependencies=[requires(Role.PILOT)])
 async def hold_fleet(service: ServiceDep, body: HoldRequest | None = None) -> list[OrderResult]:
-    """Every vehicle that is heard and in the air stops and hovers, in every state of every operation.
+    """Make every vehicle that is heard and in the air stop and hover, in every state of every operation.
 
-    One result for each. Operations leave these vehicles alone, and end as `aborted` with the last one. Who is flown by
-    a human or a failsafe is never made to hold.
+    Returns one result for each. Operations leave these vehicles alone, and end as `aborted` with the last one. A
+    vehicle flown by a human or a failsafe is never made to hold.
     """
     return await service.orders.give("hold", body.uav_ids if body else None)
 
 
 @router.post("/fleet:return", dependencies=[requires(Role.PILOT)])
 async def return_fleet(service: ServiceDep, body: OrderRequest | None = None) -> list[OrderResult]:
-    """Every vehicle that is heard and in the air returns home, in every state of every operation."""
-    wanted = body or OrderRequest()
-    return await service.orders.give("return", wanted.uav_ids, force=wanted.force)
+    """Make every vehicle that is heard and in the air return home, in every state of every operation."""
+    order = body or OrderRequest()
+    return await service.orders.give("return", order.uav_ids, force=order.force)
 
 
 @router.post("/fleet:land", dependencies=[requires(Role.PILOT)])
 async def land_fleet(service: ServiceDep, body: OrderRequest | None = None) -> list[OrderResult]:
-    """Every vehicle that is heard and in the air lands where it is, in every state of every operation."""
-    wanted = body or OrderRequest()
-    return await service.orders.give("land", wanted.uav_ids, force=wanted.force)
+    """Make every vehicle that is heard and in the air land where it is, in every state of every operation."""
+    order = body or OrderRequest()
+    return await service.orders.give("land", order.uav_ids, force=order.force)
 
 
 @router.post("/fleet/vehicles/{uav_id}:hold", dependencies=[requires(Role.PILOT)])
 async def hold_vehicle(uav_id: str, service: ServiceDep) -> OrderResult:
-    """One vehicle stops and hovers; its operation goes on without it."""
-    (given,) = await service.orders.give("hold", [uav_id])
-    return given
+    """Make one vehicle stop and hover; its operation goes on without it."""
+    (result,) = await service.orders.give("hold", [uav_id])
+    return result
 
 
 @router.post("/fleet/vehicles/{uav_id}:return", dependencies=[requires(Role.PILOT)])
 async def return_vehicle(uav_id: str, service: ServiceDep, body: ForceRequest | None = None) -> OrderResult:
-    """One vehicle returns home; its operation goes on without it."""
-    (given,) = await service.orders.give("return", [uav_id], force=bool(body and body.force))
-    return given
+    """Make one vehicle return home; its operation goes on without it."""
+    (result,) = await service.orders.give("return", [uav_id], force=bool(body and body.force))
+    return result
 
 
 @router.post("/fleet/vehicles/{uav_id}:land", dependencies=[requires(Role.PILOT)])
 async def land_vehicle(uav_id: str, service: ServiceDep, body: ForceRequest | None = None) -> OrderResult:
-    """One vehicle lands where it is; its operation goes on without it."""
-    (given,) = await service.orders.give("land", [uav_id], force=bool(body and body.force))
-    return given
+    """Make one vehicle land where it is; its operation goes on without it."""
+    (result,) = await service.orders.give("land", [uav_id], force=bool(body and body.force))
+    return result
 
 
 @router.delete("/fleet/vehicles/{uav_id}", status_code=204, dependencies=[requires(Role.PILOT)])

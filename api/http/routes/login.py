@@ -1,4 +1,4 @@
-"""The web page's way in: a key becomes a cookie, because browsers cannot send headers with an event stream."""
+"""Sign-in of the web page: the key becomes a cookie, since browsers cannot send headers with an event stream."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ document.getElementById("f").onsubmit = async (e) => { e.preventDefault();
   const r = await fetch("login", {method: "POST", headers: {"content-type": "application/json"},
     body: JSON.stringify({key: document.getElementById("k").value})});
   if (r.ok) location.href = "ui/"; else document.getElementById("s").textContent =
-    r.status === 401 ? "This key is not known." : (await r.json()).detail; };
+    r.status === 401 ? "This key is unknown." : (await r.json()).detail; };
 </script></body></html>"""
 
 
@@ -37,7 +37,7 @@ class LoginRequest(BaseModel):
 
 @router.get("/login", response_class=HTMLResponse)
 async def show_login() -> HTMLResponse:
-    """The sign-in form."""
+    """Return the sign-in form."""
     return HTMLResponse(PAGE, headers={"content-security-policy": page_policy(PAGE)})
 
 
@@ -45,8 +45,8 @@ async def show_login() -> HTMLResponse:
 async def log_in(body: LoginRequest, service: ServiceDep, request: Request, response: Response) -> None:
     """Keep the key in a cookie that scripts cannot read and other sites cannot send."""
     client = request.client.host if request.client else "unknown"
-    if await service.door.identify(client, body.key) is None:
-        raise UnauthorizedError("key: is not known")
+    if await service.authenticator.identify(client, body.key) is None:
+        raise UnauthorizedError("key: is unknown")
     response.set_cookie(
         COOKIE,
         body.key,

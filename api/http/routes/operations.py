@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from skyfolio.api.access.api_keys import Role
 from skyfolio.api.common.errors import InvalidError, NotFoundError
-from skyfolio.api.common.idempotency import Creation
+from skyfolio.api.common.idempotency import NewResource
 from skyfolio.api.fleet.commander import Action
 from skyfolio.api.flights.guidance import Way
 from skyfolio.api.flights.journal import Entry
@@ -45,18 +45,22 @@ class OperationRequest(BaseModel):
     ] = "mission"
     stream_fallback: Annotated[
         FallBack,
-        Field(description="What vehicles do when the stream of setpoints ends, also because the service is killed."),
+        Field(
+            description="What vehicles do when the stream of setpoints ends, for example because the service is killed."
+        ),
     ] = FallBack.MISSION
     force_stream: Annotated[
         bool,
         Field(
-            description="Stream even to a PX4 whose `COM_OBL_RC_ACT` is not 5 (hold): it leaves for home when "
-            "setpoints end, even for a second. Refused without this, whatever the preflight setting is."
+            description="Stream even to a PX4 whose `COM_OBL_RC_ACT` is not 5 (hold): it flies home when "
+            "setpoints pause, even for a second. Refused without this, whatever the preflight setting is."
         ),
     ] = False
     at_end: Annotated[
         Literal["land", "return"],
-        Field(description="After the last slot: land where it is, or return to the start; refused if ways home meet."),
+        Field(
+            description="After the last slot: land where it is, or return to the start; refused if return paths meet."
+        ),
     ] = "land"
     launch: Annotated[
         Literal["auto", "manual"], Field(description="manual: upload, then wait for `operations/{id}:start`.")
@@ -64,7 +68,7 @@ class OperationRequest(BaseModel):
 
 
 class AbortRequest(BaseModel):
-    """What every vehicle that still answers does now: hover, land where it is, or return home."""
+    """What every vehicle that still responds does now: hover, land where it is, or return home."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -72,7 +76,7 @@ class AbortRequest(BaseModel):
 
 
 class ReadmitRequest(BaseModel):
-    """A UAV that was lost, is heard again, and shall fly with the others."""
+    """A UAV that was lost, is heard again, and is to fly with the others."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -80,7 +84,7 @@ class ReadmitRequest(BaseModel):
 
 
 class RetireRequest(BaseModel):
-    """A UAV that shall fly home now, while the others fly on without it."""
+    """A UAV that is to fly home now, while the others fly on without it."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -106,24 +110,24 @@ async def start_operation(
     body: OperationRequest,
     service: ServiceDep,
     response: Response,
-    creation: Annotated[Creation, Depends(creates("op"))],
+    creation: Annotated[NewResource, Depends(creates("op"))],
 ) -> OperationView:
     """Upload the plan's missions, take off, and fly; poll `Location` or follow `/v1/events`."""
-    made = await service.operations.start(
+    operation = await service.operations.start(
         body.plan_id,
         body.replanning,
         creation,
         launch_itself=body.launch == "auto",
         way=Way(body.guidance, body.stream_fallback, OnEnd(body.at_end), force_stream=body.force_stream),
     )
-    view = made.view() if isinstance(made, Operation) else made
+    view = operation.view() if isinstance(operation, Operation) else operation
     response.headers["Location"] = f"/v1/operations/{view.id}"
     return _tagged(response, view)
 
 
 @router.get("/operations")
 async def list_operations(service: ServiceDep, limit: Limit = 50, cursor: Before = None) -> OperationPage:
-    """Operations, the newest first."""
+    """List operations, the newest first."""
     rows = await service.operations.rows(limit + 1, cursor)
     items = [
         OperationRow(
@@ -146,7 +150,7 @@ async def list_operations(service: ServiceDep, limit: Limit = 50, cursor: Before
     responses={304: {"description": "`If-None-Match` names the present ETag: nothing that can be commanded changed."}},
 )
 async def read_operation(operation_id: str, service: ServiceDep, request: Request, response: Response) -> Any:
-    """Where an operation is: slot, losses, recoveries, and the rates users got."""
+    """Return the state of an operation: slot, losses, recoveries, and the rates users received."""
     view = await service.operations.view(operation_id)
     if request.headers.get("if-none-match") == _tag(view):
         return Response(status_code=304, headers={"ETag": _tag(view)})
@@ -155,7 +159,7 @@ async def read_operation(operation_id: str, service: ServiceDep, request: Reques
 
 @router.get("/operations/{operation_id}/journal")
 async def read_journal(operation_id: str, service: ServiceDep) -> list[Entry]:
-    """Every step of every incident, as it was stored before it was done."""
+    """Return every step of every incident, as it was stored before it was carried out."""
     await _require(service, operation_id)
     return await service.journal.of(operation_id)
 
@@ -167,9 +171,9 @@ async def read_track(
     after_s: Annotated[
         float | None, Query(allow_inf_nan=False, description="Only what was heard after this fleet second.")
     ] = None,
-    limit: Annotated[int | None, Query(ge=1, le=10_000, description="At most so many points; default: all.")] = None,
+    limit: Annotated[int | None, Query(ge=1, le=10_000, description="At most this many points; default: all.")] = None,
 ) -> Response:
-    """Where every UAV was heard, twice a fleet second, for replay; with `after_s` and `limit` piece by piece."""
+    """Return where every UAV was heard, twice per fleet second, for replay; `after_s` and `limit` page through."""
     await _require(service, operation_id)
     record = await service.operations.track(operation_id, after_s, limit)
     return Response(await asyncio.to_thread(track_json, record), media_type="application/json")
@@ -190,7 +194,7 @@ async def launch_operation(
 async def pause_operation(
     operation_id: str, service: ServiceDep, response: Response, if_match: IfMatch = None
 ) -> OperationView:
-    """Every vehicle hovers where it is, and the slot clock stands still."""
+    """Make every vehicle hover where it is, and stop the slot clock."""
     version = _version(if_match)
     operation = await service.operations.commanded(operation_id, State.FLYING, version=version)
     await operation.pause(version)
@@ -201,7 +205,7 @@ async def pause_operation(
 async def resume_operation(
     operation_id: str, service: ServiceDep, response: Response, if_match: IfMatch = None
 ) -> OperationView:
-    """Fly on with the missions on board; a loss during the pause is answered now."""
+    """Fly on with the missions on board; the service recovers now from a loss during the pause."""
     version = _version(if_match)
     operation = await service.operations.commanded(operation_id, State.PAUSED, version=version)
     await operation.resume(version)
@@ -216,10 +220,11 @@ async def abort_operation(
     body: AbortRequest | None = None,
     if_match: IfMatch = None,
 ) -> OperationView:
-    """End the operation: every vehicle that still answers holds, lands where it is, or returns home.
+    """End the operation: every vehicle that still responds holds, lands where it is, or returns home.
 
-    It goes before whatever is being done, and may be said again: the same action is repeated only if it failed, another
-    one (land after hold) is carried out for vehicles that still fly and have no other operation, also after the end.
+    An abort goes before whatever is being done, and may be repeated: the same action is tried again only where it
+    failed; another one (land after hold) is carried out for vehicles that still fly and have no other operation,
+    also after the end.
     """
     action = body.action if body else "hold"
     return _tagged(response, await service.operations.abort(operation_id, action, _version(if_match)))
@@ -229,7 +234,7 @@ async def abort_operation(
 async def readmit_uav(
     operation_id: str, body: ReadmitRequest, service: ServiceDep, response: Response, if_match: IfMatch = None
 ) -> OperationView:
-    """Plan again with a UAV that was lost and is back: it is offered as `returned`, and never commanded unasked."""
+    """Plan again with a UAV that was lost and is back: it is offered as `returned`, and commanded only then."""
     version = _version(if_match)
     operation = await service.operations.commanded(operation_id, State.FLYING, version=version)
     await operation.readmit(body.uav_id, version)
@@ -240,7 +245,10 @@ async def readmit_uav(
 async def retire_uav(
     operation_id: str, body: RetireRequest, service: ServiceDep, response: Response, if_match: IfMatch = None
 ) -> OperationView:
-    """Send a UAV home and plan without it; meant for those offered as `low_on_battery`, which nobody grabs unasked."""
+    """Send a UAV home and plan without it; meant for those offered as `low_on_battery`.
+
+    The service retires no UAV by itself.
+    """
     version = _version(if_match)
     operation = await service.operations.commanded(operation_id, State.FLYING, version=version)
     await operation.retire(body.uav_id, version)
@@ -249,7 +257,7 @@ async def retire_uav(
 
 @router.post("/operations/{operation_id}/incidents/{incident}:approve", dependencies=pilot_only)
 async def approve_proposal(operation_id: str, incident: int, service: ServiceDep, response: Response) -> OperationView:
-    """Fly the proposed plan. When it has grown stale meanwhile, one for a later slot is made and flown at once."""
+    """Fly the proposed plan. When it has become stale meanwhile, one for a later slot is made and flown at once."""
     return await _decided(service, operation_id, incident, response, agreed=True)
 
 
@@ -268,7 +276,7 @@ async def _decided(
 
 
 def track_json(record: Record) -> bytes:
-    """The track as JSON; a long one takes a while, and is made beside the event loop."""
+    """Return the track as JSON. A long one takes a while and is encoded in a thread."""
     points = (TrackPoint(elapsed_s=at, positions_m=where).model_dump_json() for at, where in record)
     return f"[{','.join(points)}]".encode()
 
@@ -288,10 +296,10 @@ def _tagged(response: Response, view: OperationView) -> OperationView:
 
 
 def _version(if_match: str | None) -> int | None:
-    """The version that an ETag of ours names; `*` and none name any."""
+    """Return the version that an ETag names; None for `*` and without an ETag."""
     if if_match is None or if_match.strip() == "*":
         return None
-    found = re.fullmatch(r'\s*"?[A-Za-z0-9-]+\.([0-9]{1,9})"?\s*', if_match)
-    if found is None:
+    etag = re.fullmatch(r'\s*"?[A-Za-z0-9-]+\.([0-9]{1,9})"?\s*', if_match)
+    if etag is None:
         raise InvalidError(f"If-Match: {if_match!r} is not an ETag of this service")
-    return int(found.group(1))
+    return int(etag.group(1))

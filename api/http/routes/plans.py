@@ -11,7 +11,7 @@ from fastapi.responses import JSONResponse, PlainTextResponse
 from pydantic import BaseModel, Field
 
 from skyfolio.api.access.api_keys import Role
-from skyfolio.api.common.idempotency import Creation
+from skyfolio.api.common.idempotency import NewResource
 from skyfolio.api.http.routes.deps import (
     KNOWN,
     Before,
@@ -40,10 +40,10 @@ Starts = Annotated[
     Query(
         ge=1,
         le=64,
-        description="Starts to climb from: fewer is faster. Default: by size, at most `plan_starts` of the settings.",
+        description="Starts of the optimiser: fewer is faster. Default: by size, at most the setting `plan_starts`.",
     ),
 ]
-NewPlan = Annotated[Creation, Depends(creates("plan"))]
+NewPlan = Annotated[NewResource, Depends(creates("plan"))]
 ANSWERS: dict[int | str, dict[str, Any]] = {
     200: {"description": "The plan has ended.", "model": Plan | UnfinishedPlan},
     202: {
@@ -60,23 +60,25 @@ MISSION_ANSWERS: dict[int | str, dict[str, Any]] = {
 
 
 class ReplanRequest(Changes):
-    """What is different from `at_slot` on; all of it at once. Slots are on the operation's grid, positions in metres
-    east/north, rates in bit/s."""
+    """What is different from `at_slot` on, all of it at once.
 
-    failed: Annotated[tuple[Identifier, ...], Field(max_length=1000, description="UAVs that are gone.")] = ()
+    Slots are on the operation's grid, positions in metres east/north, rates in bit/s.
+    """
+
+    failed: Annotated[tuple[Identifier, ...], Field(max_length=1000, description="UAVs that are lost.")] = ()
     returned: Annotated[
         tuple[Uav, ...],
-        Field(max_length=1000, description="UAVs that join or come back, whole; `start_m`: where they are then."),
+        Field(max_length=1000, description="Complete UAVs that join or come back; `start_m`: where they are then."),
     ] = ()
     users_joined: Annotated[
         tuple[User, ...], Field(description="New users; slots before `at_slot` do not count for them.")
     ] = ()
     users_left: Annotated[
-        tuple[Identifier, ...], Field(description="Users that no longer count, nor what they got.")
+        tuple[Identifier, ...], Field(description="Users that no longer count; nor do their past rates.")
     ] = ()
-    utility: Annotated[Utility | None, Field(description="Another utility, or another mu; default: as it was.")] = None
+    utility: Annotated[Utility | None, Field(description="Another utility, or another mu; default: unchanged.")] = None
     bandwidth_hz: Annotated[
-        dict[Identifier, Hertz], Field(default_factory=dict, description="The new bands of some UAVs, by id.")
+        dict[Identifier, Hertz], Field(default_factory=dict, description="New bandwidths of some UAVs, by id.")
     ]
     at_slot: Annotated[int, Field(ge=0, le=1_000_000, strict=True, description="First slot to plan.")]
     positions_m: Annotated[
@@ -85,12 +87,12 @@ class ReplanRequest(Changes):
     ] = None
     achieved_rates_bps: Annotated[
         dict[str, list[float]] | None,
-        Field(description="Rates each user got in every slot before `at_slot`; default: as planned."),
+        Field(description="Rates each user received in every slot before `at_slot`; default: as planned."),
     ] = None
-    cause: Annotated[Cause | None, Field(description="Why; default: what the changes say.")] = None
+    cause: Annotated[Cause | None, Field(description="Why; default: derived from the changes.")] = None
 
     def arguments(self) -> dict[str, Any]:
-        """As `planner.replan` takes them."""
+        """Return the request as the arguments of `planner.replan`."""
         return {
             "failed": (),
             "at_slot": self.at_slot,
@@ -100,11 +102,11 @@ class ReplanRequest(Changes):
         }
 
     def reason(self) -> Cause:
-        """The cause that was given, with the UAVs that it is about."""
-        own = cause_of(self)
+        """Return the given cause, with the UAVs that it is about."""
+        derived = cause_of(self)
         if self.cause is None or self.cause.uav_ids:
-            return self.cause or own
-        return self.cause.model_copy(update={"uav_ids": own.uav_ids})
+            return self.cause or derived
+        return self.cause.model_copy(update={"uav_ids": derived.uav_ids})
 
 
 class PlanPage(BaseModel):
@@ -132,7 +134,7 @@ async def create_plan(
 async def list_plans(
     service: ServiceDep, limit: Limit = 50, cursor: Before = None, status: PlanStatus | None = None
 ) -> PlanPage:
-    """Plans without their results, the newest first."""
+    """List plans without their results, the newest first."""
     rows = await service.plans.store.rows(limit + 1, cursor, status)
     return PlanPage(
         items=[
@@ -168,13 +170,13 @@ async def create_replan(
     wait_s: WaitS = 0,
     deadline_s: DeadlineS = None,
 ) -> Response:
-    """Plan the remaining slots of a plan after a change: UAVs gone or back, users gone or new, another utility or band.
+    """Plan the remaining slots of a plan after a change of UAVs, users, utility or bandwidth.
 
     The result is a new plan whose `parent` is this one.
     """
     request = body.arguments()
     previous = await service.plans.finished(plan_id)
-    scenario, _ = remaining(previous, **request)  # refuse at the door what cannot be replanned
+    scenario, _ = remaining(previous, **request)  # refuse now what cannot be replanned
     require_within_limits(scenario, service.settings)
     record = await service.plans.submit_replan(previous, request, body.reason(), creation, deadline_s=deadline_s)
     return await _created(service, record, wait_s)
@@ -192,7 +194,7 @@ async def cancel_plan(plan_id: str, service: ServiceDep, wait_s: WaitS = 0) -> R
 
 @router.get("/plans/{plan_id}", responses=ANSWERS, response_model=None)
 async def read_plan(plan_id: str, service: ServiceDep, wait_s: WaitS = 0) -> Response:
-    """A plan, or how far it is: while it runs, `progress` is what it has reached, `best` its best plan so far."""
+    """Return a plan, or how far it is: while it runs, `progress` and its `best` plan so far."""
     record = await service.plans.record(plan_id)
     await service.plans.wait(record, wait_s)
     return await _rendered(service, record)
@@ -206,13 +208,16 @@ async def read_missions(
     autopilot: Annotated[Autopilot, Query(description="Which autopilot will fly them.")] = DEFAULT_AUTOPILOT,
     uav_id: str | None = None,
 ) -> Response:
-    """The MAVLink missions of a plan: one per UAV as JSON, or one UAV's as a QGroundControl `.plan` or `.waypoints`."""
+    """Return the MAVLink missions of a plan: all as JSON, or one UAV's as a `.plan` or `.waypoints` file.
+
+    Both formats are QGroundControl's.
+    """
     missions = Missions(await service.plans.finished(plan_id), autopilot)
     return await asyncio.to_thread(_mission_answer, missions, format, uav_id)
 
 
 def _mission_answer(missions: Missions, format: str, uav_id: str | None) -> Response:  # noqa: A002 - as in the contract
-    """Compile and encode; a large fleet's missions take a while, and are made beside the event loop."""
+    """Compile and encode; for a large fleet this takes a while and runs in a thread."""
     if format == "plan":
         return JSONResponse(missions.qgc_plan(uav_id))
     if format == "waypoints":

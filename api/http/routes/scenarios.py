@@ -31,13 +31,13 @@ class Verdict(BaseModel):
 
 @router.get("/scenarios/examples")
 async def list_examples() -> ExampleList:
-    """Names of the ready scenarios."""
+    """List the names of the ready scenarios."""
     return ExampleList(examples=sorted(EXAMPLES))
 
 
 @router.get("/scenarios/examples/{name}")
 async def read_example(name: str) -> Scenario:
-    """One ready scenario, to plan or to edit."""
+    """Return one ready scenario, to plan or to edit."""
     if name not in EXAMPLES:
         raise NotFoundError(f"example {name!r} does not exist; there are {', '.join(sorted(EXAMPLES))}")
     return EXAMPLES[name]()

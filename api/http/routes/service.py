@@ -1,4 +1,4 @@
-"""Whether the service is well, its figures, and who did what."""
+"""Health, readiness, metrics and the audit log."""
 
 from __future__ import annotations
 
@@ -19,8 +19,10 @@ known = [*KNOWN, requires(Role.VIEWER)]
 
 
 class Health(BaseModel):
-    """The service answers and its solver solves. `solve_ms` is the tiny instance's time from asking to result, measured
-    some seconds ago; null when clients' solves have left no time to measure it.
+    """The service answers and its solver solves.
+
+    `solve_ms`: time from submitting a tiny instance to its result, measured some seconds ago; null when clients'
+    solves have left no time to measure it.
     """
 
     status: str
@@ -36,7 +38,7 @@ class Readiness(BaseModel):
 
 
 class AuditRow(BaseModel):
-    """Who did what. `at` is UTC seconds since 1970."""
+    """Who requested what. `at` is UTC seconds since 1970."""
 
     id: int
     at: float
@@ -58,22 +60,28 @@ class AuditPage(BaseModel):
 
 @router.get("/health", responses={503: {"description": "The solver does not solve."}})
 async def health(service: ServiceDep) -> Health:
-    """Alive, and able to solve: a tiny instance is solved when none was in the last seconds. Needs no key."""
+    """Report that the service is alive and able to solve. Needs no key.
+
+    A tiny instance is solved when none was in the last seconds.
+    """
     return Health(status="ok", version=__version__, solve_ms=await service.pulse())
 
 
 @router.get("/ready", response_model=Readiness, responses={503: {"description": "Not now.", "model": Readiness}})
 async def ready(service: ServiceDep) -> Response:
-    """Ready to take work: the database answers, the workers are warm, what was in the air is followed again."""
+    """Report whether the service can take work.
+
+    The database answers, the workers are warm, and what was in the air is followed again.
+    """
     checks = await service.readiness()
-    well = all(said == "ok" for said in checks.values())
+    well = all(state == "ok" for state in checks.values())
     body = Readiness(ready=well, checks=checks).model_dump()
     return JSONResponse(body, status_code=200 if well else 503, headers={} if well else {"Retry-After": "1"})
 
 
 @router.get("/metrics", dependencies=known, response_class=PlainTextResponse)
 async def read_metrics(service: ServiceDep) -> Response:
-    """Prometheus exposition format."""
+    """Return the metrics in Prometheus exposition format."""
     return Response(service.measured(), media_type="text/plain; version=0.0.4; charset=utf-8")
 
 
@@ -81,8 +89,8 @@ async def read_metrics(service: ServiceDep) -> Response:
 async def read_audit(
     service: ServiceDep, limit: Limit = 50, cursor: Annotated[int | None, Query(ge=1, le=2**53)] = None
 ) -> AuditPage:
-    """What was asked of the service that changes something, and what was refused, by whom."""
-    wanted = select(audit).order_by(audit.c.id.desc()).limit(limit + 1)
-    rows = await service.database.rows(wanted if cursor is None else wanted.where(audit.c.id < cursor))
+    """Return the requests that change something, and those that were refused, with who sent them."""
+    query = select(audit).order_by(audit.c.id.desc()).limit(limit + 1)
+    rows = await service.database.rows(query if cursor is None else query.where(audit.c.id < cursor))
     items = [AuditRow(**dict(row._mapping)) for row in rows[:limit]]
     return AuditPage(items=items, next=items[-1].id if len(rows) > limit else None)

@@ -21,7 +21,7 @@ from skyfolio.planner.utility import utility_kbps
 
 
 def variants(problem: Problem, stop: Callable[[], StoppingRule], starts: int) -> dict[str, Callable[[], Solution]]:
-    """From the letter's method to the product's, by name; each solves the problem once."""
+    """Return each step from the letter's method to the product's, by name; each solves the problem once."""
     return {
         "paper alternation: (a4), (a5), (a7) in turn": lambda: algorithm_1(problem, stop()),
         "joint step: association and bandwidth at once, then (a7)": lambda: joint_step(problem, stop()),
@@ -31,12 +31,12 @@ def variants(problem: Problem, stop: Callable[[], StoppingRule], starts: int) ->
 
 
 def joint_step(problem: Problem, stop: StoppingRule) -> Solution:
-    """Algorithm 1 with the fast path's joint association and bandwidth in the place of (a4) and (a5)."""
+    """Run Algorithm 1 with the fast path's joint association and bandwidth in place of (a4) and (a5)."""
     now = linked(problem, problem.hover())
     history: list[Iteration] = []
     while not stop(history):
-        given = now.bandwidth_hz * (now.serving == np.arange(problem.n_uavs)[:, None, None])
-        candidate = _steered(problem, given, now)
+        given_hz = now.bandwidth_hz * (now.serving == np.arange(problem.n_uavs)[:, None, None])
+        candidate = _steered(problem, given_hz, now)
         if _utility(problem, candidate) >= _utility(problem, now):
             now = candidate
         worth = _utility(problem, now) * 1e3
@@ -45,12 +45,12 @@ def joint_step(problem: Problem, stop: StoppingRule) -> Solution:
 
 
 def _steered(problem: Problem, given_hz: Array, now: Solution) -> Solution:
-    """One step of (a7) and new links; unchanged where the interior point method finds nothing."""
+    """Return one step of (a7) and new links; unchanged where the interior point method finds nothing."""
     try:
-        wanted = steered(problem, given_hz, now.paths_m)
+        target_m = steered(problem, given_hz, now.paths_m)
     except SubproblemError:
         return now
-    return linked(problem, toward(problem, now.paths_m, wanted))
+    return linked(problem, toward(problem, now.paths_m, target_m))
 
 
 def _utility(problem: Problem, solution: Solution) -> float:

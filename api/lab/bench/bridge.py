@@ -19,7 +19,7 @@ from skyfolio.mavlink_bridge import Autopilot
 
 
 def bridge_figures(*, seeds: int = 100, swaps: int = 20, starts: int = 10, load_s: float = 10.0) -> dict[str, Any]:
-    """All figures, one list of rows a topic."""
+    """Return all figures, one list of rows per topic."""
     return {
         "schedule": schedule_rows(),
         "upload": [upload_row(autopilot, seeds) for autopilot in Autopilot],
@@ -31,12 +31,12 @@ def bridge_figures(*, seeds: int = 100, swaps: int = 20, starts: int = 10, load_
 
 
 def tables(figures: dict[str, Any]) -> list[Table]:
-    """The figures for the eye."""
-    shown = []
+    """Return the figures as tables for a terminal."""
+    shown_tables = []
     for topic, rows in figures.items():
         listed = rows if isinstance(rows, list) else [rows]
-        one = Table(*listed[0], title=topic)
+        table = Table(*listed[0], title=topic)
         for row in listed:
-            one.add_row(*(value if isinstance(value, str) else json.dumps(value) for value in row.values()))
-        shown.append(one)
-    return shown
+            table.add_row(*(value if isinstance(value, str) else json.dumps(value) for value in row.values()))
+        shown_tables.append(table)
+    return shown_tables

@@ -22,7 +22,7 @@ from skyfolio.planner import Plan
 
 
 async def swap_row(autopilot: Autopilot, swaps: int) -> dict[str, Any]:
-    """Seconds from the order to swap until the new mission is proven and flown, on real sockets in real time."""
+    """Measure the seconds from a swap's order until the new mission is proven and flown, on real sockets."""
     flown = moving_plan(slots=60)
     low = flown.model_copy(update={"scenario": flown.scenario.with_changes(altitude_m=10.0)})
     results: list[SwapResult] = []
@@ -30,8 +30,8 @@ async def swap_row(autopilot: Autopilot, swaps: int) -> dict[str, Any]:
         await link.start(ids)
         await asyncio.sleep(5.0)
         for number in range(ceil(swaps / len(ids))):
-            later = _from_slot(low, number + 2)
-            new = {n: compile_mission(later, uav, airborne=True, autopilot=autopilot) for n, uav in ids.items()}
+            swapped = _from_slot(low, number + 2)
+            new = {n: compile_mission(swapped, uav, airborne=True, autopilot=autopilot) for n, uav in ids.items()}
             results += (await link.swap(new)).values()
             await asyncio.sleep(1.0)
     seconds = [result.seconds for result in results if result.ok]
@@ -49,7 +49,7 @@ async def swap_row(autopilot: Autopilot, swaps: int) -> dict[str, Any]:
 async def hovering(
     flown: Plan, autopilot: Autopilot, *, speedup: float = 1.0
 ) -> AsyncIterator[tuple[sim.Fleet, FleetLink, dict[int, str]]]:
-    """A fleet over its slot-0 points with the plan's missions on board, and which vehicle flies for which UAV."""
+    """Yield a fleet over its slot-0 points with the plan's missions on board, and the vehicle of each UAV."""
     specs = specs_at_starts(flown.scenario, autopilot.value)
     ids = {spec.system_id: uav for spec, uav in zip(specs, flown.trajectories_m, strict=True)}
     port, clock = free_port(socket.SOCK_DGRAM), sim.ScaledClock(speedup)
@@ -70,7 +70,7 @@ def _from_slot(flown: Plan, first: int) -> Plan:
 
 
 async def load_row(seconds: float, vehicles: int = 50) -> dict[str, Any]:
-    """Processor time of this process while it follows 50 vehicles of another one, in real time."""
+    """Measure the processor time of this process while it follows 50 vehicles of another one, in real time."""
     port, clock = free_port(socket.SOCK_DGRAM), sim.ScaledClock(1.0)
     command = [
         sys.executable,

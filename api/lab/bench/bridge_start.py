@@ -1,4 +1,4 @@
-"""How far apart the vehicles of a fleet truly begin slot 0, by the simulator's truth: real sockets, links that lose."""
+"""How far apart vehicles truly begin slot 0, by the ground truth: real sockets, lossy links."""
 
 from __future__ import annotations
 
@@ -17,8 +17,10 @@ VEHICLES, ALTITUDE_M, SPEEDUP = 8, 8.0, 2.0
 
 
 async def start_row(autopilot: Autopilot, loss: float, starts: int) -> dict[str, Any]:
-    """Starts of eight vehicles, over and over. `spread`: from the first to the last, `late`: from the order to go to
-    the last; wall seconds."""
+    """Measure starts of eight vehicles, over and over.
+
+    `spread`: from the first to the last, `late`: from the order to the last; wall seconds.
+    """
     spreads, lates, failures = [], [], 0
     async with _hovering(autopilot, loss) as (fleet, link):
         for _ in range(starts):
@@ -51,7 +53,7 @@ async def start_row(autopilot: Autopilot, loss: float, starts: int) -> dict[str,
 
 @asynccontextmanager
 async def _hovering(autopilot: Autopilot, loss: float) -> AsyncIterator[tuple[sim.Fleet, FleetLink]]:
-    """A fleet over its slot-0 points with the missions on board, and then on links that lose this share each way."""
+    """Yield a fleet over its slot-0 points with the missions on board, whose links then lose this share each way."""
     flown = moving_plan(uavs=VEHICLES, slots=60)
     low = flown.model_copy(update={"scenario": flown.scenario.with_changes(altitude_m=ALTITUDE_M)})
     async with hovering(low, autopilot, speedup=SPEEDUP) as (fleet, link, ids):

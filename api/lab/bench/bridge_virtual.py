@@ -25,7 +25,7 @@ LATENCY_S = 0.01
 
 
 def schedule_rows() -> list[dict[str, Any]]:
-    """Metres from the plan at slot ends, for the paper plan and for a track that never rests."""
+    """Measure the metres from the plan at slot ends, for the paper plan and for a track that never rests."""
     paper, moving = plan(EXAMPLES["paper"]()), moving_plan()
     fleets = [
         (Autopilot.PX4, "defaults", {}),
@@ -49,7 +49,7 @@ def _distances(flights: Iterable[Any]) -> dict[str, float]:
 
 
 def upload_row(autopilot: Autopilot, seeds: int) -> dict[str, Any]:
-    """100 items to 10 UAVs at 10 % loss each way: seconds until the whole fleet is verified, for each seed."""
+    """Upload 100 items to 10 UAVs at 10 % loss each way: seconds until all are verified, for each seed."""
     mission = _long_mission(autopilot)
     times, right, attempts = [], 0, 0
     for seed in range(seeds):
@@ -73,7 +73,7 @@ def upload_row(autopilot: Autopilot, seeds: int) -> dict[str, Any]:
 
 
 def _upload(mission: Mission, autopilot: Autopilot, seed: int) -> tuple[float, bool, int]:
-    """(seconds, whether it is on board and said to be, attempts)."""
+    """Return (seconds, whether the mission is on board and reported to be, attempts)."""
     wire, chance = Wire(latency_s=LATENCY_S), random.Random(seed)  # noqa: S311
     vehicle = autopilot_on(wire, autopilot)
     wire.up, wire.down = lossy(chance, LOSS), lossy(chance, LOSS)
@@ -95,7 +95,7 @@ def _long_mission(autopilot: Autopilot) -> Mission:
 
 
 def loss_row(*, deaths: int = 2000, uav_hours: float = 50.0, poll_s: float = 0.25) -> dict[str, Any]:
-    """Heartbeats at 1 Hz, a tenth of them lost: seconds from death to declared loss, and losses of the living."""
+    """Send heartbeats at 1 Hz and lose a tenth: seconds from death to declared loss, and false losses."""
     chance = random.Random(0)  # noqa: S311
     delays = [_declared_after(chance, poll_s) for _ in range(deaths)]
     false = sum(_false_losses(chance, 3600.0, poll_s) for _ in range(round(uav_hours)))

@@ -29,12 +29,12 @@ IPOPT_STARTS = 50
 
 
 def stop() -> AnyOf:
-    """The planner's default rule, a fresh one."""
+    """Return a new instance of the planner's default stopping rule."""
     return AnyOf(MaxIterations(50), RelativeGain(1e-4))
 
 
 def instance(size: tuple[int, int, int], kind: str, seed: int = SEED) -> Scenario:
-    """The benchmark's scenario of this size.
+    """Return the benchmark's scenario of this size.
 
     mu is -0.1 per kbit/s for `per_user`, and for `sum` -0.3/U, because the sum rate grows with the fleet: at the
     letter's size that is -0.1 too.
@@ -44,13 +44,13 @@ def instance(size: tuple[int, int, int], kind: str, seed: int = SEED) -> Scenari
 
 
 def value_kbps(problem: Problem, solution: Solution) -> float:
-    """The true utility of a solution."""
+    """Return the true utility of a solution."""
     rates = served_rates_bps(problem, solution) / 1e3
     return utility_kbps(problem.counted_kbps(rates), problem.kind, problem.mu)
 
 
 def fast(size: tuple[int, int, int], kind: str, *, quick: bool) -> dict[str, Any]:
-    """The product: a cold plan from one start, from several, and a replan after the last UAV is lost half-way.
+    """Measure the product: a cold plan from one start, from several, and a replan after a loss half-way.
 
     `plan` and `replan` time the optimiser alone, as the yardsticks are timed; `*_call` the whole `planner.plan` and
     `planner.replan` with arrays, certificate, feasibility check and the plan object.
@@ -64,45 +64,47 @@ def fast(size: tuple[int, int, int], kind: str, *, quick: bool) -> dict[str, Any
     if size[0] <= MAX_UAVS:
         many, best = timed(lambda: optimise(problem, stop(), n_starts=STARTS), runs=runs, budget_s=budget_s)
         figures["plan_starts"] = {**many, "starts": STARTS, "utility_kbps": value_kbps(problem, best)}
-    call, made = timed(lambda: plan(scenario, n_starts=1), runs=runs, budget_s=budget_s / 3)
+    call, first_plan = timed(lambda: plan(scenario, n_starts=1), runs=runs, budget_s=budget_s / 3)
     figures["plan_call"] = call
     figures["bound_kbps"] = reachability_bound_kbps(problem)
     figures["gap"] = figures["bound_kbps"] / figures["plan"]["utility_kbps"] - 1
-    figures |= _replanned(scenario, made, runs, budget_s)
+    figures |= _replanned(scenario, first_plan, runs, budget_s)
     return figures | {"peak_mb": peak_mb(), "peak_before_mb": before}
 
 
-def _replanned(scenario: Scenario, made: Plan, runs: int, budget_s: float) -> dict[str, Any]:
+def _replanned(scenario: Scenario, first_plan: Plan, runs: int, budget_s: float) -> dict[str, Any]:
     half, lost = scenario.slots // 2, scenario.uav_ids[-1]
-    rest, past = remaining(made, [lost], half)
+    rest, past = remaining(first_plan, [lost], half)
     problem = problem_of(rest, past)
-    warm = np.array([made.trajectories_m[uav][half:] for uav in rest.uav_ids])
+    warm = np.array([first_plan.trajectories_m[uav][half:] for uav in rest.uav_ids])
     again, solution = timed(lambda: optimise(problem, stop(), warm, n_starts=1), runs=runs, budget_s=budget_s)
-    call, _ = timed(lambda: replan(made, failed=[lost], at_slot=half, n_starts=1), runs=runs, budget_s=budget_s / 3)
+    call, _ = timed(
+        lambda: replan(first_plan, failed=[lost], at_slot=half, n_starts=1), runs=runs, budget_s=budget_s / 3
+    )
     return {"replan": {**again, "utility_kbps": value_kbps(problem, solution)}, "replan_call": call}
 
 
 def reference(size: tuple[int, int, int], kind: str, *, quick: bool) -> dict[str, Any]:
-    """The letter's own method from the same start: Algorithm 1 on cvxpy and Clarabel, and its replan."""
+    """Measure the letter's own method from the same start: Algorithm 1 on cvxpy and Clarabel, and its replan."""
     from skyfolio.planner.reference import algorithm_1  # noqa: PLC0415 - cvxpy takes a second to load
 
     scenario = instance(size, kind)
     problem = problem_of(scenario)
     cold, solution = timed(lambda: algorithm_1(problem, stop()), runs=1 if quick else 3, budget_s=1.0)
-    made = plan(scenario, n_starts=1)
-    rest, past = remaining(made, [scenario.uav_ids[-1]], scenario.slots // 2)
-    later = problem_of(rest, past)
-    warm = np.array([made.trajectories_m[uav][scenario.slots // 2 :] for uav in rest.uav_ids])
-    again, replanned = timed(lambda: algorithm_1(later, stop(), warm), runs=1 if quick else 3, budget_s=1.0)
+    first_plan = plan(scenario, n_starts=1)
+    rest, past = remaining(first_plan, [scenario.uav_ids[-1]], scenario.slots // 2)
+    remaining_problem = problem_of(rest, past)
+    warm = np.array([first_plan.trajectories_m[uav][scenario.slots // 2 :] for uav in rest.uav_ids])
+    again, replanned = timed(lambda: algorithm_1(remaining_problem, stop(), warm), runs=1 if quick else 3, budget_s=1.0)
     return {
         "plan": {**cold, "utility_kbps": value_kbps(problem, solution), "iterations": len(solution.history)},
-        "replan": {**again, "utility_kbps": value_kbps(later, replanned)},
+        "replan": {**again, "utility_kbps": value_kbps(remaining_problem, replanned)},
         "peak_mb": peak_mb(),
     }
 
 
 def ipopt(size: tuple[int, int, int], kind: str, *, quick: bool) -> dict[str, Any]:
-    """IPOPT for the trajectories, in turn with the fast path's association and bandwidth, from the same start.
+    """Measure IPOPT for the trajectories, in turn with the fast path's association and bandwidth.
 
     `solve_ms` is what IPOPT's own calls took, all passes together; building the program (`build_ms`) is not in it.
     """
@@ -112,14 +114,15 @@ def ipopt(size: tuple[int, int, int], kind: str, *, quick: bool) -> dict[str, An
     links = size[0] if kind == "sum" else size[1]
 
     def shares(paths: Array) -> tuple[NDArray[np.intp], Array]:
-        found = linked(problem, paths)
-        return found.serving, found.bandwidth_hz
+        links = linked(problem, paths)
+        return links.serving, links.bandwidth_hz
 
     solved = [
         alternate(problem, shares, problem.hover(), links) for _ in range(1 if quick or size[0] > MAX_UAVS else 3)
     ]
     median = {
-        key: float(np.median([one[key] for one in solved])) * 1e3 for key in ("solve_s", "solve_cpu_s", "build_s")
+        key: float(np.median([solution[key] for solution in solved])) * 1e3
+        for key in ("solve_s", "solve_cpu_s", "build_s")
     }
     figures: dict[str, Any] = {
         "plan": {"p50_ms": median["solve_s"], "cpu_p50_ms": median["solve_cpu_s"], "runs": len(solved)},
@@ -133,7 +136,7 @@ def ipopt(size: tuple[int, int, int], kind: str, *, quick: bool) -> dict[str, An
 
 
 def _best_of(problem: Problem, shares: Any, links: int) -> dict[str, Any]:
-    """IPOPT from many starts: hovering, and straight flights to points drawn uniformly in the area."""
+    """Run IPOPT from many starts: hovering, and straight flights to points drawn uniformly in the area."""
     from skyfolio.api.lab.bench.ipopt import Trajectories, alternate  # noqa: PLC0415
     from skyfolio.planner.fast import flyable  # noqa: PLC0415
 
@@ -141,14 +144,14 @@ def _best_of(problem: Problem, shares: Any, links: int) -> dict[str, Any]:
     program, values, began = Trajectories(problem, links), [], time.perf_counter()
     for number in range(IPOPT_STARTS):
         places = rng.uniform(problem.low_m, problem.high_m, (problem.n_uavs, 2))
-        wanted = np.repeat(places[:, None], problem.n_slots, axis=1)
-        start = problem.hover() if number == 0 else flyable(problem, wanted)
+        starts_m = np.repeat(places[:, None], problem.n_slots, axis=1)
+        start = problem.hover() if number == 0 else flyable(problem, starts_m)
         values.append(alternate(problem, shares, start, links, program=program)["utility_kbps"])
     return {"starts": IPOPT_STARTS, "utility_kbps": max(values), "total_ms": (time.perf_counter() - began) * 1e3}
 
 
 def ablation(size: tuple[int, int, int], kind: str, *, quick: bool) -> dict[str, Any]:
-    """What each part gains, mean over layouts: the letter's alternation, the joint step, one start, many starts."""
+    """Measure what each part gains, mean over layouts: alternation, joint step, one start, many starts."""
     layouts = 2 if quick else 8
     totals: dict[str, list[tuple[float, float]]] = {}
     for seed in range(layouts):
@@ -165,7 +168,7 @@ def ablation(size: tuple[int, int, int], kind: str, *, quick: bool) -> dict[str,
 
 
 def proof(size: tuple[int, int, int], kind: str, *, quick: bool) -> dict[str, Any]:
-    """The certificate at the letter's size: root and branch-and-bound gap of the best plan, mean over layouts."""
+    """Measure the certificate at the letter's size: root and branch-and-bound gap, mean over layouts."""
     rows = []
     for seed in range(2 if quick else 8):
         problem = problem_of(instance(size, kind, seed))

@@ -1,4 +1,7 @@
-"""One case alone in its process: `python -m api.bench.child CASE UxKxN KIND [--quick]` prints its figures as JSON."""
+"""One case alone in its process, which prints its figures as JSON.
+
+python -m skyfolio.api.lab.bench.child CASE UxKxN KIND [--quick]
+"""
 
 from __future__ import annotations
 
@@ -17,10 +20,10 @@ def main() -> None:
     parser.add_argument("size")
     parser.add_argument("kind")
     parser.add_argument("--quick", action="store_true")
-    given = parser.parse_args()
-    n_uavs, n_users, n_slots = (int(part) for part in given.size.split("x"))
+    arguments = parser.parse_args()
+    n_uavs, n_users, n_slots = (int(part) for part in arguments.size.split("x"))
     pin_to_one_core()
-    json.dump(CASES[given.case]((n_uavs, n_users, n_slots), given.kind, quick=given.quick), sys.stdout)
+    json.dump(CASES[arguments.case]((n_uavs, n_users, n_slots), arguments.kind, quick=arguments.quick), sys.stdout)
 
 
 if __name__ == "__main__":

@@ -80,17 +80,17 @@ class Trajectories:
 
     @property
     def _width(self) -> int:
-        """Numbers per slot in `given`: two coordinates and the kHz of each link, its gain and server per UAV."""
+        """Return the numbers per slot in `given`: coordinates (2) and kHz of each link, its gain and server per UAV."""
         return self.links * (3 + 2 * self.problem.n_uavs)
 
     def solve(self, paths_m: Array, serving: NDArray[np.intp], bandwidth_hz: Array) -> Array:
-        """Paths (U, N, 2) for the given association and bandwidth (K, N), from `paths_m`."""
-        given = self._given(serving, bandwidth_hz)
+        """Return the paths (U, N, 2) for the given association and bandwidth (K, N), from `paths_m`."""
+        parameters = self._given(serving, bandwidth_hz)
         positions = paths_m.transpose(1, 0, 2).reshape(self.problem.n_slots, -1)
-        rates = np.asarray(self._rates(positions.T, given.T)).T.ravel()
+        rates = np.asarray(self._rates(positions.T, parameters.T)).T.ravel()
         start = np.concatenate([positions[1:].ravel(), rates])
-        found = np.asarray(self._solver(x0=start, p=given.ravel(), **self._limits)["x"])
-        moved = found[: positions[1:].size].reshape(-1, self.problem.n_uavs, 2).transpose(1, 0, 2)
+        solution = np.asarray(self._solver(x0=start, p=parameters.ravel(), **self._limits)["x"])
+        moved = solution[: positions[1:].size].reshape(-1, self.problem.n_uavs, 2).transpose(1, 0, 2)
         return np.concatenate([self.problem.start_m[:, None], moved], axis=1)
 
     def _given(self, serving: NDArray[np.intp], bandwidth_hz: Array) -> Array:
@@ -121,10 +121,10 @@ def alternate(
     passes: int = 20,
     program: Trajectories | None = None,
 ) -> dict[str, Any]:
-    """A and B by `shares`, Q by IPOPT, in turn until less than 0.01 % is gained, from `start_m`; with seconds spent.
+    """Alternate A and B by `shares` with Q by IPOPT until less than 0.01 % is gained, from `start_m`.
 
-    What it gives back is the utility (kbit/s), the paths, and the seconds to build the program and to solve, the latter
-    for IPOPT's calls alone.
+    Returns the utility (kbit/s), the paths, and the seconds to build the program and to solve, the latter for
+    IPOPT's calls alone.
     """
     program = program or Trajectories(problem, links)
     paths, best, solving, busy, done = start_m, -np.inf, 0.0, 0.0, 0
@@ -152,24 +152,24 @@ def alternate(
 
 
 def utility_of(problem: Problem, paths_m: Array, serving: NDArray[np.intp], bandwidth_hz: Array) -> float:
-    """The true utility of paths, association and bandwidth, kbit/s."""
+    """Return the true utility of paths, association and bandwidth, kbit/s."""
     efficiency = np.take_along_axis(spectral_efficiency(problem, paths_m), serving[None], axis=0)[0]
     return utility_kbps(problem.counted_kbps(bandwidth_hz * efficiency / 1e3), problem.kind, problem.mu)
 
 
 def _linked(bandwidth_hz: Array, links: int) -> NDArray[np.intp]:
-    """The users with most bandwidth, in user order: all that have any."""
+    """Return the users with most bandwidth, in user order: all that have any."""
     most = np.argsort(-bandwidth_hz, kind="stable")[:links]
     return np.asarray(np.sort(most))
 
 
 def _slot_rates(problem: Problem, links: int, *, total: bool) -> Any:
-    """From positions (2 U) and `given` of one slot to the rate of each link or their total, kbit/s (eqs. 1-4)."""
+    """Return the rate of each link or their total, kbit/s (eqs. 1-4), from positions (2 U) and `given` of one slot."""
     n_uavs = problem.n_uavs
-    q, given = ca.SX.sym("q", 2 * n_uavs), ca.SX.sym("given", links * (3 + 2 * n_uavs))
-    at, khz = given[: 2 * links], given[2 * links : 3 * links]
-    gain = ca.reshape(given[3 * links : (3 + n_uavs) * links], n_uavs, links)
-    server = ca.reshape(given[(3 + n_uavs) * links :], n_uavs, links)
+    q, parameters = ca.SX.sym("q", 2 * n_uavs), ca.SX.sym("given", links * (3 + 2 * n_uavs))
+    at, khz = parameters[: 2 * links], parameters[2 * links : 3 * links]
+    gain = ca.reshape(parameters[3 * links : (3 + n_uavs) * links], n_uavs, links)
+    server = ca.reshape(parameters[(3 + n_uavs) * links :], n_uavs, links)
     rates = []
     for link in range(links):
         snr = [
@@ -178,13 +178,13 @@ def _slot_rates(problem: Problem, links: int, *, total: bool) -> Any:
             for u in range(n_uavs)
         ]
         received = 1 + sum(snr)
-        own = sum(server[u, link] * snr[u] for u in range(n_uavs))
-        rates.append(khz[link] * (ca.log(received) - ca.log(received - own)) / np.log(2))
-    return ca.Function("slot_rates", [q, given], [sum(rates) if total else ca.vertcat(*rates)])
+        signal = sum(server[u, link] * snr[u] for u in range(n_uavs))
+        rates.append(khz[link] * (ca.log(received) - ca.log(received - signal)) / np.log(2))
+    return ca.Function("slot_rates", [q, parameters], [sum(rates) if total else ca.vertcat(*rates)])
 
 
 def _utility(problem: Problem, rates: Any) -> Any:
-    """As `planner.utility.utility_kbps`, for sum rates (1, N); `per_user` for rates (K, N), one link for each user."""
+    """Return `planner.utility.utility_kbps` of sum rates (1, N), or for `per_user` of rates (K, N)."""
     past = problem.past_kbps
     if problem.kind == "sum" or problem.mu == 0.0:
         return _soft_mean(ca.horzcat(ca.DM(past.sum(axis=0, keepdims=True)), rates), problem.mu)

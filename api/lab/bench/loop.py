@@ -1,4 +1,4 @@
-"""How long one thing keeps the event loop from all others, for a large fleet: done in one go, and as the service does.
+"""How long one task blocks the event loop, for a large fleet: done at once, and as the service does it.
 
 Everything here is what flights, clients and the dashboard ask of the service while it flies; none of it may hold the
 loop for longer than 20 ms, or heartbeats, setpoints and other operations wait.
@@ -40,9 +40,9 @@ class Kind:
 
 
 async def loop_figures(size: tuple[int, int, int] = SIZE, runs: int = 3) -> dict[str, Any]:
-    """For each kind: milliseconds in one go, the longest hold of the loop as served, their ratio, the best of `runs`.
+    """Return, for each kind: milliseconds at once, the longest block of the loop as served, and their ratio.
 
-    `over_20_ms`: kinds that hold it for longer than they may.
+    Each is the best of `runs`. `over_20_ms`: kinds that block it for longer than they may.
     """
     figures: dict[str, Any] = {"size": "x".join(map(str, size))}
     over = []
@@ -56,7 +56,7 @@ async def loop_figures(size: tuple[int, int, int] = SIZE, runs: int = 3) -> dict
 
 
 async def longest_hold_ms(work: Callable[[], Awaitable[object]]) -> float:
-    """The longest time that somebody else who always wants a turn had to wait for one while this was done."""
+    """Return the longest time that another task, always ready to run, had to wait while this was done."""
     longest, done = 0.0, False
 
     async def other() -> None:
@@ -82,26 +82,26 @@ def _took_ms(work: Callable[[], object]) -> float:
     return (time.perf_counter() - began) * 1e3
 
 
-def _kinds(made: Plan) -> Mapping[str, Kind]:
-    timeline, uavs = [InForce(0.0, made)], made.scenario.uav_ids
-    record = _record(made)
+def _kinds(plan: Plan) -> Mapping[str, Kind]:
+    timeline, uavs = [InForce(0.0, plan)], plan.scenario.uav_ids
+    record = _record(plan)
     samples = [Sample(at, where, frozenset(uavs)) for at, where in record]
-    slots, slot_s = made.scenario.slots, made.scenario.slot_duration_s
-    view = _view(made)
-    live = {uav: path[0] for uav, path in made.trajectories_m.items()}
-    now = Present(0.0, live, made, Airspace())
-    text = made.model_dump_json()
-    missions = Missions(made)
+    slots, slot_s = plan.scenario.slots, plan.scenario.slot_duration_s
+    view = _view(plan)
+    live = {uav: path[0] for uav, path in plan.trajectories_m.items()}
+    now = Present(0.0, live, plan, Airspace())
+    text = plan.model_dump_json()
+    missions = Missions(plan)
 
     def rates(n_samples: int) -> FlownRates:
         track = Track(uavs)
         for at, where in record[:n_samples]:
             track.append(at, where)
-        return FlownRates(track, made.scenario.user_ids, slots, slot_s)
+        return FlownRates(track, plan.scenario.user_ids, slots, slot_s)
 
     async def compiled() -> None:
         for uav in uavs:
-            compile_mission(made, uav)
+            compile_mission(plan, uav)
             await asyncio.sleep(0)
 
     return {
@@ -114,13 +114,13 @@ def _kinds(made: Plan) -> Mapping[str, Kind]:
             as_served=lambda: rates(AT_ONCE).settle(timeline, {}),
         ),
         "operation as JSON": _in_one_go(view.model_dump_json),
-        "missions to be flown": Kind(at_once=lambda: [compile_mission(made, uav) for uav in uavs], as_served=compiled),
+        "missions to be flown": Kind(at_once=lambda: [compile_mission(plan, uav) for uav in uavs], as_served=compiled),
         "missions for a client": _beside(missions.as_json),
-        "separation of a change": _in_one_go(lambda: require_separated(dict.fromkeys(uavs, made), now)),
+        "separation of a change": _in_one_go(lambda: require_separated(dict.fromkeys(uavs, plan), now)),
         "plan from JSON": _in_one_go(lambda: Plan.model_validate_json(text)),
-        "plan to JSON": _in_one_go(made.model_dump_json),
+        "plan to JSON": _in_one_go(plan.model_dump_json),
         "track as JSON": _beside(lambda: track_json(record)),
-        "table of losses": _beside(lambda: rows_of(made, 0, dict.fromkeys(uavs, made))),
+        "table of losses": _beside(lambda: rows_of(plan, 0, dict.fromkeys(uavs, plan))),
     }
 
 
@@ -135,29 +135,29 @@ def _beside(work: Callable[[], object]) -> Kind:
     return Kind(at_once=work, as_served=lambda: asyncio.to_thread(work))
 
 
-def _record(made: Plan) -> list[tuple[float, dict[str, tuple[float, float]]]]:
-    """The whole flight on schedule, as it is recorded."""
-    slot_s = made.scenario.slot_duration_s
-    times = [SAMPLE_EVERY_S * number for number in range(int(made.scenario.slots * slot_s / SAMPLE_EVERY_S))]
-    return [(at, {uav: path[int(at // slot_s)] for uav, path in made.trajectories_m.items()}) for at in times]
+def _record(plan: Plan) -> list[tuple[float, dict[str, tuple[float, float]]]]:
+    """Return the whole flight on schedule, as it is recorded."""
+    slot_s = plan.scenario.slot_duration_s
+    times = [SAMPLE_EVERY_S * number for number in range(int(plan.scenario.slots * slot_s / SAMPLE_EVERY_S))]
+    return [(at, {uav: path[int(at // slot_s)] for uav, path in plan.trajectories_m.items()}) for at in times]
 
 
-def _view(made: Plan) -> OperationView:
-    """An operation that has flown all its slots."""
+def _view(plan: Plan) -> OperationView:
+    """Return an operation that has flown all its slots."""
     return OperationView(
         id="op",
         version=1,
         state=State.FLYING,
         replanning="auto",
-        plan_id=made.id,
-        plan_ids=[made.id],
-        vehicles={uav: number for number, uav in enumerate(made.scenario.uav_ids, start=1)},
+        plan_id=plan.id,
+        plan_ids=[plan.id],
+        vehicles={uav: number for number, uav in enumerate(plan.scenario.uav_ids, start=1)},
         uavs={},
         lost=[],
         returned=[],
         elapsed_s=0.0,
         slot=0,
         recoveries=[],
-        user_rates_bps={user: list(row) for user, row in made.user_rates_bps.items()},
+        user_rates_bps={user: list(row) for user, row in plan.user_rates_bps.items()},
         error=None,
     )

@@ -1,4 +1,4 @@
-"""Warm timings, quantiles, memory and the machine's name."""
+"""Warm timings, quantiles, memory, and a description of the machine."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ def timed(call: Callable[[], Result], *, runs: int, budget_s: float) -> tuple[di
 
 
 def quantile(values: Sequence[float], share: float) -> float:
-    """The value that this share of the values does not exceed."""
+    """Return the value that this share of the values does not exceed."""
     ordered = sorted(values)
     return ordered[min(len(ordered) - 1, max(0, ceil(share * len(ordered)) - 1))]
 
 
 def peak_mb() -> float:
-    """The most memory this process has held so far, MB."""
+    """Return the most memory this process has held so far, MB."""
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak / 1024 if sys.platform != "darwin" else peak / 1024**2
 
@@ -54,7 +54,7 @@ def pin_to_one_core() -> None:
 
 
 def machine() -> dict[str, Any]:
-    """What this was measured on, and how busy it was with other things (load of the last minute)."""
+    """Return what this was measured on, and how busy it was with other things (load of the last minute)."""
     return {
         "platform": platform.platform(),
         "cpu": _cpu_model(),

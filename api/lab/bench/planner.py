@@ -26,7 +26,7 @@ REPLAN_MS = {"3x9x20": 0.2, "10x100x50": 1.0, "20x300x100": 8.0, "50x1000x100": 
 
 
 def planner_figures(*, quick: bool, run: Runner | None = None, sizes: Sequence[Size] = SIZES) -> Row:
-    """All figures of the planner's benchmark; `quick` keeps to the two smaller sizes and few runs.
+    """Return all figures of the planner's benchmark; `quick` keeps to the two smaller sizes and few runs.
 
     run: measures one case (name, size, kind); default: alone in a process of its own.
     """
@@ -44,7 +44,7 @@ def planner_figures(*, quick: bool, run: Runner | None = None, sizes: Sequence[S
 
 
 def _row(index: int, size: Size, kind: str, quick: bool, run: Runner) -> Row:
-    """The product and the yardsticks at one size."""
+    """Measure the product and the yardsticks at one size."""
     row: Row = {"size": "x".join(map(str, size)), "kind": kind, "ukn": prod(size), "fast": run("fast", size, kind)}
     for yardstick in ("reference", "ipopt"):
         within = 1 if quick else YARDSTICK_SIZES[yardstick, kind]
@@ -54,7 +54,7 @@ def _row(index: int, size: Size, kind: str, quick: bool, run: Runner) -> Row:
 
 
 def in_a_process(case: str, size: Size, kind: str, *, quick: bool) -> Row:
-    """The figures of one case, or why there are none."""
+    """Return the figures of one case, or the reason why there are none."""
     name = "x".join(map(str, size))
     command = [sys.executable, "-m", "skyfolio.api.lab.bench.child", case, name, kind, *(["--quick"] if quick else [])]
     one_thread = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
@@ -71,7 +71,7 @@ def in_a_process(case: str, size: Size, kind: str, *, quick: bool) -> Row:
 
 
 def _ratios(row: Row) -> Row:
-    """How many times the processor time each yardstick takes, and by how much our utility is above its."""
+    """Return each yardstick's processor time over ours, and by how much our utility is above its."""
     ratios: Row = {}
     for yardstick in ("reference", "ipopt"):
         for what in ("plan", "replan"):
@@ -83,7 +83,7 @@ def _ratios(row: Row) -> Row:
 
 
 def _growth(rows: list[Row], kind: str) -> Row:
-    """The exponent of time against U K N, by least squares over the sizes on logarithmic axes."""
+    """Return the exponent of time against U K N, by least squares over the sizes on logarithmic axes."""
     mine = [row for row in rows if row["kind"] == kind and "plan" in row["fast"]]
     if len(mine) < 2:
         return {}
@@ -95,8 +95,8 @@ def _growth(rows: list[Row], kind: str) -> Row:
 
 
 def targets(figures: Row) -> list[Row]:
-    """What was asked for beside what was measured, times as processor time: on an idle core that is the time."""
-    found: list[Row] = []
+    """Return the targets beside the measurements; times as processor time, which on an idle core is the time."""
+    rows: list[Row] = []
     for row in figures["rows"]:
         if "plan" not in row["fast"]:
             continue
@@ -105,35 +105,35 @@ def targets(figures: Row) -> list[Row]:
         for what, key, limits in (("cold plan", "plan", COLD_MS), ("replan", "replan", REPLAN_MS)):
             if row["size"] in limits:
                 measured, limit = row["fast"][key]["cpu_p50_ms"], slack * limits[row["size"]]
-                found.append(_at_most(f"{name}: {what}, ms", measured, limit))
+                rows.append(_at_most(f"{name}: {what}, ms", measured, limit))
         if row["kind"] == "sum":
-            found += _against_yardsticks(name, row)
+            rows += _against_yardsticks(name, row)
     for kind, growth in figures["growth"].items():
         if growth:
-            found.append(_at_most(f"{kind}: exponent of cold plan time", growth["plan_exponent"], 1.1))
+            rows.append(_at_most(f"{kind}: exponent of cold plan time", growth["plan_exponent"], 1.1))
     proven = figures["proof"]["sum"]
     if "root_gap_mean" in proven:
-        found.append(_at_most("sum: root gap at the letter's size", proven["root_gap_mean"], 0.25))
-        found.append(_at_most("sum: gap after branch and bound", proven["gap_mean"], 0.05))
-    return found
+        rows.append(_at_most("sum: root gap at the letter's size", proven["root_gap_mean"], 0.25))
+        rows.append(_at_most("sum: gap after branch and bound", proven["gap_mean"], 0.05))
+    return rows
 
 
 def _against_yardsticks(name: str, row: Row) -> list[Row]:
-    found, ratios = [], row["ratios"]
+    rows, ratios = [], row["ratios"]
     if "reference_plan_time" in ratios:
-        found.append(_at_least(f"{name}: times faster than the reference path", ratios["reference_plan_time"], 1000.0))
-        found.append(_at_least(f"{name}: utility over the reference path's", ratios["reference_plan_utility"], 0.0))
+        rows.append(_at_least(f"{name}: times faster than the reference path", ratios["reference_plan_time"], 1000.0))
+        rows.append(_at_least(f"{name}: utility over the reference path's", ratios["reference_plan_utility"], 0.0))
     if "ipopt_plan_time" in ratios and row["size"] != "3x9x20":
-        found.append(_at_least(f"{name}: times faster than IPOPT", ratios["ipopt_plan_time"], 50.0))
-        found.append(_at_least(f"{name}: utility over IPOPT's", ratios["ipopt_plan_utility"], -0.001))
+        rows.append(_at_least(f"{name}: times faster than IPOPT", ratios["ipopt_plan_time"], 50.0))
+        rows.append(_at_least(f"{name}: utility over IPOPT's", ratios["ipopt_plan_utility"], -0.001))
     if "plan_starts" in row["fast"]:
         starts = row["fast"]["plan_starts"]
-        found.append(_at_most(f"{name}: {starts['starts']} starts, ms", starts["cpu_p50_ms"], 30.0))
+        rows.append(_at_most(f"{name}: {starts['starts']} starts, ms", starts["cpu_p50_ms"], 30.0))
         if "best_of" in row["ipopt"]:
             best = row["ipopt"]["best_of"]
             over = starts["utility_kbps"] / best["utility_kbps"] - 1
-            found.append(_at_least(f"{name}: multi-start over the best of {best['starts']} IPOPT starts", over, -0.005))
-    return found
+            rows.append(_at_least(f"{name}: multi-start over the best of {best['starts']} IPOPT starts", over, -0.005))
+    return rows
 
 
 def _at_most(what: str, measured: float, limit: float) -> Row:

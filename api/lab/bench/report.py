@@ -1,4 +1,4 @@
-"""The benchmark's figures for the eye: a terminal table, and Markdown for `docs/`."""
+"""The benchmark's figures as a terminal table, and as Markdown for `docs/`."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ CALLS = (
 
 
 def table(figures: Row) -> Table:
-    """Times and objectives of each size beside the yardsticks'."""
+    """Return times and objectives of each size beside the yardsticks'."""
     header, *lines = _sizes(figures)
-    shown = Table(*header, title=f"planner on {figures['machine']['cpu']}, one core")
+    times = Table(*header, title=f"planner on {figures['machine']['cpu']}, one core")
     for line in lines:
-        shown.add_row(*line)
-    return shown
+        times.add_row(*line)
+    return times
 
 
 def markdown(figures: Row) -> str:
-    """All tables of the benchmark as one Markdown page; every number comes from `figures`."""
+    """Return all tables of the benchmark as one Markdown page; every number comes from `figures`."""
     parts = [
         "# Planner benchmark",
         _measured_on(figures["machine"]),

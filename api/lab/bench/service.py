@@ -36,11 +36,14 @@ CLIENTS = 32
 
 
 def service_figures(runs: int, only: set[str] | None = None) -> dict[str, Any]:
-    """All, or those in `only`: plans, rate, streams, recovery, loop. `runs`: plans measured end to end."""
+    """Measure everything, or what `only` names: plans, rate, streams, recovery, loop.
+
+    runs: plans measured end to end.
+    """
     return asyncio.run(_figures(runs, only or {"plans", "rate", "streams", "recovery", "loop"}))
 
 
-async def _figures(runs: int, wanted: set[str]) -> dict[str, Any]:
+async def _figures(runs: int, topics: set[str]) -> dict[str, Any]:
     parts: dict[str, Callable[[], Awaitable[dict[str, Any]]]] = {
         "plans": lambda: _with_service(lambda client: _plans(client, runs)),
         "rate": lambda: _with_service(_rate),
@@ -58,7 +61,7 @@ async def _figures(runs: int, wanted: set[str]) -> dict[str, Any]:
     }
     figures: dict[str, Any] = {"machine": machine}
     for name, measure in parts.items():
-        if name in wanted:
+        if name in topics:
             figures[name] = await measure()
     return figures
 
@@ -72,7 +75,7 @@ async def _with_service(measure: Callable[[httpx2.AsyncClient], Awaitable[dict[s
 
 
 async def _plans(client: httpx2.AsyncClient, runs: int) -> dict[str, Any]:
-    """Milliseconds of `POST plans?wait_s=5` at the letter's size, one after the other, and the solver's share."""
+    """Measure milliseconds of `POST plans?wait_s=5` at the letter's size, one by one, and the solver's share."""
     body = EXAMPLES["paper"]().model_dump_json()
     figures = {}
     for name, params in (("as_it_is", {}), ("32_starts", {"starts": 32})):
@@ -88,7 +91,7 @@ async def _plans(client: httpx2.AsyncClient, runs: int) -> dict[str, Any]:
 
 
 async def _rate(client: httpx2.AsyncClient) -> dict[str, Any]:
-    """Small plans at a fixed rate, arriving on time whether or not earlier ones are done; every answer is checked."""
+    """Submit small plans at a fixed rate, whether or not earlier ones are done; every result is checked."""
     body = EXAMPLES["minimal"]().model_dump_json()
     for _ in range(WARM_UP):
         await _post_plan(client, body)
@@ -120,7 +123,7 @@ async def _rate(client: httpx2.AsyncClient) -> dict[str, Any]:
 
 
 async def _loop_lag(client: httpx2.AsyncClient) -> dict[str, Any]:
-    """How often the service's event loop was kept busy for longer than 50 ms, out of how many looks."""
+    """Return how often the service's event loop was blocked for longer than 50 ms, out of how many samples."""
     buckets = {}
     for line in (await client.get("/metrics")).text.splitlines():
         if line.startswith("skyfolio_event_loop_lag_seconds_bucket"):
@@ -130,7 +133,7 @@ async def _loop_lag(client: httpx2.AsyncClient) -> dict[str, Any]:
 
 
 async def _recoveries() -> dict[str, Any]:
-    """From the declared loss to the last survivor seen flying its new mission, wall seconds."""
+    """Measure wall seconds from the declared loss to the last survivor seen flying its new mission."""
     return {
         "3_uavs": await _recovery(EXAMPLES["paper"]().with_changes(altitude_m=15.0), runs=3),
         "50_uavs": await _recovery(grid_scenario(50), runs=1),
@@ -178,7 +181,7 @@ async def _until(client: httpx2.AsyncClient, path: str, is_so: Callable[[dict[st
 
 
 def grid_scenario(uavs: int) -> Scenario:
-    """That many UAVs 60 m apart over two users each, twelve slots."""
+    """Return a scenario of that many UAVs 60 m apart over two users each, twelve slots."""
     columns = 10
     starts = [(60.0 + 60 * (n % columns), 60.0 + 60 * (n // columns)) for n in range(uavs)]
     side = 120.0 + 60 * columns
@@ -221,7 +224,7 @@ def _spread(values: list[float], unit: str) -> dict[str, float]:
 
 
 def table(figures: dict[str, Any]) -> Table:
-    """The figures for the eye."""
+    """Return the figures as a table for a terminal."""
     shown = Table("what", "figure", title="service")
     for name, rows in figures.items():
         for key, value in rows.items():

@@ -20,7 +20,7 @@ _LOOK_S = 0.05
 
 
 def simulator_figures(vehicles: int, autopilot: str, position_hz: float, seconds: float) -> dict[str, Any]:
-    """CPU share, messages and lag of a fleet in the air on a loopback socket that somebody reads."""
+    """Measure CPU share, messages and lag of a fleet in the air on a loopback socket with a reader."""
     return asyncio.run(_measure(vehicles, autopilot, position_hz, seconds))
 
 
@@ -72,7 +72,7 @@ def _drain(sink: socket.socket) -> None:
 
 
 def table(figures: dict[str, Any]) -> Table:
-    """The figures to read."""
+    """Return the figures as a table for a terminal."""
     shown = Table(title="Simulated fleet at real time", show_header=False)
     for name, value in figures.items():
         shown.add_row(name.replace("_", " "), str(value))

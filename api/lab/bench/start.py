@@ -1,6 +1,6 @@
-"""`skyfolio bench start`: how long a user waits for the first answer of a command, and for the service to come and go.
+"""`skyfolio bench start`: how long commands take to respond, and the service to start and to stop.
 
-Each time stands beside that of an empty interpreter on the same machine, which is the ratio to look at on a busy one.
+Each time is set beside that of an empty interpreter on the same machine: on a busy one, look at the ratio.
 """
 
 from __future__ import annotations
@@ -27,8 +27,10 @@ LOOK_EVERY_S = 0.02
 
 
 def start_figures(runs: int) -> dict[str, Any]:
-    """Medians of `runs`, in wall seconds: an empty interpreter, `--help`, a warm `plan`, `serve` until it is ready, and
-    from SIGTERM until it has ended. `ratios`: each to the empty interpreter.
+    """Measure wall seconds of starts, medians of `runs`, beside an empty interpreter.
+
+    `help`, a warm `plan`, `serve` until it is ready, and from SIGTERM until it has ended. `ratios`: each to the
+    empty interpreter.
     """
     seconds = {
         "interpreter": _median(runs, lambda: _command([sys.executable, "-c", "pass"])),
@@ -43,7 +45,7 @@ def start_figures(runs: int) -> dict[str, Any]:
 
 
 def table(figures: dict[str, Any]) -> Table:
-    """The figures for the eye."""
+    """Return the figures as a table for a terminal."""
     shown = Table("what", "seconds", "x interpreter", title=f"start, load {figures['load']:.1f} on {figures['cores']}")
     for name, took in figures["seconds"].items():
         shown.add_row(name, f"{took:.2f}", f"{figures['ratios'].get(name, 1.0):.0f}")
@@ -62,7 +64,7 @@ def _command(command: list[str]) -> float:
 
 
 def _served() -> tuple[float, float]:
-    """Seconds until `serve` is ready, and from SIGTERM until it has ended."""
+    """Return the seconds until `serve` is ready, and from SIGTERM until it has ended."""
     port = free_port(socket.SOCK_STREAM)
     with tempfile.TemporaryDirectory() as folder, (Path(folder) / "log").open("wb") as log:
         url = f"sqlite+aiosqlite:///{folder}/service.db"

@@ -26,7 +26,7 @@ READ_BYTES = 1 << 16
 
 @dataclass
 class Heard:
-    """What one subscriber got."""
+    """What one subscriber received."""
 
     events: list[int] = field(default_factory=list)
     pictures: int = 0
@@ -34,7 +34,7 @@ class Heard:
 
 
 async def streams_figures() -> dict[str, Any]:
-    """A hundred subscribers at 10 Hz telemetry of fifty UAVs, while events happen; who missed what."""
+    """Run a hundred subscribers at 10 Hz telemetry of fifty UAVs, while events happen; report what was missed."""
     endpoint = f"127.0.0.1:{free_port(socket.SOCK_DGRAM)}"
     fleet = sim.Fleet(
         sim.grid_of(VEHICLES, 47.397742, 8.545594), clock=sim.ScaledClock(), endpoint=f"udpout://{endpoint}"
@@ -56,17 +56,17 @@ async def streams_figures() -> dict[str, Any]:
 
 
 def _summary(heard: list[Heard], last_id: int) -> dict[str, Any]:
-    wanted = set(range(1, last_id + 1))
+    expected = set(range(1, last_id + 1))
     return {
         "subscribers": SUBSCRIBERS,
         "vehicles": VEHICLES,
         "seconds": FOR_S,
         "events": last_id,
-        "events_lost": sum(len(wanted - set(one.events)) for one in heard),
-        "out_of_order": sum(one.events != sorted(one.events) for one in heard),
-        "pictures_per_s_least": min(one.pictures for one in heard) / FOR_S,
-        "pictures_per_s_mean": sum(one.pictures for one in heard) / len(heard) / FOR_S,
-        "largest_gap_s": max(one.largest_gap_s for one in heard),
+        "events_lost": sum(len(expected - set(subscriber.events)) for subscriber in heard),
+        "out_of_order": sum(subscriber.events != sorted(subscriber.events) for subscriber in heard),
+        "pictures_per_s_least": min(subscriber.pictures for subscriber in heard) / FOR_S,
+        "pictures_per_s_mean": sum(subscriber.pictures for subscriber in heard) / len(heard) / FOR_S,
+        "largest_gap_s": max(subscriber.largest_gap_s for subscriber in heard),
     }
 
 
@@ -88,7 +88,7 @@ async def _last_event(client: httpx2.AsyncClient) -> int:
 
 
 async def _listen(port: int, until: float) -> Heard:
-    """A subscriber as lean as can be: this process has to feed a hundred of them."""
+    """Run a subscriber as lean as can be: this process has to feed a hundred of them."""
     heard = Heard()
     reader, writer = await asyncio.open_connection("127.0.0.1", port, limit=1 << 22)
     writer.write(b"GET /v1/events?telemetry=true HTTP/1.1\r\nHost: localhost\r\n\r\n")

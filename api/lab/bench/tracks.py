@@ -1,4 +1,4 @@
-"""Plans made by hand, to be flown: tracks that never rest."""
+"""Plans written by hand: tracks that never rest."""
 
 from __future__ import annotations
 
@@ -36,6 +36,6 @@ def _track(seed: int, slots: int) -> list[Point]:
 
 
 def by_hand(scenario: Scenario, paths: dict[str, list[Point]]) -> Plan:
-    """A plan that flies these paths: the planned paper scenario with them put in."""
-    made = plan(EXAMPLES["paper"]())
-    return made.model_copy(update={"scenario": scenario, "trajectories_m": paths})
+    """Return a plan that flies these paths: the planned paper scenario with the paths replaced."""
+    planned = plan(EXAMPLES["paper"]())
+    return planned.model_copy(update={"scenario": scenario, "trajectories_m": paths})

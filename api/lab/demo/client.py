@@ -16,11 +16,11 @@ START_LIMIT_S = 240.0
 
 
 class DemoError(Exception):
-    """The drill could not be flown; the message says why."""
+    """The drill could not be flown; the message gives the reason."""
 
 
 def free_port(kind: socket.SocketKind) -> int:
-    """A loopback port that is free now."""
+    """Return a loopback port that is free now."""
     with socket.socket(socket.AF_INET, kind) as probe:
         probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]
@@ -29,7 +29,7 @@ def free_port(kind: socket.SocketKind) -> int:
 
 @asynccontextmanager
 async def service_process(time_scale: float, fleet_url: str, log: Path) -> AsyncIterator[httpx2.AsyncClient]:
-    """`skyfolio serve` on loopback, ready to be used; it logs to a file. Raises DemoError if it does not start."""
+    """Run `skyfolio serve` on loopback until it is ready; it logs to a file. Raises DemoError if it does not start."""
     port = free_port(socket.SOCK_STREAM)
     command = ["serve", "--port", str(port), "--fleet-url", fleet_url, "--time-scale", str(time_scale)]
     command += ["--database-url", "temporary"]
@@ -64,7 +64,7 @@ async def _ready(client: httpx2.AsyncClient, process: asyncio.subprocess.Process
 
 
 async def call(client: httpx2.AsyncClient, method: str, path: str, **options: Any) -> Any:
-    """One REST call; the JSON. Raises DemoError with the problem's detail for an error status."""
+    """Send one REST call and return the JSON. Raises DemoError with the problem's detail for an error status."""
     answer = await client.request(method, path, **options)
     if answer.status_code >= 400:
         detail = answer.json().get("detail", answer.text) if "json" in answer.headers["content-type"] else answer.text

@@ -1,4 +1,4 @@
-"""How a drill is to be flown, and what the service said of it in the end."""
+"""The configuration of a drill, and its outcome as the service reports it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class DemoConfig:
     """How to fly it. kill_slot counts from 1, as the letter does; speedup is fleet seconds per wall second.
 
     The default utility trades between users, so that what a loss does to each, and what replanning mends, is seen.
-    Under `sum` the planner pays no heed to users that nobody serves, before the loss or after it.
+    Under `sum` the planner ignores users that are served by none, before the loss or after it.
     """
 
     utility: Utility = field(default_factory=lambda: Utility(kind="pooled", mu_per_kbps=-0.3))
@@ -27,7 +27,7 @@ class DemoConfig:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What the service said in the end, and when slot 0 began on the simulator's clock."""
+    """What the service reported in the end, and when slot 0 began on the simulator's clock."""
 
     operation: dict[str, Any]
     plans: list[Plan]

@@ -1,22 +1,20 @@
-"""The drill's result for the eye: a table in the terminal, and one self-contained HTML page."""
+"""The drill's result: a table in the terminal, and one self-contained HTML page."""
 
 from __future__ import annotations
 
-import io
 from html import escape
 from pathlib import Path
 
 import numpy as np
-from matplotlib.backends.backend_svg import FigureCanvasSVG
-from matplotlib.figure import Figure
 from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
 from skyfolio.api.lab.demo.report import DemoReport
+from skyfolio.api.lab.plots import as_svg, new_figure
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#f0e442")
-"""Okabe and Ito's palette: told apart by colour-blind eyes too."""
+"""Okabe and Ito's palette: distinguishable with colour blindness too."""
 
 
 def figures(report: DemoReport) -> list[tuple[str, str, str]]:
@@ -29,12 +27,12 @@ def figures(report: DemoReport) -> list[tuple[str, str, str]]:
     def unit(value: float | None, form: str) -> str:
         return "-" if value is None else form.format(value)
 
-    left = len(without.sum_rate_bps) - report.killed_at_slot + 1
+    slots_left = len(without.sum_rate_bps) - report.killed_at_slot + 1
     return [
         ("loss declared after", unit(report.detection_s, "{:.2f} s"), "-"),
         ("replan solved in", unit(report.replan_ms, "{:.0f} ms"), "-"),
         ("missions uploaded, verified, flying in", unit(report.upload_s, "{:.3f} s"), "-"),
-        ("slots without service of the lost UAV's users", f"{report.slots_without_service:.1f}", f"{left:.1f}"),
+        ("slots without service of the lost UAV's users", f"{report.slots_without_service:.1f}", f"{slots_left:.1f}"),
         ("sum rate before", kbps(flown.mean_sum_rate_before_bps), kbps(without.mean_sum_rate_before_bps)),
         ("sum rate during the outage", kbps(flown.mean_sum_rate_during_bps), kbps(without.mean_sum_rate_during_bps)),
         ("sum rate after", kbps(flown.mean_sum_rate_after_bps), kbps(without.mean_sum_rate_after_bps)),
@@ -55,7 +53,7 @@ def _named(users: list[str]) -> str:
 
 
 def result_table(report: DemoReport) -> Group:
-    """The table, the checks, and the verdict."""
+    """Return the table, the checks, and the verdict."""
     flown = "flown, with replan" if report.replanned else "flown, no replan"
     title = f"{report.killed} falls when slot {report.killed_at_slot} begins (slots count from 1)"
     table = Table("", flown, "computed, no replan", title=title)
@@ -69,7 +67,7 @@ def result_table(report: DemoReport) -> Group:
 
 
 def write_page(report: DemoReport, path: Path) -> None:
-    """One HTML file with everything in it: no script, no request."""
+    """Write one self-contained HTML file: no script, no request."""
     flown = "flown, with replan" if report.replanned else "flown, no replan"
     rows = "".join(
         f"<tr><th scope='row'>{escape(a)}</th><td>{escape(b)}</td><td>{escape(c)}</td></tr>"
@@ -100,7 +98,7 @@ def write_page(report: DemoReport, path: Path) -> None:
 
 
 def _map(report: DemoReport) -> str:
-    figure = Figure(figsize=(7.2, 6.6), layout="constrained")
+    figure = new_figure(7.2, 6.6)
     axes = figure.add_subplot()
     scenario = report.plans[0].scenario
     (west, south), (east, north) = scenario.area_m
@@ -120,11 +118,11 @@ def _map(report: DemoReport) -> str:
             if uav == report.killed:
                 axes.plot(*track[-1, 1:], "x", color=colour, markersize=12, markeredgewidth=3)
     axes.legend(loc="upper right")
-    return _svg(figure)
+    return as_svg(figure)
 
 
 def _rates(report: DemoReport) -> str:
-    figure = Figure(figsize=(9, 6.4), layout="constrained")
+    figure = new_figure(9, 6.4)
     top, bottom = figure.subplots(2, 1, sharex=True)
     slots = np.arange(1, len(report.flown.sum_rate_bps) + 1)
     flown = "flown, with replan" if report.replanned else "flown, no replan"
@@ -147,11 +145,4 @@ def _rates(report: DemoReport) -> str:
         axes.grid(alpha=0.3)
         axes.legend(loc="lower left", fontsize="small", ncols=3)
     bottom.set_xlabel("slot")
-    return _svg(figure)
-
-
-def _svg(figure: Figure) -> str:
-    sink = io.StringIO()
-    FigureCanvasSVG(figure).print_svg(sink, metadata={"Date": None})  # type: ignore[no-untyped-call]
-    text = sink.getvalue()
-    return text[text.index("<svg") :]
+    return as_svg(figure)

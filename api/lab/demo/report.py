@@ -1,4 +1,4 @@
-"""What a demonstration drill found."""
+"""The report of a demonstration drill."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from skyfolio.planner import Plan, Utility
 
 
 class Check(BaseModel):
-    """One thing that had to be true, judged by the simulator's ground truth."""
+    """A condition that had to be true, judged by the simulator's ground truth."""
 
     name: str
     passed: bool

@@ -1,4 +1,4 @@
-"""Flying the drill: plan over REST, launch the simulated fleet, make one UAV fall, follow what the service does."""
+"""The drill: plan over REST, launch the simulated fleet, crash one UAV, follow what the service does."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Drill:
         self._bar = progress.add_task("starting the service", total=scenario.slots)
 
     async def fly(self, client: httpx2.AsyncClient) -> Outcome:
-        """From the plan to the landing. Raises DemoError when the service refuses something."""
+        """Fly the drill, from the plan to the landing. Raises DemoError when the service refuses something."""
         self._say("planning")
         plan = await call(
             client, "POST", "/v1/plans", params={"wait_s": 60}, json=self._scenario.model_dump(mode="json")
@@ -72,19 +72,21 @@ class Drill:
         system_id = 1 + self._scenario.uav_ids.index(self._config.kill)
         self._fleet.inject(sim.Kill(system_id), at_s=kill_at_s)
         operation = await self._until(client, path, ENDED)
-        plans = [Plan.model_validate(await call(client, "GET", f"/v1/plans/{one}")) for one in operation["plan_ids"]]
+        plans = [
+            Plan.model_validate(await call(client, "GET", f"/v1/plans/{plan_id}")) for plan_id in operation["plan_ids"]
+        ]
         return Outcome(operation, plans, slot0_s, kill_at_s)
 
     async def _slot0(self, client: httpx2.AsyncClient, path: str) -> float:
-        """When slot 0 began on the simulator's clock, from the quickest of a few round trips."""
+        """Return when slot 0 began on the simulator's clock, from the quickest of a few round trips."""
         best = (float("inf"), 0.0)
         for _ in range(5):
-            asked = self._fleet.clock.now()
+            asked_s = self._fleet.clock.now()
             operation = await call(client, "GET", path)
             answered = self._fleet.clock.now()
             if operation["elapsed_s"] is None:
                 raise DemoError(f"the operation is {operation['state']}: {operation['error']}")
-            best = min(best, (answered - asked, (asked + answered) / 2 - operation["elapsed_s"]))
+            best = min(best, (answered - asked_s, (asked_s + answered) / 2 - operation["elapsed_s"]))
         return best[1]
 
     async def _until(self, client: httpx2.AsyncClient, path: str, states: set[str]) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Judging a drill by the simulator's ground truth: what users truly got, and whether missions were truly flown."""
+"""Judgement of a drill by the ground truth: what users truly received, and whether missions were flown."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Course:
         self.events = [(event.t_s - slot0_s, self.uavs[event.system_id], event) for event in truth.events]
 
     def track(self, uav: str, from_s: float = -inf, to_s: float = inf) -> list[tuple[float, float, float]]:
-        """(seconds, east, north) of the true track while the UAV was not wrecked."""
+        """Return (seconds, east, north) of the true track while the UAV was not wrecked."""
         return [
             (at, where[0], where[1])
             for at, where, row in self._rows[uav]
@@ -50,7 +50,7 @@ class Course:
         ]
 
     def samples(self) -> list[Sample]:
-        """Everyone's true position at each instant of the slots; a dead or landed UAV serves nobody."""
+        """Everyone's true position at each instant of the slots; a dead or landed UAV serves no user."""
         end_s = self.scenario.slots * self.scenario.slot_duration_s
         instants: dict[float, dict[str, tuple[Point, bool]]] = {}
         for uav, rows in self._rows.items():
@@ -77,7 +77,7 @@ class Course:
 
 
 def judge(config: DemoConfig, scenario: Scenario, log: sim.TruthLog, outcome: Outcome, *, wall_s: float) -> DemoReport:
-    """The report: rates, timings, and every check. Nothing the service says is taken on trust where truth exists."""
+    """Return the report: rates, timings, and every check, by the ground truth wherever there is one."""
     course = Course(scenario, log, outcome.slot0_s)
     kill_s = outcome.kill_at_s - outcome.slot0_s
     recovery: dict[str, Any] = next(iter(outcome.operation["recoveries"]), {})
@@ -123,7 +123,7 @@ def _flown(timeline: list[InForce], course: Course, kill_s: float, in_force_s: f
 
 
 def _no_replan(first: Plan, killed: str, kill_slot: int, kill_s: float, in_force_s: float | None) -> Rates:
-    """The first plan flown to its end as planned, with the lost UAV silent from `kill_slot` on."""
+    """Return the rates of the first plan flown to its end, with the lost UAV silent from `kill_slot` on."""
     scenario = first.scenario
     samples = [
         Sample(
@@ -216,19 +216,23 @@ def _check(name: str, passed: bool, detail: str) -> Check:
 
 
 def _fell(course: Course, uav: str, kill_s: float) -> Check:
-    at = next((at for at, who, event in course.events if who == uav and event.kind == "killed"), None)
+    at = next((at for at, event_uav, event in course.events if event_uav == uav and event.kind == "killed"), None)
     passed = at is not None and abs(at - kill_s) < ORDERED_WITHIN_S
     return _check(f"{uav} fell as ordered", passed, "never" if at is None else f"{at:.2f} s after slot 1 began")
 
 
 def _accepted_after(course: Course, uav: str, kill_s: float) -> Check:
-    times = [at for at, who, event in course.events if who == uav and event.kind == "mission_accepted" and at > kill_s]
+    times = [
+        at
+        for at, event_uav, event in course.events
+        if event_uav == uav and event.kind == "mission_accepted" and at > kill_s
+    ]
     found = f"accepted at {times[-1]:.2f} s" if times else "no mission was accepted after the loss"
     return _check(f"{uav} got a new mission in flight", bool(times), found)
 
 
 def _flew(course: Course, uav: str, plan: Plan, since_s: float) -> Check:
-    """Each point of the plan was passed, one after the other, by the true track."""
+    """Check that the true track passed each point of the plan, one after the other."""
     track = course.track(uav, since_s)
     points = plan.trajectories_m[uav][1 if plan.first_slot else 0 :]
     begin, worst = 0, 0.0
@@ -245,7 +249,7 @@ def _flew(course: Course, uav: str, plan: Plan, since_s: float) -> Check:
 
 
 def _landed(course: Course, uav: str, plan: Plan) -> Check:
-    if not any(who == uav and event.kind == "landed" for _, who, event in course.events):
+    if not any(event_uav == uav and event.kind == "landed" for _, event_uav, event in course.events):
         return _check(f"{uav} landed", False, "never")
     _, e, n = course.track(uav)[-1]
     apart = hypot(e - plan.trajectories_m[uav][-1][0], n - plan.trajectories_m[uav][-1][1])

@@ -1,4 +1,4 @@
-"""What the letter does not show: what each part of the method contributes, and what foresight would be worth."""
+"""Ablations that the letter does not show: the contribution of each part, and the value of foresight."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ def parts(job: Layout) -> dict[str, float]:
     """Mean sum rate, kbit/s, with each of trajectories Q, association A and bandwidth B planned or by rule of thumb."""
     scenario = job.choices.scenario(SUM)
     problem = problem_of(scenario)
-    made = plan(scenario, method="fast")
-    planned = np.array([made.trajectories_m[uav] for uav in scenario.uav_ids])
+    first_plan = plan(scenario, method="fast")
+    planned = np.array([first_plan.trajectories_m[uav] for uav in scenario.uav_ids])
     found = {}
     for name, paths in (("static", problem.hover()), ("planned", planned)):
         found[f"Q {name}, A nearest, B equal"] = _nearest(problem, paths, "equal")
@@ -61,7 +61,7 @@ class Foresight:
 
 
 def foresight(job: Foresight) -> dict[str, float]:
-    """Utility of all slots, kbit/s: the loss ignored, answered by a replan, and known from the start."""
+    """Return the utility of all slots, kbit/s: the loss ignored, replanned, and known from the start."""
     scenario = job.choices.scenario(job.utility)
     first = plan(scenario, method="fast")
     served = table(first)
@@ -83,17 +83,17 @@ def foresight(job: Foresight) -> dict[str, float]:
     }
 
 
-def mean_rows(found: list[dict[str, float]]) -> list[dict[str, Any]]:
+def mean_rows(rows: list[dict[str, float]]) -> list[dict[str, Any]]:
     """Mean and spread of each named value over the jobs."""
     return [
         {"name": name, "mean": float(np.mean(values)), "spread": float(np.std(values))}
-        for name in found[0]
-        for values in ([one[name] for one in found],)
+        for name in rows[0]
+        for values in ([row[name] for row in rows],)
     ]
 
 
 def _nearest(problem: Problem, paths: Array, rule: Rule) -> float:
-    """Each user at its nearest UAV, which splits its band equally or gives it whole to its best user."""
+    """Serve each user from its nearest UAV, which splits its band equally or gives it to its best user."""
     efficiency = spectral_efficiency(problem, paths)
     mine = nearest_uav(problem, paths) == np.arange(problem.n_uavs)[:, None, None]  # (U, K, N)
     rates = np.where(mine, efficiency, 0.0)

@@ -12,11 +12,11 @@ from typing import Any, Self, TypeVar
 J = TypeVar("J", bound=Hashable)
 R = TypeVar("R")
 Advance = Callable[[int, int], None]
-"""Told (done, known so far) whenever a job ends."""
+"""Called with (done, known so far) whenever a job ends."""
 
 
 def silent(done: int, of: int) -> None:
-    """The observer that does not look."""
+    """Ignore the progress."""
 
 
 class Batch:
@@ -36,7 +36,7 @@ class Batch:
         self._pool.shutdown(wait=True, cancel_futures=True)
 
     def run(self, work: Callable[[J], R], jobs: Iterable[J]) -> dict[J, R]:
-        """`work(job)` of every job; what was computed before is not computed again. Raises what `work` raises."""
+        """Return `work(job)` of every job; earlier results are not computed again. Raises what `work` raises."""
         jobs = list(dict.fromkeys(jobs))
         new = [job for job in jobs if (work.__qualname__, job) not in self._known]
         self._asked += len(new)

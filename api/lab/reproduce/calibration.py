@@ -1,4 +1,4 @@
-"""Finding what the letter omits: the noise, user layout and fading that match most of its numbers at once."""
+"""Calibration of what the letter omits: the noise, user layout and fading that match most of its numbers."""
 
 from __future__ import annotations
 
@@ -30,14 +30,15 @@ MATCHED = 0.1
 
 
 def misfit(measured: Mapping[str, Mapping[str, float]]) -> tuple[int, float, str]:
-    """How many targets are missed by more than `MATCHED`, the root mean square of all relative errors, and the reading
-    of Baseline 2 under which that is so: the one that fits better. The variance counts by its square root.
+    """Return how many targets are missed by more than `MATCHED`, the r.m.s. of all relative errors, and the reading.
+
+    The reading of Baseline 2 is the one that fits better. The variance counts by its square root.
     """
-    found = []
+    fits = []
     for reading in READINGS:
         errors = np.array([_error(measured, scheme, measure, reading.name) for scheme, measure in TARGETS])
-        found.append((int((np.abs(errors) > MATCHED).sum()), float(np.sqrt(np.mean(errors**2))), reading.name))
-    return min(found)
+        fits.append((int((np.abs(errors) > MATCHED).sum()), float(np.sqrt(np.mean(errors**2))), reading.name))
+    return min(fits)
 
 
 def _error(measured: Mapping[str, Mapping[str, float]], scheme: str, measure: str, reading: str) -> float:
@@ -46,17 +47,18 @@ def _error(measured: Mapping[str, Mapping[str, float]], scheme: str, measure: st
 
 
 def mean_measures(courses: Mapping[Job, Course], jobs: Iterable[Job]) -> dict[str, dict[str, float]]:
-    """scheme -> measure -> mean over the jobs of that scheme."""
-    found: dict[str, list[dict[str, float]]] = {}
+    """Return scheme -> measure -> mean over the jobs of that scheme."""
+    measured: dict[str, list[dict[str, float]]] = {}
     for job in jobs:
-        found.setdefault(job.scheme.name, []).append(courses[job].measures())
+        measured.setdefault(job.scheme.name, []).append(courses[job].measures())
     return {
-        scheme: {key: float(np.mean([row[key] for row in rows])) for key in rows[0]} for scheme, rows in found.items()
+        scheme: {key: float(np.mean([row[key] for row in rows])) for key in rows[0]}
+        for scheme, rows in measured.items()
     }
 
 
 def jobs_of(choices: Choices, layouts: Sequence[int]) -> list[Job]:
-    """The compared schemes on these layouts, with each UAV failing in turn."""
+    """Return the jobs of the compared schemes on these layouts, with each UAV failing in turn."""
     return [
         Job(replace(choices, layout_seed=layout, fading_seed=layout), scheme, failed)
         for layout in layouts
@@ -85,7 +87,7 @@ def calibrate(batch: Batch, layouts: Sequence[int]) -> dict[str, Any]:
 
 
 def _ranked(batch: Batch, jobs: Mapping[Choices, list[Job]]) -> list[tuple[Choices, dict[str, Any]]]:
-    """The choices from the best fit to the worst, each with its fit and what was measured."""
+    """Return the choices from the best fit to the worst, each with its fit and what was measured."""
     courses = batch.run(compute, [job for each in jobs.values() for job in each])
     rows = []
     for choices, mine in jobs.items():

@@ -45,7 +45,7 @@ class Judged(BaseModel):
 
 
 def judged(measured: Measured, converged: Mapping[str, Sequence[float]]) -> list[Judged]:
-    """All claims in the order of the letter's figures."""
+    """Return all claims in the order of the letter's figures."""
     return [*_convergence(converged), *_rates(measured), *_after_the_loss(measured), *_tuning(measured)]
 
 
@@ -66,7 +66,10 @@ def _number(figure: str, claim: str, unit: str, paper: float, values: Array) -> 
 
 
 def _trend(figure: str, claim: str, holds: NDArray[np.bool_], on_mean: bool) -> Judged:
-    """holds: one truth value for each case."""
+    """Judge a claim by the share of cases in which it holds.
+
+    holds: one truth value for each case.
+    """
     share = float(np.mean(holds))
     in_most = Verdict.REPRODUCED if share >= MOST_CASES else Verdict.TREND_ONLY
     verdict = in_most if on_mean else Verdict.NOT
@@ -92,16 +95,16 @@ def _convergence(converged: Mapping[str, Sequence[float]]) -> Iterator[Judged]:
 
 
 def _rates(measured: Measured) -> Iterator[Judged]:
-    sr_max, one = (measured[scheme.name]["period_1"] for scheme in (SR_MAX, BASELINE_1))
+    sr_max, baseline_1 = (measured[scheme.name]["period_1"] for scheme in (SR_MAX, BASELINE_1))
     yield _number("3", "SR-Max, mean sum rate in period one", "kbit/s", 128.8, sr_max)
-    yield _number("3", "Baseline 1, mean sum rate in period one", "kbit/s", 75.68, one)
-    yield _number("3", "SR-Max over Baseline 1", "%", 70.19, 100 * (sr_max / one - 1))
+    yield _number("3", "Baseline 1, mean sum rate in period one", "kbit/s", 75.68, baseline_1)
+    yield _number("3", "SR-Max over Baseline 1", "%", 70.19, 100 * (sr_max / baseline_1 - 1))
     for reading in READINGS:
         two = measured[reading.name]["period_1"]
         yield _number("3", f"{reading.name}, mean sum rate in period one", "kbit/s", 128.8 / 1.1709, two)
         yield _number("3", f"SR-Max over {reading.name}", "%", 17.09, 100 * (sr_max / two - 1))
-        ordered = (sr_max > two) & (two > one)
-        on_mean = bool(sr_max.mean() > two.mean() > one.mean())
+        ordered = (sr_max > two) & (two > baseline_1)
+        on_mean = bool(sr_max.mean() > two.mean() > baseline_1.mean())
         yield _trend("3", f"SR-Max > {reading.name} > Baseline 1", ordered, on_mean)
 
 
@@ -134,13 +137,13 @@ def _tuning(measured: Measured) -> Iterator[Judged]:
 
 
 def along_mu(measured: Measured, kind: str, measure: str) -> Array:
-    """(number of mu, cases): the measure over SR-Max (mu = 0) and then each mu, from weak to strong."""
+    """Return the measure over SR-Max (mu = 0) and then each mu, from weak to strong: (number of mu, cases)."""
     schemes = [SR_MAX.name, *(pro_alg(kind, mu).name for mu in MUS)]
     return np.array([measured[name][measure] for name in schemes])
 
 
 def _along_mu(figure: str, claim: str, measured: Measured, kind: str, measure: str, *, falling: bool) -> Judged:
-    """A trend over mu holds when ranks of the measure and of |mu| agree: Spearman's coefficient beyond 0.5."""
+    """Judge a trend over mu: Spearman's rank correlation of the measure and |mu| must exceed 0.5."""
     curves = along_mu(measured, kind, measure) * (-1 if falling else 1)
     each = np.array([rank_agreement(curve) for curve in curves.T])
     return _trend(figure, claim, each > 0.5, rank_agreement(curves.mean(axis=1)) > 0.5)

@@ -29,7 +29,7 @@ class Choices:
     fading_seed: int = LAYOUT_SEED
 
     def scenario(self, utility: Utility) -> Scenario:
-        """The letter's scenario under these choices."""
+        """Return the letter's scenario under these choices."""
         return letter(**vars(self), utility=utility)
 
 
@@ -43,7 +43,7 @@ class Scheme:
 
 
 def pro_alg(kind: str, mu_per_kbps: float) -> Scheme:
-    """The letter's algorithm (its joint fast form) under one of the three utilities."""
+    """Return the scheme of the letter's algorithm (its joint fast form) under one of the three utilities."""
     utility = Utility.model_validate({"kind": kind, "mu_per_kbps": mu_per_kbps})
     return Scheme(f"Pro-Alg {kind} mu={mu_per_kbps:g}", "fast", utility)
 
@@ -84,7 +84,7 @@ class Course:
         return total
 
     def measures(self) -> dict[str, float]:
-        """The letter's figures of merit for this course. Rates in kbit/s, variance in (kbit/s)^2."""
+        """Return the letter's figures of merit for this course. Rates in kbit/s, variance in (kbit/s)^2."""
         total = self.sum_kbps
         return {
             "period_1": float(total[: self.at_slot].mean()),
@@ -112,15 +112,15 @@ def fly(scenario: Scenario, method: str, failed: str | None, at_slot: int = FAIL
 
 
 def table(plan: Plan) -> Array:
-    """The plan's rates: (K, N) kbit/s in user order."""
+    """Return the plan's rates, (K, N) kbit/s in user order."""
     return np.array([plan.user_rates_bps[user] for user in plan.scenario.user_ids]) / 1e3
 
 
 def compute(job: Job) -> Course:
-    """The course of a job; runs in a worker process."""
+    """Compute the course of a job; runs in a worker process."""
     return fly(job.choices.scenario(job.scheme.utility), job.scheme.method, job.failed)
 
 
 def utility_of(course: Course, utility: Utility) -> float:
-    """The utility of all slots flown, kbit/s."""
+    """Return the utility of all slots flown, kbit/s."""
     return utility_kbps(course.rates_kbps, utility.kind, utility.mu_per_kbps)

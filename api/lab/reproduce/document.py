@@ -12,7 +12,7 @@ from skyfolio.api.lab.reproduce.study import Study
 
 
 def document(study: Study) -> str:
-    """`reproduction.md` of a whole study, GitHub-flavoured Markdown."""
+    """Return the `reproduction.md` of a whole study, GitHub-flavoured Markdown."""
     parts = [
         _head(study),
         _claims(study),
@@ -30,7 +30,7 @@ def _head(study: Study) -> str:
     where = (
         "anywhere" if choices["user_radius_m"] is None else f"within {choices['user_radius_m']:g} m of a UAV's start"
     )
-    counts = {verdict: sum(one["verdict"] == verdict for one in study["claims"]) for verdict in Verdict}
+    counts = {verdict: sum(claim["verdict"] == verdict for claim in study["claims"]) for verdict in Verdict}
     return "\n\n".join(
         [
             "# Does it give the letter's results?",
@@ -55,10 +55,20 @@ def _head(study: Study) -> str:
 def _claims(study: Study) -> str:
     rows = []
     for each in study["claims"]:
-        one = Judged.model_validate(each)
-        paper = "-" if one.paper is None else _number(one.paper)
-        spread = "" if one.spread is None else f" ± {_number(one.spread)}"
-        rows.append((one.figure, one.claim, paper, _number(one.ours) + spread, one.unit, one.verdict.value, one.reason))
+        claim = Judged.model_validate(each)
+        paper = "-" if claim.paper is None else _number(claim.paper)
+        spread = "" if claim.spread is None else f" ± {_number(claim.spread)}"
+        rows.append(
+            (
+                claim.figure,
+                claim.claim,
+                paper,
+                _number(claim.ours) + spread,
+                claim.unit,
+                claim.verdict.value,
+                claim.reason,
+            )
+        )
     heading = "## The claims\n\n"
     return heading + _table(("fig.", "claim", "letter", "ours", "unit", "verdict", "why"), rows)
 
@@ -122,13 +132,13 @@ def _utilities(study: Study) -> str:
 
 
 def _shows(study: Study, kind: str) -> dict[str, bool]:
-    verdicts = {one["claim"]: one["verdict"] for one in study["claims"]}
-    asked = {
+    verdicts = {claim["claim"]: claim["verdict"] for claim in study["claims"]}
+    questions = {
         "variance falls": f"{kind}: variance falls with |mu|",
         "sum rate falls": f"{kind}: sum rate falls with |mu|",
         "Jain index grows": f"{kind}: Jain index grows with |mu|",
     }
-    return {name: verdicts[claim] != Verdict.NOT for name, claim in asked.items()}
+    return {name: verdicts[claim] != Verdict.NOT for name, claim in questions.items()}
 
 
 def _sensitivity(study: Study) -> str:

@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
+from skyfolio.api.lab.plots import new_figure
 from skyfolio.api.lab.reproduce.courses import FAILURE_SLOT
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#999999")
 MARKERS = "osD^vPX*"
 
 
 def convergence(histories: Mapping[str, Mapping[str, Sequence[float]]]) -> Figure:
-    """Fig. 2: utility and mean sum rate after each iteration, for several mu; kbit/s."""
-    figure = Figure(figsize=(9, 3.6), layout="constrained")
+    """Draw fig. 2: utility and mean sum rate after each iteration, for several mu; kbit/s."""
+    figure = new_figure(9, 3.6)
     for axes, what in zip(figure.subplots(1, 2), ("utility", "sum rate"), strict=True):
         for index, (mu, history) in enumerate(histories.items()):
             values = history["utility_kbps" if what == "utility" else "sum_rate_kbps"]
@@ -27,8 +31,8 @@ def convergence(histories: Mapping[str, Mapping[str, Sequence[float]]]) -> Figur
 
 
 def periods(curves: Mapping[str, Sequence[float]], title: str) -> Figure:
-    """Fig. 3: the sum rate of each slot, and its average over each ten slots as a solid line; kbit/s."""
-    figure = Figure(figsize=(9, 4.6), layout="constrained")
+    """Draw fig. 3: the sum rate of each slot, and its average over each ten slots as a solid line; kbit/s."""
+    figure = new_figure(9, 4.6)
     axes = figure.add_subplot()
     for index, (name, values) in enumerate(curves.items()):
         colour, slots = COLOURS[index % len(COLOURS)], np.arange(1, len(values) + 1)
@@ -50,8 +54,8 @@ def against_mu(
     levels: Mapping[str, float],
     label: str,
 ) -> Figure:
-    """Fig. 5: a measure against |mu| (mean and spread over cases); baselines and the letter's numbers as levels."""
-    figure = Figure(figsize=(7, 4.2), layout="constrained")
+    """Draw fig. 5: a measure against |mu| (mean and spread); baselines and the letter's numbers as levels."""
+    figure = new_figure(7, 4.2)
     axes = figure.add_subplot()
     strength = np.abs(np.array(mus))
     for index, (name, (mean, spread)) in enumerate(curves.items()):
@@ -66,8 +70,8 @@ def against_mu(
 
 
 def trade_off(rows: Sequence[Mapping[str, float]], chosen_mu: float | None) -> Figure:
-    """Sum rate, variance and Jain index against |mu|, and the chosen mu."""
-    figure = Figure(figsize=(10, 3.4), layout="constrained")
+    """Draw sum rate, variance and Jain index against |mu|, and the chosen mu."""
+    figure = new_figure(10, 3.4)
     strength = [abs(row["mu_per_kbps"]) for row in rows]
     panels = (
         ("mean_sum_rate_kbps", "sum rate, kbit/s"),

@@ -45,7 +45,7 @@ class StudyConfig:
 
 
 def run_study(config: StudyConfig, advance: Advance = silent) -> Study:
-    """Everything that `config.figure` needs, as plain JSON data. Takes minutes; `advance` is told of every job done."""
+    """Compute everything that `config.figure` needs, as plain JSON data. Takes minutes; `advance` counts the jobs."""
     began = time.monotonic()
     everything = config.figure == "all"
     study: Study = {"figure": config.figure, "choices": vars(Choices()), "machine": machine()}
@@ -55,7 +55,7 @@ def run_study(config: StudyConfig, advance: Advance = silent) -> Study:
         if everything or config.figure != "2":
             measured = _headline(batch, config, study)
         if everything:
-            study["claims"] = [one.model_dump(mode="json") for one in claims(study, measured)]
+            study["claims"] = [claim.model_dump(mode="json") for claim in claims(study, measured)]
             study["sensitivity"] = _sensitivity(batch)
             study["ablation"] = _ablation(batch, config)
     study["seconds"] = round(time.monotonic() - began, 1)
@@ -63,12 +63,12 @@ def run_study(config: StudyConfig, advance: Advance = silent) -> Study:
 
 
 def claims(study: Study, measured: Mapping[str, Mapping[str, Array]]) -> list[Judged]:
-    """Every claim of the letter, judged."""
+    """Return every claim of the letter, judged."""
     return judged(measured, {mu: row["utility_kbps"] for mu, row in study["convergence"].items()})
 
 
 def cases(config: StudyConfig) -> list[tuple[Choices, str]]:
-    """Layout x failing UAV; the first layout is the calibrated one."""
+    """Return (layout, failing UAV) of every case; the first layout is the calibrated one."""
     first = Choices()
     layouts = [first, *(replace(first, layout_seed=100 + i, fading_seed=100 + i) for i in range(config.layouts - 1))]
     return [(choices, failed) for choices in layouts for failed in FAILED]
@@ -80,7 +80,7 @@ def _schemes(figure: str) -> list[Scheme]:
 
 
 def _headline(batch: Batch, config: StudyConfig, study: Study) -> dict[str, dict[str, Array]]:
-    """Figs. 3 and 5: every scheme on every case. Fills the study; returns scheme -> measure -> value of each case."""
+    """Compute figs. 3 and 5: every scheme on every case. Return scheme -> measure -> value of each case."""
     schemes, flown = _schemes(config.figure), cases(config)
     courses = batch.run(compute, [Job(choices, scheme, failed) for scheme in schemes for choices, failed in flown])
     measured: dict[str, dict[str, Array]] = {}
@@ -125,7 +125,7 @@ class Convergence:
 
 
 def iterate(job: Convergence) -> dict[str, list[float]]:
-    """Utility and mean sum rate after each iteration, kbit/s."""
+    """Return utility and mean sum rate after each iteration, kbit/s."""
     scenario = Choices().scenario(Utility(kind="sum", mu_per_kbps=job.mu_per_kbps))
     history = plan(scenario, method="paper", stop=MaxIterations(ITERATIONS)).history
     return {
@@ -140,7 +140,7 @@ def _convergence(batch: Batch) -> dict[str, dict[str, list[float]]]:
 
 
 def _sensitivity(batch: Batch) -> list[dict[str, Any]]:
-    """Each omitted choice varied alone; three layouts with each UAV failing, means of the letter's numbers."""
+    """Vary each omitted choice alone: three layouts, each UAV failing, means of the letter's numbers."""
     base = Choices()
     variants: list[tuple[str, Choices]] = [("calibrated", base)]
     variants += [(f"noise {noise:g} dBm", replace(base, noise_dbm=noise)) for noise in (-60.0, -55.0, -50.0)]
@@ -148,8 +148,8 @@ def _sensitivity(batch: Batch) -> list[dict[str, Any]]:
         (f"users within {radius:g} m" if radius else "users anywhere", replace(base, user_radius_m=radius))
         for radius in (60.0, 90.0, 120.0, None)
     ]
-    other: Literal["mean", "sampled"] = "sampled" if base.fading == "mean" else "mean"
-    variants.append((f"{other} fading", replace(base, fading=other)))
+    other_fading: Literal["mean", "sampled"] = "sampled" if base.fading == "mean" else "mean"
+    variants.append((f"{other_fading} fading", replace(base, fading=other_fading)))
     schemes = [*COMPARED, *(pro_alg(kind, MUS[-1]) for kind in KINDS)]
     jobs = {
         name: [
@@ -180,19 +180,19 @@ def _ablation(batch: Batch, config: StudyConfig) -> dict[str, Any]:
         "foresight": {},
     }
     for utility in (Utility(kind="sum", mu_per_kbps=-0.1), Utility(kind="pooled", mu_per_kbps=-0.3)):
-        asked = [ablation.Foresight(choices, failed, utility) for choices, failed in cases(config)]
-        rows = ablation.mean_rows(list(batch.run(ablation.foresight, asked).values()))
+        foresights = [ablation.Foresight(choices, failed, utility) for choices, failed in cases(config)]
+        rows = ablation.mean_rows(list(batch.run(ablation.foresight, foresights).values()))
         found["foresight"][f"{utility.kind}, mu = {utility.mu_per_kbps:g}"] = rows
     return found
 
 
 def pictures(study: Study) -> dict[str, Any]:
-    """File stem -> matplotlib figure, of what the study holds."""
+    """Return the matplotlib figures of what the study holds, by file stem."""
     drawn: dict[str, Any] = {}
-    wanted = study["figure"]
+    figure = study["figure"]
     if "convergence" in study:
         drawn["fig2-convergence"] = figures.convergence(study["convergence"])
-    if wanted in ("all", "3"):
+    if figure in ("all", "3"):
         for kind in KINDS:
             names = [*(scheme.name for scheme in COMPARED), *(pro_alg(kind, mu).name for mu in SHOWN_MUS)]
             curves = {name: study["periods"][name] for name in names}
@@ -208,7 +208,7 @@ def pictures(study: Study) -> dict[str, Any]:
         ),
         ("5b", "jain", "Jain index", {"letter, SR-Max": 0.65, "letter, Baseline 1": 0.876}),
     ):
-        if wanted in ("all", key):
+        if figure in ("all", key):
             curves_mu = {
                 kind: (study["along_mu"][kind][measure]["mean"], study["along_mu"][kind][measure]["spread"])
                 for kind in KINDS
@@ -219,7 +219,7 @@ def pictures(study: Study) -> dict[str, Any]:
 
 
 def write(study: Study, out: Path, document: Callable[[Study], str]) -> list[Path]:
-    """`reproduction/study.json`, an SVG for each picture, for the whole study `reproduction.md`: the paths written."""
+    """Write `reproduction/study.json`, the pictures, and `reproduction.md`. Return the paths."""
     folder = out / "reproduction"
     folder.mkdir(parents=True, exist_ok=True)
     written = [folder / "study.json"]

@@ -96,12 +96,12 @@ def _row(mu: float, limits: Limits, mean: float, variance: float, jain: float) -
 
 
 def closest(tuning: Tuning) -> Row:
-    """The row that misses the fewest limits, for the message when none meets them all."""
+    """Return the row that misses the fewest limits, for the message when none meets them all."""
     return min(tuning.rows, key=lambda row: (len(row.missed), -row.mean_sum_rate_kbps))
 
 
 def spread(rows: Sequence[Row]) -> dict[str, tuple[float, float]]:
-    """Least and greatest of each measure over the scan: what can be had at all."""
+    """Return least and greatest of each measure over the scan: the range that can be reached."""
     table = {
         "min_sum_rate": np.array([row.mean_sum_rate_kbps for row in rows]),
         "max_variance": np.array([row.variance_kbps2 for row in rows]),

@@ -1,4 +1,4 @@
-"""Alembic's entry: it runs on the connection it is given (see `api/store/migrate.py`)."""
+"""Alembic's entry point; it runs on the connection that `api/store/migrate.py` passes."""
 
 from alembic import context
 

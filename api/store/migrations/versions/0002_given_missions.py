@@ -1,4 +1,4 @@
-"""missions that were given to UAVs"""
+"""Store the missions that were assigned to UAVs."""
 
 import sqlalchemy as sa
 from alembic import op
@@ -29,6 +29,6 @@ def upgrade() -> None:
 
 
 def downgrade() -> None:
-    """Undo."""
+    """Undo the upgrade."""
     op.drop_index(op.f("ix_given_operation_id"), table_name="given")
     op.drop_table("given")

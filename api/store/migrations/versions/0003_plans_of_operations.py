@@ -1,4 +1,4 @@
-"""which operation flew a plan, as a column: clean-up need not parse operations to know"""
+"""Store which operation flew a plan as a column, so that clean-up need not parse operations."""
 
 import json
 
@@ -27,7 +27,7 @@ def upgrade() -> None:
 
 
 def downgrade() -> None:
-    """Undo."""
+    """Undo the upgrade."""
     op.drop_index(op.f("ix_operations_ended_at"), table_name="operations")
     op.drop_index(op.f("ix_audit_at"), table_name="audit")
     op.drop_index(op.f("ix_events_at"), table_name="events")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,23 +13,27 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from skyfolio.api.cli.files import Json, read_as, write
+from skyfolio.api.common import extras
 from skyfolio.api.lab.reproduce import figures
 from skyfolio.api.lab.reproduce.batch import Advance, Batch
 from skyfolio.api.lab.reproduce.calibration import calibrate
 from skyfolio.api.lab.reproduce.document import document
-from skyfolio.api.lab.reproduce.study import StudyConfig, run_study, write
+from skyfolio.api.lab.reproduce.study import StudyConfig, run_study
+from skyfolio.api.lab.reproduce.study import write as write_study
 from skyfolio.api.lab.reproduce.tuning import Limits, Tuning, closest, spread, tune
 from skyfolio.planner import EXAMPLES, Scenario
 
 console = Console(stderr=True)
-Json = Annotated[bool, typer.Option("--json", help="Print JSON only.")]
 
 
 def reproduce(
     figure: Annotated[Literal["2", "3", "5a", "5b", "all"], typer.Option(help="Which figure of the letter.")] = "all",
-    out: Annotated[Path, typer.Option(help="Folder of reproduction.md and its pictures.")] = Path("out"),
+    out: Annotated[Path, typer.Option(help="Folder of reproduction.md and its figures.")] = Path("out"),
     layouts: Annotated[int, typer.Option(min=1, help="User layouts; each UAV fails in turn in each.")] = 5,
-    search: Annotated[bool, typer.Option("--calibrate", help="Search what the letter omits instead.")] = False,
+    search: Annotated[
+        bool, typer.Option("--calibrate", help="Instead, search for the values that the letter omits.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Compute the letter's figures and numbers and set them beside the printed ones."""
@@ -38,15 +41,16 @@ def reproduce(
         with progress("calibrating", quiet=as_json) as advance, Batch(advance) as batch:
             _print(calibrate(batch, range(100, 100 + layouts)))
         return
+    extras.require("matplotlib", "drawing the figures")
     with progress(f"figure {figure}", quiet=as_json) as advance:
         study = run_study(StudyConfig(figure=figure, layouts=layouts), advance)
-    written = write(study, out, document)
+    files = write_study(study, out, document)
     if as_json:
         _print(study)
         return
     if "claims" in study:
         console.print(claims_table(study))
-    console.print("written: " + ", ".join(str(path) for path in written), highlight=False)
+    console.print("written: " + ", ".join(str(path) for path in files), highlight=False)
 
 
 def tune_mu(
@@ -61,10 +65,12 @@ def tune_mu(
     as_json: Json = False,
 ) -> None:
     """Find the mu that meets limits on sum rate, fluctuation and fairness, in the worst of the given losses."""
-    scenario = Scenario.model_validate_json(file.read_text(encoding="utf-8")) if file else EXAMPLES["paper"]()
+    if plot is not None:
+        extras.require("matplotlib", "--plot")
+    scenario = read_as(Scenario, file) if file else EXAMPLES["paper"]()
     limits = Limits(min_sum_rate_kbps=min_sum_rate, max_variance_kbps2=max_variance, min_jain=min_jain)
     with progress("scanning mu", quiet=as_json) as advance:
-        found = tune(
+        tuning = tune(
             scenario,
             kind,
             limits,
@@ -75,18 +81,18 @@ def tune_mu(
     if plot is not None:
         plot.parent.mkdir(parents=True, exist_ok=True)
         figures.trade_off(
-            [row.model_dump() for row in found.rows if row.mu_per_kbps < 0], found.chosen_mu_per_kbps
+            [row.model_dump() for row in tuning.rows if row.mu_per_kbps < 0], tuning.chosen_mu_per_kbps
         ).savefig(plot)
     if as_json:
-        _print(found.model_dump(mode="json"))
+        _print(tuning.model_dump(mode="json"))
     else:
-        _show(found)
-    raise typer.Exit(0 if found.chosen_mu_per_kbps is not None else 1)
+        _show(tuning)
+    raise typer.Exit(0 if tuning.chosen_mu_per_kbps is not None else 1)
 
 
 @contextmanager
 def progress(what: str, *, quiet: bool) -> Iterator[Advance]:
-    """A bar on standard error that `advance(done, of)` moves."""
+    """Show a bar on standard error that `advance(done, of)` moves."""
     columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, disable=quiet) as bar:
         task = bar.add_task(what, total=None)
@@ -94,24 +100,24 @@ def progress(what: str, *, quiet: bool) -> Iterator[Advance]:
 
 
 def claims_table(study: dict[str, Any]) -> Table:
-    """The verdicts for the eye."""
-    shown = Table(
+    """Return the verdicts as a table for a terminal."""
+    table = Table(
         "fig.", "claim", "letter", "ours", "verdict", title=f"{study['cases']} cases, {study['seconds']:.0f} s"
     )
     colours = {"reproduced": "green", "trend only": "yellow", "not reproducible": "red"}
-    for one in study["claims"]:
-        paper = "-" if one["paper"] is None else f"{one['paper']:.4g}"
-        ours = f"{one['ours']:.4g}" + ("" if one["spread"] is None else f" ± {one['spread']:.2g}")
-        verdict = f"[{colours[one['verdict']]}]{one['verdict']}[/]"
-        shown.add_row(one["figure"], one["claim"], paper, f"{ours} {one['unit']}", verdict)
-    return shown
+    for claim in study["claims"]:
+        paper = "-" if claim["paper"] is None else f"{claim['paper']:.4g}"
+        ours = f"{claim['ours']:.4g}" + ("" if claim["spread"] is None else f" ± {claim['spread']:.2g}")
+        verdict = f"[{colours[claim['verdict']]}]{claim['verdict']}[/]"
+        table.add_row(claim["figure"], claim["claim"], paper, f"{ours} {claim['unit']}", verdict)
+    return table
 
 
-def _show(found: Tuning) -> None:
-    shown = Table("mu, 1/(kbit/s)", "sum rate, kbit/s", "variance, (kbit/s)²", "Jain", "limits missed")
-    for row in found.rows:
-        mark = "bold green" if row.mu_per_kbps == found.chosen_mu_per_kbps else ""
-        shown.add_row(
+def _show(tuning: Tuning) -> None:
+    table = Table("mu, 1/(kbit/s)", "sum rate, kbit/s", "variance, (kbit/s)²", "Jain", "limits missed")
+    for row in tuning.rows:
+        mark = "bold green" if row.mu_per_kbps == tuning.chosen_mu_per_kbps else ""
+        table.add_row(
             f"{row.mu_per_kbps:.4g}",
             f"{row.mean_sum_rate_kbps:.2f}",
             f"{row.variance_kbps2:.2f}",
@@ -119,12 +125,12 @@ def _show(found: Tuning) -> None:
             ", ".join(row.missed) or "none",
             style=mark,
         )
-    console.print(shown)
-    if found.chosen_mu_per_kbps is not None:
-        console.print(f"mu = {found.chosen_mu_per_kbps:.4g} per kbit/s meets every limit with the highest sum rate")
+    console.print(table)
+    if tuning.chosen_mu_per_kbps is not None:
+        console.print(f"mu = {tuning.chosen_mu_per_kbps:.4g} per kbit/s meets every limit with the highest sum rate")
         return
-    nearest = closest(found)
-    ranges = "; ".join(f"{name} {low:.4g} to {high:.4g}" for name, (low, high) in spread(found.rows).items())
+    nearest = closest(tuning)
+    ranges = "; ".join(f"{name} {low:.4g} to {high:.4g}" for name, (low, high) in spread(tuning.rows).items())
     console.print(
         f"[red]no mu meets every limit:[/] at {nearest.mu_per_kbps:.4g} only {', '.join(nearest.missed)} is missed; "
         f"the scan reaches {ranges}",
@@ -133,4 +139,4 @@ def _show(found: Tuning) -> None:
 
 
 def _print(data: Any) -> None:
-    sys.stdout.write(json.dumps(data, indent=1) + "\n")
+    write(json.dumps(data, indent=1), None)
