@@ -18,7 +18,7 @@ from mavsdk import ComponentType, Configuration, ForwardingOption, Mavsdk
 
 from skyfolio.mavlink_bridge.autopilots import Autopilot, FlightMode
 from skyfolio.mavlink_bridge.classifier import Classifier
-from skyfolio.mavlink_bridge.conditions import Change, Timing
+from skyfolio.mavlink_bridge.conditions import Timing, VehicleChange
 from skyfolio.mavlink_bridge.errors import ConnectionFailed, LinkClosed, VehiclesMissing
 from skyfolio.mavlink_bridge.framing import Frame, is_foreign_heartbeat
 from skyfolio.mavlink_bridge.heartbeat import AUTOPILOT, HeartbeatMonitor, LinkEvent
@@ -34,7 +34,6 @@ from skyfolio.mavlink_bridge.vehicle import Clock, Vehicle
 
 log = logging.getLogger(__name__)
 Outcome = TypeVar("Outcome")
-Event = TypeVar("Event")
 
 ANYBODY = frozenset(range(1, 255)) - {GROUND[0]}
 """System ids a vehicle may have: `expect` them where nobody knows beforehand who is there."""
@@ -78,8 +77,7 @@ class ListeningLink:
         self._pool = ThreadPoolExecutor(MAX_THREADS, thread_name_prefix="mavsdk")
         self._vehicles: dict[int, Vehicle] = {}
         self._awaited: set[int] = set()
-        self._listeners: list[asyncio.Queue[LinkEvent | None]] = []
-        self._change_listeners: list[asyncio.Queue[Change | None]] = []
+        self._listeners: list[asyncio.Queue[VehicleChange | None]] = []
         self._tasks: set[asyncio.Task[None]] = set()
         self._awake = (0.0, 0.0)
         """When the event loop was last seen to run: its own seconds, and fleet seconds."""
@@ -96,7 +94,7 @@ class ListeningLink:
         await self.close()
 
     async def close(self) -> None:
-        """End all waiting, let running MAVSDK calls time out, and free the ports. Ends every `events` iterator."""
+        """End all waiting, let running MAVSDK calls time out, and free the ports. Ends every `changes` iterator."""
         self._closed = True
         await self.speeds.close()
         mavsdk, self._mavsdk = self._mavsdk, None
@@ -107,8 +105,6 @@ class ListeningLink:
         await asyncio.gather(*self._tasks, return_exceptions=True)
         for queue in self._listeners:
             queue.put_nowait(None)
-        for listener in self._change_listeners:
-            listener.put_nowait(None)
         if mavsdk is not None:
             await asyncio.to_thread(self._pool.shutdown)
             await asyncio.to_thread(mavsdk.destroy)
@@ -171,19 +167,15 @@ class ListeningLink:
         vehicle = self._vehicles.get(system_id)
         return None if vehicle is None else vehicle.state.home_deg
 
-    def events(self) -> AsyncGenerator[LinkEvent, None]:
-        """Changes of link state from this call on, until the link closes. Each caller gets all of them."""
+    def changes(self) -> AsyncGenerator[VehicleChange, None]:
+        """Iterate over what changes of links and conditions from this call on, until the link closes.
+
+        Each caller gets every change.
+        """
         self._open()
-        queue: asyncio.Queue[LinkEvent | None] = asyncio.Queue()
+        queue: asyncio.Queue[VehicleChange | None] = asyncio.Queue()
         self._listeners.append(queue)
         return _drain(queue, self._listeners)
-
-    def changes(self) -> AsyncGenerator[Change, None]:
-        """Changes of condition from this call on, until the link closes. Each caller gets all of them."""
-        self._open()
-        queue: asyncio.Queue[Change | None] = asyncio.Queue()
-        self._change_listeners.append(queue)
-        return _drain(queue, self._change_listeners)
 
     def vehicle(self, system_id: int) -> Vehicle:
         """One vehicle, for `guidance`. Raises KeyError if it was never heard."""
@@ -311,21 +303,24 @@ class ListeningLink:
                 self._look()
 
     def _look(self) -> None:
-        """Tell everybody what has changed."""
-        changes = self.classifier.poll(self._clock.now())
+        """Send everybody who listens what has changed, once for each vehicle."""
+        conditions = {change.system_id: change for change in self.classifier.poll(self._clock.now())}
+        links: dict[int, list[LinkEvent]] = {}
         for event in self.classifier.link_events:
+            links.setdefault(event.system_id, []).append(event)
+        for system_id in dict.fromkeys((*links, *conditions)):
+            change = VehicleChange(
+                system_id=system_id, link=tuple(links.get(system_id, ())), condition=conditions.get(system_id)
+            )
             for queue in self._listeners:
-                queue.put_nowait(event)
-        for change in changes:
-            for listener in self._change_listeners:
-                listener.put_nowait(change)
+                queue.put_nowait(change)
 
 
 async def _drain(
-    queue: asyncio.Queue[Event | None], listeners: list[asyncio.Queue[Event | None]]
-) -> AsyncGenerator[Event, None]:
+    queue: asyncio.Queue[VehicleChange | None], listeners: list[asyncio.Queue[VehicleChange | None]]
+) -> AsyncGenerator[VehicleChange, None]:
     try:
-        while (event := await queue.get()) is not None:
-            yield event
+        while (change := await queue.get()) is not None:
+            yield change
     finally:
         listeners.remove(queue)
