@@ -25,7 +25,7 @@ from skyfolio.api.flights.journal import Entry, Journal
 from skyfolio.api.flights.operation_store import Stores
 from skyfolio.api.flights.operations import Operations
 from skyfolio.api.flights.orders import Orders
-from skyfolio.api.flights.recovery import Parts
+from skyfolio.api.flights.shared_services import SharedServices
 from skyfolio.api.plans.contingencies import Contingencies
 from skyfolio.api.plans.jobs import Job
 from skyfolio.api.plans.plan_book import PlanBook
@@ -61,8 +61,8 @@ class Service:
         self.journal = Journal(database)
         self.simulated, settings = _simulated(settings)
         self.fleet = Fleet(settings, self.clock, events, database, background=self.background, healthy=self.can_replan)
-        parts = Parts(settings, self.clock, self.plans, self.contingencies, self.metrics)
-        self.operations = Operations(parts, Stores(database, self.journal, events), self.fleet)
+        shared = SharedServices(settings, self.clock, self.plans, self.contingencies, self.metrics)
+        self.operations = Operations(shared, Stores(database, self.journal, events), self.fleet)
         self.orders = Orders(self.fleet, self.operations)
         self.drills = Drills(self.fleet, self.operations, events, database, self.simulated)
         self.ready = False

@@ -15,7 +15,7 @@ from sqlalchemy import select, update
 
 from skyfolio.api.common.errors import ConflictError
 from skyfolio.api.fleet.commander import Action
-from skyfolio.api.fleet.obedience import left_alone
+from skyfolio.api.fleet.order_rules import reason_to_leave_alone
 from skyfolio.api.fleet.registry import Fleet
 from skyfolio.api.flights.operation import Operation
 from skyfolio.api.flights.operation_store import Stores
@@ -40,11 +40,11 @@ class Aborts:
     def __init__(
         self,
         fleet: Fleet,
-        books: Stores,
+        stores: Stores,
         take: Callable[[Operation], asyncio.Task[None] | None],
         over: Callable[[Operation], None],
     ) -> None:
-        self._fleet, self._books = fleet, books
+        self._fleet, self._stores = fleet, stores
         self._take, self._over = take, over
         self._endings: dict[str, Ending] = {}
 
@@ -133,7 +133,7 @@ class Aborts:
         if operation.flight.elapsed_s() is None:
             await operation.flight.take_off.stand_down(but=by.vehicles)
         if self._is_newest(operation.id):
-            await operation.has_aborted(by, why)
+            await operation.close_aborted(by, why)
             self._over(operation)
 
     def _is_newest(self, operation_id: str) -> bool:
@@ -152,23 +152,23 @@ class Aborts:
             elif uav in elsewhere:
                 why[uav] = "it flies another operation"
             elif not self._fleet.is_down(system):
-                why[uav] = left_alone(self._fleet, uav, action)
+                why[uav] = reason_to_leave_alone(self._fleet, uav, action)
         told = [view.vehicles[uav] for uav, reason in why.items() if reason is None]
         errors = await self._fleet.commander.order(action, told)
         by = Abort(action=action, vehicles={uav: reason or errors[view.vehicles[uav]] for uav, reason in why.items()})
         if not self._is_newest(view.id):
             return
         if held is not None:
-            await held.has_aborted(by)
+            await held.close_aborted(by)
         else:
             await self._write(view, by)
 
     async def _write(self, view: OperationView, by: Abort) -> None:
         changed = view.model_copy(update={"abort": by, "error": by.error, "version": view.version + 1})
-        (row,) = await self._books.database.rows(select(table.c.document).where(table.c.id == view.id))
+        (row,) = await self._stores.database.rows(select(table.c.document).where(table.c.id == view.id))
         document = json.loads(row.document) | {"error": by.error, "view": changed.model_dump(mode="json")}
         values = {"document": json.dumps(document), "version": changed.version}
-        await self._books.database.write(update(table).where(table.c.id == view.id).values(**values))
-        self._books.events.add(
+        await self._stores.database.write(update(table).where(table.c.id == view.id).values(**values))
+        self._stores.events.add(
             "operation", operation_id=view.id, state=view.state.value, error=by.error, abort=by.action
         )

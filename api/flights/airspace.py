@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from skyfolio.api.common.errors import ConflictError
 from skyfolio.api.fleet.registry import Fleet
 from skyfolio.api.flights.flight import Flight
-from skyfolio.api.flights.guidance import Way
+from skyfolio.api.flights.guidance_options import GuidanceOptions
 from skyfolio.api.flights.rates import Point
 from skyfolio.mavlink_bridge import OnEnd, east_north_to_geodetic, geodetic_to_east_north
 from skyfolio.mavlink_bridge.corridors import Corridor, Mapped, meetings
@@ -39,13 +39,13 @@ class LeftBehind:
 class FlightTraffic:
     """What one flight knows of the others, and its own air; metres east/north of its origin."""
 
-    def __init__(self, skies: SharedAirspace, operation_id: str, flight: Flight, fleet: Fleet) -> None:
-        self._skies, self._id, self._flight, self._fleet = skies, operation_id, flight, fleet
+    def __init__(self, airspace: SharedAirspace, operation_id: str, flight: Flight, fleet: Fleet) -> None:
+        self._airspace, self._id, self._flight, self._fleet = airspace, operation_id, flight, fleet
         self.owner = f"operation '{operation_id}'"
 
     def others(self) -> list[Corridor]:
         """Who flies for other operations, or for none, and is heard."""
-        return self._skies.others(self._flight.first_plan.scenario.origin, self._id, ghosts=False)
+        return self._airspace.others(self._flight.first_plan.scenario.origin, self._id, ghosts=False)
 
     def corridor(
         self, uav: str, level_m: Sequence[Point], altitude_m: float | None, *, climbs: bool = False
@@ -55,7 +55,7 @@ class FlightTraffic:
         climbs: it does so at the first point. Without an altitude it comes down from where it is.
         """
         flight = self._flight
-        down = _way_down(level_m[-1], flight.home_m(uav), flight.guidance.way.at_end)
+        down = _way_down(level_m[-1], flight.home_m(uav), flight.guidance.options.at_end)
         return Corridor(
             uav_id=uav,
             owner=self.owner,
@@ -96,7 +96,7 @@ class SharedAirspace:
                 _moved(ghost, shift_s, lambda point: point), scenario.origin, scenario.min_separation_m
             )
 
-    async def require_clear(self, plan: Plan, systems: dict[str, int], way: Way) -> None:
+    async def require_clear(self, plan: Plan, systems: dict[str, int], options: GuidanceOptions) -> None:
         """Raise ConflictError when a UAV of this plan could meet one of another operation, or one that just flies."""
         ours = [
             Corridor(
@@ -105,7 +105,7 @@ class SharedAirspace:
                 required_m=plan.scenario.min_separation_m,
                 level_m=path,
                 height_m=self._fleet.height_amsl_m(systems[uav], plan.scenario.altitude_of(plan.scenario.uav(uav))),
-                upright_m=((path[0],), _way_down(path[-1], path[0], way.at_end)),
+                upright_m=((path[0],), _way_down(path[-1], path[0], options.at_end)),
             )
             for uav, path in plan.trajectories_m.items()
         ]

@@ -69,7 +69,7 @@ class AssignedMission:
         return cls(**{**said, "mission": made, "path_m": path, "origin": Origin(**said["origin"])})
 
 
-class MissionBook:
+class AssignedMissionStore:
     """The missions of one operation, in the order in which they were given."""
 
     def __init__(self, database: Database, operation_id: str) -> None:

@@ -103,7 +103,7 @@ def _words(end: UavEnd, seen: LastSeen | None, loss: Loss | None) -> str:
 
 
 def _last_seen(flight: Flight, uav: str) -> LastSeen | None:
-    said = flight.on_board(uav)
+    said = flight.telemetry(uav)
     if said is None:
         return None
     return LastSeen(

@@ -12,7 +12,8 @@ from skyfolio.api.common.fleet_clock import FleetClock
 from skyfolio.api.fleet.commander import Action, OvertakenError
 from skyfolio.api.fleet.registry import HEARD_WITHIN_S, Fleet
 from skyfolio.api.flights.flown_rates import FlownRates
-from skyfolio.api.flights.guidance import FlightGuidance, Way
+from skyfolio.api.flights.guidance import FlightGuidance
+from skyfolio.api.flights.guidance_options import GuidanceOptions
 from skyfolio.api.flights.rates import InForce, Point
 from skyfolio.api.flights.roster import Roster
 from skyfolio.api.flights.take_off import LOOK_EVERY_S, FlightError, TakeOff, each
@@ -33,14 +34,19 @@ class Flight:
     """Vehicles that fly a plan, and the plans that replaced it. Times are fleet seconds since slot 0 began."""
 
     def __init__(
-        self, plan: Plan, systems: dict[str, int], fleet: Fleet, clock: FleetClock, way: Way | None = None
+        self,
+        plan: Plan,
+        systems: dict[str, int],
+        fleet: Fleet,
+        clock: FleetClock,
+        options: GuidanceOptions | None = None,
     ) -> None:
         self.systems = systems
         self.timeline = [InForce(0.0, plan)]
         self._fleet, self._clock = fleet, clock
         self._uavs = {system: uav for uav, system in systems.items()}
         homes_m = {uav: path[0] for uav, path in plan.trajectories_m.items()}
-        self.guidance = FlightGuidance(systems, fleet, clock, elapsed_s=self.now_s, homes_m=homes_m, way=way)
+        self.guidance = FlightGuidance(systems, fleet, clock, elapsed_s=self.now_s, homes_m=homes_m, options=options)
         self.roster = Roster(
             systems,
             plan.scenario.origin,
@@ -52,7 +58,7 @@ class Flight:
         )
         self.take_off = TakeOff(plan, systems, fleet, clock, self.guidance)
         self.traffic: Traffic | None = None
-        """What it knows of other flights, once it has entered their skies."""
+        """What it knows of other flights, once it has entered their airspace."""
         self._began: float | None = None
         self._frozen_s: float | None = None
         self._record = Track(systems)
@@ -91,12 +97,12 @@ class Flight:
         """Whether the slot clock stands still."""
         return self._frozen_s is not None
 
-    def go_on_from(self, elapsed_s: float, *, paused: bool = False) -> None:
+    def set_slot_clock(self, elapsed_s: float, *, paused: bool = False) -> None:
         """Set the slot clock: after a pause, or after a restart of the service."""
         self._began = self._clock.now() - elapsed_s
         self._frozen_s = elapsed_s if paused else None
 
-    def recall(self, record: Iterable[Seen]) -> None:
+    def restore(self, record: Iterable[Seen]) -> None:
         """Take over the record of who was where from before a restart."""
         for at, where in record:
             self._record.append(at, where)
@@ -134,21 +140,21 @@ class Flight:
         An order of the operator ends it at once; then it is not known which of the two is on board.
         """
         if not self.roster.may_command(uav):
-            self.guidance.settled(uav, mission, OnBoard.OLD)
+            self.guidance.record_on_board(uav, mission, OnBoard.OLD)
             return "not ours to command any more, and left alone"
         try:
             result = await self._fleet.commander.carry_out(self.systems[uav], self._swap(uav, mission))
         except OvertakenError as error:
-            self.guidance.settled(uav, mission, OnBoard.UNKNOWN)
+            self.guidance.record_on_board(uav, mission, OnBoard.UNKNOWN)
             return str(error)
         sent = result.upload.attempts > 0
-        self.guidance.settled(uav, mission, result.upload.on_board if sent else OnBoard.OLD)
+        self.guidance.record_on_board(uav, mission, result.upload.on_board if sent else OnBoard.OLD)
         if result.ok and self.roster.may_command(uav):
             self.guidance.follow(uav, mission)
         return None if result.ok else f"{result.error or 'failed'}{'; its old mission goes on' * result.went_on}"
 
     async def _swap(self, uav: str, mission: Mission) -> SwapResult:
-        await self.guidance.missions_only([uav])
+        await self.guidance.end_stream([uav])
         system = self.systems[uav]
         return (await self._fleet.link.swap({system: mission}))[system]
 
@@ -156,7 +162,7 @@ class Flight:
         """The operation is over, now: nobody is guided or commanded any more; who may be given a last order."""
         left = [uav for uav in self.still_up() if self.roster.is_ours(uav)]
         self.roster.stopped = True
-        self.guidance.let_go()
+        self.guidance.leave_all()
         return left
 
     async def hover(self) -> dict[str, str | None]:
@@ -208,7 +214,7 @@ class Flight:
         if bad:
             raise FlightError(f"start failed for {each(bad)}")
 
-    async def reattach(self) -> None:
+    async def wait_until_heard(self) -> None:
         """After a restart: wait until those who should be there have told what they fly.
 
         Who is silent is declared lost in time.
@@ -222,10 +228,10 @@ class Flight:
 
     def _has_told(self, uav: str) -> bool:
         """Whether a MISSION_CURRENT of it was heard, or nothing at all."""
-        said = self.on_board(uav)
+        said = self.telemetry(uav)
         return said is None or said.mission_current is not None
 
-    def on_board(self, uav: str) -> Telemetry | None:
+    def telemetry(self, uav: str) -> Telemetry | None:
         """What the vehicle last said, its mission included."""
         return self._fleet.link.telemetry(self.systems[uav])
 
@@ -239,12 +245,12 @@ class Flight:
 
     def hovers(self, uav: str) -> bool:
         """Return whether it last said that it waits for orders, or for setpoints that nobody sends any more."""
-        said = self.on_board(uav)
+        said = self.telemetry(uav)
         if said is None or not said.armed:
             return False
         autopilot = self.autopilot(uav)
         waits = {HOLD_MODE[autopilot], STREAM_MODE[autopilot]}
-        return said.mode in waits and not (said.mode is STREAM_MODE[autopilot] and self.guidance.streams)
+        return said.mode in waits and not (said.mode is STREAM_MODE[autopilot] and self.guidance.is_streaming)
 
     def recorded(self, name: str) -> AbstractContextManager[None]:
         """Keep a telemetry log of this name meanwhile, if the service keeps logs."""
@@ -287,9 +293,9 @@ class Flight:
     def ends_m(self, uav: str) -> tuple[Point, ...]:
         """Where the plan may end for it on the ground: UAVs land instead of returning where ways home would meet."""
         path = self.plan.trajectories_m.get(uav)
-        if path is None or self.guidance.way.at_end is OnEnd.HOLD:
+        if path is None or self.guidance.options.at_end is OnEnd.HOLD:
             return ()
-        return (path[-1], self.home_m(uav)) if self.guidance.way.at_end is OnEnd.RETURN else (path[-1],)
+        return (path[-1], self.home_m(uav)) if self.guidance.options.at_end is OnEnd.RETURN else (path[-1],)
 
     def over(self, landing_limit_s: float) -> bool:
         """Whether there is nothing left to wait for: who counts is down, and who left the plan too, if it is coming."""

@@ -35,7 +35,7 @@ class MissionsOnBoard:
             self._may_fly[uav] = (*self._others(uav, given.mission), given)
         return sent
 
-    def settled(self, uav: str, mission: Mission, on_board: OnBoard) -> None:
+    def record_on_board(self, uav: str, mission: Mission, on_board: OnBoard) -> None:
         """How sending it ended: it is on board, what was there before still is, or that is not known."""
         given = self.of(uav, mission)
         if given is None:
@@ -45,7 +45,7 @@ class MissionsOnBoard:
         elif on_board is OnBoard.OLD:
             self._may_fly[uav] = tuple(self._others(uav, mission))
 
-    def recall(self, may_fly: Mapping[str, Sequence[AssignedMission]]) -> None:
+    def restore(self, may_fly: Mapping[str, Sequence[AssignedMission]]) -> None:
         """Each may have any of these, the newest first: a restart knows no more until they are read back."""
         self._may_fly = {uav: tuple(reversed(given)) for uav, given in may_fly.items()}
 

@@ -59,8 +59,8 @@ class Stores:
 class OperationRows:
     """The row of one operation, written whole each time, and its track, of which only the new part is."""
 
-    def __init__(self, database: Database, head: OperationIdentity) -> None:
-        self._database, self._head = database, head
+    def __init__(self, database: Database, identity: OperationIdentity) -> None:
+        self._database, self._identity = database, identity
         self.saved: asyncio.Future[None] | None = None
         """When the newest state is durable; None before the first save."""
         self._marked: set[str] = set()
@@ -69,9 +69,9 @@ class OperationRows:
 
     async def create(self, plan_id: str, state: State, document: dict[str, Any]) -> None:
         """Store a new operation. Raises StoreError."""
-        head = self._head
+        identity = self._identity
         row = {
-            **{name: getattr(head, name) for name in ("id", "number", "created_at", "fingerprint", "policy")},
+            **{name: getattr(identity, name) for name in ("id", "number", "created_at", "fingerprint", "policy")},
             "plan_id": plan_id,
             **_values(state, 0, document),
         }
@@ -81,14 +81,14 @@ class OperationRows:
         """Store how it is now. The flight goes on when the database does not answer."""
         row = {f"new_{name}": value for name, value in _values(state, version, document).items()}
         flown = self._flown([entry["plan_id"] for entry in document["timeline"]])
-        self.saved = self._database.write_soon((_UPDATE, {"operation_id": self._head.id, **row}), *flown, keep=True)
+        self.saved = self._database.write_soon((_UPDATE, {"operation_id": self._identity.id, **row}), *flown, keep=True)
         await self._database.kept(self.saved)
 
     def _flown(self, plan_ids: Sequence[str]) -> list[Statement]:
         """Return statements that mark plans as flown by this operation, each once."""
-        new = [one for one in plan_ids if one not in self._marked]
+        new = [plan_id for plan_id in plan_ids if plan_id not in self._marked]
         self._marked.update(new)
-        return [(_MARK, {"operation_id_": self._head.id, "plan_id_": one}) for one in new]
+        return [(_MARK, {"operation_id_": self._identity.id, "plan_id_": plan_id}) for plan_id in new]
 
     @property
     def track_is_due(self) -> bool:
@@ -102,7 +102,8 @@ class OperationRows:
         self.has_track_of(record)
         if new:
             rows = [
-                {"operation_id": self._head.id, "elapsed_s": at, "positions": json.dumps(where)} for at, where in new
+                {"operation_id": self._identity.id, "elapsed_s": at_s, "positions": json.dumps(positions_m)}
+                for at_s, positions_m in new
             ]
             self._database.write_soon((_TRACK, rows), keep=True)
 

@@ -11,7 +11,7 @@ from pydantic import BaseModel
 from skyfolio.api.fleet.commander import Action
 from skyfolio.api.flights.ends import UavEnd, ends_of
 from skyfolio.api.flights.flight import Flight
-from skyfolio.api.flights.recovery import RecoveryReport
+from skyfolio.api.flights.recovery_report import RecoveryReport
 from skyfolio.api.flights.transition import scheduled_at
 
 Policy = Literal["auto", "approve", "off"]
@@ -148,7 +148,7 @@ def is_off_plan(flight: Flight, uav: str, here: tuple[float, float] | None) -> b
 
 
 def _uav(flight: Flight, uav: str, here: tuple[float, float] | None) -> UavView:
-    said = flight.on_board(uav)
+    said = flight.telemetry(uav)
     view = UavView(system_id=flight.systems[uav], state="unheard", slip_m=slip_m(flight, uav, here))
     if said is not None:
         doing = {"mission": "flying", "hold": "holding"}.get(said.mode.value, said.mode.value)

@@ -17,12 +17,12 @@ from skyfolio.api.fleet.registry import Fleet
 from skyfolio.api.flights.aborts import Aborts
 from skyfolio.api.flights.airspace import SharedAirspace
 from skyfolio.api.flights.flight import Flight
-from skyfolio.api.flights.guidance import Way
+from skyfolio.api.flights.guidance_options import GuidanceOptions
 from skyfolio.api.flights.operation import Operation
 from skyfolio.api.flights.operation_store import OperationIdentity, Stores
 from skyfolio.api.flights.operation_views import ENDED, OperationView, Policy, State
-from skyfolio.api.flights.recovery import Parts
 from skyfolio.api.flights.restart import Record, restored, settle, stored_track
+from skyfolio.api.flights.shared_services import SharedServices
 from skyfolio.api.store.tables import operations as table
 from skyfolio.mavlink_bridge import OnEnd, ReturnPathsTooClose, check_return_paths
 from skyfolio.planner import Plan
@@ -33,24 +33,24 @@ log = structlog.get_logger()
 class Operations:
     """Starts, finds, commands, and after a restart goes on with operations."""
 
-    def __init__(self, parts: Parts, books: Stores, fleet: Fleet) -> None:
-        self._parts, self._books, self._fleet = parts, books, fleet
+    def __init__(self, shared: SharedServices, stores: Stores, fleet: Fleet) -> None:
+        self._shared, self._stores, self._fleet = shared, stores, fleet
         self._active: dict[str, Operation] = {}
         self._tasks: dict[str, asyncio.Task[None]] = {}
         self._unsaved: dict[str, Operation] = {}
         """Operations that have ended and whose end is not stored yet."""
-        self._aborts = Aborts(fleet, books, self._taken, self._end)
-        self._skies = SharedAirspace(fleet)
+        self._aborts = Aborts(fleet, stores, self._taken, self._end)
+        self._airspace = SharedAirspace(fleet)
         self._number = 0
         self._starting = asyncio.Lock()
 
     async def start_up(self) -> None:
         """Go on with what the last process left unended."""
-        database = self._books.database
+        database = self._stores.database
         self._number = (await database.rows(select(func.max(table.c.number))))[0][0] or 0
         ended = [state.value for state in ENDED]
         for row in await database.rows(select(table).where(table.c.state.not_in(ended)).order_by(table.c.number)):
-            operation = await restored(row, self._parts, self._books, self._fleet)
+            operation = await restored(row, self._shared, self._stores, self._fleet)
             log.info("operation taken over", operation_id=operation.id, state=operation.state.value)
             self._run(operation, operation.follow(settle))
 
@@ -61,27 +61,27 @@ class Operations:
         creation: Creation,
         *,
         launch_itself: bool = True,
-        way: Way | None = None,
+        options: GuidanceOptions | None = None,
     ) -> Operation | OperationView:
         """Fly a finished plan. Raises NotFoundError, ConflictError, or InvalidError for unregistered UAVs."""
         async with self._starting:
             if creation.fingerprint is not None and (found := await self._made_before(creation)):
                 return found
-            plan = await self._parts.plans.finished(plan_id)
+            plan = await self._shared.plans.finished(plan_id)
             systems = {uav: self._fleet.system_of(uav) for uav in plan.scenario.uav_ids}
             self._require_free(plan)
-            _require_ways_home(plan, way or Way())
-            await self._skies.require_clear(plan, systems, way or Way())
+            _require_ways_home(plan, options or GuidanceOptions())
+            await self._airspace.require_clear(plan, systems, options or GuidanceOptions())
             self._number += 1
-            head = OperationIdentity(
+            identity = OperationIdentity(
                 id=creation.id,
                 number=self._number,
                 policy=policy,
                 fingerprint=creation.fingerprint,
                 launch_itself=launch_itself,
             )
-            flight = Flight(plan, systems, self._fleet, self._parts.clock, way)
-            operation = Operation(head, flight, self._parts, self._books)
+            flight = Flight(plan, systems, self._fleet, self._shared.clock, options)
+            operation = Operation(identity, flight, self._shared, self._stores)
             await operation.create()
             self._run(operation, operation.run())
             return operation
@@ -96,7 +96,7 @@ class Operations:
         if operation is not None:
             await operation.flight.settle_rates()
             return operation.view()
-        rows = await self._books.database.rows(select(table.c.document).where(table.c.id == operation_id))
+        rows = await self._stores.database.rows(select(table.c.document).where(table.c.id == operation_id))
         if not rows:
             raise NotFoundError(f"operation {operation_id!r} does not exist")
         return OperationView.model_validate(json.loads(rows[0].document)["view"])
@@ -130,7 +130,7 @@ class Operations:
         """The operation that each UAV flies for, of those that have not ended."""
         return {uav: operation.id for operation in self._active.values() for uav in operation.flight.systems}
 
-    def give_way(
+    def yield_to_operator(
         self,
         addressed: Collection[str],
         told: Collection[str],
@@ -144,7 +144,7 @@ class Operations:
         return [
             self._aborts.by_order(operation, action, told, results)
             for operation in list(self._active.values())
-            if operation.give_way(addressed, told, action)
+            if operation.yield_to_operator(addressed, told, action)
         ]
 
     async def rows(self, limit: int, before: int | None) -> list[Row[Any]]:
@@ -152,16 +152,16 @@ class Operations:
         columns = [column for column in table.c if column.name != "document"]
         wanted = select(*columns).order_by(table.c.number.desc()).limit(limit)
         return list(
-            await self._books.database.rows(wanted if before is None else wanted.where(table.c.number < before))
+            await self._stores.database.rows(wanted if before is None else wanted.where(table.c.number < before))
         )
 
     async def exists(self, operation_id: str) -> bool:
         """Whether there is or was such an operation."""
-        return bool(await self._books.database.rows(select(table.c.id).where(table.c.id == operation_id)))
+        return bool(await self._stores.database.rows(select(table.c.id).where(table.c.id == operation_id)))
 
     async def track(self, operation_id: str, after_s: float | None, limit: int | None) -> Record:
         """Where every UAV was heard: (fleet seconds, metres east/north), the oldest first, as `stored_track`."""
-        return await stored_track(operation_id, self._books, after_s, limit)
+        return await stored_track(operation_id, self._stores, after_s, limit)
 
     @property
     def in_the_air(self) -> list[Operation]:
@@ -178,7 +178,7 @@ class Operations:
 
     def _run(self, operation: Operation, work: Any) -> None:
         self._active[operation.id] = operation
-        self._skies.enter(operation.id, operation.flight)
+        self._airspace.enter(operation.id, operation.flight)
         task = asyncio.create_task(work, name=operation.id)
         self._tasks[operation.id] = task
         task.add_done_callback(lambda done: self._over(operation, done))
@@ -196,7 +196,7 @@ class Operations:
     def _end(self, operation: Operation) -> None:
         """It is active no more, and is remembered until its end is stored."""
         self._active.pop(operation.id, None)
-        self._skies.leave(operation.id)
+        self._airspace.leave(operation.id)
         self._tasks.pop(operation.id, None)
         saved = operation.saved
         if saved is not None and not saved.done():
@@ -204,7 +204,7 @@ class Operations:
             saved.add_done_callback(lambda _: self._unsaved.pop(operation.id, None))
 
     async def _made_before(self, creation: Creation) -> Operation | OperationView | None:
-        rows = await self._books.database.rows(select(table.c.fingerprint).where(table.c.id == creation.id))
+        rows = await self._stores.database.rows(select(table.c.fingerprint).where(table.c.id == creation.id))
         if not rows:
             return None
         creation.require_same(rows[0].fingerprint)
@@ -219,9 +219,9 @@ class Operations:
                 raise ConflictError(f"vehicles: {', '.join(sorted(busy))} fly operation {operation.id}")
 
 
-def _require_ways_home(plan: Plan, way: Way) -> None:
+def _require_ways_home(plan: Plan, options: GuidanceOptions) -> None:
     """Whoever shall return does so at once and at one height. Raises InvalidError."""
-    if way.at_end is OnEnd.RETURN:
+    if options.at_end is OnEnd.RETURN:
         try:
             check_return_paths(plan, {uav: path[0] for uav, path in plan.trajectories_m.items()})
         except ReturnPathsTooClose as error:

@@ -15,7 +15,7 @@ from pydantic import BaseModel
 
 from skyfolio.api.common.errors import NotFoundError
 from skyfolio.api.fleet.commander import Action
-from skyfolio.api.fleet.obedience import left_alone
+from skyfolio.api.fleet.order_rules import reason_to_leave_alone
 from skyfolio.api.fleet.registry import Fleet
 from skyfolio.api.flights.operations import Operations
 
@@ -45,11 +45,11 @@ class Orders:
         addressed = self._addressed(uavs)
         if not addressed:
             return []
-        reasons = {uav: left_alone(self._fleet, uav, action, force=force) for uav in addressed}
+        reasons = {uav: reason_to_leave_alone(self._fleet, uav, action, force=force) for uav in addressed}
         told = [uav for uav, reason in reasons.items() if reason is None]
         owners = self._operations.owners()
         results = asyncio.ensure_future(self._order(action, told))
-        endings = self._operations.give_way(addressed, told, action, results)  # before the first is told
+        endings = self._operations.yield_to_operator(addressed, told, action, results)  # before the first is told
         errors = await asyncio.shield(results)
         await asyncio.gather(*endings)
         given = [_result(uav, reasons[uav], errors.get(uav), owners.get(uav)) for uav in addressed]

@@ -18,14 +18,15 @@ from sqlalchemy import Row, select
 
 from skyfolio.api.fleet.registry import Fleet
 from skyfolio.api.flights.flight import Flight
-from skyfolio.api.flights.guidance import Way
+from skyfolio.api.flights.guidance_options import GuidanceOptions
 from skyfolio.api.flights.journal import Entry, Step, last_incident
 from skyfolio.api.flights.losses import Loss
 from skyfolio.api.flights.operation import Operation
 from skyfolio.api.flights.operation_store import OperationIdentity, Stores
 from skyfolio.api.flights.operation_views import IN_THE_AIR, State
 from skyfolio.api.flights.rates import InForce, Point
-from skyfolio.api.flights.recovery import Outcome, Parts, RecoveryReport
+from skyfolio.api.flights.recovery_report import Outcome, RecoveryReport
+from skyfolio.api.flights.shared_services import SharedServices
 from skyfolio.api.store.tables import track as track_table
 from skyfolio.mavlink_bridge import OnEnd
 from skyfolio.planner import Plan
@@ -34,21 +35,21 @@ log = structlog.get_logger()
 Record: TypeAlias = list[tuple[float, dict[str, Point]]]
 
 
-async def restored(row: Row[Any], parts: Parts, books: Stores, fleet: Fleet) -> Operation:
+async def restored(row: Row[Any], shared: SharedServices, stores: Stores, fleet: Fleet) -> Operation:
     """An operation as it was last stored, with its slot clock where it is now."""
     said = json.loads(row.document)
-    timeline = [InForce(entry["from_s"], await parts.plans.finished(entry["plan_id"])) for entry in said["timeline"]]
-    way = Way(at_end=OnEnd(said.get("at_end", OnEnd.LAND)))  # by missions: the stream has ended
-    flight = Flight(timeline[0].plan, said["vehicles"], fleet, parts.clock, way)
+    timeline = [InForce(entry["from_s"], await shared.plans.finished(entry["plan_id"])) for entry in said["timeline"]]
+    options = GuidanceOptions(at_end=OnEnd(said.get("at_end", OnEnd.LAND)))  # by missions: the stream has ended
+    flight = Flight(timeline[0].plan, said["vehicles"], fleet, shared.clock, options)
     flight.timeline = timeline
     why = {uav: Loss(**loss) for uav, loss in said.get("losses", {}).items()}
-    flight.roster.recall(said["lost"], why, set(said["returned"]), set(said.get("retired", [])))
+    flight.roster.restore(said["lost"], why, set(said["returned"]), set(said.get("retired", [])))
     if said["paused_s"] is not None:
-        flight.go_on_from(said["paused_s"], paused=True)
+        flight.set_slot_clock(said["paused_s"], paused=True)
     elif said["slot0_at"] is not None:
-        flight.go_on_from((time.time() - said["slot0_at"]) * parts.clock.scale)
-    flight.recall(await stored_track(row.id, books))
-    head = OperationIdentity(
+        flight.set_slot_clock((time.time() - said["slot0_at"]) * shared.clock.scale)
+    flight.restore(await stored_track(row.id, stores))
+    identity = OperationIdentity(
         id=row.id,
         number=row.number,
         policy=row.policy,
@@ -56,11 +57,11 @@ async def restored(row: Row[Any], parts: Parts, books: Stores, fleet: Fleet) -> 
         fingerprint=row.fingerprint,
         launch_itself=said["launch_itself"],
     )
-    operation = Operation(head, flight, parts, books)
+    operation = Operation(identity, flight, shared, stores)
     operation.state, operation.version, operation.error = State(row.state), row.version, said["error"]
-    operation.incidents.recall(said)
-    await flight.guidance.recall(said.get("ghosts", []))
-    operation.recalled()
+    operation.incidents.restore(said)
+    await flight.guidance.restore(said.get("ghosts", []))
+    operation.mark_track_stored()
     return operation
 
 
@@ -116,14 +117,14 @@ async def _close(operation: Operation, entries: list[Entry], report: RecoveryRep
     """Write the last step, if it is not written, and remember the report."""
     if entries[-1].step is not Step.CLOSED:
         await _write(operation, report.incident, Step.CLOSED, {"outcome": report.outcome, "error": report.error})
-    operation.incidents.settled(report)
+    operation.incidents.record_interrupted(report)
 
 
 async def _settle_flight(operation: Operation) -> None:
     entries = await _untold(operation)
     if entries:
         await _settle_incident(operation, entries)
-    operation.take_up()
+    operation.replan_if_off_plan()
 
 
 async def _settle_incident(operation: Operation, entries: list[Entry]) -> None:
@@ -155,7 +156,7 @@ def _took_effect(operation: Operation, entries: list[Entry], sent: Entry) -> boo
     """Whether the upload is on board: journaled as verified, or the vehicle reports another mission than before."""
     if any(entry.step is Step.VERIFIED and entry.uav_id == sent.uav_id for entry in entries):
         return True
-    said = operation.flight.on_board(str(sent.uav_id))
+    said = operation.flight.telemetry(str(sent.uav_id))
     if said is None:
         return False
     if said.mission_id and sent.data["mission_id_before"]:
@@ -166,7 +167,7 @@ def _took_effect(operation: Operation, entries: list[Entry], sent: Entry) -> boo
 async def _into_force(operation: Operation, entries: list[Entry], plan_id: str, took: set[str]) -> None:
     """The new plan is the one that the others now have to fit."""
     if operation.flight.plan.id != plan_id:
-        plan: Plan = await operation.parts.plans.finished(plan_id)
+        plan: Plan = await operation.shared.plans.finished(plan_id)
         seen = [entry.elapsed_s for entry in entries if entry.step in {Step.VERIFIED, Step.UPLOADING}]
         operation.flight.timeline.append(InForce(max(at or 0.0 for at in seen), plan))
     known = {entry.uav_id for entry in entries if entry.step is Step.VERIFIED}
@@ -189,24 +190,24 @@ async def _write(operation: Operation, incident: int, step: Step, data: dict[str
 
 def _all_started(operation: Operation) -> bool:
     """Whether everybody who is heard flies its mission; who is silent is lost, and answered like any loss."""
-    heard = [uav for uav in operation.flight.systems if operation.flight.on_board(uav) is not None]
+    heard = [uav for uav in operation.flight.systems if operation.flight.telemetry(uav) is not None]
     return bool(heard) and all(_in_mission(operation, uav) for uav in heard)
 
 
 def _in_mission(operation: Operation, uav: str) -> bool:
-    said = operation.flight.on_board(uav)
+    said = operation.flight.telemetry(uav)
     return said is not None and said.mode.value == "mission"
 
 
 async def stored_track(
-    operation_id: str, books: Stores, after_s: float | None = None, limit: int | None = None
+    operation_id: str, stores: Stores, after_s: float | None = None, limit: int | None = None
 ) -> Record:
     """Where every UAV of an operation was heard, the oldest first: all, or at most `limit` samples after `after_s`."""
     wanted = select(track_table).where(track_table.c.operation_id == operation_id)
     if after_s is not None:
         wanted = wanted.where(track_table.c.elapsed_s > after_s)
     return await asyncio.to_thread(
-        _record, await books.database.rows(wanted.order_by(track_table.c.elapsed_s, track_table.c.id).limit(limit))
+        _record, await stores.database.rows(wanted.order_by(track_table.c.elapsed_s, track_table.c.id).limit(limit))
     )
 
 

@@ -63,7 +63,7 @@ class Roster:
         self.retired: set[str] = set()
         """UAVs that were sent home by order, whatever is seen of them since."""
 
-    def recall(self, lost: dict[str, float], losses: dict[str, Loss], returned: set[str], retired: set[str]) -> None:
+    def restore(self, lost: dict[str, float], losses: dict[str, Loss], returned: set[str], retired: set[str]) -> None:
         """Take over what was known before a restart."""
         self.lost, self.returned = lost, returned
         self.losses = {uav: losses.get(uav, silent(0.0)) for uav in lost}
@@ -167,7 +167,7 @@ class Roster:
                 found[uav] = self._lose(uav, loss)
             elif uav in self.returned or self.losses[uav].kind != loss.kind:
                 self._learn(uav, loss)
-            if not loss.in_the_air and self._guidance.found(uav):
+            if not loss.in_the_air and self._guidance.release_air(uav):
                 self._fleet.note("ghost_released", uav_id=uav, because=loss.detail)
         return found
 
@@ -219,7 +219,7 @@ class Roster:
         self.losses.pop(uav)
         self._broke_off.pop(uav, None)
         self.retired.discard(uav)
-        self._guidance.found(uav)
+        self._guidance.release_air(uav)
 
     @property
     def low_on_battery(self) -> dict[str, str]:

@@ -18,7 +18,7 @@ SILENT_S = 2.0
 """Fleet seconds; an autopilot that sends its position five times a second and is not heard for so long is not there."""
 
 
-class Streaming:
+class SetpointStreams:
     """A stream to several UAVs. `elapsed_s()`: fleet seconds since slot 0 began.
 
     fall_back: what they do when the stream ends, because it is no longer wanted or because this process is killed.
@@ -48,7 +48,7 @@ class Streaming:
         """Whether setpoints are being sent."""
         return self._task is not None and not self._task.done()
 
-    async def get_ready(self, given: Mapping[str, AssignedMission]) -> dict[int, str | None]:
+    async def prepare(self, given: Mapping[str, AssignedMission]) -> dict[int, str | None]:
         """Put these UAVs into the mode that follows setpoints; for each system what went wrong, or None."""
         self._given = dict(given)
         await self._post_guard()

@@ -52,12 +52,12 @@ class Stragglers:
 
         One that a human or a failsafe flies is never told anything.
         """
-        if flight.paused or not flight.past_last_slot() or flight.guidance.way.at_end is OnEnd.HOLD:
+        if flight.paused or not flight.past_last_slot() or flight.guidance.options.at_end is OnEnd.HOLD:
             return
         hovering = [uav for uav in flight.still_up() if self._hovers(flight, uav)]
         if not hovering:
             return
-        home = flight.guidance.way.at_end is OnEnd.RETURN
+        home = flight.guidance.options.at_end is OnEnd.RETURN
         for uav, error in (await flight.bring_down(hovering, home=home)).items():
             flight.note(
                 "brought_down",
@@ -69,7 +69,7 @@ class Stragglers:
             )
 
     def _hovers(self, flight: Flight, uav: str) -> bool:
-        said, at_m = flight.on_board(uav), flight.roster.last_seen_m(uav)
+        said, at_m = flight.telemetry(uav), flight.roster.last_seen_m(uav)
         if said is None or at_m is None or said.relative_alt_m < LOW_M or not _is_ours(flight, uav, said):
             self._stillness.forget(uav)
             return False

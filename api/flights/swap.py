@@ -60,7 +60,7 @@ class Swap:
             missions = await self._missions(plan, [uav for uav in uavs if uav not in nowhere])
         except (BridgeError, ReplanError) as error:
             return dict.fromkeys(uavs, str(error))
-        await self._flight.guidance.remember(missions)
+        await self._flight.guidance.record_sending(missions)
         told = {uav: self._intent(plan, mission, attempt) for uav, mission in missions.items()}
         await self._steps.step_each(Step.UPLOADING, told)
         results = await asyncio.gather(*(self._one(plan, uav, mission) for uav, mission in missions.items()))
@@ -73,7 +73,7 @@ class Swap:
         if plan is self._new and self._flight.plan is not plan:
             self._flight.take_over(plan)
             self.in_force_at_s = self._flight.now_s()
-        said = self._flight.on_board(uav)
+        said = self._flight.telemetry(uav)
         await self._steps.step_each(
             Step.VERIFIED, {uav: {"plan_id": plan.id, "mission_id": said.mission_id if said else 0}}
         )
@@ -92,7 +92,7 @@ class Swap:
 
     def _intent(self, plan: Plan, mission: Mission, attempt: int) -> dict[str, Any]:
         """What a restarted service needs to see whether this upload took effect."""
-        said = self._flight.on_board(mission.uav_id)
+        said = self._flight.telemetry(mission.uav_id)
         return {
             "plan_id": plan.id,
             "attempt": attempt,

@@ -134,13 +134,13 @@ class TakeOff:
             missions[uav] = self._guidance.compile(self._plan, uav)
             await asyncio.sleep(0)  # a large fleet's take a while: let others take turns
         self._audit()
-        await self._guidance.remember(missions)
+        await self._guidance.record_sending(missions)
         await self._fence()
         await self._rally()
         results = await link.upload({self._systems[uav]: mission for uav, mission in missions.items()})
         for system, result in results.items():
             uav = self._uavs[system]
-            self._guidance.settled(uav, missions[uav], result.on_board)
+            self._guidance.record_on_board(uav, missions[uav], result.on_board)
         bad = {self._uavs[system]: result.error for system, result in results.items() if not result.verified}
         if bad:
             good = sorted(self._uavs[system] for system, result in results.items() if result.verified)
@@ -188,8 +188,8 @@ class TakeOff:
         Missions are started earlier by the head start of the vehicle that needs the longest, and this returns when
         slot 0 begins: keepers see to it that the others come no sooner to their next point.
         """
-        if self._guidance.way.mode == "stream":
-            errors = await self._guidance.get_ready()
+        if self._guidance.options.mode == "stream":
+            errors = await self._guidance.prepare_stream()
             began = self._clock.now()
         else:
             told_s: list[float] = []

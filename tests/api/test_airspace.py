@@ -14,7 +14,7 @@ from skyfolio.api.common.errors import ConflictError
 from skyfolio.api.fleet.registry import Fleet
 from skyfolio.api.flights.airspace import SharedAirspace
 from skyfolio.api.flights.flight import Flight as Flown
-from skyfolio.api.flights.guidance import Way
+from skyfolio.api.flights.guidance_options import GuidanceOptions
 from skyfolio.api.flights.operation_views import State
 from skyfolio.api.flights.traffic import Traffic
 from skyfolio.api.flights.transition import Present, require_separated
@@ -65,7 +65,7 @@ class Field:
 
 
 def flight_of(made: Plan, field: Field, *, now_s: float | None = None, lost: tuple[str, ...] = ()) -> Any:
-    """What skies ask a flight for."""
+    """What a shared airspace asks a flight for."""
     return SimpleNamespace(
         systems={uav: field.systems[uav] for uav in made.scenario.uav_ids},
         first_plan=made,
@@ -75,7 +75,7 @@ def flight_of(made: Plan, field: Field, *, now_s: float | None = None, lost: tup
         now_s=lambda: now_s or 0.0,
         positions_m=dict,
         home_m=lambda uav: made.scenario.uav(uav).start_m,
-        guidance=SimpleNamespace(airspace=Airspace(), may_fly=lambda _uav: (), way=Way()),
+        guidance=SimpleNamespace(airspace=Airspace(), may_fly=lambda _uav: (), options=GuidanceOptions()),
         traffic=None,
     )
 
@@ -106,7 +106,7 @@ def one(number: int, *users: str, **changes: Any) -> Scenario:
 def refusal(skies: SharedAirspace, made: Plan, field: Field) -> str | None:
     systems = {uav: field.systems[uav] for uav in made.scenario.uav_ids}
     try:
-        asyncio.run(skies.require_clear(made, systems, Way()))
+        asyncio.run(skies.require_clear(made, systems, GuidanceOptions()))
     except ConflictError as error:
         return str(error)
     return None

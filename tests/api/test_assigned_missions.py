@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from sqlalchemy import insert
 
-from skyfolio.api.flights.assigned_missions import AssignedMission, MissionBook
+from skyfolio.api.flights.assigned_missions import AssignedMission, AssignedMissionStore
 from skyfolio.api.store import Database
 from skyfolio.api.store.tables import operations
 from skyfolio.mavlink_bridge import Autopilot, compile_mission, mission_differences
@@ -44,7 +44,7 @@ async def test_the_newest_mission_of_each_uav_comes_first(made: Plan, tmp_path: 
     database = await Database.open(f"sqlite+aiosqlite:///{tmp_path}/service.db")
     row = {"id": "op-1", "number": 1, "created_at": 0.0, "plan_id": "plan-1", "policy": "auto", "state": "flying"}
     await database.write((insert(operations), {**row, "version": 0, "document": "{}"}))
-    book = MissionBook(database, "op-1")
+    book = AssignedMissionStore(database, "op-1")
     await book.write({uav: given(made, uav, Autopilot.PX4) for uav in ("uav-1", "uav-2")})
     await book.write({"uav-1": given(made, "uav-1", Autopilot.PX4, altitude_m=65.0)})
     await book.write({})
@@ -53,5 +53,5 @@ async def test_the_newest_mission_of_each_uav_comes_first(made: Plan, tmp_path: 
         "uav-1": [65.0, 60.0],
         "uav-2": [60.0],
     }
-    assert await MissionBook(database, "op-2").read() == {}
+    assert await AssignedMissionStore(database, "op-2").read() == {}
     await database.close()

@@ -55,8 +55,8 @@ def easts_reserved(guidance: FlightGuidance) -> list[float]:
 async def on_board(guidance: FlightGuidance, made: Plan) -> float:
     """uav-1 verifiably has the plan's mission; where that begins."""
     mission = guidance.compile(made, "uav-1")
-    await guidance.remember(["uav-1"])
-    guidance.settled("uav-1", mission, OnBoard.NEW)
+    await guidance.record_sending(["uav-1"])
+    guidance.record_on_board("uav-1", mission, OnBoard.NEW)
     return made.trajectories_m["uav-1"][0][0]
 
 
@@ -69,7 +69,7 @@ async def test_a_mission_that_was_only_compiled_reserves_no_air(guidance: Flight
 async def test_while_a_mission_is_sent_both_routes_are_reserved(guidance: FlightGuidance, made: Plan) -> None:
     flown_m = await on_board(guidance, made)
     guidance.compile(elsewhere(made, 274.0), "uav-1")
-    await guidance.remember(["uav-1"])
+    await guidance.record_sending(["uav-1"])
     assert easts_reserved(guidance) == [flown_m, flown_m + 274.0]
 
 
@@ -81,18 +81,18 @@ async def test_when_it_was_sent_what_is_proven_is_reserved_and_both_where_nothin
 ) -> None:
     flown_m = await on_board(guidance, made)
     new = guidance.compile(elsewhere(made, 274.0), "uav-1")
-    await guidance.remember(["uav-1"])
-    guidance.settled("uav-1", new, ended)
+    await guidance.record_sending(["uav-1"])
+    guidance.record_on_board("uav-1", new, ended)
     assert easts_reserved(guidance) == [flown_m + east_m for east_m in easts_m]
 
 
 async def test_the_ways_of_a_ghost_survive_a_restart(guidance: FlightGuidance, made: Plan) -> None:
     await on_board(guidance, made)
     guidance.compile(elsewhere(made, 274.0), "uav-1")
-    await guidance.remember(["uav-1"])
+    await guidance.record_sending(["uav-1"])
     before = easts_reserved(guidance)
     document = guidance.airspace.document()
-    guidance.found("uav-1")
+    guidance.release_air("uav-1")
     guidance.airspace.recall(document)
     (ghost,) = guidance.airspace.ghosts.values()
     assert [way.route.path_m[0][0] for way in ghost.ways] == before
@@ -101,8 +101,8 @@ async def test_the_ways_of_a_ghost_survive_a_restart(guidance: FlightGuidance, m
 def test_after_a_restart_anything_that_was_sent_may_be_on_board(made: Plan) -> None:
     newest, older = (given(made, "uav-1", Autopilot.PX4, altitude_m) for altitude_m in (65.0, 60.0))
     aboard = MissionsOnBoard()
-    aboard.recall({"uav-1": [newest, older]})
+    aboard.restore({"uav-1": [newest, older]})
     assert aboard.may_fly("uav-1") == (older, newest)
     assert aboard.newest() == {"uav-1": newest}
-    aboard.settled("uav-1", older.mission, OnBoard.NEW)  # read back
+    aboard.record_on_board("uav-1", older.mission, OnBoard.NEW)  # read back
     assert aboard.may_fly("uav-1") == (older,)

@@ -7,7 +7,8 @@ from types import SimpleNamespace
 from typing import Any
 
 from skyfolio.api.flights.journal import Step
-from skyfolio.api.flights.recovery import Incident, Recovery, RecoveryReport
+from skyfolio.api.flights.recovery import Incident, Recovery
+from skyfolio.api.flights.recovery_report import RecoveryReport
 from skyfolio.planner import Plan, ReplanError
 from tests.virtual_loop import run
 
@@ -48,7 +49,7 @@ def answered(found_s: float, began_s: float = 0.0) -> tuple[RecoveryReport, Step
 
     async def answer() -> RecoveryReport:
         flight: Any = SimpleNamespace(
-            now_s=now_s, slot_s=SLOT_S, n_slots=SLOTS, positions_m=positions_m, on_board=lambda _uav: "heard",
+            now_s=now_s, slot_s=SLOT_S, n_slots=SLOTS, positions_m=positions_m, telemetry=lambda _uav: "heard",
             surviving=lambda: ["uav-1", "uav-2"],
         )  # fmt: skip
         parts: Any = SimpleNamespace(

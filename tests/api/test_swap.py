@@ -34,7 +34,7 @@ class Guidance:
         del from_m
         return compile_mission(made, uav, airborne=True, first_leg_s=first_leg_s)
 
-    async def remember(self, _uavs: Any) -> None:
+    async def record_sending(self, _uavs: Any) -> None:
         """Nothing is stored."""
 
 
@@ -58,7 +58,7 @@ class OneFlight:
     def take_over(self, made: Plan) -> None:
         self.plan = made
 
-    def on_board(self, _uav: str) -> None:
+    def telemetry(self, _uav: str) -> None:
         return None
 
     async def swap(self, uav: str, _mission: Mission) -> str | None:

@@ -16,7 +16,7 @@ from skyfolio.api.common.idempotency import fresh
 from skyfolio.api.common.settings import Settings
 from skyfolio.api.dashboard.feed import TRACK_AT_ONCE, Feed
 from skyfolio.api.dashboard.rest import Rest
-from skyfolio.api.flights.assigned_missions import AssignedMission, MissionBook
+from skyfolio.api.flights.assigned_missions import AssignedMission, AssignedMissionStore
 from skyfolio.api.flights.swap import Swap
 from skyfolio.api.flights.take_off import FlightError, TakeOff
 from skyfolio.api.http.app import create_app
@@ -142,7 +142,7 @@ async def test_stored_missions_are_written_and_read_beside_the_loop(
         for uav in scenario.uav_ids
     }
     dumped, loaded = watched(monkeypatch, json, "dumps"), watched(monkeypatch, json, "loads")
-    book = MissionBook(service.database, "op-1")
+    book = AssignedMissionStore(service.database, "op-1")
     await book.write(given)
     assert set(await book.read()) == set(given)
     assert dumped == loaded == [False, False]

@@ -6,7 +6,7 @@ from skyfolio.api.fleet.commander import Action
 from skyfolio.api.fleet.registry import Fleet
 
 
-def left_alone(fleet: Fleet, uav: str, action: Action, *, force: bool = False) -> str | None:
+def reason_to_leave_alone(fleet: Fleet, uav: str, action: Action, *, force: bool = False) -> str | None:
     """Why this vehicle is not given the order; None when it is."""
     system = fleet.system_of(uav)
     if not fleet.is_heard(system):
