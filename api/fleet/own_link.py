@@ -31,13 +31,14 @@ class OwnLink:
 
     @property
     def is_lost(self) -> bool:
-        """Whether judgement is held."""
+        """Return whether judgement is held."""
         return self.silent_since_s is not None
 
     def judge(self, counting: Mapping[str, Heard], others: Iterable[Heard], now_s: float) -> list[str]:
-        """UAVs of `counting` (in the air, and not lost yet) that are to be declared lost now.
+        """Return the UAVs of `counting` that are to be declared lost now.
 
-        others: every other registered vehicle, whatever it does: one that is heard shows that the link works.
+        counting: the UAVs that are in the air and not lost yet. others: every other registered vehicle, whatever it
+        does: one that is heard shows that the link works. now_s: fleet seconds.
         """
         silent = [uav for uav, heard in counting.items() if heard.lost]
         witnesses = [heard.silent_for_s for heard in (*counting.values(), *others)]

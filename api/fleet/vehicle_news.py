@@ -1,4 +1,4 @@
-"""What the link says of registered vehicles: events for everybody, and what is remembered of each."""
+"""What the link reports of registered vehicles: events for everybody, and what is remembered of each vehicle."""
 
 from __future__ import annotations
 
@@ -14,26 +14,29 @@ from skyfolio.mavlink_bridge.senders import SenderKind, SenderNotice
 from skyfolio.mavlink_bridge.speeds import SpeedRestored
 
 ASK_EVERY_S = 0.5
-"""Wall seconds between two looks for vehicles that were not asked for their telemetry yet."""
+"""Wall seconds between looks for vehicles that have not been asked for their telemetry yet."""
 _FORGETS_STREAMS = frozenset({Condition.REBOOTED, Condition.DISARMED})
-"""A restarted ArduCopter streams nothing until it is asked again."""
+"""A restarted ArduCopter sends no telemetry until it is asked again."""
 
 
 class FleetNews:
-    """Follows one link. `systems`: the registry, system ids by UAV id, as it changes; others are not spoken of."""
+    """Follows one link.
+
+    systems: the registry, system ids by UAV id, which may change; vehicles that are not in it are not reported.
+    """
 
     def __init__(self, systems: Mapping[str, int], events: EventLog) -> None:
         self._systems, self._events = systems, events
         self.changes: dict[int, Change] = {}
         """The newest condition of each system; none while it has always been live."""
         self._doubts: dict[int, SenderNotice] = {}
-        """Systems of which it is not certain who speaks for them, and why."""
+        """Systems whose messages may come from more than one sender, and why."""
         self._asked: set[int] = set()
-        """Who was asked for its telemetry."""
+        """Systems that were asked for their telemetry."""
         self._followers: set[asyncio.Queue[LinkEvent]] = set()
 
     def start(self, link: FleetLink, background: Supervisor) -> list[asyncio.Task[None]]:
-        """Follow this link; the tasks that do."""
+        """Follow this link; return the tasks that do so."""
         link.speeds.tell = self._speed_restored
         return [
             background.start("fleet-changes", lambda: self._watch(link)),
@@ -41,13 +44,13 @@ class FleetNews:
         ]
 
     def forget(self, system_id: int) -> None:
-        """Remember nothing of a vehicle that is no longer registered."""
+        """Forget a vehicle that is no longer registered."""
         self.changes.pop(system_id, None)
         self._doubts.pop(system_id, None)
         self._asked.discard(system_id)
 
     def follow(self) -> asyncio.Queue[LinkEvent]:
-        """A queue that gets every link event from now on; give it back to `unfollow`."""
+        """Return a queue that is sent every change of a link's state from now on; give it back to `unfollow`."""
         queue: asyncio.Queue[LinkEvent] = asyncio.Queue()
         self._followers.add(queue)
         return queue
@@ -57,7 +60,10 @@ class FleetNews:
         self._followers.discard(queue)
 
     def note_sender(self, notice: SenderNotice) -> None:
-        """Report who speaks for a vehicle: a move, a second sender, a second link. Unsigned, it is a warning."""
+        """Report that a vehicle has moved to another address, has a second sender or a second link.
+
+        Unsigned, it is a warning.
+        """
         uav_id = self._uav_of(notice.system_id)
         doubtful = notice.kind is SenderKind.CONTESTED or not notice.signed
         if doubtful:
@@ -74,7 +80,7 @@ class FleetNews:
         )
 
     def doubts_about(self, system_id: int) -> list[Finding]:
-        """Return a preflight warning if it is not certain who speaks for this vehicle."""
+        """Return a preflight warning if more than one sender may use this vehicle's system id."""
         notice = self._doubts.get(system_id)
         if notice is None:
             return []
@@ -131,9 +137,9 @@ class FleetNews:
         return next((uav for uav, system in self._systems.items() if system == system_id), None)
 
     async def _ask(self, link: FleetLink) -> None:
-        """Ask whoever is heard for its telemetry, so that it shows before a flight: ArduCopter sends none unasked."""
+        """Ask each vehicle for its telemetry once it is heard: ArduCopter sends none unasked."""
         while True:
-            new = link.heard_systems.intersection(self._systems.values()) - self._asked
-            self._asked |= new
-            await link.ask_for_streams(new)
+            unasked = link.heard_systems.intersection(self._systems.values()) - self._asked
+            self._asked |= unasked
+            await link.ask_for_streams(unasked)
             await asyncio.sleep(ASK_EVERY_S)
