@@ -7,7 +7,7 @@
     simulated_fleet                   vehicles in software inside the service, for drills
     vehicle_check, trial_mission      the check of an operator's own vehicles on the ground
 
-It may import `common` and `store`, and knows neither plans nor operations (`tests/test_floors.py`). Every command to a
-vehicle goes through `Fleet.commander`: one that is sent past it is not ended by an emergency order. What is known of
-vehicles is decided in `mavlink_bridge`; here it is kept and reported, each change once.
+It may import `common` and `store`, and knows neither plans nor operations (`tests/test_floors.py`). A command to a
+vehicle in flight goes through `Fleet.commander`: sent past it, it would not be ended by an emergency order. The bridge
+decides what condition a vehicle is in; here that is kept, and reported once.
 """

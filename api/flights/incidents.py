@@ -14,6 +14,7 @@ from skyfolio.api.flights.flight import Flight
 from skyfolio.api.flights.journal import IncidentLog, Journal, Step
 from skyfolio.api.flights.losses import LOSS_KINDS, Loss, LossKind
 from skyfolio.api.flights.operation_views import Policy
+from skyfolio.api.flights.plans_ahead import PlansAhead
 from skyfolio.api.flights.recovery import Incident, Recovery
 from skyfolio.api.flights.recovery_report import RecoveryReport
 from skyfolio.api.flights.shared_services import SharedServices
@@ -59,7 +60,7 @@ class Incidents:
         self._incident: Incident | None = None
         self._recovery: Recovery | None = None
         self._task: asyncio.Task[RecoveryReport] | None = None
-        self._planning_ahead: asyncio.Task[None] | None = None
+        self._plans_ahead = PlansAhead(flight, shared)
 
     @property
     def has_work(self) -> bool:
@@ -123,8 +124,8 @@ class Incidents:
         if self._task is None and may_start:
             if self._requested is not None:
                 await self._begin(self._requested)
-            else:
-                self._plan_ahead()
+            elif self._policy != "off":
+                self._plans_ahead.go_on()
 
     def request_recovery(self, cause: Cause, readmitted: tuple[str, ...] = ()) -> None:
         """Request a recovery for another cause than a loss."""
@@ -235,26 +236,6 @@ class Incidents:
         await self.save()
         self._events.add("recovery", operation_id=self._operation_id, **report.model_dump(mode="json"))
 
-    def _plan_ahead(self) -> None:
-        """Use idle time to make plans for each single loss at the slots that come next."""
-        flight, shared = self._flight, self._shared
-        if not shared.settings.plan_ahead or self._policy == "off" or len(flight.plan.scenario.uavs) < 2:
-            return
-        if self._planning_ahead is None or self._planning_ahead.done():
-            self._planning_ahead = asyncio.create_task(self._make_contingencies())
-
-    async def _make_contingencies(self) -> None:
-        flight, shared = self._flight, self._shared
-        lead_slots = (shared.settings.guidance_lead_s * shared.clock.scale + flight.now_s()) / flight.slot_s
-        for at_slot in (int(lead_slots) + 1, int(lead_slots) + 2):
-            if at_slot < flight.n_slots - 1:
-                try:
-                    await shared.contingencies.make(flight.plan, at_slot, flight.plan.scenario.uav_ids)
-                except Exception as error:  # noqa: BLE001 - what is made in idle time must not end the flight
-                    log.warning("no plan was made ahead of a loss", at_slot=at_slot, error=str(error))
-                    return
-        await asyncio.sleep(0.2)
-
     async def close(self, why: str) -> None:
         """Close a recovery that is not complete as unanswered, with the reason: the operation is over."""
         task, recovery = self._task, self._recovery
@@ -268,7 +249,7 @@ class Incidents:
 
     async def end(self) -> None:
         """Stop recovering. An open incident stays open in the journal, for `close` or for the next service."""
-        tasks = [task for task in (self._task, self._planning_ahead) if task is not None]
+        tasks = [task for task in (self._task, self._plans_ahead.task) if task is not None]
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
