@@ -223,7 +223,7 @@ class Service:
     # -- background tasks -----------------------------------------------------------------------------------------
 
     async def _show_telemetry(self) -> None:
-        """Send pictures of all vehicles to clients that listen."""
+        """Send the state of all vehicles to clients that listen."""
         while True:
             await asyncio.sleep(1 / self.settings.telemetry_hz)
             if self.events.followers and not self.fleet.empty:

@@ -163,7 +163,7 @@ class SharedAirspace:
                 yield traffic.corridor(uav, level_m, altitude_m, climbs=not begun).mapped(mapped)
 
     def _of_stray(self, uav: str, origin: Origin) -> Iterator[Corridor]:
-        """One that flies for no operation: where it is, and the way home, at any height."""
+        """Yield the corridor of a UAV that flies for no operation: where it is, and its way home, at any height."""
         system = self._fleet.system_of(uav)
         telemetry = self._fleet.link.telemetry(system)
         if telemetry is None or telemetry.place_deg is None:
@@ -178,7 +178,7 @@ class SharedAirspace:
     # -- ghosts -----------------------------------------------------------------------------------------------------
 
     def _ghosts_for(self, operation_id: str) -> list[Ghost]:
-        """Ghosts of the others, in the time and place of this operation."""
+        """Return the ghosts of other operations, in the time and place of this one."""
         own_flight = self._flights[operation_id]
         origin, now_s = own_flight.first_plan.scenario.origin, own_flight.now_s()
         ghosts = [

@@ -57,9 +57,9 @@ class TooLateError(Exception):
 
 
 class Recovery:
-    """Deals with one incident.
+    """The recovery from one incident.
 
-    A recovery that fails leaves the last good plan in force, and the missions that fly it.
+    If it fails the last good plan stays in force, and so do the missions that fly it.
     """
 
     def __init__(self, shared: SharedServices, flight: Flight, incident: Incident) -> None:
