@@ -1,4 +1,4 @@
-"""The end of a stream: whoever asks waits for the vehicles it needs, nobody for one that is dead."""
+"""The end of a stream: a caller waits for the vehicles that it needs, and never for one that is dead."""
 
 from __future__ import annotations
 
@@ -59,12 +59,12 @@ class NoFleet:
 @asynccontextmanager
 async def streaming() -> AsyncIterator[tuple[SetpointStreams, OneStream]]:
     fleet: Any = NoFleet()
-    made = SetpointStreams(SYSTEMS, fleet, FleetClock(1.0), elapsed_s=lambda: 7.0, fall_back=FallBack.MISSION)
+    streams = SetpointStreams(SYSTEMS, fleet, FleetClock(1.0), elapsed_s=lambda: 7.0, fall_back=FallBack.MISSION)
     stream: Any = OneStream()
-    made._stream = stream
-    made.begin()
-    yield made, stream
-    await made.close()
+    streams._stream = stream
+    streams.begin()
+    yield streams, stream
+    await streams.close()
 
 
 async def is_waiting(task: asyncio.Task[None]) -> bool:
