@@ -184,7 +184,7 @@ class Service:
         checks["solver"] = self._solver_check()
         troubles = self.background.troubles
         checks["tasks"] = "; ".join(f"{name} failed ({error})" for name, error in troubles.items()) or "ok"
-        checks["heartbeat"] = "ok" if self.can_replan() else "not sent to vehicles: nobody could replan"
+        checks["heartbeat"] = "ok" if self.can_replan() else "not sent to vehicles: no worker can replan"
         lane = self.solver[LaneName.REQUESTS]
         checks["queue"] = "ok" if lane.busy < self.settings.queue_limit else "full"
         return checks

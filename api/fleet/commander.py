@@ -17,7 +17,7 @@ from skyfolio.mavlink_bridge.results import CommandResult
 Action: TypeAlias = Literal["hold", "land", "return"]
 Results: TypeAlias = Mapping[int, CommandResult]
 Result = TypeVar("Result")
-OVERTAKEN = "another order came after it"
+OVERTAKEN = "a later order overtook it"
 
 
 class OvertakenError(BridgeError):

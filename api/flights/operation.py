@@ -102,7 +102,7 @@ class Operation(OperationRecord):
             self._rows.write_track(flight.record)
         up = ", ".join(flight.still_up())
         if up and flight.roster.own_link.is_lost:
-            raise BridgeError(f"link_lost: nobody was heard until {up} must have landed")
+            raise BridgeError(f"link_lost: no vehicle was heard until {up} must have landed")
         if up:
             raise BridgeError(f"landing: {up} not on the ground {LANDING_LIMIT_S:g} s after the plan")
         if not any(end.is_down for end in ends_of(flight).values()):
@@ -119,7 +119,7 @@ class Operation(OperationRecord):
             self._measure_slips()
         if self.state == State.FLYING and flight.past_last_slot():
             await self.enter(State.LANDING)
-        async with self._commands:  # a command of the operator is carried out before or after, never in between
+        async with self._commands:  # commands of the operator come before or after a tick, never within one
             lost = flight.roster.newly_lost(news)
             await self._follow_link()
             await self.incidents.take_in(lost)

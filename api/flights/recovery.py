@@ -261,7 +261,7 @@ class Recovery:
         try:
             while not incident.approval.done():
                 if self._next_slot() >= self._flight.n_slots - 1:
-                    raise TooLateError("nobody decided while there was still a slot to fly differently")
+                    raise TooLateError("no decision was made while there was still a slot to fly differently")
                 await asyncio.wait({incident.approval}, timeout=DECISION_LOOK_S)
             agreed = incident.approval.result()
         finally:
