@@ -25,7 +25,7 @@ from skyfolio.api.flights.journal import Entry, Journal
 from skyfolio.api.flights.operation_store import Stores
 from skyfolio.api.flights.operations import Operations
 from skyfolio.api.flights.orders import Orders
-from skyfolio.api.flights.recovery import Parts
+from skyfolio.api.flights.shared_services import SharedServices
 from skyfolio.api.plans.contingencies import Contingencies
 from skyfolio.api.plans.jobs import Job
 from skyfolio.api.plans.plan_book import PlanBook
@@ -45,7 +45,7 @@ CLOSE_S = 1.5
 
 
 class Service:
-    """Everything a route may use. Made by `open`, ended by `close`."""
+    """Everything that a route may use. Made by `open`, ended by `close`."""
 
     def __init__(self, settings: Settings, database: Database, events: EventLog, solver: Solver) -> None:
         self.settings, self.database, self.events = settings, database, events
@@ -61,8 +61,8 @@ class Service:
         self.journal = Journal(database)
         self.simulated, settings = _simulated(settings)
         self.fleet = Fleet(settings, self.clock, events, database, background=self.background, healthy=self.can_replan)
-        parts = Parts(settings, self.clock, self.plans, self.contingencies, self.metrics)
-        self.operations = Operations(parts, Stores(database, self.journal, events), self.fleet)
+        shared = SharedServices(settings, self.clock, self.plans, self.contingencies, self.metrics)
+        self.operations = Operations(shared, Stores(database, self.journal, events), self.fleet)
         self.orders = Orders(self.fleet, self.operations)
         self.drills = Drills(self.fleet, self.operations, events, database, self.simulated)
         self.ready = False
@@ -76,8 +76,8 @@ class Service:
     async def open(cls, settings: Settings, flight: Lane | None = None) -> Service:
         """Warm the solver, open the database, and go on with what an earlier process left. Raises StoreError.
 
-        Workers load while the rest starts: the sooner the one of flights is warm, the sooner a loss is answered.
-        flight: its lane, when it was begun before.
+        Workers load while the rest starts: the sooner the lane of flights is warm, the sooner a loss is dealt with.
+        flight: that lane, if it was begun before.
         """
         solver = Solver(settings.workers, settings.queue_limit, flight)
         if settings.warm_up:
@@ -119,9 +119,9 @@ class Service:
         self.ready = True
 
     async def close(self) -> None:
-        """End operations (vehicles go on with the mission on board), the link, the workers, the database.
+        """End operations, the link, the workers and the database; vehicles go on with the missions on board.
 
-        Whatever of it hangs is left behind: all together takes at most CLOSE_S, and some for the database.
+        A part that hangs is left behind: together they take at most CLOSE_S, and a little more for the database.
         """
         self.ready = False
         self.events.end()
@@ -137,12 +137,13 @@ class Service:
         await asyncio.to_thread(self.solver.close)
         await _ended("database", self.database.close(), time.monotonic() + 1.0)
 
-    # -- how it is ------------------------------------------------------------------------------------------------
+    # -- health and metrics ---------------------------------------------------------------------------------------
 
     async def pulse(self) -> float | None:
-        """Milliseconds of a tiny solve, from asking to result: the last one, asked for anew when it is some seconds old
-        and no client's job is in its way. None before the first, and while the workers start (`readiness` tells).
-        Raises BusyError when workers that have answered do not.
+        """Return the milliseconds of a tiny solve, from request to result; None before the first.
+
+        The last one is repeated if it is some seconds old and no client's job is in its way. While the workers start
+        there is none (`readiness` says so). Raises BusyError if workers that have answered before do not.
         """
         lane = self.solver[LaneName.REQUESTS]
         if self._pulse is None and not lane.warm:
@@ -167,11 +168,11 @@ class Service:
         self._pulse = (now_s, (now_s - began_s) * 1e3)
 
     def can_replan(self) -> bool:
-        """Whether the workers that replan in flight answer: only then do vehicles hear our HEARTBEAT."""
+        """Return whether the workers that replan in flight answer: only then is our HEARTBEAT sent to vehicles."""
         return self.solver[LaneName.FLIGHT].answers
 
     async def readiness(self) -> dict[str, str]:
-        """What is needed to serve requests, each 'ok' or what is wrong."""
+        """Return what is needed to serve requests, each 'ok' or what is wrong."""
         checks = {"service": "ok" if self.ready else "starting"}
         try:
             await self.keys.all()
@@ -182,8 +183,8 @@ class Service:
             checks["database"] = str(error)[:200]
         checks["solver"] = self._solver_check()
         troubles = self.background.troubles
-        checks["tasks"] = "; ".join(f"{name} failed ({said})" for name, said in troubles.items()) or "ok"
-        checks["heartbeat"] = "ok" if self.can_replan() else "not sent to vehicles: nobody could replan"
+        checks["tasks"] = "; ".join(f"{name} failed ({error})" for name, error in troubles.items()) or "ok"
+        checks["heartbeat"] = "ok" if self.can_replan() else "not sent to vehicles: no worker can replan"
         lane = self.solver[LaneName.REQUESTS]
         checks["queue"] = "ok" if lane.busy < self.settings.queue_limit else "full"
         return checks
@@ -195,7 +196,7 @@ class Service:
         return "warming up" if self.settings.warm_up and not self.solver.warm else "ok"
 
     def measured(self) -> bytes:
-        """The metrics, with those that are only known when asked."""
+        """Return the metrics, with those that are only measured on request."""
         for name, lane in self.solver.lanes.items():
             self.metrics.solves_waiting.labels(name.value).set(lane.busy)
             self.metrics.solver_answers.labels(name.value).set(lane.answers)
@@ -215,14 +216,14 @@ class Service:
 
     def _note_step(self, entry: Entry, stored: bool) -> None:
         if stored:
-            said = entry.model_dump(mode="json", include={"operation_id", "incident", "step", "uav_id", "data"})
-            self.events.add("incident", **said)
-            log.info("incident", **{name: value for name, value in said.items() if value is not None})
+            data = entry.model_dump(mode="json", include={"operation_id", "incident", "step", "uav_id", "data"})
+            self.events.add("incident", **data)
+            log.info("incident", **{name: value for name, value in data.items() if value is not None})
 
-    # -- what goes on beside --------------------------------------------------------------------------------------
+    # -- background tasks -----------------------------------------------------------------------------------------
 
     async def _show_telemetry(self) -> None:
-        """Pictures of all vehicles for those who listen."""
+        """Send the state of all vehicles to clients that listen."""
         while True:
             await asyncio.sleep(1 / self.settings.telemetry_hz)
             if self.events.followers and not self.fleet.empty:
@@ -230,7 +231,7 @@ class Service:
                 self.events.publish_telemetry({"at": round(time.time(), 3), "vehicles": vehicles})
 
     async def _tend_solver(self) -> None:
-        """Replace workers that do not answer, and tell when vehicles stop and begin to hear our HEARTBEAT."""
+        """Replace workers that do not answer, and report when our HEARTBEAT to vehicles stops and begins."""
         sent = True
         while True:
             await asyncio.sleep(TEND_S)
@@ -240,7 +241,7 @@ class Service:
             await asyncio.gather(*(lane.tend() for lane in self.solver.lanes.values()))
 
     async def _tidy(self) -> None:
-        """Forget in time what is kept only for a while."""
+        """Delete what is kept only for a while."""
         retention = Retention(self.database, self.settings)
         while True:
             await asyncio.sleep(min(TIDY_S, self.settings.keep_ended_s))
@@ -249,7 +250,7 @@ class Service:
 
 
 async def _ended(name: str, ending: Coroutine[Any, Any, None], until_s: float) -> None:
-    """Wait for an end, but not beyond `until_s` (monotonic) by more than a moment."""
+    """Wait for an end, but hardly longer than `until_s` (monotonic seconds)."""
     task = asyncio.create_task(ending, name=f"end {name}")
     done, _ = await asyncio.wait([task], timeout=max(0.1, until_s - time.monotonic()))
     if done:
@@ -260,7 +261,7 @@ async def _ended(name: str, ending: Coroutine[Any, Any, None], until_s: float) -
 
 
 def _simulated(settings: Settings) -> tuple[SimulatedFleet | None, Settings]:
-    """The service's own fleet, if it has one, and the settings that lead to it."""
+    """Return the service's own simulated fleet, if it has one, and the settings that lead to it."""
     if settings.simulate is None:
         return None, settings
     endpoint = own_endpoint()

@@ -6,6 +6,8 @@ from dataclasses import asdict, dataclass
 from enum import StrEnum
 from math import isfinite
 
+from skyfolio.mavlink_bridge.heartbeat import LinkEvent
+
 
 class Condition(StrEnum):
     """The state of one UAV, gravest first."""
@@ -30,6 +32,17 @@ class Condition(StrEnum):
     def serves(self) -> bool:
         """Return whether a plan may count on this UAV."""
         return self in (Condition.LIVE, Condition.STALE, Condition.LOW_BATTERY, Condition.BACK)
+
+    @property
+    def is_of_link(self) -> bool:
+        """Return whether it only says how well the vehicle is heard."""
+        return self in (
+            Condition.LIVE,
+            Condition.STALE,
+            Condition.BACK,
+            Condition.LINK_LOST,
+            Condition.AUTOPILOT_SILENT,
+        )
 
     @property
     def in_the_air(self) -> bool:
@@ -91,6 +104,25 @@ class Change:
     cause: str
     at_s: float
     flies_on: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class VehicleChange:
+    """What one look found changed about one vehicle: its link, step by step, and its condition.
+
+    A vehicle that falls silent changes both; it is reported once. condition: None if only the link changed, as that of
+    a vehicle that has crashed before.
+    """
+
+    system_id: int
+    link: tuple[LinkEvent, ...] = ()
+    condition: Change | None = None
+
+    @property
+    def is_of_link_only(self) -> bool:
+        """Return whether the new condition says nothing more than the changes of the link do."""
+        change = self.condition
+        return change is None or (bool(self.link) and change.before.is_of_link and change.after.is_of_link)
 
 
 class Lasting:

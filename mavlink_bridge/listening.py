@@ -19,7 +19,7 @@ from mavsdk import ComponentType, Configuration, ForwardingOption, Mavsdk
 from skyfolio.mavlink_bridge.autopilots import Autopilot, FlightMode
 from skyfolio.mavlink_bridge.broadcast import Broadcast
 from skyfolio.mavlink_bridge.classifier import Classifier
-from skyfolio.mavlink_bridge.conditions import Change, Timing
+from skyfolio.mavlink_bridge.conditions import Timing, VehicleChange
 from skyfolio.mavlink_bridge.errors import ConnectionFailed, LinkClosed, VehiclesMissing
 from skyfolio.mavlink_bridge.framing import Frame, is_foreign_heartbeat
 from skyfolio.mavlink_bridge.heartbeat import AUTOPILOT, HeartbeatMonitor, LinkEvent
@@ -75,8 +75,7 @@ class ListeningLink:
         self._pool = ThreadPoolExecutor(MAX_THREADS, thread_name_prefix="mavsdk")
         self._vehicles: dict[int, Vehicle] = {}
         self._awaited: set[int] = set()
-        self._events: Broadcast[LinkEvent] = Broadcast()
-        self._changes: Broadcast[Change] = Broadcast()
+        self._changes: Broadcast[VehicleChange] = Broadcast()
         self._tasks: set[asyncio.Task[None]] = set()
         self._pauses = PauseWatch(clock.now, self.classifier.missed)
 
@@ -90,7 +89,7 @@ class ListeningLink:
         await self.close()
 
     async def close(self) -> None:
-        """End all waiting, let running MAVSDK calls time out, and free the ports. Ends every `events` iterator."""
+        """End all waiting, let running MAVSDK calls time out, and free the ports. Ends every `changes` iterator."""
         self._closed = True
         await self.speeds.close()
         mavsdk, self._mavsdk = self._mavsdk, None
@@ -99,7 +98,6 @@ class ListeningLink:
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
-        self._events.close()
         self._changes.close()
         if mavsdk is not None:
             await asyncio.to_thread(self._pool.shutdown)
@@ -165,13 +163,11 @@ class ListeningLink:
         vehicle = self._vehicles.get(system_id)
         return None if vehicle is None else vehicle.state.home_deg
 
-    def events(self) -> AsyncGenerator[LinkEvent, None]:
-        """Return the changes of link state from this call on, until the link closes. Each caller gets all of them."""
-        self._open()
-        return self._events.listen()
+    def changes(self) -> AsyncGenerator[VehicleChange, None]:
+        """Return what changes of links and conditions from this call on, until the link closes.
 
-    def changes(self) -> AsyncGenerator[Change, None]:
-        """Return the changes of condition from this call on, until the link closes. Each caller gets all of them."""
+        Each caller gets every change.
+        """
         self._open()
         return self._changes.listen()
 
@@ -290,9 +286,13 @@ class ListeningLink:
             self.speeds.look(vehicle)
 
     def _look(self) -> None:
-        """Report what has changed to everybody who listens."""
-        changes = self.classifier.poll(self._clock.now())
+        """Send everybody who listens what has changed, once for each vehicle."""
+        conditions = {change.system_id: change for change in self.classifier.poll(self._clock.now())}
+        links: dict[int, list[LinkEvent]] = {}
         for event in self.classifier.link_events:
-            self._events.send(event)
-        for change in changes:
+            links.setdefault(event.system_id, []).append(event)
+        for system_id in dict.fromkeys((*links, *conditions)):
+            change = VehicleChange(
+                system_id=system_id, link=tuple(links.get(system_id, ())), condition=conditions.get(system_id)
+            )
             self._changes.send(change)

@@ -24,7 +24,7 @@ from skyfolio.api.common.problem import Problem
 from skyfolio.api.fleet.commander import Action
 from skyfolio.api.fleet.vehicle_view import VehicleView
 from skyfolio.api.flights.drills import DrillView
-from skyfolio.api.flights.guidance import Mode
+from skyfolio.api.flights.guidance_options import Mode
 from skyfolio.api.flights.journal import Entry
 from skyfolio.api.flights.operation_views import OperationRow, OperationView, Policy
 from skyfolio.api.flights.orders import OrderResult

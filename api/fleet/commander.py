@@ -1,7 +1,8 @@
-"""Who may command a vehicle: an emergency order goes before everything else that is being sent to it.
+"""How vehicles are commanded: an emergency order goes before everything else that is being sent to a vehicle.
 
-Whatever a flight sends goes through `carry_out`, each vehicle for itself. An order ends what is under way for its
-vehicle, at once, and nothing else; the newest order wins, and the same one given many times is sent once.
+Whatever a flight sends goes through `carry_out`, each vehicle on its own. An order ends at once what is being sent to
+its vehicle, and nothing else. The newest order wins, and one that is repeated while it is being carried out is sent
+once.
 """
 
 from __future__ import annotations
@@ -15,8 +16,8 @@ from skyfolio.mavlink_bridge.results import CommandResult
 
 Action: TypeAlias = Literal["hold", "land", "return"]
 Results: TypeAlias = Mapping[int, CommandResult]
-Done = TypeVar("Done")
-OVERTAKEN = "another order came after it"
+Result = TypeVar("Result")
+OVERTAKEN = "a later order overtook it"
 
 
 class OvertakenError(BridgeError):
@@ -24,28 +25,31 @@ class OvertakenError(BridgeError):
 
 
 class Link(Protocol):
-    """The orders that vehicles are given; `FleetLink` has them."""
+    """The orders that vehicles are sent; `FleetLink` has them."""
 
     async def hold(self, system_ids: Iterable[int]) -> Results:
-        """Stop and hover."""
+        """Stop these vehicles, and let them hover."""
 
     async def land(self, system_ids: Iterable[int]) -> Results:
-        """Land where they are."""
+        """Land these vehicles where they are."""
 
     async def return_home(self, system_ids: Iterable[int]) -> Results:
-        """Return to where they took off."""
+        """Return these vehicles to where they took off."""
 
 
 class Commander:
-    """Commands and orders to the vehicles of one link, by system id. Lives on the event loop."""
+    """Sends commands and orders to the vehicles of one link, by system id. Lives on the event loop.
+
+    link: returns the link, which need not be open before the first command.
+    """
 
     def __init__(self, link: Callable[[], Link]) -> None:
         self._link = link
         self._work: dict[int, set[asyncio.Task[Any]]] = {}
         self._orders: dict[int, tuple[Action, asyncio.Task[CommandResult]]] = {}
 
-    async def carry_out(self, system_id: int, work: Coroutine[Any, Any, Done]) -> Done:
-        """Do what is sent to one vehicle. Raises OvertakenError when an order was given to it, before or meanwhile."""
+    async def carry_out(self, system_id: int, work: Coroutine[Any, Any, Result]) -> Result:
+        """Carry out a command to one vehicle. Raises OvertakenError if an order is given to it before that is done."""
         if system_id in self._orders:
             work.close()
             raise OvertakenError(OVERTAKEN)
@@ -64,48 +68,48 @@ class Commander:
     async def each(
         self, command: Callable[[list[int]], Awaitable[Results]], system_ids: Iterable[int]
     ) -> dict[int, str | None]:
-        """Carry out a command for each of these, all at once; for each what went wrong, or None."""
+        """Carry out a command for each of these vehicles, all at once; return for each what went wrong, or None."""
 
-        async def one(system_id: int) -> str | None:
+        async def carry_out_one(system_id: int) -> str | None:
             try:
-                return (await self.carry_out(system_id, _only(command, system_id))).error
+                return (await self.carry_out(system_id, _for_one(command, system_id))).error
             except OvertakenError as error:
                 return str(error)
 
         ids = list(system_ids)
-        return dict(zip(ids, await asyncio.gather(*map(one, ids)), strict=True))
+        return dict(zip(ids, await asyncio.gather(*map(carry_out_one, ids)), strict=True))
 
     async def order(self, action: Action, system_ids: Iterable[int]) -> dict[int, str | None]:
-        """Give each of these an order, all at once; for each what went wrong, or None.
+        """Give each of these vehicles an order, all at once; return for each what went wrong, or None.
 
-        It is begun before this waits for anything, and goes on when whoever waits for it does not any more.
+        The orders are begun before anything is awaited, and are carried out even if the caller stops waiting.
         """
-        orders = {system_id: self._ordered(action, system_id) for system_id in system_ids}
+        orders = {system_id: self._begin_order(action, system_id) for system_id in system_ids}
         if orders:
             await asyncio.wait(orders.values())
         return {
             system_id: OVERTAKEN if order.cancelled() else order.result().error for system_id, order in orders.items()
         }
 
-    def _ordered(self, action: Action, system_id: int) -> asyncio.Task[CommandResult]:
-        given = self._orders.get(system_id)
-        if given is not None and given[0] == action:
-            return given[1]
+    def _begin_order(self, action: Action, system_id: int) -> asyncio.Task[CommandResult]:
+        current = self._orders.get(system_id)
+        if current is not None and current[0] == action:
+            return current[1]
         for task in self._work.get(system_id, ()):
             task.cancel()
-        if given is not None:
-            given[1].cancel()
+        if current is not None:
+            current[1].cancel()
         link = self._link()
         commands = {"hold": link.hold, "land": link.land, "return": link.return_home}
-        task = asyncio.create_task(_only(commands[action], system_id), name=f"{action}-{system_id}")
+        task = asyncio.create_task(_for_one(commands[action], system_id), name=f"{action}-{system_id}")
         self._orders[system_id] = action, task
-        task.add_done_callback(lambda done: self._given(system_id, done))
+        task.add_done_callback(lambda done: self._end_order(system_id, done))
         return task
 
-    def _given(self, system_id: int, done: asyncio.Task[CommandResult]) -> None:
+    def _end_order(self, system_id: int, done: asyncio.Task[CommandResult]) -> None:
         if system_id in self._orders and self._orders[system_id][1] is done:
             del self._orders[system_id]
 
 
-async def _only(command: Callable[[list[int]], Awaitable[Results]], system_id: int) -> CommandResult:
+async def _for_one(command: Callable[[list[int]], Awaitable[Results]], system_id: int) -> CommandResult:
     return (await command([system_id]))[system_id]

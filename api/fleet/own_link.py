@@ -1,9 +1,9 @@
 """Whether a silence is a vehicle's or our own link's. Pure: seconds of silence in, a judgement out.
 
-When every UAV of a flight that still counts is silent at once, and no other registered vehicle is heard either, nobody
-was lost as far as we can know: it is our link that is gone. Judgement is held until somebody is heard again; whoever is
-still silent some time after that is lost. A flight with a single UAV left is judged the same way: there is nobody to
-plan for, and nothing to gain by giving it up.
+When every UAV of a flight that still counts is silent at once, and no other registered vehicle is heard either, no UAV
+is known to be lost: our link is. Judgement is held until a vehicle is heard again; UAVs that are still silent some time
+after that are lost. A flight with a single UAV left is judged the same way: there is no survivor to plan for, and
+nothing to gain by giving it up.
 """
 
 from __future__ import annotations
@@ -14,30 +14,35 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Heard:
-    """How one vehicle is heard: fleet seconds since it was, and whether the monitor has declared it lost."""
+    """How one vehicle is heard: fleet seconds of silence, and whether the monitor has declared it lost."""
 
     silent_for_s: float
     lost: bool
 
 
 class OwnLink:
-    """One flight's judgement. Times are fleet seconds."""
+    """The judgement of one flight. Times are fleet seconds.
+
+    stale_after_s: silence of all vehicles after which the link is taken to be lost. lost_after_s: how long after its
+    return a UAV that stays silent is lost.
+    """
 
     def __init__(self, *, stale_after_s: float, lost_after_s: float) -> None:
         self._stale_after_s, self._lost_after_s = stale_after_s, lost_after_s
         self.silent_since_s: float | None = None
-        """Since when nobody was heard; None while the link is taken to work."""
+        """Since when no vehicle was heard; None while the link is taken to work."""
         self._back_s: float | None = None
 
     @property
     def is_lost(self) -> bool:
-        """Whether judgement is held."""
+        """Return whether judgement is held."""
         return self.silent_since_s is not None
 
     def judge(self, counting: Mapping[str, Heard], others: Iterable[Heard], now_s: float) -> list[str]:
-        """UAVs of `counting` (in the air, and not lost yet) that are to be declared lost now.
+        """Return the UAVs of `counting` that are to be declared lost now.
 
-        others: every other registered vehicle, whatever it does: one that is heard shows that the link works.
+        counting: the UAVs that are in the air and not lost yet. others: every other registered vehicle, whatever it
+        does: one that is heard shows that the link works. now_s: fleet seconds.
         """
         silent = [uav for uav, heard in counting.items() if heard.lost]
         witnesses = [heard.silent_for_s for heard in (*counting.values(), *others)]

@@ -1,4 +1,4 @@
-"""A fleet in software inside the service, for drills: real MAVLink on a real socket, in a thread of its own."""
+"""A simulated fleet inside the service, for drills: real MAVLink on a real socket, in a thread of its own."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from skyfolio.planner import EXAMPLES, Scenario
 
 
 def scenario_of(name: str) -> Scenario:
-    """The example to simulate. Raises InvalidError for a name that is not there."""
+    """Return the example scenario of this name. Raises InvalidError if there is none."""
     if name not in EXAMPLES:
         raise InvalidError(f"simulate: {name!r} must be one of {', '.join(sorted(EXAMPLES))}")
     return EXAMPLES[name]()
@@ -23,7 +23,7 @@ def scenario_of(name: str) -> Scenario:
 def specs_at_starts(
     scenario: Scenario, autopilot: str = DEFAULT_AUTOPILOT.value, booted_s_ago: float = sim.BOOTED_S_AGO
 ) -> list[sim.VehicleSpec]:
-    """One vehicle on the ground at each UAV's start; system ids 1, 2, ... in the scenario's order."""
+    """Return one vehicle on the ground at each UAV's start; system ids 1, 2, ... in the scenario's order."""
     specs = []
     for system_id, uav in enumerate(scenario.uavs, start=1):
         lat_deg, lon_deg = east_north_to_geodetic(scenario.origin, *uav.start_m)
@@ -32,14 +32,14 @@ def specs_at_starts(
 
 
 def own_endpoint() -> str:
-    """HOST:PORT of a loopback UDP port that is free now: the simulated fleet keeps to itself."""
+    """Return HOST:PORT of a loopback UDP port that is free now, so that the simulated fleet keeps to itself."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         return f"127.0.0.1:{probe.getsockname()[1]}"
 
 
 def fault_of(kind: str, system_id: int, options: dict[str, Any]) -> sim.Fault:
-    """A fault ready to strike. Raises InvalidError for an unknown kind or option."""
+    """Return a fault that is ready to strike. Raises InvalidError for an unknown kind or option."""
     if kind not in sim.FAULTS:
         raise InvalidError(f"fault: {kind!r} must be one of {', '.join(sim.FAULTS)}")
     if {"kind", "system_id"} & set(options):
@@ -51,7 +51,7 @@ def fault_of(kind: str, system_id: int, options: dict[str, Any]) -> sim.Fault:
 
 
 class SimulatedFleet:
-    """Vehicles at the starts of a scenario, flying in their own thread from `start` to `stop`."""
+    """Vehicles at the starts of a scenario, which fly in their own thread from `start` to `stop`."""
 
     def __init__(self, scenario: Scenario, endpoint: str, speedup: float) -> None:
         self.fleet = sim.Fleet(
@@ -65,7 +65,7 @@ class SimulatedFleet:
         self._thread = threading.Thread(target=self._run, name="simulated-fleet", daemon=True)
 
     def start(self) -> None:
-        """Let it fly."""
+        """Start the thread in which the vehicles fly."""
         self._thread.start()
 
     def inject(self, fault: sim.Fault) -> None:
@@ -73,7 +73,7 @@ class SimulatedFleet:
         self._loop.call_soon_threadsafe(self.fleet.inject, fault)
 
     def stop(self) -> None:
-        """Land nothing, just end."""
+        """End the thread, wherever the vehicles are."""
         if self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._until.set)
             self._thread.join()

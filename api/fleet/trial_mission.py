@@ -1,4 +1,4 @@
-"""A small plan around where vehicles stand: what a check puts on board, and what flight tests fly."""
+"""A small plan around where vehicles stand, which a check uploads and flight tests fly."""
 
 from __future__ import annotations
 
@@ -18,9 +18,10 @@ SQUARE: tuple[Point, ...] = (
 
 
 def trial_plan(origin: Origin, paths_m: Mapping[str, Sequence[Point]], *, altitude_m: float = ALTITUDE_M) -> Plan:
-    """A plan that flies these paths, metres east/north of the origin, one point a slot; it serves nobody in particular.
+    """Make a plan that flies these paths, one point in each slot; what its users get is not meant to be used.
 
-    Its area, and so its geofence, reaches ROOM_M beyond them.
+    paths_m: for each UAV (n_slots, 2) metres east/north of the origin. altitude_m: above home. The area of the plan,
+    and so its geofence, reaches ROOM_M beyond the paths.
     """
     uavs = list(paths_m)
     points = [point for path in paths_m.values() for point in path]

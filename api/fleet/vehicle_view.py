@@ -8,10 +8,10 @@ from skyfolio.mavlink_bridge import FleetLink
 
 
 class VehicleView(BaseModel):
-    """A registered vehicle and what it last said. Angles in degrees, altitude in metres above its own home.
+    """A registered vehicle as it last reported. Angles in degrees, altitude in metres above its own home.
 
-    `condition`: what it is in; `condition_cause`: what was last seen of it, with numbers. `heading_deg`: where the nose
-    points, clockwise from north. `mission_items`: how many the mission on board has.
+    `condition`: what it is in, with `condition_cause`: what was last seen of it, with numbers. `heading_deg`: where the
+    nose points, clockwise from north. `mission_items`: the number of items of the mission on board.
     """
 
     uav_id: str
@@ -35,8 +35,11 @@ class VehicleView(BaseModel):
 def view_of(
     link: FleetLink, uav_id: str, system_id: int, *, now_s: float, simulated: bool, condition_cause: str | None
 ) -> VehicleView:
-    """The vehicle as it was last heard on the link; now_s: the fleet's clock."""
-    monitor, said = link.monitor, link.telemetry(system_id)
+    """Return the vehicle as it was last heard on the link.
+
+    now_s: fleet seconds. condition_cause: what was last seen of it, in words.
+    """
+    monitor, telemetry = link.monitor, link.telemetry(system_id)
     watched = system_id in monitor.watched
     view = VehicleView(
         uav_id=uav_id,
@@ -47,18 +50,18 @@ def view_of(
         condition=link.classifier.condition(system_id).value if watched else None,
         condition_cause=condition_cause,
     )
-    if said is None:
+    if telemetry is None:
         return view
     return view.model_copy(
         update={
-            "lat_deg": said.lat_deg,
-            "lon_deg": said.lon_deg,
-            "relative_alt_m": said.relative_alt_m,
-            "heading_deg": said.heading_deg,
-            "battery_percent": None if said.battery is None else round(said.battery * 100, 1),
-            "armed": said.armed,
-            "mode": said.mode,
-            "mission_item": said.mission_current,
-            "mission_items": said.mission_total,
+            "lat_deg": telemetry.lat_deg,
+            "lon_deg": telemetry.lon_deg,
+            "relative_alt_m": telemetry.relative_alt_m,
+            "heading_deg": telemetry.heading_deg,
+            "battery_percent": None if telemetry.battery is None else round(telemetry.battery * 100, 1),
+            "armed": telemetry.armed,
+            "mode": telemetry.mode,
+            "mission_item": telemetry.mission_current,
+            "mission_items": telemetry.mission_total,
         }
     )

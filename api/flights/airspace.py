@@ -1,7 +1,7 @@
-"""The air of all operations of one service: nobody is sent where a UAV of another operation may be.
+"""The air of all operations of one service: no UAV is sent where a UAV of another operation may be.
 
-Before a take-off whole sweeps are compared (`mavlink_bridge.corridors`), in flight every change of plan, and UAVs that
-one operation has lost are ghosts to all: also after it is over, until they are seen on the ground.
+Before a take-off whole sweeps are compared (`mavlink_bridge.corridors`), in flight every change of plan. UAVs that one
+operation has lost are ghosts to all operations, also after it is over, until they are seen on the ground.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from skyfolio.api.common.errors import ConflictError
 from skyfolio.api.fleet.registry import Fleet
 from skyfolio.api.flights.flight import Flight
-from skyfolio.api.flights.guidance import Way
+from skyfolio.api.flights.guidance_options import GuidanceOptions
 from skyfolio.api.flights.rates import Point
 from skyfolio.mavlink_bridge import OnEnd, east_north_to_geodetic, geodetic_to_east_north
 from skyfolio.mavlink_bridge.corridors import Corridor, Mapped, meetings
@@ -24,12 +24,16 @@ from skyfolio.planner import Origin, Plan
 
 NO_OPERATION = "no operation"
 ROUNDING_M = 0.01
-"""Separation that stored plans may miss by rounding."""
+"""Metres of separation that stored plans may miss by rounding."""
 
 
 @dataclass(frozen=True)
 class LeftBehind:
-    """A ghost of an operation that is over; its times are on the fleet's clock."""
+    """A ghost of an operation that is over.
+
+    Its times are fleet seconds; its places are metres east/north of `origin`. required_m: the separation that is kept
+    from it.
+    """
 
     ghost: Ghost
     origin: Origin
@@ -37,25 +41,26 @@ class LeftBehind:
 
 
 class FlightTraffic:
-    """What one flight knows of the others, and its own air; metres east/north of its origin."""
+    """The other aircraft as one flight sees them, and its own air; metres east/north of its scenario's origin."""
 
-    def __init__(self, skies: SharedAirspace, operation_id: str, flight: Flight, fleet: Fleet) -> None:
-        self._skies, self._id, self._flight, self._fleet = skies, operation_id, flight, fleet
+    def __init__(self, airspace: SharedAirspace, operation_id: str, flight: Flight, fleet: Fleet) -> None:
+        self._airspace, self._id, self._flight, self._fleet = airspace, operation_id, flight, fleet
         self.owner = f"operation '{operation_id}'"
 
     def others(self) -> list[Corridor]:
-        """Who flies for other operations, or for none, and is heard."""
-        return self._skies.others(self._flight.first_plan.scenario.origin, self._id, ghosts=False)
+        """Return the corridors of UAVs that fly for other operations, or for none, and are heard."""
+        return self._airspace.others(self._flight.first_plan.scenario.origin, self._id, ghosts=False)
 
     def corridor(
         self, uav: str, level_m: Sequence[Point], altitude_m: float | None, *, climbs: bool = False
     ) -> Corridor:
-        """The air of a UAV of this flight that flies this line at that altitude above its home, and then comes down.
+        """Return the air of a UAV of this flight that flies this line and then descends.
 
-        climbs: it does so at the first point. Without an altitude it comes down from where it is.
+        level_m: metres east/north. altitude_m: above its home; None if it descends from where it is. climbs: it climbs
+        at the first point of the line.
         """
         flight = self._flight
-        down = _way_down(level_m[-1], flight.home_m(uav), flight.guidance.way.at_end)
+        down = _way_down(level_m[-1], flight.home_m(uav), flight.guidance.options.at_end)
         return Corridor(
             uav_id=uav,
             owner=self.owner,
@@ -67,7 +72,7 @@ class FlightTraffic:
 
 
 class SharedAirspace:
-    """Who flies where. Flights `enter` when their operation begins and `leave` when it is over."""
+    """The air of every flight, from when its operation begins (`enter`) until it is over (`leave`)."""
 
     def __init__(self, fleet: Fleet) -> None:
         self._fleet = fleet
@@ -76,7 +81,7 @@ class SharedAirspace:
         self._left: dict[str, LeftBehind] = {}
 
     def enter(self, operation_id: str, flight: Flight) -> None:
-        """From now on its air is reserved, and it is told of that of the others."""
+        """Reserve the air of a flight from now on, and let the flight know that of the others."""
         self._flights[operation_id] = flight
         for uav in flight.systems:
             self._left.pop(uav, None)
@@ -84,7 +89,7 @@ class SharedAirspace:
         flight.guidance.airspace.elsewhere = lambda: self._ghosts_for(operation_id)
 
     def leave(self, operation_id: str) -> None:
-        """It is over: what it has lost stays reserved, what is heard is where it is."""
+        """Release the air of a flight that is over, except for that of the UAVs that it has lost."""
         self._traffic.pop(operation_id, None)
         flight = self._flights.pop(operation_id, None)
         if flight is None:
@@ -96,8 +101,8 @@ class SharedAirspace:
                 _moved(ghost, shift_s, lambda point: point), scenario.origin, scenario.min_separation_m
             )
 
-    async def require_clear(self, plan: Plan, systems: dict[str, int], way: Way) -> None:
-        """Raise ConflictError when a UAV of this plan could meet one of another operation, or one that just flies."""
+    async def require_clear(self, plan: Plan, systems: dict[str, int], options: GuidanceOptions) -> None:
+        """Raise ConflictError if a UAV of this plan could meet one of another operation, or one that flies for none."""
         ours = [
             Corridor(
                 uav_id=uav,
@@ -105,37 +110,38 @@ class SharedAirspace:
                 required_m=plan.scenario.min_separation_m,
                 level_m=path,
                 height_m=self._fleet.height_amsl_m(systems[uav], plan.scenario.altitude_of(plan.scenario.uav(uav))),
-                upright_m=((path[0],), _way_down(path[-1], path[0], way.at_end)),
+                upright_m=((path[0],), _way_down(path[-1], path[0], options.at_end)),
             )
             for uav, path in plan.trajectories_m.items()
         ]
-        others = [one for one in self.others(plan.scenario.origin) if one.uav_id not in systems]
-        found = await asyncio.to_thread(meetings, ours, others, ROUNDING_M)
-        if found:
-            more = f", and {len(found) - 1} more" if len(found) > 1 else ""
-            raise ConflictError(f"separation: {found[0]}{more}")
+        others = [corridor for corridor in self.others(plan.scenario.origin) if corridor.uav_id not in systems]
+        too_close = await asyncio.to_thread(meetings, ours, others, ROUNDING_M)
+        if too_close:
+            more = f", and {len(too_close) - 1} more" if len(too_close) > 1 else ""
+            raise ConflictError(f"separation: {too_close[0]}{more}")
 
     # -- who is there -----------------------------------------------------------------------------------------------
 
-    def others(self, origin: Origin, but: str | None = None, *, ghosts: bool = True) -> list[Corridor]:
-        """Corridors of all operations `but` one, and of who flies for none; metres east/north of `origin`.
+    def others(self, origin: Origin, except_id: str | None = None, *, ghosts: bool = True) -> list[Corridor]:
+        """Return the corridors of all operations, and of UAVs that fly for none; metres east/north of `origin`.
 
-        ghosts: with what may fly where nobody hears it.
+        except_id: the operation that is left out. ghosts: whether UAVs that were lost, and may still fly, are included.
         """
-        found = [
+        corridors = [
             corridor
             for operation_id, flight in self._flights.items()
-            if operation_id != but
+            if operation_id != except_id
             for corridor in self._of_flight(operation_id, flight, origin, ghosts=ghosts)
         ]
         if ghosts:
             now_s = self._fleet.now_s()
-            found += [
+            corridors += [
                 _of_ghost(left.ghost, NO_OPERATION, left.required_m, now_s).mapped(_between(left.origin, origin))
                 for left in self._still_left().values()
             ]
         flown = {uav for flight in self._flights.values() for uav in flight.systems}
-        return found + [one for uav in self._fleet.uav_ids if uav not in flown for one in self._of_stray(uav, origin)]
+        strays = [uav for uav in self._fleet.uav_ids if uav not in flown]
+        return corridors + [corridor for uav in strays for corridor in self._of_stray(uav, origin)]
 
     def _of_flight(self, operation_id: str, flight: Flight, origin: Origin, *, ghosts: bool) -> Iterator[Corridor]:
         traffic, mapped = self._traffic[operation_id], _between(flight.first_plan.scenario.origin, origin)
@@ -157,35 +163,37 @@ class SharedAirspace:
                 yield traffic.corridor(uav, level_m, altitude_m, climbs=not begun).mapped(mapped)
 
     def _of_stray(self, uav: str, origin: Origin) -> Iterator[Corridor]:
-        """One that flies for no operation: where it is, and the way home, at any height."""
+        """Yield the corridor of a UAV that flies for no operation: where it is, and its way home, at any height."""
         system = self._fleet.system_of(uav)
-        said = self._fleet.link.telemetry(system)
-        if said is None or said.place_deg is None or not self._fleet.is_heard(system) or self._fleet.is_down(system):
+        telemetry = self._fleet.link.telemetry(system)
+        if telemetry is None or telemetry.place_deg is None:
             return
-        here = geodetic_to_east_north(origin, *said.place_deg)
+        if not self._fleet.is_heard(system) or self._fleet.is_down(system):
+            return
+        at_m = geodetic_to_east_north(origin, *telemetry.place_deg)
         home = self._fleet.link.home_deg(system)
-        ways = [(here,)] if home is None else [(here, geodetic_to_east_north(origin, *home))]
+        ways = [(at_m,)] if home is None else [(at_m, geodetic_to_east_north(origin, *home))]
         yield Corridor(uav_id=uav, owner=NO_OPERATION, required_m=0.0, upright_m=tuple(ways))
 
     # -- ghosts -----------------------------------------------------------------------------------------------------
 
     def _ghosts_for(self, operation_id: str) -> list[Ghost]:
-        """Ghosts of the others, in the time and place of this operation."""
-        mine = self._flights[operation_id]
-        origin, now_s = mine.first_plan.scenario.origin, mine.now_s()
-        found = [
+        """Return the ghosts of other operations, in the time and place of this one."""
+        own_flight = self._flights[operation_id]
+        origin, now_s = own_flight.first_plan.scenario.origin, own_flight.now_s()
+        ghosts = [
             _moved(ghost, now_s - flight.now_s(), _between(flight.first_plan.scenario.origin, origin))
             for other, flight in self._flights.items()
             if other != operation_id
             for ghost in flight.guidance.airspace.ghosts.values()
         ]
         shift_s = now_s - self._fleet.now_s()
-        return found + [
+        return ghosts + [
             _moved(left.ghost, shift_s, _between(left.origin, origin)) for left in self._still_left().values()
         ]
 
     def _still_left(self) -> dict[str, LeftBehind]:
-        """Ghosts of operations that are over, without those that were seen on the ground, or must be there."""
+        """Return the ghosts of operations that are over, except for those that are, or must be, on the ground."""
         now_s, known = self._fleet.now_s(), set(self._fleet.uav_ids)
         for uav, left in list(self._left.items()):
             system = self._fleet.system_of(uav) if uav in known else None
@@ -196,14 +204,14 @@ class SharedAirspace:
 
 
 def _remaining(flight: Flight, uav: str) -> Iterator[tuple[list[Point], float]]:
-    """(path, altitude above home) of each route that a UAV may fly from here on: the plan's, and those on board."""
+    """Yield path and altitude above home of each route that a UAV may still fly: the plan's, and those on board."""
     plan, now_s = flight.plan, flight.now_s()
     if uav in plan.trajectories_m:
         slot_s = plan.scenario.slot_duration_s
         path = _rest(plan.trajectories_m[uav], plan.first_slot * slot_s, slot_s, now_s)
         yield path, plan.scenario.altitude_of(plan.scenario.uav(uav))
-    for given in flight.guidance.may_fly(uav):
-        yield _rest(given.path_m, given.began_s, given.slot_s, now_s), given.altitude_m
+    for assigned in flight.guidance.may_fly(uav):
+        yield _rest(assigned.path_m, assigned.began_s, assigned.slot_s, now_s), assigned.altitude_m
 
 
 def _rest(path: Sequence[Point], began_s: float, slot_s: float, now_s: float) -> list[Point]:
@@ -211,12 +219,12 @@ def _rest(path: Sequence[Point], began_s: float, slot_s: float, now_s: float) ->
 
 
 def _way_down(last_m: Point, home_m: Point, at_end: OnEnd) -> Sequence[Point]:
-    """Where it comes down after its last point, at any height."""
+    """Return the line above which a UAV descends after its last point."""
     return (last_m, home_m) if at_end is OnEnd.RETURN else (last_m,)
 
 
 def _of_ghost(ghost: Ghost, owner: str, required_m: float, now_s: float) -> Corridor:
-    """Nobody knows its height: the rest of each route, where it was last seen, and its ways home."""
+    """Return the corridor of a ghost, at any height: the rest of each route, where it was seen, and its ways home."""
     rests = [_rest(way.route.path_m, way.began_s, way.route.slot_s, now_s) for way in ghost.ways]
     homes = [] if ghost.home_m is None else [(rest[-1], ghost.home_m) for rest in rests]
     seen = (ghost.last_seen_m,) if ghost.home_m is None else (ghost.last_seen_m, ghost.home_m)
@@ -224,7 +232,7 @@ def _of_ghost(ghost: Ghost, owner: str, required_m: float, now_s: float) -> Corr
 
 
 def _moved(ghost: Ghost, shift_s: float, mapped: Mapped) -> Ghost:
-    """The ghost on another clock, which shows `shift_s` more, and from another origin."""
+    """Return the ghost by a clock that shows `shift_s` more, with places as `mapped` converts them."""
     return replace(
         ghost,
         lost_at_s=ghost.lost_at_s + shift_s,
@@ -242,7 +250,7 @@ def _moved(ghost: Ghost, shift_s: float, mapped: Mapped) -> Ghost:
 
 
 def _between(origin: Origin, other: Origin) -> Mapped:
-    """Metres east/north of one origin as those of another."""
+    """Return what converts metres east/north of one origin to those of another."""
     if origin == other:
         return lambda point: point
     return lambda point: geodetic_to_east_north(other, *east_north_to_geodetic(origin, *point))

@@ -1,4 +1,4 @@
-"""Missions that UAVs were given, stored so that a restarted service knows what it finds on board."""
+"""The missions that were assigned to UAVs, stored so that a restarted service recognises what it finds on board."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ _INSERT = insert(table)
 
 @dataclass(frozen=True, kw_only=True)
 class AssignedMission:
-    """A mission and the path it was made from.
+    """A mission that was compiled for a UAV, and the path it was made from.
 
-    path_m: (n, 2) metres east/north of `origin`, where the UAV shall be when slots `first_slot`, `first_slot` + 1, ...
-    of the operation begin, each slot_s fleet seconds long. altitude_m: above its own home.
+    path_m: (n, 2) metres east/north of `origin`, where the UAV shall be when the slots `first_slot`, `first_slot` + 1,
+    ... of the operation begin, each slot_s fleet seconds long. altitude_m: above the UAV's own home.
     """
 
     mission: Mission
@@ -37,11 +37,11 @@ class AssignedMission:
 
     @property
     def began_s(self) -> float:
-        """Fleet seconds from slot 0 of the operation to the first point."""
+        """Return the fleet seconds from slot 0 of the operation to the first point of the path."""
         return self.first_slot * self.slot_s
 
     def document(self) -> str:
-        """As JSON."""
+        """Return it as JSON."""
         mission = self.mission
         return json.dumps(
             {
@@ -57,52 +57,52 @@ class AssignedMission:
 
     @classmethod
     def of_document(cls, document: str) -> AssignedMission:
-        """What `document` wrote."""
-        said = json.loads(document)
-        mission = said["mission"]
+        """Return the assigned mission that `document` wrote."""
+        stored = json.loads(document)
+        mission = stored["mission"]
         items = tuple(MissionItem(**_with_nan(item)) for item in mission["items"])
         slots = {int(seq): slot for seq, slot in mission["slot_of_item"].items()}
-        made = Mission(
+        restored = Mission(
             **{**mission, "items": items, "slot_of_item": slots, "autopilot": Autopilot(mission["autopilot"])}
         )
-        path = [(east, north) for east, north in said["path_m"]]
-        return cls(**{**said, "mission": made, "path_m": path, "origin": Origin(**said["origin"])})
+        path = [(east, north) for east, north in stored["path_m"]]
+        return cls(**{**stored, "mission": restored, "path_m": path, "origin": Origin(**stored["origin"])})
 
 
-class MissionBook:
-    """The missions of one operation, in the order in which they were given."""
+class AssignedMissionStore:
+    """The stored missions of one operation, in the order in which they were assigned."""
 
     def __init__(self, database: Database, operation_id: str) -> None:
         self._database, self._operation_id = database, operation_id
 
-    async def write(self, given: Mapping[str, AssignedMission]) -> None:
-        """Store that these UAVs are about to be given these; held while the database does not answer."""
-        if given:
-            await self._database.keep((_INSERT, await asyncio.to_thread(self._rows, dict(given))))
+    async def write(self, missions: Mapping[str, AssignedMission]) -> None:
+        """Store missions that are about to be sent, by UAV; they are held while the database does not answer."""
+        if missions:
+            await self._database.keep((_INSERT, await asyncio.to_thread(self._rows, dict(missions))))
 
     async def read(self) -> dict[str, list[AssignedMission]]:
-        """For each UAV what it was given, the newest first. Raises StoreError."""
-        wanted = select(table).where(table.c.operation_id == self._operation_id).order_by(table.c.id.desc())
-        return await asyncio.to_thread(_by_uav, await self._database.rows(wanted))
+        """Return the missions that were assigned to each UAV, the newest first. Raises StoreError."""
+        query = select(table).where(table.c.operation_id == self._operation_id).order_by(table.c.id.desc())
+        return await asyncio.to_thread(_by_uav, await self._database.rows(query))
 
-    def _rows(self, given: Mapping[str, AssignedMission]) -> list[dict[str, str]]:
-        """What is stored of these; runs beside the event loop, which a large fleet's would hold up."""
+    def _rows(self, missions: Mapping[str, AssignedMission]) -> list[dict[str, str]]:
+        """Return the rows to store; runs beside the event loop, which the missions of a large fleet would block."""
         return [
-            {"operation_id": self._operation_id, "uav_id": uav, "document": one.document()}
-            for uav, one in given.items()
+            {"operation_id": self._operation_id, "uav_id": uav, "document": assigned.document()}
+            for uav, assigned in missions.items()
         ]
 
 
 def _by_uav(rows: Iterable[Row[Any]]) -> dict[str, list[AssignedMission]]:
-    """Return what each UAV was given, in the order of the rows."""
-    found: dict[str, list[AssignedMission]] = {}
+    """Return the missions of each UAV in the order of the rows."""
+    missions: dict[str, list[AssignedMission]] = {}
     for row in rows:
-        found.setdefault(row.uav_id, []).append(AssignedMission.of_document(row.document))
-    return found
+        missions.setdefault(row.uav_id, []).append(AssignedMission.of_document(row.document))
+    return missions
 
 
 def _without_nan(item: dict[str, Any]) -> dict[str, Any]:
-    """NaN is no JSON: null."""
+    """Return the item with null for NaN, which JSON has not."""
     return {name: None if isinstance(value, float) and isnan(value) else value for name, value in item.items()}
 
 

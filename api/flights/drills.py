@@ -1,4 +1,7 @@
-"""Drills: a fault strikes a simulated vehicle of an operation, now or when a slot begins. Never a real one."""
+"""Drills: a fault strikes a simulated vehicle of an operation, now or when a slot begins.
+
+Real vehicles are never struck.
+"""
 
 from __future__ import annotations
 
@@ -24,11 +27,11 @@ from skyfolio.api.store.tables import drills as table
 
 LOOK_EVERY_S = 0.02
 DrillOptions: TypeAlias = dict[str, float | int | str | bool | dict[str, float | bool]]
-"""What a fault takes, by name; `impair` takes one such table for each direction."""
+"""The options of a fault by name; `impair` takes one such table for each direction."""
 
 
 class DrillState(StrEnum):
-    """Life of a drill."""
+    """The states of a drill."""
 
     SCHEDULED = "scheduled"
     STRUCK = "struck"
@@ -49,68 +52,79 @@ class DrillView(BaseModel):
 
 
 class Drills:
-    """All drills of this service."""
+    """All drills of this service.
+
+    simulated: the fleet that the service simulates itself; None if there is none.
+    """
 
     def __init__(
-        self, fleet: Fleet, operations: Operations, events: EventLog, database: Database, own: SimulatedFleet | None
+        self,
+        fleet: Fleet,
+        operations: Operations,
+        events: EventLog,
+        database: Database,
+        simulated: SimulatedFleet | None,
     ) -> None:
         self._fleet, self._operations, self._events, self._database = fleet, operations, events, database
-        self._own = own
+        self._simulated = simulated
         self._number = 0
         self._tasks: set[asyncio.Task[None]] = set()
 
     async def start_up(self) -> None:
-        """Drills that the last process did not come to are missed: its simulated fleet ended with it."""
+        """Mark the drills that the last process did not carry out as missed: its simulated fleet ended with it."""
         self._number = (await self._database.rows(select(func.max(table.c.number))))[0][0] or 0
         await self._database.write(
             update(table).where(table.c.state == DrillState.SCHEDULED.value).values(state=DrillState.MISSED.value)
         )
 
     async def schedule(self, creation: NewResource, drill: DrillView) -> DrillView:
-        """Begin a drill. Raises InvalidError for vehicles that are not simulated, NotFoundError, ConflictError."""
-        if creation.fingerprint is not None and (found := await self._made_before(creation)):
-            return found
+        """Schedule a drill.
+
+        Raises InvalidError, NotFoundError, and ConflictError for vehicles that are not simulated.
+        """
+        if creation.fingerprint is not None and (earlier := await self._created_before(creation)):
+            return earlier
         operation = await self._operations.commanded(drill.operation_id)
         if drill.uav_id not in operation.flight.systems:
             raise InvalidError(f"uav_id: {drill.uav_id!r} does not fly in operation {drill.operation_id}")
-        if self._own is None or not self._fleet.is_simulated(drill.uav_id):
-            raise ConflictError(f"uav_id: {drill.uav_id!r} is not simulated by this service; drills are for those only")
+        if self._simulated is None or not self._fleet.is_simulated(drill.uav_id):
+            raise ConflictError(f"uav_id: {drill.uav_id!r} is not simulated by this service; drills need one that is")
         if drill.at_slot is not None and not 0 <= drill.at_slot < operation.flight.n_slots:
             raise InvalidError(f"at_slot: {drill.at_slot} must lie in 0..{operation.flight.n_slots - 1}")
         fault = fault_of(drill.fault, self._fleet.system_of(drill.uav_id), drill.options)
         await self._store(creation, drill)
         self._events.add("drill", **drill.model_dump(mode="json"))
-        task = asyncio.create_task(self._strike(drill, operation, self._own, fault))
+        task = asyncio.create_task(self._strike(drill, operation, self._simulated, fault))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
         return drill
 
     async def get(self, drill_id: str) -> DrillView:
-        """One drill. Raises NotFoundError."""
+        """Return one drill. Raises NotFoundError."""
         rows = await self._database.rows(select(table).where(table.c.id == drill_id))
         if not rows:
             raise NotFoundError(f"drill {drill_id!r} does not exist")
         return _view(rows[0])
 
     async def page(self, limit: int, before: int | None) -> tuple[list[DrillView], int | None]:
-        """The newest drills (older than number `before`), and where the next page begins."""
-        wanted = select(table).order_by(table.c.number.desc()).limit(limit + 1)
-        rows = await self._database.rows(wanted if before is None else wanted.where(table.c.number < before))
+        """Return the newest drills (older than number `before`), and where the next page begins."""
+        query = select(table).order_by(table.c.number.desc()).limit(limit + 1)
+        rows = await self._database.rows(query if before is None else query.where(table.c.number < before))
         return [_view(row) for row in rows[:limit]], rows[limit - 1].number if len(rows) > limit else None
 
     async def close(self) -> None:
-        """Strike no more."""
+        """Cancel the drills that have not struck."""
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
 
-    async def _strike(self, drill: DrillView, operation: Operation, own: SimulatedFleet, fault: Any) -> None:
+    async def _strike(self, drill: DrillView, operation: Operation, simulated: SimulatedFleet, fault: Any) -> None:
         while not _due(drill, operation):
             if self._operations.active(operation.id) is None:
                 await self._end(drill, DrillState.MISSED)
                 return
             await asyncio.sleep(LOOK_EVERY_S)
-        own.inject(fault)
+        simulated.inject(fault)
         await self._end(drill, DrillState.STRUCK)
 
     async def _end(self, drill: DrillView, state: DrillState) -> None:
@@ -130,7 +144,7 @@ class Drills:
         }
         await self._database.write((insert(table), row))
 
-    async def _made_before(self, creation: NewResource) -> DrillView | None:
+    async def _created_before(self, creation: NewResource) -> DrillView | None:
         rows = await self._database.rows(select(table).where(table.c.id == creation.id))
         if not rows:
             return None
@@ -139,7 +153,7 @@ class Drills:
 
 
 def new_drill(creation: NewResource, **fields: Any) -> DrillView:
-    """A drill that has not begun."""
+    """Return a drill that is not stored yet."""
     return DrillView(id=creation.id, state=DrillState.SCHEDULED, created_at=time.time(), **fields)
 
 

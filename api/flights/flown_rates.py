@@ -1,7 +1,7 @@
-"""Rates of a flight, kept as it is flown: every sample is evaluated once, when it comes.
+"""Rates of a flight, kept while it is flown: every sample is evaluated once, when it is recorded.
 
-What is learned late about the past (since when a UAV is lost, a plan in force earlier than thought) makes the slots
-that it touches be summed anew, and only those. The work is done in pieces, because it is done on the event loop.
+When something about the past becomes known late (since when a UAV is lost, a plan in force earlier than assumed), the
+slots that it affects are summed again, and no others. The work is done in pieces, because it runs on the event loop.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from skyfolio.api.flights.track import Seen, Track
 from skyfolio.planner.arrays import Array
 
 AT_ONCE = 8
-"""Samples that are evaluated before the event loop may turn to something else: some milliseconds for a large fleet."""
+"""Samples that are evaluated before the event loop may do something else: some milliseconds for a large fleet."""
 
 
 @dataclass
 class _Slot:
-    """Which samples of the track are of one slot, and the sum over the first `done` of them: (K,) bit/s."""
+    """Which samples of the track belong to one slot, and the sum over the first `done` of them: (K,) bit/s."""
 
     total: Array
     samples: list[int] = field(default_factory=list)
@@ -33,7 +33,7 @@ class _Slot:
 class FlownRates:
     """Mean rate of each user in each slot of an operation, as `rates_by_slot` has it, kept up to date in pieces.
 
-    track: where everybody was; it grows.
+    track: where every UAV was; it grows.
     """
 
     def __init__(self, track: Track, user_ids: Sequence[str], n_slots: int, slot_s: float) -> None:
@@ -47,44 +47,44 @@ class FlownRates:
 
     @property
     def by_user(self) -> Mapping[str, Sequence[float | None]]:
-        """Bit/s of each user in each slot; None for slots without a sample that was evaluated."""
+        """Return the bit/s of each user in each slot; None for slots of which no sample was evaluated."""
         return self._by_user
 
     def is_behind(self, timeline: Sequence[InForce], lost: Mapping[str, float]) -> bool:
-        """Whether samples wait for `work`; as `work` otherwise."""
+        """Return whether samples wait for `work`; parameters as there."""
         self._learn(timeline, lost)
         return bool(self._behind)
 
     def work(self, timeline: Sequence[InForce], lost: Mapping[str, float], most: int = AT_ONCE) -> None:
         """Evaluate up to `most` samples that wait, those of the newest slot first.
 
-        lost: since when each UAV serves nobody, fleet seconds. A slot that is summed anew keeps its old rates until
+        lost: since when each UAV serves no user, fleet seconds. A slot that is summed again keeps its old rates until
         all its samples are in the new sum.
         """
         self._learn(timeline, lost)
         while self._behind and most > 0:
             number = max(self._behind)
             slot = self._slots[number]
-            some = slot.samples[slot.done : slot.done + most]
-            rates = rates_by_sample(timeline, [_sample(self._track[one], lost) for one in some])
+            indices = slot.samples[slot.done : slot.done + most]
+            rates = rates_by_sample(timeline, [_sample(self._track[index], lost) for index in indices])
             slot.total += rates.sum(axis=0)
-            slot.done += len(some)
-            most -= len(some)
+            slot.done += len(indices)
+            most -= len(indices)
             if slot.done == len(slot.samples):
                 self._behind.discard(number)
                 for row, rate in zip(self._by_user.values(), (slot.total / slot.done).tolist(), strict=True):
                     row[number] = rate
 
     async def settle(self, timeline: Sequence[InForce], lost: Mapping[str, float]) -> None:
-        """Evaluate every sample that waits, and let others take turns meanwhile; as `work` otherwise."""
+        """Evaluate every sample that waits, and let other tasks run meanwhile; parameters as of `work`."""
         while self.is_behind(timeline, lost):
             self.work(timeline, lost, AT_ONCE)
             await asyncio.sleep(0)
 
     def _learn(self, timeline: Sequence[InForce], lost: Mapping[str, float]) -> None:
-        """Take in new samples, and find out which old ones the present knowledge of plans and losses makes untrue."""
-        for one in range(self._known, len(self._track)):
-            self._take_in(one, self._track.at_s(one))
+        """Take in new samples, and find the old ones whose rates newly known plans and losses change."""
+        for index in range(self._known, len(self._track)):
+            self._take_in(index, self._track.at_s(index))
         self._known = len(self._track)
         for entry in timeline[self._plans :]:
             self._forget(nextafter(entry.from_s, -inf), inf)
@@ -96,21 +96,21 @@ class FlownRates:
                     self._forget(min(before, after), max(before, after))
             self._lost = dict(lost)
 
-    def _take_in(self, one: int, at_s: float) -> None:
+    def _take_in(self, index: int, at_s: float) -> None:
         number = int(at_s // self._slot_s)
         if not 0 <= number < self._n_slots or at_s >= self._end_s:
             return
         if number not in self._slots:
             self._slots[number] = _Slot(np.zeros(len(self._by_user)))
-        self._slots[number].samples.append(one)
+        self._slots[number].samples.append(index)
         self._behind.add(number)
 
     def _forget(self, after_s: float, to_s: float) -> None:
-        """Sum slots anew that have an evaluated sample with `after_s` < time <= `to_s`."""
+        """Sum slots again that have an evaluated sample with `after_s` < time <= `to_s`."""
         for number, slot in self._slots.items():
             if (number + 1) * self._slot_s < after_s or number * self._slot_s > to_s:
                 continue
-            if any(after_s < self._track.at_s(one) <= to_s for one in slot.samples[: slot.done]):
+            if any(after_s < self._track.at_s(index) <= to_s for index in slot.samples[: slot.done]):
                 slot.done, slot.total = 0, np.zeros_like(slot.total)
                 self._behind.add(number)
 

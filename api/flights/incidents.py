@@ -1,4 +1,4 @@
-"""The changes of one operation in flight, answered one at a time: losses, returns, and doubt after a restart."""
+"""The incidents of one operation, dealt with one at a time: losses, returns, retunings, and doubt after a restart."""
 
 from __future__ import annotations
 
@@ -14,7 +14,10 @@ from skyfolio.api.flights.flight import Flight
 from skyfolio.api.flights.journal import IncidentLog, Journal, Step
 from skyfolio.api.flights.losses import LOSS_KINDS, Loss, LossKind
 from skyfolio.api.flights.operation_views import Policy
-from skyfolio.api.flights.recovery import Incident, Parts, Recovery, RecoveryReport
+from skyfolio.api.flights.plans_ahead import PlansAhead
+from skyfolio.api.flights.recovery import Incident, Recovery
+from skyfolio.api.flights.recovery_report import RecoveryReport
+from skyfolio.api.flights.shared_services import SharedServices
 from skyfolio.api.store.event_log import EventLog
 from skyfolio.planner import Plan
 
@@ -22,44 +25,51 @@ log = structlog.get_logger()
 Cause = LossKind | Literal["uav_returned", "retuned"]
 
 
-async def _nowhere() -> None:
-    """Save nothing."""
+async def _save_nothing() -> None:
+    """Stand in for `Incidents.save` until the operation sets it."""
 
 
 class Incidents:
-    """What happened, what is being answered, and what waits for it.
+    """What happened, which recovery is running, and what waits for one.
 
-    A loss while an answer is still thinking ends that answer, and both losses are answered together; once missions
-    are on their way the answer is finished first. `pending` is stored until its answer is.
+    A loss ends a recovery that has sent nothing yet, and both losses are dealt with together; once missions are being
+    sent the recovery is finished first. `pending` holds the UAVs whose loss has not been dealt with, and for how many
+    fleet seconds each was silent when it was declared lost; it is stored until their recovery is closed.
     """
 
     def __init__(
-        self, operation_id: str, policy: Policy, flight: Flight, parts: Parts, journal: Journal, events: EventLog
+        self,
+        operation_id: str,
+        policy: Policy,
+        flight: Flight,
+        shared: SharedServices,
+        journal: Journal,
+        events: EventLog,
     ) -> None:
         self.reports: list[RecoveryReport] = []
         self.pending: dict[str, float] = {}
         self.number = 0
-        self.save: Callable[[], Awaitable[None]] = _nowhere
+        self.save: Callable[[], Awaitable[None]] = _save_nothing
         self._operation_id, self._policy = operation_id, policy
-        self._flight, self._parts = flight, parts
+        self._flight, self._shared = flight, shared
         self._journal, self._events = journal, events
-        self._wanted: Cause | None = None
+        self._requested: Cause | None = None
         self._readmitted: tuple[str, ...] = ()
-        self._offered: set[str] = set()
-        self._low: set[str] = set()
+        self._offered_back: set[str] = set()
+        self._reported_low: set[str] = set()
         self._incident: Incident | None = None
-        self._answer: Recovery | None = None
+        self._recovery: Recovery | None = None
         self._task: asyncio.Task[RecoveryReport] | None = None
-        self._ahead: asyncio.Task[None] | None = None
+        self._plans_ahead = PlansAhead(flight, shared)
 
     @property
     def has_work(self) -> bool:
-        """Whether an answer is wanted or being made."""
-        return self._wanted is not None or self._task is not None
+        """Return whether a recovery is requested or running."""
+        return self._requested is not None or self._task is not None
 
     @property
     def proposal(self) -> tuple[int, Plan, dict[str, float]] | None:
-        """(incident, plan, lost) that waits for the operator."""
+        """Return incident, plan and losses of the proposal that waits for the operator; None if there is none."""
         incident = self._incident
         if incident is None or incident.proposed is None:
             return None
@@ -67,59 +77,67 @@ class Incidents:
 
     # -- what happens ---------------------------------------------------------------------------------------------
 
-    async def note(self, lost: dict[str, Loss]) -> None:
-        """Take in new losses, and who came back."""
+    async def take_in(self, lost: dict[str, Loss]) -> None:
+        """Report new losses, UAVs that are back and low batteries; request a recovery from losses."""
         for uav, loss in lost.items():
-            self._parts.metrics.losses.labels(loss.kind).inc()
-            self._events.add(
-                "uav_lost",
-                operation_id=self._operation_id,
-                uav_id=uav,
-                cause=loss.kind,
-                detail=loss.detail,
-                silent_for_s=round(loss.silent_for_s, 3),
-            )
-            if self._policy != "off":
-                self.pending[uav] = loss.silent_for_s
-                self._wanted = loss.kind
-        for uav in sorted(self._flight.returned - self._offered):
-            self._parts.metrics.returns.inc()
+            self._take_in_loss(uav, loss)
+        for uav in sorted(self._flight.returned - self._offered_back):
+            self._shared.metrics.returns.inc()
             self._events.add("uav_returned", operation_id=self._operation_id, uav_id=uav)
         low = self._flight.roster.low_on_battery
-        for uav in sorted(low.keys() - self._low):
+        for uav in sorted(low.keys() - self._reported_low):
             self._events.add(
                 "uav_low_on_battery", operation_id=self._operation_id, uav_id=uav, detail=low[uav], offer="retire"
             )
-        self._low |= low.keys()
-        changed = self._flight.returned != self._offered
-        self._offered = set(self._flight.returned)
+        self._reported_low |= low.keys()
+        changed = self._flight.returned != self._offered_back
+        self._offered_back = set(self._flight.returned)
         if lost and self._policy != "off":
-            self._parts.ahead.yield_to_flight()
+            self._shared.contingencies.yield_to_flight()
         if lost or changed:
             await self.save()
 
-    async def go_on(self, *, may_start: bool) -> None:
-        """Collect a finished answer, end one that a new loss has overtaken, begin the next."""
+    def _take_in_loss(self, uav: str, loss: Loss) -> None:
+        self._shared.metrics.losses.labels(loss.kind).inc()
+        self._events.add(
+            "uav_lost",
+            operation_id=self._operation_id,
+            uav_id=uav,
+            cause=loss.kind,
+            detail=loss.detail,
+            silent_for_s=round(loss.silent_for_s, 3),
+        )
+        if self._policy != "off":
+            self.pending[uav] = loss.silent_for_s
+            self._requested = loss.kind
+
+    async def advance(self, *, may_start: bool) -> None:
+        """Take in a finished recovery, end one that a new loss has overtaken, and begin the next.
+
+        may_start: whether a recovery may be begun now.
+        """
         if self._task is not None and self._task.done():
             await self._collect(self._task.result())
-        if self._task is not None and self._incident is not None:
-            overtaken = self._wanted is not None and not self._incident.log.sending
-            if overtaken:
-                await self.supersede("another loss")
+        incident = self._incident
+        if incident is not None and self._requested is not None and not incident.log.sending:
+            await self.supersede("another loss")
         if self._task is None and may_start:
-            if self._wanted is not None:
-                await self._begin(self._wanted)
-            else:
-                self._plan_ahead()
+            if self._requested is not None:
+                await self._begin(self._requested)
+            elif self._policy != "off":
+                self._plans_ahead.go_on()
 
-    def want(self, cause: Cause, readmitted: tuple[str, ...] = ()) -> None:
-        """Ask for an answer that no loss asks for."""
-        self._wanted, self._readmitted = cause, readmitted
+    def request_recovery(self, cause: Cause, readmitted: tuple[str, ...] = ()) -> None:
+        """Request a recovery for another cause than a loss."""
+        self._requested, self._readmitted = cause, readmitted
 
     async def supersede(self, why: str) -> None:
-        """End an answer before anything was sent; what it was about stays pending. Waits for one that is sending."""
-        task, answer = self._task, self._answer
-        if task is None or answer is None or self._incident is None:
+        """End a recovery before anything was sent; its losses stay pending.
+
+        Wait for a recovery that is already sending.
+        """
+        task, recovery = self._task, self._recovery
+        if task is None or recovery is None or self._incident is None:
             return
         if self._incident.log.sending:
             await asyncio.wait([task])
@@ -128,47 +146,53 @@ class Incidents:
         task.cancel()
         with suppress(asyncio.CancelledError):
             await task
-        self._wanted = self._wanted or self._incident.cause
-        await answer.close(outcome="superseded", error=f"superseded by {why}")
-        await self._keep(answer.report)
+        self._requested = self._requested or self._incident.cause
+        await recovery.close(outcome="superseded", error=f"superseded by {why}")
+        await self._store(recovery.report)
 
     async def link_lost(self) -> None:
-        """Nobody is heard: an answer that has sent nothing yet is begun anew when they are; one that sends runs out."""
+        """End a recovery that has sent nothing yet, so that it is begun again when the link is back.
+
+        A recovery that is sending runs to its end.
+        """
         if self._incident is not None and not self._incident.log.sending:
             await self.supersede("our own link being lost")
 
-    # -- what the operator says -----------------------------------------------------------------------------------
+    # -- what the operator decides --------------------------------------------------------------------------------
 
     def decide(self, incident: int, *, agreed: bool) -> None:
-        """Approve or decline the proposal of that incident. Raises NotFoundError, ConflictError."""
+        """Approve or decline the proposal of an incident. Raises NotFoundError, ConflictError."""
         if incident > self.number or incident < 1:
             raise NotFoundError(f"incident {incident} does not exist")
         current = self._incident
         if current is None or current.log.number != incident or current.approval is None or current.approval.done():
-            raise ConflictError(f"incident {incident} has no proposal that waits for an answer")
+            raise ConflictError(f"incident {incident} has no proposal that waits for a decision")
         current.approval.set_result(agreed)
 
     async def readmit(self, uav_id: str) -> None:
-        """Plan for a UAV again that is back. Raises ConflictError when it was not offered."""
+        """Plan again with a UAV that is back.
+
+        Raises ConflictError if it was not offered, or while a recovery is under way.
+        """
         if uav_id not in self._flight.returned:
-            raise ConflictError(f"uav_id: {uav_id!r} has not returned")
-        if self._task is not None or self._wanted is not None:
-            raise ConflictError("an incident is being answered; wait until it is closed")
+            raise ConflictError(f"uav_id: {uav_id!r} was not lost, or is not heard again")
+        if self._task is not None or self._requested is not None:
+            raise ConflictError("a recovery is under way; wait until it is closed")
         self._flight.roster.readmit(uav_id)
-        self._offered.discard(uav_id)
-        self.want("uav_returned", (uav_id,))
+        self._offered_back.discard(uav_id)
+        self.request_recovery("uav_returned", (uav_id,))
         await self.save()
 
     async def retire(self, uav_id: str) -> None:
-        """Send a UAV home and plan without it, as after a loss. Raises ConflictError when it is not ours to command."""
+        """Send a UAV home and plan without it, as after a loss. Raises ConflictError if it may not be commanded."""
         if uav_id not in self._flight.systems:
             raise ConflictError(f"uav_id: {uav_id!r} does not fly in this operation")
-        await self.note({uav_id: await self._flight.roster.retire(uav_id)})
+        await self.take_in({uav_id: await self._flight.roster.retire(uav_id)})
 
     # -- inside ---------------------------------------------------------------------------------------------------
 
     async def _begin(self, cause: Cause) -> None:
-        self._wanted = None
+        self._requested = None
         if self._flight.past_last_slot() or not self._flight.surviving():
             self.pending.clear()
             return
@@ -178,72 +202,54 @@ class Incidents:
         self._incident = Incident(steps, cause, dict(self.pending), ask=ask, readmitted=self._readmitted)
         self._readmitted = ()
         await self.save()
-        self._answer = Recovery(self._parts, self._flight, self._incident)
-        self._task = asyncio.create_task(self._answered(self._answer, self._incident))
+        self._recovery = Recovery(self._shared, self._flight, self._incident)
+        self._task = asyncio.create_task(self._recover(self._recovery, self._incident))
 
-    async def _answered(self, answer: Recovery, incident: Incident) -> RecoveryReport:
+    async def _recover(self, recovery: Recovery, incident: Incident) -> RecoveryReport:
         await incident.log.step(Step.DETECTED, cause=incident.cause, lost=incident.lost)
         await incident.log.step(Step.CLASSIFIED, evidence={uav: self._evidence(uav) for uav in incident.lost})
         try:
-            return await answer.run()
+            return await recovery.run()
         except Exception as error:
-            log.exception("answer broke")  # the survivors fly on with the last good plan
-            await answer.close(outcome="failed", error=f"{type(error).__name__}: {error}")
-            return answer.report
+            log.exception("recovery failed unexpectedly")  # the survivors fly on with the last good plan
+            await recovery.close(outcome="failed", error=f"{type(error).__name__}: {error}")
+            return recovery.report
 
     def _evidence(self, uav: str) -> dict[str, Any]:
-        """What was last known of a lost UAV."""
-        said = self._flight.on_board(uav)
-        seen = {} if said is None else {"mode": said.mode.value, "relative_alt_m": said.relative_alt_m}
+        """Return what was last known of a lost UAV."""
+        telemetry = self._flight.telemetry(uav)
+        reported = (
+            {} if telemetry is None else {"mode": telemetry.mode.value, "relative_alt_m": telemetry.relative_alt_m}
+        )
         loss = self._flight.roster.losses.get(uav)
         verdict = {} if loss is None else {"verdict": loss.kind, "detail": loss.detail}
-        return {**verdict, "since_s": round(self._flight.lost.get(uav, 0.0), 3), **seen}
+        return {**verdict, "since_s": round(self._flight.lost.get(uav, 0.0), 3), **reported}
 
     async def _collect(self, report: RecoveryReport) -> None:
         for uav in report.lost:
             self.pending.pop(uav, None)
-        await self._keep(report)
+        await self._store(report)
 
-    async def _keep(self, report: RecoveryReport) -> None:
-        self._task = self._answer = self._incident = None
+    async def _store(self, report: RecoveryReport) -> None:
+        self._task = self._recovery = self._incident = None
         self.reports.append(report)
         await self.save()
         self._events.add("recovery", operation_id=self._operation_id, **report.model_dump(mode="json"))
 
-    def _plan_ahead(self) -> None:
-        """Use idle time: plans for each single loss at the slots that come next."""
-        flight, parts = self._flight, self._parts
-        if not parts.settings.plan_ahead or self._policy == "off" or len(flight.plan.scenario.uavs) < 2:
-            return
-        if self._ahead is None or self._ahead.done():
-            self._ahead = asyncio.create_task(self._make_ahead())
-
-    async def _make_ahead(self) -> None:
-        flight, parts = self._flight, self._parts
-        lead_slots = (parts.settings.guidance_lead_s * parts.clock.scale + flight.now_s()) / flight.slot_s
-        for at_slot in (int(lead_slots) + 1, int(lead_slots) + 2):
-            if at_slot < flight.n_slots - 1:
-                try:
-                    await parts.ahead.make(flight.plan, at_slot, flight.plan.scenario.uav_ids)
-                except Exception as error:  # noqa: BLE001 - what is made in idle time must not end the flight
-                    log.warning("no plan ahead", at_slot=at_slot, error=str(error))
-                    return
-        await asyncio.sleep(0.2)
-
     async def close(self, why: str) -> None:
-        """The operation is over: an answer that is not complete is closed as unanswered, and says why."""
-        task, answer = self._task, self._answer
-        if task is None or answer is None:
+        """Close a recovery that is not complete as unanswered, with the reason: the operation is over."""
+        task, recovery = self._task, self._recovery
+        if task is None or recovery is None:
             return
         if not task.done():
             await self.end()
         if task.cancelled():
-            await answer.close(outcome="unanswered", error=f"not answered: {why}")
-        await self._collect(answer.report)
+            await recovery.close(outcome="unanswered", error=f"not completed: {why}")
+        await self._collect(recovery.report)
 
     async def end(self) -> None:
-        """Stop answering. What is open stays open in the books, for `close`, or for the next service to go on with."""
-        tasks = [task for task in (self._task, self._ahead) if task is not None]
+        """Stop recovering. An open incident stays open in the journal, for `close` or for the next service."""
+        tasks = [task for task in (self._task, self._plans_ahead.task) if task is not None]
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
@@ -251,27 +257,27 @@ class Incidents:
     # -- for a restart --------------------------------------------------------------------------------------------
 
     def document(self) -> dict[str, Any]:
-        """What a restart needs."""
+        """Return what a restart needs."""
         return {
             "incident": self.number,
             "pending": self.pending,
-            "wanted": self._wanted or (self._incident.cause if self._incident else None),
+            "wanted": self._requested or (self._incident.cause if self._incident else None),
             "readmitted": list(self._incident.readmitted if self._incident else self._readmitted),
             "recoveries": [report.model_dump(mode="json") for report in self.reports],
         }
 
-    def recall(self, document: dict[str, Any]) -> None:
+    def restore(self, document: dict[str, Any]) -> None:
         """Take over what a stopped service has stored."""
         self.number = document["incident"]
         self.pending = document["pending"]
-        self._wanted = document["wanted"] or ("heartbeat_lost" if self.pending else None)
+        self._requested = document["wanted"] or ("heartbeat_lost" if self.pending else None)
         self._readmitted = tuple(document["readmitted"])
-        self._offered = set(document["returned"])
+        self._offered_back = set(document["returned"])
         self.reports = [RecoveryReport.model_validate(report) for report in document["recoveries"]]
 
-    def settled(self, report: RecoveryReport) -> None:
-        """A restart has found out how an interrupted answer ended."""
+    def record_interrupted(self, report: RecoveryReport) -> None:
+        """Take in the report of a recovery that the end of the service interrupted."""
         self.reports.append(report)
         if report.outcome not in {"interrupted", "superseded"}:
-            self.pending = {uav: silent for uav, silent in self.pending.items() if uav not in report.lost}
-            self._wanted = self._wanted if self.pending else None
+            self.pending = {uav: silent_s for uav, silent_s in self.pending.items() if uav not in report.lost}
+            self._requested = self._requested if self.pending else None

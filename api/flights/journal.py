@@ -1,10 +1,10 @@
-"""The journal of operations in the air: each step is stored before it is done.
+"""The journal of operations in the air: each step is stored before it is taken.
 
     detected -> classified [-> waiting] -> replanned -> checked [-> proposed -> approved]
     -> uploading (per UAV) -> verified (per UAV) -> flying -> closed
 
-What a killed service has stored tells the next one what was certainly not begun, what was certainly done, and which
-commands are in doubt. Commands in doubt are never sent again: the vehicles are asked what they fly.
+From what a killed service has stored the next one learns what was certainly not begun, what was certainly done, and
+which commands are in doubt. Commands in doubt are never sent again: the vehicles are asked what they fly.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _INSERT = insert(table)
 
 
 class Step(StrEnum):
-    """What is about to be done, or (verified, flying, closed) has been seen."""
+    """What is about to be done, or (verified, flying, closed) has been observed."""
 
     DETECTED = "detected"
     CLASSIFIED = "classified"
@@ -43,7 +43,10 @@ class Step(StrEnum):
 
 
 class Entry(BaseModel):
-    """One step. `elapsed_s`: fleet seconds since slot 0. `incident` counts the changes that an operation answered."""
+    """One step of an incident.
+
+    `elapsed_s`: fleet seconds since slot 0. `incident` numbers the incidents of an operation.
+    """
 
     operation_id: str
     incident: int
@@ -55,11 +58,11 @@ class Entry(BaseModel):
 
 
 Listener = Callable[[Entry, bool], None]
-"""Called before (False) and after (True) an entry is stored."""
+"""Called with False before an entry is stored, and with True after it."""
 
 
 class Journal:
-    """Append-only. If the database does not answer, entries are held and the flight goes on."""
+    """Appends entries. If the database does not answer, entries are held and the flight goes on."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
@@ -68,17 +71,17 @@ class Journal:
     async def write(self, *entries: Entry) -> None:
         """Store entries in one transaction."""
         for entry in entries:
-            self._tell(entry, stored=False)
+            self._call_listeners(entry, stored=False)
         await self._database.keep(*((_INSERT, _row(entry)) for entry in entries))
         for entry in entries:
-            self._tell(entry, stored=True)
+            self._call_listeners(entry, stored=True)
 
     async def of(self, operation_id: str) -> list[Entry]:
-        """Everything about one operation, the oldest first."""
-        wanted = select(table).where(table.c.operation_id == operation_id).order_by(table.c.id)
-        return [_entry(row) for row in await self._database.rows(wanted)]
+        """Return every entry of one operation, the oldest first."""
+        query = select(table).where(table.c.operation_id == operation_id).order_by(table.c.id)
+        return [_entry(row) for row in await self._database.rows(query)]
 
-    def _tell(self, entry: Entry, *, stored: bool) -> None:
+    def _call_listeners(self, entry: Entry, *, stored: bool) -> None:
         for listener in self.listeners:
             listener(entry, stored)
 
@@ -96,16 +99,16 @@ class IncidentLog:
         self._last = (Step.DETECTED, time.monotonic())
 
     async def step(self, step: Step, **data: Any) -> None:
-        """Store that `step` is about to be done."""
+        """Store that `step` is about to be taken."""
         self._time(step)
         self.closed = self.closed or step is Step.CLOSED
         await self._journal.write(self._entry(step, None, data))
 
     async def step_each(self, step: Step, data: dict[str, dict[str, Any]]) -> None:
-        """Store that `step` is about to be done with each of these UAVs."""
+        """Store that `step` is about to be taken for each of these UAVs."""
         self._time(step)
         self.sending = self.sending or step is Step.UPLOADING
-        await self._journal.write(*(self._entry(step, uav, said) for uav, said in data.items()))
+        await self._journal.write(*(self._entry(step, uav, uav_data) for uav, uav_data in data.items()))
 
     def _entry(self, step: Step, uav_id: str | None, data: dict[str, Any]) -> Entry:
         return Entry(
@@ -119,16 +122,16 @@ class IncidentLog:
         )
 
     def _time(self, step: Step) -> None:
-        """Wall seconds from each step to the next one of another kind."""
-        before, at = self._last
-        if step is not before:
-            now = time.monotonic()
-            self.timings_s[before.value] = round(self.timings_s.get(before.value, 0.0) + now - at, 4)
-            self._last = (step, now)
+        """Add up the wall seconds from each step to the next one of another kind."""
+        last, began_s = self._last
+        if step is not last:
+            now_s = time.monotonic()
+            self.timings_s[last.value] = round(self.timings_s.get(last.value, 0.0) + now_s - began_s, 4)
+            self._last = (step, now_s)
 
 
 def last_incident(entries: Sequence[Entry]) -> list[Entry]:
-    """The entries of the newest incident."""
+    """Return the entries of the newest incident."""
     newest = max((entry.incident for entry in entries), default=0)
     return [entry for entry in entries if entry.incident == newest]
 

@@ -1,6 +1,6 @@
-"""Why a UAV of an operation no longer counts: silent, down, or no longer ours to command. Pure.
+"""Why a UAV of an operation no longer counts: silent, on the ground, or no longer ours to command. Pure.
 
-Silence is judged by the heartbeat monitor, everything else by the classifier of what the autopilot says.
+Silence is judged by the heartbeat monitor, everything else by the classifier of what the autopilot reports.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ _SEEN: dict[Condition, LossKind] = {
     Condition.REBOOTED: "rebooted",
 }
 _ENDS_A_PLAN_TOO = frozenset({Condition.LANDED, Condition.FAILSAFE, Condition.REBOOTED})
-"""A mission ends with a return and a landing: after the plan these are as planned, or change nothing any more."""
+"""A mission ends with a return and a landing: after the plan these are as planned, or no longer matter."""
 
 
 @dataclass(frozen=True)
 class Loss:
-    """One UAV that is lost to the operation, and what was seen of it, with numbers. `silent_for_s`: fleet seconds."""
+    """Why one UAV is lost to the operation, and what was seen of it, with numbers. `silent_for_s`: fleet seconds."""
 
     kind: LossKind
     detail: str
@@ -48,37 +48,40 @@ class Loss:
 
     @property
     def is_over(self) -> bool:
-        """Whether it is something that happened, rather than something that goes on."""
+        """Return whether it is something that happened, rather than something that goes on."""
         return self.kind in {"crashed", "landed", "disarmed_in_air", "rebooted"}
 
     @property
     def in_the_air(self) -> bool:
-        """Whether it may still fly, so that its air stays reserved."""
+        """Return whether the UAV may still fly, so that its air stays reserved."""
         return self.kind not in {"crashed", "landed"}
 
     @property
     def may_be_wrong(self) -> bool:
-        """Whether it is evidently wrong, and so taken back, when the UAV is seen to fly."""
+        """Return whether the loss is evidently wrong, and so withdrawn, if the UAV is seen to fly."""
         return self.kind in {"crashed", "landed", "disarmed_in_air"}
 
     @property
     def may_return(self) -> bool:
-        """Whether being heard again makes it ours again; who is down, or flown by somebody else, is left alone."""
+        """Return whether the UAV may be readmitted when it is heard again.
+
+        A UAV that is on the ground, or flown by somebody else, is left alone.
+        """
         return self.kind == "heartbeat_lost"
 
 
 def silent(silent_for_s: float) -> Loss:
-    """Declared lost by the heartbeat monitor."""
+    """Return the loss of a UAV that the heartbeat monitor has declared lost, after so many fleet seconds of silence."""
     return Loss("heartbeat_lost", f"silent for {silent_for_s:.1f} s", silent_for_s)
 
 
 def seen(change: Change | None, *, plan_is_flown: bool) -> Loss | None:
-    """What a UAV's present condition, if any is known, means for an operation; None when it still counts.
+    """Return the loss that a UAV's present condition means for an operation; None if the UAV still counts.
 
-    A low battery is none: it is offered to the operator (`battery` is the loss of a UAV that was told to go home, and
-    `ordered` that of one which the operator commanded apart from its operation).
-    One that rebooted in the air counts only if it proves that it flies its mission on.
-    plan_is_flown: whether its mission should still be flying the plan, so that a return or a landing is none of ours.
+    plan_is_flown: whether the mission should still be flying the plan, so that a return or a landing is not part of it.
+    A low battery is no loss: the UAV is offered to the operator. (`battery` is the loss of a UAV that was sent home,
+    `ordered` that of one which the operator commanded apart from its operation.) A UAV that rebooted in the air counts
+    only if it proves that it flies its mission on.
     """
     if change is None or change.after not in _SEEN:
         return None

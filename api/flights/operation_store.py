@@ -1,4 +1,4 @@
-"""What is stored of one operation: its row, and the track of its flight."""
+"""The stored part of one operation: its row, and the track of its flight."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class OperationIdentity:
 
 @dataclass(frozen=True)
 class Stores:
-    """Where operations write."""
+    """Where operations store what they do."""
 
     database: Database
     journal: Journal
@@ -57,57 +57,58 @@ class Stores:
 
 
 class OperationRows:
-    """The row of one operation, written whole each time, and its track, of which only the new part is."""
+    """The row of one operation, written whole each time, and its track, of which only the new part is written."""
 
-    def __init__(self, database: Database, head: OperationIdentity) -> None:
-        self._database, self._head = database, head
+    def __init__(self, database: Database, identity: OperationIdentity) -> None:
+        self._database, self._identity = database, identity
         self.saved: asyncio.Future[None] | None = None
-        """When the newest state is durable; None before the first save."""
+        """Done when the newest state is durable; None before the first save."""
         self._marked: set[str] = set()
         self._tracked = 0
         self._tracked_at = 0.0
 
     async def create(self, plan_id: str, state: State, document: dict[str, Any]) -> None:
         """Store a new operation. Raises StoreError."""
-        head = self._head
+        identity = self._identity
         row = {
-            **{name: getattr(head, name) for name in ("id", "number", "created_at", "fingerprint", "policy")},
+            **{name: getattr(identity, name) for name in ("id", "number", "created_at", "fingerprint", "policy")},
             "plan_id": plan_id,
             **_values(state, 0, document),
         }
         await self._database.write((_INSERT, row), *self._flown([plan_id]))
 
     async def save(self, state: State, version: int, document: dict[str, Any]) -> None:
-        """Store how it is now. The flight goes on when the database does not answer."""
+        """Store the operation as it is now. The flight goes on if the database does not answer."""
         row = {f"new_{name}": value for name, value in _values(state, version, document).items()}
         flown = self._flown([entry["plan_id"] for entry in document["timeline"]])
-        self.saved = self._database.write_soon((_UPDATE, {"operation_id": self._head.id, **row}), *flown, keep=True)
+        self.saved = self._database.write_soon((_UPDATE, {"operation_id": self._identity.id, **row}), *flown, keep=True)
         await self._database.kept(self.saved)
 
     def _flown(self, plan_ids: Sequence[str]) -> list[Statement]:
         """Return statements that mark plans as flown by this operation, each once."""
-        new = [one for one in plan_ids if one not in self._marked]
+        new = [plan_id for plan_id in plan_ids if plan_id not in self._marked]
         self._marked.update(new)
-        return [(_MARK, {"operation_id_": self._head.id, "plan_id_": one}) for one in new]
+        return [(_MARK, {"operation_id_": self._identity.id, "plan_id_": plan_id}) for plan_id in new]
 
     @property
     def track_is_due(self) -> bool:
-        """Whether the track was last stored some time ago."""
+        """Return whether TRACK_EVERY_S wall seconds have passed since the track was last stored."""
         return time.monotonic() - self._tracked_at >= TRACK_EVERY_S
 
     def write_track(self, record: Sequence[tuple[float, dict[str, Point]]]) -> None:
-        """Store where everyone was since the last time; `record` is all of it, the oldest first."""
+        """Store what is new of the record, which is the whole of it, the oldest sample first."""
         self._tracked_at = time.monotonic()
         new = record[self._tracked :]
         self.has_track_of(record)
         if new:
             rows = [
-                {"operation_id": self._head.id, "elapsed_s": at, "positions": json.dumps(where)} for at, where in new
+                {"operation_id": self._identity.id, "elapsed_s": at_s, "positions": json.dumps(positions_m)}
+                for at_s, positions_m in new
             ]
             self._database.write_soon((_TRACK, rows), keep=True)
 
     def has_track_of(self, record: Sequence[tuple[float, dict[str, Point]]]) -> None:
-        """This record is stored already."""
+        """Note that this record is stored already."""
         self._tracked = len(record)
 
 

@@ -11,20 +11,21 @@ from pydantic import BaseModel
 from skyfolio.api.fleet.commander import Action
 from skyfolio.api.flights.ends import UavEnd, ends_of
 from skyfolio.api.flights.flight import Flight
-from skyfolio.api.flights.recovery import RecoveryReport
+from skyfolio.api.flights.recovery_report import RecoveryReport
 from skyfolio.api.flights.transition import scheduled_at
 
 Policy = Literal["auto", "approve", "off"]
-"""What happens after a loss: fly a new plan, propose one, or nothing."""
+"""What follows a loss: a new plan is flown, a new plan is proposed, or nothing."""
 
 
 class State(StrEnum):
-    """Life of an operation. `interrupted`: commands are in doubt after a restart; only `abort` goes on from there.
+    """The states of an operation.
 
-    `link_lost`: nobody is heard, which is our own link: vehicles fly their missions, and it goes on when one is heard.
-    `completed`: every UAV that the last plan in force counts flew it to the end and is down, those that were sent home
-    by order apart, and nobody is in the air. `completed_partly`: some did, or at least came down whole;
-    `error` names who did not fly it, and why.
+    `interrupted`: commands are in doubt after a restart; only `abort` goes on from there. `link_lost`: no vehicle is
+    heard, so our own link is lost; vehicles fly their missions, and the operation goes on when one is heard.
+    `completed`: every UAV that counts in the last plan in force flew it to the end and is on the ground, except for
+    those that were sent home by order, and none is in the air. `completed_partly`: some did, or at least landed
+    undamaged; `error` names those that did not fly the plan, and why.
     """
 
     UPLOADING = "uploading"
@@ -48,11 +49,11 @@ ENDED = {State.COMPLETED, State.COMPLETED_PARTLY, State.ABORTED, State.FAILED}
 
 
 class UavView(BaseModel):
-    """One UAV of an operation. `slip_m`: metres from where the plan has it now, None before slot 0 and after the last.
+    """One UAV of an operation.
 
-    `state`: lost, returned (heard again, and offered to the operator), grounded, flying its mission, holding, or in
-    another mode, which is then named. `end`: where it was when the operation ended, None before that, and for an
-    operation that never began slot 0.
+    `slip_m`: metres from where the plan has it now, None before slot 0 and after the last. `state`: lost, returned
+    (heard again, and offered to the operator), grounded, flying its mission, holding, or another mode by its name.
+    `end`: where it was when the operation ended; None before that, and for an operation that never began slot 0.
     """
 
     system_id: int
@@ -65,7 +66,7 @@ class UavView(BaseModel):
 
 
 class Proposal(BaseModel):
-    """A new plan that waits for the operator's yes."""
+    """A new plan that waits for the operator's approval."""
 
     incident: int
     plan_id: str
@@ -73,14 +74,14 @@ class Proposal(BaseModel):
 
 
 class Abort(BaseModel):
-    """The last order by which an operation was ended: what went wrong with each vehicle that was told, or None."""
+    """The last order by which an operation was ended: what went wrong with each vehicle that was ordered, or None."""
 
     action: Action
     vehicles: dict[str, str | None]
 
     @property
     def error(self) -> str | None:
-        """What went wrong, in words."""
+        """Return what went wrong, in words."""
         failed = [f"{uav}: {error}" for uav, error in sorted(self.vehicles.items()) if error]
         return f"{self.action} failed for {'; '.join(failed)}" if failed else None
 
@@ -88,9 +89,9 @@ class Abort(BaseModel):
 class OperationView(BaseModel):
     """An operation. `elapsed_s` counts fleet seconds since slot 0 began; `slot` counts from 0. Rates in bit/s.
 
-    `returned` and `low_on_battery` are offers, and unasked nothing happens to either: `:readmit` plans with the former
-    again, `:retire` sends the latter home and plans without them.
-    `version` is the ETag: it counts changes of what can be commanded, not of what is measured.
+    `returned` and `low_on_battery` are offers, and nothing happens to these UAVs unless the operator asks for it:
+    `:readmit` plans with the former again, `:retire` sends the latter home and plans without them. `version` is the
+    ETag: it counts changes of what can be commanded, not of what is measured.
     """
 
     id: str
@@ -126,38 +127,38 @@ class OperationRow(BaseModel):
 
 
 def uav_views(flight: Flight, *, over: bool) -> dict[str, UavView]:
-    """Every UAV of a flight as it was last heard; `over`: with how it ended."""
+    """Return every UAV of a flight as it was last heard; `over`: with how it ended."""
     positions, ends = flight.positions_m(), ends_of(flight) if over else {}
     return {
         uav: _uav(flight, uav, positions.get(uav)).model_copy(update={"end": ends.get(uav)}) for uav in flight.systems
     }
 
 
-def slip_m(flight: Flight, uav: str, here: tuple[float, float] | None) -> float | None:
-    """Metres between a UAV and where the plan in force has it now."""
-    if here is None or flight.slot() is None or uav not in flight.plan.trajectories_m:
+def slip_m(flight: Flight, uav: str, at_m: tuple[float, float] | None) -> float | None:
+    """Return the metres between a UAV and where the plan in force has it now; None where either is not known."""
+    if at_m is None or flight.slot() is None or uav not in flight.plan.trajectories_m:
         return None
-    there = scheduled_at(flight.plan, uav, flight.now_s())
-    return round(hypot(here[0] - there[0], here[1] - there[1]), 2)
+    planned_m = scheduled_at(flight.plan, uav, flight.now_s())
+    return round(hypot(at_m[0] - planned_m[0], at_m[1] - planned_m[1]), 2)
 
 
-def is_off_plan(flight: Flight, uav: str, here: tuple[float, float] | None) -> bool:
-    """Whether a UAV is farther from where it should be than it flies in a slot."""
-    far = slip_m(flight, uav, here)
-    return far is not None and far > flight.plan.scenario.uav(uav).max_speed_mps * flight.slot_s
+def is_off_plan(flight: Flight, uav: str, at_m: tuple[float, float] | None) -> bool:
+    """Return whether a UAV is farther from where it should be than it flies in a slot."""
+    slip = slip_m(flight, uav, at_m)
+    return slip is not None and slip > flight.plan.scenario.uav(uav).max_speed_mps * flight.slot_s
 
 
-def _uav(flight: Flight, uav: str, here: tuple[float, float] | None) -> UavView:
-    said = flight.on_board(uav)
-    view = UavView(system_id=flight.systems[uav], state="unheard", slip_m=slip_m(flight, uav, here))
-    if said is not None:
-        doing = {"mission": "flying", "hold": "holding"}.get(said.mode.value, said.mode.value)
+def _uav(flight: Flight, uav: str, at_m: tuple[float, float] | None) -> UavView:
+    telemetry = flight.telemetry(uav)
+    view = UavView(system_id=flight.systems[uav], state="unheard", slip_m=slip_m(flight, uav, at_m))
+    if telemetry is not None:
+        doing = {"mission": "flying", "hold": "holding"}.get(telemetry.mode.value, telemetry.mode.value)
         view = view.model_copy(
             update={
-                "state": doing if said.armed else "grounded",
-                "mode": said.mode.value,
-                "mission_item": said.mission_current,
-                "relative_alt_m": said.relative_alt_m,
+                "state": doing if telemetry.armed else "grounded",
+                "mode": telemetry.mode.value,
+                "mission_item": telemetry.mission_current,
+                "relative_alt_m": telemetry.relative_alt_m,
             }
         )
     if uav in flight.returned:

@@ -1,4 +1,4 @@
-"""All operations of this service: those in the air, and those that are over, from the database."""
+"""All operations of this service: those that have not ended, and those that have, from the database."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from skyfolio.api.fleet.registry import Fleet
 from skyfolio.api.flights.aborts import Aborts
 from skyfolio.api.flights.airspace import SharedAirspace
 from skyfolio.api.flights.flight import Flight
-from skyfolio.api.flights.guidance import Way
+from skyfolio.api.flights.guidance_options import GuidanceOptions
 from skyfolio.api.flights.operation import Operation
 from skyfolio.api.flights.operation_store import OperationIdentity, Stores
 from skyfolio.api.flights.operation_views import ENDED, OperationView, Policy, State
-from skyfolio.api.flights.recovery import Parts
 from skyfolio.api.flights.restart import Record, restored, settle, stored_track
+from skyfolio.api.flights.shared_services import SharedServices
 from skyfolio.api.store.tables import operations as table
 from skyfolio.mavlink_bridge import OnEnd, ReturnPathsTooClose, check_return_paths
 from skyfolio.planner import Plan
@@ -31,26 +31,26 @@ log = structlog.get_logger()
 
 
 class Operations:
-    """Starts, finds, commands, and after a restart goes on with operations."""
+    """Starts, finds and commands operations, and goes on with them after a restart."""
 
-    def __init__(self, parts: Parts, books: Stores, fleet: Fleet) -> None:
-        self._parts, self._books, self._fleet = parts, books, fleet
+    def __init__(self, shared: SharedServices, stores: Stores, fleet: Fleet) -> None:
+        self._shared, self._stores, self._fleet = shared, stores, fleet
         self._active: dict[str, Operation] = {}
         self._tasks: dict[str, asyncio.Task[None]] = {}
         self._unsaved: dict[str, Operation] = {}
         """Operations that have ended and whose end is not stored yet."""
-        self._aborts = Aborts(fleet, books, self._taken, self._end)
-        self._skies = SharedAirspace(fleet)
+        self._aborts = Aborts(fleet, stores, self._take_task, self._end)
+        self._airspace = SharedAirspace(fleet)
         self._number = 0
         self._starting = asyncio.Lock()
 
     async def start_up(self) -> None:
-        """Go on with what the last process left unended."""
-        database = self._books.database
+        """Go on with the operations that the last process did not end."""
+        database = self._stores.database
         self._number = (await database.rows(select(func.max(table.c.number))))[0][0] or 0
         ended = [state.value for state in ENDED]
         for row in await database.rows(select(table).where(table.c.state.not_in(ended)).order_by(table.c.number)):
-            operation = await restored(row, self._parts, self._books, self._fleet)
+            operation = await restored(row, self._shared, self._stores, self._fleet)
             log.info("operation taken over", operation_id=operation.id, state=operation.state.value)
             self._run(operation, operation.follow(settle))
 
@@ -61,48 +61,51 @@ class Operations:
         creation: NewResource,
         *,
         launch_itself: bool = True,
-        way: Way | None = None,
+        options: GuidanceOptions | None = None,
     ) -> Operation | OperationView:
         """Fly a finished plan. Raises NotFoundError, ConflictError, or InvalidError for unregistered UAVs."""
         async with self._starting:
-            if creation.fingerprint is not None and (found := await self._made_before(creation)):
-                return found
-            plan = await self._parts.plans.finished(plan_id)
+            if creation.fingerprint is not None and (earlier := await self._created_before(creation)):
+                return earlier
+            plan = await self._shared.plans.finished(plan_id)
             systems = {uav: self._fleet.system_of(uav) for uav in plan.scenario.uav_ids}
             self._require_free(plan)
-            _require_ways_home(plan, way or Way())
-            await self._skies.require_clear(plan, systems, way or Way())
+            _require_ways_home(plan, options or GuidanceOptions())
+            await self._airspace.require_clear(plan, systems, options or GuidanceOptions())
             self._number += 1
-            head = OperationIdentity(
+            identity = OperationIdentity(
                 id=creation.id,
                 number=self._number,
                 policy=policy,
                 fingerprint=creation.fingerprint,
                 launch_itself=launch_itself,
             )
-            flight = Flight(plan, systems, self._fleet, self._parts.clock, way)
-            operation = Operation(head, flight, self._parts, self._books)
+            flight = Flight(plan, systems, self._fleet, self._shared.clock, options)
+            operation = Operation(identity, flight, self._shared, self._stores)
             await operation.create()
             self._run(operation, operation.run())
             return operation
 
     def active(self, operation_id: str) -> Operation | None:
-        """The operation if it has not ended."""
+        """Return the operation if it has not ended."""
         return self._active.get(operation_id)
 
     async def view(self, operation_id: str) -> OperationView:
-        """What the client sees, of operations that ended too. Raises NotFoundError."""
+        """Return what clients see of an operation, ended or not. Raises NotFoundError."""
         operation = self._active.get(operation_id) or self._unsaved.get(operation_id)
         if operation is not None:
             await operation.flight.settle_rates()
             return operation.view()
-        rows = await self._books.database.rows(select(table.c.document).where(table.c.id == operation_id))
+        rows = await self._stores.database.rows(select(table.c.document).where(table.c.id == operation_id))
         if not rows:
             raise NotFoundError(f"operation {operation_id!r} does not exist")
         return OperationView.model_validate(json.loads(rows[0].document)["view"])
 
     async def commanded(self, operation_id: str, *states: State, version: int | None = None) -> Operation:
-        """An operation that is in one of these states, and in that version. Raises what the client should be told."""
+        """Return an operation that is in one of these states and in that version.
+
+        Raises NotFoundError, and what `Operation.require` does.
+        """
         operation = self._active.get(operation_id)
         if operation is None:
             ended = await self.view(operation_id)
@@ -111,9 +114,10 @@ class Operations:
         return operation
 
     async def abort(self, operation_id: str, action: Action, version: int | None = None) -> OperationView:
-        """End an operation now, in any state, and as often as it is said: of an aborted one vehicles get the new order.
+        """End an operation now, in any state and as often as asked.
 
-        Raises NotFoundError, ConflictError when it has ended otherwise, PreconditionError.
+        The vehicles of an operation that is aborted already are given the new order. Raises NotFoundError,
+        ConflictError if it has ended otherwise, PreconditionError.
         """
         operation = self._active.get(operation_id)
         if operation is not None:
@@ -123,53 +127,52 @@ class Operations:
         view = await self.view(operation_id)
         if version is not None and version != view.version:
             raise PreconditionError(f"If-Match: operation {operation_id!r} is in version {view.version}")
-        await self._aborts.again(view, action, self.owners(), self._unsaved.get(operation_id))
+        await self._aborts.order_again(view, action, self.owners(), self._unsaved.get(operation_id))
         return await self.view(operation_id)
 
     def owners(self) -> dict[str, str]:
-        """The operation that each UAV flies for, of those that have not ended."""
+        """Return the operation that each UAV flies for, of those that have not ended."""
         return {uav: operation.id for operation in self._active.values() for uav in operation.flight.systems}
 
-    def give_way(
+    def yield_to_operator(
         self,
         addressed: Collection[str],
-        told: Collection[str],
+        ordered: Collection[str],
         action: Action,
         results: asyncio.Future[dict[str, str | None]],
     ) -> list[Awaitable[None]]:
-        """Leave vehicles alone that the operator commands, from this moment; what waits for the operations it ends.
+        """Leave vehicles to the operator from this moment on.
 
-        told: those that are sent the order; addressed: those, and who is left alone. results: how it goes.
+        ordered: the vehicles that are sent the order. addressed: those and the ones that the order leaves alone.
+        results: how the order went. Returns what waits until the operations that this ends are closed.
         """
         return [
-            self._aborts.by_order(operation, action, told, results)
+            self._aborts.abort_by_fleet_order(operation, action, ordered, results)
             for operation in list(self._active.values())
-            if operation.give_way(addressed, told, action)
+            if operation.yield_to_operator(addressed, ordered, action)
         ]
 
     async def rows(self, limit: int, before: int | None) -> list[Row[Any]]:
-        """The newest operations (older than number `before`)."""
+        """Return the rows of the newest operations (older than number `before`)."""
         columns = [column for column in table.c if column.name != "document"]
-        wanted = select(*columns).order_by(table.c.number.desc()).limit(limit)
-        return list(
-            await self._books.database.rows(wanted if before is None else wanted.where(table.c.number < before))
-        )
+        query = select(*columns).order_by(table.c.number.desc()).limit(limit)
+        return list(await self._stores.database.rows(query if before is None else query.where(table.c.number < before)))
 
     async def exists(self, operation_id: str) -> bool:
-        """Whether there is or was such an operation."""
-        return bool(await self._books.database.rows(select(table.c.id).where(table.c.id == operation_id)))
+        """Return whether there is or was such an operation."""
+        return bool(await self._stores.database.rows(select(table.c.id).where(table.c.id == operation_id)))
 
     async def track(self, operation_id: str, after_s: float | None, limit: int | None) -> Record:
-        """Where every UAV was heard: (fleet seconds, metres east/north), the oldest first, as `stored_track`."""
-        return await stored_track(operation_id, self._books, after_s, limit)
+        """Return where every UAV was heard, as `stored_track` does."""
+        return await stored_track(operation_id, self._stores, after_s, limit)
 
     @property
     def in_the_air(self) -> list[Operation]:
-        """Operations that have not ended."""
+        """Return the operations that have not ended."""
         return list(self._active.values())
 
     async def close(self) -> None:
-        """Stop following; the vehicles fly on with what they have on board, and the next start takes over."""
+        """Stop following the operations; the vehicles fly the missions on board, and the next start takes over."""
         for task in self._tasks.values():
             task.cancel()
         await asyncio.gather(*self._tasks.values(), return_exceptions=True)
@@ -178,33 +181,33 @@ class Operations:
 
     def _run(self, operation: Operation, work: Any) -> None:
         self._active[operation.id] = operation
-        self._skies.enter(operation.id, operation.flight)
+        self._airspace.enter(operation.id, operation.flight)
         task = asyncio.create_task(work, name=operation.id)
         self._tasks[operation.id] = task
-        task.add_done_callback(lambda done: self._over(operation, done))
+        task.add_done_callback(lambda done: self._task_done(operation, done))
 
-    def _over(self, operation: Operation, done: asyncio.Task[None]) -> None:
+    def _task_done(self, operation: Operation, done: asyncio.Task[None]) -> None:
         if not done.cancelled() and (error := done.exception()) is not None:
-            said = {"message": "operation is no longer followed", "exception": error, "task": done}
-            done.get_loop().call_exception_handler(said)
+            context = {"message": "operation is no longer followed", "exception": error, "task": done}
+            done.get_loop().call_exception_handler(context)
         if not done.cancelled() and operation.state in ENDED:
             self._end(operation)
 
-    def _taken(self, operation: Operation) -> asyncio.Task[None] | None:
+    def _take_task(self, operation: Operation) -> asyncio.Task[None] | None:
         return self._tasks.pop(operation.id, None)
 
     def _end(self, operation: Operation) -> None:
-        """It is active no more, and is remembered until its end is stored."""
+        """Take an ended operation off the active ones, and remember it until its end is stored."""
         self._active.pop(operation.id, None)
-        self._skies.leave(operation.id)
+        self._airspace.leave(operation.id)
         self._tasks.pop(operation.id, None)
         saved = operation.saved
         if saved is not None and not saved.done():
             self._unsaved[operation.id] = operation
             saved.add_done_callback(lambda _: self._unsaved.pop(operation.id, None))
 
-    async def _made_before(self, creation: NewResource) -> Operation | OperationView | None:
-        rows = await self._books.database.rows(select(table.c.fingerprint).where(table.c.id == creation.id))
+    async def _created_before(self, creation: NewResource) -> Operation | OperationView | None:
+        rows = await self._stores.database.rows(select(table.c.fingerprint).where(table.c.id == creation.id))
         if not rows:
             return None
         creation.require_same(rows[0].fingerprint)
@@ -212,16 +215,18 @@ class Operations:
 
     def _require_free(self, plan: Plan) -> None:
         if plan.parent is not None:
-            raise InvalidError("plan_id: a replan belongs to an operation in flight; start the plan of the whole fleet")
+            raise InvalidError(
+                "plan_id: a replan belongs to an operation in flight; start with the plan of the whole fleet"
+            )
         for operation in self._active.values():
             busy = set(operation.flight.systems) & set(plan.scenario.uav_ids)
             if busy:
-                raise ConflictError(f"vehicles: {', '.join(sorted(busy))} fly operation {operation.id}")
+                raise ConflictError(f"vehicles: {', '.join(sorted(busy))} already fly operation {operation.id}")
 
 
-def _require_ways_home(plan: Plan, way: Way) -> None:
-    """Whoever shall return does so at once and at one height. Raises InvalidError."""
-    if way.at_end is OnEnd.RETURN:
+def _require_ways_home(plan: Plan, options: GuidanceOptions) -> None:
+    """Raise InvalidError if UAVs that are to return, at once and at one height, would come too close."""
+    if options.at_end is OnEnd.RETURN:
         try:
             check_return_paths(plan, {uav: path[0] for uav, path in plan.trajectories_m.items()})
         except ReturnPathsTooClose as error:

@@ -1,8 +1,8 @@
-"""Orders of the operator to vehicles, in every state of every operation and without one: hold, land, return.
+"""The operator's orders to vehicles, in every state of every operation and without one: hold, land, return.
 
-Each registered vehicle that is heard is told at once, and answers for itself. Operations give way: they leave such a
-vehicle alone before it is told, go on without it, or end with the last one. A human or a failsafe is never made to
-hold; landing or returning a vehicle that they fly takes `force`.
+Each registered vehicle that is heard is ordered at once, and has a result of its own. Operations yield: they leave such
+a vehicle alone before it is sent the order, and go on without it, or end with their last one. A vehicle that a human or
+a failsafe flies is never made to hold; to land or return it takes `force`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from pydantic import BaseModel
 
 from skyfolio.api.common.errors import NotFoundError
 from skyfolio.api.fleet.commander import Action
-from skyfolio.api.fleet.obedience import left_alone
+from skyfolio.api.fleet.order_rules import reason_to_leave_alone
 from skyfolio.api.fleet.registry import Fleet
 from skyfolio.api.flights.operations import Operations
 
@@ -23,7 +23,7 @@ from skyfolio.api.flights.operations import Operations
 class OrderResult(BaseModel):
     """What became of an order to one vehicle. `reason`: why it was left alone, or what went wrong.
 
-    `ok`: it is seen to do so. `operation_id`: the operation that gave way.
+    `ok`: it is seen to obey. `operation_id`: the operation that yielded.
     """
 
     uav_id: str
@@ -41,20 +41,23 @@ class Orders:
     async def give(
         self, action: Action, uavs: Collection[str] | None = None, *, force: bool = False
     ) -> list[OrderResult]:
-        """Order these vehicles, or all: one result for each, by UAV id. Raises NotFoundError before anybody is told."""
+        """Order these vehicles, or all; return one result for each, by UAV id.
+
+        Raises NotFoundError before any vehicle is ordered.
+        """
         addressed = self._addressed(uavs)
         if not addressed:
             return []
-        reasons = {uav: left_alone(self._fleet, uav, action, force=force) for uav in addressed}
-        told = [uav for uav, reason in reasons.items() if reason is None]
+        reasons = {uav: reason_to_leave_alone(self._fleet, uav, action, force=force) for uav in addressed}
+        ordered = [uav for uav, reason in reasons.items() if reason is None]
         owners = self._operations.owners()
-        results = asyncio.ensure_future(self._order(action, told))
-        endings = self._operations.give_way(addressed, told, action, results)  # before the first is told
+        results = asyncio.ensure_future(self._order(action, ordered))
+        endings = self._operations.yield_to_operator(addressed, ordered, action, results)  # before any order is sent
         errors = await asyncio.shield(results)
         await asyncio.gather(*endings)
-        given = [_result(uav, reasons[uav], errors.get(uav), owners.get(uav)) for uav in addressed]
-        self._note(action, given, force=force)
-        return given
+        order_results = [_result(uav, reasons[uav], errors.get(uav), owners.get(uav)) for uav in addressed]
+        self._report(action, order_results, force=force)
+        return order_results
 
     def _addressed(self, uavs: Collection[str] | None) -> list[str]:
         known = self._fleet.uav_ids
@@ -68,10 +71,10 @@ class Orders:
         errors = await self._fleet.commander.order(action, systems)
         return {systems[system]: error for system, error in errors.items()}
 
-    def _note(self, action: Action, given: Iterable[OrderResult], *, force: bool) -> None:
-        said = [one.model_dump(mode="json", exclude_none=True) for one in given]
-        level = "warning" if any(one["outcome"] == "failed" for one in said) else "ok"
-        self._fleet.note("fleet_order", action=action, force=force, level=level, vehicles=said)
+    def _report(self, action: Action, results: Iterable[OrderResult], *, force: bool) -> None:
+        vehicles = [result.model_dump(mode="json", exclude_none=True) for result in results]
+        level = "warning" if any(vehicle["outcome"] == "failed" for vehicle in vehicles) else "ok"
+        self._fleet.note("fleet_order", action=action, force=force, level=level, vehicles=vehicles)
 
 
 def _result(uav: str, reason: str | None, error: str | None, operation_id: str | None) -> OrderResult:

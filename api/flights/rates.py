@@ -13,12 +13,12 @@ from skyfolio.planner.arrays import Array
 
 Point = tuple[float, float]
 AT_ONCE = 64
-"""Samples that are evaluated together: (samples, UAVs, users) is what takes the memory."""
+"""Samples that are evaluated together: arrays of (samples, UAVs, users) are what takes the memory."""
 
 
 @dataclass(frozen=True)
 class Sample:
-    """Where UAVs were and which of them served, `elapsed_s` fleet seconds after slot 0 began."""
+    """Where UAVs were and which of them served, `elapsed_s` fleet seconds after slot 0 began; metres east/north."""
 
     elapsed_s: float
     positions_m: Mapping[str, Point]
@@ -27,27 +27,27 @@ class Sample:
 
 @dataclass(frozen=True)
 class InForce:
-    """Users follow `plan` from `from_s` on, until the next entry of the timeline."""
+    """A plan that users follow from `from_s` fleet seconds on, until the next entry of the timeline."""
 
     from_s: float
     plan: Plan
 
 
 def rates_by_sample(timeline: Sequence[InForce], samples: Sequence[Sample]) -> Array:
-    """Rate of each user at each sample: (S, K) bit/s, users in the order of the first plan's scenario."""
+    """Return the rate of each user at each sample: (S, K) bit/s, users in the order of the first plan's scenario."""
     starts = [entry.from_s for entry in timeline]
     rates = np.zeros((len(samples), len(timeline[0].plan.scenario.users)))
     entry_of = [max(bisect_right(starts, sample.elapsed_s) - 1, 0) for sample in samples]
     for number, entry in enumerate(timeline):
         rows = [row for row, chosen in enumerate(entry_of) if chosen == number]
         for begin in range(0, len(rows), AT_ONCE):
-            some = rows[begin : begin + AT_ONCE]
-            rates[some] = _under(entry.plan, [samples[row] for row in some])
+            batch = rows[begin : begin + AT_ONCE]
+            rates[batch] = _rates_under(entry.plan, [samples[row] for row in batch])
     return rates
 
 
 def rates_by_slot(timeline: Sequence[InForce], samples: Sequence[Sample], n_slots: int) -> Array:
-    """Mean rate of each user in each slot of the operation: (K, n_slots) bit/s; NaN for slots without a sample."""
+    """Return the mean rate of each user in each slot: (K, n_slots) bit/s; NaN for slots without a sample."""
     slot_s = timeline[0].plan.scenario.slot_duration_s
     by_sample = rates_by_sample(timeline, samples)
     slots = np.array([int(sample.elapsed_s // slot_s) for sample in samples], dtype=int)
@@ -58,7 +58,7 @@ def rates_by_slot(timeline: Sequence[InForce], samples: Sequence[Sample], n_slot
     return table
 
 
-def _under(plan: Plan, samples: Sequence[Sample]) -> Array:
+def _rates_under(plan: Plan, samples: Sequence[Sample]) -> Array:
     scenario = plan.scenario
     last = scenario.slots - 1
     local = [int(sample.elapsed_s // scenario.slot_duration_s) - plan.first_slot for sample in samples]

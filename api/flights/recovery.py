@@ -1,8 +1,8 @@
-"""The resilience loop: a UAV is lost -> replan for the survivors -> swap their missions in flight -> fly on.
+"""The recovery from an incident: replan for the survivors, check, swap their missions in flight, and fly on.
 
-One `Recovery` answers one incident, and writes each step into the journal before it does it. When a step fails the
-ladder is: plan again for a later slot; try a swap again from where the UAV then is; give it the last good plan; leave
-it holding. The survivors' missions on board fly the last good plan all the while.
+One `Recovery` deals with one incident, and writes each step into the journal before it takes it. If a step fails the
+recovery plans again for a later slot, tries a swap again from where the UAV then is, gives the UAV the last good plan,
+and at last leaves it holding. Meanwhile the missions on board of the survivors fly the last good plan.
 """
 
 from __future__ import annotations
@@ -13,64 +13,34 @@ from math import ceil
 from typing import Any, Literal
 
 import structlog
-from pydantic import BaseModel
 
 from skyfolio.api.common.errors import ServiceError
-from skyfolio.api.common.fleet_clock import FleetClock
 from skyfolio.api.common.idempotency import fresh
-from skyfolio.api.common.metrics import Metrics
-from skyfolio.api.common.settings import Settings
 from skyfolio.api.flights.flight import Flight
 from skyfolio.api.flights.journal import IncidentLog, Step
 from skyfolio.api.flights.losses import LossKind
+from skyfolio.api.flights.recovery_report import RecoveryReport
+from skyfolio.api.flights.shared_services import SharedServices
 from skyfolio.api.flights.swap import Swap
 from skyfolio.api.flights.transition import Present, achieved, expected_position, require_in_reach, require_separated
-from skyfolio.api.plans.contingencies import Contingencies
-from skyfolio.api.plans.plan_book import PlanBook
 from skyfolio.api.plans.solver import LaneName
 from skyfolio.mavlink_bridge import BridgeError
 from skyfolio.planner import Cause, Plan, ReplanError, remaining
 
 log = structlog.get_logger()
 PLANNING_ATTEMPTS = 3
-DECIDED_S = 0.2
+DECISION_LOOK_S = 0.2
 """Wall seconds between looks whether there is still time to wait for the operator."""
 LOCATED_LOOK_S = 0.1
-"""Wall seconds between looks whether everybody knows its place again."""
-
-
-Outcome = Literal[
-    "flying", "partly_flying", "too_late", "declined", "superseded", "interrupted", "unanswered", "failed"
-]
-
-
-class RecoveryReport(BaseModel):
-    """One answer to a change. `_s` of the flight are fleet seconds since slot 0; solve, upload, timings are wall time.
-
-    `source`: whether the plan was ready ahead of the loss or solved for. `vehicles`: None for each UAV that flies the
-    new plan, else what went wrong. `timings_s`: wall seconds spent in each step of the journal. `unanswered`: the
-    operation ended before the answer was complete.
-    """
-
-    outcome: Outcome
-    incident: int = 0
-    cause: str = "heartbeat_lost"
-    lost: dict[str, float]
-    declared_at_s: float
-    at_slot: int
-    plan_id: str | None = None
-    source: Literal["solved", "planned_ahead"] | None = None
-    replan_ms: float | None = None
-    upload_s: float | None = None
-    in_force_at_s: float | None = None
-    vehicles: dict[str, str | None] = {}
-    timings_s: dict[str, float] = {}
-    error: str | None = None
+"""Wall seconds between looks whether the position of every survivor is known again."""
 
 
 @dataclass
 class Incident:
-    """What has to be answered, and how far the answer is. `approval`: set when the operator has decided."""
+    """What has to be dealt with, and how far the recovery is.
+
+    ask: whether the operator is asked before a new plan is flown. approval: set when the operator has decided.
+    """
 
     log: IncidentLog
     cause: LossKind | Literal["uav_returned", "retuned"]
@@ -82,26 +52,18 @@ class Incident:
     attempts: list[str] = field(default_factory=list)
 
 
-@dataclass(frozen=True)
-class Parts:
-    """What answers are made with."""
-
-    settings: Settings
-    clock: FleetClock
-    plans: PlanBook
-    ahead: Contingencies
-    metrics: Metrics
-
-
 class TooLateError(Exception):
-    """No slot is left to fly differently."""
+    """No slot is left that could be flown differently."""
 
 
 class Recovery:
-    """Answers one incident. A failed answer leaves the last good plan in force, and the missions that fly it."""
+    """The recovery from one incident.
 
-    def __init__(self, parts: Parts, flight: Flight, incident: Incident) -> None:
-        self._parts, self._flight, self._incident = parts, flight, incident
+    If it fails the last good plan stays in force, and so do the missions that fly it.
+    """
+
+    def __init__(self, shared: SharedServices, flight: Flight, incident: Incident) -> None:
+        self._shared, self._flight, self._incident = shared, flight, incident
         self.report = RecoveryReport(
             outcome="failed",
             incident=incident.log.number,
@@ -112,7 +74,7 @@ class Recovery:
         )
 
     async def run(self) -> RecoveryReport:
-        """From classified to closed; what was done, step by step, with timings."""
+        """Take every step from replanning to closing; return what was done, with timings."""
         try:
             plan = await self._agreed_plan()
             if plan is None:
@@ -136,13 +98,13 @@ class Recovery:
         await steps.step(Step.CLOSED, outcome=self.report.outcome, error=self.report.error)
         self._update(timings_s=dict(steps.timings_s))
         for phase, seconds in steps.timings_s.items():
-            self._parts.metrics.replan_phase.labels(phase).observe(seconds)
-        self._parts.metrics.replans.labels(self._incident.cause, self.report.outcome).inc()
+            self._shared.metrics.replan_phase.labels(phase).observe(seconds)
+        self._shared.metrics.replans.labels(self._incident.cause, self.report.outcome).inc()
 
     # -- a plan that may be flown ---------------------------------------------------------------------------------
 
     async def _agreed_plan(self) -> Plan | None:
-        """A checked plan, agreed to where the policy says so; None when it was declined."""
+        """Return a checked plan that the operator approved where the policy asks for that; None if it was declined."""
         agreed = not self._incident.ask
         for attempt in range(1, PLANNING_ATTEMPTS + 1):
             plan = await self._checked_plan(attempt)
@@ -155,11 +117,13 @@ class Recovery:
                 if not self._still_fits(plan):  # the operator took a while: the same decision, newer numbers
                     continue
             return plan
-        raise ReplanError(f"transition: no plan could be flown to: {'; '.join(self._incident.attempts)}")
+        raise ReplanError(
+            f"transition: no plan can be flown from where the survivors are: {'; '.join(self._incident.attempts)}"
+        )
 
     async def _checked_plan(self, attempt: int) -> Plan | None:
         steps, flight = self._incident.log, self._flight
-        await self._all_located()
+        await self._wait_for_positions()
         at_slot = self._next_slot() + attempt - 1
         if at_slot >= flight.n_slots - 1:
             raise TooLateError("no slot is left to fly differently")
@@ -176,29 +140,30 @@ class Recovery:
         self._update(plan_id=plan.id, replan_ms=plan.solve_ms)
         return plan
 
-    async def _all_located(self) -> None:
-        """Wait until every survivor knows where it is: no way into a plan can be made from nowhere.
+    async def _wait_for_positions(self) -> None:
+        """Wait until every survivor knows where it is: no way into a plan starts from an unknown position.
 
-        Whoever does not find its place again is declared lost when it lands, which ends this answer. Raises
-        TooLateError when no slot is left.
+        A survivor that does not find its position again is declared lost when it lands, which ends this recovery.
+        Raises TooLateError when no slot is left.
         """
-        told = False
-        while nowhere := self._nowhere():
-            if not told:
-                told = True
-                await self._incident.log.step(Step.WAITING, because=f"no position of {', '.join(nowhere)}")
+        is_journaled = False
+        while unlocated := self._unlocated():
+            because = f"no position of {', '.join(unlocated)}"
+            if not is_journaled:
+                is_journaled = True
+                await self._incident.log.step(Step.WAITING, because=because)
             if self._next_slot() >= self._flight.n_slots - 1:
-                raise TooLateError(f"no slot is left to fly differently: no position of {', '.join(nowhere)}")
+                raise TooLateError(f"no slot is left to fly differently: {because}")
             await asyncio.sleep(LOCATED_LOOK_S)
 
-    def _nowhere(self) -> list[str]:
-        """Survivors that are heard and do not know where they are."""
+    def _unlocated(self) -> list[str]:
+        """Return the survivors that are heard and do not know where they are."""
         known = self._flight.positions_m()
-        return [uav for uav in self._flight.surviving() if uav not in known and self._flight.on_board(uav) is not None]
+        return [uav for uav in self._flight.surviving() if uav not in known and self._flight.telemetry(uav) is not None]
 
     def _next_slot(self) -> int:
-        """The first slot that can still be flown differently."""
-        lead_s = self._parts.settings.guidance_lead_s * self._parts.clock.scale
+        """Return the first slot that can still be flown differently."""
+        lead_s = self._shared.settings.guidance_lead_s * self._shared.clock.scale
         return ceil((self._flight.now_s() + lead_s) / self._flight.slot_s)
 
     async def _plan(self, at_slot: int, *, use_ready: bool) -> Plan:
@@ -214,70 +179,70 @@ class Recovery:
         )
         if use_ready and (ready := self._ready(at_slot)) is not None:
             self._update(source="planned_ahead")
-            return await self._parts.plans.adopt(ready.model_copy(update={"cause": cause}), fresh("plan"))
+            return await self._shared.plans.adopt(ready.model_copy(update={"cause": cause}), fresh("plan"))
         self._update(source="solved")
         previous = flight.first_plan if incident.readmitted else flight.plan
         await flight.settle_rates()
         request = self._request(previous, at_slot)
         remaining(previous, **request)
-        record = await self._parts.plans.submit_replan(
+        record = await self._shared.plans.submit_replan(
             previous,
             request,
             cause,
             fresh("plan"),
-            deadline_s=self._parts.settings.replan_deadline_s,
+            deadline_s=self._shared.settings.replan_deadline_s,
             lane=LaneName.FLIGHT,
         )
         try:
             await record.done.wait()
         except asyncio.CancelledError:
-            await self._parts.plans.cancel(record.id)
+            await self._shared.plans.cancel(record.id)
             raise
-        return await self._parts.plans.finished(record.id)
+        return await self._shared.plans.finished(record.id)
 
     def _ready(self, at_slot: int) -> Plan | None:
-        """The plan made ahead for exactly this loss, if the survivors can still get into it from where they are."""
+        """Return the plan made ahead for exactly this loss, if the survivors can still get into it."""
         flight = self._flight
-        gone = [uav for uav in flight.plan.scenario.uav_ids if uav in flight.lost]
-        plan = self._parts.ahead.ready(flight.plan, at_slot, gone[0]) if len(gone) == 1 else None
+        lost = [uav for uav in flight.plan.scenario.uav_ids if uav in flight.lost]
+        plan = self._shared.contingencies.ready(flight.plan, at_slot, lost[0]) if len(lost) == 1 else None
         if plan is None:
             return None
         try:
             self._check(plan)
         except ReplanError as error:
-            log.info("the plan made ahead does not fit", reason=str(error))
+            log.info("the plan made ahead cannot be flown", reason=str(error))
             return None
         return plan
 
     def _request(self, previous: Plan, at_slot: int) -> dict[str, Any]:
         flight = self._flight
-        live, now = flight.positions_m(), flight.now_s()
+        positions_m, now_s = flight.positions_m(), flight.now_s()
         return {
             "failed": [uav for uav in previous.scenario.uav_ids if uav in flight.lost],
             "at_slot": at_slot,
             "positions_m": {
-                uav: live[uav]
+                uav: positions_m[uav]
                 if uav in self._incident.readmitted
-                else expected_position(flight.plan, uav, live[uav], now, at_slot)
+                else expected_position(flight.plan, uav, positions_m[uav], now_s, at_slot)
                 for uav in previous.scenario.uav_ids
-                if uav in live and uav not in flight.lost
+                if uav in positions_m and uav not in flight.lost
             },
             "achieved_rates_bps": achieved(flight, at_slot),
         }
 
     def _check(self, plan: Plan) -> None:
-        """Raises ReplanError when the survivors cannot fly from where they are into the plan."""
-        live = self._flight.positions_m()
-        missing = [uav for uav in plan.scenario.uav_ids if uav not in live]
+        """Raise ReplanError if the survivors cannot fly from where they are into the plan."""
+        positions_m = self._flight.positions_m()
+        missing = [uav for uav in plan.scenario.uav_ids if uav not in positions_m]
         if missing:
-            raise ReplanError(f"positions_m: nothing was heard of {', '.join(missing)}")
+            raise ReplanError(f"positions_m: no position was received from {', '.join(missing)}")
         if not self._in_time(plan):
             raise ReplanError(f"at_slot: slot {plan.first_slot} is over before its plan could be flown")
         require_separated(dict.fromkeys(plan.scenario.uav_ids, plan), Present.of(self._flight))
-        require_in_reach(plan, live, (plan.first_slot + 1) * self._flight.slot_s - self._flight.now_s())
+        require_in_reach(plan, positions_m, (plan.first_slot + 1) * self._flight.slot_s - self._flight.now_s())
 
     def _still_fits(self, plan: Plan) -> bool:
-        """Whether what was checked before the operator was asked still holds, from where everybody now is."""
+        """Return whether the plan that was checked before the operator was asked can still be flown."""
         try:
             self._check(plan)
         except ReplanError as error:
@@ -289,15 +254,15 @@ class Recovery:
         return self._flight.now_s() < (plan.first_slot + 0.5) * self._flight.slot_s
 
     async def _ask(self, plan: Plan) -> bool:
-        """Propose the plan and wait for the operator; True when the answer is yes."""
+        """Propose the plan and wait for the operator; return whether the plan was approved. Raises TooLateError."""
         incident = self._incident
         incident.proposed, incident.approval = plan, asyncio.get_running_loop().create_future()
         await incident.log.step(Step.PROPOSED, plan_id=plan.id)
         try:
             while not incident.approval.done():
                 if self._next_slot() >= self._flight.n_slots - 1:
-                    raise TooLateError("nobody decided while a slot was left to fly differently")
-                await asyncio.wait({incident.approval}, timeout=DECIDED_S)
+                    raise TooLateError("no decision was made while there was still a slot to fly differently")
+                await asyncio.wait({incident.approval}, timeout=DECISION_LOOK_S)
             agreed = incident.approval.result()
         finally:
             incident.proposed = incident.approval = None
@@ -308,7 +273,7 @@ class Recovery:
     # -- into the air ---------------------------------------------------------------------------------------------
 
     async def _swap(self, plan: Plan) -> None:
-        swap = Swap(self._flight, self._incident.log, self._parts.metrics, self._parts.settings.swap_attempts)
+        swap = Swap(self._flight, self._incident.log, self._shared.metrics, self._shared.settings.swap_attempts)
         results = await swap.into(plan)
         flying = [uav for uav, error in results.items() if error is None]
         outcome = "flying" if len(flying) == len(results) else "partly_flying" if flying else "failed"

@@ -1,7 +1,7 @@
-"""After a restart: what a stopped service left in the air, and what became of the commands it was sending.
+"""After a restart: what a stopped service left in the air, and what became of the commands that it was sending.
 
-Nothing is sent before the vehicles have said what they fly. A command in doubt is closed, never sent again: if it
-took effect the books are completed, if not the situation is answered anew, from where the vehicles then are.
+Nothing is sent before the vehicles have reported what they fly. A command in doubt is closed, never sent again: if it
+took effect the journal is completed, if not the incident is dealt with again, from where the vehicles then are.
 """
 
 from __future__ import annotations
@@ -18,14 +18,15 @@ from sqlalchemy import Row, select
 
 from skyfolio.api.fleet.registry import Fleet
 from skyfolio.api.flights.flight import Flight
-from skyfolio.api.flights.guidance import Way
+from skyfolio.api.flights.guidance_options import GuidanceOptions
 from skyfolio.api.flights.journal import Entry, Step, last_incident
 from skyfolio.api.flights.losses import Loss
 from skyfolio.api.flights.operation import Operation
 from skyfolio.api.flights.operation_store import OperationIdentity, Stores
 from skyfolio.api.flights.operation_views import IN_THE_AIR, State
 from skyfolio.api.flights.rates import InForce, Point
-from skyfolio.api.flights.recovery import Outcome, Parts, RecoveryReport
+from skyfolio.api.flights.recovery_report import Outcome, RecoveryReport
+from skyfolio.api.flights.shared_services import SharedServices
 from skyfolio.api.store.tables import track as track_table
 from skyfolio.mavlink_bridge import OnEnd
 from skyfolio.planner import Plan
@@ -34,38 +35,40 @@ log = structlog.get_logger()
 Record: TypeAlias = list[tuple[float, dict[str, Point]]]
 
 
-async def restored(row: Row[Any], parts: Parts, books: Stores, fleet: Fleet) -> Operation:
-    """An operation as it was last stored, with its slot clock where it is now."""
-    said = json.loads(row.document)
-    timeline = [InForce(entry["from_s"], await parts.plans.finished(entry["plan_id"])) for entry in said["timeline"]]
-    way = Way(at_end=OnEnd(said.get("at_end", OnEnd.LAND)))  # by missions: the stream has ended
-    flight = Flight(timeline[0].plan, said["vehicles"], fleet, parts.clock, way)
+async def restored(row: Row[Any], shared: SharedServices, stores: Stores, fleet: Fleet) -> Operation:
+    """Return an operation as it was last stored, with its slot clock where it is now."""
+    document = json.loads(row.document)
+    timeline = [
+        InForce(entry["from_s"], await shared.plans.finished(entry["plan_id"])) for entry in document["timeline"]
+    ]
+    options = GuidanceOptions(at_end=OnEnd(document.get("at_end", OnEnd.LAND)))  # by missions: the stream has ended
+    flight = Flight(timeline[0].plan, document["vehicles"], fleet, shared.clock, options)
     flight.timeline = timeline
-    why = {uav: Loss(**loss) for uav, loss in said.get("losses", {}).items()}
-    flight.roster.recall(said["lost"], why, set(said["returned"]), set(said.get("retired", [])))
-    if said["paused_s"] is not None:
-        flight.go_on_from(said["paused_s"], paused=True)
-    elif said["slot0_at"] is not None:
-        flight.go_on_from((time.time() - said["slot0_at"]) * parts.clock.scale)
-    flight.recall(await stored_track(row.id, books))
-    head = OperationIdentity(
+    losses = {uav: Loss(**loss) for uav, loss in document.get("losses", {}).items()}
+    flight.roster.restore(document["lost"], losses, set(document["returned"]), set(document.get("retired", [])))
+    if document["paused_s"] is not None:
+        flight.set_slot_clock(document["paused_s"], paused=True)
+    elif document["slot0_at"] is not None:
+        flight.set_slot_clock((time.time() - document["slot0_at"]) * shared.clock.scale)
+    flight.restore(await stored_track(row.id, stores))
+    identity = OperationIdentity(
         id=row.id,
         number=row.number,
         policy=row.policy,
         created_at=row.created_at,
         fingerprint=row.fingerprint,
-        launch_itself=said["launch_itself"],
+        launch_itself=document["launch_itself"],
     )
-    operation = Operation(head, flight, parts, books)
-    operation.state, operation.version, operation.error = State(row.state), row.version, said["error"]
-    operation.incidents.recall(said)
-    await flight.guidance.recall(said.get("ghosts", []))
-    operation.recalled()
+    operation = Operation(identity, flight, shared, stores)
+    operation.state, operation.version, operation.error = State(row.state), row.version, document["error"]
+    operation.incidents.restore(document)
+    await flight.guidance.restore(document.get("ghosts", []))
+    operation.mark_track_stored()
     return operation
 
 
 async def settle(operation: Operation) -> None:
-    """Find out what is in doubt, and decide how to go on; the vehicles have been heard, or are silent."""
+    """Find out which commands took effect, and decide how to go on; the vehicles have been heard, or are silent."""
     if operation.state in {State.UPLOADING, State.READY}:
         await _give_up(operation, State.FAILED, "the service was stopped before take-off; start a new operation")
     elif operation.state == State.STARTING and _all_started(operation):
@@ -81,23 +84,23 @@ async def settle(operation: Operation) -> None:
 
 
 async def _give_up(operation: Operation, state: State, why: str) -> None:
-    entries = await _untold(operation)
+    entries = await _unreported_entries(operation)
     if entries:
-        report = _told(entries, "unanswered", f"not answered: {why}")
+        report = _report_from(entries, "unanswered", f"not completed: {why}")
         await _close(operation, entries, report)
     operation.error = why
     await operation.enter(state)
 
 
-async def _untold(operation: Operation) -> list[Entry]:
-    """The entries of an incident that was going on, or just over, when the service was stopped."""
+async def _unreported_entries(operation: Operation) -> list[Entry]:
+    """Return the entries of an incident that was going on, or just over, when the service was stopped."""
     entries = last_incident(await operation.journal.of(operation.id))
-    told = {report.incident for report in operation.incidents.reports}
-    return entries if entries and entries[0].incident not in told else []
+    reported = {report.incident for report in operation.incidents.reports}
+    return entries if entries and entries[0].incident not in reported else []
 
 
-def _told(entries: list[Entry], outcome: Outcome, error: str | None) -> RecoveryReport:
-    """What the journal says of an incident; as it was closed, if it was."""
+def _report_from(entries: list[Entry], outcome: Outcome, error: str | None) -> RecoveryReport:
+    """Return what the journal says of an incident: as it was closed, if it was, else with this outcome and error."""
     first, last = entries[0], entries[-1]
     if last.step is Step.CLOSED:
         outcome, error = last.data["outcome"], last.data.get("error")
@@ -113,36 +116,36 @@ def _told(entries: list[Entry], outcome: Outcome, error: str | None) -> Recovery
 
 
 async def _close(operation: Operation, entries: list[Entry], report: RecoveryReport) -> None:
-    """Write the last step, if it is not written, and remember the report."""
+    """Write the last step unless it is written, and keep the report."""
     if entries[-1].step is not Step.CLOSED:
         await _write(operation, report.incident, Step.CLOSED, {"outcome": report.outcome, "error": report.error})
-    operation.incidents.settled(report)
+    operation.incidents.record_interrupted(report)
 
 
 async def _settle_flight(operation: Operation) -> None:
-    entries = await _untold(operation)
+    entries = await _unreported_entries(operation)
     if entries:
         await _settle_incident(operation, entries)
-    operation.take_up()
+    operation.replan_if_off_plan()
 
 
 async def _settle_incident(operation: Operation, entries: list[Entry]) -> None:
-    """Complete the books of an answer that was interrupted; what is left to answer stays pending."""
+    """Complete the journal of a recovery that was interrupted; losses that it did not deal with stay pending."""
     sent = {entry.uav_id: entry for entry in entries if entry.step is Step.UPLOADING and entry.uav_id}
-    took = {uav for uav, entry in sent.items() if _took_effect(operation, entries, entry)}
-    flies = {uav for uav in took if _in_mission(operation, uav)}
+    took_effect = {uav for uav, entry in sent.items() if _took_effect(operation, entries, entry)}
+    flying = {uav for uav in took_effect if _in_mission(operation, uav)}
     survivors = set(operation.flight.surviving())
     plan_id = next((entry.data["plan_id"] for entry in sent.values()), None)
-    if took and plan_id is not None:
-        await _into_force(operation, entries, plan_id, took)
-    done = bool(sent) and set(sent) & survivors == flies & survivors and bool(flies)
-    stopped = "the service was stopped before the answer was complete"
-    told = _told(entries, "flying", None) if done else _told(entries, "interrupted", stopped)
-    report = told.model_copy(
+    if took_effect and plan_id is not None:
+        await _put_into_force(operation, entries, plan_id, took_effect)
+    done = bool(sent) and set(sent) & survivors == flying & survivors and bool(flying)
+    interrupted = "the service was stopped before the recovery was complete"
+    journaled = _report_from(entries, "flying", None) if done else _report_from(entries, "interrupted", interrupted)
+    report = journaled.model_copy(
         update={
             "plan_id": plan_id,
-            "in_force_at_s": operation.flight.timeline[-1].from_s if took else None,
-            "vehicles": {uav: None if uav in flies else "in doubt when the service was stopped" for uav in sent},
+            "in_force_at_s": operation.flight.timeline[-1].from_s if took_effect else None,
+            "vehicles": {uav: None if uav in flying else "in doubt when the service was stopped" for uav in sent},
         }
     )
     if done and not any(entry.step is Step.FLYING for entry in entries):
@@ -152,25 +155,25 @@ async def _settle_incident(operation: Operation, entries: list[Entry]) -> None:
 
 
 def _took_effect(operation: Operation, entries: list[Entry], sent: Entry) -> bool:
-    """Whether the upload is on board: journaled as verified, or the vehicle reports another mission than before."""
+    """Return whether an upload is on board: it was verified, or the vehicle reports another mission than before."""
     if any(entry.step is Step.VERIFIED and entry.uav_id == sent.uav_id for entry in entries):
         return True
-    said = operation.flight.on_board(str(sent.uav_id))
-    if said is None:
+    telemetry = operation.flight.telemetry(str(sent.uav_id))
+    if telemetry is None:
         return False
-    if said.mission_id and sent.data["mission_id_before"]:
-        return bool(said.mission_id != sent.data["mission_id_before"])
-    return bool(said.mission_total == sent.data["items"] != sent.data["items_before"])
+    if telemetry.mission_id and sent.data["mission_id_before"]:
+        return bool(telemetry.mission_id != sent.data["mission_id_before"])
+    return bool(telemetry.mission_total == sent.data["items"] != sent.data["items_before"])
 
 
-async def _into_force(operation: Operation, entries: list[Entry], plan_id: str, took: set[str]) -> None:
-    """The new plan is the one that the others now have to fit."""
+async def _put_into_force(operation: Operation, entries: list[Entry], plan_id: str, uavs: set[str]) -> None:
+    """Put the new plan into force, since UAVs fly it, and note which of them do."""
     if operation.flight.plan.id != plan_id:
-        plan: Plan = await operation.parts.plans.finished(plan_id)
-        seen = [entry.elapsed_s for entry in entries if entry.step in {Step.VERIFIED, Step.UPLOADING}]
-        operation.flight.timeline.append(InForce(max(at or 0.0 for at in seen), plan))
-    known = {entry.uav_id for entry in entries if entry.step is Step.VERIFIED}
-    for uav in sorted(took - known):
+        plan: Plan = await operation.shared.plans.finished(plan_id)
+        times_s = [entry.elapsed_s for entry in entries if entry.step in {Step.VERIFIED, Step.UPLOADING}]
+        operation.flight.timeline.append(InForce(max(at_s or 0.0 for at_s in times_s), plan))
+    verified = {entry.uav_id for entry in entries if entry.step is Step.VERIFIED}
+    for uav in sorted(uavs - verified):
         await _write(operation, entries[0].incident, Step.VERIFIED, {"plan_id": plan_id, "after_restart": True}, uav)
 
 
@@ -188,25 +191,28 @@ async def _write(operation: Operation, incident: int, step: Step, data: dict[str
 
 
 def _all_started(operation: Operation) -> bool:
-    """Whether everybody who is heard flies its mission; who is silent is lost, and answered like any loss."""
-    heard = [uav for uav in operation.flight.systems if operation.flight.on_board(uav) is not None]
+    """Return whether every vehicle that is heard flies its mission; one that is silent is lost like any other."""
+    heard = [uav for uav in operation.flight.systems if operation.flight.telemetry(uav) is not None]
     return bool(heard) and all(_in_mission(operation, uav) for uav in heard)
 
 
 def _in_mission(operation: Operation, uav: str) -> bool:
-    said = operation.flight.on_board(uav)
-    return said is not None and said.mode.value == "mission"
+    telemetry = operation.flight.telemetry(uav)
+    return telemetry is not None and telemetry.mode.value == "mission"
 
 
 async def stored_track(
-    operation_id: str, books: Stores, after_s: float | None = None, limit: int | None = None
+    operation_id: str, stores: Stores, after_s: float | None = None, limit: int | None = None
 ) -> Record:
-    """Where every UAV of an operation was heard, the oldest first: all, or at most `limit` samples after `after_s`."""
-    wanted = select(track_table).where(track_table.c.operation_id == operation_id)
+    """Return where every UAV of an operation was heard, metres east/north, the oldest sample first.
+
+    Samples have their fleet seconds since slot 0. after_s: only later ones. limit: at most so many.
+    """
+    query = select(track_table).where(track_table.c.operation_id == operation_id)
     if after_s is not None:
-        wanted = wanted.where(track_table.c.elapsed_s > after_s)
+        query = query.where(track_table.c.elapsed_s > after_s)
     return await asyncio.to_thread(
-        _record, await books.database.rows(wanted.order_by(track_table.c.elapsed_s, track_table.c.id).limit(limit))
+        _record, await stores.database.rows(query.order_by(track_table.c.elapsed_s, track_table.c.id).limit(limit))
     )
 
 

@@ -1,4 +1,4 @@
-"""Who still flies for an operation: who is lost and why, who is back, and who may be commanded."""
+"""The UAVs that count in an operation, those that are lost and why, those that are back, and which may be commanded."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from skyfolio.mavlink_bridge.conditions import Condition
 from skyfolio.planner import Origin
 
 LOW_M = 2.0
-"""Metres above home; who is armed and higher than this is in the air."""
+"""Metres above home; a UAV that is armed and higher than this is in the air."""
 
 _ENDS_ON_THE_GROUND = frozenset({FlightMode.RETURN, FlightMode.LAND, FlightMode.MISSION})
 """Modes that end in a landing by themselves."""
@@ -25,10 +25,10 @@ _FELL = frozenset({"crashed", "disarmed_in_air"})
 
 
 class Roster:
-    """The UAVs of one flight. `now_s()`: fleet seconds since slot 0 began.
+    """The UAVs of one flight.
 
-    last_change_s: until then slots can be flown differently; later, missions return and land as planned. last_slot_s:
-    when the last slot begins.
+    now_s: returns fleet seconds since slot 0 began. last_change_s: until then slots can be flown differently; later,
+    missions return and land as planned. last_slot_s: when the last slot begins.
     """
 
     def __init__(
@@ -43,27 +43,27 @@ class Roster:
         last_slot_s: float,
     ) -> None:
         self.lost: dict[str, float] = {}
-        """Since when each that is lost was not heard, or was seen lost."""
+        """Since when each lost UAV was not heard, or was seen to be lost; fleet seconds since slot 0."""
         self.losses: dict[str, Loss] = {}
-        """Why each that is lost is."""
+        """Why each lost UAV is lost."""
         self.returned: set[str] = set()
-        """UAVs that were lost and are heard again: offered to the operator, not commanded."""
+        """UAVs that were lost and are heard again: offered to the operator, and not commanded."""
         self._systems, self._origin = systems, origin
         self._uavs = {system: uav for uav, system in systems.items()}
         self._fleet, self._guidance = fleet, guidance
         self._now_s, self._last_change_s, self._last_slot_s = now_s, last_change_s, last_slot_s
         self.own_link = fleet.own_link()
-        """Whether judgement is held because nobody at all is heard."""
+        """Judges whether a silence is that of our own link."""
         self._warned: dict[str, str] = {}
         self._last_seen_m: dict[str, Point] = {}
-        self._broke_off: dict[str, Loss] = {}
+        self._left_early: dict[str, Loss] = {}
         self._ordered: dict[str, Loss] = {}
         self.stopped = False
-        """Whether the operation has ended, so that it commands nobody any more."""
+        """Whether the operation has ended, so that it no longer commands any vehicle."""
         self.retired: set[str] = set()
-        """UAVs that were sent home by order, whatever is seen of them since."""
+        """UAVs that were sent home by order, whatever has been seen of them since."""
 
-    def recall(self, lost: dict[str, float], losses: dict[str, Loss], returned: set[str], retired: set[str]) -> None:
+    def restore(self, lost: dict[str, float], losses: dict[str, Loss], returned: set[str], retired: set[str]) -> None:
         """Take over what was known before a restart."""
         self.lost, self.returned = lost, returned
         self.losses = {uav: losses.get(uav, silent(0.0)) for uav in lost}
@@ -71,7 +71,7 @@ class Roster:
 
     @contextmanager
     def following(self) -> Iterator[asyncio.Queue[LinkEvent]]:
-        """A queue that gets every link event meanwhile."""
+        """Return a queue that is sent every change of a link's state meanwhile."""
         queue = self._fleet.news.follow()
         try:
             yield queue
@@ -79,8 +79,11 @@ class Roster:
             self._fleet.news.unfollow(queue)
 
     def newly_lost(self, queue: asyncio.Queue[LinkEvent]) -> dict[str, Loss]:
-        """UAVs that are lost since the last call, and why: fallen silent in flight, or seen in no state to serve."""
-        found = {}
+        """Return the UAVs that are lost since the last call, and why.
+
+        A UAV is lost if it fell silent in flight, or is seen in a condition in which it cannot serve.
+        """
+        silent_uavs = {}
         self._last_seen_m |= self.positions_m()
         while not queue.empty():
             event = queue.get_nowait()
@@ -88,24 +91,24 @@ class Roster:
             if uav is None:
                 continue
             if event.after == LinkState.LIVE and uav in self.losses and self.losses[uav].may_return:
-                self.returned.add(uav)  # its air stays reserved: nobody knows yet what it flies
+                self.returned.add(uav)  # its air stays reserved: what it flies is not known yet
             if event.after == LinkState.LOST:
                 self.returned.discard(uav)
         for uav in self._newly_silent():
-            found[uav] = self._lose(uav, silent(self._heard()[uav].silent_for_s))
+            silent_uavs[uav] = self._declare_lost(uav, silent(self._heard()[uav].silent_for_s))
         for uav, at_m in self.positions_m().items():
             self._guidance.airspace.seen(uav, at_m)
-        self._warn()
-        self._note_broken_off()
+        self._report_warnings()
+        self._note_left_early()
         ordered, self._ordered = self._ordered, {}
-        return ordered | found | self._seen_lost()
+        return ordered | silent_uavs | self._seen_lost()
 
     def _heard(self) -> dict[str, Heard]:
         heard = self._fleet.heard()
         return {uav: heard[system] for uav, system in self._systems.items() if system in heard}
 
     def _newly_silent(self) -> list[str]:
-        """UAVs in the air that are silent while others, or the link at least, are not."""
+        """Return the UAVs in the air that are silent while others, or at least the link, are not."""
         counting = {
             uav: heard for uav, heard in self._heard().items() if uav not in self.lost and not self.is_down(uav)
         }
@@ -113,79 +116,84 @@ class Roster:
         others = [heard for system, heard in self._fleet.heard().items() if system not in ours]
         return self.own_link.judge(counting, others, self._fleet.now_s())
 
-    def _warn(self) -> None:
-        """Tell, once, what vehicles say of failsafes that change nothing."""
+    def _report_warnings(self) -> None:
+        """Report, once, what vehicles say of failsafes that change nothing."""
         for uav, system in self._systems.items():
-            said = None if uav in self.lost else self._fleet.warning(system)
-            if said is None:
+            warning = None if uav in self.lost else self._fleet.warning(system)
+            if warning is None:
                 self._warned.pop(uav, None)
-            elif self._warned.get(uav) != said:
-                self._warned[uav] = said
-                self._fleet.note("uav_warning", uav_id=uav, detail=said)
+            elif self._warned.get(uav) != warning:
+                self._warned[uav] = warning
+                self._fleet.note("uav_warning", uav_id=uav, detail=warning)
 
-    def _note_broken_off(self) -> None:
-        """Who leaves its plan when nothing can be flown differently any more is not lost, but has not flown it all."""
+    def _note_left_early(self) -> None:
+        """Note UAVs that leave the plan too late for a new one: they are not lost, but have not flown all of it."""
         if self._now_s() < self._last_slot_s:
             for uav in self._systems:
                 loss = seen(self._fleet.condition(self._systems[uav]), plan_is_flown=True)
                 if loss is not None:
-                    self._broke_off.setdefault(uav, loss)
+                    self._left_early.setdefault(uav, loss)
 
     def left_its_plan(self, uav: str) -> Loss | None:
-        """Why a UAV left its plan before the last slot; None for one that flew it.
+        """Return why a UAV left its plan before the last slot; None if it flew it.
 
-        Whoever flies it after that, a human or its own failsafe, takes nothing from what it has flown; a fall does.
+        If it is taken over later, by a human or its own failsafe, it has flown its plan all the same; not if it falls.
         """
         loss = self.losses.get(uav)
         if loss is not None and (self.lost[uav] < self._last_slot_s or loss.kind in _FELL):
             return loss
-        return self._broke_off.get(uav)
+        return self._left_early.get(uav)
 
     def is_heard(self, uav: str) -> bool:
-        """Whether its link is not lost."""
+        """Return whether the link of a UAV is not lost."""
         system, monitor = self._systems[uav], self._fleet.link.monitor
         return system in monitor.watched and monitor.state(system) is not LinkState.LOST
 
     def coming_down(self) -> list[str]:
-        """UAVs that count no more, are heard, and fly by themselves to where they land."""
-        found = []
+        """Return the UAVs that no longer count, are heard, and fly by themselves to where they land."""
+        descending = []
         for uav in self.lost:
-            said = self._fleet.link.telemetry(self._systems[uav])
-            if said is not None and said.armed and said.mode in _ENDS_ON_THE_GROUND and self.is_heard(uav):
-                found.append(uav)
-        return found
+            telemetry = self._fleet.link.telemetry(self._systems[uav])
+            if telemetry is None or not telemetry.armed or telemetry.mode not in _ENDS_ON_THE_GROUND:
+                continue
+            if self.is_heard(uav):
+                descending.append(uav)
+        return descending
 
     def _seen_lost(self) -> dict[str, Loss]:
-        """UAVs newly seen crashed, landed off plan, flown by a human or in failsafe; who is lost gets a cause."""
-        found = {}
+        """Return the UAVs that are newly seen to be lost; update why others are lost."""
+        newly_lost = {}
         for uav in self._systems:
-            loss = self._seen(uav)
+            loss = self._loss_seen(uav)
             if loss is None:
-                self._take_back(uav)
+                self._withdraw_verdict(uav)
                 continue
             if uav not in self.lost:
-                found[uav] = self._lose(uav, loss)
+                newly_lost[uav] = self._declare_lost(uav, loss)
             elif uav in self.returned or self.losses[uav].kind != loss.kind:
-                self._learn(uav, loss)
-            if not loss.in_the_air and self._guidance.found(uav):
+                self._update_loss(uav, loss)
+            if not loss.in_the_air and self._guidance.release_air(uav):
                 self._fleet.note("ghost_released", uav_id=uav, because=loss.detail)
-        return found
+        return newly_lost
 
-    def _learn(self, uav: str, loss: Loss) -> None:
-        """More is known of why it is lost; who may be in the air after all has its air again."""
+    def _update_loss(self, uav: str, loss: Loss) -> None:
+        """Note what more is known of a loss; reserve the air of a UAV that may be in the air after all."""
         was_down = not self.losses[uav].in_the_air
         self.losses[uav] = loss
         self.returned.discard(uav)
         if was_down and loss.in_the_air:
             self._reserve(uav)
 
-    def _take_back(self, uav: str) -> None:
-        """It was seen down, and evidently flies: its air is reserved, and it is offered to the operator."""
+    def _withdraw_verdict(self, uav: str) -> None:
+        """Offer a UAV that was seen down and evidently flies to the operator, and reserve its air."""
         loss = self.losses.get(uav)
         if loss is None or not loss.may_be_wrong or uav in self.returned:
             return
-        change, said = self._fleet.condition(self._systems[uav]), self._fleet.link.telemetry(self._systems[uav])
-        if change is None or not change.after.serves or said is None or not said.armed or said.relative_alt_m <= LOW_M:
+        system = self._systems[uav]
+        change, telemetry = self._fleet.condition(system), self._fleet.link.telemetry(system)
+        if change is None or not change.after.serves:
+            return
+        if telemetry is None or not telemetry.armed or telemetry.relative_alt_m <= LOW_M:
             return
         self._reserve(uav)
         self.returned.add(uav)
@@ -194,11 +202,11 @@ class Roster:
             uav_id=uav,
             verdict=loss.kind,
             detail=loss.detail,
-            because=f"armed at {said.relative_alt_m:.1f} m above home, {change.cause}",
+            because=f"armed at {telemetry.relative_alt_m:.1f} m above home, {change.cause}",
         )
 
-    def _lose(self, uav: str, loss: Loss) -> Loss:
-        """From now on it is neither counted on nor commanded."""
+    def _declare_lost(self, uav: str, loss: Loss) -> Loss:
+        """Declare a UAV lost: from now on it is neither counted on nor commanded."""
         self.lost[uav] = self._now_s() - loss.silent_for_s
         self.losses[uav] = loss
         self._guidance.leave(uav, setpoints_too=not loss.may_return)
@@ -207,23 +215,23 @@ class Roster:
         return loss
 
     def _reserve(self, uav: str) -> None:
-        """Its air is nobody else's, from where it is or last was."""
-        where = self.last_seen_m(uav)
-        if where is not None:
-            self._guidance.reserve(uav, where)
+        """Reserve the air of a UAV from where it is, or was last."""
+        at_m = self.last_seen_m(uav)
+        if at_m is not None:
+            self._guidance.reserve(uav, at_m)
 
     def readmit(self, uav: str) -> None:
         """Count on a UAV again that has returned."""
         self.returned.discard(uav)
         self.lost.pop(uav)
         self.losses.pop(uav)
-        self._broke_off.pop(uav, None)
+        self._left_early.pop(uav, None)
         self.retired.discard(uav)
-        self._guidance.found(uav)
+        self._guidance.release_air(uav)
 
     @property
     def low_on_battery(self) -> dict[str, str]:
-        """UAVs that still count and whose battery is low, and how low: the operator may send them home."""
+        """Return the UAVs that still count and whose battery is low, and how low: the operator may send them home."""
         low = {}
         for uav, system in self._systems.items():
             change = self._fleet.condition(system)
@@ -235,48 +243,57 @@ class Roster:
         return self.may_command(uav) and not self.is_down(uav)
 
     async def retire(self, uav: str) -> Loss:
-        """Send a UAV home; from then on it counts no more. Raises ConflictError when it is not ours, or does not go."""
+        """Send a UAV home, and return its loss: it no longer counts.
+
+        Raises ConflictError if it may not be commanded, or does not obey.
+        """
         if not self._may_retire(uav):
-            raise ConflictError(f"uav_id: {uav!r} is not in the air, or not ours to command")
-        because = self.low_on_battery.get(uav, "no low battery")
+            raise ConflictError(f"uav_id: {uav!r} is not in the air, or is flown by somebody else")
+        because = self.low_on_battery.get(uav, "battery not low")
         system = self._systems[uav]
         error = (await self._fleet.commander.each(self._fleet.link.return_home, [system]))[system]
         if error is not None:
             raise ConflictError(f"uav_id: {uav!r} does not return: {error}")
         self.retired.add(uav)
-        return self._lose(uav, Loss("battery", f"sent home by the operator: {because}"))
+        return self._declare_lost(uav, Loss("battery", f"sent home by the operator: {because}"))
 
     def leave_to_operator(self, uav: str, action: str) -> None:
-        """The operator commands it, apart from this operation: it counts no more, and is told nothing any more."""
+        """Leave a UAV alone that the operator orders apart from this operation: it no longer counts."""
         if uav not in self.lost:
-            self._ordered[uav] = self._lose(uav, Loss("ordered", f"told to {action} by order"))
+            self._ordered[uav] = self._declare_lost(uav, Loss("ordered", f"ordered to {action}"))
 
     def may_command(self, uav: str) -> bool:
-        """Whether this operation may command it now."""
+        """Return whether this operation may command the UAV now."""
         return not self.stopped and self.is_ours(uav)
 
     def is_ours(self, uav: str) -> bool:
-        """Whether it counts: a human, a failsafe or a crash is never overruled, not even before it is declared."""
-        return uav not in self.lost and self._seen(uav) is None
+        """Return whether the UAV counts.
 
-    def _seen(self, uav: str) -> Loss | None:
-        """What it is seen in that ends its service. Once no slot can be flown differently, missions end as planned."""
+        A human, a failsafe or a crash is never overruled, even before the loss is declared.
+        """
+        return uav not in self.lost and self._loss_seen(uav) is None
+
+    def _loss_seen(self, uav: str) -> Loss | None:
+        """Return the loss that a UAV's condition means; None if it still counts.
+
+        When no slot can be flown differently any more, missions end as planned.
+        """
         flown = uav in self.lost or self._now_s() < self._last_change_s
         return seen(self._fleet.condition(self._systems[uav]), plan_is_flown=flown)
 
     def positions_m(self) -> dict[str, Point]:
-        """Where each UAV that knows its place was last heard, metres east/north of the scenario's origin."""
-        found = {}
+        """Return where each UAV that knows its position was last heard, metres east/north of the scenario's origin."""
+        positions_m = {}
         for uav, system in self._systems.items():
-            said = self._fleet.link.telemetry(system)
-            if said is not None and said.place_deg is not None:
-                found[uav] = geodetic_to_east_north(self._origin, *said.place_deg)
-        return found
+            telemetry = self._fleet.link.telemetry(system)
+            if telemetry is not None and telemetry.place_deg is not None:
+                positions_m[uav] = geodetic_to_east_north(self._origin, *telemetry.place_deg)
+        return positions_m
 
     def last_seen_m(self, uav: str) -> Point | None:
-        """Where a UAV is, or was when it last knew its place."""
+        """Return where a UAV is, or was when its position was last known; metres east/north."""
         return self.positions_m().get(uav, self._last_seen_m.get(uav))
 
     def is_down(self, uav: str) -> bool:
-        """Whether it last said that it is disarmed, and is not seen to be in the air all the same."""
+        """Return whether a UAV last reported to be disarmed, and is not seen to be in the air."""
         return self._fleet.is_down(self._systems[uav])

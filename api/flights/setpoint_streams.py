@@ -1,4 +1,4 @@
-"""Setpoints for the UAVs of one flight, and the guard that speaks for us should this process die meanwhile."""
+"""Setpoints for the UAVs of one flight, and the guard that commands them if this process dies meanwhile."""
 
 from __future__ import annotations
 
@@ -15,13 +15,14 @@ from skyfolio.mavlink_bridge.guidance import FallBack, Stream, Streamed
 from skyfolio.mavlink_bridge.stream import Streamer
 
 SILENT_S = 2.0
-"""Fleet seconds; an autopilot that sends its position five times a second and is not heard for so long is not there."""
+"""Fleet seconds without a message after which an autopilot, which sends its position at 5 Hz, is not waited for."""
 
 
-class Streaming:
-    """A stream to several UAVs. `elapsed_s()`: fleet seconds since slot 0 began.
+class SetpointStreams:
+    """Sends setpoints to several UAVs.
 
-    fall_back: what they do when the stream ends, because it is no longer wanted or because this process is killed.
+    elapsed_s: returns fleet seconds since slot 0 began. fall_back: what UAVs do when the stream ends, because it is no
+    longer needed or because this process is killed.
     """
 
     def __init__(
@@ -35,68 +36,69 @@ class Streaming:
     ) -> None:
         self._systems, self._fleet, self._clock = systems, fleet, clock
         self._elapsed_s, self._fall_back = elapsed_s, fall_back
-        self._given: dict[str, AssignedMission] = {}
+        self._streamed: dict[str, AssignedMission] = {}
         self._stream: Stream | None = None
         self._task: asyncio.Task[None] | None = None
-        self._handing: Mapping[int, asyncio.Task[str | None]] = {}
+        self._hand_overs: Mapping[int, asyncio.Task[str | None]] = {}
         self._closing: set[asyncio.Task[None]] = set()
         self._guard: Guard | None = None
         self._slot0_at = 0.0
 
     @property
     def is_on(self) -> bool:
-        """Whether setpoints are being sent."""
+        """Return whether setpoints are being sent."""
         return self._task is not None and not self._task.done()
 
-    async def get_ready(self, given: Mapping[str, AssignedMission]) -> dict[int, str | None]:
-        """Put these UAVs into the mode that follows setpoints; for each system what went wrong, or None."""
-        self._given = dict(given)
+    async def prepare(self, missions: Mapping[str, AssignedMission]) -> dict[int, str | None]:
+        """Put these UAVs into the mode that follows setpoints; return for each system what went wrong, or None."""
+        self._streamed = dict(missions)
         await self._post_guard()
         self._stream = Stream(
-            {self._systems[uav]: self._streamed(uav, one) for uav, one in given.items()},
+            {self._systems[uav]: self._streamed_of(uav, assigned) for uav, assigned in missions.items()},
             scale=self._clock.scale,
             fall_back=self._fall_back,
         )
         return await self._stream.begin()
 
     def begin(self) -> None:
-        """Slot 0 begins."""
+        """Send setpoints from now on: slot 0 begins."""
         if self._stream is None:
             return
         self._slot0_at = time.time()
         self._task = asyncio.create_task(self._stream.run(self._elapsed_s), name="stream")
         self._task.add_done_callback(lambda _done: self._dismiss_guard())
-        self._tell_guard(self._given)
+        self._instruct_guard(self._streamed)
 
     def leave(self, uav: str) -> None:
-        """Send this one nothing any more."""
-        if self._stream is not None and self._given.pop(uav, None) is not None:
+        """Stop sending setpoints to this UAV."""
+        if self._stream is not None and self._streamed.pop(uav, None) is not None:
             self._stream.leave(self._systems[uav])
             if self._task is not None:
-                self._tell_guard(self._given)
+                self._instruct_guard(self._streamed)
 
     async def end(self, uavs: Collection[str] | None = None) -> None:
-        """No setpoints any more: every UAV falls back. Returns when these have, or have failed to; whoever asks first.
+        """End the stream, so that every UAV falls back; return when these have, or have failed to.
 
-        None: all that are heard. One that has fallen silent is not waited for: its command takes seconds to fail.
+        uavs: None waits for all that are heard. A UAV that has fallen silent is not waited for, because its command
+        takes seconds to fail. Calling it again joins the first call.
         """
         if self._stream is not None and self._task is not None:
-            self._handing = self._stream.hand_over(self._elapsed_s())
+            self._hand_overs = self._stream.hand_over(self._elapsed_s())
         systems = self._heard() if uavs is None else {self._systems[uav] for uav in uavs}
-        waited = [task for system, task in self._handing.items() if system in systems]
-        if waited:
-            await asyncio.wait(waited)
+        awaited = [task for system, task in self._hand_overs.items() if system in systems]
+        if awaited:
+            await asyncio.wait(awaited)
 
     def drop(self) -> None:
-        """No setpoints any more, from this moment, and nothing in their place; nothing is waited for."""
+        """End the stream at once, with nothing in its place, and wait for nothing."""
         stream, self._stream = self._stream, None
         if stream is not None:
             stream.drop()
-        self._handing = {}
+        self._hand_overs = {}
         self._dismiss_guard()
 
     async def close(self) -> None:
-        """After `end`: the process that guards ends, and so do commands to who does not answer."""
+        """End the guard, and commands to vehicles that do not answer. To be called after `end`."""
         self.drop()
         if self._task is not None:
             self._task.cancel()
@@ -107,13 +109,13 @@ class Streaming:
         monitor, now_s = self._fleet.link.monitor, self._clock.now()
         return {
             system
-            for system in self._handing
+            for system in self._hand_overs
             if system in monitor.watched and monitor.silent_for_s(system, now_s) < SILENT_S
         }
 
     def _dismiss_guard(self) -> None:
-        """Nobody streams any more: the guard has nothing to do, whatever becomes of us."""
-        self._tell_guard({})
+        """End the guard: setpoints are no longer sent, so there is nothing to take over."""
+        self._instruct_guard({})
         guard, self._guard = self._guard, None
         if guard is not None:
             task = asyncio.create_task(guard.close(), name="dismiss-guard")
@@ -121,9 +123,9 @@ class Streaming:
             task.add_done_callback(self._closing.discard)
 
     async def _post_guard(self) -> None:
-        """Without one vehicles hold when this process dies, which is worth a warning and no reason to stay down."""
-        if self._fall_back is FallBack.HOLD or all(map(self._fleet.is_simulated, self._given)):
-            return  # a hold needs nobody to order it, and a fleet inside this process dies with it
+        """Start the guard. Without one vehicles hold if this process dies, which is worth a warning and no failure."""
+        if self._fall_back is FallBack.HOLD or all(map(self._fleet.is_simulated, self._streamed)):
+            return  # a hold needs no order, and a fleet simulated in this process dies with it
         guard = Guard()
         try:
             await guard.start()
@@ -132,18 +134,18 @@ class Streaming:
         else:
             self._guard = guard
 
-    def _tell_guard(self, given: Mapping[str, AssignedMission]) -> None:
+    def _instruct_guard(self, missions: Mapping[str, AssignedMission]) -> None:
         if self._guard is None:
             return
         orders = None
-        if given:
+        if missions:
             orders = Orders(
                 links=self._fleet.links,
                 signing_key_file=self._fleet.signing_key_file,
                 slot0_at=self._slot0_at,
                 scale=self._clock.scale,
-                slot_s=next(iter(given.values())).slot_s,
-                items={self._systems[uav]: _items(one) for uav, one in given.items()},
+                slot_s=next(iter(missions.values())).slot_s,
+                items={self._systems[uav]: _items(assigned) for uav, assigned in missions.items()},
             )
         try:
             self._guard.orders(orders)
@@ -154,17 +156,17 @@ class Streaming:
     def _warn(self, error: GuardFailed) -> None:
         self._fleet.note("guard", level="warning", error=str(error))
 
-    def _streamed(self, uav: str, one: AssignedMission) -> Streamed:
+    def _streamed_of(self, uav: str, assigned: AssignedMission) -> Streamed:
         system = self._systems[uav]
         streamer = Streamer(
             system,
-            one.path_m,
-            one.slot_s,
-            one.altitude_m,
-            lambda point: east_north_to_geodetic(one.origin, *point),
+            assigned.path_m,
+            assigned.slot_s,
+            assigned.altitude_m,
+            lambda point: east_north_to_geodetic(assigned.origin, *point),
         )
-        return Streamed(vehicle=self._fleet.link.vehicle(system), streamer=streamer, mission=one.mission)
+        return Streamed(vehicle=self._fleet.link.vehicle(system), streamer=streamer, mission=assigned.mission)
 
 
-def _items(one: AssignedMission) -> tuple[int, ...]:
-    return tuple(one.mission.item_of_slot(slot) for slot in range(len(one.path_m)))
+def _items(assigned: AssignedMission) -> tuple[int, ...]:
+    return tuple(assigned.mission.item_of_slot(slot) for slot in range(len(assigned.path_m)))

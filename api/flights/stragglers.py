@@ -1,4 +1,4 @@
-"""Whoever still hovers when the plan is over, for whatever reason: it is brought down, and an event says so."""
+"""UAVs that still hover when the plan is over, for whatever reason: they are landed, and an event reports it."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ if TYPE_CHECKING:
     from skyfolio.api.flights.flight import Flight
 
 STILL_S = 15.0
-"""Fleet seconds without moving after which a UAV in the air is not on its way down any more."""
+"""Fleet seconds without moving after which a UAV in the air is not on its way down."""
 STILL_M = 1.0
-"""Less than this is not moving; a landing sinks faster."""
+"""Metres; less than this is not moving. A landing sinks faster."""
 LOW_M = 1.0
-"""Lower than this it has landed, and disarms by itself."""
+"""Metres above home; a UAV that is lower has landed, and disarms by itself."""
 
 
 class Stillness:
-    """For how long UAVs have been where they are; times are fleet seconds, places metres east, north and up."""
+    """For how long UAVs have not moved; times in fleet seconds, places in metres east, north and up."""
 
     def __init__(self) -> None:
         self._since: dict[str, tuple[float, tuple[float, float, float]]] = {}
 
     def seen(self, uav: str, now_s: float, at_m: tuple[float, float, float]) -> bool:
-        """Whether it has not moved for STILL_S; then it is counted anew."""
+        """Return whether a UAV has not moved for STILL_S; the count then begins again."""
         since_s, there_m = self._since.setdefault(uav, (now_s, at_m))
         if dist(there_m, at_m) > STILL_M:
             self._since[uav] = (now_s, at_m)
@@ -36,7 +36,7 @@ class Stillness:
         return True
 
     def forget(self, uav: str) -> None:
-        """It is on its way, or not ours to judge."""
+        """Forget a UAV that is on its way, or not ours to judge."""
         self._since.pop(uav, None)
 
 
@@ -47,16 +47,16 @@ class Stragglers:
         self._stillness = Stillness()
 
     async def look(self, flight: Flight) -> None:
-        """Land, or return where that is the plan's end, who hovers in a mode of ours; by plan hovering is left alone.
+        """Land UAVs that hover in a mode of ours, or return them if that is how the plan ends.
 
-        One that a human or a failsafe flies is never told anything.
+        Nothing is sent if the plan ends with hovering, nor to a UAV that a human or a failsafe flies.
         """
-        if flight.paused or not flight.past_last_slot() or flight.guidance.way.at_end is OnEnd.HOLD:
+        if flight.paused or not flight.past_last_slot() or flight.guidance.options.at_end is OnEnd.HOLD:
             return
         hovering = [uav for uav in flight.still_up() if self._hovers(flight, uav)]
         if not hovering:
             return
-        home = flight.guidance.way.at_end is OnEnd.RETURN
+        home = flight.guidance.options.at_end is OnEnd.RETURN
         for uav, error in (await flight.bring_down(hovering, home=home)).items():
             flight.note(
                 "brought_down",
@@ -68,12 +68,15 @@ class Stragglers:
             )
 
     def _hovers(self, flight: Flight, uav: str) -> bool:
-        said, at_m = flight.on_board(uav), flight.roster.last_seen_m(uav)
-        if said is None or at_m is None or said.relative_alt_m < LOW_M or not _is_ours(flight, uav):
+        telemetry, at_m = flight.telemetry(uav), flight.roster.last_seen_m(uav)
+        if telemetry is None or at_m is None or telemetry.relative_alt_m < LOW_M:
             self._stillness.forget(uav)
             return False
-        return self._stillness.seen(uav, flight.now_s(), (*at_m, said.relative_alt_m))
+        if not _is_ours(flight, uav):
+            self._stillness.forget(uav)
+            return False
+        return self._stillness.seen(uav, flight.now_s(), (*at_m, telemetry.relative_alt_m))
 
 
 def _is_ours(flight: Flight, uav: str) -> bool:
-    return flight.roster.may_command(uav) and flight.is_ours(uav)
+    return flight.roster.may_command(uav) and flight.in_our_mode(uav)

@@ -1,6 +1,6 @@
-"""From the ground into slot 0: upload, fence, audit, launch and the common start, watched all the while.
+"""From the ground into slot 0: upload, geofence, audit, launch and the common start, watched all the while.
 
-Whoever crashes, is taken over, falls silent or into a failsafe before slot 0 ends it for everybody at once.
+If a UAV crashes, is taken over, falls silent or goes into failsafe before slot 0, the operation ends at once for all.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from skyfolio.planner import Plan
 
 LOOK_EVERY_S = 0.05
 LOW_M = 3.0
-"""Whoever is lower than this above home when the launch fails lands; the others hover."""
+"""Metres above home; if the launch fails, UAVs that are lower land, and the others hover."""
 ONE_MORE_HEARTBEAT_S = 1.5
-"""Wall seconds in which a vehicle tells that it was armed after all; HEARTBEAT comes at 1 Hz."""
+"""Wall seconds within which a vehicle reports that it was armed after all; heartbeats come at 1 Hz."""
 
-Done = TypeVar("Done")
+Result = TypeVar("Result")
 
 
 class FlightError(BridgeError):
@@ -36,7 +36,7 @@ class FlightError(BridgeError):
 
 
 class TakeOff:
-    """The vehicles of one plan before its slot 0; `systems` has the system id of each UAV."""
+    """The vehicles of one plan before its slot 0. systems: the MAVLink system id of each UAV."""
 
     def __init__(
         self, plan: Plan, systems: Mapping[str, int], fleet: Fleet, clock: FleetClock, guidance: FlightGuidance
@@ -44,63 +44,70 @@ class TakeOff:
         self._plan, self._systems, self._fleet = plan, systems, fleet
         self._clock, self._guidance = clock, guidance
         self._uavs = {system: uav for uav, system in systems.items()}
-        self._made_s = clock.now()
+        self._created_s = clock.now()
         self._armed_s: dict[str, float] = {}
         self._was_heard: set[str] = set()
         self._launched = False
 
     # -- watching ---------------------------------------------------------------------------------------------------
 
-    async def watched(self, work: Coroutine[Any, Any, Done]) -> Done:
-        """Do it, unless a vehicle falls out before it is done: then it is ended, and FlightError names who and why."""
+    async def watched(self, work: Coroutine[Any, Any, Result]) -> Result:
+        """Do some work unless a vehicle is lost before it is done.
+
+        In that case the work is ended, and FlightError names the vehicle and the cause.
+        """
         task = asyncio.ensure_future(work)
         try:
             while not task.done():
-                fallen = {uav: loss for uav in self._systems if (loss := self._fallen(uav)) is not None}
+                fallen = {uav: loss for uav in self._systems if (loss := self._loss_of(uav)) is not None}
                 if fallen:
-                    raise FlightError(f"lost before slot 0: {each({uav: str(loss) for uav, loss in fallen.items()})}")
+                    raise FlightError(
+                        f"lost before slot 0: {in_words({uav: str(loss) for uav, loss in fallen.items()})}"
+                    )
                 await asyncio.wait([task], timeout=LOOK_EVERY_S)
             return task.result()
         finally:
             task.cancel()
             await asyncio.gather(task, return_exceptions=True)
 
-    def _fallen(self, uav: str) -> Loss | None:
-        """Why this UAV cannot begin, None while it can. How its last flight ended is history.
+    def _loss_of(self, uav: str) -> Loss | None:
+        """Return why this UAV cannot begin; None while it can. How its last flight ended does not matter.
 
-        Silence counts for who was heard in this operation; the upload tells of the others.
+        Silence counts only for a UAV that was heard in this operation; the upload reports the others.
         """
         system, link, now_s = self._systems[uav], self._fleet.link, self._clock.now()
-        said = link.telemetry(system)
-        if said is not None and said.armed:
+        telemetry = link.telemetry(system)
+        if telemetry is not None and telemetry.armed:
             self._armed_s.setdefault(uav, now_s)
         if system in link.heard_systems and system in link.monitor.watched:
             silent_s = link.monitor.silent_for_s(system, now_s)
             if link.monitor.state(system) is not LinkState.LOST:
                 self._was_heard.add(uav)
-            elif uav in self._was_heard and silent_s >= link.monitor.stale_after_s:  # not one that is coming back
+            elif uav in self._was_heard and silent_s >= link.monitor.stale_after_s:  # unless it is coming back
                 return silent(silent_s)
         change = self._fleet.condition(system)
         loss = seen(change, plan_is_flown=True)
         if change is None or loss is None:
             return None
-        since_s = self._made_s if loss.kind == "rebooted" else self._armed_s.get(uav, now_s)
+        since_s = self._created_s if loss.kind == "rebooted" else self._armed_s.get(uav, now_s)
         happened = change.at_s > since_s
-        goes_on = said is not None and said.armed
+        goes_on = telemetry is not None and telemetry.armed
         return loss if (happened if loss.is_over else goes_on) else None
 
-    async def stand_down(self, but: Collection[str] = ()) -> None:
-        """The launch has failed: who is armed and ours hovers where it is, or lands if it is low.
+    async def stand_down(self, except_for: Collection[str] = ()) -> None:
+        """Let UAVs that are armed and ours hover where they are, or land if they are low: the launch has failed.
 
-        `but`: these have other orders.
+        except_for: UAVs that have other orders.
         """
-        told = set(but)
+        commanded = set(except_for)
         until = time.monotonic() + (ONE_MORE_HEARTBEAT_S if self._launched else 0.0)
         while True:
-            up = {uav: up_m for uav in self._systems if uav not in told and (up_m := self._height_m(uav)) is not None}
+            up = {
+                uav: up_m for uav in self._systems if uav not in commanded and (up_m := self._height_m(uav)) is not None
+            }
             if not up and time.monotonic() >= until:
                 return
-            told |= up.keys()
+            commanded |= up.keys()
             link, commander = self._fleet.link, self._fleet.commander
             await asyncio.gather(
                 commander.each(link.land, [self._systems[uav] for uav, up_m in up.items() if up_m < LOW_M]),
@@ -109,22 +116,22 @@ class TakeOff:
             await asyncio.sleep(LOOK_EVERY_S)
 
     def _height_m(self, uav: str) -> float | None:
-        """Metres above home of a UAV that is armed and ours to command."""
+        """Return the metres above home of a UAV that is armed and ours to command; None of any other."""
         system = self._systems[uav]
-        said = self._fleet.link.telemetry(system)
-        if said is None or not said.armed or not self._fleet.link.is_ours(system):
+        telemetry = self._fleet.link.telemetry(system)
+        if telemetry is None or not telemetry.armed or not self._fleet.link.is_ours(system):
             return None
-        return said.relative_alt_m if self._fallen(uav) is None else None
+        return telemetry.relative_alt_m if self._loss_of(uav) is None else None
 
     # -- commands ---------------------------------------------------------------------------------------------------
 
     async def upload(self) -> float:
-        """Put the plan's missions on board and prove it; wall seconds of the slowest.
+        """Upload the plan's missions and verify them; return the wall seconds of the slowest vehicle.
 
-        Each is compiled for what the vehicle says about itself. Raises FlightError with each failure.
+        Each mission is compiled for what the vehicle reports about itself. Raises FlightError with each failure.
         """
         link = self._fleet.link
-        with suppress(VehiclesMissing):  # the upload itself tells of each vehicle that is not there
+        with suppress(VehiclesMissing):  # the upload itself reports each vehicle that is not there
             await link.wait_for(set(self._systems.values()), timeout_s=HEARD_WITHIN_S)
         await link.prepare(self._systems.values())
         await link.wait_for_facts(self._systems.values(), self._waits)
@@ -133,80 +140,85 @@ class TakeOff:
             missions[uav] = self._guidance.compile(self._plan, uav)
             await asyncio.sleep(0)  # a large fleet's take a while: let others take turns
         self._audit()
-        await self._guidance.remember(missions)
+        await self._guidance.record_sending(missions)
         await self._fence()
         await self._rally()
         results = await link.upload({self._systems[uav]: mission for uav, mission in missions.items()})
         for system, result in results.items():
             uav = self._uavs[system]
-            self._guidance.settled(uav, missions[uav], result.on_board)
-        bad = {self._uavs[system]: result.error for system, result in results.items() if not result.verified}
-        if bad:
-            good = sorted(self._uavs[system] for system, result in results.items() if result.verified)
-            raise FlightError(f"upload failed for {each(bad)}; verified on board of {', '.join(good) or 'nobody'}")
+            self._guidance.record_on_board(uav, missions[uav], result.on_board)
+        failed = {self._uavs[system]: result.error for system, result in results.items() if not result.verified}
+        if failed:
+            verified = sorted(self._uavs[system] for system, result in results.items() if result.verified)
+            raise FlightError(
+                f"upload failed for {in_words(failed)}; verified on board of {', '.join(verified) or 'none'}"
+            )
         return max((result.seconds for result in results.values()), default=0.0)
 
     def _waits(self, system: int, missing: tuple[str, ...]) -> None:
-        """An autopilot that has just booted is waited for, and that is told."""
+        """Report that an autopilot that has just booted is being waited for."""
         self._fleet.note("waiting_for_facts", uav_id=self._uavs[system], missing=list(missing))
 
     async def arm(self) -> None:
-        """Arm everybody before anybody leaves the ground. Raises FlightError with each that does not let itself."""
+        """Arm every vehicle before any leaves the ground. Raises FlightError with each that refuses."""
         self._launched = True
         results = await self._fleet.link.arm(
             self._systems.values(), patience_s=ARMABLE_WITHIN_S, on_refused=self._arming_refused
         )
-        bad = {self._uavs[system]: result.error for system, result in results.items() if not result.ok}
-        if bad:
-            raise FlightError(f"launch failed for {each(bad)}")
+        failed = {self._uavs[system]: result.error for system, result in results.items() if not result.ok}
+        if failed:
+            raise FlightError(f"launch failed for {in_words(failed)}")
 
     def _arming_refused(self, system: int, why: str) -> None:
         self._fleet.note("arming_refused", uav_id=self._uavs[system], because=why)
 
     async def launch(self, timeout_s: float) -> None:
-        """Arm, climb to the plan's altitude and wait there for each other. Raises FlightError for the first failure."""
+        """Arm, climb to the plan's altitude, and wait there for each other.
+
+        Raises FlightError for the first failure.
+        """
         await self.arm()
         scenario = self._plan.scenario
 
-        async def one(uav: str, system: int) -> None:
-            climb = {system: scenario.altitude_of(scenario.uav(uav))}
-            result = (await self._fleet.link.launch(climb, timeout_s=timeout_s))[system]
+        async def climb(uav: str, system: int) -> None:
+            altitude_m = {system: scenario.altitude_of(scenario.uav(uav))}
+            result = (await self._fleet.link.launch(altitude_m, timeout_s=timeout_s))[system]
             if not result.ok:
-                raise FlightError(f"launch failed for {each({uav: result.error})}")
+                raise FlightError(f"launch failed for {in_words({uav: result.error})}")
 
         try:
             async with asyncio.TaskGroup() as climbing:
                 for uav, system in self._systems.items():
-                    climbing.create_task(one(uav, system))
-        except ExceptionGroup as failed:
-            raise failed.exceptions[0] from None
+                    climbing.create_task(climb(uav, system))
+        except ExceptionGroup as failures:
+            raise failures.exceptions[0] from None
 
     async def start(self) -> float:
-        """Begin slot 0 on all vehicles at once; the fleet second when it begins. Raises FlightError.
+        """Begin slot 0 on all vehicles at once; return the fleet second in which it begins. Raises FlightError.
 
-        Missions are started earlier by the head start of the vehicle that needs the longest, and this returns when
-        slot 0 begins: keepers see to it that the others come no sooner to their next point.
+        Missions are started early, by the head start that the slowest vehicle needs, and this returns when slot 0
+        begins: keepers see to it that the others do not reach their next point too soon.
         """
-        if self._guidance.way.mode == "stream":
-            errors = await self._guidance.get_ready()
+        if self._guidance.options.mode == "stream":
+            errors = await self._guidance.prepare_stream()
             began = self._clock.now()
         else:
-            told_s: list[float] = []
+            started_s: list[float] = []
             results = await self._fleet.link.start(
-                self._systems.values(), on_go=lambda: told_s.append(self._clock.now())
+                self._systems.values(), on_go=lambda: started_s.append(self._clock.now())
             )
-            began = told_s[0] + self._guidance.head_start_s()
+            began = started_s[0] + self._guidance.head_start_s()
             errors = {system: result.error for system, result in results.items()}
-        bad = {self._uavs[system]: error for system, error in errors.items() if error}
-        if bad:
-            raise FlightError(f"start failed for {each(bad)}")
+        failed = {self._uavs[system]: error for system, error in errors.items() if error}
+        if failed:
+            raise FlightError(f"start failed for {in_words(failed)}")
         await asyncio.sleep(max(0.0, began - self._clock.now()) / self._clock.scale)
         return began
 
     async def _fence(self) -> None:
-        """Give each vehicle the plan's area as its geofence; one that takes none flies all the same, with a warning.
+        """Send each vehicle the plan's area as its geofence; one that refuses it flies without, with a warning.
 
-        Before the missions: PX4 measures a mission against the fence that is on board, and that may be an older one.
+        This comes before the missions: PX4 checks a mission against the geofence on board, which may be an older one.
         """
         items = fence_items(self._plan.scenario)
         results = await self._fleet.link.upload_fence(dict.fromkeys(self._uavs, items))
@@ -220,15 +232,15 @@ class TakeOff:
             )
 
     async def _rally(self) -> None:
-        """Give each vehicle where it stands as its rally point, at the plan's altitude for it.
+        """Send each vehicle its present position as rally point, at the plan's altitude for it.
 
-        So a return ends there even if its home is set anew in the air. One that takes none gets a warning.
+        So a return ends there even if its home is changed in the air. A vehicle that refuses it flies with a warning.
         """
         scenario, points = self._plan.scenario, {}
         for uav, system in self._systems.items():
-            said = self._fleet.link.telemetry(system)
-            if said is not None and said.place_deg is not None and not said.armed:
-                stands_m = geodetic_to_east_north(scenario.origin, *said.place_deg)
+            telemetry = self._fleet.link.telemetry(system)
+            if telemetry is not None and telemetry.place_deg is not None and not telemetry.armed:
+                stands_m = geodetic_to_east_north(scenario.origin, *telemetry.place_deg)
                 points[system] = rally_items(scenario, [stands_m], scenario.altitude_of(scenario.uav(uav)))
         results = await self._fleet.link.upload_fence(points, mission_type=MissionType.RALLY)
         for system, result in sorted(results.items()):
@@ -236,25 +248,28 @@ class TakeOff:
             self._fleet.note("rally_point", uav_id=self._uavs[system], level=level, error=result.error)
 
     def _audit(self) -> None:
-        """Report what the preflight audit finds.
+        """Report the findings of the preflight audit.
 
-        With `preflight` "enforce" a blocker keeps everybody on the ground; one that refuses does so in any case.
+        Raises FlightError with each vehicle that must stay on the ground.
+
+        With `preflight` "enforce" any blocker keeps the whole fleet on the ground; a finding that refuses does so in
+        any case.
         """
         blockers, enforced = {}, self._fleet.enforces_preflight
         for uav, findings in self._guidance.audit(self._plan).items():
             for finding in findings:
                 self._fleet.note("preflight", uav_id=uav, **asdict(finding))
             blocked = [
-                f"{one.name} is {one.found}, should be {one.should}"
-                for one in findings
-                if one.refuses or (one.level == "blocker" and enforced)
+                f"{finding.name} is {finding.found}, should be {finding.should}"
+                for finding in findings
+                if finding.refuses or (finding.level == "blocker" and enforced)
             ]
             if blocked:
                 blockers[uav] = ", ".join(blocked)
         if blockers:
-            raise FlightError(f"preflight: {each(blockers)}")
+            raise FlightError(f"preflight: {in_words(blockers)}")
 
 
-def each(errors: Mapping[str, str | None]) -> str:
-    """What went wrong with each UAV, on one line."""
+def in_words(errors: Mapping[str, str | None]) -> str:
+    """Return what went wrong with each UAV, on one line."""
     return "; ".join(f"'{uav}': {error or 'no answer'}" for uav, error in sorted(errors.items()))

@@ -1,4 +1,4 @@
-"""Who was where, for a whole flight, in as little memory as a long flight of a large fleet needs."""
+"""Where every UAV was during a flight, in as little memory as a long flight of a large fleet needs."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ Seen = tuple[float, dict[str, Point]]
 
 
 class Track(Sequence[Seen]):
-    """Samples of these UAVs, the oldest first: 16 bytes for each UAV and sample. Others are not recorded."""
+    """Samples of these UAVs, the oldest first: 16 bytes for each UAV and sample. Other UAVs are not recorded."""
 
     def __init__(self, uav_ids: Iterable[str]) -> None:
         self._uavs = tuple(uav_ids)
         self._at_s, self._places_m = array("d"), array("d")
 
     def append(self, at_s: float, positions_m: Mapping[str, Point]) -> None:
-        """Add where each UAV that was heard is at `at_s`."""
+        """Add where each UAV that was heard is, `at_s` fleet seconds after slot 0 began."""
         self._at_s.append(at_s)
         for uav in self._uavs:
             self._places_m.extend(positions_m.get(uav, (nan, nan)))
@@ -42,5 +42,5 @@ class Track(Sequence[Seen]):
         return at_s, {uav: (east, north) for uav, east, north in places if not isnan(east)}
 
     def at_s(self, index: int) -> float:
-        """When that sample was taken."""
+        """Return the fleet second of that sample."""
         return self._at_s[index]

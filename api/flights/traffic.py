@@ -1,4 +1,4 @@
-"""What one flight has to know of the air around it. Metres east/north of its origin."""
+"""What one flight has to know of the air around it. Metres east/north of its scenario's origin."""
 
 from __future__ import annotations
 
@@ -10,18 +10,19 @@ from skyfolio.mavlink_bridge.corridors import Corridor
 
 
 class Traffic(Protocol):
-    """The other aircraft of the service, as one flight sees them, and its own air."""
+    """The other aircraft of the service as one flight sees them, and its own air."""
 
     owner: str
-    """Names this flight in what is said of it."""
+    """Names this flight in messages about its air."""
 
     def others(self) -> list[Corridor]:
-        """Return the corridors of those who fly for other operations, or for none, and are heard."""
+        """Return the corridors of UAVs that fly for other operations, or for none, and are heard."""
 
     def corridor(
         self, uav: str, level_m: Sequence[Point], altitude_m: float | None, *, climbs: bool = False
     ) -> Corridor:
-        """Return the air of a UAV of this flight that flies this line at that altitude above its home, then descends.
+        """Return the air of a UAV of this flight that flies this line and then descends.
 
-        climbs: it climbs at the first point. Without an altitude it descends from where it is.
+        level_m: metres east/north. altitude_m: above its home; None if it descends from where it is. climbs: it climbs
+        at the first point of the line.
         """

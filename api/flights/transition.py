@@ -1,4 +1,4 @@
-"""From where the survivors are into a new plan: where they will be, and whether they get there safely."""
+"""The way of the survivors into a new plan: where they will be, and whether they get there safely."""
 
 from __future__ import annotations
 
@@ -17,15 +17,16 @@ from skyfolio.planner import Plan, ReplanError
 from skyfolio.planner.geometry import point_at
 
 SPEED_TOLERANCE = 1.25
-"""A first leg may ask for this share of the maximum speed before it is called out of reach: it begins in mid-slot."""
+"""Share of the maximum speed that a first leg may ask for before it is out of reach: it begins in mid-slot."""
 ROUNDING_M = 0.01
-"""Separation that a stored plan may miss by rounding; positions are not known to the centimetre anyway."""
+"""Metres of separation that a stored plan may miss by rounding; positions are not known to the centimetre."""
 
 
 def expected_position(plan: Plan, uav_id: str, live_m: Point, now_s: float, at_slot: int) -> Point:
-    """Where a UAV that follows `plan` will be when slot `at_slot` begins, in metres east/north.
+    """Return where a UAV that follows `plan` will be when slot `at_slot` begins, in metres east/north.
 
-    It flies from where it is now toward the points of the slots between, at most at its maximum speed.
+    It flies from where it is now towards the points of the slots between, at most at its maximum speed. live_m: where
+    it is now. now_s: fleet seconds since slot 0 of the operation.
     """
     scenario = plan.scenario
     speed = next(uav.max_speed_mps for uav in scenario.uavs if uav.id == uav_id)
@@ -43,21 +44,22 @@ def expected_position(plan: Plan, uav_id: str, live_m: Point, now_s: float, at_s
 
 
 def scheduled_at(plan: Plan, uav_id: str, now_s: float) -> Point:
-    """Where the plan has a UAV `now_s` fleet seconds after slot 0 of the operation began, metres east/north."""
+    """Return where the plan has a UAV `now_s` fleet seconds after slot 0 of the operation began, metres east/north."""
     return point_at(plan.trajectories_m[uav_id], now_s / plan.scenario.slot_duration_s - plan.first_slot)
 
 
 def begun_at(plan: Plan, uav_id: str, live_m: Point) -> Plan:
-    """The plan with this UAV's first point where it really is, so that its first leg is timed from there."""
+    """Return the plan with this UAV's first point where it really is, so that its first leg is timed from there."""
     path = [live_m, *plan.trajectories_m[uav_id][1:]]
     return plan.model_copy(update={"trajectories_m": {**plan.trajectories_m, uav_id: path}})
 
 
 def way_into(plan: Plan, uav_id: str, live_m: Point, now_s: float, *, first_slot: int, slots: int) -> list[Point]:
-    """Where a UAV that flies from `live_m` into `plan` is at the beginnings of `slots` slots from `first_slot` on.
+    """Return where a UAV that flies from `live_m` into `plan` is when slots begin.
 
-    Metres east/north. Its first leg is straight and even, and ends when the slot after the plan's first begins; after
-    the plan's end it stays.
+    The result has `slots` points in metres east/north, the first for slot `first_slot` of the operation. The first leg
+    is straight and at constant speed, and ends when the slot after the plan's first begins; after the plan's end the
+    UAV stays. now_s: fleet seconds since slot 0 of the operation.
     """
     path, slot_s = plan.trajectories_m[uav_id], plan.scenario.slot_duration_s
     joins = min(1, len(path) - 1)
@@ -76,10 +78,10 @@ def way_into(plan: Plan, uav_id: str, live_m: Point, now_s: float, *, first_slot
 
 @dataclass(frozen=True)
 class Present:
-    """The moment from which everybody changes over: fleet seconds since slot 0, places in metres east/north.
+    """The moment from which the missions change: fleet seconds since slot 0, places in metres east/north.
 
-    `plan`: what the missions on board fly. `airspace`: air that UAVs we lost may still be in. `traffic`:
-    what other operations fly.
+    `plan`: what the missions on board fly. `airspace`: air in which UAVs that were lost may still be. `traffic`: what
+    other operations fly.
     """
 
     now_s: float
@@ -90,11 +92,11 @@ class Present:
 
     @classmethod
     def of(cls, flight: Flight) -> Present:
-        """As of now."""
+        """Return the present of a flight."""
         return cls(flight.now_s(), flight.positions_m(), flight.plan, flight.guidance.airspace, flight.traffic)
 
     def require_located(self, uavs: Iterable[str]) -> None:
-        """Raise ReplanError naming each of these that does not know where it is."""
+        """Raise ReplanError naming each of these UAVs that does not know where it is."""
         nowhere = [uav for uav in uavs if uav not in self.positions_m]
         if nowhere:
             raise ReplanError(f"positions_m: {', '.join(nowhere)} does not know where it is")
@@ -103,10 +105,10 @@ class Present:
 def require_separated(plans: Mapping[str, Plan], present: Present) -> None:
     """Refuse a change in which UAVs come too close, from where they are now to the end; `plans` has the plan of each.
 
-    Between them `D_min` holds at every moment. A UAV that is lost keeps the air it may still be in: whoever meets it
-    later flies above (`FlightGuidance.compile`), but on the first leg, on which one climbs, nobody may enter air that
-    the mission now on board stays out of; and where other operations fly, all the rest of the way. Raises ReplanError
-    naming who, how close and when.
+    Between them `D_min` holds at every moment. A UAV that is lost keeps the air in which it may still be: a UAV that
+    crosses it later flies above it (`FlightGuidance.compile`), but on the first leg, on which it climbs, no UAV may
+    enter air that the mission now on board stays out of; the same holds for the air of other operations all the rest of
+    the way. Raises ReplanError naming who, how close and when.
     """
     present.require_located(plans)
     now_s, live = present.now_s, {uav: present.positions_m[uav] for uav in plans}
@@ -128,7 +130,7 @@ def require_separated(plans: Mapping[str, Plan], present: Present) -> None:
 
 
 def _require_clear_of_others(plans: Mapping[str, Plan], present: Present, traffic: Traffic) -> None:
-    """Nobody may enter air that other operations sweep, whenever they do, and that its plan in force stays out of."""
+    """Raise ReplanError if a UAV enters air of other operations, at any time, that its plan in force stays out of."""
     others = traffic.others()
     if not others:
         return
@@ -140,7 +142,9 @@ def _require_clear_of_others(plans: Mapping[str, Plan], present: Present, traffi
             )
             for uav, plan in flown.items()
         ]
-        return {(one.first.uav_id, one.second.uav_id): one for one in meetings(ours, others, ROUNDING_M)}
+        return {
+            (meeting.first.uav_id, meeting.second.uav_id): meeting for meeting in meetings(ours, others, ROUNDING_M)
+        }
 
     new = meets(plans)
     flies_on = {uav: present.plan for uav in plans if uav in present.plan.trajectories_m}
@@ -166,8 +170,8 @@ def _require_clear_of_ghosts(uav: str, plan: Plan, present: Present, required_m:
     due = max(plan.first_slot + 1, int(now_s // slot_s) + 1)
 
     def entered(there: Point) -> dict[tuple[str, str], Conflict]:
-        found = present.airspace.conflicts({uav: [live, there]}, [now_s, due * slot_s], required_m)
-        return {(one.ghost_id, one.because): one for one in found}
+        conflicts = present.airspace.conflicts({uav: [live, there]}, [now_s, due * slot_s], required_m)
+        return {(conflict.ghost_id, conflict.because): conflict for conflict in conflicts}
 
     new = entered(way_into(plan, uav, live, now_s, first_slot=due, slots=1)[0])
     flies_on = uav in present.plan.trajectories_m
@@ -180,7 +184,7 @@ def _require_clear_of_ghosts(uav: str, plan: Plan, present: Present, required_m:
 def require_in_reach(plan: Plan, live: Mapping[str, Point], left_s: float) -> None:
     """Refuse a plan whose first point a survivor cannot reach in the `left_s` fleet seconds that its first leg has.
 
-    Raises ReplanError naming the UAV.
+    live: where UAVs are, metres east/north. Raises ReplanError naming the UAV.
     """
     for uav in plan.scenario.uavs:
         first = plan.trajectories_m[uav.id][min(1, plan.scenario.slots - 1)]
@@ -191,7 +195,10 @@ def require_in_reach(plan: Plan, live: Mapping[str, Point], left_s: float) -> No
 
 
 def achieved(flight: Flight, at_slot: int) -> dict[str, list[float]]:
-    """Rates of every slot before `at_slot`: as reported, and as last seen for slots that are still to come."""
+    """Return the bit/s of each user in every slot before `at_slot`.
+
+    Slots that are over have the rates as reported; those still to come have the last ones.
+    """
     table = {}
     for user, row in flight.reported_rates_bps().items():
         filled: list[float] = []

@@ -14,7 +14,7 @@ from skyfolio.api.common.errors import ConflictError
 from skyfolio.api.fleet.registry import Fleet
 from skyfolio.api.flights.airspace import SharedAirspace
 from skyfolio.api.flights.flight import Flight as Flown
-from skyfolio.api.flights.guidance import Way
+from skyfolio.api.flights.guidance_options import GuidanceOptions
 from skyfolio.api.flights.operation_views import State
 from skyfolio.api.flights.traffic import Traffic
 from skyfolio.api.flights.transition import Present, require_separated
@@ -65,7 +65,7 @@ class Field:
 
 
 def flight_of(made: Plan, field: Field, *, now_s: float | None = None, lost: tuple[str, ...] = ()) -> Any:
-    """What skies ask a flight for."""
+    """What a shared airspace asks a flight for."""
     return SimpleNamespace(
         systems={uav: field.systems[uav] for uav in made.scenario.uav_ids},
         first_plan=made,
@@ -75,7 +75,7 @@ def flight_of(made: Plan, field: Field, *, now_s: float | None = None, lost: tup
         now_s=lambda: now_s or 0.0,
         positions_m=dict,
         home_m=lambda uav: made.scenario.uav(uav).start_m,
-        guidance=SimpleNamespace(airspace=Airspace(), may_fly=lambda _uav: (), way=Way()),
+        guidance=SimpleNamespace(airspace=Airspace(), may_fly=lambda _uav: (), options=GuidanceOptions()),
         traffic=None,
     )
 
@@ -103,10 +103,10 @@ def one(number: int, *users: str, **changes: Any) -> Scenario:
     return MINIMAL.with_changes(uavs=(MINIMAL.uavs[number],), users=chosen, **changes)
 
 
-def refusal(skies: SharedAirspace, made: Plan, field: Field) -> str | None:
-    systems = {uav: field.systems[uav] for uav in made.scenario.uav_ids}
+def refusal(airspace: SharedAirspace, plan: Plan, field: Field) -> str | None:
+    systems = {uav: field.systems[uav] for uav in plan.scenario.uav_ids}
     try:
-        asyncio.run(skies.require_clear(made, systems, Way()))
+        asyncio.run(airspace.require_clear(plan, systems, GuidanceOptions()))
     except ConflictError as error:
         return str(error)
     return None
@@ -114,37 +114,37 @@ def refusal(skies: SharedAirspace, made: Plan, field: Field) -> str | None:
 
 def test_a_plan_that_crosses_the_sweep_of_another_operation_is_refused_by_name(first: Plan, second: Plan) -> None:
     field = Field(uav_1=1, uav_2=2)
-    skies = SharedAirspace(cast("Fleet", field))
-    skies.enter("op-1", cast("Flown", flight_of(along(first, (0.0, 0.0), (100.0, 0.0)), field)))
+    airspace = SharedAirspace(cast("Fleet", field))
+    airspace.enter("op-1", cast("Flown", flight_of(along(first, (0.0, 0.0), (100.0, 0.0)), field)))
     crosses = along(second, (50.0, -50.0), (50.0, 50.0))
-    told = refusal(skies, crosses, field)
-    assert told == "separation: 'uav-2' could come within 0.0 m of 'uav-1' of operation 'op-1'; 4 m are asked for"
-    assert refusal(skies, along(second, (50.0, -50.0), (50.0, 50.0), altitude_m=20.0), field) is None
-    assert "20 m" in (refusal(skies, along(second, (0.0, 15.0), (90.0, 15.0), min_separation_m=20.0), field) or "")
-    skies.leave("op-1")
-    assert refusal(skies, crosses, field) is None
+    reason = refusal(airspace, crosses, field)
+    assert reason == "separation: 'uav-2' could come within 0.0 m of 'uav-1' of operation 'op-1'; 4 m are asked for"
+    assert refusal(airspace, along(second, (50.0, -50.0), (50.0, 50.0), altitude_m=20.0), field) is None
+    assert "20 m" in (refusal(airspace, along(second, (0.0, 15.0), (90.0, 15.0), min_separation_m=20.0), field) or "")
+    airspace.leave("op-1")
+    assert refusal(airspace, crosses, field) is None
 
 
 def test_what_was_flown_already_is_free_again_and_other_origins_are_reckoned_with(first: Plan, second: Plan) -> None:
     field = Field(uav_1=1, uav_2=2)
     field.down.clear()
-    skies = SharedAirspace(cast("Fleet", field))
+    airspace = SharedAirspace(cast("Fleet", field))
     sweep = along(first, (0.0, 0.0), (50.0, 0.0), (100.0, 0.0), (150.0, 0.0))
-    skies.enter("op-1", cast("Flown", flight_of(sweep, field, now_s=11.0)))
-    assert refusal(skies, along(second, (20.0, -30.0), (20.0, 30.0)), field) is None
-    assert refusal(skies, along(second, (120.0, -30.0), (120.0, 30.0)), field)
-    assert refusal(skies, along(second, (120.0, -130.0), (120.0, -70.0), origin=NORTH), field)
-    assert refusal(skies, along(second, (120.0, -30.0), (120.0, 30.0), origin=NORTH), field) is None
+    airspace.enter("op-1", cast("Flown", flight_of(sweep, field, now_s=11.0)))
+    assert refusal(airspace, along(second, (20.0, -30.0), (20.0, 30.0)), field) is None
+    assert refusal(airspace, along(second, (120.0, -30.0), (120.0, 30.0)), field)
+    assert refusal(airspace, along(second, (120.0, -130.0), (120.0, -70.0), origin=NORTH), field)
+    assert refusal(airspace, along(second, (120.0, -30.0), (120.0, 30.0), origin=NORTH), field) is None
 
 
 def test_one_that_hovers_for_no_operation_keeps_its_place(first: Plan) -> None:
     field = Field(uav_1=1, uav_2=2)
-    skies = SharedAirspace(cast("Fleet", field))
+    airspace = SharedAirspace(cast("Fleet", field))
     field.at_deg[2] = east_north_to_geodetic(ORIGIN, 50.0, 1.0)
     crosses = along(first, (0.0, 0.0), (100.0, 0.0))
-    assert refusal(skies, crosses, field) is None  # on the ground
+    assert refusal(airspace, crosses, field) is None  # on the ground
     field.down = {1}
-    assert "of 'uav-2' of no operation" in (refusal(skies, crosses, field) or "")
+    assert "of 'uav-2' of no operation" in (refusal(airspace, crosses, field) or "")
 
 
 def ghost(uav: str) -> Ghost:
@@ -162,11 +162,11 @@ def ghost(uav: str) -> Ghost:
 def test_a_ghost_of_one_operation_is_a_ghost_to_all_in_their_time_and_place(first: Plan, second: Plan) -> None:
     field = Field(uav_1=1, uav_2=2)
     field.down.clear()
-    skies = SharedAirspace(cast("Fleet", field))
+    airspace = SharedAirspace(cast("Fleet", field))
     one, other = flight_of(first, field, now_s=20.0), flight_of(second, field, now_s=5.0)
     other.first_plan = along(second, (0.0, 0.0), (1.0, 0.0), origin=NORTH)
-    skies.enter("op-1", cast("Flown", one))
-    skies.enter("op-2", cast("Flown", other))
+    airspace.enter("op-1", cast("Flown", one))
+    airspace.enter("op-2", cast("Flown", other))
     one.guidance.airspace.reserve(ghost("uav-1"))
     (seen,) = other.guidance.airspace.elsewhere()
     assert (seen.lost_at_s, seen.ways[0].began_s, seen.deadline_s) == (-5.0, -15.0, 585.0)
@@ -180,15 +180,16 @@ def test_a_ghost_of_one_operation_is_a_ghost_to_all_in_their_time_and_place(firs
 def test_a_ghost_outlives_its_operation_until_it_is_seen_on_the_ground(first: Plan, second: Plan) -> None:
     field = Field(uav_1=1, uav_2=2)
     field.down.clear()
-    skies = SharedAirspace(cast("Fleet", field))
+    airspace = SharedAirspace(cast("Fleet", field))
     one, other = flight_of(first, field, now_s=20.0), flight_of(second, field, now_s=5.0)
-    skies.enter("op-1", cast("Flown", one))
+    airspace.enter("op-1", cast("Flown", one))
     one.guidance.airspace.reserve(ghost("uav-1"))
-    skies.leave("op-1")
-    skies.enter("op-2", cast("Flown", other))
+    airspace.leave("op-1")
+    airspace.enter("op-2", cast("Flown", other))
     (seen,) = other.guidance.airspace.elsewhere()
     assert seen.lost_at_s == -5.0
-    assert refusal(skies, along(first, (0.0, 0.0), (1.0, 0.0)), field) is None  # it is the UAV itself that flies again
+    same_uav = along(first, (0.0, 0.0), (1.0, 0.0))
+    assert refusal(airspace, same_uav, field) is None  # its own ghost does not keep it on the ground
     field.down = {1}
     assert not other.guidance.airspace.elsewhere()
 

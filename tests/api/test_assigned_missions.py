@@ -1,11 +1,11 @@
-"""Missions that UAVs were given, stored for the next service."""
+"""Missions that were assigned to UAVs, stored for the next service."""
 
 from pathlib import Path
 
 import pytest
 from sqlalchemy import insert
 
-from skyfolio.api.flights.assigned_missions import AssignedMission, MissionBook
+from skyfolio.api.flights.assigned_missions import AssignedMission, AssignedMissionStore
 from skyfolio.api.store import Database
 from skyfolio.api.store.tables import operations
 from skyfolio.mavlink_bridge import Autopilot, compile_mission, mission_differences
@@ -13,24 +13,24 @@ from skyfolio.planner import EXAMPLES, Plan, plan
 
 
 @pytest.fixture(scope="module")
-def made() -> Plan:
+def minimal() -> Plan:
     return plan(EXAMPLES["minimal"]())
 
 
-def given(made: Plan, uav: str, autopilot: Autopilot, altitude_m: float = 60.0) -> AssignedMission:
+def assigned(minimal: Plan, uav: str, autopilot: Autopilot, altitude_m: float = 60.0) -> AssignedMission:
     return AssignedMission(
-        mission=compile_mission(made, uav, autopilot=autopilot),
-        path_m=list(made.trajectories_m[uav]),
+        mission=compile_mission(minimal, uav, autopilot=autopilot),
+        path_m=list(minimal.trajectories_m[uav]),
         first_slot=3,
-        slot_s=made.scenario.slot_duration_s,
-        origin=made.scenario.origin,
+        slot_s=minimal.scenario.slot_duration_s,
+        origin=minimal.scenario.origin,
         altitude_m=altitude_m,
     )
 
 
 @pytest.mark.parametrize("autopilot", list(Autopilot))
-def test_a_mission_comes_back_as_it_was(made: Plan, autopilot: Autopilot) -> None:
-    before = given(made, "uav-1", autopilot)
+def test_a_mission_comes_back_as_it_was(minimal: Plan, autopilot: Autopilot) -> None:
+    before = assigned(minimal, "uav-1", autopilot)
     after = AssignedMission.of_document(before.document())
     assert mission_differences(before.mission.items, after.mission.items) == ()
     for name in ("path_m", "first_slot", "slot_s", "origin", "altitude_m", "began_s"):
@@ -40,18 +40,18 @@ def test_a_mission_comes_back_as_it_was(made: Plan, autopilot: Autopilot) -> Non
     assert after.mission.autopilot is autopilot
 
 
-async def test_the_newest_mission_of_each_uav_comes_first(made: Plan, tmp_path: Path) -> None:
+async def test_the_newest_mission_of_each_uav_comes_first(minimal: Plan, tmp_path: Path) -> None:
     database = await Database.open(f"sqlite+aiosqlite:///{tmp_path}/service.db")
     row = {"id": "op-1", "number": 1, "created_at": 0.0, "plan_id": "plan-1", "policy": "auto", "state": "flying"}
     await database.write((insert(operations), {**row, "version": 0, "document": "{}"}))
-    book = MissionBook(database, "op-1")
-    await book.write({uav: given(made, uav, Autopilot.PX4) for uav in ("uav-1", "uav-2")})
-    await book.write({"uav-1": given(made, "uav-1", Autopilot.PX4, altitude_m=65.0)})
-    await book.write({})
-    found = await book.read()
-    assert {uav: [one.altitude_m for one in several] for uav, several in found.items()} == {
+    store = AssignedMissionStore(database, "op-1")
+    await store.write({uav: assigned(minimal, uav, Autopilot.PX4) for uav in ("uav-1", "uav-2")})
+    await store.write({"uav-1": assigned(minimal, "uav-1", Autopilot.PX4, altitude_m=65.0)})
+    await store.write({})
+    missions = await store.read()
+    assert {uav: [one.altitude_m for one in stored] for uav, stored in missions.items()} == {
         "uav-1": [65.0, 60.0],
         "uav-2": [60.0],
     }
-    assert await MissionBook(database, "op-2").read() == {}
+    assert await AssignedMissionStore(database, "op-2").read() == {}
     await database.close()

@@ -98,7 +98,7 @@ class Fleet:
         one = self._seen[uav]
         return () if one is None else one.ends_m
 
-    def on_board(self, uav: str) -> Any:
+    def telemetry(self, uav: str) -> Any:
         one = self._seen[uav]
         return one and SimpleNamespace(armed=one.armed, relative_alt_m=one.up_m, mode=FlightMode(one.mode))
 

@@ -183,7 +183,7 @@ def test_a_recalled_record_gives_the_same_rates_in_pieces_that_let_others_take_t
 
     record = flown(first, 20.0)
     flight = again()
-    flight.recall(record)
+    flight.restore(record)
     assert counted.samples == 0
     assert set(flight.reported_rates_bps()["user-1"]) == {None}
     turns = 0

@@ -126,7 +126,7 @@ def test_with_approval_nothing_is_swapped_until_the_operator_says_so(flown: Flig
 
 
 def assert_undecided(
-    flown: Flight, operation_id: str, incident: int, outcome: str = "unanswered", because: str = "not answered: "
+    flown: Flight, operation_id: str, incident: int, outcome: str = "unanswered", because: str = "not completed: "
 ) -> None:
     """The incident is closed once, with what became of it and why, in the journal and in the operation."""
     entries = [entry for entry in flown.client.journal(operation_id) if entry.incident == incident]
@@ -152,7 +152,7 @@ def test_a_proposal_that_nobody_decides_on_ends_when_no_slot_is_left_to_fly_diff
         flown.fleet.inject(sim.Kill(3))
         flown.until(operation_id, lambda view: view.proposal)
         assert flown.ended(operation_id).state == State.COMPLETED_PARTLY  # the plan counts on the lost one
-        assert_undecided(flown, operation_id, 1, "too_late", "nobody decided while a slot was left")
+        assert_undecided(flown, operation_id, 1, "too_late", "no decision was made while there was still a slot")
 
 
 def test_a_proposal_that_waited_when_the_service_stopped_is_closed_by_the_next_one(tmp_path: Path) -> None:

@@ -94,7 +94,7 @@ def test_an_operation_that_is_never_heard_again_ends_when_its_missions_must_have
         assert view.state in {State.FLYING, State.LINK_LOST}
         assert time.monotonic() < deadline
         time.sleep(0.1)
-    assert view.error == "link_lost: nobody was heard until uav-1, uav-2, uav-3 must have landed"
+    assert view.error == "link_lost: no vehicle was heard until uav-1, uav-2, uav-3 must have landed"
     assert view.lost == []
 
 

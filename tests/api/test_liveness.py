@@ -261,7 +261,7 @@ def test_vehicles_hear_nothing_of_us_while_the_solver_is_stopped_and_hear_us_aga
             said = http.get("/ready")
             assert said.status_code == 503
             assert said.json()["checks"]["solver"] == "no answer from flight"
-            assert said.json()["checks"]["heartbeat"] == "not sent to vehicles: nobody could replan"
+            assert said.json()["checks"]["heartbeat"] == "not sent to vehicles: no worker can replan"
             assert metric(http, 'skyfolio_solver_answers{lane="flight"}') == 0.0
             time.sleep(0.5)  # what was on its way
             before = listener.heard()

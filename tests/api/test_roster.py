@@ -93,7 +93,7 @@ class Sky:
     def reserve(self, uav: str, _where: object) -> None:
         self.reserved.add(uav)
 
-    def found(self, uav: str) -> bool:
+    def release_air(self, uav: str) -> bool:
         was = uav in self.reserved
         self.reserved.discard(uav)
         return was

@@ -1,4 +1,4 @@
-"""The end of a stream: whoever asks waits for the vehicles it needs, nobody for one that is dead."""
+"""The end of a stream: a caller waits for the vehicles that it needs, and never for one that is dead."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from typing import Any
 import pytest
 
 from skyfolio.api.common.fleet_clock import FleetClock
-from skyfolio.api.flights.setpoint_streams import Streaming
+from skyfolio.api.flights.setpoint_streams import SetpointStreams
 from skyfolio.mavlink_bridge.guidance import FallBack
 
 SYSTEMS = {"uav-1": 1, "uav-2": 2}
 
 
 class OneStream:
-    """What `Streaming` needs of a stream: uav-1 lets go after a moment, uav-2 is dead and never answers."""
+    """What `SetpointStreams` needs of a stream: uav-1 lets go after a moment, uav-2 is dead and never answers."""
 
     def __init__(self) -> None:
         self.dropped = False
@@ -57,14 +57,14 @@ class NoFleet:
 
 
 @asynccontextmanager
-async def streaming() -> AsyncIterator[tuple[Streaming, OneStream]]:
+async def streaming() -> AsyncIterator[tuple[SetpointStreams, OneStream]]:
     fleet: Any = NoFleet()
-    made = Streaming(SYSTEMS, fleet, FleetClock(1.0), elapsed_s=lambda: 7.0, fall_back=FallBack.MISSION)
+    streams = SetpointStreams(SYSTEMS, fleet, FleetClock(1.0), elapsed_s=lambda: 7.0, fall_back=FallBack.MISSION)
     stream: Any = OneStream()
-    made._stream = stream
-    made.begin()
-    yield made, stream
-    await made.close()
+    streams._stream = stream
+    streams.begin()
+    yield streams, stream
+    await streams.close()
 
 
 async def is_waiting(task: asyncio.Task[None]) -> bool:

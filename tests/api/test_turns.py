@@ -16,7 +16,7 @@ from skyfolio.api.common.idempotency import fresh
 from skyfolio.api.common.settings import Settings
 from skyfolio.api.dashboard.feed import TRACK_AT_ONCE, Feed
 from skyfolio.api.dashboard.rest import Rest
-from skyfolio.api.flights.assigned_missions import AssignedMission, MissionBook
+from skyfolio.api.flights.assigned_missions import AssignedMission, AssignedMissionStore
 from skyfolio.api.flights.swap import Swap
 from skyfolio.api.flights.take_off import FlightError, TakeOff
 from skyfolio.api.http.app import create_app
@@ -130,7 +130,7 @@ async def test_stored_missions_are_written_and_read_beside_the_loop(
     service, _ = served
     await with_track(service, 1)
     scenario = made.scenario
-    given = {
+    assigned = {
         uav: AssignedMission(
             mission=Missions(made)._mission(uav),
             path_m=list(made.trajectories_m[uav]),
@@ -142,9 +142,9 @@ async def test_stored_missions_are_written_and_read_beside_the_loop(
         for uav in scenario.uav_ids
     }
     dumped, loaded = watched(monkeypatch, json, "dumps"), watched(monkeypatch, json, "loads")
-    book = MissionBook(service.database, "op-1")
-    await book.write(given)
-    assert set(await book.read()) == set(given)
+    store = AssignedMissionStore(service.database, "op-1")
+    await store.write(assigned)
+    assert set(await store.read()) == set(assigned)
     assert dumped == loaded == [False, False]
 
 

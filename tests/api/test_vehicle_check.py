@@ -172,7 +172,7 @@ def test_the_command_ends_with_2_when_nobody_answers_or_it_is_used_wrongly(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert checked(monkeypatch, "--wait-s", "1") == 2
-    assert "no autopilot's heartbeat was heard" in capsys.readouterr().err
+    assert "no heartbeat of an autopilot was heard" in capsys.readouterr().err
     assert checked(monkeypatch, "--wait-s", "1", "--system-id", "9") == 2
     assert "system 9" in capsys.readouterr().err
 

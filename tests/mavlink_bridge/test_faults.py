@@ -37,8 +37,8 @@ async def conditions(field: Any, seconds: float) -> list[Condition]:
 
     async def listen() -> None:
         async for change in field.link.changes():
-            if change.system_id == 1:
-                found.append(change.after)  # noqa: PERF401
+            if change.system_id == 1 and change.condition is not None:
+                found.append(change.condition.after)  # noqa: PERF401
 
     listening = asyncio.create_task(listen())
     await field.fly_for(seconds)

@@ -236,8 +236,8 @@ async def test_a_fleet_flies_its_plan_is_swapped_after_a_loss_and_lands_at_the_n
         began_s = field.clock.now()
         await field.fly_for(50.0)
         field.fleet.inject(Kill(3))
-        async for event in field.link.events():
-            if event.system_id == 3 and event.after == "lost":
+        async for change in field.link.changes():
+            if change.system_id == 3 and any(step.after == "lost" for step in change.link):
                 break
         slot = int((field.clock.now() - began_s) // 5.0)
         rest = {

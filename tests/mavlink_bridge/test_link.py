@@ -23,6 +23,7 @@ from skyfolio.mavlink_bridge import (
     east_north_to_geodetic,
     mission_differences,
 )
+from skyfolio.mavlink_bridge.conditions import Condition
 from skyfolio.planner.plans import Plan
 from skyfolio.sim import Kill, Mute, ScaledClock
 
@@ -90,18 +91,20 @@ async def test_a_silent_vehicle_fails_by_name_and_the_others_get_their_missions(
 async def test_a_killed_vehicle_is_lost_within_six_seconds_and_nobody_else_is(airfield: Open, trio: Plan) -> None:
     async with airfield(trio, speedup=5.0) as field:
         await field.fly_for(2.0)
-        events, others = field.link.events(), field.link.events()
+        changes, others = field.link.changes(), field.link.changes()
         field.fleet.inject(Kill(3))
         killed_s = field.clock.now()
         seen = []
         async with asyncio.timeout(5):
-            async for event in events:
-                seen.append(event)
-                if event.after is LinkState.LOST:
+            async for change in changes:
+                seen.append(change)
+                if change.link[-1].after is LinkState.LOST:
                     break
-        assert [(event.system_id, event.after) for event in seen] == [(3, LinkState.STALE), (3, LinkState.LOST)]
-        assert seen[-1].silent_for_s >= 5.0
-        assert seen[-1].at_s - killed_s < 6.0
+        steps = [step for change in seen for step in change.link]
+        assert [(step.system_id, step.after) for step in steps] == [(3, LinkState.STALE), (3, LinkState.LOST)]
+        assert steps[-1].silent_for_s >= 5.0
+        assert steps[-1].at_s - killed_s < 6.0
+        assert [change.condition.after for change in seen if change.condition] == [Condition.STALE, Condition.LINK_LOST]
         assert await anext(others) == seen[0]
 
 
@@ -115,7 +118,7 @@ async def test_a_companion_that_lives_on_does_not_hide_the_dead_autopilot(
             asyncio.DatagramProtocol, remote_addr=("127.0.0.1", free_port)
         )
         beat = dialect.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3)
-        events = field.link.events()
+        changes = field.link.changes()
         field.fleet.inject(Kill(1))
         states = []
         async with asyncio.timeout(5):
@@ -123,7 +126,7 @@ async def test_a_companion_that_lives_on_does_not_hide_the_dead_autopilot(
                 transport.sendto(beat.pack(companion))
                 await asyncio.sleep(0.05)
                 states.append(field.link.monitor.state(1))
-        assert (await anext(events)).after is LinkState.STALE
+        assert (await anext(changes)).link[0].after is LinkState.STALE
         transport.close()
         await asyncio.sleep(0)
 
@@ -200,9 +203,9 @@ async def test_a_link_that_is_not_open_says_so(free_port: int) -> None:
     with pytest.raises(LinkClosed, match="not opened"):
         await link.wait_for({1}, timeout_s=1)
     await link.connect(f"udpin://127.0.0.1:{free_port}")
-    events = link.events()
+    changes = link.changes()
     await link.close()
     await link.close()
-    assert [event async for event in events] == []
+    assert [change async for change in changes] == []
     with pytest.raises(BridgeError, match="closed"):
         await link.connect(f"udpin://127.0.0.1:{free_port}")

@@ -40,9 +40,8 @@ async def beat(link: ListeningLink) -> None:
 
 
 async def collect(link: ListeningLink, into: list[LinkEvent]) -> None:
-    take = into.append
-    async for event in link.events():
-        take(event)
+    async for change in link.changes():
+        into += change.link
 
 
 async def test_a_blocked_event_loop_loses_nobody(link: ListeningLink) -> None:

@@ -13,7 +13,7 @@ from skyfolio.api.access.api_keys import Role
 from skyfolio.api.common.errors import InvalidError, NotFoundError
 from skyfolio.api.common.idempotency import NewResource
 from skyfolio.api.fleet.commander import Action
-from skyfolio.api.flights.guidance import Way
+from skyfolio.api.flights.guidance_options import GuidanceOptions
 from skyfolio.api.flights.journal import Entry
 from skyfolio.api.flights.operation import Operation
 from skyfolio.api.flights.operation_views import OperationRow, OperationView, Policy, State
@@ -118,7 +118,9 @@ async def start_operation(
         body.replanning,
         creation,
         launch_itself=body.launch == "auto",
-        way=Way(body.guidance, body.stream_fallback, OnEnd(body.at_end), force_stream=body.force_stream),
+        options=GuidanceOptions(
+            body.guidance, body.stream_fallback, OnEnd(body.at_end), force_stream=body.force_stream
+        ),
     )
     view = operation.view() if isinstance(operation, Operation) else operation
     response.headers["Location"] = f"/v1/operations/{view.id}"

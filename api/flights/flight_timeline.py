@@ -1,0 +1,74 @@
+"""The time of one flight: its slot clock, and which plan was in force when."""
+
+from __future__ import annotations
+
+from skyfolio.api.common.fleet_clock import FleetClock
+from skyfolio.api.flights.rates import InForce
+from skyfolio.planner import Plan
+
+
+class FlightTimeline:
+    """The slot clock of a flight and its plans. Times are fleet seconds since slot 0 began."""
+
+    def __init__(self, plan: Plan, clock: FleetClock) -> None:
+        self.timeline = [InForce(0.0, plan)]
+        self._clock = clock
+        self._began: float | None = None
+        """The fleet second in which slot 0 began."""
+        self._frozen_s: float | None = None
+        """Where the slot clock stands while it is stopped."""
+
+    @property
+    def first_plan(self) -> Plan:
+        """Return the plan of the whole fleet with which the operation began."""
+        return self.timeline[0].plan
+
+    @property
+    def plan(self) -> Plan:
+        """Return the plan in force."""
+        return self.timeline[-1].plan
+
+    def take_over(self, plan: Plan) -> None:
+        """Put this plan into force: users and vehicles follow it from now on."""
+        self.timeline.append(InForce(self.now_s(), plan))
+
+    @property
+    def n_slots(self) -> int:
+        """Return the number of slots of the whole operation."""
+        return self.first_plan.scenario.slots
+
+    @property
+    def slot_s(self) -> float:
+        """Return the duration of a slot in fleet seconds."""
+        return self.first_plan.scenario.slot_duration_s
+
+    def elapsed_s(self) -> float | None:
+        """Return the fleet seconds since slot 0 began, None before. They stand still while the flight is paused."""
+        if self._frozen_s is not None:
+            return self._frozen_s
+        return None if self._began is None else self._clock.now() - self._began
+
+    @property
+    def paused(self) -> bool:
+        """Return whether the slot clock stands still."""
+        return self._frozen_s is not None
+
+    def set_slot_clock(self, elapsed_s: float, *, paused: bool = False) -> None:
+        """Set the slot clock after a pause, or after a restart of the service."""
+        self._began = self._clock.now() - elapsed_s
+        self._frozen_s = elapsed_s if paused else None
+
+    def now_s(self) -> float:
+        """Return `elapsed_s` of a flight that has begun; 0 before."""
+        return self.elapsed_s() or 0.0
+
+    def slot(self) -> int | None:
+        """Return the slot that lasts now; None before the first and after the last."""
+        elapsed_s = self.elapsed_s()
+        if elapsed_s is None or elapsed_s >= self.n_slots * self.slot_s:
+            return None
+        return int(elapsed_s // self.slot_s)
+
+    def past_last_slot(self) -> bool:
+        """Return whether every slot is over."""
+        return self.now_s() >= self.n_slots * self.slot_s
