@@ -9,7 +9,9 @@ from pathlib import Path
 import pytest
 from selenium.webdriver.common.by import By
 
+from skyfolio.api.dashboard.map_scene import sketch
 from skyfolio.planner import EXAMPLES
+from tests.dashboard.components import stray_errors
 from tests.dashboard.stack import Page, Service, key_for, missing_browser
 
 pytestmark = [
@@ -105,6 +107,20 @@ def test_before_anything_flies_the_page_says_what_to_do(page: Page, idle: Servic
 def test_every_control_has_a_name_and_is_reached_by_keyboard(page: Page, idle: Service, path: str) -> None:
     page.open(idle.url, path)
     page.until(lambda: page.unreachable_controls() == [], f"names and tab stops: {page.unreachable_controls()}", 10)
+
+
+@pytest.mark.parametrize("component", ["map.js", "fleet.js"])
+def test_a_component_takes_what_comes_before_it_is_there_and_after_it_has_gone(
+    page: Page, idle: Service, component: str
+) -> None:
+    drawn, moved = sketch(EXAMPLES["minimal"]().model_dump(mode="json"))
+    calls = {
+        "map.js": [["set_scene", drawn, {}], ["set_frame", moved], ["select", "uav-1"]],
+        "fleet.js": [["set_rows", []], ["select", "uav-1"]],
+    }
+    page.open(idle.url)
+    page.see(".sf-fleet .sf-empty", "No vehicle is registered")
+    assert stray_errors(page, component, calls[component]) == []
 
 
 def test_a_plan_is_made_weighed_compared_and_exported(page: Page, idle: Service, folder: Path) -> None:

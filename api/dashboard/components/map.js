@@ -1,5 +1,8 @@
 // The situation map: one canvas layer that draws a scene (what stays) and frames (what moves).
 // Coordinates are metres east/north of the scenario's origin. Colours come from the page's CSS variables.
+// Browsers and the server may call a method before the map is mounted and after it is gone (a canvas that is taken away
+// sends a last pointerleave). What is shown is reactive data, which takes that; what draws or points asks `context`
+// (there from mounted to unmounted) or `view` (there once something can be seen).
 const EARTH_M = 40075016.686;
 const RAMP = [[0, 32, 77], [64, 77, 107], [124, 123, 120], [188, 175, 111], [255, 234, 70]]; // cividis
 
@@ -21,10 +24,12 @@ function niceStep(span) {
 
 export default {
   template: `
-    <div class="sf-map" tabindex="0" role="application" :aria-label="label" @keydown="onKey">
+    <div class="sf-map" tabindex="0" role="application" :aria-label="label" @keydown="onKey"
+      :data-frames="frames || null" :data-lost="lost" :data-uavs="frame?.uavs.length">
       <canvas ref="canvas" aria-hidden="true"
-        @pointerdown="onDown" @pointermove="onMove" @pointerup="onUp" @pointerleave="onLeave" @wheel.prevent="onWheel"></canvas>
-      <div ref="tip" class="sf-map-tip" hidden></div>
+        @pointerdown="onDown" @pointermove="onMove" @pointerup="onUp" @pointercancel="onCancel" @pointerleave="onLeave"
+        @wheel.prevent="onWheel"></canvas>
+      <div class="sf-map-tip" v-show="tip" :style="tip?.place">{{ tip?.words }}</div>
       <div class="sf-map-tools">
         <button type="button" aria-label="zoom in" @click="zoomBy(1.4)">+</button>
         <button type="button" aria-label="zoom out" @click="zoomBy(1 / 1.4)">&minus;</button>
@@ -32,8 +37,14 @@ export default {
       </div>
     </div>`,
   props: { label: String, tool: String },
-  data: () => ({ scene: null, frame: null, frames: 0, selected: null }),
+  data: () => ({ scene: null, frame: null, frames: 0, selected: null, tip: null }),
+  computed: {
+    lost() {
+      return this.frame?.uavs.filter((uav) => uav.lost).map((uav) => uav.id).join(" ");
+    },
+  },
   created() {
+    this.context = null;
     this.view = null;
     this.tracks = {};
     this.tiles = new Map();
@@ -53,6 +64,9 @@ export default {
   beforeUnmount() {
     this.watcher.disconnect();
     this.themes.disconnect();
+    cancelAnimationFrame(this.asked);
+    for (const image of this.tiles.values()) image.onload = null;
+    this.context = this.view = this.drag = null;
   },
   methods: {
     // --- what the server calls ---
@@ -67,8 +81,6 @@ export default {
       this.frame = Object.freeze(frame);
       this.frames += 1;
       if (frame.live) for (const uav of frame.uavs) this.follow(uav);
-      const lost = frame.uavs.filter((uav) => uav.lost).map((uav) => uav.id);
-      Object.assign(this.$el.dataset, { frames: this.frames, lost: lost.join(" "), uavs: frame.uavs.length });
       this.draw();
     },
     select(id) {
@@ -94,6 +106,7 @@ export default {
       this.draw();
     },
     resize() {
+      if (!this.context) return;
       const scale = window.devicePixelRatio || 1;
       const { clientWidth: w, clientHeight: h } = this.$el;
       if (!w || !h) return;
@@ -103,20 +116,22 @@ export default {
       if (this.scene) (this.view?.touched ? this.draw() : this.fit(false));
     },
     fit() {
-      if (!this.scene || !this.size) return;
+      if (!this.scene || !this.size || !this.context) return;
       const [[west, south], [east, north]] = this.scene.area;
       const { w, h } = this.size;
       const zoom = Math.min((w - 56) / (east - west), (h - 56) / (north - south));
       this.view = { e: (west + east) / 2, n: (south + north) / 2, zoom, touched: false };
       this.draw();
     },
-    zoomBy(factor, x = this.size.w / 2, y = this.size.h / 2) {
+    zoomBy(factor, x = this.size?.w / 2, y = this.size?.h / 2) {
+      if (!this.view) return;
       const [e, n] = this.ground(x, y);
       const zoom = Math.min(Math.max(this.view.zoom * factor, 1e-3), 200);
       this.view = { zoom, e: e - (x - this.size.w / 2) / zoom, n: n + (y - this.size.h / 2) / zoom, touched: true };
       this.draw();
     },
     pan(dx, dy) {
+      if (!this.view) return;
       this.view = { ...this.view, e: this.view.e - dx / this.view.zoom, n: this.view.n + dy / this.view.zoom, touched: true };
       this.draw();
     },
@@ -135,9 +150,8 @@ export default {
     // --- drawing ---
     draw() {
       if (!this.context || this.asked) return;
-      this.asked = true;
-      requestAnimationFrame(() => {
-        this.asked = false;
+      this.asked = requestAnimationFrame(() => {
+        this.asked = null;
         this.paint();
       });
     },
@@ -469,6 +483,7 @@ export default {
       if (!before) return this.showTip(x, y);
       if (this.pointers.size === 2) return this.pinch(event.pointerId, [x, y]);
       this.pointers.set(event.pointerId, [x, y]);
+      if (!this.drag) return; // one of two fingers was lifted: the other one drags nothing
       this.drag.far = Math.max(this.drag.far, Math.hypot(x - this.drag.x, y - this.drag.y));
       if (this.drag.far > 4 && !this.drag.target) this.pan(x - before[0], y - before[1]);
     },
@@ -478,30 +493,30 @@ export default {
       const apart = (p) => Math.max(Math.hypot(p[0] - other[0], p[1] - other[1]), 1);
       this.zoomBy(apart(here) / apart(was), (here[0] + other[0]) / 2, (here[1] + other[1]) / 2);
       this.pointers.set(id, here);
-      this.drag.far = 99;
+      if (this.drag) this.drag.far = 99;
     },
     onUp(event) {
       this.pointers.delete(event.pointerId);
       const drag = this.drag;
       this.drag = null;
-      if (!drag) return;
+      if (!drag || !this.view) return;
       const [e, n] = this.ground(event.offsetX, event.offsetY).map((metres) => Math.round(metres * 10) / 10);
       if (drag.far <= 4 && drag.hit && this.tool !== "remove") this.$emit("pick", { kind: drag.hit.kind, id: drag.hit.id });
       else if (drag.far <= 4 && this.tool) this.$emit("place", { tool: this.tool, e, n, kind: drag.hit?.kind, id: drag.hit?.id });
       else if (drag.far > 4 && drag.target) this.$emit("moved", { kind: drag.target.kind, id: drag.target.id, e, n });
     },
+    onCancel(event) {
+      this.pointers.delete(event.pointerId);
+      this.drag = null;
+    },
     onLeave() {
-      this.$refs.tip.hidden = true;
+      this.tip = null;
     },
     showTip(x, y) {
-      const tip = this.$refs.tip;
       const found = this.hit(x, y);
-      tip.hidden = !found;
       this.canvas.style.cursor = found ? "pointer" : this.tool ? "crosshair" : "grab";
-      if (!found) return;
-      tip.textContent = found.kind === "uav" ? this.uavTip(found.uav) : this.userTip(found.id);
-      tip.style.left = `${Math.min(x + 14, this.size.w - 210)}px`;
-      tip.style.top = `${Math.min(y + 14, this.size.h - 80)}px`;
+      const place = { left: `${Math.min(x + 14, this.size.w - 210)}px`, top: `${Math.min(y + 14, this.size.h - 80)}px` };
+      this.tip = found && { words: found.kind === "uav" ? this.uavTip(found.uav) : this.userTip(found.id), place };
     },
     uavTip(uav) {
       const lines = [`${uav.id}: ${uav.state ?? ""}`, `heading ${Math.round(uav.heading ?? 0)}°, ${uav.alt?.toFixed(1) ?? "?"} m above home`];
@@ -517,7 +532,7 @@ export default {
       return lines.join("\n");
     },
     onWheel(event) {
-      if (this.view) this.zoomBy(Math.exp(-event.deltaY / 500), event.offsetX, event.offsetY);
+      this.zoomBy(Math.exp(-event.deltaY / 500), event.offsetX, event.offsetY);
     },
     onKey(event) {
       if (!this.view) return;
