@@ -61,6 +61,8 @@ class Classifier:
     def missed(self, now_s: float, for_s: float) -> None:
         """Take in that nothing could be received for the last `for_s` seconds; see `HeartbeatMonitor.missed`."""
         self.links.missed(now_s, for_s)
+        for known in self._known.values():
+            known.missed(now_s, for_s)
 
     def silent_for_s(self, system_id: int, now_s: float) -> float:
         """Return the seconds since its autopilot was heard. Raises KeyError if the UAV is not watched."""
@@ -167,7 +169,7 @@ class Classifier:
         known.judge_mode(now_s)
         flying, fate = known.armed and known.flew, known.fate(now_s)
         fails, human = flying and known.fails, flying and known.is_taken_by_human
-        known.human.update(human if heard else None, now_s)
+        known.human.update(human if heard and not known.may_have_ended(now_s) else None, now_s)
         known.failsafe.update(fails if heard else None, now_s)
         talks = self.links.silent_for_s(system_id, now_s) < self.links.stale_after_s
         known.landed.update((fate is Fate.LANDED) if talks else None, now_s)

@@ -92,6 +92,12 @@ class Evidence:
             self._announced[mode] = until_s
             self._order = (mode, now_s)
 
+    def missed(self, now_s: float, for_s: float) -> None:
+        """We did not listen for so long until now: what it did meanwhile is heard that much later."""
+        for mode, until_s in self._announced.items():
+            if until_s > now_s - for_s:
+                self._announced[mode] = until_s + for_s
+
     def judge_mode(self, now_s: float) -> None:
         """Take in a change of mode: whether the service announced it, and whether it stops a flight of ours."""
         if self.mode is self.judged_mode:
@@ -123,6 +129,11 @@ class Evidence:
     def _ends_mission(self) -> bool:
         """Return whether it returns or lands as its mission's last item has it, which PX4 shows by its mode."""
         return self._may_end_mission and self._is_finished and not self._was_critical
+
+    def may_have_ended(self, now_s: float) -> bool:
+        """Whether it returns or lands, and has not told since how far its mission is: MISSION_CURRENT comes at 1 Hz."""
+        untold = self._mission is not None and self._mission_s < self._changed_s
+        return self._may_end_mission and untold and now_s - self._changed_s < _TOLD_S
 
     @property
     def _is_held(self) -> bool:

@@ -479,3 +479,25 @@ def test_a_uav_that_is_no_longer_watched_changes_nothing_and_disturbs_nobody() -
     story.classifier.unwatch(2)
     assert story.silence(20.0)[-1] is Condition.LINK_LOST
     assert {change.system_id for change in story.changes} == {1}
+
+
+def test_what_it_was_told_before_a_pause_of_ours_is_no_human_when_it_is_heard_after() -> None:
+    story = Story()
+    story.tell(5)
+    story.order(FlightMode.RETURN)
+    story.now_s += 4.0  # longer than an order counts
+    story.classifier.missed(story.now_s, 4.0)
+    assert story.tell(5, custom_mode=PX4_RETURN) == []
+
+
+def test_a_mission_that_tells_of_its_end_only_after_the_mode_has_is_no_human() -> None:
+    story = Story()
+    story.tell(5, seq=18)
+    landing = story.values | {"custom_mode": PX4_LAND}
+    for _ in range(2):
+        story.classifier.hear(1, 1, "HEARTBEAT", landing, story.now_s)
+        assert story.silence(1) == []
+    assert story.tell(5, custom_mode=PX4_LAND, seq=19) == []
+    early = Story()
+    early.tell(5)
+    assert early.tell(5, custom_mode=PX4_LAND) == [Condition.HUMAN]
