@@ -2,8 +2,9 @@
 
 When every UAV of a flight that still counts is silent at once, and no other registered vehicle is heard either, no UAV
 is known to be lost: our link is. Judgement is held until a vehicle is heard again; UAVs that are still silent some time
-after that are lost. A flight with a single UAV left is judged the same way: there is no survivor to plan for, and
-nothing to gain by giving it up.
+after that are lost. A UAV that is heard at this moment is not lost, even if its link does not count as live again yet.
+A flight with a single UAV left is judged the same way: there is no survivor to plan for, and nothing to gain by giving
+it up.
 """
 
 from __future__ import annotations
@@ -44,7 +45,8 @@ class OwnLink:
         counting: the UAVs that are in the air and not lost yet. others: every other registered vehicle, whatever it
         does: one that is heard shows that the link works. now_s: fleet seconds.
         """
-        silent = [uav for uav, heard in counting.items() if heard.lost]
+        silent = [uav for uav, heard in counting.items() if heard.lost and heard.silent_for_s >= self._stale_after_s]
+        coming_back = any(heard.lost for heard in counting.values())
         witnesses = [heard.silent_for_s for heard in (*counting.values(), *others)]
         latest_s = min(witnesses, default=0.0)
         if self.silent_since_s is None:
@@ -57,7 +59,7 @@ class OwnLink:
             return []
         if self._back_s is None:
             self._back_s = now_s - latest_s
-        if silent and now_s - self._back_s < self._lost_after_s:
+        if coming_back and now_s - self._back_s < self._lost_after_s:
             return []
         self.silent_since_s = self._back_s = None
         return silent

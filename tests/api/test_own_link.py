@@ -93,3 +93,14 @@ def test_two_killed_one_after_the_other_are_two_losses() -> None:
     sky.fly(2.5, silent=("a",))
     sky.fly(10, silent=("a", "b"))
     assert sky.lost == {"a": 5.0, "b": 5.0}
+
+
+def test_one_that_is_heard_again_but_not_for_long_enough_yet_is_not_lost() -> None:
+    link = OwnLink(stale_after_s=STALE_AFTER_S, lost_after_s=LOST_AFTER_S)
+    dark, back = Heard(silent_for_s=10.0, lost=True), Heard(silent_for_s=0.2, lost=False)
+    assert link.judge({"a": dark, "b": dark}, [], 100.0) == []
+    coming = Heard(silent_for_s=0.5, lost=True)
+    for step in range(40):
+        assert link.judge({"a": back, "b": coming}, [], 101.0 + step * STEP_S) == []
+    assert not link.is_lost
+    assert link.judge({"a": back, "b": Heard(silent_for_s=STALE_AFTER_S, lost=True)}, [], 114.0) == ["b"]
