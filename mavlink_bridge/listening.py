@@ -22,7 +22,7 @@ from skyfolio.mavlink_bridge.classifier import Classifier
 from skyfolio.mavlink_bridge.conditions import Timing, VehicleChange
 from skyfolio.mavlink_bridge.errors import ConnectionFailed, LinkClosed, VehiclesMissing
 from skyfolio.mavlink_bridge.framing import Frame, is_foreign_heartbeat
-from skyfolio.mavlink_bridge.heartbeat import AUTOPILOT, HeartbeatMonitor, LinkEvent
+from skyfolio.mavlink_bridge.heartbeat import AUTOPILOT, HeartbeatMonitor, LinkEvent, LinkState
 from skyfolio.mavlink_bridge.hub import Hub, LinkOptions
 from skyfolio.mavlink_bridge.mavsdk_log import to_python_logging
 from skyfolio.mavlink_bridge.mission_messages import GROUND
@@ -149,6 +149,11 @@ class ListeningLink:
     def heard_systems(self) -> frozenset[int]:
         """Return the system ids of expected vehicles whose autopilot has sent a heartbeat on this link."""
         return frozenset(system_id for system_id, vehicle in self._vehicles.items() if vehicle.heard)
+
+    def is_heard(self, system_id: int) -> bool:
+        """Return whether the autopilot of an expected vehicle was heard, and its link is not lost."""
+        watched = system_id in self.monitor.watched
+        return system_id in self.heard_systems and watched and self.monitor.state(system_id) is not LinkState.LOST
 
     def telemetry(self, system_id: int) -> Telemetry | None:
         """Return the latest snapshot of one autopilot (component 1), however old: see `heard_at_s`.

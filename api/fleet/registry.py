@@ -238,12 +238,7 @@ class Fleet:
 
     def is_heard(self, system_id: int) -> bool:
         """Return whether the vehicle was heard, and its link is not lost."""
-        monitor = self.link.monitor
-        return (
-            system_id in self.link.heard_systems
-            and system_id in monitor.watched
-            and monitor.state(system_id) is not LinkState.LOST
-        )
+        return self.link.is_heard(system_id)
 
     def is_down(self, system_id: int) -> bool:
         """Return whether the vehicle last reported to be disarmed, and is not seen to be in the air."""

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 from skyfolio.api.common.supervision import Supervisor
 from skyfolio.api.store.event_log import EventLog
-from skyfolio.mavlink_bridge import FleetLink, LinkEvent
+from skyfolio.mavlink_bridge import FleetLink, LinkEvent, LinkState
 from skyfolio.mavlink_bridge.conditions import Change, Condition, VehicleChange
 from skyfolio.mavlink_bridge.findings import Finding, warning
 from skyfolio.mavlink_bridge.senders import SenderKind, SenderNotice
@@ -16,7 +16,8 @@ from skyfolio.mavlink_bridge.speeds import SpeedRestored
 ASK_EVERY_S = 0.5
 """Wall seconds between looks for vehicles that have not been asked for their telemetry yet."""
 _FORGETS_STREAMS = frozenset({Condition.REBOOTED, Condition.DISARMED})
-"""A restarted ArduCopter sends no telemetry until it is asked again."""
+"""A restarted ArduCopter sends no telemetry until it is asked again. A vehicle that was not heard for a while is asked
+anew, too: it may have been switched off, and nothing but its positions shows that."""
 
 
 class FleetNews:
@@ -122,6 +123,8 @@ class FleetNews:
                 silent_for_s=round(step.silent_for_s, 3),
                 cause=condition.cause if is_newest and condition is not None and change.is_of_link_only else None,
             )
+            if step.after is LinkState.LOST:
+                self._asked.discard(change.system_id)
             for queue in self._followers:
                 queue.put_nowait(step)
         if condition is not None and not change.is_of_link_only:
@@ -139,7 +142,7 @@ class FleetNews:
     async def _ask(self, link: FleetLink) -> None:
         """Ask each vehicle for its telemetry once it is heard: ArduCopter sends none unasked."""
         while True:
-            unasked = link.heard_systems.intersection(self._systems.values()) - self._asked
+            unasked = {system for system in self._systems.values() if link.is_heard(system)} - self._asked
             self._asked |= unasked
             await link.ask_for_streams(unasked)
             await asyncio.sleep(ASK_EVERY_S)

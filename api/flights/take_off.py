@@ -89,8 +89,12 @@ class TakeOff:
         loss = seen(change, plan_is_flown=True)
         if change is None or loss is None:
             return None
-        since_s = self._created_s if loss.kind == "rebooted" else self._armed_s.get(uav, now_s)
-        happened = change.at_s > since_s
+        if loss.kind == "rebooted":  # it may have been switched off before, and have reported its clock only now
+            happened = self._created_s < (
+                change.at_s if telemetry is None else telemetry.heard_at_s - telemetry.boot_ms / 1000
+            )
+        else:
+            happened = change.at_s > self._armed_s.get(uav, now_s)
         goes_on = telemetry is not None and telemetry.armed
         return loss if (happened if loss.is_over else goes_on) else None
 
@@ -212,7 +216,7 @@ class TakeOff:
         failed = {self._uavs[system]: error for system, error in errors.items() if error}
         if failed:
             raise FlightError(f"start failed for {in_words(failed)}")
-        await asyncio.sleep(max(0.0, began - self._clock.now()) / self._clock.scale)
+        await self._clock.sleep(began - self._clock.now())
         return began
 
     async def _fence(self) -> None:

@@ -1,0 +1,73 @@
+"""What the link says of vehicles, in no time at all: whom it asks for telemetry."""
+
+import asyncio
+from collections.abc import AsyncIterator, Iterable
+from typing import Any, cast
+
+import pytest
+
+from skyfolio.api.common.supervision import Supervisor
+from skyfolio.api.fleet.vehicle_news import FleetNews
+from skyfolio.api.store.event_log import EventLog
+from skyfolio.mavlink_bridge import FleetLink, LinkEvent, LinkState
+
+
+class Link:
+    """A link on which one vehicle comes and goes."""
+
+    def __init__(self) -> None:
+        self.speeds = self
+        self.tell: Any = None
+        self.asked: list[int] = []
+        self.here = True
+        self.said: asyncio.Queue[LinkEvent] = asyncio.Queue()
+
+    heard_systems = frozenset({1})
+    """Whoever was ever heard."""
+
+    def is_heard(self, system_id: int) -> bool:
+        return self.here and system_id == 1
+
+    async def ask_for_streams(self, system_ids: Iterable[int]) -> None:
+        self.asked += system_ids
+
+    async def events(self) -> AsyncIterator[LinkEvent]:
+        while True:
+            yield await self.said.get()
+
+    async def changes(self) -> AsyncIterator[Any]:
+        await asyncio.Event().wait()
+        yield None
+
+    def become(self, after: LinkState) -> None:
+        self.here = after is not LinkState.LOST
+        self.said.put_nowait(LinkEvent(system_id=1, before=LinkState.STALE, after=after, silent_for_s=6.0, at_s=0.0))
+
+
+class Events:
+    def add(self, _kind: str, **_data: Any) -> None:
+        """Nobody reads them."""
+
+
+async def test_who_was_lost_is_asked_for_its_telemetry_anew_when_it_is_heard_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("skyfolio.api.fleet.vehicle_news.ASK_EVERY_S", 0.01)
+    link, events = Link(), Events()
+    news = FleetNews({"uav-1": 1, "uav-2": 2}, cast("EventLog", events))
+    tasks = news.start(cast("FleetLink", link), Supervisor(events.add))
+
+    async def look() -> list[int]:
+        await asyncio.sleep(0.05)
+        asked, link.asked = link.asked, []
+        return asked
+
+    assert await look() == [1]
+    assert await look() == []
+    link.become(LinkState.LOST)
+    assert await look() == []  # nobody is there to be asked
+    link.become(LinkState.STALE)
+    assert await look() == [1]
+    for task in tasks:
+        task.cancel()
+    await asyncio.gather(*tasks, return_exceptions=True)
