@@ -27,24 +27,40 @@ class Proxy:
         self.port = free_port(socket.SOCK_STREAM)
         self.url = f"http://127.0.0.1:{self.port}"
         self._to_port, self._prefix, self._strips = to_port, prefix.encode(), strips
+        self._open: set[asyncio.Task[None]] = set()
         self._headers = [f"{name}: {value}".encode() for name, value in headers.items()]
 
     async def serve(self, ready: threading.Event, end: asyncio.Event) -> None:
-        """Forward until told to end."""
+        """Forward until told to end; then every connection is closed."""
         async with await asyncio.start_server(self._connected, "127.0.0.1", self.port):
             ready.set()
             await end.wait()
+            for task in self._open:
+                task.cancel()
+            await asyncio.gather(*self._open, return_exceptions=True)
 
     async def _connected(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        with suppress(OSError, asyncio.IncompleteReadError, asyncio.CancelledError):
-            head = self._rewritten(await reader.readuntil(b"\r\n\r\n"))
-            if head is None:
-                writer.write(b"HTTP/1.1 404 Not Found\r\nContent-Length: 0\r\nConnection: close\r\n\r\n")
-            else:
-                back, forth = await asyncio.open_connection("127.0.0.1", self._to_port)
-                forth.write(head)
-                await asyncio.gather(_pipe(reader, forth), _pipe(back, writer))
-        writer.close()
+        task = asyncio.current_task()
+        assert task is not None
+        self._open.add(task)
+        try:
+            with suppress(OSError, asyncio.IncompleteReadError, asyncio.CancelledError):
+                await self._forward(reader, writer)
+        finally:
+            await _closed(writer)
+            self._open.discard(task)
+
+    async def _forward(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        head = self._rewritten(await reader.readuntil(b"\r\n\r\n"))
+        if head is None:
+            writer.write(b"HTTP/1.1 404 Not Found\r\nContent-Length: 0\r\nConnection: close\r\n\r\n")
+            return
+        back, forth = await asyncio.open_connection("127.0.0.1", self._to_port)
+        try:
+            forth.write(head)
+            await asyncio.gather(_pipe(reader, forth), _pipe(back, writer))
+        finally:
+            await _closed(forth)
 
     def _rewritten(self, head: bytes) -> bytes | None:
         first, *lines = head.rstrip(b"\r\n").split(b"\r\n")
@@ -67,6 +83,13 @@ async def _pipe(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> N
         writer.close()
 
 
+async def _closed(writer: asyncio.StreamWriter) -> None:
+    """Close it, and wait until it is."""
+    writer.close()
+    with suppress(OSError):
+        await writer.wait_closed()
+
+
 @contextmanager
 def running(proxy: Proxy) -> Iterator[Proxy]:
     """The proxy, in a thread of its own."""
@@ -80,7 +103,4 @@ def running(proxy: Proxy) -> Iterator[Proxy]:
     finally:
         loop.call_soon_threadsafe(end.set)
         thread.join()
-        for task in asyncio.all_tasks(loop):
-            task.cancel()
-        loop.run_until_complete(asyncio.sleep(0.01))
         loop.close()
