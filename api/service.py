@@ -47,9 +47,11 @@ CLOSE_S = 1.5
 class Service:
     """Everything that a route may use. Made by `open`, ended by `close`."""
 
-    def __init__(self, settings: Settings, database: Database, events: EventLog, solver: Solver) -> None:
+    def __init__(
+        self, settings: Settings, database: Database, events: EventLog, solver: Solver, clock: FleetClock | None = None
+    ) -> None:
         self.settings, self.database, self.events = settings, database, events
-        self.clock = FleetClock(settings.time_scale)
+        self.clock = clock or FleetClock(settings.time_scale)
         self.metrics = Metrics()
         self.keys = KeyRing(database)
         self.audit = AuditLog(database)
@@ -73,11 +75,11 @@ class Service:
         self.journal.listeners.append(self._note_step)
 
     @classmethod
-    async def open(cls, settings: Settings, flight: Lane | None = None) -> Service:
+    async def open(cls, settings: Settings, flight: Lane | None = None, clock: FleetClock | None = None) -> Service:
         """Warm the solver, open the database, and go on with what an earlier process left. Raises StoreError.
 
         Workers load while the rest starts: the sooner the lane of flights is warm, the sooner a loss is dealt with.
-        flight: that lane, if it was begun before.
+        flight: that lane, if it was begun before. clock: the fleet's time, when it is a simulated fleet's own.
         """
         solver = Solver(settings.workers, settings.queue_limit, flight)
         if settings.warm_up:
@@ -86,7 +88,7 @@ class Service:
         try:
             database = await Database.open(settings.database_url)
             await database.claim()
-            service = cls(settings, database, await EventLog.open(database), solver)
+            service = cls(settings, database, await EventLog.open(database), solver, clock)
         except BaseException:
             if database is not None:
                 await database.close()

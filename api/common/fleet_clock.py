@@ -4,19 +4,41 @@ from __future__ import annotations
 
 import asyncio
 import time
+from collections.abc import Callable
 
 
 class FleetClock:
-    """Fleet seconds since the clock was made: wall time multiplied by `scale`."""
+    """Fleet seconds since the clock was made: `seconds()` multiplied by `scale`.
 
-    def __init__(self, scale: float = 1.0) -> None:
+    seconds, utc: monotonic and UTC seconds, by default those of the wall. A simulated fleet that waits for whoever is
+    late gives its own, which both advance together.
+    """
+
+    def __init__(
+        self,
+        scale: float = 1.0,
+        *,
+        seconds: Callable[[], float] = time.monotonic,
+        utc: Callable[[], float] = time.time,
+    ) -> None:
         self.scale = scale
-        self._origin = time.monotonic()
+        self._seconds, self._utc = seconds, utc
+        self._origin = seconds()
 
     def now(self) -> float:
         """Return the fleet seconds, which never run backwards."""
-        return (time.monotonic() - self._origin) * self.scale
+        return (self._seconds() - self._origin) * self.scale
+
+    def utc_of(self, ago_s: float) -> float:
+        """Return the UTC second of what was so many fleet seconds ago; it outlives this process."""
+        return self._utc() - ago_s / self.scale
+
+    def since_utc(self, at: float) -> float:
+        """Return the fleet seconds since a UTC second."""
+        return (self._utc() - at) * self.scale
 
     async def sleep(self, seconds: float) -> None:
         """Sleep that many fleet seconds."""
-        await asyncio.sleep(max(seconds, 0.0) / self.scale)
+        until_s = self.now() + seconds
+        while (left_s := until_s - self.now()) > 0:  # noqa: ASYNC110 - it may pass more slowly than the loop's time
+            await asyncio.sleep(left_s / self.scale)

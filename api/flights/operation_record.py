@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import time
 from dataclasses import asdict
 from typing import Any
 
@@ -134,6 +133,6 @@ class OperationRecord:
 
     def _slot0_at(self, elapsed_s: float | None) -> float | None:
         """Return the UTC second in which slot 0 began; now, while it begins; None before."""
-        if elapsed_s is None:
-            return time.time() if self.state == State.STARTING else None
-        return time.time() - elapsed_s / self.shared.clock.scale
+        if elapsed_s is None and self.state != State.STARTING:
+            return None
+        return self.shared.clock.utc_of(elapsed_s or 0.0)

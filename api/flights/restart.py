@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import time
 from collections.abc import Iterable
 from datetime import UTC, datetime
 from typing import Any, TypeAlias
@@ -49,7 +48,7 @@ async def restored(row: Row[Any], shared: SharedServices, stores: Stores, fleet:
     if document["paused_s"] is not None:
         flight.set_slot_clock(document["paused_s"], paused=True)
     elif document["slot0_at"] is not None:
-        flight.set_slot_clock((time.time() - document["slot0_at"]) * shared.clock.scale)
+        flight.set_slot_clock(shared.clock.since_utc(document["slot0_at"]))
     flight.restore(await stored_track(row.id, stores))
     identity = OperationIdentity(
         id=row.id,

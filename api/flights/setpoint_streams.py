@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import time
 from collections.abc import Callable, Collection, Mapping
 
 from skyfolio.api.common.fleet_clock import FleetClock
@@ -64,7 +63,7 @@ class SetpointStreams:
         """Send setpoints from now on: slot 0 begins."""
         if self._stream is None:
             return
-        self._slot0_at = time.time()
+        self._slot0_at = self._clock.utc_of(0.0)
         self._task = asyncio.create_task(self._stream.run(self._elapsed_s), name="stream")
         self._task.add_done_callback(lambda _done: self._dismiss_guard())
         self._instruct_guard(self._streamed)

@@ -8,6 +8,7 @@ from contextlib import asynccontextmanager
 from fastapi import FastAPI
 
 from skyfolio import __version__
+from skyfolio.api.common.fleet_clock import FleetClock
 from skyfolio.api.common.settings import Settings
 from skyfolio.api.http import docs_page as reference
 from skyfolio.api.http import problems
@@ -31,17 +32,24 @@ are paged by `cursor`. Errors are RFC 9457 `application/problem+json` and name t
 """
 
 
-def create_app(settings: Settings | None = None, *, ui: bool = False, flight: Lane | None = None) -> FastAPI:
+def create_app(
+    settings: Settings | None = None,
+    *,
+    ui: bool = False,
+    flight: Lane | None = None,
+    clock: FleetClock | None = None,
+) -> FastAPI:
     """Return the service as an ASGI app; its parts live from startup to shutdown.
 
     ui: also serve the dashboard at `/ui`; its framework allows one app per process, so create only one with it.
     flight: the lane of replans in flight, when it has already been started (`api.plans.solver.flight_lane`).
+    clock: the fleet's time, when it is not the wall's times `settings.time_scale`: a simulated fleet's own.
     """
     settings = settings or Settings()
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        app.state.service = await Service.open(settings, flight)
+        app.state.service = await Service.open(settings, flight, clock)
         try:
             yield
         finally:

@@ -1,9 +1,11 @@
-"""A service and a simulated fleet in one process, each with an event loop of its own, for tests that fly."""
+"""A service and a simulated fleet in one process, each with an event loop of its own, for tests that fly.
+
+Both live at one pace (`tests.pacing`): seconds, here and in what tests wait for, are those of the pace.
+"""
 
 import asyncio
 import socket
 import threading
-import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
@@ -21,6 +23,7 @@ from skyfolio.api.http.app import create_app
 from skyfolio.api.service import Service
 from skyfolio.mavlink_bridge import Autopilot
 from skyfolio.planner import Plan, Scenario
+from tests.pacing import PacedLoop, loop_options, pace
 from tests.ports import free_port
 
 
@@ -31,8 +34,10 @@ class FleetThread:
         self, scenario: Scenario, endpoint: str, speedup: float, absent: tuple[int, ...] = (), autopilot: str = "px4"
     ) -> None:
         specs = [spec for spec in specs_at_starts(scenario, autopilot) if spec.system_id not in absent]
-        self.fleet = sim.Fleet(specs, clock=sim.ScaledClock(speedup), endpoint=endpoint)
-        self._loop = asyncio.new_event_loop()
+        self.pace = pace(speedup)
+        clock = self.pace.fleet_clock()
+        self.fleet = sim.Fleet(specs, clock=clock, endpoint=endpoint, protocol_clock=self.pace)
+        self._loop = PacedLoop(self.pace)
         self._until = asyncio.Event()
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
@@ -58,10 +63,7 @@ class Flight:
         self.plan: Plan = self.client.plan(scenario)
         for number, uav in enumerate(scenario.uav_ids, start=1):
             self.client.register(uav, number)
-        deadline = time.monotonic() + 30
-        while any(vehicle.link != "live" for vehicle in self.client.vehicles()):
-            assert time.monotonic() < deadline, self.client.vehicles()
-            time.sleep(0.05)
+        fleet.pace.until(lambda: all(vehicle.link == "live" for vehicle in self.client.vehicles()), "all are heard")
 
     def reached_by(self, http: TestClient) -> None:
         """Another service has taken over."""
@@ -81,27 +83,52 @@ class Flight:
         return operation.id
 
     def until(self, operation_id: str, is_so: Callable[[OperationView], object], limit_s: float = 90) -> OperationView:
-        """The operation once it is so; fails when it ended as failed, or after wall seconds."""
-        deadline = time.monotonic() + limit_s
-        while time.monotonic() < deadline:
+        """The operation once it is so; fails when it ended as failed, or after so many seconds."""
+        views: list[OperationView] = []
+
+        def now_so() -> bool:
             view = self.client.operation(operation_id)
+            views[:] = [view]
             if is_so(view):
-                return view
+                return True
             assert view.state != State.FAILED, view.error
-            time.sleep(0.05)
-        raise AssertionError(f"not so after {limit_s:g} s: {view}")
+            return False
+
+        self.fleet.pace.until(now_so, lambda: f"not so after {limit_s:g} s: {views}", within_s=limit_s)
+        return views[0]
+
+    def events(self, kind: str | None = None) -> list[dict[str, Any]]:
+        """Every event of the service so far, or those of one kind."""
+        return [event for event in events_of(self.http) if kind in (None, event["kind"])]
 
     def ended(self, operation_id: str) -> OperationView:
         """The operation when it is over."""
         return self.until(operation_id, lambda view: view.state in ENDED)
 
 
-def gone(client: Client) -> None:
-    """Wait until the service misses its vehicles: those of the next test have the same ids."""
-    deadline = time.monotonic() + 30
-    while any(vehicle.link != "lost" for vehicle in client.vehicles()):
-        assert time.monotonic() < deadline, client.vehicles()
-        time.sleep(0.05)
+def events_of(http: TestClient) -> list[dict[str, Any]]:
+    """Every event of a service so far, page by page."""
+    found: list[dict[str, Any]] = []
+    after: int | None = 0
+    while after is not None:
+        answer = http.get("/v1/events/log", params={"limit": 500, "after": after})
+        assert answer.status_code == 200, answer.text
+        page = answer.json()
+        found, after = found + page["items"], page["next"]
+    return found
+
+
+def gone(client: Client, fleet: FleetThread) -> None:
+    """Wait until the service misses the vehicles of a fleet that was stopped: those of the next test have their ids."""
+    fleet.pace.until(lambda: all(vehicle.link == "lost" for vehicle in client.vehicles()), "all are missed")
+
+
+@contextmanager
+def serving(settings: Settings) -> Iterator[TestClient]:
+    """A service that lives at the pace of its time scale."""
+    speedup = settings.time_scale
+    with TestClient(create_app(settings, clock=pace(speedup).clock()), backend_options=loop_options(speedup)) as http:
+        yield http
 
 
 @contextmanager
@@ -109,7 +136,7 @@ def service(speedup: float, **settings: Any) -> Iterator[tuple[TestClient, str]]
     """A service that waits for vehicles, and where they have to send to."""
     port = free_port(socket.SOCK_DGRAM)
     chosen = Settings(fleet_url=f"udpin://127.0.0.1:{port}", time_scale=speedup, **settings)
-    with TestClient(create_app(chosen)) as http:
+    with serving(chosen) as http:
         yield http, f"udpout://127.0.0.1:{port}"
 
 
@@ -150,4 +177,4 @@ def flight(http: TestClient, endpoint: str, scenario: Scenario, speedup: float) 
                 flown.client.command(row.id, "abort")
     finally:
         fleet.stop()
-        gone(client)
+        gone(client, fleet)

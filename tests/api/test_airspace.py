@@ -1,7 +1,6 @@
 """Operations of one service keep out of each other's air, and know each other's ghosts."""
 
 import asyncio
-import time
 from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any, cast
@@ -234,13 +233,10 @@ def test_an_operation_into_the_air_of_another_or_of_a_hovering_one_is_refused(se
         flown.until(second, lambda view: view.state == State.FLYING)
         flown.client.order("land", ["uav-2"])
         flown.client.order("hold", ["uav-1"])
-        deadline = time.monotonic() + 60
-        while flown.client.vehicles()[1].armed:
-            assert time.monotonic() < deadline
-            time.sleep(0.05)
+        fleet.pace.until(lambda: not flown.client.vehicles()[1].armed)
         with pytest.raises(ApiError, match="of 'uav-1' of no operation"):
             flown.client.fly(into.id)
         flown.client.order("land")
     finally:
         fleet.stop()
-    gone(flown.client)
+    gone(flown.client, fleet)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import socket
-import time
 from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any
@@ -16,10 +15,9 @@ from skyfolio.api.common.settings import Settings
 from skyfolio.api.flights.ends import LastSeen, UavEnd, end_of, shortfall
 from skyfolio.api.flights.losses import Loss
 from skyfolio.api.flights.operation_views import State
-from skyfolio.api.http.app import create_app
 from skyfolio.mavlink_bridge import FlightMode
 from skyfolio.planner import EXAMPLES
-from tests.api.flying import flight
+from tests.api.flying import flight, serving
 from tests.ports import free_port
 
 HOME = (10.0, 20.0)
@@ -141,7 +139,7 @@ def test_whoever_is_in_the_air_is_named_although_no_plan_counts_on_it() -> None:
 def served() -> Iterator[tuple[TestClient, str]]:
     port = free_port(socket.SOCK_DGRAM)
     settings = Settings(fleet_url=f"udpin://127.0.0.1:{port}", time_scale=SPEEDUP, heartbeat_lost_s=15.0)
-    with TestClient(create_app(settings)) as client:
+    with serving(settings) as client:
         yield client, f"udpout://127.0.0.1:{port}"
 
 
@@ -152,7 +150,7 @@ def test_an_operation_waits_for_one_that_returns_and_is_completed_in_part_only(
 ) -> None:
     with flight(*served, SCENARIO, SPEEDUP) as flown:
         operation_id = flown.take_off(replanning="off")
-        time.sleep(4 * SCENARIO.slot_duration_s / SPEEDUP)  # so late that it is in the air when the others are down
+        flown.fleet.pace.let_pass(4 * SCENARIO.slot_duration_s)  # in the air when the others are down
         flown.fleet.fleet.vehicles[2].autopilot.parameters["MPC_Z_V_AUTO_DN"] = 0.5
         flown.fleet.inject(sim.ModeChange(2, "RTL"))
         view = flown.until(operation_id, lambda view: view.state in {State.COMPLETED, State.COMPLETED_PARTLY})

@@ -1,6 +1,5 @@
 """Vehicles that save themselves, that a human holds, or that run low: seen, told with numbers, and left alone."""
 
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, TypeAlias
@@ -55,7 +54,7 @@ def flying(served: Served, autopilot: Autopilot, **options: Any) -> Iterator[tup
             flown.client.command(operation_id, "abort", action="hold")
     finally:
         fleet.stop()
-    gone(flown.client)
+    gone(flown.client, fleet)
 
 
 def answered(flown: Flight, operation_id: str) -> OperationView:
@@ -64,11 +63,7 @@ def answered(flown: Flight, operation_id: str) -> OperationView:
 
 def events_of(flown: Flight, operation_id: str, kind: str) -> list[dict[str, Any]]:
     """Data of the events of a kind since this operation was made."""
-    found: list[Any] = []
-    after: int | None = 0
-    while after is not None:
-        page = flown.http.get("/v1/events/log", params={"limit": 500, "after": after}).json()
-        found, after = found + page["items"], page["next"]
+    found = flown.events()
     first = next(event["id"] for event in found if event["data"].get("operation_id") == operation_id)
     return [event["data"] for event in found if event["kind"] == kind and event["id"] >= first]
 
@@ -94,7 +89,7 @@ def assert_left_alone_and_planned_around(
     operation = flown.service.operations.active(operation_id)
     assert operation is not None
     assert "uav-3" in operation.flight.guidance.airspace.ghosts
-    time.sleep(1.0)
+    flown.fleet.pace.let_pass(4.0)
     orders = orders_to(flown, 3, seen_s)
     restored = [one for one in events_of(flown, operation_id, "speed_restored") if one["uav_id"] == "uav-3"]
     assert orders == ["COMMAND_LONG"] * min(len(orders), len(restored))
@@ -125,7 +120,7 @@ def test_a_uav_that_hears_us_no_more_and_saves_itself_is_seen_and_left_alone(ser
             (lost,) = events_of(flown, operation_id, "uav_lost")
             assert (lost["cause"], "system status 5" in lost["detail"]) == ("in_failsafe", True), lost
             flown.fleet.inject(sim.Impair(3, up=sim.Impairments()))  # it hears us again, and returns on
-            time.sleep(1.5)
+            flown.fleet.pace.let_pass(6.0)
             assert_left_alone_and_planned_around(flown, operation_id, view, "in_failsafe", seen_s)
 
     side_by_side(check)
@@ -134,10 +129,10 @@ def test_a_uav_that_hears_us_no_more_and_saves_itself_is_seen_and_left_alone(ser
 def test_a_px4_that_somebody_else_holds_is_seen_and_left_alone(served: Served) -> None:
     with flying(served, Autopilot.PX4) as (flown, operation_id):
         flown.client.command(operation_id, "pause")
-        time.sleep(2.0)
+        flown.fleet.pace.let_pass(8.0)
         assert flown.client.operation(operation_id).lost == []  # our own hold is nobody else's
         flown.client.command(operation_id, "resume")
-        time.sleep(1.0)
+        flown.fleet.pace.let_pass(4.0)
         flown.fleet.inject(sim.ModeChange(3, "HOLD"))
         view = answered(flown, operation_id)
         seen_s = flown.fleet.fleet.now_s
@@ -152,7 +147,7 @@ def test_a_low_battery_is_offered_and_only_the_operator_sends_the_uav_home(serve
     with flying(served, Autopilot.PX4) as (flown, operation_id):
         flown.fleet.inject(sim.LowBattery(3, 0.18))
         view = flown.until(operation_id, lambda view: view.low_on_battery)
-        time.sleep(1.0)
+        flown.fleet.pace.let_pass(4.0)
         assert (view.low_on_battery, view.lost) == (["uav-3"], [])
         assert flown.client.operation(operation_id).recoveries == []  # nobody is grabbed
         (offer,) = events_of(flown, operation_id, "uav_low_on_battery")
@@ -194,7 +189,7 @@ def test_a_uav_that_restarts_and_proves_that_it_flies_on_is_an_event_and_no_loss
             operation_id,
             lambda _: [one for one in events_of(flown, operation_id, "condition") if one["after"] == "rebooted"],
         )
-        time.sleep(1.0)
+        flown.fleet.pace.let_pass(4.0)
         view = flown.client.operation(operation_id)
         assert (view.lost, view.recoveries) == ([], [])
         (event,) = [one for one in events_of(flown, operation_id, "condition") if one["after"] == "rebooted"]

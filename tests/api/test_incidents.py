@@ -18,7 +18,7 @@ from skyfolio.api.flights.journal import Entry, Step
 from skyfolio.api.flights.operation_views import OperationView, State
 from skyfolio.api.http.app import create_app
 from skyfolio.planner import EXAMPLES
-from tests.api.flying import Flight, flight, service
+from tests.api.flying import Flight, flight, service, serving
 from tests.ports import free_port
 
 pytestmark = [pytest.mark.e2e, pytest.mark.beside]
@@ -164,12 +164,12 @@ def test_a_proposal_that_waited_when_the_service_stopped_is_closed_by_the_next_o
         heartbeat_lost_s=20.0,
     )
     with ExitStack() as stack:
-        with TestClient(create_app(settings)) as http:
+        with serving(settings) as http:
             flown = stack.enter_context(flight(http, f"udpout://127.0.0.1:{port}", SCENARIO, SPEEDUP))
             operation_id = flown.take_off(replanning="approve")
             flown.fleet.inject(sim.Kill(3))
             flown.until(operation_id, lambda view: view.proposal)
-        with TestClient(create_app(settings)) as http:
+        with serving(settings) as http:
             flown.reached_by(http)
             asked = flown.until(operation_id, lambda view: view.proposal)
             assert asked.proposal is not None
@@ -179,7 +179,7 @@ def test_a_proposal_that_waited_when_the_service_stopped_is_closed_by_the_next_o
         with closing(sqlite3.connect(tmp_path / "service.db")) as database:  # as if it was killed while it aborted
             database.execute("UPDATE operations SET state = 'aborting'")
             database.commit()
-        with TestClient(create_app(settings)) as http:
+        with serving(settings) as http:
             flown.reached_by(http)
             flown.until(operation_id, lambda view: view.state == State.INTERRUPTED)
             assert_undecided(flown, operation_id, 2)
@@ -237,11 +237,7 @@ def test_a_uav_that_comes_back_is_offered_and_flies_again_only_when_asked_to(flo
 
 def events_of(flown: Flight, operation_id: str, kind: str) -> list[dict[str, Any]]:
     """Data of the events of a kind since this operation was made."""
-    log = flown.http.get("/v1/events/log", params={"limit": 500}).json()
-    found = list(log["items"])
-    while log["next"] is not None:
-        log = flown.http.get("/v1/events/log", params={"limit": 500, "after": log["next"]}).json()
-        found += log["items"]
+    found = flown.events()
     first = next(event["id"] for event in found if event["data"].get("operation_id") == operation_id)
     return [event["data"] for event in found if event["kind"] == kind and event["id"] >= first]
 

@@ -1,8 +1,6 @@
 """Nobody is heard for a while: the operation waits, says so, and goes on."""
 
-import time
 from collections.abc import Iterator
-from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
@@ -40,12 +38,7 @@ def flown(served: tuple[TestClient, str]) -> Iterator[Flight]:
 
 def states(flown: Flight, operation_id: str) -> list[str]:
     """States the operation went through, by its events."""
-    found: list[dict[str, Any]] = []
-    after: int | None = 0
-    while after is not None:
-        page = flown.http.get("/v1/events/log", params={"limit": 500, "after": after}).json()
-        found, after = found + page["items"], page["next"]
-    mine = [event["data"] for event in found if event["data"].get("operation_id") == operation_id]
+    mine = [event["data"] for event in flown.events() if event["data"].get("operation_id") == operation_id]
     return [data["state"] for data in mine if "state" in data]
 
 
@@ -89,11 +82,9 @@ def test_an_operation_that_is_never_heard_again_ends_when_its_missions_must_have
     monkeypatch.setattr("skyfolio.api.flights.operation.LANDING_LIMIT_S", 8.0)
     operation_id = flown.take_off()
     mute(flown, 1, 2, 3, for_s=600.0)
-    deadline = time.monotonic() + 90
-    while (view := flown.client.operation(operation_id)).state != State.FAILED:
-        assert view.state in {State.FLYING, State.LINK_LOST}
-        assert time.monotonic() < deadline
-        time.sleep(0.1)
+    flown.fleet.pace.until(lambda: flown.client.operation(operation_id).state == State.FAILED)
+    view = flown.client.operation(operation_id)
+    assert states(flown, operation_id)[-3:] == ["flying", "link_lost", "failed"]
     assert view.error == "link_lost: no vehicle was heard until uav-1, uav-2, uav-3 must have landed"
     assert view.lost == []
 
@@ -121,7 +112,7 @@ def test_who_went_home_by_itself_while_nobody_was_heard_has_returned_and_is_not_
         view = flown.ended(operation_id)
     finally:
         fleet.stop()
-    gone(flown.client)
+    gone(flown.client, fleet)
     assert {uav: one.end for uav, one in view.uavs.items()} == dict.fromkeys(SCENARIO.uav_ids, UavEnd.RETURNED)
     assert view.state == State.COMPLETED_PARTLY, view.error
     assert view.error is not None
@@ -138,11 +129,9 @@ def test_a_single_uav_that_is_silent_is_waited_for() -> None:
 
 
 def test_a_vehicle_shows_where_it_is_before_it_flies_for_us_because_it_is_asked(flown: Flight) -> None:
-    deadline = time.monotonic() + 60
-    while True:
-        asked = [one for one in list(flown.fleet.fleet.truth.messages) if one.name == "COMMAND_LONG"]
-        shown = [one.uav_id for one in flown.client.vehicles() if one.lat_deg is not None and one.mode is not None]
-        if {one.system_id for one in asked} == {1, 2, 3} and len(shown) == len(SCENARIO.uav_ids):
-            return
-        assert time.monotonic() < deadline, (asked, shown)
-        time.sleep(0.1)
+    def shown() -> bool:
+        asked = {one.system_id for one in list(flown.fleet.fleet.truth.messages) if one.name == "COMMAND_LONG"}
+        placed = [one.uav_id for one in flown.client.vehicles() if one.lat_deg is not None and one.mode is not None]
+        return asked == {1, 2, 3} and len(placed) == len(SCENARIO.uav_ids)
+
+    flown.fleet.pace.until(shown)

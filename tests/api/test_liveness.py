@@ -16,7 +16,7 @@ from skyfolio.api.plans.jobs import Job
 from skyfolio.api.plans.liveness import COLD_STUCK_S, SILENT_S, STUCK_S, WorkerHeartbeat, WorkerHeartbeats
 from skyfolio.api.plans.solver import Lane, LaneName
 from skyfolio.planner import EXAMPLES, Scenario, Uav, User
-from tests.api.flying import FleetThread, Flight, service
+from tests.api.flying import FleetThread, Flight, events_of, service
 
 SCENARIO = EXAMPLES["minimal"]()
 
@@ -246,8 +246,7 @@ def metric(http: TestClient, name: str) -> float:
 
 
 def switches(http: TestClient) -> list[Any]:
-    log = http.get("/v1/events/log", params={"limit": 500}).json()["items"]
-    return [event["data"]["sent"] for event in log if event["kind"] == "gcs_heartbeat"]
+    return [event["data"]["sent"] for event in events_of(http) if event["kind"] == "gcs_heartbeat"]
 
 
 @pytest.mark.e2e

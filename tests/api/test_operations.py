@@ -1,7 +1,6 @@
 """Operations over HTTP against simulated vehicles on real sockets."""
 
 import socket
-import time
 from collections.abc import Iterator
 from math import hypot
 from typing import Any
@@ -11,9 +10,9 @@ from fastapi.testclient import TestClient
 
 from skyfolio import sim
 from skyfolio.api.common.settings import Settings
-from skyfolio.api.http.app import create_app
 from skyfolio.planner import EXAMPLES, Scenario
-from tests.api.flying import FleetThread
+from tests.api.flying import FleetThread, events_of, serving
+from tests.pacing import pace
 from tests.ports import free_port
 
 SPEEDUP = 10.0
@@ -34,7 +33,7 @@ def service() -> Iterator[tuple[TestClient, str]]:
     """A service that has never heard of any vehicle, and where they have to send to."""
     port = free_port(socket.SOCK_DGRAM)
     settings = Settings(fleet_url=f"udpin://127.0.0.1:{port}", time_scale=SPEEDUP, **PATIENT)
-    with TestClient(create_app(settings)) as client:
+    with serving(settings) as client:
         yield client, f"udpout://127.0.0.1:{port}"
 
 
@@ -47,14 +46,10 @@ def ready(client: TestClient, flown: Scenario = MINIMAL) -> str:
     return made
 
 
-def follow(client: TestClient, path: str, *states: str, limit_s: float = 60.0) -> dict[str, Any]:
-    deadline = time.monotonic() + limit_s
-    while time.monotonic() < deadline:
-        operation: dict[str, Any] = client.get(path).json()
-        if operation["state"] in states:
-            return operation
-        time.sleep(0.05)
-    raise AssertionError(f"still {operation['state']}, not {states}: {operation}")
+def follow(client: TestClient, path: str, *states: str, speedup: float = SPEEDUP) -> dict[str, Any]:
+    pace(speedup).until(lambda: client.get(path).json()["state"] in states, lambda: client.get(path).text)
+    operation: dict[str, Any] = client.get(path).json()
+    return operation
 
 
 def test_a_vehicle_that_never_answers_fails_the_upload_by_name(service: tuple[TestClient, str]) -> None:
@@ -120,7 +115,7 @@ def test_a_loss_in_flight_is_answered_and_the_survivor_lands(service: tuple[Test
         assert client.post("/v1/operations", json={"plan_id": answer.json()["plan_id"]}).status_code == 409
         follow(client, path, "flying", "failed")
         fleet.inject(sim.Kill(2))
-        ended = follow(client, path, "completed", "failed", limit_s=90)
+        ended = follow(client, path, "completed", "failed")
         assert ended["error"] is None
         assert ended["lost"] == ["uav-2"]
         assert [each["outcome"] for each in ended["recoveries"]] == ["flying"]
@@ -134,7 +129,7 @@ def test_a_loss_in_flight_is_answered_and_the_survivor_lands(service: tuple[Test
         accepted = fleet.fleet.truth.happened("mission_accepted", 1)
         assert landed
         assert len(accepted) == 2
-        kinds = [event["kind"] for event in client.get("/v1/events/log", params={"limit": 500}).json()["items"]]
+        kinds = [event["kind"] for event in events_of(client)]
         assert kinds.index("uav_lost") < kinds.index("recovery")
     finally:
         fleet.stop()
@@ -148,7 +143,7 @@ def test_both_autopilots_fly_by_mission_or_stream_tell_their_slip_and_end_as_ord
     autopilot: str, guidance: str, at_end: str
 ) -> None:
     port, speedup = free_port(socket.SOCK_DGRAM), 5.0  # a stream must not pause for a second of the fleet's time
-    with TestClient(create_app(Settings(fleet_url=f"udpin://127.0.0.1:{port}", time_scale=speedup))) as client:
+    with serving(Settings(fleet_url=f"udpin://127.0.0.1:{port}", time_scale=speedup)) as client:
         fleet = FleetThread(LOW, f"udpout://127.0.0.1:{port}", speedup, autopilot=autopilot)
         if autopilot == "px4":
             for vehicle in fleet.fleet.vehicles.values():
@@ -156,10 +151,10 @@ def test_both_autopilots_fly_by_mission_or_stream_tell_their_slip_and_end_as_ord
         try:
             order = {"plan_id": ready(client, LOW), "guidance": guidance, "at_end": at_end}
             path = client.post("/v1/operations", json=order).headers["Location"]
-            ended = follow(client, path, "completed", "failed", limit_s=150)
+            ended = follow(client, path, "completed", "failed", speedup=speedup)
             assert ended["error"] is None
             assert ended["lost"] == []  # a return and a landing at the end are as planned
-            log = client.get("/v1/events/log", params={"limit": 500}).json()["items"]
+            log = events_of(client)
             slips = [event["data"] for event in log if event["kind"] == "slip"]
             assert {slip["uav_id"] for slip in slips} == {"uav-1", "uav-2"}
             assert {slip["slot"] for slip in slips} >= {1, 2, 3, 4, 5}
@@ -197,7 +192,7 @@ def test_the_area_is_on_board_as_geofence_before_take_off_and_who_takes_none_is_
         assert (accepted.system_id, len(accepted.detail["items"])) == (1, 4)
         assert accepted.t_s < truth.happened("takeoff", 1)[0].t_s
         assert_each_may_return_to_where_it_stood(client, fleet)
-        log = client.get("/v1/events/log", params={"limit": 500}).json()["items"]
+        log = events_of(client)
         told = {event["data"]["uav_id"]: event["data"] for event in log if event["kind"] == "geofence"}
         assert [told[uav]["level"] for uav in ("uav-1", "uav-2")] == ["ok", "warning"]
         assert "ERROR" in told["uav-2"]["error"]
@@ -216,7 +211,7 @@ def assert_each_may_return_to_where_it_stood(client: TestClient, fleet: FleetThr
             (vehicle.spec.home_lat_deg, vehicle.spec.home_lon_deg), abs=2e-6
         )
         assert point.z == MINIMAL.altitude_m
-    log = client.get("/v1/events/log", params={"limit": 500}).json()["items"]
+    log = events_of(client)
     levels = {event["data"]["uav_id"]: event["data"]["level"] for event in log if event["kind"] == "rally_point"}
     assert levels == {"uav-1": "ok", "uav-2": "ok"}
 

@@ -1,8 +1,7 @@
 """Orders to vehicles in flight: with one operation, with two, and with none; who is told, and who is left alone."""
 
-import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 
@@ -37,13 +36,6 @@ def flown(served: tuple[TestClient, str]) -> Iterator[Flight]:
         yield made
 
 
-def until(condition: Callable[[], bool], limit_s: float = 60.0) -> None:
-    deadline = time.monotonic() + limit_s
-    while not condition():
-        assert time.monotonic() < deadline, "not so in time"
-        time.sleep(0.02)
-
-
 def modes(fleet: FleetThread, system_id: int) -> list[str]:
     return [event.detail["mode"] for event in fleet.fleet.truth.happened("mode", system_id)]
 
@@ -62,7 +54,7 @@ def two_operations(served: tuple[TestClient, str]) -> Iterator[tuple[Flight, lis
         yield flown, operations
     finally:
         fleet.stop()
-    gone(flown.client)
+    gone(flown.client, fleet)
 
 
 def test_hold_and_land_reach_the_vehicles_of_every_operation_and_of_those_that_are_over(
@@ -84,7 +76,7 @@ def test_hold_and_land_reach_the_vehicles_of_every_operation_and_of_those_that_a
         assert [(one.outcome, one.operation_id) for one in landed] == [("ok", None), ("ok", None)]
         for system_id in (1, 2):
             assert modes(flown.fleet, system_id)[-2:] == ["HOLD", "LAND"]
-        until(lambda: not any(vehicle.armed for vehicle in flown.client.vehicles()))
+        flown.fleet.pace.until(lambda: not any(vehicle.armed for vehicle in flown.client.vehicles()))
         assert {one.reason for one in flown.client.order("return")} == {"it is on the ground"}
 
 
@@ -106,7 +98,7 @@ def test_one_vehicle_of_several_leaves_its_operation_and_the_others_get_a_new_pl
 def test_an_order_while_missions_are_swapped_is_not_undone_by_the_swap(flown: Flight) -> None:
     operation_id = flown.take_off()
     flown.fleet.inject(sim.MotorFailure(3))
-    until(lambda: any(entry.step is Step.UPLOADING for entry in flown.client.journal(operation_id)))
+    flown.fleet.pace.until(lambda: any(entry.step is Step.UPLOADING for entry in flown.client.journal(operation_id)))
     assert flown.client.order("hold", ["uav-1"])[0].outcome == "ok"
     view = flown.until(operation_id, lambda view: len(view.recoveries) == 2)
     assert set(view.lost) == {"uav-1", "uav-3"}
@@ -119,7 +111,7 @@ def test_an_order_while_missions_are_swapped_is_not_undone_by_the_swap(flown: Fl
 def test_a_human_is_never_overruled_by_hold_and_by_land_only_with_force(flown: Flight) -> None:
     operation_id = flown.take_off(replanning="off")
     flown.fleet.inject(sim.ModeChange(3, "POSITION"))
-    until(lambda: flown.client.vehicles()[2].mode == "position")
+    flown.fleet.pace.until(lambda: flown.client.vehicles()[2].mode == "position")
     given = {one.uav_id: one for one in flown.client.order("hold")}
     assert given["uav-3"].outcome == "left_alone"
     assert "somebody else flies it" in (given["uav-3"].reason or "")
@@ -133,24 +125,24 @@ def test_a_human_is_never_overruled_by_hold_and_by_land_only_with_force(flown: F
 
 def test_an_order_during_the_climb_ends_the_launch_and_nobody_is_sent_on(flown: Flight) -> None:
     operation_id = flown.client.fly(flown.plan.id).id
-    until(lambda: flown.fleet.fleet.vehicles[1].position[2] > 4.0)
+    flown.fleet.pace.until(lambda: flown.fleet.fleet.vehicles[1].position[2] > 4.0)
     assert {one.outcome for one in flown.client.order("land")} == {"ok"}
     assert flown.client.operation(operation_id).state == State.ABORTED
     for system_id in (1, 2, 3):
         assert set(modes(flown.fleet, system_id)[-2:]) <= {"TAKEOFF", "LAND", "HOLD"}  # HOLD: it has landed
         assert "LAND" in modes(flown.fleet, system_id)
-    until(lambda: not any(vehicle.armed for vehicle in flown.client.vehicles()))
+    flown.fleet.pace.until(lambda: not any(vehicle.armed for vehicle in flown.client.vehicles()))
     assert not any("MISSION" in modes(flown.fleet, system_id) for system_id in (1, 2, 3))
 
 
 def test_one_that_is_ordered_down_during_the_climb_ends_it_for_all(flown: Flight) -> None:
     operation_id = flown.client.fly(flown.plan.id).id
-    until(lambda: flown.fleet.fleet.vehicles[1].position[2] > 4.0)
+    flown.fleet.pace.until(lambda: flown.fleet.fleet.vehicles[1].position[2] > 4.0)
     flown.client.order("land", ["uav-1"])
     view = flown.client.operation(operation_id)
     assert view.state == State.ABORTED
     assert "land was ordered for uav-1" in (view.error or "")
-    time.sleep(8.0 / SPEEDUP)
+    flown.fleet.pace.let_pass(8.0)
     assert {modes(flown.fleet, system_id)[-1] for system_id in (2, 3)} <= {"HOLD", "LAND"}
     flown.client.order("land")
 
@@ -172,7 +164,7 @@ def test_fifty_aborts_at_once_are_one_and_another_action_is_carried_out_after_th
     assert landing.abort is not None
     assert (landing.abort.action, landing.abort.error) == ("land", None)
     assert landing.version == held.version + 1
-    until(lambda: not any(vehicle.armed for vehicle in flown.client.vehicles()))
+    flown.fleet.pace.until(lambda: not any(vehicle.armed for vehicle in flown.client.vehicles()))
 
 
 def test_of_aborts_that_contradict_each_other_none_breaks_and_all_vehicles_obey_one(flown: Flight) -> None:
@@ -205,7 +197,7 @@ def test_a_pause_that_waits_behind_a_retire_finds_the_abort_and_holds_nobody(flo
         statuses = {one.result() for one in waiting}
     assert ended == 200
     assert statuses <= {200, 409, 502}
-    time.sleep(0.5)
+    flown.fleet.pace.let_pass(4.0)
     assert {modes(flown.fleet, system_id)[-1] for system_id in (1, 2, 3)} == {"RTL"}
 
 

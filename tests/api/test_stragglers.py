@@ -45,7 +45,7 @@ def test_one_that_was_left_hovering_lands_after_the_plan_and_an_event_says_so(au
             told = [one for one in flown.client.events(follow=False) if one.kind == "brought_down"]
         finally:
             fleet.stop()
-        gone(flown.client)
+        gone(flown.client, fleet)
     assert (view.state, view.uavs["uav-2"].end) == (State.COMPLETED_PARTLY, UavEnd.RETURNED), view.error
     assert view.uavs["uav-1"].end == UavEnd.FLOWN
     assert [(one.data["uav_id"], one.data["action"], one.data["error"]) for one in told] == [("uav-2", "land", None)]

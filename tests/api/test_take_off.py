@@ -1,7 +1,6 @@
 """What goes wrong before slot 0 ends the launch at once, for everybody, and says who and why."""
 
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, TypeAlias
 
@@ -19,7 +18,7 @@ Served: TypeAlias = dict[Autopilot, tuple[TestClient, str]]
 SPEEDUP = 4.0
 SCENARIO = EXAMPLES["minimal"]().with_changes(slots=8, altitude_m=40.0)
 AT_ONCE_S = 8.0
-"""Wall seconds, of 120 that a launch may take."""
+"""Seconds, of 120 that a launch may take."""
 RETURNS_WHEN_LOW = {
     Autopilot.PX4: {"COM_LOW_BAT_ACT": 3.0},
     Autopilot.ARDUPILOT: {"BATT_LOW_MAH": 1000.0, "BATT_FS_LOW_ACT": 2.0},
@@ -41,33 +40,25 @@ def standing(served: Served, autopilot: Autopilot) -> Iterator[Flight]:
         fleet.fleet.vehicles[2].autopilot.parameters[name] = value
     try:
         flown = Flight(http, fleet, SCENARIO)
-        time.sleep(4.0 / SPEEDUP)  # until what the vehicles before were in is over
+        fleet.pace.let_pass(4.0)  # until what the vehicles before were in is over
         yield flown
     finally:
         fleet.stop()
-    gone(flown.client)
+    gone(flown.client, fleet)
 
 
 def ended(flown: Flight, operation_id: str) -> tuple[OperationView, float]:
-    """The operation when it is over, and the wall seconds that took."""
-    began = time.monotonic()
-    while (view := flown.client.operation(operation_id)).state not in ENDED:
-        assert time.monotonic() < began + 60, view
-        time.sleep(0.02)
-    return view, time.monotonic() - began
-
-
-def until(condition: Callable[[], bool], limit_s: float = 30.0) -> None:
-    deadline = time.monotonic() + limit_s
-    while not condition():
-        assert time.monotonic() < deadline, "not so in time"
-        time.sleep(0.01)
+    """The operation when it is over, and the seconds that took."""
+    pace = flown.fleet.pace
+    began_s = pace()
+    pace.until(lambda: flown.client.operation(operation_id).state in ENDED)
+    return flown.client.operation(operation_id), pace() - began_s
 
 
 def launched_to(flown: Flight, up_m: float) -> str:
     """An operation whose second vehicle has just climbed so high."""
     operation = flown.client.fly(flown.plan.id)
-    until(lambda: flown.fleet.fleet.vehicles[2].position[2] > up_m or is_over(flown, operation.id))
+    flown.fleet.pace.until(lambda: flown.fleet.fleet.vehicles[2].position[2] > up_m or is_over(flown, operation.id))
     return operation.id
 
 
@@ -116,8 +107,8 @@ def test_whoever_falls_out_of_the_climb_ends_it_at_once_by_name_and_the_other_ho
             assert seconds < AT_ONCE_S
             hold = "HOLD" if autopilot is Autopilot.PX4 else "GUIDED"
             other = flown.fleet.fleet.vehicles[1]
-            until(lambda: other.mode.name == hold)
-            time.sleep(1.0)  # four of the fleet's seconds: it would be at 40 m
+            flown.fleet.pace.until(lambda: other.mode.name == hold)
+            flown.fleet.pace.let_pass(4.0)  # it would be at 40 m
             assert other.armed
             assert 4.0 < other.position[2] < 36.0
             assert commands_to(flown, 2, struck_s) == []
@@ -137,7 +128,7 @@ def test_who_is_still_low_when_another_falls_out_lands(served: Served) -> None:
             flown.fleet.inject(sim.ModeChange(2, "POSITION"))
             view, _ = ended(flown, operation_id)
             assert view.state is State.FAILED
-            until(lambda: bool(flown.fleet.fleet.truth.happened("disarmed", 1)))
+            flown.fleet.pace.until(lambda: bool(flown.fleet.fleet.truth.happened("disarmed", 1)))
             modes = [event.detail["mode"] for event in flown.fleet.fleet.truth.happened("mode", 1)]
             assert "LAND" in modes[-2:]  # a disarmed PX4 goes on to the pilot's mode
 
@@ -150,7 +141,7 @@ def test_a_human_who_takes_one_that_waits_at_its_altitude_ends_the_launch(served
         slow.parameters["MPC_Z_V_AUTO_UP"] = 0.5
         operation_id = launched_to(flown, 39.5)
         flown.until(operation_id, lambda view: view.state is State.LAUNCHING)
-        until(lambda: flown.fleet.fleet.vehicles[2].mode.name == "HOLD")
+        flown.fleet.pace.until(lambda: flown.fleet.fleet.vehicles[2].mode.name == "HOLD")
         flown.fleet.inject(sim.ModeChange(2, "POSITION"))
         view, seconds = ended(flown, operation_id)
         assert view.error is not None
@@ -168,20 +159,21 @@ def test_how_the_flight_before_ended_does_not_keep_a_uav_on_the_ground(
         assert view.state is State.FAILED
         for number in (1, 2):
             flown.fleet.inject(sim.ModeChange(number, "LAND"))
-            until(lambda number=number: bool(flown.fleet.fleet.truth.happened("disarmed", number)))  # type: ignore[misc]
-        until(lambda: not any(vehicle.armed for vehicle in flown.client.vehicles()))
+            flown.fleet.pace.until(lambda number=number: bool(flown.fleet.fleet.truth.happened("disarmed", number)))  # type: ignore[misc]
+        flown.fleet.pace.until(lambda: not any(vehicle.armed for vehicle in flown.client.vehicles()))
         again = flown.client.fly(flown.plan.id)
         flown.until(again.id, lambda view: view.state is State.FLYING)
         flown.client.command(again.id, "abort", action="land")
 
 
-def not_yet(flown: Flight, system_id: int, wall_s: float) -> None:
+def not_yet(flown: Flight, system_id: int, for_s: float) -> None:
     """This vehicle refuses to be armed for a while, as an ArduCopter does that has just booted."""
-    autopilot = flown.fleet.fleet.vehicles[system_id].autopilot
-    arm, until_s = autopilot.arm, time.monotonic() + wall_s
+    autopilot, pace = flown.fleet.fleet.vehicles[system_id].autopilot, flown.fleet.pace
+    arm, refused_s = autopilot.arm, []
 
     def refuse(*, force: bool = False) -> bool:
-        if time.monotonic() < until_s:
+        refused_s.append(pace())
+        if pace() < refused_s[0] + for_s:  # from when it is asked for the first time
             autopilot.send_text("Arm: Need Position Estimate", severity=2)
             return False
         return bool(arm(force=force))
@@ -190,16 +182,15 @@ def not_yet(flown: Flight, system_id: int, wall_s: float) -> None:
 
 
 def events_of(flown: Flight, kind: str) -> list[dict[str, Any]]:
-    log = flown.http.get("/v1/events/log", params={"limit": 500}).json()["items"]
-    return [event["data"] for event in log if event["kind"] == kind]
+    return [event["data"] for event in flown.events(kind)]
 
 
 def test_one_that_cannot_be_armed_yet_is_waited_for_by_all_on_the_ground_and_its_words_are_told(served: Served) -> None:
     def check(autopilot: Autopilot) -> None:
         with standing(served, autopilot) as flown:
-            not_yet(flown, 2, wall_s=4.0)
+            not_yet(flown, 2, for_s=4.0)
             operation = flown.client.fly(flown.plan.id)
-            until(lambda: bool(events_of(flown, "arming_refused")))
+            flown.until(operation.id, lambda _: events_of(flown, "arming_refused"))
             assert flown.fleet.fleet.vehicles[1].position[2] < 0.5
             flown.until(operation.id, lambda view: view.state is State.FLYING)
             refusals = [event for event in events_of(flown, "arming_refused") if event["uav_id"] == "uav-2"]
@@ -214,8 +205,8 @@ def test_one_that_cannot_be_armed_yet_is_waited_for_by_all_on_the_ground_and_its
 
 def test_one_that_has_no_fix_yet_is_waited_for_before_it_is_audited(served: Served) -> None:
     with standing(served, Autopilot.PX4) as flown:
-        flown.fleet.inject(sim.GpsLoss(2, for_s=5.0 * SPEEDUP))
-        until(lambda: flown.client.vehicles()[1].lat_deg is None)
+        flown.fleet.inject(sim.GpsLoss(2, for_s=20.0))
+        flown.fleet.pace.until(lambda: flown.client.vehicles()[1].lat_deg is None)
         before = len(events_of(flown, "preflight"))
         operation = flown.client.fly(flown.plan.id)
         flown.until(operation.id, lambda view: view.state in {State.LAUNCHING, State.FLYING})

@@ -10,10 +10,12 @@ STRAY = """
 const [name, calls, done] = [arguments[0], arguments[1], arguments[arguments.length - 1]];
 const loaded = performance.getEntriesByType("resource").map((one) => one.name);
 const [vue, component] = await Promise.all([
-  import("vue"), import(loaded.find((one) => one.endsWith(`/components/${name}`) || one.endsWith(`/${name}`)))]);
+  import("vue"), import(loaded.find((one) => one.endsWith(`/${name}`)))]);
 const errors = [];
-const stage = document.body.appendChild(Object.assign(document.createElement("div"), {style: "width:600px;height:400px"}));
-const app = vue.createApp({...component.default, beforeMount() { at("before it is mounted", this); }}, {label: "stray"});
+const stage = document.body.appendChild(document.createElement("div"));
+stage.style = "width:600px;height:400px";
+const watched = {...component.default, beforeMount() { at("before it is mounted", this); }};
+const app = vue.createApp(watched, {label: "stray"});
 app.config.errorHandler = app.config.warnHandler = (error) => errors.push(`${when}: ${error}`);
 let when = "";
 const turn = () => new Promise((ready) => setTimeout(ready, 60));

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from selenium.webdriver.common.by import By
@@ -114,7 +115,7 @@ def test_a_component_takes_what_comes_before_it_is_there_and_after_it_has_gone(
     page: Page, idle: Service, component: str
 ) -> None:
     drawn, moved = sketch(EXAMPLES["minimal"]().model_dump(mode="json"))
-    calls = {
+    calls: dict[str, list[list[Any]]] = {
         "map.js": [["set_scene", drawn, {}], ["set_frame", moved], ["select", "uav-1"]],
         "fleet.js": [["set_rows", []], ["select", "uav-1"]],
     }
