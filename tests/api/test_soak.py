@@ -1,4 +1,4 @@
-"""Half an hour of fleet time with random faults, sped up: no event is lost, nothing stays open, memory is flat."""
+"""Twenty minutes of fleet time with random faults, sped up: no event is lost, nothing stays open, memory is flat."""
 
 import asyncio
 import random
@@ -13,11 +13,11 @@ from skyfolio import sim
 from tests.api.field import Field, events_of
 
 pytestmark = pytest.mark.e2e
-FLEET_S = 1800.0
-SPEEDUP = 30.0
+FLEET_S = 1200.0
+SPEEDUP = 20.0
 SEED = 5
 SILENT_S = (3.0, 40.0)
-"""About half of the silences are long enough to be a loss: whatever the order of faults, some are answered."""
+"""About half of the silences are long enough to be a loss."""
 CUT_AFTER_S = 4.5
 FLAT_MB = 24.0
 """What memory may grow by after the first flights: caches have their limits, and what is over is let go."""
@@ -65,7 +65,7 @@ async def fly_once(field: Field, plan_id: str, rng: random.Random, until_s: floa
     """One operation with faults on the way, until it has ended or is aborted at the end of the soak."""
     await settled(field)
     path = await begun(field, plan_id)
-    next_fault_s = field.fleet.clock.now() + rng.uniform(20, 50)
+    next_fault_s: float | None = None  # none before slot 0: that would end the launch, and leave nothing to be answered
     while True:
         operation: dict[str, Any] = await field.get(path)
         if operation["state"] in {"completed", "completed_partly", "failed", "aborted"}:
@@ -73,7 +73,11 @@ async def fly_once(field: Field, plan_id: str, rng: random.Random, until_s: floa
         now_s = field.fleet.clock.now()
         for uav in operation["returned"]:
             await field.client.post(f"{path}:readmit", json={"uav_id": uav})
-        if now_s > next_fault_s:
+        if next_fault_s is None:
+            if operation["state"] == "flying":
+                field.fleet.inject(sim.Mute(rng.randint(1, 3), for_s=SILENT_S[1]))  # a loss to be answered, for certain
+                next_fault_s = now_s + rng.uniform(5, 40)
+        elif now_s > next_fault_s:
             number = rng.randint(1, 3)
             fault = random_fault(rng, number)
             sinking = field.fleet.vehicles[number].autopilot.body.up_mps < 0
@@ -112,7 +116,7 @@ async def settled(field: Field) -> None:
     raise AssertionError(f"not settled: {links}, {modes}")
 
 
-async def test_half_an_hour_of_random_faults_loses_no_event_and_no_memory(tmp_path: Path) -> None:
+async def test_twenty_minutes_of_random_faults_loses_no_event_and_no_memory(tmp_path: Path) -> None:
     rng = random.Random(SEED)
     field = Field(tmp_path / "field", SPEEDUP)
     heard: list[int] = []
@@ -131,7 +135,7 @@ async def test_half_an_hour_of_random_faults_loses_no_event_and_no_memory(tmp_pa
         listening.cancel()
         operations = (await field.get("/v1/operations", limit=200))["items"]
         journals = [await field.get(f"/v1/operations/{row['id']}/journal") for row in operations]
-    assert len(outcomes) >= 4
+    assert len(outcomes) >= 3
     assert heard == list(range(1, heard[-1] + 1)), "every event once, in order"
     assert all(row["ended_at"] for row in operations)
     for journal in journals:

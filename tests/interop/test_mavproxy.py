@@ -30,7 +30,7 @@ class Console:
         self.text = ""
         self._from = 0
 
-    async def expect(self, words: str, within_s: float = 40.0) -> None:
+    async def expect(self, words: str, within_s: float = 90.0) -> None:
         """Wait until MAVProxy has printed some words, after those of the last call."""
         assert self._process.stdout is not None
         try:
@@ -70,7 +70,7 @@ async def mavproxy(autopilot: str, port: int, folder: Path) -> AsyncIterator[tup
     try:
         async with fleet:
             console = Console(process)
-            await console.expect("Detected vehicle 1:1", 60.0)
+            await console.expect("Detected vehicle 1:1")
             yield fleet, console
     finally:
         process.kill()
@@ -92,7 +92,9 @@ async def test_mavproxy_flies_an_arducopter(free_port: int, tmp_path: Path) -> N
     async with mavproxy("ardupilot", free_port, tmp_path) as (fleet, console):
         await transfer(console, fleet, tmp_path, frame=3)
         await console.say("param set AUTO_OPTIONS 3")
-        await asyncio.sleep(0.5)
+        async with asyncio.timeout(40):
+            while fleet.vehicles[1].autopilot.parameters["AUTO_OPTIONS"] != 3.0:  # noqa: ASYNC110
+                await asyncio.sleep(0.05)
         await console.say("mode auto")
         await console.expect("Mode AUTO")
         await console.say("arm throttle")
@@ -100,7 +102,7 @@ async def test_mavproxy_flies_an_arducopter(free_port: int, tmp_path: Path) -> N
         await console.expect("waypoint 3")
         await console.say("rtl")
         await console.expect("Mode RTL")
-        await console.expect("DISARMED", 60.0)
+        await console.expect("DISARMED")
         assert fleet.vehicles[1].autopilot.body.distance_to(0.0, 0.0) < 0.5
 
 

@@ -16,6 +16,7 @@ from skyfolio.mavlink_bridge import Autopilot, FleetLink, HeartbeatMonitor, Link
 from skyfolio.planner.plans import Plan, Summary
 from skyfolio.planner.scenario import Origin, Scenario, Uav, User
 from skyfolio.sim import Fleet, ScaledClock, VehicleSpec
+from tests.pacing import paced
 from tests.ports import free_port
 
 Path = Sequence[tuple[float, float]]
@@ -146,7 +147,10 @@ OpenAirfield = Callable[..., AbstractAsyncContextManager[Airfield]]
 
 @pytest.fixture
 def airfield() -> OpenAirfield:
-    """Opens `airfield(plan, speedup=..., endpoint=None, port=None)`: a vehicle for each UAV, found by the link."""
+    """Opens `airfield(plan, speedup=..., endpoint=None, port=None)`: a vehicle for each UAV, found by the link.
+
+    Meanwhile the running loop is paced: what sleeps in it, and every time-out, waits with the fleet (`tests.pacing`).
+    """
 
     @asynccontextmanager
     async def opened(
@@ -160,16 +164,22 @@ def airfield() -> OpenAirfield:
         signing_key: bytes | None = None,
         wait_s: float = 10.0,
     ) -> AsyncIterator[Airfield]:
-        clock = ScaledClock(speedup)
         port = port or free_port(socket.SOCK_DGRAM)
-        specs = specs_at(plan, autopilot)
-        fleet = Fleet(specs, clock=clock, endpoint=endpoint or f"udpout://127.0.0.1:{port}", signing_key=signing_key)
-        async with fleet, FleetLink(clock=clock, monitor=HeartbeatMonitor(), options=options) as link:
-            await link.connect(f"udpin://127.0.0.1:{port}")
-            await link.wait_for(set(fleet.vehicles), timeout_s=wait_s)
-            if autopilot is Autopilot.ARDUPILOT:  # it streams no position unasked
-                await link.prepare(fleet.vehicles)
-            yield Airfield(fleet, link, clock, port)
+        with paced(speedup) as pace:
+            clock = pace.fleet_clock()
+            fleet = Fleet(
+                specs_at(plan, autopilot),
+                clock=clock,
+                endpoint=endpoint or f"udpout://127.0.0.1:{port}",
+                protocol_clock=pace,
+                signing_key=signing_key,
+            )
+            async with fleet, FleetLink(clock=clock, monitor=HeartbeatMonitor(), options=options) as link:
+                await link.connect(f"udpin://127.0.0.1:{port}")
+                await link.wait_for(set(fleet.vehicles), timeout_s=wait_s)
+                if autopilot is Autopilot.ARDUPILOT:  # it streams no position unasked
+                    await link.prepare(fleet.vehicles)
+                yield Airfield(fleet, link, clock, port)
 
     return opened
 
