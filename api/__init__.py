@@ -10,6 +10,6 @@
 
 Which room may import which is in `tests/test_floors.py` (`ROOMS`): `common` imports none, `dashboard` sees the service
 as a client does, and no room of the service knows `lab`. Each room's docstring tells what lives there and what may be
-touched. A step that reaches a vehicle is in the journal before it is sent: whoever adds one keeps to that, and adds it
-to the kill matrix in the tests.
+touched. A step that reaches a vehicle is in the journal before it is sent: a change that adds one keeps to that, and
+adds it to the kill matrix in the tests.
 """

@@ -56,7 +56,7 @@ class MavAutopilot(Answer):
 
 
 class FlightMode(StrEnum):
-    """Who flies the vehicle; OTHER is a mode that the profile does not list, or one of an unknown autopilot."""
+    """What flies the vehicle; OTHER is a mode that the profile does not list, or one of an unknown autopilot."""
 
     MANUAL = "manual"
     ALTITUDE = "altitude"

@@ -59,7 +59,7 @@ class Meeting:
 
 
 def meetings(ours: Iterable[Corridor], others: Iterable[Corridor], slack_m: float = 0.0) -> list[Meeting]:
-    """Return each pair of ours and others that could meet; each pair keeps the larger distance of the two.
+    """Return each pair of own and other corridors that could meet; each pair keeps the larger distance of the two.
 
     slack_m: how much less than the distance is accepted as rounding.
     """

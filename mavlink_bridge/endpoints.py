@@ -27,10 +27,13 @@ _SERIAL = re.compile(r"serial://(?P<device>[^:]+):(?P<baud>\d+)")
 
 
 class Datagrams(asyncio.DatagramProtocol):
+    """Hands each UDP datagram and its sender to `receive`."""
+
     def __init__(self, receive: Callable[[bytes, Address], None]) -> None:
         self._receive = receive
 
     def datagram_received(self, data: bytes, addr: Address) -> None:
+        """Hand one datagram on."""
         self._receive(data, addr)
 
 

@@ -99,7 +99,7 @@ class Evidence:
                 self._announced[mode] = until_s + for_s
 
     def judge_mode(self, now_s: float) -> None:
-        """Take in a change of mode: whether the service announced it, and whether it stops a flight of ours."""
+        """Take in a change of mode: whether the service announced it, and whether it stops a flight of the service."""
         if self.mode is self.judged_mode:
             return
         before, self.judged_mode, self._changed_s = self.judged_mode, self.mode, now_s
@@ -131,7 +131,7 @@ class Evidence:
         return self._may_end_mission and self._is_finished and not self._was_critical
 
     def may_have_ended(self, now_s: float) -> bool:
-        """Whether it returns or lands, and has not told since how far its mission is: MISSION_CURRENT comes at 1 Hz."""
+        """Return whether it returns or lands and has not sent MISSION_CURRENT, which comes at 1 Hz, since."""
         untold = self._mission is not None and self._mission_s < self._changed_s
         return self._may_end_mission and untold and now_s - self._changed_s < _TOLD_S
 
@@ -191,7 +191,7 @@ class Evidence:
         return f"in mode '{self.mode}', system status {self.system_status}" + (f", said '{text}'" if text else "")
 
     def taken_over(self, now_s: float) -> str:
-        """Return what is seen of whoever flies it, in words."""
+        """Return in words how it is seen to be flown."""
         if not self.is_held:
             return f"in mode '{self.mode}', which was not commanded"
         order = "it sent no order"

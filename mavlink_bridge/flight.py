@@ -1,7 +1,7 @@
 """Command one vehicle in flight: modes, items, swap, hold, land. All waits are wall seconds.
 
 Every command is confirmed by what the vehicle reports afterwards, not by its acknowledgement alone. A vehicle whose
-mode is not one of ours (a pilot took over, a failsafe flies) is left alone.
+mode the service does not command (a pilot took over, a failsafe flies) is left alone.
 """
 
 from __future__ import annotations

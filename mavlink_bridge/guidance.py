@@ -192,7 +192,7 @@ class Stream:
                 await asyncio.shield(asyncio.wait(handed_over.values()))
 
     def leave(self, system_id: int) -> None:
-        """Stop sending to one vehicle, and leave its mode to whoever flies it now, at once."""
+        """Stop sending to one vehicle, and leave its mode to what flies it now, at once."""
         self._streamed.pop(system_id, None)
         if system_id in self._handing:
             self._handing[system_id].cancel()

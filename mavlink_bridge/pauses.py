@@ -1,4 +1,4 @@
-"""Pauses of our own process: while it is stopped or its event loop is blocked, it does not hear anybody."""
+"""Pauses of our own process: while it is stopped or its event loop is blocked, nothing is received."""
 
 from __future__ import annotations
 

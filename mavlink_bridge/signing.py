@@ -33,7 +33,7 @@ class _Checked(dialect.MAVLink):  # type: ignore[misc]
     """pymavlink's parser with a safe order of checks: nothing of a frame with a wrong signature is stored."""
 
     def check_signature(self, msgbuf: bytearray, srcSystem: int, srcComponent: int) -> bool:  # noqa: N803
-        """Whether a signed frame is genuine and newer than the last of its stream (link id, system, component)."""
+        """Return whether a frame is genuine and newer than the last of its stream (link id, system, component)."""
         digest = hashlib.sha256(bytes(self.signing.secret_key) + bytes(msgbuf[:-_HASH_BYTES])).digest()
         if not hmac.compare_digest(digest[:_HASH_BYTES], bytes(msgbuf[-_HASH_BYTES:])):
             return False

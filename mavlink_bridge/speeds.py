@@ -5,7 +5,7 @@ ArduCopter (`ModeRTL::set_speed_xy`) obey it in a return too, so one that arrive
 taken over makes the vehicle crawl home until its battery is empty. HEARTBEAT, the only message that reports the mode,
 is sent at 1 Hz. Therefore an order is only sent on a HEARTBEAT that was requested and received just now, the mode is
 checked again right after it, and a vehicle that is seen in a mode that is not ours is given its own cruise speed back
-at once. That is the only command it is sent then: it undoes an order of ours and changes nothing else.
+at once. That is the only command it is sent then: it undoes our own order and changes nothing else.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _GROUND_SPEED, _THROTTLE_UNCHANGED = 1.0, -1.0
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedRestored:
-    """A vehicle left our modes at a speed of ours and was sent its own cruise speed (m/s); `error`: why that failed."""
+    """A vehicle that left our modes at our speed was sent its own cruise speed (m/s); `error`: why that failed."""
 
     system_id: int
     mode: FlightMode
@@ -50,7 +50,7 @@ async def order_speed(vehicle: Vehicle, speed_mps: float) -> None:
 
 
 async def restore_speed(vehicle: Vehicle, cruise_mps: float) -> None:
-    """Restore its own cruise speed (m/s), whoever flies it. Raises NotDone.
+    """Restore its own cruise speed (m/s), whatever flies it. Raises NotDone.
 
     It is sent as a positive number, not -2 ("default"): PX4's flight tasks have no other way back, ArduCopter refuses
     it.
@@ -104,6 +104,6 @@ class SpeedWatch:
 
 
 def _flies_ours_elsewhere(vehicle: Vehicle) -> bool:
-    """Return whether it is in the air at a speed of ours, in a mode that is not."""
+    """Return whether it is in the air at a speed that we commanded, in a mode that we did not."""
     state = vehicle.state
     return vehicle.flies_our_speed and state.armed and state.profile is not None and not state.is_ours

@@ -68,18 +68,24 @@ class Conversation(Protocol):
     """A protocol without I/O: `VerifiedUpload`, `Download`, `ParameterRead`. `ended` is true once it is over."""
 
     @property
-    def ended(self) -> object: ...
+    def ended(self) -> object:
+        """Return whether it is over."""
 
     @property
-    def due_s(self) -> float: ...
+    def due_s(self) -> float:
+        """Return the fleet second at which `tick` has to be called next."""
 
-    def start(self, now_s: float) -> list[Message]: ...
+    def start(self, now_s: float) -> list[Message]:
+        """Return the first messages to send."""
 
-    def handle(self, name: str, fields: dict[str, Any], now_s: float) -> list[Message]: ...
+    def handle(self, name: str, fields: dict[str, Any], now_s: float) -> list[Message]:
+        """Take in a message of the vehicle, and return what to send in response."""
 
-    def tick(self, now_s: float) -> list[Message]: ...
+    def tick(self, now_s: float) -> list[Message]:
+        """Return what to send again, or give up."""
 
-    def give_up(self) -> None: ...
+    def give_up(self) -> None:
+        """End it as failed."""
 
 
 class Vehicle:

@@ -205,7 +205,7 @@ class Autopilot:
         return True
 
     def set_mode(self, mode: Mode, *, by_failsafe: bool = False) -> bool:
-        """Change the mode; return False if it cannot be flown, and send why. `by_failsafe`: nobody chose it."""
+        """Change the mode; return False if it cannot be flown, and send why. `by_failsafe`: it was not chosen."""
         refusal = self._flavour.mode_refusal(self, mode)
         for words, severity in refusal:
             self.send_text(words, severity)

@@ -7,11 +7,7 @@ import pytest
 from scripts.prose import IN_FUNCTION, Configuration, Rule, Text, configuration, findings, in_docstrings, in_page
 
 CONFIG = configuration()
-NOT_YET = {
-    "mavlink_bridge/*.py", "sim/*.py", "planner/bound.py", "planner/branch_and_bound.py", "planner/cells.py",
-    "planner/fast/*.py", "api/*.py", "api/access/*.py", "api/cli/*.py", "api/client/*.py", "api/common/*.py",
-    "api/fleet/*.py", "api/flights/*.py", "api/http/**/*.py", "api/lab/**/*.py", "api/plans/*.py", "api/store/**/*.py",
-}  # fmt: skip
+NOT_YET = {"planner/bound.py", "planner/branch_and_bound.py", "planner/cells.py", "planner/fast/*.py"}
 """What was not in shape when the check was made. Names are only ever taken out of this set."""
 
 

@@ -16,7 +16,7 @@ from skyfolio.api.cli.files import Json, Out, UsageError, read_as, read_scenario
 from skyfolio.planner import EXAMPLES, AnyOf, Changes, Deadline, Plan, converged, plan, replan
 
 UNMET_STATUS = 3
-"""Exit status of a plan that could not give every user its least rate: it was written, and flies."""
+"""Exit status of a plan that could not give every user its minimum rate: it was written, and flies."""
 
 DeadlineS = Annotated[float | None, typer.Option(min=0.001, help="Return the best plan after this many seconds.")]
 ScenarioFile = Annotated[Path | None, typer.Argument(help="Scenario as JSON.")]

@@ -31,7 +31,7 @@ def plan_table(plan: Plan) -> Group:
 
 
 def unmet(plan: Plan) -> list[str]:
-    """Return a line for each user that does not get its least rate: which, how much of what, and in which slots.
+    """Return a line for each user that does not get its minimum rate: which, how much of what, and in which slots.
 
     Slots are counted on the operation's grid.
     """

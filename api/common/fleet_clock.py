@@ -10,8 +10,8 @@ from collections.abc import Callable
 class FleetClock:
     """Fleet seconds since the clock was made: `seconds()` multiplied by `scale`.
 
-    seconds, utc: monotonic and UTC seconds, by default those of the wall. A simulated fleet that waits for whoever is
-    late gives its own, which both advance together.
+    seconds, utc: monotonic and UTC seconds, by default those of the wall. A simulated fleet that waits for late
+    participants gives its own, which both advance together.
     """
 
     def __init__(

@@ -10,8 +10,8 @@ chosen before numba is imported, the first of these that can be written:
     $TMPDIR/skyfolio-UID/kernels-DIGEST              a folder of this user alone, else one that ends with the process
 
 DIGEST is of all kernels' sources: numba itself does not notice when a kernel that another one calls was edited. What
-was compiled at install beside read-only sources is copied, so that nobody compiles twice. Nothing here imports numba
-before it is needed. numba replaces files whole, so processes may compile and load at the same time.
+was compiled at install beside read-only sources is copied, so that nothing is compiled twice. Nothing here imports
+numba before it is needed. numba replaces files whole, so processes may compile and load at the same time.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from typing import Any
 
 VARIABLE = "NUMBA_CACHE_DIR"
 REPORTED = "_SKYFOLIO_KERNELS_REPORTED"
-"""Set for this process and its children once standard error has told where kernels are kept."""
+"""Set for this process and its children once it was written to standard error where kernels are kept."""
 SAY_EVERY_S = 5.0
 _OURS = "skyfolio-"
 """Prefix of our temporary folders; code that was installed in a temporary folder has its kernels beside it."""
@@ -187,7 +187,7 @@ def _writable(folder: Path) -> bool:
 
 
 def _temporary(name: str) -> Path:
-    """Return a temporary folder that nobody else can write, since its content is executed.
+    """Return a temporary folder that no other user can write, since its content is executed.
 
     It is kept when it belongs to this user, else removed when the process ends.
     """

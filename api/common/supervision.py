@@ -46,7 +46,7 @@ class Supervisor:
         return task
 
     def watch_loop(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Report also errors in tasks that nobody supervises or awaits, which asyncio only logs."""
+        """Report also errors in tasks that are neither supervised nor awaited, which asyncio only logs."""
         loop.set_exception_handler(self._unseen)
 
     async def close(self) -> None:

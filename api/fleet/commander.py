@@ -1,4 +1,4 @@
-"""How vehicles are commanded: an emergency order goes before everything else that is being sent to a vehicle.
+"""How vehicles are commanded: an emergency order takes precedence over everything else that is being sent to a vehicle.
 
 Whatever a flight sends goes through `carry_out`, each vehicle on its own. An order ends at once what is being sent to
 its vehicle, and nothing else. The newest order wins, and one that is repeated while it is being carried out is sent

@@ -75,7 +75,7 @@ class Fleet:
             self._finding = asyncio.create_task(self._find(), name="fleet-find")
 
     async def _find(self) -> None:
-        """Hear every vehicle before any is suspected: discovery takes wall time, silence counts fleet time."""
+        """Wait until vehicles are heard: discovery takes wall time, silence counts fleet time."""
         with suppress(VehiclesMissing):
             await self.link.wait_for(set(self._systems.values()), timeout_s=HEARD_WITHIN_S)
         for system_id in self._systems.values():

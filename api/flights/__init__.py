@@ -13,6 +13,7 @@
     rates, flown_rates, track                       what users got, and who was where
 
 It may import `common`, `store`, `plans` and `fleet` (`tests/test_floors.py`). A step that reaches a vehicle is in the
-journal before it is sent: whoever adds one keeps to that, and adds it to the kill matrix (`tests/api/test_killed.py`).
+journal before it is sent: a change that adds one keeps to that, and adds it to the kill matrix
+(`tests/api/test_killed.py`).
 Stored documents, journal steps and event kinds keep their names: restarts and clients read them.
 """

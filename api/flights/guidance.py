@@ -53,7 +53,7 @@ class FlightGuidance:
         self._homes_m = homes_m
         self._keepers = ScheduleKeepers(systems, fleet, clock, elapsed_s=elapsed_s)
         self._flown_by_others: set[str] = set()
-        """UAVs that somebody else flies, until they follow a mission of ours again."""
+        """UAVs that somebody else flies, until they follow an assigned mission again."""
         self.airspace = Airspace()
         """Air in which UAVs that were lost may still fly."""
         self._streams = SetpointStreams(systems, fleet, clock, elapsed_s=elapsed_s, fall_back=self.options.fall_back)

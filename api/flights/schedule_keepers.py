@@ -14,7 +14,7 @@ from skyfolio.mavlink_bridge.keeper import Keeper, Order, Slip
 
 
 class ScheduleKeepers:
-    """One keeper for each UAV that flies a mission of ours.
+    """One keeper for each UAV that flies an assigned mission.
 
     systems: MAVLink system id of each UAV. elapsed_s: returns fleet seconds since slot 0 of the operation began.
     """

@@ -47,7 +47,7 @@ class Stragglers:
         self._stillness = Stillness()
 
     async def look(self, flight: Flight) -> None:
-        """Land UAVs that hover in a mode of ours, or return them if that is how the plan ends.
+        """Land UAVs that hover in a mode that we command, or return them if that is how the plan ends.
 
         Nothing is sent if the plan ends with hovering, nor to a UAV that a human or a failsafe flies.
         """

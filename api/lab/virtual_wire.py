@@ -24,7 +24,7 @@ Filter = Callable[[str, dict[str, Any]], int]
 
 
 def incoming(message: Message, sender: tuple[int, int] = GROUND) -> Any:
-    """Return a message of ours as an autopilot decodes it."""
+    """Return a message of the bridge as an autopilot decodes it."""
     fields = {name: value.encode() if isinstance(value, str) else value for name, value in message.fields.items()}
     encoded = getattr(dialect, f"MAVLink_{message.name.lower()}_message")(**fields)
     encoded._header = dialect.MAVLink_header(encoded.id, 0, 0, 0, 0, *sender)

@@ -39,9 +39,11 @@ AGAIN_S = (0.1, 0.3, 1.0)
 class Holds(Protocol):
     """Keeps statements that the database does not accept, so that they outlive the process (`spill.Spill`)."""
 
-    async def add(self, transactions: list[list[Statement]]) -> None: ...
+    async def add(self, transactions: list[list[Statement]]) -> None:
+        """Keep these transactions as well."""
 
-    async def clear(self) -> None: ...
+    async def clear(self) -> None:
+        """Forget all that is kept: the database has it."""
 
 
 @dataclass(eq=False)

@@ -52,7 +52,7 @@ class OrderRequest(HoldRequest):
 
 
 class ForceRequest(BaseModel):
-    """Whether the vehicle is taken from whoever flies it."""
+    """Whether the vehicle is taken from the human or the failsafe that flies it."""
 
     model_config = ConfigDict(extra="forbid")
 

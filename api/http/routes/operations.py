@@ -224,9 +224,9 @@ async def abort_operation(
 ) -> OperationView:
     """End the operation: every vehicle that still responds holds, lands where it is, or returns home.
 
-    An abort goes before whatever is being done, and may be repeated: the same action is tried again only where it
-    failed; another one (land after hold) is carried out for vehicles that still fly and have no other operation,
-    also after the end.
+    An abort takes precedence over whatever is being done, and may be repeated: the same action is tried again only
+    where it failed; another one (land after hold) is carried out for vehicles that still fly and have no other
+    operation, also after the end.
     """
     action = body.action if body else "hold"
     return _tagged(response, await service.operations.abort(operation_id, action, _version(if_match)))
