@@ -1,17 +1,18 @@
 """The certificate: a utility that no feasible plan can exceed.
 
 Every bound here has two parts. Per slot: what weighted sum rate can the fleet give at most, wherever it can be by then
-(reachability here, branch and bound over positions in `branch_and_bound.py`)? And from slots to the utility: `sum`
-increases in every slot's sum rate, so the slot bounds are put into it as they are; `per_user` and `pooled` are concave
-in the rate table, so each tangent plane lies above them, and the greatest value of a tangent plane over all feasible
-rate tables is a weighted sum rate per slot.
+(reachability here, interference that cannot be escaped in `crowding`, branch and bound over positions of small fleets
+in `branch_and_bound.py`)? And from slots to the utility: `sum` increases in every slot's sum rate, so the slot bounds
+are put into it as they are; `per_user` and `pooled` are concave in the rate table, so each tangent plane lies above
+them, and the greatest value of a tangent plane over all feasible rate tables is a weighted sum rate per slot.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment, minimize_scalar
 
 from skyfolio.planner.arrays import Array
@@ -20,16 +21,35 @@ from skyfolio.planner.problem import Problem
 from skyfolio.planner.reach import squared_distance_range
 from skyfolio.planner.utility import rate_weights, soft_mean, utility_kbps
 
+Ints = NDArray[np.intp]
 TANGENTS = 12
 """How many tangent planes are tried: each costs one assignment per slot."""
 STEP_ACCURACY = 0.003
 """Of the line search between two of them, as a share of the way."""
 SMALL = 200_000
 """U K N up to which every plan gets a bound from tangent planes."""
+CROWD = 4
+"""From how many UAVs on the crowding bound is worth its milliseconds."""
+
+
+def upper_bound_kbps(problem: Problem, rates_kbps: Array | None = None) -> float:
+    """Return an upper bound of the utility of every feasible plan, in kbit/s: the one that every plan gets.
+
+    rates_kbps: (K, N) of a plan; what is proven about others is tighter for a good one, and true for any.
+    """
+    crowded = np.full(problem.n_slots, np.inf)
+    if problem.n_uavs >= CROWD:
+        from skyfolio.planner.crowding.bound import crowded_slot_bounds_kbps  # noqa: PLC0415 - small fleets go without
+
+        crowded = crowded_slot_bounds_kbps(problem, rates_kbps)
+    mean_bound = lifted_kbps(problem, _with_reach(problem, crowded))
+    if problem.kind == "sum" or problem.mu == 0.0 or problem.snr_gain.size > SMALL:
+        return mean_bound
+    return min(mean_bound, tangent_bound_kbps(problem, best_tables(optimistic_rates_kbps(problem)), TANGENTS))
 
 
 def reachability_bound_kbps(problem: Problem) -> float:
-    """An upper bound of the utility of every feasible plan, in kbit/s.
+    """Return an upper bound of the utility of every feasible plan, in kbit/s, from reachability alone.
 
     In slot n a UAV is within `n D_max` of its start, close enough to its end if it has one, and in the area. Each pair
     gets the nearest own and the farthest interfering distance that this allows. Past slots count as they were.
@@ -44,9 +64,34 @@ def reachability_bound_kbps(problem: Problem) -> float:
 
 
 def slot_bounds_kbps(problem: Problem) -> Array:
-    """Upper bound of the sum rate of each slot: (N,) kbit/s."""
+    """Return the reachability bound of the sum rate of each slot: (N,) kbit/s."""
     unweighted = np.ones((problem.n_users, problem.n_slots))
     bounds: Array = best_tables(optimistic_rates_kbps(problem))(unweighted).sum(axis=0)
+    return bounds
+
+
+def _with_reach(problem: Problem, crowded: Array) -> Array:
+    """Return the lesser of both bounds of each slot, as far as reachability can be the lesser one: (N,).
+
+    Little can be reached in the first slots and, by those who must be somewhere at the end, in the last ones: it is
+    looked at from both sides, until it proves less than is known.
+    """
+    bounds = crowded.copy()
+    if not np.isfinite(crowded).any():
+        return slot_bounds_kbps(problem)
+    unweighted = np.ones((problem.n_users, 1))
+
+    def lower(slots: Iterable[int]) -> None:
+        for n in slots:
+            rates = optimistic_rates_kbps(problem, np.array([n]))
+            reached = float(best_tables(rates)(unweighted).sum())
+            bounds[n] = min(bounds[n], reached)
+            if reached > crowded[n]:
+                break
+
+    lower(range(problem.n_slots))
+    if np.isfinite(problem.end_m).any() or not np.isfinite(crowded).all():
+        lower(range(problem.n_slots - 1, -1, -1))
     return bounds
 
 
@@ -87,10 +132,14 @@ def best_step(problem: Problem, point: Array, vertex: Array) -> float:
     return float(minimize_scalar(loss_kbps, bounds=(0.0, 1.0), method="bounded", options={"xatol": STEP_ACCURACY}).x)
 
 
-def optimistic_rates_kbps(problem: Problem) -> Array:
-    """The rate of each pair with a whole band, own UAV as near and the others as far as they can be: (U, K, N)."""
-    near2, far2 = squared_distance_range(problem)
-    rates: Array = np.log1p(problem.snr_gain / near2 / (1.0 + sum_of_others(problem.snr_gain / far2)))
+def optimistic_rates_kbps(problem: Problem, slots: Ints | None = None) -> Array:
+    """Return the rate of each pair with a whole band, own UAV as near and the others as far as they can be.
+
+    slots: (S,), which ones; default all. (U, K, S) kbit/s.
+    """
+    near2, far2 = squared_distance_range(problem, slots)
+    gain = problem.snr_gain if slots is None else problem.snr_gain[:, :, slots]
+    rates: Array = np.log1p(gain / near2 / (1.0 + sum_of_others(gain / far2)))
     rates *= (problem.bandwidth_hz / (1e3 * np.log(2)))[:, None, None]
     return rates
 

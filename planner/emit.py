@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.bound import reachability_bound_kbps
+from skyfolio.planner.bound import upper_bound_kbps
 from skyfolio.planner.fast import served_rates_bps
 from skyfolio.planner.feasibility import MIN_RATE_ROUNDING, require_feasible
 from skyfolio.planner.plans import Plan, PlanStatus, Summary
@@ -75,7 +75,7 @@ def unmet_min_rates(scenario: Scenario, rates_bps: Array) -> dict[str, list[int]
 def summarise(problem: Problem, rates_kbps: Array) -> Summary:
     """Return the measures of a (K, N) rate table; utility and bound include the past, the others only planned slots."""
     utility = utility_kbps(problem.counted_kbps(rates_kbps), problem.kind, problem.mu)
-    bound = max(reachability_bound_kbps(problem), utility)
+    bound = max(upper_bound_kbps(problem, rates_kbps), utility)
     per_slot = rates_kbps.sum(axis=0)
     return Summary(
         utility_bps=utility * 1e3,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.problem import Problem
@@ -35,14 +36,23 @@ def reach_of(problem: Problem) -> Reach:
     return Reach(from_start, np.asarray(to_end, dtype=float))
 
 
-def squared_distance_range(problem: Problem) -> tuple[Array, Array]:
-    """Return bounds of `d_uk^2[n]` over the reachable positions: a lower and an upper one, each (U, K, N) in m^2."""
+def squared_distance_range(
+    problem: Problem, slots: NDArray[np.intp] | None = None, *, ends: bool = True
+) -> tuple[Array, Array]:
+    """Return bounds of `d_uk^2[n]` over the reachable positions: a lower and an upper one, each (U, K, S) in m^2.
+
+    slots: (S,), which ones; default all. ends: whether to count that end positions must be reached in time.
+    """
     reach = reach_of(problem)
+    chosen = np.arange(problem.n_slots) if slots is None else slots
     user = problem.user_m[None]
     to_area = np.linalg.norm(user[0] - np.clip(user[0], problem.low_m, problem.high_m), axis=-1)  # (K,)
     to_corner = np.linalg.norm(np.maximum(user[0] - problem.low_m, problem.high_m - user[0]), axis=-1)  # (K,)
     near, far = to_area[None, :, None], to_corner[None, :, None]
-    for centre_m, radius_m in ((problem.start_m, reach.from_start_m), (problem.end_m, reach.to_end_m)):
+    discs = [(problem.start_m, reach.from_start_m[:, chosen])]
+    if ends:
+        discs.append((problem.end_m, reach.to_end_m[:, chosen]))
+    for centre_m, radius_m in discs:
         away = np.linalg.norm(user - np.where(np.isnan(centre_m), 0.0, centre_m)[:, None], axis=-1)[
             :, :, None
         ]  # (U, K, 1)
