@@ -33,7 +33,8 @@ class Certificate:
 
     slot_bounds_kbps, slot_best_kbps: (N,), bound and best value found of each slot's weighted sum rate (weights are 1
     for `sum`), positions free within reach, of the tangent plane that gave the bound. nodes: rectangles split.
-    finished: every slot of it is closed to the tolerance.
+    finished: every slot of it is closed to the tolerance. Of a fleet
+    that is not branched (`planner.certificate`), nodes are assignments, and finished says that nothing was left to try.
     """
 
     bound_kbps: float

@@ -9,15 +9,18 @@ from __future__ import annotations
 import numpy as np
 
 from skyfolio.planner.branch_and_bound import certificate
+from skyfolio.planner.crowding.bound import first_field
+from skyfolio.planner.crowding.slots import ground_of, slot_of
 from skyfolio.planner.examples import minimal
 from skyfolio.planner.fast import optimise, served_rates_bps
 from skyfolio.planner.problem import problem_of
+from skyfolio.planner.reach import squared_distance_range
 from skyfolio.planner.scenario import NoFlyDisc
 from skyfolio.planner.stopping import MaxIterations
 
 
 def rehearse() -> None:
-    """Solve a tiny problem with an end position and a no-fly zone, and branch once: calls every entry kernel."""
+    """Solve a tiny problem with an end position and a no-fly zone, branch once, and bound slots: every entry kernel."""
     easy = minimal()
     first, *others = easy.uavs
     home = first.model_copy(update={"end_m": first.start_m})
@@ -26,3 +29,7 @@ def rehearse() -> None:
     solution = optimise(problem, MaxIterations(1), n_starts=2)
     rates_kbps = served_rates_bps(problem, solution) / 1e3
     certificate(problem, np.ascontiguousarray(rates_kbps), max_nodes=1)
+    near2, far2 = squared_distance_range(problem)
+    ground = ground_of(problem)
+    slot = slot_of(problem, ground, 1, near2[:, :, 1], far2[:, :, 1])
+    first_field(problem, ground, slot, None).improve(slot, 1, close=True)

@@ -16,7 +16,7 @@ COMMANDS = {
     "bench": LazyCommand(f"{CLI}.bench:bench", "Measure this machine; figures as JSON."),
     "bound": LazyCommand(
         f"{CLI}.planning:bound",
-        "Plan a scenario of up to three UAVs and prove by branch and bound how good the plan is.",
+        "Plan a scenario of any size and prove how good the plan is: as tightly as the seconds allow.",
         solves=True,
     ),
     "check": LazyCommand(

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from skyfolio.api.cli import terminal as show
 from skyfolio.api.cli.autopilots import DEFAULT, AutopilotOfMission
@@ -86,20 +89,30 @@ def bound(
     file: ScenarioFile = None,
     example: Example = None,
     tolerance: Annotated[float, typer.Option(min=1e-6, max=1, help="Relative gap at which a slot is settled.")] = 0.005,
-    seconds: Annotated[float, typer.Option(min=0.001, help="Stop branching after this long; the bound holds.")] = 60.0,
+    seconds: Annotated[float, typer.Option(min=0.001, help="Stop proving after this long; the bound holds.")] = 60.0,
     as_json: Json = False,
 ) -> None:
-    """Plan a scenario of up to three UAVs and prove by branch and bound how good the plan is."""
-    from skyfolio.api.plans.certificate import TooManyUavsError, certify, shown  # noqa: PLC0415
+    """Plan a scenario of any size and prove how good the plan is: as tightly as the seconds allow."""
+    from skyfolio.api.plans.certificate import certify, shown  # noqa: PLC0415
 
-    try:
-        figures = certify(read_scenario(file, example), tolerance=tolerance, seconds=seconds)
-    except TooManyUavsError as error:
-        raise UsageError(str(error)) from error
+    scenario = read_scenario(file, example)
+    with _proving(seconds) as told:
+        figures = certify(scenario, tolerance=tolerance, seconds=seconds, told=told)
     if as_json:
         write(json.dumps(figures, indent=2), None)
     else:
         Console().print(shown(figures), highlight=False)
+
+
+@contextmanager
+def _proving(seconds: float) -> Iterator[Callable[[float, float], None]]:
+    """Return a bar on standard error: how much of the time is gone, and what is proven by then."""
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("planning", total=seconds)
+        yield lambda gone_s, bound_bps: bar.update(
+            task, completed=min(gone_s, seconds), description=f"at most {bound_bps / 1e3:.2f} kbit/s"
+        )
 
 
 def _stop(deadline_s: float | None) -> AnyOf:

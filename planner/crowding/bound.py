@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.crowding.field import Field
-from skyfolio.planner.crowding.fit import far_apart, mass_of, standard_repulsion
 from skyfolio.planner.crowding.slots import Ground, Slot, everywhere, ground_of, slot_of
+from skyfolio.planner.crowding.standard import far_apart, mass_of, standard_repulsion
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.reach import squared_distance_range
 

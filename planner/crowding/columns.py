@@ -1,21 +1,56 @@
 """Compiled kernels of the crowding bound: the field at the users, and what serving a user is worth in it.
 
-Lengths are in units of the greatest altitude. K users; T entries of the tables of `repulsion.Repulsion`; F far rings,
-R rings in all; C classes of UAVs that differ in nothing but where they can be.
+Lengths are in units of the greatest altitude. K users, U UAVs in C classes that differ in nothing but where they can
+be; T entries of the tables of `repulsion.Repulsion`, F far rings, R rings in all, L values of x.
 """
 
 from __future__ import annotations
 
 from math import log, sqrt
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.fast.arena import entry
+from skyfolio.planner.fast.arena import entry, kernel
 
 Ints: TypeAlias = NDArray[np.int64]
+
+
+class Medium(NamedTuple):
+    """What columns are made of, whoever serves whom.
+
+    step, tables (3, T), low (F, T): kappa, its slope and its bend, and its least value within each far ring. rings:
+    (R + 1,). share: (R,). levels: (L,), rising values of x from 1. logs: (Y, L), log(1 + e^y / x) on a grid of y from
+    least_log on, whose chords lie above it. at_zero: kappa(0). value_error, slope_error: of a field and its slope.
+    """
+
+    step: float
+    tables: Array
+    low: Array
+    rings: Array
+    share: Array
+    levels: Array
+    logs: Array
+    log_step: float
+    least_log: float
+    at_zero: float
+    value_error: float
+    slope_error: float
+
+
+class Links(NamedTuple):
+    """Who could serve whom, by class: (C, K) each, and height2 (C,).
+
+    gain: own SNR gain. power: with what it interferes at least. scale: kbit/s per nat, weighted. least: the least x.
+    """
+
+    gain: Array
+    power: Array
+    scale: Array
+    least: Array
+    height2: Array
 
 
 @entry
@@ -24,8 +59,8 @@ def spread(
 ) -> None:
     """Add sources to the field at `points` (P, 2): sources of `weights` at `at[users]`.
 
-    tables: (3, T), kappa, its slope and its bend. field: (4 + F, P), the field, its slope east and north, the bound of
-    its bend, and its least value around each point within each far ring.
+    field: (4 + F, P), the field, its slope east and north, the bound of its bend, and its least value around each point
+    within each far ring.
     """
     for j in range(len(users)):
         weight = weights[j]
@@ -47,72 +82,166 @@ def spread(
 
 @entry
 def worth_of_serving(
-    field: Array,
-    value_error: float,
-    slope_error: float,
-    at_zero: float,
-    rings: Array,
-    share: Array,
-    gain: Array,
-    height2: Array,
-    power: Array,
-    scale: Array,
-    least: Array,
-    levels: Array,
-    logs: Array,
-    log_step: float,
-    least_log: float,
-    nearest: bool,
-    worth: Array,
-    feature: Array,
+    medium: Medium, links: Links, field: Array, nearest: bool, worth: Array, feature: Array, bare: Array
 ) -> None:
     """Fill in what a UAV of each class that is at least in ring i from a user can be worth by serving it.
 
-    field: as `spread` made it, at the users. gain, power, scale, least: (C, K), own SNR gain, what it interferes with
-    at least, kbit/s per nat (weighted), least x at the user. nearest: only ring 0 of the result is wanted. height2: (C,). levels: (L,), rising values of x from 1.
-    logs: (Y, L), log(1 + e^y / x) on a grid of y, whose chords lie above it. worth, feature: (C, K, R).
+    field: as `spread` made it, at the users. nearest: only ring 0 of the result is wanted. worth: (C, K, R),
+    weighted kbit/s; feature, bare: of the column that has it, and what it is worth without repulsion.
     """
-    n_rings = len(rings) - 1
-    n_near = n_rings - (len(field) - 4)
-    n_levels = len(levels) - 1
-    n_grid = len(logs) - 2
-    for c in range(len(gain)):
-        for k in range(gain.shape[1]):
-            slope = sqrt(field[1, k] ** 2 + field[2, k] ** 2) + slope_error
-            first = max(0, np.searchsorted(levels, least[c, k]) - 1)
-            best, best_feature = 0.0, 0.0
+    n_rings = len(medium.share)
+    for c in range(len(links.gain)):
+        for k in range(links.gain.shape[1]):
+            slope = sqrt(field[1, k] ** 2 + field[2, k] ** 2) + medium.slope_error
+            first = _first_level(medium.levels, links.least[c, k])
+            best, best_feature, best_bare = 0.0, 0.0, 0.0
             for step in range(n_rings):
                 i = step if nearest else n_rings - 1 - step
-                r = rings[i + 1]
-                if i < n_near:
-                    lowest = field[0, k] - 0.5 * slope * r - 0.125 * field[3, k] * r * r - value_error
-                else:
-                    lowest = field[4 + i - n_near, k]
-                snr = gain[c, k] / (rings[i] ** 2 + height2[c])
-                place = max(0.0, (log(snr) - least_log) / log_step) if snr > 0.0 else 0.0
-                n = min(int(place), n_grid)
-                part = place - n
-                upper = scale[c, k] * ((1.0 - part) * logs[n, first] + part * logs[n + 1, first])
-                if nearest and upper <= best:
-                    break  # what is farther away is worth less
-                repelled = power[c, k] * share[i] ** 2 * at_zero - 1.0
-                strength = share[i] * max(lowest, 0.0)
-                for x in range(first, n_levels):
-                    at_low = upper
-                    if at_low <= best:
-                        break
-                    upper = scale[c, k] * ((1.0 - part) * logs[n, x + 1] + part * logs[n + 1, x + 1])
-                    pull = strength / (levels[x + 1] + repelled)
-                    price = 0.5 * power[c, k] * pull * pull
-                    f = share[i] * power[c, k] * pull
-                    a = max(at_low + price * levels[x], upper + price * levels[x + 1])
-                    value = a - price + 0.5 * f * f * at_zero - f * lowest
-                    if value > at_low:
-                        value, f = at_low, 0.0
-                    if value > best:
-                        best, best_feature = value, f
+                lowest = _lowest(medium, field, k, i, slope, medium.rings[i + 1])
+                snr = links.gain[c, k] / (medium.rings[i] ** 2 + links.height2[c])
+                value, f, alone, most = _best_column(
+                    medium, first, snr, links.scale[c, k], links.power[c, k], medium.share[i], lowest, best
+                )
+                if value > best:
+                    best, best_feature, best_bare = value, f, alone
                 worth[c, k, i] = best
                 feature[c, k, i] = best_feature
+                bare[c, k, i] = best_bare
+                if nearest and most <= best:
+                    break  # what is farther away is worth less
             if nearest:
                 worth[c, k, 0] = best
                 feature[c, k, 0] = best_feature
+                bare[c, k, 0] = best_bare
+
+
+@entry
+def worth_of_reaching(
+    medium: Medium,
+    links: Links,
+    classes: Ints,
+    least: Array,
+    user: Array,
+    disc: Array,
+    field: Array,
+    sources: Ints,
+    weights: Array,
+    candidates: Ints,
+    worth: Array,
+    feature: Array,
+    bare: Array,
+) -> None:
+    """Lower the worth (U, K) of some pairs by where the UAV can be: near enough both to its start and to the user.
+
+    disc: (U, 3), east, north, radius of where each UAV can be. least: (U, K). sources, weights: those of the field.
+    candidates: (U, M), the users to look at. worth, feature, bare: (U, K), changed in place.
+    """
+    n_rings = len(medium.share)
+    n_near = n_rings - len(medium.low)
+    local = np.empty((4 + len(medium.low), 1))
+    point = np.empty((1, 2))
+    for u in range(len(candidates)):
+        c = classes[u]
+        for m in range(candidates.shape[1]):
+            k = candidates[u, m]
+            east, north = disc[u, 0] - user[k, 0], disc[u, 1] - user[k, 1]
+            away, reach = sqrt(east * east + north * north), disc[u, 2]
+            slope = sqrt(field[1, k] ** 2 + field[2, k] ** 2) + medium.slope_error
+            first = _first_level(medium.levels, least[u, k])
+            best, best_feature, best_bare = 0.0, 0.0, 0.0
+            for i in range(n_rings):
+                inner, outer = max(medium.rings[i], away - reach), min(medium.rings[i + 1], away + reach)
+                if outer < inner:
+                    continue
+                along, radius = _lens(away, reach, outer)
+                lowest = _lowest(medium, field, k, i, slope, outer)
+                if radius <= medium.rings[n_near]:
+                    ahead = 0.5 * along / away if away > 0.0 else 0.0
+                    point[0, 0], point[0, 1] = user[k, 0] + ahead * east, user[k, 1] + ahead * north
+                    local[:] = 0.0
+                    spread(user, sources, weights, point, medium.step, medium.tables, medium.low, local)
+                    there = sqrt(local[1, 0] ** 2 + local[2, 0] ** 2) + medium.slope_error
+                    about = _sloping(local[0, 0], there, local[3, 0], radius / 2) - medium.value_error
+                    lowest = max(lowest, about)
+                snr = links.gain[c, k] / (inner**2 + links.height2[c])
+                value, f, alone, most = _best_column(
+                    medium, first, snr, links.scale[c, k], links.power[c, k], medium.share[i], lowest, best
+                )
+                if value > best:
+                    best, best_feature, best_bare = value, f, alone
+                if most <= best:
+                    break
+            if best < worth[u, k]:
+                worth[u, k], feature[u, k], bare[u, k] = best, best_feature, best_bare
+
+
+@kernel
+def _lens(away: float, reach: float, outer: float) -> tuple[float, float]:
+    """Return a disc about what is within `reach` of a point and within `outer` of a user that is `away` from it.
+
+    How far from the user its centre lies towards the point, and its radius.
+    """
+    if away <= 0.0:
+        return 0.0, min(reach, outer)
+    along = (away * away + outer * outer - reach * reach) / (2.0 * away)
+    if along <= 0.0:
+        return 0.0, outer
+    if along >= away:
+        return away, reach
+    return along, sqrt(max(0.0, outer * outer - along * along))
+
+
+@kernel
+def _lowest(medium: Medium, field: Array, k: int, ring: int, slope: float, outer: float) -> float:
+    """Return the least that a field can be midway between user k and a UAV in the ring, not farther than `outer`."""
+    n_near = len(medium.share) - len(medium.low)
+    if ring >= n_near:
+        return float(field[4 + ring - n_near, k])
+    return _sloping(field[0, k], slope, field[3, k], outer / 2) - medium.value_error
+
+
+@kernel
+def _sloping(value: float, slope: float, bend: float, radius: float) -> float:
+    """Return the least a field can be within a radius of where its value and slope are known."""
+    return value - slope * radius - 0.5 * bend * radius * radius
+
+
+@kernel
+def _first_level(levels: Array, least: float) -> int:
+    """Return the interval of x that holds the least one."""
+    return max(0, int(np.searchsorted(levels, least)) - 1)
+
+
+@kernel
+def _best_column(
+    medium: Medium, first: int, snr: float, scale: float, power: float, share: float, lowest: float, before: float
+) -> tuple[float, float, float, float]:
+    """Return the greatest worth over the intervals of x if it is more than `before`, and what belongs to it.
+
+    That is its feature, what it is worth without repulsion, and the rate at the least x.
+
+    Each interval gets the price b that makes its worth least.
+    """
+    levels, logs = medium.levels, medium.logs
+    place = max(0.0, (log(snr) - medium.least_log) / medium.log_step) if snr > 0.0 else 0.0
+    n = min(int(place), len(logs) - 2)
+    part = place - n
+    upper = scale * ((1.0 - part) * logs[n, first] + part * logs[n + 1, first])
+    most, best, best_feature, best_bare = upper, before, 0.0, 0.0
+    repelled = power * share * share * medium.at_zero - 1.0
+    strength = share * max(lowest, 0.0)
+    for x in range(first, len(levels) - 1):
+        at_low = upper
+        if at_low <= best:
+            break
+        upper = scale * ((1.0 - part) * logs[n, x + 1] + part * logs[n + 1, x + 1])
+        pull = strength / (levels[x + 1] + repelled)
+        price = 0.5 * power * pull * pull
+        f = share * power * pull
+        worth = max(at_low + price * levels[x], upper + price * levels[x + 1]) - price
+        value = worth + 0.5 * f * f * medium.at_zero - f * lowest
+        if value > at_low:
+            value, f, worth = at_low, 0.0, at_low
+        if value > best:
+            best, best_feature, best_bare = value, f, worth
+    return best, best_feature, best_bare, most

@@ -50,18 +50,16 @@ class Repulsion:
 
 
 def rings_until(farthest: float) -> Array:
-    """The edges of the rings for distances up to `farthest`."""
+    """Return the edges of the rings for distances up to `farthest`."""
     return np.array([*NEAR_RINGS, *(edge for edge in FAR_RINGS if edge < farthest), max(farthest, 1.1)])
 
 
 def repulsion_of(frequency: Array, weight: Array, span: float, rings: Array) -> Repulsion:
-    """The mixture scaled until it is a minorant, with its tables; weight >= 0. span: the greatest D that occurs."""
-    kept = weight > 0.0
-    frequency, weight = frequency[kept], weight[kept]
-    distance = np.arange(int(span / STEP) + 3) * STEP
+    """Return the mixture scaled until it is a minorant, with its tables; weight >= 0. span: the greatest D."""
+    distance = np.asarray(np.arange(int(span / STEP) + 3) * STEP, dtype=float)
     argument = np.outer(distance, frequency)
-    bessel = j0(argument)
-    value = bessel @ weight
+    bessel: Array = j0(argument)
+    value = np.asarray(bessel @ weight, dtype=float)
     # Between two entries a function leaves its chord by at most STEP^2 / 8 times its second derivative.
     value_error = STEP**2 / 8 * float(weight @ frequency**2) / 2 + 1e-13
     excess = max(1e-9, _excess(distance, value + value_error))
@@ -81,14 +79,14 @@ def repulsion_of(frequency: Array, weight: Array, span: float, rings: Array) -> 
 
 
 def _excess(distance: Array, upper: Array) -> float:
-    """The greatest ratio of kappa and 1 / (1 + D^2), whose chord is above it by at most STEP^2 / 8 * 6 / (1 + D^2)^2."""
+    """Return the greatest ratio of kappa and 1 / (1 + D^2), whose second derivative is at most 6 / (1 + D^2)^2."""
     wanted = 1.0 / (1.0 + distance**2)
     slack = STEP**2 / 8 * 6.0 * wanted[:-1] ** 2
     return float(max((upper[:-1] / (wanted[:-1] - slack)).max(), (upper[1:] / (wanted[1:] - slack)).max()))
 
 
 def _shares(distance: Array, upper: Array, edges: Array) -> Array:
-    """s >= 0 of each ring with s s' kappa(D) <= 1 / (1 + D^2 + ((r + r')/2)^2) for all D and all pairs of edges r, r'.
+    """S >= 0 of each ring with s s' kappa(D) <= 1 / (1 + D^2 + ((r + r')/2)^2) for all D and all pairs of edges r, r'.
 
     It falls with the distance, so the outer edge of a ring stands for all of it.
     """

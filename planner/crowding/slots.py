@@ -9,11 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyfolio.planner.arrays import Array
+from skyfolio.planner.crowding.columns import Links
 from skyfolio.planner.crowding.repulsion import rings_until
+from skyfolio.planner.fast.arena import plain
 from skyfolio.planner.problem import Problem
+from skyfolio.planner.reach import reach_of
 
 Ints: TypeAlias = NDArray[np.int64]
-LEVEL = 1.1
+LEVEL = 1.07
 """Ratio of neighbouring values of x = noise + interference."""
 SPAN_RATIO = 1.1
 """Of neighbouring spans: areas of about the same size share their tables."""
@@ -23,12 +26,12 @@ LOG_STEP, LOGS_BELOW = 0.1, 14.0
 
 @dataclass(frozen=True)
 class Ground:
-    """What is the same in every slot. Lengths in units of `unit_m`, the greatest altitude; gains in units of its square.
+    """What is the same in every slot. Lengths are in units of `unit_m`, the greatest altitude, gains of its square.
 
-    user: (K, 2). span: no two points that are users or in the area are farther apart, rounded up. rings: (R + 1,), edges
-    of distance to the user. levels: (L,), values of x. logs: (Y, L), log(1 + e^y / x) from y = least_log on. power:
-    (U,), transmit power as a mean gain. classes: (U,), which UAVs differ in nothing but where they can be (each has
-    its own class when fading is sampled). alike: whether gains are the same in all slots in which a UAV flies.
+    user: (K, 2). span: no two points that are users or in the area are farther apart, rounded up. rings: (R + 1,),
+    edges of distance to the user. levels: (L,), values of x. logs: (Y, L), log(1 + e^y / x) from y = least_log on.
+    power: (U,), transmit power as a mean gain. classes: (U,), which UAVs differ in nothing but where they can be (each
+    has its own class when fading is sampled). alike: whether gains are the same in all slots in which a UAV flies.
     """
 
     unit_m: float
@@ -45,26 +48,25 @@ class Ground:
 
 @dataclass(frozen=True)
 class Slot:
-    """One slot of C classes and U flying UAVs. gain, power, scale, least: (C, K) of `worth_of_serving`. height2: (C,).
+    """One slot of C classes and U flying UAVs.
 
-    classes: (U,). ring: (U, K), the nearest ring that the UAV can come to by then; free: whether that is ring 0 for
-    all, and all are of one class.
+    links: by class. classes: (U,). least: (U, K), the least x of each. ring: (U, K), the nearest ring that the UAV can
+    come to by then. disc: (U, 3), east, north and radius of where it can be. free: whether it is ring 0 for all, and
+    all are of one class.
     """
 
-    gain: Array
-    power: Array
-    scale: Array
-    least: Array
-    height2: Array
+    links: Links
     classes: Ints
+    least: Array
     ring: Ints
+    disc: Array
     free: bool
 
 
 def ground_of(problem: Problem) -> Ground:
     """Return what all slots have in common."""
     unit = float(problem.altitude_m.max())
-    user = np.ascontiguousarray(problem.user_m / unit)
+    user = plain(problem.user_m / unit)
     low = np.minimum(user.min(axis=0), problem.low_m / unit)
     high = np.maximum(user.max(axis=0), problem.high_m / unit)
     span = rounded_up(float(np.linalg.norm(high - low)), SPAN_RATIO)
@@ -98,7 +100,7 @@ def rounded_up(value: float, ratio: float) -> float:
 
 def logs_until(most_heard: float, most_snr: float) -> tuple[Array, Array, float]:
     """Return values (L,) of x from 1 to 1 + most_heard, log(1 + e^y / x) (Y, L) up to most_snr, and the least y."""
-    levels = LEVEL ** np.arange(int(np.ceil(np.log1p(most_heard) / np.log(LEVEL))) + 2)
+    levels = np.asarray(LEVEL ** np.arange(int(np.ceil(np.log1p(most_heard) / np.log(LEVEL))) + 2), dtype=float)
     least_log = float(np.log(max(most_snr, 1e-12))) - LOGS_BELOW
     grid = least_log + LOG_STEP * np.arange(int(LOGS_BELOW / LOG_STEP) + 3)
     return levels, np.log1p(np.exp(grid)[:, None] / levels), least_log
@@ -118,19 +120,23 @@ def slot_of(problem: Problem, ground: Ground, n: int, near2: Array, far2: Array,
     weak = gain / (far2[flying] / unit2)
     least = 1.0 + np.maximum(weak.sum(axis=0) - weak, 0.0) * (1.0 - 1e-9)
     reached = np.sqrt(np.maximum(near2[flying] / unit2 - height2[:, None], 0.0))
-    ring = np.maximum(np.searchsorted(ground.rings[:-1], reached * (1.0 - 1e-9), side="right") - 1, 0)
+    ring = _rings(ground, reached)
     kinds, first, classes = np.unique(ground.classes[flying], return_index=True, return_inverse=True)
     faintest = (gain / power[:, None]).min(axis=0)  # of the users' channels, for unit power
     own = np.ones(gain.shape[1]) if weights is None else weights
-    least_of_class = np.stack([least[classes == c].min(axis=0) for c in range(len(kinds))])
+    links = Links(
+        gain=plain(gain[first]),
+        power=plain(power[first, None] * faintest),
+        scale=plain(scale[first, None] * own),
+        least=plain(np.stack([least[classes == c].min(axis=0) for c in range(len(kinds))])),
+        height2=plain(height2[first]),
+    )
     return Slot(
-        gain=np.ascontiguousarray(gain[first]),
-        power=np.ascontiguousarray(power[first, None] * faintest),
-        scale=np.ascontiguousarray(scale[first, None] * own),
-        least=least_of_class,
-        height2=np.ascontiguousarray(height2[first]),
-        classes=np.asarray(classes, dtype=np.int64).reshape(-1),
-        ring=np.ascontiguousarray(ring, dtype=np.int64),
+        links=links,
+        classes=plain(classes.reshape(-1), np.int64),
+        least=plain(least),
+        ring=plain(ring, np.int64),
+        disc=plain(_discs(problem, flying, n) / ground.unit_m),
         free=len(kinds) == 1 and not ring.any(),
     )
 
@@ -142,11 +148,28 @@ def everywhere(problem: Problem, ground: Ground, slot: Slot, n: int) -> Slot:
     weak = problem.snr_gain[flying, :, n] / (corner2 + problem.altitude_m[flying, None] ** 2)
     least = 1.0 + np.maximum(weak.sum(axis=0) - weak.max(axis=0), 0.0) * (1.0 - 1e-9)
     inside = np.clip(problem.user_m, problem.low_m, problem.high_m)
-    reached = np.linalg.norm(problem.user_m - inside, axis=1) / ground.unit_m
-    ring = np.maximum(np.searchsorted(ground.rings[:-1], reached * (1.0 - 1e-9), side="right") - 1, 0)
+    ring = _rings(ground, np.linalg.norm(problem.user_m - inside, axis=1) / ground.unit_m)
+    links = slot.links._replace(least=plain(np.broadcast_to(least, slot.links.least.shape)))
     return replace(
         slot,
-        least=np.ascontiguousarray(np.broadcast_to(least, slot.least.shape)),
-        ring=np.ascontiguousarray(np.broadcast_to(ring, slot.ring.shape), dtype=np.int64),
-        free=len(slot.gain) == 1 and not ring.any(),
+        links=links,
+        least=plain(np.broadcast_to(least, slot.least.shape)),
+        ring=plain(np.broadcast_to(ring, slot.ring.shape), np.int64),
+        disc=plain(np.column_stack([slot.disc[:, :2], np.full(len(slot.disc), ground.span)])),
+        free=len(links.gain) == 1 and not ring.any(),
     )
+
+
+def _rings(ground: Ground, reached: Array) -> Ints:
+    """Return the ring in which a distance lies, or the one before where rounding could tell."""
+    found = np.searchsorted(ground.rings[:-1], reached * (1.0 - 1e-9), side="right") - 1
+    return np.asarray(np.maximum(found, 0), dtype=np.int64)
+
+
+def _discs(problem: Problem, flying: Ints, n: int) -> Array:
+    """Return the disc around its start in which a UAV must be, or around its end where that is less: (U, 3) m."""
+    reach = reach_of(problem)
+    from_start, to_end = reach.from_start_m[flying, n], reach.to_end_m[flying, n]
+    homing = to_end < from_start
+    centre = np.where(homing[:, None], problem.end_m[flying], problem.start_m[flying])
+    return np.column_stack([centre, np.where(homing, to_end, from_start)])

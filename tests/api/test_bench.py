@@ -15,6 +15,7 @@ from skyfolio.api.lab.bench import loop, markdown, planner_figures, table
 from skyfolio.api.lab.bench.cases import CASES, instance, stop, value_kbps
 from skyfolio.api.lab.bench.ipopt import Trajectories, alternate, utility_of
 from skyfolio.api.lab.bench.planner import in_a_process
+from skyfolio.api.plans.certificate import certify, shown
 from skyfolio.planner.fast import linked, optimise
 from skyfolio.planner.problem import problem_of
 
@@ -118,16 +119,32 @@ def test_bound_proves_how_good_a_plan_is(monkeypatch: pytest.MonkeyPatch, capsys
     assert proven["finished"]
 
 
-def test_bound_refuses_larger_fleets(
+def test_bound_proves_how_good_the_plan_of_a_fleet_is_and_ends_in_time(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     file = tmp_path / "fleet.json"
-    file.write_text(instance((4, 4, 3), "sum").model_dump_json())
-    monkeypatch.setattr("sys.argv", ["skyfolio", "bound", str(file)])
-    with pytest.raises(SystemExit) as ended:
+    file.write_text(instance((6, 20, 8), "sum").model_dump_json())
+    monkeypatch.setattr("sys.argv", ["skyfolio", "bound", str(file), "--seconds", "1.5", "--json"])
+    with pytest.raises(SystemExit):
         cli.main()
-    assert ended.value.code == 2
-    assert "uavs: branch and bound takes at most 3 UAVs, not 4" in " ".join(capsys.readouterr().err.split())
+    proven = json.loads(capsys.readouterr().out)
+    assert proven["utility_bps"] <= proven["upper_bound_bps"] <= proven["root_bound_bps"]
+    assert len(proven["slot_upper_bounds_bps"]) == 8
+    assert proven["method"] == "crowding"
+    assert proven["looked_at"] > 0
+
+
+def test_bound_tells_what_is_proven_by_now_and_its_sentences_say_how() -> None:
+    told: list[tuple[float, float]] = []
+    figures = certify(
+        instance((4, 9, 4), "sum"), tolerance=0.01, seconds=0.5, told=lambda *progress: told.append(progress)
+    )
+    seconds, bounds = zip(*told, strict=True)
+    assert list(seconds) == sorted(seconds)
+    assert list(bounds) == sorted(bounds, reverse=True)
+    assert bounds[-1] >= figures["upper_bound_bps"] * (1 - 1e-9)
+    assert "assignments in" in shown(figures)
+    assert "at most" in shown(figures)
 
 
 async def test_the_loop_is_measured_for_everything_that_a_flight_asks_of_it() -> None:

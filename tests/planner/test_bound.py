@@ -1,6 +1,6 @@
 """The certificate: no feasible plan is better than its bound, and where a bound is known by hand it is met."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 
 from skyfolio.planner import EXAMPLES
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.bound import best_tables, lifted_kbps, reachability_bound_kbps, slot_bounds_kbps
+from skyfolio.planner.bound import best_tables, lifted_kbps, reachability_bound_kbps, slot_bounds_kbps, upper_bound_kbps
 from skyfolio.planner.branch_and_bound import certificate
+from skyfolio.planner.certificate import prove
 from skyfolio.planner.channel import squared_distances
 from skyfolio.planner.layouts import scattered
 from skyfolio.planner.problem import Problem, problem_of
@@ -42,6 +43,18 @@ def random_problem(seed: int, n_uavs: int) -> Problem:
     mu = float(-(10 ** rng.uniform(-3, 1)) * rng.integers(0, 2))
     gain = problem.snr_gain * 10 ** rng.uniform(-2, 3)
     return replace(problem, kind=KINDS[seed % 3], mu=mu, past_kbps=past, snr_gain=gain)
+
+
+def fleet_problem(seed: int, n_uavs: int, *, sampled: bool) -> Problem:
+    """As `random_problem`; else with the mean channel, and powers, bandwidths and altitudes of their own."""
+    problem = random_problem(seed, n_uavs)
+    if sampled:
+        return problem
+    rng = np.random.default_rng(seed)
+    own = problem.snr_gain.mean() * 10 ** rng.uniform(-1, 1, (n_uavs, 1)) * problem.flying
+    alike = np.broadcast_to(own[:, None, :], problem.snr_gain.shape)
+    altitude, bandwidth = rng.uniform(20.0, 100.0, n_uavs), rng.uniform(5e3, 2e4, n_uavs)
+    return replace(problem, snr_gain=alike, altitude_m=altitude, bandwidth_hz=bandwidth)
 
 
 def random_rates(problem: Problem, seed: int) -> tuple[Array, Array]:
@@ -80,6 +93,61 @@ def test_no_feasible_plan_is_better_than_the_bound(seed: int, n_uavs: int) -> No
         d2 = squared_distances(paths, problem.user_m, problem.altitude_m)
         there = np.broadcast_to(problem.flying[:, None], d2.shape)
         assert ((near2 <= d2 * (1 + 1e-9)) & (d2 <= far2 * (1 + 1e-9)))[there].all()
+
+
+@settings(max_examples=60)
+@given(st.integers(0, 2**31), st.integers(4, 8), st.booleans())
+def test_no_feasible_plan_of_a_fleet_is_better_than_what_every_plan_is_told(
+    seed: int, n_uavs: int, sampled: bool
+) -> None:
+    problem = fleet_problem(seed, n_uavs, sampled=sampled)
+    for attempt in range(3):
+        paths, rates = random_rates(problem, seed + attempt)
+        bound = upper_bound_kbps(problem, rates if attempt else None)
+        assert worth(problem, rates) <= bound + 1e-9
+        there_kbps = problem.bandwidth_hz[:, None, None] * spectral_efficiency(problem, paths) / 1e3
+        assert worth(problem, best_tables(there_kbps)(np.ones(rates.shape))) <= bound + 1e-9
+
+
+@settings(max_examples=12)
+@given(st.integers(0, 2**31), st.integers(4, 6), st.booleans())
+def test_no_feasible_plan_of_a_fleet_is_better_than_what_is_proven_offline(
+    seed: int, n_uavs: int, sampled: bool
+) -> None:
+    problem = fleet_problem(seed, n_uavs, sampled=sampled)
+    _, rates = random_rates(problem, seed)
+    asked, told = iter(range(10**6)), list[float]()
+    proof = prove(problem, rates, stop=lambda: next(asked) > 6, told=told.append)
+    assert proof.bound_kbps <= proof.root_kbps
+    assert told == sorted(told, reverse=True)
+    assert proof.bound_kbps <= told[-1] + 1e-9
+    for attempt in range(3):
+        paths, rates = random_rates(problem, seed + attempt)
+        assert worth(problem, rates) <= proof.bound_kbps + 1e-9
+        there_kbps = problem.bandwidth_hz[:, None, None] * spectral_efficiency(problem, paths) / 1e3
+        assert worth(problem, best_tables(there_kbps)(np.ones(rates.shape))) <= proof.bound_kbps + 1e-9
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_more_time_never_proves_less(kind: str) -> None:
+    problem = replace(problem_of(scattered(5, 8, 4, seed=2)), kind=kind, mu=-0.05)
+    rates = np.full((8, 4), 5.0)
+    bounds = []
+    for patience in (0, 2, 5, 12, 40):
+        asked = iter(range(10**6))
+
+        def stop(asked: "Iterator[int]" = asked, most: int = patience) -> bool:
+            return bool(next(asked) >= most)
+
+        bounds.append(prove(problem, rates, stop=stop).bound_kbps)
+    assert bounds == sorted(bounds, reverse=True)
+    assert bounds[-1] < bounds[0] * 0.9995
+
+
+def test_the_interference_that_a_fleet_cannot_escape_lowers_its_bound_by_a_quarter() -> None:
+    scenario = scattered(10, 100, 50, seed=1)
+    problem = problem_of(scenario.with_changes(channel=scenario.channel.model_copy(update={"noise_dbm": -60.0})))
+    assert upper_bound_kbps(problem) < 0.75 * reachability_bound_kbps(problem)
 
 
 @settings(max_examples=30)

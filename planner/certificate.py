@@ -1,0 +1,82 @@
+"""A proof of how good any plan can be at most, as tight as time allows: by branch and bound, or by crowding."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from skyfolio.planner.arrays import Array
+from skyfolio.planner.bound import best_tables, lifted_kbps, optimistic_rates_kbps, upper_bound_kbps
+from skyfolio.planner.branch_and_bound import MAX_UAVS, Certificate, certificate
+from skyfolio.planner.crowding.proof import ROUNDS, Proof
+from skyfolio.planner.problem import Problem
+from skyfolio.planner.utility import rate_weights, utility_kbps
+
+FEW_ROUNDS = ROUNDS[:1]
+"""For the first of two proofs, so that time is left for the second."""
+
+
+def prove(
+    problem: Problem,
+    rates_kbps: Array,
+    *,
+    tolerance: float = 0.005,
+    stop: Callable[[], bool] = lambda: False,
+    told: Callable[[float], None] = lambda _: None,
+) -> Certificate:
+    """Bound the utility of every feasible plan; valid whenever it is stopped.
+
+    rates_kbps: (K, N), those of a good plan, at which proofs begin. tolerance: relative gap at which branch and bound
+    leaves a slot. told: called with what is proven so far, in kbit/s. Fleets of up to three are branched over
+    positions; the bound of larger ones is the crowding bound, whose `nodes` are assignments.
+    """
+    if problem.n_uavs <= MAX_UAVS:
+        return certificate(problem, rates_kbps, tolerance=tolerance, max_nodes=10**9, stop=stop)
+    root = upper_bound_kbps(problem, rates_kbps)
+    told(root)
+    if problem.kind == "sum" or problem.mu == 0.0:
+        return _by_slots(problem, rates_kbps, root, ROUNDS, stop, told)
+    first = _by_slots(problem, rates_kbps, root, FEW_ROUNDS, stop, told)
+    return _by_tangent_plane(problem, rates_kbps, first, stop, told)
+
+
+def _by_slots(
+    problem: Problem,
+    rates_kbps: Array,
+    root: float,
+    rounds: tuple[int, ...],
+    stop: Callable[[], bool],
+    told: Callable[[float], None],
+) -> Certificate:
+    """From bounds of the slots' sum rates: for `sum` as they are, else by Jensen's inequality."""
+    optimistic = optimistic_rates_kbps(problem)
+    bounds = best_tables(optimistic)(np.ones(rates_kbps.shape)).sum(axis=0)
+    proof = Proof(
+        problem, rates_kbps, bounds, None, stop, lambda: told(min(root, lifted_kbps(problem, bounds))), rounds=rounds
+    )
+    finished = proof.run()
+    bound = min(root, lifted_kbps(problem, bounds))
+    return Certificate(bound, root, bounds, rates_kbps.sum(axis=0), proof.looks, finished)
+
+
+def _by_tangent_plane(
+    problem: Problem, rates_kbps: Array, before: Certificate, stop: Callable[[], bool], told: Callable[[float], None]
+) -> Certificate:
+    """Return the lesser of what is proven and the tangent plane of a concave utility at the plan."""
+    weights = rate_weights(problem, rates_kbps)
+    offset = utility_kbps(problem.counted_kbps(rates_kbps), problem.kind, problem.mu)
+    best = (weights * rates_kbps).sum(axis=0)
+    bounds = (weights * best_tables(optimistic_rates_kbps(problem))(weights)).sum(axis=0)
+
+    def least() -> float:
+        return min(before.bound_kbps, offset + float((bounds - best).sum()))
+
+    proof = Proof(problem, rates_kbps, bounds, weights, stop, lambda: told(least()))
+    finished = proof.run()
+    looks = before.nodes + proof.looks
+    if least() < before.bound_kbps:
+        return Certificate(least(), before.root_kbps, bounds, best, looks, finished)
+    return Certificate(
+        before.bound_kbps, before.root_kbps, before.slot_bounds_kbps, before.slot_best_kbps, looks, finished
+    )
