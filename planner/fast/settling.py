@@ -1,0 +1,123 @@
+"""Where to hover: a local search over hover points for the utility itself, judged by `snapshots`.
+
+One UAV at a time moves a little, to a user near by, or anywhere; two change places; whatever is worth more is kept.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skyfolio.planner.arrays import Array
+from skyfolio.planner.fast.arena import Arena, entry, kernel
+from skyfolio.planner.fast.snapshots import Snapshots, aim, keep, worth
+from skyfolio.planner.fast.zones import holds
+
+ALITTLE, NEARBY, ANY_USER, EXCHANGE = 0.4, 0.75, 0.85, 0.95
+"""Shares of the moves, added up; the rest goes anywhere in the area."""
+GAIN = 1e-9
+"""Relative: less is rounding."""
+
+
+@entry
+def settle(arena: Arena, shots: Snapshots, sites_m: Array, draws: Array, value: float) -> float:
+    """Improve the places in `shots`, worth `value`, by one try for each row of `draws`; what they are worth then.
+
+    sites_m: (2, S), points over users; draws: (tries, 6), uniform in [0, 1).
+    """
+    n_uavs = shots.place.shape[1]
+    for i in range(draws.shape[0]):
+        draw = draws[i]
+        u, other, x, y = i % n_uavs, -1, 0.0, 0.0
+        if draw[0] < ANY_USER or draw[0] >= EXCHANGE or n_uavs == 1:
+            x, y = _new_place(arena, shots, sites_m, u, draw)
+        else:
+            other = int(draw[1] * n_uavs)
+            x, y = shots.place[0, other], shots.place[1, other]
+        if other == u or not _allowed(arena, shots, u, other, x, y):
+            continue
+        if other >= 0 and not _within_reach(arena, other, shots.place[0, u], shots.place[1, u]):
+            continue
+        _remember(shots, u, other)
+        was_x, was_y = shots.place[0, u], shots.place[1, u]
+        aim(arena, shots, u, x, y)
+        if other >= 0:
+            aim(arena, shots, other, was_x, was_y)
+        reached = worth(arena, shots)
+        if reached > value + GAIN * abs(value):
+            value = reached
+            keep(arena, shots)
+        else:
+            _take_back(shots, u, other)
+    return value
+
+
+@kernel
+def _new_place(arena: Arena, shots: Snapshots, sites_m: Array, u: int, draw: Array) -> tuple[float, float]:
+    """Where UAV u might hover instead, inside the area."""
+    x, y = shots.place[0, u], shots.place[1, u]
+    if draw[0] < ALITTLE:
+        length, angle = 2.0 * draw[1] * draw[2] * np.sqrt(arena.height2[u]), 2.0 * np.pi * draw[3]
+        x, y = x + length * np.cos(angle), y + length * np.sin(angle)
+    elif draw[0] < ANY_USER:
+        tries = 4 if draw[0] < NEARBY else 1
+        least = np.inf
+        for t in range(tries):
+            s = int(draw[1 + t] * sites_m.shape[1])
+            away = (sites_m[0, s] - x) ** 2 + (sites_m[1, s] - y) ** 2
+            if 0.0 < away < least:
+                least, nearest = away, s
+        if least < np.inf:
+            x, y = sites_m[0, nearest], sites_m[1, nearest]
+    else:
+        x = arena.low[0] + draw[1] * (arena.high[0] - arena.low[0])
+        y = arena.low[1] + draw[2] * (arena.high[1] - arena.low[1])
+    return min(max(x, arena.low[0]), arena.high[0]), min(max(y, arena.low[1]), arena.high[1])
+
+
+@kernel
+def _allowed(arena: Arena, shots: Snapshots, u: int, other: int, x: float, y: float) -> bool:
+    """Whether u may hover at (x, y): out of zones, within reach, and apart from everybody but `other`."""
+    for d in range(arena.discs.shape[0]):
+        if (x - arena.discs[d, 0]) ** 2 + (y - arena.discs[d, 1]) ** 2 < arena.discs[d, 2] ** 2:
+            return False
+    for p in range(arena.first.shape[0] - 1):
+        if holds(arena.corners[arena.first[p] : arena.first[p + 1]], x, y):
+            return False
+    for v in range(shots.place.shape[1]):
+        if v not in (u, other):
+            de, dn = shots.place[0, v] - x, shots.place[1, v] - y
+            if de * de + dn * dn < arena.separation_m * arena.separation_m:
+                return False
+    return _within_reach(arena, u, x, y)
+
+
+@kernel
+def _within_reach(arena: Arena, u: int, x: float, y: float) -> bool:
+    """Whether u can be at (x, y), flying straight, and still be at its end in time."""
+    if not arena.has_ends or np.isnan(arena.end_m[0, u]):
+        return True
+    there = np.hypot(x - arena.start_m[0, u], y - arena.start_m[1, u])
+    back = np.hypot(x - arena.end_m[0, u], y - arena.end_m[1, u])
+    return bool(there + back <= arena.last[u] * arena.step_m[u])
+
+
+@kernel
+def _remember(shots: Snapshots, u: int, other: int) -> None:
+    shots.kept_total[:] = shots.total
+    shots.kept_serving[:] = shots.serving
+    shots.kept_place[:] = shots.place
+    for m in range(shots.slot.shape[0]):
+        shots.kept_signal[0, m] = shots.signal[m, u]
+        if other >= 0:
+            shots.kept_signal[1, m] = shots.signal[m, other]
+
+
+@kernel
+def _take_back(shots: Snapshots, u: int, other: int) -> None:
+    shots.total[:] = shots.kept_total
+    shots.serving[:] = shots.kept_serving
+    shots.place[:] = shots.kept_place
+    for m in range(shots.slot.shape[0]):
+        shots.signal[m, u] = shots.kept_signal[0, m]
+        if other >= 0:
+            shots.signal[m, other] = shots.kept_signal[1, m]
