@@ -69,7 +69,8 @@ class Arena(NamedTuple):
     past_low, past_sum, past_count: (K,), the least past rate of each user, sum exp(mu (rate - least)) of its past, and
     in how many past slots it was there; for `sum` the first entries are the sum rate's.
     discs: (D, 3), east, north, radius. corners: (V, 2) of all no-fly polygons, polygon p at [first[p], first[p + 1]).
-    turns: (2, C), where ways around zones may turn; left: (U, C), slots from each to the end of each UAV (`routes.py`).
+    turns: (2, C), where ways around zones may turn; sees: (C, C), which of them see each other; left: (U, C), slots from
+    each to the end of each UAV (`routes.py`).
     """
 
     gain: Array
@@ -96,6 +97,7 @@ class Arena(NamedTuple):
     past_count: Array
     min_kbps: Array
     turns: Array
+    sees: Ints
     left: Ints
     has_ends: bool
     has_minimum: bool
@@ -148,6 +150,7 @@ def arena_of(problem: Problem) -> Arena:
         past_count=plain(past_count),
         min_kbps=plain(problem.min_kbps * (1.0 + MARGIN)),
         turns=np.zeros((2, 0)),
+        sees=np.zeros((0, 0), dtype=np.int64),
         left=np.zeros((problem.n_uavs, 0), dtype=np.int64),
         has_ends=bool(np.isfinite(problem.end_m).any()),
         has_minimum=bool((problem.min_kbps > 0).any()),

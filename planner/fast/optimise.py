@@ -1,9 +1,11 @@
-"""The fast path: climb from several starts, keep the best; anytime and always flyable."""
+"""The fast path: look for good places, fly there, climb, vary the best; anytime and always flyable."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import count
 
 import numpy as np
 
@@ -12,8 +14,9 @@ from skyfolio.planner.fast.arena import Arena, Links, arena_of, copy_of, links_o
 from skyfolio.planner.fast.blocked import who_is_blocked
 from skyfolio.planner.fast.climb import climb as climb_on
 from skyfolio.planner.fast.climb import tables
+from skyfolio.planner.fast.placement import FEW, effort_of, places
 from skyfolio.planner.fast.routes import with_routes
-from skyfolio.planner.fast.seeds import flown, hovering, next_start
+from skyfolio.planner.fast.seeds import bound, bound_for, flown, hovering, scattered, varied
 from skyfolio.planner.plans import Iteration
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.solution import Observer, Solution, ignore
@@ -24,8 +27,12 @@ STEPS = 30
 TOLERANCE = 3e-6
 HOPELESS = 3.0
 """A further climb is given up when so many passes as good as its last one would not reach the best."""
-WORK_OF_ALL_STARTS = 1.0e6
-"""By default as many starts as keep `starts x U K N` below this, at least 2 and at most 32."""
+WORK_OF_ALL_STARTS, WORK_OF_ALL_SUMS = 4.0e5, 6.0e6
+"""By default as many starts as keep `starts x U K N` below this, at least 2 and at most 32; `sum` climbs faster."""
+SCATTERED = 4
+"""Small fleets also begin at so many places drawn at random."""
+VARIATIONS = 28
+"""So many variations of the best plan before places are looked for anew, with more effort."""
 
 
 @dataclass
@@ -46,10 +53,56 @@ class Climb:
         return -self.unmet, self.utility_kbps
 
 
+@dataclass(frozen=True)
+class Start:
+    """Paths (N, 2, U) to begin from, None where they cannot be flown; `climbed` or only kept, if nothing is better."""
+
+    path: Array | None
+    climbed: bool = True
+
+
+@dataclass
+class Search:
+    """The best plan so far, and how it came about. `climbs` counts the starts, flyable or not."""
+
+    problem: Problem
+    arena: Arena
+    stop: StoppingRule
+    observer: Observer
+    best: Climb | None = None
+    history: list[Iteration] = field(default_factory=list)
+    climbs: int = 0
+
+    def interrupted(self) -> bool:
+        """Whether an interrupting rule speaks."""
+        return self.stop([]) and self.stop.interrupts
+
+    def take(self, start: Start) -> None:
+        """Climb from there until a rule says stop or it is hopeless, and keep what is best."""
+        self.climbs += start.climbed
+        if start.path is None:
+            return
+        climb = _begin(self.arena, start.path)
+        while start.climbed and not (climb.settled or self.stop(climb.history) or _is_hopeless(climb, self.best)):
+            _advance(self.arena, climb)
+            if self.best is None or climb.rank > self.best.rank:
+                self._note(climb)
+        if self.best is None or climb.rank > self.best.rank:
+            self.best = climb
+
+    def _note(self, climb: Climb) -> None:
+        if self.history and climb.utility_kbps * 1e3 < self.history[-1].utility_bps:
+            self.history.clear()  # more least rates are met now: another count begins
+        self.history.append(_iteration(len(self.history) + 1, climb))
+        reached = partial(_solution, self.problem, self.arena, replace(climb), list(self.history))
+        self.observer(self.history[-1], reached)
+
+
 def default_starts(problem: Problem) -> int:
-    """32 at the letter's size, fewer for larger fleets: the choice depends on the size alone."""
+    """32 at the letter's size, fewer for larger fleets: the choice depends on size and utility alone."""
     work = problem.n_uavs * problem.n_users * problem.n_slots
-    return int(np.clip(WORK_OF_ALL_STARTS / work, 2, 32))
+    alone = problem.kind == "sum" or problem.mu == 0.0
+    return int(np.clip((WORK_OF_ALL_SUMS if alone else WORK_OF_ALL_STARTS) / work, 2, 32))
 
 
 def optimise(
@@ -64,33 +117,44 @@ def optimise(
     """Climb from `n_starts` starts (default: by size) and return the best end; the same for the same inputs.
 
     The first start is `start_m`, (U, N, 2) metres, made flyable from the problem's start positions; without it,
-    hovering. `stop` sees the passes of one climb; when an interrupting rule speaks, the best plan so far is returned.
-    The history holds the passes that raised the utility.
+    hovering, from which large fleets do not climb. `stop` sees the passes of one climb; when an interrupting rule
+    speaks, the best plan so far is returned. The history holds the passes that raised the utility.
     Raises UnreachableEndError when no start reaches every end position.
     """
     arena = with_routes(problem, arena_of(problem))
-    rng = np.random.default_rng(seed)
-    best: Climb | None = None
-    history: list[Iteration] = []
-    for number in range(default_starts(problem) if n_starts is None else n_starts):
-        path = _start(arena, start_m, rng, number, best)
-        if path is None:
-            continue
-        climb = _begin(arena, path)
-        while not (climb.settled or stop(climb.history) or _is_hopeless(climb, best)):
-            _advance(arena, climb)
-            if best is None or climb.rank > best.rank:
-                if history and climb.utility_kbps * 1e3 < history[-1].utility_bps:
-                    history.clear()  # more least rates are met now: another count begins
-                history.append(_iteration(len(history) + 1, climb))
-                observer(history[-1], partial(_solution, problem, arena, replace(climb), list(history)))
-        if best is None or climb.rank > best.rank:
-            best = climb
-        if stop.interrupts:
+    search = Search(problem, arena, stop, observer)
+    most = default_starts(problem) if n_starts is None else n_starts
+    for start in _starts(search, start_m, np.random.default_rng(seed)):
+        search.take(start)
+        if search.climbs >= most or search.interrupted():
             break
-    if best is None:
+    if search.best is None:
         raise UnreachableEndError(who_is_blocked(problem))
-    return _solution(problem, arena, best, history)
+    return _solution(problem, arena, search.best, search.history)
+
+
+def _starts(search: Search, start_m: Array | None, rng: np.random.Generator) -> Iterator[Start]:
+    """Where to begin, one after the other, as long as the search goes on: each may depend on the best so far."""
+    arena = search.arena
+    small, warm = arena.gain.shape[1] <= FEW, start_m is not None
+    yield _first(arena, start_m) if start_m is not None else Start(hovering(arena), climbed=small)
+    for number in count():
+        effort = effort_of(arena, number, warm=warm)
+        given = None if search.best is None or not warm else bound(arena, search.best.path)
+        for place in places(arena, rng, effort, given, halted=search.interrupted):
+            yield Start(bound_for(arena, place))
+        for _ in range(SCATTERED if small else 0):
+            yield Start(scattered(arena, rng))
+        if search.best is None:
+            return
+        for _ in range(VARIATIONS):
+            yield Start(varied(arena, rng, search.best.path))
+
+
+def _first(arena: Arena, start_m: Array) -> Start:
+    """The given paths (U, N, 2) as far as they can be flown, else hovering."""
+    path = flown(arena, plain(start_m.transpose(1, 2, 0)), chase=True)
+    return Start(hovering(arena) if path is None else path)
 
 
 def flyable(problem: Problem, wanted_m: Array | None = None) -> Array:
@@ -114,19 +178,6 @@ def linked(problem: Problem, paths_m: Array) -> Solution:
         before = still.utility_kbps
         _, still.utility_kbps, _, _ = climb_on(arena, still.path, still.links, 0, 0.0)
     return _solution(problem, arena, still, [])
-
-
-def _start(
-    arena: Arena, start_m: Array | None, rng: np.random.Generator, number: int, best: Climb | None
-) -> Array | None:
-    """The paths (N, 2, U) of a start: the given ones, hovering, then what `seeds` thinks of."""
-    if start_m is not None and number == 0:
-        warm = flown(arena, plain(start_m.transpose(1, 2, 0)), chase=True)
-        return hovering(arena) if warm is None else warm
-    after_hovering = number - (start_m is not None)
-    if after_hovering == 0:
-        return hovering(arena)
-    return next_start(arena, rng, after_hovering, None if best is None else best.path)
 
 
 def _is_hopeless(climb: Climb, best: Climb | None) -> bool:

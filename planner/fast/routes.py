@@ -31,6 +31,7 @@ def with_routes(problem: Problem, arena: Arena) -> Arena:
     _look(arena, sees)
     arena = arena._replace(turns=np.ascontiguousarray(turns[:, np.diag(sees) == 1]))
     sees = np.ascontiguousarray(sees[np.diag(sees) == 1][:, np.diag(sees) == 1])
+    arena = arena._replace(sees=sees)
     left = np.full((problem.n_uavs, len(sees)), FAR)
     for u in range(problem.n_uavs):
         if np.isnan(problem.end_m[u, 0]):
@@ -166,7 +167,5 @@ def lead(arena: Arena, u: int, target_m: Array, begin: int, wish: Array) -> None
     count = arena.turns.shape[1]
     left = np.empty(count, dtype=np.int64)
     if count:
-        sees = np.zeros((count, count), dtype=np.int64)
-        _look(arena, sees)
-        slots_to(arena, sees, u, target_m, left)
+        slots_to(arena, arena.sees, u, target_m, left)
     walk(arena, u, left, target_m, begin, wish)

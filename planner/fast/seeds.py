@@ -1,7 +1,8 @@
-"""Where to begin: hovering, scattered hover points, and variations of the best plan so far.
+"""Where to begin: hovering, straight flights to hover points, and variations of the best plan so far.
 
-Multi-start gains more than any polish, and where to begin matters more than how often: users near a UAV are likelier
-targets than far ones, and after a few scattered starts a variation of the best plan finds better ones than chance.
+Where to begin matters more than how often, and more than any polish: hover points come from a search of their own
+(`placement.py`); in small fleets scattered ones are tried too; then variations of the best plan find better ones than
+chance.
 """
 
 from __future__ import annotations
@@ -14,8 +15,6 @@ from skyfolio.planner.fast.arena import Arena, plain
 from skyfolio.planner.fast.flight import fly
 from skyfolio.planner.fast.routes import lead
 
-SCATTERED = 6
-"""So many starts are scattered before the best is varied."""
 SPREAD_OF_HEIGHT = 2.5
 """Targets further away than this many altitudes are e times less likely: the altitude is the channel's own scale."""
 
@@ -49,15 +48,30 @@ def hovering(arena: Arena) -> Array | None:
     return None
 
 
-def next_start(arena: Arena, rng: np.random.Generator, number: int, best: Array | None) -> Array | None:
-    """The path (N, 2, U) of start `number`, counted from 1 after hovering; None when it cannot be flown."""
-    if best is None or number <= SCATTERED:
-        wish = np.repeat(arena.start_m[None], arena.gain.shape[0], axis=0)
-        for u, target in enumerate(_scattered(arena, rng).T):
-            lead(arena, u, plain(target), 0, wish)
-    else:
-        wish = _varied(arena, rng, best)
+def bound_for(arena: Arena, place_m: Array) -> Array | None:
+    """The paths (N, 2, U) straight to `place_m` (2, U), around zones, hovering there, and on to the ends in time."""
+    wish = np.repeat(arena.start_m[None], arena.gain.shape[0], axis=0)
+    for u, target in enumerate(place_m.T):
+        lead(arena, u, plain(target), 0, wish)
     return flown(arena, wish, chase=True)
+
+
+def bound(arena: Arena, path: Array) -> Array:
+    """Where UAVs on `path` (N, 2, U) are bound for: (2, U), where each is late in its flight or, if it must go on to
+    an end, half-way."""
+    share = np.where(np.isnan(arena.end_m[0]), 0.9, 0.5)
+    slots = (share * np.minimum(arena.last, path.shape[0] - 1)).astype(int)
+    return plain(path[slots, :, np.arange(path.shape[2])].T)
+
+
+def scattered(arena: Arena, rng: np.random.Generator) -> Array | None:
+    """The paths (N, 2, U) to places over users drawn at random, near ones likelier; None if they cannot be flown."""
+    return bound_for(arena, _scattered(arena, rng))
+
+
+def varied(arena: Arena, rng: np.random.Generator, best: Array) -> Array | None:
+    """The best paths (N, 2, U) with one or two UAVs sent elsewhere; None if they cannot be flown."""
+    return flown(arena, _varied(arena, rng, best), chase=True)
 
 
 def _scattered(arena: Arena, rng: np.random.Generator) -> Array:

@@ -19,12 +19,14 @@ GAIN = 1e-9
 
 
 @entry
-def settle(arena: Arena, shots: Snapshots, sites_m: Array, draws: Array, value: float) -> float:
+def settle(arena: Arena, shots: Snapshots, sites_m: Array, draws: Array, value: float, heat: float) -> float:
     """Improve the places in `shots`, worth `value`, by one try for each row of `draws`; what they are worth then.
 
-    sites_m: (2, S), points over users; draws: (tries, 6), uniform in [0, 1).
+    sites_m: (2, S), points over users; draws: (tries, 6), uniform in (0, 1). heat: by how many kbit/s a move may now
+    and then make things worse; the best places seen are what stays.
     """
     n_uavs = shots.place.shape[1]
+    best, best_m = value, shots.place.copy()
     for i in range(draws.shape[0]):
         draw = draws[i]
         u, other, x, y = i % n_uavs, -1, 0.0, 0.0
@@ -43,12 +45,20 @@ def settle(arena: Arena, shots: Snapshots, sites_m: Array, draws: Array, value: 
         if other >= 0:
             aim(arena, shots, other, was_x, was_y)
         reached = worth(arena, shots)
-        if reached > value + GAIN * abs(value):
+        if reached > value + GAIN * abs(value) + heat * np.log(draw[5]):
             value = reached
             keep(arena, shots)
+            if value > best:
+                best = value
+                best_m[:] = shots.place
         else:
             _take_back(shots, u, other)
-    return value
+    if best > value:
+        for u in range(n_uavs):
+            aim(arena, shots, u, best_m[0, u], best_m[1, u])
+        worth(arena, shots)
+        keep(arena, shots)
+    return best
 
 
 @kernel

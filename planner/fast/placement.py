@@ -1,0 +1,185 @@
+"""Where to hover and who goes where, by what comes of it: sketches first, the best of them settled.
+
+A sketch picks distinct users by spectral efficiency (`sketch.py`), for one of several prices of the time that the
+flights take, and matches UAVs to them by what each earns there and what is lost on the way. The sketches that are worth
+most to the utility (`snapshots.py`) are settled by a local search over places (`settling.py`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+from scipy.optimize import linear_sum_assignment
+
+from skyfolio.planner.arrays import Array
+from skyfolio.planner.fast.arena import SUM, Arena, Ints, plain
+from skyfolio.planner.fast.settling import settle
+from skyfolio.planner.fast.sketch import exchange_users
+from skyfolio.planner.fast.snapshots import Snapshots, look, snapshots_of
+
+PRICES = (0.0, 4.0, 2.0, 8.0)
+"""bit/s/Hz that a UAV counts as lost while it flies, sketch by sketch: what is best depends on utility and distances."""
+MATCHING_PRICE = 1.0
+"""The same, at least, when UAVs are matched to users."""
+NO_WAY = 1e6
+"""kbit/s: the price of a user from whom the UAV would not reach its end in time."""
+FEW = 4
+"""Up to so many UAVs climbs are so cheap that they are the better search."""
+TRIES_AT_ONCE = 500
+COOLED = 0.7
+"""From this share of the tries on, nothing that is worth less is kept."""
+CLEAR_M = 1e-6
+"""Points over users in a no-fly zone are taken this far outside its edge."""
+HEAT = 1e-3
+"""Of the utility: by how much a long search may first step back to get ahead."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How many sketches are made, how many of the best are settled, and by how many tries each."""
+
+    sketches: int
+    settled: int
+    tries: int
+    heat: float = 0.0
+
+
+class Grounds(NamedTuple):
+    """What sketches need. site_m: (2, K), where one hovers for each user. gain: (U, 1 or K), m^2, mean over the slots.
+
+    lost: (U, K), kHz times the share of the slots that the flights to a user and on to the end take; NO_WAY where the
+    end would be missed.
+    """
+
+    site_m: Array
+    gain: Array
+    lost: Array
+
+
+def effort_of(arena: Arena, number: int = 0, *, warm: bool = False) -> Effort:
+    """How far round `number` looks: by size and utility, twice as far as the last up to a limit, less in a replan."""
+    n_uavs, n_users = arena.gain.shape[1], arena.user_m.shape[1]
+    more = 2 ** min(number, 4)
+    sketches = int(np.clip(3e6 / (n_uavs**2 * n_users), 8, 24))
+    tries = min(200 * n_uavs, 5000) if n_uavs > FEW else 60 * n_uavs
+    if warm:
+        return Effort(max(4, sketches // 4) * more, 1, tries // 3 * more, HEAT if number else 0.0)
+    return Effort(sketches * more, 3 if arena.kind == SUM else 2, tries * more, HEAT if number else 0.0)
+
+
+def places(
+    arena: Arena,
+    rng: np.random.Generator,
+    effort: Effort,
+    given_m: Array | None = None,
+    *,
+    halted: Callable[[], bool] = lambda: False,
+) -> list[Array]:
+    """Hover points (2, U) metres, best first: as far as it comes until `halted` says so, asked every now and then.
+
+    given_m: (2, U), points to begin from beside the sketches, as where UAVs are bound for when a replan begins.
+    """
+    if arena.gain.shape[0] < 2:
+        return []
+    shots, grounds = snapshots_of(arena), grounds_of(arena)
+    wanted = [] if given_m is None else [given_m]
+    for i in range(effort.sketches):
+        if halted():
+            break
+        wanted.append(sketched(arena, grounds, rng, PRICES[i % len(PRICES)]))
+    valued = sorted(((look(arena, shots, place), -i) for i, place in enumerate(wanted)), reverse=True)
+    different = list({wanted[-i].tobytes(): wanted[-i] for _, i in valued}.values())
+    settled = [_settled(arena, shots, grounds, rng, place, effort, halted) for place in different[: effort.settled]]
+    return [place for _, place in sorted(settled, key=lambda one: -one[0])]
+
+
+def _settled(
+    arena: Arena,
+    shots: Snapshots,
+    grounds: Grounds,
+    rng: np.random.Generator,
+    place: Array,
+    effort: Effort,
+    halted: Callable[[], bool],
+) -> tuple[float, Array]:
+    """What `place` (2, U) becomes, and what that is worth."""
+    value = look(arena, shots, place)
+    draws, heat = rng.random((effort.tries, 6)), effort.heat * abs(value)
+    for begin in range(0, effort.tries, TRIES_AT_ONCE):
+        if halted():
+            break
+        part = draws[begin : begin + TRIES_AT_ONCE]
+        cooled = max(0.0, 1.0 - begin / (COOLED * effort.tries))
+        value = settle(arena, shots, grounds.site_m, part, value, heat * cooled)
+    return value, shots.place.copy()
+
+
+def grounds_of(arena: Arena) -> Grounds:
+    """Sites, mean gains and flight times of `arena`."""
+    n_slots = arena.gain.shape[0]
+    gain = arena.fading.mean(axis=0) if arena.fading.shape[0] else arena.gain.mean(axis=0)[:, None]
+    site_m = sites_m(arena)
+    step_m = np.maximum(arena.step_m, 1e-9)[:, None]
+    there = np.hypot(*(arena.start_m[:, :, None] - site_m[:, None]))
+    back = np.nan_to_num(np.hypot(*(arena.end_m[:, :, None] - site_m[:, None])))
+    late = there + back > (arena.last * arena.step_m)[:, None]
+    ending = np.isfinite(arena.end_m[0])[:, None]
+    lost = arena.khz[:, None] * np.minimum((there + back) / step_m, n_slots) / n_slots
+    return Grounds(plain(site_m), plain(gain), plain(np.where(late & ending, NO_WAY, lost)))
+
+
+def sites_m(arena: Arena) -> Array:
+    """Where a UAV hovers for each user, (2, K): over it, or as near as area and no-fly zones let it come."""
+    points = np.clip(arena.user_m, arena.low[:, None], arena.high[:, None])
+    for east, north, radius in arena.discs:
+        away = points - np.array([[east], [north]])
+        length = np.hypot(*away)
+        direction = np.where(length > 0.0, away / np.where(length > 0.0, length, 1.0), np.array([[1.0], [0.0]]))
+        inside = length < radius
+        points = np.where(inside, points - away + (radius + CLEAR_M) * direction, points)
+    for begin, end in zip(arena.first[:-1], arena.first[1:], strict=True):
+        outline = shapely.Polygon(arena.corners[begin:end])
+        for k in np.flatnonzero(shapely.contains_xy(outline, *points)):
+            at = shapely.Point(points[:, k])
+            edge = outline.exterior.interpolate(outline.exterior.project(at))
+            out = np.array([edge.x, edge.y]) - points[:, k]
+            points[:, k] += out * (1.0 + CLEAR_M / max(float(np.hypot(*out)), CLEAR_M))
+    clipped: Array = np.clip(points, arena.low[:, None], arena.high[:, None])
+    return clipped
+
+
+def sketched(arena: Arena, grounds: Grounds, rng: np.random.Generator, price: float) -> Array:
+    """Hover points (2, U) over distinct users while they last; who has none, or would miss its end, stays."""
+    n_uavs, n_users = grounds.lost.shape
+    if n_uavs > n_users:
+        flying, users = linear_sum_assignment(grounds.lost - grounds.lost.max() * rng.random(n_uavs)[:, None])
+        return _over(arena, grounds, flying, users)
+    users = rng.choice(n_users, n_uavs, replace=False)
+    chosen = users[linear_sum_assignment(grounds.lost[:, users])[1]].astype(np.int64)
+    cost = grounds.lost * price if price > 0.0 else np.where(grounds.lost >= NO_WAY, NO_WAY, 0.0)
+    exchange_users(grounds.site_m, arena.user_m, grounds.gain, arena.height2, arena.khz, plain(cost), chosen)
+    worth = _earned(arena, grounds, chosen) - max(price, MATCHING_PRICE) * grounds.lost[:, chosen]
+    return _over(arena, grounds, np.arange(n_uavs), chosen[linear_sum_assignment(worth, maximize=True)[1]])
+
+
+def _earned(arena: Arena, grounds: Grounds, chosen: Ints) -> Array:
+    """What each UAV would earn over each of the users `chosen` (U,), the others hovering as chosen: (U, U) kbit/s."""
+    site, user = grounds.site_m[:, chosen], arena.user_m[:, chosen]
+    gain = grounds.gain if grounds.gain.shape[1] == 1 else grounds.gain[:, chosen]
+    apart2 = ((site[:, :, None] - user[:, None]) ** 2).sum(axis=0)
+    heard = gain / (apart2 + arena.height2[:, None])
+    others = 1.0 + np.maximum(heard.sum(axis=0) - np.diag(heard), 0.0)
+    own = gain / (np.diag(apart2)[None] + arena.height2[:, None])
+    earned: Array = arena.khz[:, None] * np.log2(1.0 + own / others)
+    return earned
+
+
+def _over(arena: Arena, grounds: Grounds, flying: Ints, users: Ints) -> Array:
+    place = arena.start_m.copy()
+    there = grounds.lost[flying, users] < NO_WAY
+    place[:, flying[there]] = grounds.site_m[:, users[there]]
+    return plain(place)
