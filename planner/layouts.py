@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import ceil, sqrt
 
 import numpy as np
 
+from skyfolio.planner.arrays import Array
 from skyfolio.planner.examples import ZURICH
 from skyfolio.planner.scenario import Channel, Scenario, Uav, User, Utility
 
@@ -35,3 +37,79 @@ def scattered(n_uavs: int, n_users: int, n_slots: int, *, seed: int, utility: Ut
         channel=Channel(noise_dbm=-55.0, seed=seed),
         utility=utility or Utility(),
     )
+
+
+def laid_out(
+    layout: str,
+    n_uavs: int,
+    n_users: int,
+    n_slots: int,
+    *,
+    seed: int,
+    utility: Utility | None = None,
+    noise_dbm: float = -60.0,
+) -> Scenario:
+    """Users as `layout` (a name in `LAYOUTS`) has them, in a square of 500 m x sqrt(U/3); starts on a grid.
+
+    Three UAVs have the letter's area, and each has as much room in a larger fleet. Raises KeyError for another name.
+    """
+    side = round(500.0 * sqrt(n_uavs / 3), 1)
+    positions = np.round(np.clip(LAYOUTS[layout](np.random.default_rng(seed), n_users, n_uavs), 0.0, 1.0) * side, 1)
+    columns = ceil(sqrt(n_uavs))
+    rows = ceil(n_uavs / columns)
+    return Scenario(
+        origin=ZURICH,
+        area_m=((0.0, 0.0), (side, side)),
+        slots=n_slots,
+        slot_duration_s=5.0,
+        altitude_m=60.0,
+        min_separation_m=4.0,
+        uavs=tuple(
+            Uav(id=f"uav-{u + 1}", start_m=((u % columns + 0.5) * side / columns, (u // columns + 0.5) * side / rows))
+            for u in range(n_uavs)
+        ),
+        users=tuple(User(id=f"user-{k + 1}", position_m=(float(e), float(n))) for k, (e, n) in enumerate(positions)),
+        channel=Channel(noise_dbm=noise_dbm, seed=seed),
+        utility=utility or Utility(),
+    )
+
+
+def _uniform(rng: np.random.Generator, n_users: int, n_uavs: int) -> Array:  # noqa: ARG001
+    """Anywhere."""
+    return rng.uniform(size=(n_users, 2))
+
+
+def _clustered(rng: np.random.Generator, n_users: int, n_uavs: int) -> Array:
+    """In groups of about 6 % of the side, one for every two UAVs."""
+    centres = rng.uniform(0.1, 0.9, size=(max(2, n_uavs // 2), 2))
+    around: Array = centres[rng.integers(len(centres), size=n_users)] + rng.normal(0.0, 0.06, size=(n_users, 2))
+    return around
+
+
+def _stadium(rng: np.random.Generator, n_users: int, n_uavs: int) -> Array:  # noqa: ARG001
+    """On the stands around an oval field."""
+    angle, radius = rng.uniform(0.0, 2 * np.pi, n_users), rng.uniform(0.25, 0.35, n_users)
+    return np.stack([0.5 + radius * np.cos(angle), 0.5 + 0.7 * radius * np.sin(angle)], axis=1)
+
+
+def _corridor(rng: np.random.Generator, n_users: int, n_uavs: int) -> Array:  # noqa: ARG001
+    """Along a winding road from west to east."""
+    east = rng.uniform(size=n_users)
+    return np.stack([east, 0.5 + 0.15 * np.sin(6.0 * east) + rng.normal(0.0, 0.03, n_users)], axis=1)
+
+
+def _two_towns(rng: np.random.Generator, n_users: int, n_uavs: int) -> Array:  # noqa: ARG001
+    """In two towns with nobody between them."""
+    centres = np.array([[0.25, 0.3], [0.75, 0.7]])
+    around: Array = centres[rng.integers(2, size=n_users)] + rng.normal(0.0, 0.1, size=(n_users, 2))
+    return around
+
+
+LAYOUTS: dict[str, Callable[[np.random.Generator, int, int], Array]] = {
+    "uniform": _uniform,
+    "clustered": _clustered,
+    "stadium": _stadium,
+    "corridor": _corridor,
+    "two_towns": _two_towns,
+}
+"""Where users stand, by name: (K, 2), shares of the side; what lies outside [0, 1] is taken at the edge."""

@@ -27,8 +27,8 @@ STEPS = 30
 TOLERANCE = 3e-6
 HOPELESS = 3.0
 """A further climb is given up when so many passes as good as its last one would not reach the best."""
-WORK_OF_ALL_STARTS, WORK_OF_ALL_SUMS = 4.0e5, 6.0e6
-"""By default as many starts as keep `starts x U K N` below this, at least 2 and at most 32; `sum` climbs faster."""
+WORK_OF_ALL_STARTS = 3.0e5
+"""By default as many starts as keep `starts x U K N` below this, at least 2 and at most 32."""
 SCATTERED = 4
 """Small fleets also begin at so many places drawn at random."""
 VARIATIONS = 28
@@ -99,10 +99,9 @@ class Search:
 
 
 def default_starts(problem: Problem) -> int:
-    """32 at the letter's size, fewer for larger fleets: the choice depends on size and utility alone."""
+    """32 at the letter's size, fewer for larger fleets: the choice depends on the size alone."""
     work = problem.n_uavs * problem.n_users * problem.n_slots
-    alone = problem.kind == "sum" or problem.mu == 0.0
-    return int(np.clip((WORK_OF_ALL_SUMS if alone else WORK_OF_ALL_STARTS) / work, 2, 32))
+    return int(np.clip(WORK_OF_ALL_STARTS / work, 2, 32))
 
 
 def optimise(

@@ -1,0 +1,118 @@
+"""The best utility anybody has found for each instance of the quality benchmark: improved when beaten, never lowered.
+
+`python -m api.bench.best_known [--seconds S] [--only TEXT]` searches on, instance by instance, and writes the file.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from skyfolio.planner import AnyOf, Deadline, MaxIterations, RelativeGain, Scenario, Utility
+from skyfolio.planner.fast import optimise
+from skyfolio.planner.layouts import laid_out
+from skyfolio.planner.problem import problem_of
+
+Table: TypeAlias = dict[str, dict[str, Any]]
+FILE = Path(__file__).parents[2] / "docs" / "benchmarks" / "best-known.json"
+MARGIN = 1e-9
+"""Relative: less is rounding."""
+
+UTILITIES = (("sum", 0.0), ("per_user", -0.1), ("pooled", -0.5))
+STEADIER = (("sum", -0.05), ("pooled", -0.05))
+"""Further utilities, on the first two layouts."""
+LAYOUTS = (
+    *(("uniform", seed) for seed in (1, 2, 3)),
+    *(("clustered", seed) for seed in (1, 2)),
+    ("stadium", 1),
+    ("corridor", 1),
+    ("two_towns", 1),
+)
+
+
+@dataclass(frozen=True)
+class Instance:
+    """One problem of the quality benchmark; noise -60 dBm, area 500 m x sqrt(U/3) square."""
+
+    size: tuple[int, int, int]
+    layout: str
+    seed: int
+    kind: str
+    mu_per_kbps: float
+
+    @property
+    def name(self) -> str:
+        """As in the file: `10x100x50 uniform-1 sum 0`."""
+        return f"{'x'.join(map(str, self.size))} {self.layout}-{self.seed} {self.kind} {self.mu_per_kbps:g}"
+
+    def scenario(self) -> Scenario:
+        """The scenario itself."""
+        utility = Utility.model_validate({"kind": self.kind, "mu_per_kbps": self.mu_per_kbps})
+        return laid_out(self.layout, *self.size, seed=self.seed, utility=utility)
+
+
+def instances(size: tuple[int, int, int]) -> list[Instance]:
+    """All instances of one size: every utility on every layout, and steadier ones on the first two."""
+    return [
+        Instance(size, layout, seed, kind, mu)
+        for index, (layout, seed) in enumerate(LAYOUTS)
+        for kind, mu in (*UTILITIES, *(STEADIER if index < 2 else ()))
+    ]
+
+
+def load(path: Path = FILE) -> Table:
+    """The table: by instance, `utility_kbps`, `found_by`, `seconds`."""
+    table: Table = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    return table
+
+
+def improve(instance: Instance, utility_kbps: float, found_by: str, seconds: float, path: Path = FILE) -> bool:
+    """Note a value if it beats what is known; whether it did. The file is read anew, so that several may write."""
+    table = load(path)
+    known = table.get(instance.name)
+    if known is not None and utility_kbps <= known["utility_kbps"] * (1.0 + MARGIN):
+        return False
+    table[instance.name] = {
+        "utility_kbps": round(utility_kbps, 6),
+        "found_by": found_by,
+        "seconds": round(seconds, 1),
+    }
+    text = json.dumps(dict(sorted(table.items())), indent=1) + "\n"
+    written = path.with_suffix(".new")
+    written.write_text(text, encoding="utf-8")
+    written.replace(path)
+    return True
+
+
+def search(instance: Instance, seconds: float, seed: int, clock: Callable[[], float] = time.monotonic) -> float:
+    """The best utility, kbit/s, of a long search by the planner itself."""
+    stop = AnyOf(MaxIterations(50), RelativeGain(1e-5), Deadline(seconds, clock=clock))
+    found = optimise(problem_of(instance.scenario()), stop, n_starts=10_000_000, seed=seed)
+    return found.history[-1].utility_bps / 1e3
+
+
+def main() -> None:
+    """Search on and say what was beaten."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=600.0, help="for each instance")
+    parser.add_argument("--sizes", default="10x100x50,20x300x100,50x1000x100")
+    parser.add_argument("--only", default="", help="instances whose name contains this")
+    parser.add_argument("--seed", type=int, default=1)
+    given = parser.parse_args()
+    for text in given.sizes.split(","):
+        n_uavs, n_users, n_slots = (int(part) for part in text.split("x"))
+        for instance in instances((n_uavs, n_users, n_slots)):
+            if given.only not in instance.name:
+                continue
+            value = search(instance, given.seconds, given.seed)
+            better = improve(instance, value, f"planner, seed {given.seed}, {given.seconds:g} s", given.seconds)
+            print(f"{instance.name}: {value:.3f} {'best so far' if better else ''}", flush=True)  # noqa: T201
+
+
+if __name__ == "__main__":
+    main()
