@@ -31,8 +31,8 @@ WORK_OF_ALL_STARTS = 3.0e5
 """By default as many starts as keep `starts x U K N` below this, at least 2 and at most 32."""
 SCATTERED = 4
 """Small fleets also begin at so many places drawn at random."""
-VARIATIONS = 28
-"""So many variations of the best plan before places are looked for anew, with more effort."""
+VARIATIONS, FEWER_VARIATIONS = 26, 4
+"""So many variations (the fewer in large fleets) of the best plan before places are looked for anew, with more effort."""
 
 
 @dataclass
@@ -146,7 +146,7 @@ def _starts(search: Search, start_m: Array | None, rng: np.random.Generator) -> 
             yield Start(scattered(arena, rng))
         if search.best is None:
             return
-        for _ in range(VARIATIONS):
+        for _ in range(VARIATIONS if small else FEWER_VARIATIONS):
             yield Start(varied(arena, rng, search.best.path))
 
 

@@ -64,7 +64,7 @@ def effort_of(arena: Arena, number: int = 0, *, warm: bool = False) -> Effort:
     """How far round `number` looks: by size and utility, twice as far as the last up to a limit, less in a replan."""
     n_uavs, n_users = arena.gain.shape[1], arena.user_m.shape[1]
     more = 2 ** min(number, 4)
-    sketches = int(np.clip(3e6 / (n_uavs**2 * n_users), 8, 24))
+    sketches = 24
     tries = min(200 * n_uavs, 5000) if n_uavs > FEW else 60 * n_uavs
     if warm:
         return Effort(max(4, sketches // 4) * more, 1, tries // 3 * more, HEAT if number else 0.0)

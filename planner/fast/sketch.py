@@ -27,25 +27,33 @@ def exchange_users(
     """
     n_uavs, n_users = cost.shape
     taken = np.zeros(n_users, dtype=np.int64)
+    heard, row = np.ones(n_users), np.empty(n_users)
+    quiet, own, others = np.empty(n_users), np.empty(n_uavs), np.empty(n_uavs)
     for u in range(n_uavs):
         taken[chosen[u]] = 1
-    quiet, own, others = np.empty(n_users), np.empty(n_uavs), np.empty(n_uavs)
+        _hear(sites_m, user_m, gain, height2, u, chosen[u], row)
+        heard += row
     for _ in range(SWEEPS):
         gained = 0.0
         for u in range(n_uavs):
-            _interference(sites_m, user_m, gain, height2, chosen, u, quiet)
-            to, gain_u = _best_user(sites_m, user_m, gain, height2, khz, cost, chosen, taken, u, quiet, own, others)
+            _hear(sites_m, user_m, gain, height2, u, chosen[u], row)
+            for k in range(n_users):
+                quiet[k] = max(heard[k] - row[k], 1.0)
+            to, better = _best_user(sites_m, user_m, gain, height2, khz, cost, chosen, taken, u, quiet, own, others)
             if to != chosen[u]:
                 taken[chosen[u]], taken[to] = 0, 1
                 chosen[u] = to
-                gained += gain_u
+                gained += better
+                _hear(sites_m, user_m, gain, height2, u, to, row)
+                for k in range(n_users):
+                    heard[k] = quiet[k] + row[k]
         if gained <= LEAST_GAIN:
             break
     total = 0.0
     for u in range(n_uavs):
-        _interference(sites_m, user_m, gain, height2, chosen, u, quiet)
         k = chosen[u]
-        total += khz[u] * PER_LN * np.log(1.0 + _own(sites_m, user_m, gain, height2, u, k) / quiet[k]) - cost[u, k]
+        signal = _own(sites_m, user_m, gain, height2, u, k)
+        total += khz[u] * PER_LN * np.log(1.0 + signal / max(heard[k] - signal, 1.0)) - cost[u, k]
     return float(total)
 
 
@@ -56,20 +64,12 @@ def _own(sites_m: Array, user_m: Array, gain: Array, height2: Array, u: int, k: 
 
 
 @smooth
-def _interference(
-    sites_m: Array, user_m: Array, gain: Array, height2: Array, chosen: Ints, u: int, quiet: Array
-) -> None:
-    """1 + what every user hears of all UAVs but u, into `quiet` (K,)."""
-    east, north, shared = user_m[0], user_m[1], gain.shape[1] == 1
-    for k in range(quiet.shape[0]):
-        quiet[k] = 1.0
-    for v in range(chosen.shape[0]):
-        if v == u:
-            continue
-        x, y, h2, row = sites_m[0, chosen[v]], sites_m[1, chosen[v]], height2[v], gain[v]
-        for k in range(quiet.shape[0]):
-            de, dn = x - east[k], y - north[k]
-            quiet[k] += (row[0] if shared else row[k]) / (de * de + dn * dn + h2)
+def _hear(sites_m: Array, user_m: Array, gain: Array, height2: Array, u: int, over: int, row: Array) -> None:
+    """The SNR of UAV u over user `over` at every user, into `row` (K,)."""
+    x, y, h2, shared = sites_m[0, over], sites_m[1, over], height2[u], gain.shape[1] == 1
+    for k in range(row.shape[0]):
+        de, dn = x - user_m[0, k], y - user_m[1, k]
+        row[k] = (gain[u, 0] if shared else gain[u, k]) / (de * de + dn * dn + h2)
 
 
 @smooth
@@ -88,27 +88,28 @@ def _best_user(
     others: Array,
 ) -> tuple[int, float]:
     """The user that UAV u should hover over, everybody else staying, and by how much that is better than now."""
-    top, n_uavs = 0.0, chosen.shape[0]
+    top, n_uavs, alone = 0.0, chosen.shape[0], np.empty(chosen.shape[0])
     for v in range(n_uavs):
         if v != u:
             own[v] = _own(sites_m, user_m, gain, height2, v, chosen[v])
             others[v] = max(quiet[chosen[v]] - own[v], 1.0)
-            top += khz[v] * PER_LN * np.log(1.0 + own[v] / others[v])
+            alone[v] = khz[v] * PER_LN * np.log(1.0 + own[v] / others[v])
+            top += alone[v]
     best, now, to = -np.inf, -np.inf, chosen[u]
     for i in range(-1, quiet.shape[0]):
         k = chosen[u] if i < 0 else i
         if i >= 0 and taken[k] != 0:
             continue
-        value = khz[u] * PER_LN * np.log(1.0 + _own(sites_m, user_m, gain, height2, u, k) / quiet[k]) - cost[u, k]
-        if top + value <= best + LEAST_GAIN:
-            continue
+        value = khz[u] * PER_LN * np.log(1.0 + _own(sites_m, user_m, gain, height2, u, k) / quiet[k]) - cost[u, k] + top
         x, y = sites_m[0, k], sites_m[1, k]
         for v in range(n_uavs):
+            if value <= best + LEAST_GAIN:
+                break  # what is disturbed further only takes more away
             if v != u:
                 j = chosen[v]
                 de, dn = x - user_m[0, j], y - user_m[1, j]
                 heard = gain[u, j if gain.shape[1] > 1 else 0] / (de * de + dn * dn + height2[u])
-                value += khz[v] * PER_LN * np.log(1.0 + own[v] / (others[v] + heard))
+                value -= alone[v] - khz[v] * PER_LN * np.log(1.0 + own[v] / (others[v] + heard))
         if i < 0:
             now = value
         if value > best + LEAST_GAIN:
