@@ -26,7 +26,7 @@ def rehearse() -> None:
     home = first.model_copy(update={"end_m": first.start_m})
     zone = NoFlyDisc(center_m=(100.0, 20.0), radius_m=10.0)
     problem = problem_of(easy.with_changes(uavs=(home, *others), no_fly=(zone,)))
-    solution = optimise(problem, MaxIterations(1), n_starts=2)
+    solution = optimise(problem, MaxIterations(1), n_starts=3)  # hovering, and places that were looked for
     rates_kbps = served_rates_bps(problem, solution) / 1e3
     certificate(problem, np.ascontiguousarray(rates_kbps), max_nodes=1)
     near2, far2 = squared_distance_range(problem)

@@ -16,7 +16,7 @@ from skyfolio.planner.arrays import Array
 from skyfolio.planner.fast.arena import PER_USER, SUM, Arena, Ints, entry, kernel, smooth
 from skyfolio.planner.fast.rates import PER_LN
 
-STRETCHES = (0.35, 0.8, 1.5, 3.0)
+STRETCHES = (0.35, 0.8, 1.5, 3.0, 6.0)
 """Where the stretches that a moment stands for end, in flights to a neighbour; the last one ends with the plan."""
 UNMET = 1e3
 """kbit/s that it costs to lack a whole band for the least rates: far more than any other move can gain."""
