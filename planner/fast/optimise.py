@@ -98,9 +98,11 @@ class Search:
         self.observer(self.history[-1], reached)
 
 
-def default_starts(problem: Problem) -> int:
-    """32 at the letter's size, fewer for larger fleets: the choice depends on the size alone."""
+def default_starts(problem: Problem, *, warm: bool = False) -> int:
+    """32 at the letter's size, fewer for larger fleets, and few for a `warm` start of a fleet: by size and utility."""
     work = problem.n_uavs * problem.n_users * problem.n_slots
+    if warm and problem.n_uavs > FEW:
+        return 4 if problem.kind == "sum" or problem.mu == 0.0 else 2
     return int(np.clip(WORK_OF_ALL_STARTS / work, 2, 32))
 
 
@@ -122,7 +124,7 @@ def optimise(
     """
     arena = with_routes(problem, arena_of(problem))
     search = Search(problem, arena, stop, observer)
-    most = default_starts(problem) if n_starts is None else n_starts
+    most = default_starts(problem, warm=start_m is not None) if n_starts is None else n_starts
     for start in _starts(search, start_m, np.random.default_rng(seed)):
         search.take(start)
         if search.climbs >= most or search.interrupted():

@@ -27,8 +27,11 @@ MATCHING_PRICE = 1.0
 """The same, at least, when UAVs are matched to users."""
 NO_WAY = 1e6
 """kbit/s: the price of a user from whom the UAV would not reach its end in time."""
+SKETCHES = 24
 FEW = 4
 """Up to so many UAVs climbs are so cheap that they are the better search."""
+CLEARLY = 5e-4
+"""Relative: by how much places must be worth more than those that UAVs are bound for."""
 TRIES_AT_ONCE = 500
 COOLED = 0.7
 """From this share of the tries on, nothing that is worth less is kept."""
@@ -62,13 +65,13 @@ class Grounds(NamedTuple):
 
 def effort_of(arena: Arena, number: int = 0, *, warm: bool = False) -> Effort:
     """How far round `number` looks: by size and utility, twice as far as the last up to a limit, less in a replan."""
-    n_uavs, n_users = arena.gain.shape[1], arena.user_m.shape[1]
+    n_uavs = arena.gain.shape[1]
     more = 2 ** min(number, 4)
-    sketches = 24
     tries = min(200 * n_uavs, 5000) if n_uavs > FEW else 60 * n_uavs
     if warm:
-        return Effort(max(4, sketches // 4) * more, 1, tries // 3 * more, HEAT if number else 0.0)
-    return Effort(sketches * more, 3 if arena.kind == SUM else 2, tries * more, HEAT if number else 0.0)
+        each = 60 if arena.kind == SUM else 20
+        return Effort(6 * more, 1, each * n_uavs * more, HEAT if number else 0.0)
+    return Effort(SKETCHES * more, 3 if arena.kind == SUM else 2, tries * more, HEAT if number else 0.0)
 
 
 def places(
@@ -81,7 +84,8 @@ def places(
 ) -> list[Array]:
     """Hover points (2, U) metres, best first: as far as it comes until `halted` says so, asked every now and then.
 
-    given_m: (2, U), points to begin from beside the sketches, as where UAVs are bound for when a replan begins.
+    given_m: (2, U), points to begin from beside the sketches, as where UAVs are bound for when a replan begins; then
+    only places that are clearly worth more than these come back.
     """
     if arena.gain.shape[0] < 2:
         return []
@@ -91,10 +95,12 @@ def places(
         if halted():
             break
         wanted.append(sketched(arena, grounds, rng, PRICES[i % len(PRICES)]))
-    valued = sorted(((look(arena, shots, place), -i) for i, place in enumerate(wanted)), reverse=True)
-    different = list({wanted[-i].tobytes(): wanted[-i] for _, i in valued}.values())
+    worth = [look(arena, shots, place) for place in wanted]
+    ranked = sorted(range(len(wanted)), key=lambda i: -worth[i])
+    different = list({wanted[i].tobytes(): wanted[i] for i in ranked}.values())
     settled = [_settled(arena, shots, grounds, rng, place, effort, halted) for place in different[: effort.settled]]
-    return [place for _, place in sorted(settled, key=lambda one: -one[0])]
+    least = -np.inf if given_m is None else worth[0] + CLEARLY * abs(worth[0])
+    return [place for value, place in sorted(settled, key=lambda one: -one[0]) if value > least]
 
 
 def _settled(
