@@ -13,6 +13,7 @@ import numpy as np
 from scipy.special import softmax
 
 from skyfolio.planner.arrays import Array
+from skyfolio.planner.utilities import kind_of
 
 if TYPE_CHECKING:
     from skyfolio.planner.problem import Problem
@@ -46,13 +47,8 @@ def utility_kbps(rates_kbps: Array, kind: str, mu: float) -> float:
     `sum`: eq. (9), the soft mean over slots of the sum rate. `per_user`: the sum over users of the soft mean over
     slots of each user's rate, whose expansion is eq. (5). `pooled`: K times the soft mean over users and slots.
     """
-    if kind == "sum":
-        return soft_mean(np.nansum(rates_kbps, axis=0), mu)
-    if kind == "per_user":
-        return float(soft_means(rates_kbps, mu).sum())
-    if kind == "pooled":
-        return len(rates_kbps) * soft_mean(rates_kbps, mu)
-    raise ValueError(f"utility.kind: {kind!r} must be 'sum', 'per_user' or 'pooled'")
+    named = kind_of(kind)
+    return float(named.scale(len(rates_kbps)) * soft_means(named.rows(rates_kbps), mu).sum())
 
 
 def rate_weights(problem: Problem, rates_kbps: Array) -> Array:
@@ -63,15 +59,12 @@ def rate_weights(problem: Problem, rates_kbps: Array) -> Array:
     counted = problem.counted_kbps(rates_kbps)
     if problem.mu == 0.0:
         weights = np.full(counted.shape, 1.0 / counted.shape[1])
-    elif problem.kind == "sum":
-        weights = np.broadcast_to(softmax(problem.mu * np.nansum(counted, axis=0)), counted.shape)
     else:
-        there = np.isfinite(counted)
-        exponents = np.where(there, problem.mu * counted, -np.inf)
-        if problem.kind == "per_user":
-            weights = softmax(exponents, axis=1) * there.mean(axis=1, keepdims=True)
-        else:
-            weights = len(counted) * softmax(exponents) * there.mean()
+        kind = kind_of(problem.kind)
+        rows = kind.rows(counted)
+        there = np.isfinite(rows)
+        shares = softmax(np.where(there, problem.mu * rows, -np.inf), axis=1) * there.mean(axis=1, keepdims=True)
+        weights = kind.scale(len(counted)) * kind.spread(shares, counted.shape)
     planned = np.zeros(rates_kbps.shape)
     planned[:, problem.counted_from :] = weights[:, problem.past_kbps.shape[1] :]
     return planned

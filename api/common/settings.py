@@ -95,7 +95,7 @@ class Settings(BaseSettings):
     max_uavs: Count = 64
     max_users: Count = 1_000
     max_slots: Count = 2_000
-    max_cells: Count = 2_000_000
+    max_cells: Count = 10_000_000
     max_subscribers: Count = 256
     rate_per_s: Seconds = 500.0
     rate_burst: Count = 1_000

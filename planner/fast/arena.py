@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.repair import step_limits_m
+from skyfolio.planner.utilities import Expectation, kind_of
 
 Ints: TypeAlias = NDArray[np.int64]
 Flag: TypeAlias = bool | np.bool
 """A kernel compiles anew for each literal; `np.bool_(True)` is not one."""
 
-SUM, PER_USER, POOLED = 0, 1, 2
+SUM, PER_USER, POOLED = map(int, Expectation)
 MARGIN = 1e-8
 """Least rates are kept this much (relatively) above what is asked, for rounding."""
-KINDS = {"sum": SUM, "per_user": PER_USER, "pooled": POOLED}
 
 _OPTIONS = {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 _LOOSE = {"nnan", "reassoc", "contract", "nsz", "arcp"}
@@ -123,7 +123,8 @@ def arena_of(problem: Problem) -> Arena:
     mean = is_mean(problem)
     gain = problem.snr_gain[:, 0, :].T
     fading = np.zeros((0, 0, 0)) if mean else problem.snr_gain.transpose(2, 0, 1)
-    kind = KINDS[problem.kind] if problem.mu < 0 else SUM
+    asked = int(kind_of(problem.kind).expectation)
+    kind = asked if problem.mu < 0 else SUM
     past_low, past_sum, past_count = _past(problem, kind)
     return Arena(
         gain=plain(gain),

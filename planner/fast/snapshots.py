@@ -93,6 +93,8 @@ def snapshots_of(arena: Arena) -> Snapshots:
 def _edges(arena: Arena) -> Ints:
     """Where the stretches begin, and the end of the last: fine where UAVs are on their way, coarse where they hover."""
     n_slots, n_uavs = arena.gain.shape
+    if n_slots <= len(STRETCHES) + 2:
+        return np.arange(1, n_slots + 1)
     extent = arena.high - arena.low
     step_m = max(float(np.median(arena.step_m)), 1e-9)
     flight = min(0.5 * float(np.sqrt(extent[0] * extent[1] / n_uavs)) / step_m, float(n_slots))

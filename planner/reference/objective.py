@@ -9,6 +9,7 @@ import numpy as np
 
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.problem import Problem
+from skyfolio.planner.utilities import Expectation, kind_of
 
 SHORTFALL_PRICE = 1e3
 """What a kbit/s below a minimum rate costs in kbit/s of utility: more than it can ever gain."""
@@ -32,10 +33,11 @@ def concave_utility(problem: Problem, rates_kbps: cp.Expression) -> cp.Expressio
     """
     past = problem.past_kbps
     counted = rates_kbps[:, problem.counted_from :]
-    if problem.kind == "sum" or problem.mu == 0.0:
+    expectation = kind_of(problem.kind).expectation
+    if expectation == Expectation.SLOT_SUMS or problem.mu == 0.0:
         per_slot = cp.reshape(cp.sum(counted, axis=0), (1, counted.shape[1]), order="C")
         return cp.sum(_soft_means(per_slot, np.nansum(past, axis=0, keepdims=True), problem.mu))
-    if problem.kind == "per_user":
+    if expectation == Expectation.EACH_USER:
         return cp.sum(_soft_means(counted, past, problem.mu))
     flat = cp.reshape(counted, (1, counted.size), order="C")
     return problem.n_users * cp.sum(_soft_means(flat, past.reshape(1, -1), problem.mu))

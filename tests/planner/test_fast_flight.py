@@ -43,7 +43,7 @@ def _zones(rng: np.random.Generator, side: float) -> Iterator[NoFlyDisc | NoFlyP
         yield NoFlyPolygon(vertices_m=tuple((float(e), float(n)) for e, n in outline))
 
 
-def random_scenario(seed: int) -> Scenario | None:
+def random_scenario(seed: int, fewest: int = 1, most: int = 4) -> Scenario | None:
     """Everything at once: speeds, bands, powers, altitudes, ends, leaving, zones, least rates, fading, utilities."""
     rng = np.random.default_rng(seed)
     side, slots = float(rng.choice([60.0, 200.0, 500.0])), int(rng.integers(1, 10))
@@ -71,7 +71,7 @@ def random_scenario(seed: int) -> Scenario | None:
             slot_duration_s=5.0,
             altitude_m=60.0,
             min_separation_m=float(rng.choice([0.0, 4.0, 15.0])),
-            uavs=tuple(uav(number) for number in range(rng.integers(1, 5))),
+            uavs=tuple(uav(number) for number in range(rng.integers(fewest, most + 1))),
             users=tuple(
                 User(
                     id=f"user-{k}",
@@ -118,6 +118,28 @@ def test_five_hundred_random_plans_and_replans_pass_the_independent_checker() ->
             replans += 1
             assert violations(again) == [], seed
         if plans >= 330 and replans >= 170:
+            return
+    pytest.fail("too few scenarios could be planned")
+
+
+def test_random_plans_and_replans_of_fleets_pass_it_too_from_places_that_were_looked_for() -> None:
+    plans = replans = 0
+    for seed in range(10_000):
+        scenario = random_scenario(seed, fewest=5, most=8)
+        if scenario is None:
+            continue
+        try:
+            made = plan(scenario, n_starts=3, seed=seed)
+            plans += 1
+            assert violations(made) == [], seed
+            assert (np.diff([one.utility_bps for one in made.history]) >= 0).all(), seed
+            if scenario.slots > 2:
+                again = replan(made, failed=[scenario.uav_ids[0]], at_slot=scenario.slots // 2)
+                replans += 1
+                assert violations(again) == [], seed
+        except (ReplanError, UnreachableEndError):
+            continue
+        if plans >= 60 and replans >= 40:
             return
     pytest.fail("too few scenarios could be planned")
 

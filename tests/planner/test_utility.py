@@ -1,16 +1,21 @@
 """The three utilities: limits, expansions, evaluation at any mu, gradients."""
 
 from dataclasses import replace
+from typing import get_args
 
+import cvxpy as cp
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from skyfolio.planner import EXAMPLES
+from skyfolio.planner import EXAMPLES, Utility
 from skyfolio.planner.arrays import Array
+from skyfolio.planner.fast.arena import arena_of
 from skyfolio.planner.problem import Problem, problem_of
+from skyfolio.planner.reference.objective import concave_utility
+from skyfolio.planner.utilities import UTILITIES
 from skyfolio.planner.utility import jain_index, mean_variance_kbps, rate_weights, soft_mean, utility_kbps
 
 KINDS = ("sum", "per_user", "pooled")
@@ -119,3 +124,20 @@ def test_jain_is_one_for_equal_rates_and_one_over_k_for_one_user() -> None:
 def test_an_unknown_kind_is_named() -> None:
     with pytest.raises(ValueError, match=r"utility.kind: 'max' must be 'sum', 'per_user' or 'pooled'"):
         utility_kbps(np.ones((1, 1)), "max", -1.0)
+
+
+def test_an_unknown_kind_is_an_error_everywhere_and_never_another_utility() -> None:
+    problem = paper("harmonic", -0.1)
+    rates = np.ones((problem.n_users, problem.n_slots))
+    for asks in (
+        lambda: utility_kbps(rates, "harmonic", -0.1),
+        lambda: rate_weights(problem, rates),
+        lambda: arena_of(problem),
+        lambda: concave_utility(problem, cp.Constant(rates)),
+    ):
+        with pytest.raises(ValueError, match="'harmonic' must be one of sum, per_user, pooled"):
+            asks()
+
+
+def test_the_scenario_takes_the_kinds_of_the_table_and_no_others() -> None:
+    assert set(get_args(Utility.model_fields["kind"].annotation)) == set(UTILITIES)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.sinr import spectral_efficiency
+from skyfolio.planner.utilities import Expectation, kind_of
 from skyfolio.planner.utility import utility_kbps
 
 Shares = Callable[[Array], tuple[NDArray[np.intp], Array]]
@@ -76,7 +77,7 @@ class Trajectories:
 
     @property
     def _by_slot(self) -> bool:
-        return self.problem.kind == "sum" or self.problem.mu == 0.0
+        return kind_of(self.problem.kind).expectation == Expectation.SLOT_SUMS or self.problem.mu == 0.0
 
     @property
     def _width(self) -> int:
@@ -184,10 +185,13 @@ def _slot_rates(problem: Problem, links: int, *, total: bool) -> Any:
 
 
 def _utility(problem: Problem, rates: Any) -> Any:
-    """Return `planner.utility.utility_kbps` of sum rates (1, N), or for `per_user` of rates (K, N)."""
-    past = problem.past_kbps
-    if problem.kind == "sum" or problem.mu == 0.0:
+    """Return `planner.utility.utility_kbps` of sum rates (1, N), or else of rates (K, N), one link for each user."""
+    past, expectation = problem.past_kbps, kind_of(problem.kind).expectation
+    if expectation == Expectation.SLOT_SUMS or problem.mu == 0.0:
         return _soft_mean(ca.horzcat(ca.DM(past.sum(axis=0, keepdims=True)), rates), problem.mu)
+    if expectation == Expectation.ALL_USERS:
+        flat = ca.horzcat(ca.DM(past.reshape(1, -1)), ca.vec(rates).T)
+        return problem.n_users * _soft_mean(flat, problem.mu)
     rows = [ca.horzcat(ca.DM(past[k : k + 1]), rates[k, :]) for k in range(problem.n_users)]
     return sum(_soft_mean(row, problem.mu) for row in rows)
 
