@@ -69,8 +69,8 @@ class Arena(NamedTuple):
     past_low, past_sum, past_count: (K,), the least past rate of each user, sum exp(mu (rate - least)) of its past, and
     in how many past slots it was there; for `sum` the first entries are the sum rate's.
     discs: (D, 3), east, north, radius. corners: (V, 2) of all no-fly polygons, polygon p at [first[p], first[p + 1]).
-    turns: (2, C), where ways around zones may turn; sees: (C, C), which of them see each other; left: (U, C), slots from
-    each to the end of each UAV (`routes.py`).
+    turns: (2, C), where ways around zones may turn; sees: (C, C), which of them see each other;
+    left: (U, C), slots from each to the end of each UAV (`routes.py`).
     """
 
     gain: Array

@@ -32,7 +32,7 @@ WORK_OF_ALL_STARTS = 3.0e5
 SCATTERED = 4
 """Small fleets also begin at so many places drawn at random."""
 VARIATIONS, FEWER_VARIATIONS = 26, 4
-"""So many variations (the fewer in large fleets) of the best plan before places are looked for anew, with more effort."""
+"""So many variations of the best plan (fewer in large fleets) before places are looked for anew, with more effort."""
 
 
 @dataclass

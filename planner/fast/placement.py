@@ -22,7 +22,7 @@ from skyfolio.planner.fast.sketch import exchange_users
 from skyfolio.planner.fast.snapshots import Snapshots, look, snapshots_of
 
 PRICES = (0.0, 4.0, 2.0, 8.0)
-"""bit/s/Hz that a UAV counts as lost while it flies, sketch by sketch: what is best depends on utility and distances."""
+"""bit/s/Hz that count as lost while a UAV flies, sketch by sketch: which is best depends on utility and distances."""
 MATCHING_PRICE = 1.0
 """The same, at least, when UAVs are matched to users."""
 NO_WAY = 1e6

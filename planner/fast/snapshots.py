@@ -8,6 +8,7 @@ signals, so that asking again takes K steps a moment and not U K.
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -109,7 +110,7 @@ def _gains(arena: Arena, edges: Ints, slot: Ints) -> Array:
     """What each moment's signals are computed from; sampled gains are averaged over the stretch."""
     if arena.fading.shape[0] == 0:
         return np.ascontiguousarray(arena.gain[slot][:, :, None])
-    means = [arena.fading[begin:end].mean(axis=0) for begin, end in zip(edges[:-1], edges[1:], strict=True)]
+    means = [arena.fading[begin:end].mean(axis=0) for begin, end in pairwise(edges)]
     return np.ascontiguousarray(np.stack(means))
 
 

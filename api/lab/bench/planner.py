@@ -14,11 +14,13 @@ import numpy as np
 
 from skyfolio.api.lab.bench.cases import KINDS, SIZES
 from skyfolio.api.lab.bench.measure import machine
+from skyfolio.api.lab.bench.quality import targets as quality_targets
+from skyfolio.planner.utilities import UTILITIES
 
 Row: TypeAlias = dict[str, Any]
 Size: TypeAlias = tuple[int, int, int]
 Runner: TypeAlias = Callable[[str, Size, str], Row]
-TIMEOUT_S = 150.0
+TIMEOUT_S, QUALITY_TIMEOUT_S = 150.0, 1800.0
 YARDSTICK_SIZES = {("reference", "sum"): 1, ("reference", "per_user"): 1, ("ipopt", "sum"): 3, ("ipopt", "per_user"): 1}
 """On how many of the sizes, from the smallest, each yardstick can run at all in minutes."""
 COLD_MS = {"3x9x20": 1.0, "10x100x50": 10.0, "20x300x100": 40.0, "50x1000x100": 250.0}
@@ -39,7 +41,11 @@ def planner_figures(*, quick: bool, run: Runner | None = None, sizes: Sequence[S
     figures: Row = {"machine": machine(), "quick": quick, "rows": rows, "growth": {k: _growth(rows, k) for k in KINDS}}
     for case in ("ablation", "proof"):
         figures[case] = {kind: run(case, sizes[0], kind) for kind in KINDS}
-    figures["targets"] = targets(figures)
+    figures["quality"] = {
+        "x".join(map(str, size)): {kind: run("quality", size, kind) for kind in UTILITIES}
+        for size in sizes[1 : 2 if quick else None]
+    }
+    figures["targets"] = [*targets(figures), *quality_targets(figures)]
     return figures
 
 
@@ -57,13 +63,14 @@ def in_a_process(case: str, size: Size, kind: str, *, quick: bool) -> Row:
     """Return the figures of one case, or the reason why there are none."""
     name = "x".join(map(str, size))
     command = [sys.executable, "-m", "skyfolio.api.lab.bench.child", case, name, kind, *(["--quick"] if quick else [])]
+    timeout_s = QUALITY_TIMEOUT_S if case == "quality" else TIMEOUT_S
     one_thread = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
     try:
         done = subprocess.run(  # noqa: S603 - our own module
-            command, capture_output=True, text=True, timeout=TIMEOUT_S, check=True, env={**os.environ, **one_thread}
+            command, capture_output=True, text=True, timeout=timeout_s, check=True, env={**os.environ, **one_thread}
         )
     except subprocess.TimeoutExpired:
-        return {"skipped": f"not done after {TIMEOUT_S:.0f} s"}
+        return {"skipped": f"not done after {timeout_s:.0f} s"}
     except subprocess.CalledProcessError as error:
         return {"skipped": (error.stderr.strip().splitlines() or ["failed"])[-1]}
     figures: Row = json.loads(done.stdout)

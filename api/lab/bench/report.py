@@ -15,9 +15,15 @@ TIMES = (
     "to keep. Where a yardstick has no figure, it takes longer than the benchmark may. Ratios, growth and "
     "targets are of processor time: on an idle core that is the time."
 )
+QUALITY = (
+    "Mean share of the best known value (`best-known.json`: each with how it was found, improved when beaten, never "
+    "lowered) over the layouts, for the default budget and multiples of it; processor milliseconds, p50, of the "
+    "optimiser at its defaults, and of a replan after a loss half-way, beside what more searching finds then. Peers on "
+    "the first layout, as shares of the same best known value; IPOPT only where it ends in minutes."
+)
 CALLS = (
-    "`plan()` and `replan()` with certificate, feasibility check and plan object; the replan comes after the loss of "
-    "one UAV half-way."
+    "`plan()` and `replan()` at their defaults, with certificate, feasibility check and plan object; the replan comes "
+    "after the loss of one UAV half-way."
 )
 
 
@@ -41,6 +47,9 @@ def markdown(figures: Row) -> str:
         "## Whole calls, replans and memory",
         CALLS,
         _grid(_calls(figures)),
+        "## Quality",
+        QUALITY,
+        _grid(_quality(figures)),
         "## Ablation at 3x9x20",
         *[_ablation(kind, figures["ablation"][kind]) for kind in figures["ablation"]],
         "## Certificate at 3x9x20",
@@ -127,6 +136,29 @@ def _calls(figures: Row) -> list[list[str]]:
                     f"{ours['replan_call']['p50_ms']:.1f}",
                     f"{ours['gap']:.1%}",
                     f"{ours['peak_mb']:.0f}",
+                ]
+            )
+    return lines
+
+
+def _quality(figures: Row) -> list[list[str]]:
+    lines = [["U x K x N", "utility", "layouts", "1x", "2x", "10x", "ms", "replan ms", "replan share", "peers"]]
+    for size, by_kind in figures["quality"].items():
+        for kind, case in by_kind.items():
+            if "share" not in case:
+                lines.append([size, kind, case["skipped"], *[""] * 7])
+                continue
+            shares = [f"{case['shares'][b]:.2%}" if b in case["shares"] else "-" for b in ("1", "2", "10")]
+            lines.append(
+                [
+                    size,
+                    kind,
+                    str(len(case["instances"])),
+                    *shares,
+                    f"{case['plan_cpu_ms']:.0f}",
+                    f"{case['replan_cpu_ms']:.0f}",
+                    f"{case['replan_share']:.2%}",
+                    ", ".join(f"{name} {peer['share']:.1%}" for name, peer in case.get("peers", {}).items()),
                 ]
             )
     return lines
