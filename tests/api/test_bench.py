@@ -12,8 +12,10 @@ import pytest
 from skyfolio.api.cli import bench
 from skyfolio.api.cli import main as cli
 from skyfolio.api.lab.bench import loop, markdown, planner_figures, table
-from skyfolio.api.lab.bench.cases import CASES, instance, stop, value_kbps
+from skyfolio.api.lab.bench.best_known import improve, instances, load
+from skyfolio.api.lab.bench.cases import CASES, SIZES, instance, stop
 from skyfolio.api.lab.bench.ipopt import Trajectories, alternate, utility_of
+from skyfolio.api.lab.bench.peers import peers, value_kbps
 from skyfolio.api.lab.bench.planner import in_a_process
 from skyfolio.api.plans.certificate import certify, shown
 from skyfolio.planner.fast import linked, optimise
@@ -176,3 +178,46 @@ def test_a_case_runs_in_a_process_of_its_own(case: str) -> None:
     found = in_a_process(case, TINY[0], "sum", quick=True)
     assert "skipped" not in found
     assert ("plan" in found) == (case in {"fast", "reference", "ipopt"})
+
+
+def test_quality_is_a_share_of_the_best_known_and_stands_in_the_report(figures: dict[str, Any]) -> None:
+    case = figures["quality"]["3x5x6"]
+    assert set(case) == {"sum", "per_user", "pooled"}
+    for kind in case.values():
+        assert 0.9 < kind["share"] <= 1.0
+        assert 0.9 < kind["replan_share"] <= 1.0
+        assert kind["plan_cpu_ms"] > 0
+    text = markdown(figures)
+    assert "## Quality" in text
+    assert "| 3x5x6 | pooled | 1 | 100.00% |" in text
+
+
+def test_best_known_values_are_improved_when_beaten_and_never_lowered(tmp_path: Path) -> None:
+    file, one = tmp_path / "best.json", instances(TINY[0])[0]
+    assert improve(one, 10.0, "first", 1.0, file)
+    assert not improve(one, 9.0, "worse", 1.0, file)
+    assert not improve(one, 10.0, "the same", 1.0, file)
+    assert improve(one, 11.0, "better", 2.0, file)
+    assert load(file) == {one.name: {"utility_kbps": 11.0, "found_by": "better", "seconds": 2.0}}
+
+
+def test_best_known_values_belong_to_instances_there_are() -> None:
+    names = {one.name for size in SIZES[1:] for one in instances(size)}
+    table = load()
+    assert set(table) <= names
+    assert {one.name for one in instances(SIZES[1])} <= set(table)
+    assert all(entry["utility_kbps"] > 0 and entry["found_by"] for entry in table.values())
+
+
+@pytest.mark.parametrize("kind", ["sum", "per_user", "pooled"])
+def test_a_default_plan_of_ten_uavs_comes_near_the_best_known(kind: str) -> None:
+    one = next(one for one in instances(SIZES[1]) if one.kind == kind)
+    problem = problem_of(one.scenario())
+    assert value_kbps(problem, optimise(problem, stop())) >= 0.985 * load()[one.name]["utility_kbps"]
+
+
+def test_peers_solve_the_same_problem() -> None:
+    problem = problem_of(instances((5, 12, 6))[0].scenario())
+    best = value_kbps(problem, optimise(problem, stop()))
+    for name, found in peers(problem, 0.3, with_ipopt=True).items():
+        assert 0.3 * best < found["utility_kbps"] < 1.05 * best, name

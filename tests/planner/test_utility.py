@@ -10,8 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from skyfolio.planner import EXAMPLES, Utility
+from skyfolio.planner import EXAMPLES, MaxIterations, Utility
 from skyfolio.planner.arrays import Array
+from skyfolio.planner.fast import optimise, served_rates_bps
 from skyfolio.planner.fast.arena import arena_of
 from skyfolio.planner.problem import Problem, problem_of
 from skyfolio.planner.reference.objective import concave_utility
@@ -141,3 +142,16 @@ def test_an_unknown_kind_is_an_error_everywhere_and_never_another_utility() -> N
 
 def test_the_scenario_takes_the_kinds_of_the_table_and_no_others() -> None:
     assert set(get_args(Utility.model_fields["kind"].annotation)) == set(UTILITIES)
+
+
+def test_one_file_and_one_row_make_a_new_utility(monkeypatch: pytest.MonkeyPatch) -> None:
+    average = replace(UTILITIES["pooled"], scale=lambda n_users: 1.0)  # noqa: ARG005
+    monkeypatch.setitem(UTILITIES, "average_user", average)
+    problem, pooled = paper("average_user", -0.1), paper("pooled", -0.1)
+    mine, theirs = (optimise(one, MaxIterations(2), n_starts=1) for one in (problem, pooled))
+    np.testing.assert_array_equal(mine.paths_m, theirs.paths_m)
+    rates = served_rates_bps(problem, mine) / 1e3
+    assert problem.n_users * utility_kbps(rates, "average_user", -0.1) == pytest.approx(
+        utility_kbps(rates, "pooled", -0.1)
+    )
+    assert problem.n_users * rate_weights(problem, rates) == pytest.approx(rate_weights(pooled, rates))
