@@ -162,9 +162,9 @@ def sketched(arena: Arena, grounds: Grounds, rng: np.random.Generator, price: fl
     """Hover points (2, U) over distinct users while they last; who has none, or would miss its end, stays."""
     n_uavs, n_users = grounds.lost.shape
     if n_uavs > n_users:
-        flying, users = linear_sum_assignment(grounds.lost - grounds.lost.max() * rng.random(n_uavs)[:, None])
+        flying, users = linear_sum_assignment(grounds.lost - grounds.lost.max() * rng.random((n_uavs, 1)))
         return _over(arena, grounds, flying, users)
-    users = rng.choice(n_users, n_uavs, replace=False)
+    users = np.asarray(rng.choice(n_users, n_uavs, replace=False))
     chosen = users[linear_sum_assignment(grounds.lost[:, users])[1]].astype(np.int64)
     cost = grounds.lost * price if price > 0.0 else np.where(grounds.lost >= NO_WAY, NO_WAY, 0.0)
     exchange_users(grounds.site_m, arena.user_m, grounds.gain, arena.height2, arena.khz, plain(cost), chosen)

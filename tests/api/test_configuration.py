@@ -9,7 +9,9 @@ from skyfolio.api.cli.main import main
 from skyfolio.api.common.configuration import bound, require_known, require_usable, settings_from
 from skyfolio.api.common.errors import InvalidError
 from skyfolio.api.common.settings import Settings
+from skyfolio.api.http.routes.deps import require_within_limits
 from skyfolio.mavlink_bridge.conditions import Timing
+from skyfolio.planner.layouts import laid_out
 from tests.ports import free_port
 
 
@@ -160,3 +162,9 @@ def test_no_command_works_elsewhere_than_a_misspelt_variable_means(
 def test_settings_survive_being_written_as_json() -> None:
     settings = Settings(heartbeat_lost_s=7.0, timing=Timing(proof_s=9))
     assert Settings.model_validate_json(settings.model_dump_json()) == settings
+
+
+def test_fifty_uavs_a_thousand_users_and_a_hundred_slots_are_accepted_by_default() -> None:
+    require_within_limits(laid_out("uniform", 50, 1000, 100, seed=1), Settings())
+    with pytest.raises(InvalidError, match="UAVs x users x slots"):
+        require_within_limits(laid_out("uniform", 50, 1000, 101, seed=1), Settings(max_cells=5_000_000))
