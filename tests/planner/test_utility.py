@@ -122,11 +122,6 @@ def test_jain_is_one_for_equal_rates_and_one_over_k_for_one_user() -> None:
     assert jain_index(np.zeros((2, 2))) == 1.0
 
 
-def test_an_unknown_kind_is_named() -> None:
-    with pytest.raises(ValueError, match=r"utility.kind: 'max' must be 'sum', 'per_user' or 'pooled'"):
-        utility_kbps(np.ones((1, 1)), "max", -1.0)
-
-
 def test_an_unknown_kind_is_an_error_everywhere_and_never_another_utility() -> None:
     problem = paper("harmonic", -0.1)
     rates = np.ones((problem.n_users, problem.n_slots))

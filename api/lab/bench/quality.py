@@ -75,8 +75,8 @@ def _measured(instance: Instance, budgets: tuple[int, ...], *, note: bool) -> Ro
     values = {"1": value_kbps(problem, found)}
     for budget in budgets[1:]:
         values[str(budget)] = value_kbps(problem, optimise(problem, _rule(), n_starts=budget * starts))
-    for budget, value in values.items() if note else ():
-        improve(instance, value, f"planner, {budget}x the default budget", time_of_plan["best_ms"] * int(budget) / 1e3)
+    for times, value in values.items() if note else ():
+        improve(instance, value, f"planner, {times}x the default budget", time_of_plan["best_ms"] * int(times) / 1e3)
     best = max(load().get(instance.name, {}).get("utility_kbps", -np.inf), *values.values(), values["1"])
     return {
         "name": instance.name,
