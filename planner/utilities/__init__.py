@@ -15,7 +15,7 @@ UTILITIES: dict[str, Kind] = {
 
 
 def kind_of(name: str) -> Kind:
-    """The utility of this name. Raises ValueError with the names there are."""
+    """Return the utility of this name. Raises ValueError with the names there are."""
     if name not in UTILITIES:
         raise ValueError(f"utility.kind: {name!r} must be one of {', '.join(UTILITIES)}")
     return UTILITIES[name]

@@ -52,7 +52,7 @@ class Instance:
         return f"{'x'.join(map(str, self.size))} {self.layout}-{self.seed} {self.kind} {self.mu_per_kbps:g}"
 
     def scenario(self) -> Scenario:
-        """The scenario itself."""
+        """Return the scenario itself."""
         utility = Utility.model_validate({"kind": self.kind, "mu_per_kbps": self.mu_per_kbps})
         return laid_out(self.layout, *self.size, seed=self.seed, utility=utility)
 
@@ -67,7 +67,7 @@ def instances(size: tuple[int, int, int]) -> list[Instance]:
 
 
 def load(path: Path = FILE) -> Table:
-    """The table: by instance, `utility_kbps`, `found_by`, `seconds`."""
+    """Return the table: by instance, `utility_kbps`, `found_by`, `seconds`."""
     table: Table = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     return table
 
@@ -91,7 +91,7 @@ def improve(instance: Instance, utility_kbps: float, found_by: str, seconds: flo
 
 
 def search(instance: Instance, seconds: float, seed: int, clock: Callable[[], float] = time.process_time) -> float:
-    """The best utility, kbit/s, of a long search by the planner itself; kernels are compiled before time counts."""
+    """Return the best utility, kbit/s, of a long search by the planner itself; kernels are compiled before time counts."""
     rehearse()
     stop = AnyOf(MaxIterations(50), RelativeGain(1e-5), Deadline(seconds, clock=clock))
     found = optimise(problem_of(instance.scenario()), stop, n_starts=10_000_000, seed=seed)

@@ -30,13 +30,13 @@ KMEANS_RUNS = 20
 
 
 def value_kbps(problem: Problem, solution: Solution) -> float:
-    """The true utility of a solution."""
+    """Return the true utility of a solution."""
     rates = served_rates_bps(problem, solution) / 1e3
     return utility_kbps(problem.counted_kbps(rates), problem.kind, problem.mu)
 
 
 def peers(problem: Problem, seconds: float, *, with_ipopt: bool) -> dict[str, dict[str, Any]]:
-    """What each peer finds, kbit/s, and in what processor time; `seconds` is what each may begin new work in."""
+    """Return what each peer finds, kbit/s, and in what processor time; `seconds` is what each may begin new work in."""
     ways: dict[str, Callable[[Problem, float], float]] = {"k_means": k_means, "evolution": evolution}
     if with_ipopt:
         ways |= {"ipopt_starts": ipopt_starts, "ipopt_from_ours": ipopt_from_ours}
@@ -80,7 +80,7 @@ def evolution(problem: Problem, seconds: float) -> float:
 
 
 def ipopt_starts(problem: Problem, seconds: float) -> float:
-    """The best of up to 50 IPOPT plans, from hovering and from straight flights to random points."""
+    """Return the best of up to 50 IPOPT plans, from hovering and from straight flights to random points."""
     rng = np.random.default_rng(1)
 
     def starts() -> Iterator[Array]:

@@ -89,7 +89,7 @@ def _measured(instance: Instance, budgets: tuple[int, ...], *, note: bool) -> Ro
 
 
 def _replanned(instance: Instance) -> Row:
-    """The last UAV is lost half-way: the default replan beside the best of this and many more starts."""
+    """Return the last UAV is lost half-way: the default replan beside the best of this and many more starts."""
     scenario = instance.scenario()
     made, half = plan(scenario), scenario.slots // 2
     rest, past = remaining(made, [scenario.uav_ids[-1]], half)
@@ -107,7 +107,7 @@ def _others(problem: Problem, warm: np.ndarray[Any, np.dtype[np.float64]]) -> li
 
 
 def targets(figures: Row) -> list[Row]:
-    """What was asked of `figures["quality"]` beside what was measured."""
+    """Return what was asked of `figures["quality"]` beside what was measured."""
     found: list[Row] = []
     for size, by_kind in figures["quality"].items():
         asked = ASKED.get(size)
