@@ -24,7 +24,7 @@ def planner(
     out: Out = None,
     as_json: Json = False,
 ) -> None:
-    """Time the planner at four sizes, beside its reference path and IPOPT; ten minutes."""
+    """Time the planner at four sizes and measure how good its plans are, beside other solvers; an hour."""
     from skyfolio.api.lab.bench import planner_figures, table  # noqa: PLC0415 - each command loads what it measures
 
     figures = planner_figures(quick=quick)

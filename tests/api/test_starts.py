@@ -26,7 +26,7 @@ def test_a_request_that_does_not_say_starts_gets_those_of_the_service(asked: dic
         (EXAMPLES["minimal"](), 11),
         (scattered(1, 1, 1, seed=1), 2),
         (EXAMPLES["paper"](), 24),
-        (scattered(12, 36, 200, seed=1), 11),
+        (scattered(12, 36, 200, seed=1), 3),
     ],
 )
 def test_small_scenarios_need_fewer_starts_and_large_ones_get_fewer(scenario: Scenario, starts: int) -> None:

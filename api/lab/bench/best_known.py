@@ -91,7 +91,7 @@ def improve(instance: Instance, utility_kbps: float, found_by: str, seconds: flo
 
 
 def search(instance: Instance, seconds: float, seed: int, clock: Callable[[], float] = time.process_time) -> float:
-    """Return the best utility, kbit/s, of a long search by the planner itself; kernels are compiled before time counts."""
+    """Return the best utility (kbit/s) of a long search by the planner; kernels are compiled before time counts."""
     rehearse()
     stop = AnyOf(MaxIterations(50), RelativeGain(1e-5), Deadline(seconds, clock=clock))
     found = optimise(problem_of(instance.scenario()), stop, n_starts=10_000_000, seed=seed)
