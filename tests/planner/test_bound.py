@@ -1,6 +1,6 @@
 """The certificate: no feasible plan is better than its bound, and where a bound is known by hand it is met."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -132,14 +132,12 @@ def test_no_feasible_plan_of_a_fleet_is_better_than_what_is_proven_offline(
 def test_more_time_never_proves_less(kind: str) -> None:
     problem = replace(problem_of(scattered(5, 8, 4, seed=2)), kind=kind, mu=-0.05)
     rates = np.full((8, 4), 5.0)
-    bounds = []
-    for patience in (0, 2, 5, 12, 40):
+
+    def proven(patience: int) -> float:
         asked = iter(range(10**6))
+        return prove(problem, rates, stop=lambda: next(asked) >= patience).bound_kbps
 
-        def stop(asked: "Iterator[int]" = asked, most: int = patience) -> bool:
-            return bool(next(asked) >= most)
-
-        bounds.append(prove(problem, rates, stop=stop).bound_kbps)
+    bounds = [proven(patience) for patience in (0, 2, 5, 12, 40)]
     assert bounds == sorted(bounds, reverse=True)
     assert bounds[-1] < bounds[0] * 0.9995
 
