@@ -53,7 +53,7 @@ def places(problem: Problem, n: int, rng: np.random.Generator) -> Array:
     return reached
 
 
-@settings(max_examples=60)
+@settings(max_examples=40)
 @given(st.integers(0, 2**31), st.integers(2, 7), st.integers(2, 20), st.booleans(), st.booleans())
 def test_any_field_bounds_what_any_fleet_can_do(
     seed: int, n_uavs: int, n_users: int, sampled: bool, weighted: bool
@@ -70,7 +70,7 @@ def test_any_field_bounds_what_any_fleet_can_do(
         assert best_kbps(problem, n, places(problem, n, rng), weights) <= proven + 1e-9
 
 
-@settings(max_examples=15)
+@settings(max_examples=10)
 @given(st.integers(0, 2**31), st.integers(2, 6), st.booleans())
 def test_steps_and_other_kappas_prove_more_and_nothing_wrong(seed: int, n_uavs: int, sampled: bool) -> None:
     rng = np.random.default_rng(seed)
