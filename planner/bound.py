@@ -106,7 +106,7 @@ def lifted_kbps(problem: Problem, per_slot_kbps: Array) -> float:
 
 
 def tangent_bound_kbps(problem: Problem, tables: Callable[[Array], Array], tries: int) -> float:
-    """The least bound from tangent planes of a concave utility, in kbit/s.
+    """Return the least bound from tangent planes of a concave utility, in kbit/s.
 
     `tables(w)` must give rates (K, N) whose weighted sum `<w, R>` no feasible rate table exceeds. For any R*,
     G(R) <= G(R*) + <w, R - R*> with w the gradient at R*. The R* tried are those of the Frank-Wolfe method, whose own

@@ -72,7 +72,10 @@ def certificate(
 def _by_tangent_planes(
     problem: Problem, point: Array, root: float, tolerance: float, max_nodes: int, stop: Callable[[], bool]
 ) -> Certificate:
-    """The least bound of the planes that the budget allows for; `point` (K, N) is where the first one touches."""
+    """Return the least bound of the planes that the budget allows for.
+
+    `point` (K, N) is where the first one touches.
+    """
     best: Certificate | None = None
     spent = 0
     for plane in range(PLANES):
@@ -100,7 +103,7 @@ def _certificate(slots: list[_Slot], root: float, proven: float, nodes: int, tol
 def _branched(
     problem: Problem, weights: Array, tolerance: float, max_nodes: int, stop: Callable[[], bool]
 ) -> tuple[list[_Slot], int]:
-    """The slots with their nodes split, the widest gap first, until all are closed or the budget is spent."""
+    """Return the slots with their nodes split, the widest gap first, until all are closed or the budget is spent."""
     slots = [_Slot(problem, weights, n) for n in range(problem.n_slots)]
     nodes = 0
     while nodes < max_nodes and not stop():

@@ -78,7 +78,7 @@ def split_cells(
 
 @njit(cache=True)
 def _hypot(x: float, y: float) -> float:
-    """A third of the time of `np.hypot`, which guards against overflow."""
+    """Return a third of the time of `np.hypot`, which guards against overflow."""
     return float(np.sqrt(x * x + y * y))
 
 
@@ -102,7 +102,7 @@ def _snr_range(
 
 @njit(cache=True)
 def _assign(strong: Array, weak: Array, scale: Array, weights: Array, value: Array, chosen: Indices) -> float:
-    """The best assignment of distinct users to UAVs: its value, and in `chosen` the users (n_users: none).
+    """Return the best assignment of distinct users to UAVs: its value, and in `chosen` the users (n_users: none).
 
     Of a UAV's U best users at least one is not taken by the others, so only those and "none" are tried.
     """
@@ -130,7 +130,7 @@ def _assign(strong: Array, weak: Array, scale: Array, weights: Array, value: Arr
 
 @njit(cache=True)
 def _clash(first: int, second: int, third: int, none: int) -> bool:
-    """Whether one user is given to two UAVs."""
+    """Return whether one user is given to two UAVs."""
     if first != none and first in (second, third):
         return True
     return second != none and second == third
@@ -138,7 +138,7 @@ def _clash(first: int, second: int, third: int, none: int) -> bool:
 
 @njit(cache=True)
 def _best_users(value: Array, n_uavs: int) -> Indices:
-    """The three best users of each UAV and "none": (3, 4) indices into the rows of `value` (3, K + 1)."""
+    """Return the three best users of each UAV and "none": (3, 4) indices into the rows of `value` (3, K + 1)."""
     none = value.shape[1] - 1
     top = np.full((3, 4), none)
     for u in range(n_uavs):
@@ -155,7 +155,7 @@ def _best_users(value: Array, n_uavs: int) -> Indices:
 
 @njit(cache=True)
 def _most_uncertain(node: Array, strong: Array, weak: Array, chosen: Indices) -> int:
-    """The UAV whose rectangle leaves most open: in its own rate, and in the rates it interferes with."""
+    """Return the UAV whose rectangle leaves most open: in its own rate, and in the rates it interferes with."""
     n_uavs, n_users = strong.shape
     worst, which = -1.0, 0
     for u in range(n_uavs):
@@ -176,7 +176,7 @@ def _most_uncertain(node: Array, strong: Array, weak: Array, chosen: Indices) ->
 
 @njit(cache=True)
 def _possible(cell: Array, centres: Array, radii: Array, discs: Array) -> bool:
-    """Whether the rectangle can hold a reachable point that no no-fly disc covers."""
+    """Return whether the rectangle can hold a reachable point that no no-fly disc covers."""
     for c in range(2):
         de = max(cell[0] - centres[c, 0], 0.0, centres[c, 0] - cell[2])
         dn = max(cell[1] - centres[c, 1], 0.0, centres[c, 1] - cell[3])
@@ -203,8 +203,10 @@ def _middle_value(
     weights: Array,
     rates: Array,
 ) -> float:
-    """The value with each UAV in the middle of its rectangle, pulled into the start's disc, and its `rates` (K,);
-    0 if a UAV cannot be there."""
+    """Return the value with each UAV in the middle of its rectangle, pulled into the start's disc.
+
+    Also writes its `rates` (K,). The value is 0 if a UAV cannot be there.
+    """
     n_uavs, n_users = gain.shape
     point = np.empty((n_uavs, 4))
     for u in range(n_uavs):

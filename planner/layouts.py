@@ -99,7 +99,7 @@ def _corridor(rng: np.random.Generator, n_users: int, n_uavs: int) -> Array:  # 
 
 
 def _two_towns(rng: np.random.Generator, n_users: int, n_uavs: int) -> Array:  # noqa: ARG001
-    """In two towns with nobody between them."""
+    """In two towns with no user between them."""
     centres = np.array([[0.25, 0.3], [0.75, 0.7]])
     around: Array = centres[rng.integers(2, size=n_users)] + rng.normal(0.0, 0.1, size=(n_users, 2))
     return around

@@ -19,7 +19,7 @@ Ints: TypeAlias = NDArray[np.int64]
 
 
 class Medium(NamedTuple):
-    """What columns are made of, whoever serves whom.
+    """What columns are made of, whichever UAV serves a user.
 
     step, tables (3, T), low (F, T): kappa, its slope and its bend, and its least value within each far ring. rings:
     (R + 1,). share: (R,). levels: (L,), rising values of x from 1. logs: (Y, L), log(1 + e^y / x) on a grid of y from

@@ -89,7 +89,7 @@ class Proof:
         return turns
 
     def _is_due(self, turn: Turn, visit: int) -> bool:
-        """Whether another look at the slot can gain anything, and whether it is its time."""
+        """Return whether another look at the slot can gain anything, and whether it is its time."""
         if self.growing and turn.slot.free:
             return False
         return visit > 0 or not self.growing or turn.n in COARSE

@@ -1,4 +1,4 @@
-"""The arrays of one slot as the crowding bound takes them: who can be where, and how strong everybody is."""
+"""The arrays of one slot as the crowding bound takes them: who can be where, and how strong each UAV is."""
 
 from __future__ import annotations
 

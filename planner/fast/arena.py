@@ -24,7 +24,7 @@ Flag: TypeAlias = bool | np.bool
 
 SUM, PER_USER, POOLED = map(int, Expectation)
 MARGIN = 1e-8
-"""Least rates are kept this much (relatively) above what is asked, for rounding."""
+"""Minimum rates are kept this much (relatively) above what is asked, for rounding."""
 
 _OPTIONS = {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 _LOOSE = {"nnan", "reassoc", "contract", "nsz", "arcp"}
@@ -42,7 +42,7 @@ def entry(function: Function) -> Function:
 
 
 def kernel(function: Function) -> Function:
-    """The same for kernels that only kernels call."""
+    """Return the same for kernels that only kernels call."""
     return cast("Function", njit(**_OPTIONS, no_cpython_wrapper=True)(function))
 
 
@@ -52,7 +52,7 @@ def smooth(function: Function) -> Function:
 
 
 def plain(array: NDArray[Any], dtype: type = np.float64) -> NDArray[Any]:
-    """The array as kernels take it: C-contiguous, writable, of one type; a copy where it is not.
+    """Return the array as kernels take it: C-contiguous, writable, of one type; a copy where it is not.
 
     numba compiles a kernel anew for each layout and for read-only arrays: whatever goes into an `entry` passes here or
     is made new, so that each has one signature, and none is left to compile in flight.
@@ -106,7 +106,7 @@ class Arena(NamedTuple):
 class Links(NamedTuple):
     """Who serves whom: in slot n the entries [0, used[n]) of (N, W) user, uav, khz; each user at most once.
 
-    floor: (N, W), kbit/s that the link must keep: the least rate of its user.
+    floor: (N, W), kbit/s that the link must keep: the minimum rate of its user.
     log_weight: (K,), of the last minorant (`shares.py`). W is U for `sum` without minimum rates, else K.
     """
 
@@ -119,7 +119,7 @@ class Links(NamedTuple):
 
 
 def arena_of(problem: Problem) -> Arena:
-    """The arrays of `problem` in the kernels' layout. `mu = 0` of any kind is `sum`."""
+    """Return the arrays of `problem` in the kernels' layout. `mu = 0` of any kind is `sum`."""
     mean = is_mean(problem)
     gain = problem.snr_gain[:, 0, :].T
     fading = np.zeros((0, 0, 0)) if mean else problem.snr_gain.transpose(2, 0, 1)
@@ -159,12 +159,12 @@ def arena_of(problem: Problem) -> Arena:
 
 
 def is_mean(problem: Problem) -> bool:
-    """Whether all users share one row of gains."""
+    """Return whether all users share one row of gains."""
     return problem.snr_gain.strides[1] == 0 or problem.n_users == 1
 
 
 def _past(problem: Problem, kind: int) -> tuple[Array, Array, Array]:
-    """The past as (least, sum exp(mu (x - least)), count) of each row; at mu = 0 as (0, sum, count)."""
+    """Return the past as (least, sum exp(mu (x - least)), count) of each row; at mu = 0 as (0, sum, count)."""
     past = problem.past_kbps
     rates = np.nansum(past, axis=0, keepdims=True) if kind == SUM else past
     there = np.isfinite(rates)
@@ -193,7 +193,7 @@ def links_of(arena: Arena) -> Links:
 
 
 def copy_of(links: Links) -> Links:
-    """The same links in tables of their own."""
+    """Return the same links in tables of their own."""
     return Links(
         links.used.copy(),
         links.user.copy(),

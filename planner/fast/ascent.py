@@ -110,7 +110,10 @@ def _search(arena: Arena, links: Links, path: Array, best: float, scratch: Ascen
 
 @kernel
 def _direction(arena: Arena, slope: Array, direction: Array) -> float:
-    """The preconditioned slope of the utility in the steps into `direction`; the longest way it moves a position."""
+    """Write the preconditioned slope of the utility in the steps into `direction`.
+
+    Returns the longest way that it moves a position.
+    """
     n_slots, _, n_uavs = slope.shape
     longest2 = 0.0
     for u in range(n_uavs):
@@ -146,7 +149,7 @@ def _moved(path: Array, trial: Array, move: Array) -> None:
 
 @kernel
 def _barzilai_borwein(scratch: Ascent, made: int) -> float:
-    """The next step length: the long and the short one in turn, both in the metric of the preconditioner."""
+    """Return the next step length: the long and the short one in turn, both in the metric of the preconditioner."""
     move, direction, last_direction = scratch.move, scratch.direction, scratch.last_direction
     n_slots = move.shape[0]
     moved2 = turned = turned2 = 0.0

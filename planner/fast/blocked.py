@@ -35,7 +35,7 @@ def who_is_blocked(problem: Problem) -> Blocked:
 
 
 def _fails(problem: Problem, uavs: tuple[int, ...]) -> bool:
-    """Return whether these UAVs, with nobody else in the air, find no way to their ends."""
+    """Return whether these UAVs, with no other UAV in the air, find no way to their ends."""
     few = list(uavs)
     part = replace(
         problem,

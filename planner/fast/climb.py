@@ -37,7 +37,7 @@ def climb(arena: Arena, path: Array, links: Links, steps: int, tolerance: float)
 
 @kernel
 def relink(arena: Arena, path: Array, links: Links, scratch: Ascent) -> None:
-    """The best association and bandwidth at `path` (N, 2, U): exact for `sum`, else better than those in `links`.
+    """Return the best association and bandwidth at `path` (N, 2, U): exact for `sum`, else better than `links`.
 
     Minorants are taken beyond the exact tangent, in the direction in which the last one turned, as long as the
     utility grows: on their own they creep.
@@ -72,7 +72,7 @@ def relink(arena: Arena, path: Array, links: Links, scratch: Ascent) -> None:
 
 @kernel
 def worth(arena: Arena, path: Array, links: Links, scratch: Ascent) -> tuple[int, float, float]:
-    """(least rates unmet, utility in kbit/s, mean sum rate in kbit/s) of `links` at `path`."""
+    """(minimum rates unmet, utility in kbit/s, mean sum rate in kbit/s) of `links` at `path`."""
     rate = scratch.rate
     link_rates(arena, path, links, rate)
     utility = value(arena, links, rate, np.bool_(False), scratch.weight)
@@ -87,9 +87,9 @@ def worth(arena: Arena, path: Array, links: Links, scratch: Ascent) -> tuple[int
 
 @entry
 def tables(arena: Arena, path: Array, links: Links, serving: Ints, hertz: Array) -> None:
-    """Who serves each user, (K, N), and with how many Hz, into tables of zeros.
+    """Return who serves each user, (K, N), and with how many Hz, into tables of zeros.
 
-    A user without a link belongs to the UAV that it hears best.
+    A user without a link belongs to the UAV with the strongest signal.
     """
     n_uavs, n_users = path.shape[2], arena.user_m.shape[1]
     signal, total, loudest = np.empty((n_uavs, n_users)), np.empty(n_users), np.empty(n_users)

@@ -15,7 +15,7 @@ ROUNDING = 4e-15
 THOROUGH = 16
 """Up to so many users, every move and exchange is tried."""
 UNMET = 1e9
-"""What leaving one least rate unmet costs, beside which every utility is small."""
+"""What leaving one minimum rate unmet costs, beside which every utility is small."""
 
 
 class Market(NamedTuple):
@@ -129,7 +129,7 @@ def _leave(market: Market, k: int, u: int) -> None:
 def _promising(
     decay: float, eff: Array, weight: float, log_weight: float, price: Array, band: Array, k: int, u: int
 ) -> int:
-    """The UAV where user k would cost less than at u, at the present prices, or -1.
+    """Return the UAV where user k would cost less than at u, at the present prices, or -1.
 
     Most users would take no band anywhere, which is found out without a logarithm.
     """
@@ -148,7 +148,7 @@ def _promising(
 
 @kernel
 def _cost(decay: float, log_weight: float, price: float, band: float, least_khz: float) -> float:
-    """What a user adds to the minimised sum, and its band to the price, when it takes what suits it."""
+    """Return what a user adds to the minimised sum, and its band to the price, when it takes what suits it."""
     wanted = band  # of a UAV without users
     if price > 0.0:
         wanted = max(least_khz, (log_weight + np.log(decay / price)) / decay)
@@ -167,7 +167,7 @@ def _promising_with_floor(
     u: int,
     khz: float,
 ) -> int:
-    """The same under `sum` and for users with a least rate, who leave a UAV that cannot give it whatever the price."""
+    """Return the same under `sum`, and for users who leave a UAV that cannot give them their minimum rate."""
     best, least = -1, np.inf
     for i in range(-1, eff.shape[1]):
         to = u if i < 0 else i
@@ -244,7 +244,7 @@ def _restore(market: Market, u: int, khz: Array) -> None:
 
 @kernel
 def fill(arena: Arena, market: Market, u: int, khz: Array) -> None:
-    """Share the band of UAV u among its users, least rates first, into `khz` (K,), and note cost and price."""
+    """Share the band of UAV u among its users, minimum rates first, into `khz` (K,), and note cost and price."""
     count, members, eff = market.size[u], market.member[u], market.eff
     market.cost[u] = market.price[u] = 0.0
     if count == 0:
@@ -278,7 +278,7 @@ def fill(arena: Arena, market: Market, u: int, khz: Array) -> None:
 
 @kernel
 def _reserve(arena: Arena, market: Market, u: int, khz: Array) -> tuple[float, float]:
-    """Give each member what its least rate takes, the cheapest first while it lasts: (kHz left, penalty)."""
+    """Give each member what its minimum rate takes, the cheapest first while it lasts: (kHz left, penalty)."""
     left, waiting, members, count = arena.khz[u], 0, market.member[u], market.size[u]
     for i in range(count):
         waiting += arena.min_kbps[members[i]] > 0.0

@@ -20,7 +20,7 @@ PUSHES = 8
 
 @entry
 def fly(arena: Arena, wish: Array, chase: Flag, path: Array) -> bool:
-    """The flyable path nearest in spirit to `wish` (N, 2, U) into `path`; False where an end becomes unreachable.
+    """Write the flyable path nearest to `wish` (N, 2, U) into `path`; return False where an end becomes unreachable.
 
     wish: metres, the steps into each slot, or with `chase` the positions to go to. Slot 0 is the start.
     """
@@ -60,7 +60,7 @@ def step(arena: Arena, path: Array, n: int, u: int, dx: float, dy: float) -> Non
 
 @kernel
 def _towards_end(arena: Arena, n: int, u: int, x: float, y: float, to_x: float, to_y: float) -> tuple[float, float]:
-    """The point nearest to (to_x, to_y) in one step of (x, y) from which the end can still be reached."""
+    """Return the point nearest to (to_x, to_y) in one step of (x, y) from which the end can still be reached."""
     end_x, end_y, limit = arena.end_m[0, u], arena.end_m[1, u], arena.step_m[u]
     left = (arena.last[u] - n) * limit
     if left == 0.0:
@@ -107,7 +107,7 @@ def _resolve(arena: Arena, path: Array, n: int, zones: bool, near: Ints) -> bool
 
 @smooth
 def _near_pairs(path: Array, n: int, step_m: Array, separation_m: float, near: Ints) -> int:
-    """The pairs that stand so near before slot n that their next legs could come within `D_min`; how many."""
+    """Return the pairs that stand so near before slot n that their next legs could come within `D_min`; how many."""
     if separation_m == 0.0:
         return 0
     n_uavs, found = path.shape[2], 0
@@ -147,7 +147,7 @@ def _hold(path: Array, n: int, u: int) -> None:
 
 @kernel
 def _keep_out(arena: Arena, path: Array, n: int, u: int, hold: bool) -> bool:
-    """Whether the leg of u stays out of every zone; if not, it is pushed out, or held."""
+    """Return whether the leg of u stays out of every zone; if not, it is pushed out, or held."""
     if n > arena.last[u]:
         return True
     dx, dy, inside = push_from_zones(arena, path[n - 1, 0, u], path[n - 1, 1, u], path[n, 0, u], path[n, 1, u])
@@ -162,7 +162,7 @@ def _keep_out(arena: Arena, path: Array, n: int, u: int, hold: bool) -> bool:
 
 @kernel
 def _on_the_way(arena: Arena, path: Array, n: int, u: int) -> bool:
-    """Whether u can still reach its end around the zones; if not, it takes the next step of the shortest way."""
+    """Return whether u can still reach its end around the zones; if not, it takes the next step of the shortest way."""
     if n > arena.last[u] or not arena.has_ends or np.isnan(arena.end_m[0, u]):
         return True
     end_x, end_y, left = arena.end_m[0, u], arena.end_m[1, u], arena.left[u]
@@ -177,7 +177,7 @@ def _on_the_way(arena: Arena, path: Array, n: int, u: int) -> bool:
 
 @kernel
 def _keep_apart(arena: Arena, path: Array, n: int, u: int, j: int, hold: bool) -> bool:
-    """Whether the legs of u and j stay `D_min` apart; if not, each is pushed half the way, or held."""
+    """Return whether the legs of u and j stay `D_min` apart; if not, each is pushed half the way, or held."""
     if n > min(arena.last[u], arena.last[j]):
         return True
     x0, y0 = path[n - 1, 0, u] - path[n - 1, 0, j], path[n - 1, 1, u] - path[n - 1, 1, j]

@@ -1,4 +1,4 @@
-"""Least rates while the UAVs move: links keep their floors, and the rest of each band is scaled to what is left.
+"""Minimum rates while the UAVs move: links keep their floors, and the rest of each band is scaled to what is left.
 
 With bands so tied to the positions, every iterate keeps the floors, and the utility stays smooth in the positions.
 """
@@ -13,7 +13,7 @@ from skyfolio.planner.fast.arena import Arena, Links, kernel
 
 @kernel
 def free_bands(links: Links, rate: Array, free: Array) -> None:
-    """What each link has above its floor, kHz, into `free` (N, W); rate: (N, W), what the links give."""
+    """Return what each link has above its floor, kHz, into `free` (N, W); rate: (N, W), what the links give."""
     for n in range(rate.shape[0]):
         for j in range(links.used[n]):
             free[n, j] = 0.0

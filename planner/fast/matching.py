@@ -51,7 +51,7 @@ def search_of(rows: int, columns: int) -> Search:
 
 @kernel
 def match_all(arena: Arena, path: Array, links: Links) -> None:
-    """The best links of every slot at `path` (N, 2, U)."""
+    """Return the best links of every slot at `path` (N, 2, U)."""
     n_uavs, n_users = path.shape[2], arena.user_m.shape[1]
     signal, total, inverse = np.empty((n_uavs, n_users)), np.empty(n_users), np.empty(n_users)
     by_uav = search_of(n_uavs, max(n_users, n_uavs))
@@ -112,7 +112,7 @@ def match(signal: Array, total: Array, inverse: Array, khz: Array, search: Searc
 
 @kernel
 def _match_users(signal: Array, total: Array, khz: Array, search: Search) -> None:
-    """The same where UAVs outnumber users: each user gets its UAV, in `search.chosen` (K,)."""
+    """Return the same where UAVs outnumber users: each user gets its UAV, in `search.chosen` (K,)."""
     n_uavs, n_users = signal.shape
     _clear(search)
     for k in range(n_users):
@@ -135,7 +135,7 @@ def _clear(search: Search) -> None:
 
 @smooth
 def _greatest(row: Array, inverse: Array) -> tuple[float, int]:
-    """The greatest share of the received power and its user: SINR grows with it."""
+    """Return the greatest share of the received power and its user: SINR grows with it."""
     best = 0.0
     for i in range(row.shape[0]):
         best = max(best, row[i] * inverse[i])

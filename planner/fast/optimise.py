@@ -49,7 +49,7 @@ class Climb:
 
     @property
     def rank(self) -> tuple[int, float]:
-        """Greater is better: first fewer least rates unmet, then utility."""
+        """Greater is better: first fewer minimum rates unmet, then utility."""
         return -self.unmet, self.utility_kbps
 
 
@@ -74,7 +74,7 @@ class Search:
     climbs: int = 0
 
     def interrupted(self) -> bool:
-        """Whether an interrupting rule speaks."""
+        """Return whether an interrupting rule speaks."""
         return self.stop([]) and self.stop.interrupts
 
     def take(self, start: Start) -> None:
@@ -135,7 +135,7 @@ def optimise(
 
 
 def _starts(search: Search, start_m: Array | None, rng: np.random.Generator) -> Iterator[Start]:
-    """Where to begin, one after the other, as long as the search goes on: each may depend on the best so far."""
+    """Return where to begin, one after the other, as long as the search goes on: each may depend on the best so far."""
     arena = search.arena
     small, warm = arena.gain.shape[1] <= FEW, start_m is not None
     yield _first(arena, start_m) if start_m is not None else Start(hovering(arena), climbed=small)
@@ -153,14 +153,16 @@ def _starts(search: Search, start_m: Array | None, rng: np.random.Generator) -> 
 
 
 def _first(arena: Arena, start_m: Array) -> Start:
-    """The given paths (U, N, 2) as far as they can be flown, else hovering."""
+    """Return the given paths (U, N, 2) as far as they can be flown, else hovering."""
     path = flown(arena, plain(start_m.transpose(1, 2, 0)), chase=True)
     return Start(hovering(arena) if path is None else path)
 
 
 def flyable(problem: Problem, wanted_m: Array | None = None) -> Array:
-    """The flyable paths that follow `wanted_m`, (U, N, 2) metres, from the starts; without it, or if those miss an
-    end, hovering as long as the ends allow. Raises UnreachableEndError when no such paths are found.
+    """Return the flyable paths that follow `wanted_m`, (U, N, 2) metres, from the starts.
+
+    Without it, or if those miss an end, UAVs hover as long as the ends allow. Raises UnreachableEndError when
+    no such paths are found.
     """
     arena = with_routes(problem, arena_of(problem))
     path = None if wanted_m is None else flown(arena, plain(wanted_m.transpose(1, 2, 0)), chase=True)
@@ -171,7 +173,10 @@ def flyable(problem: Problem, wanted_m: Array | None = None) -> Array:
 
 
 def linked(problem: Problem, paths_m: Array) -> Solution:
-    """The best association and bandwidth at flyable paths (U, N, 2), metres: exact for `sum` without least rates."""
+    """Return the best association and bandwidth at flyable paths (U, N, 2), metres.
+
+    Exact for `sum` without minimum rates.
+    """
     arena = arena_of(problem)
     still = _begin(arena, plain(paths_m.transpose(1, 2, 0)))
     before = -np.inf
@@ -182,7 +187,7 @@ def linked(problem: Problem, paths_m: Array) -> Solution:
 
 
 def _is_hopeless(climb: Climb, best: Climb | None) -> bool:
-    """Whether the climb is so far below the best, and so slow, that it will not get there."""
+    """Return whether the climb is so far below the best, and so slow, that it will not get there."""
     if best is None or len(climb.history) < 2 or climb.unmet < best.unmet:
         return False
     gain = climb.utility_kbps - climb.history[-2].utility_bps / 1e3
@@ -195,7 +200,7 @@ def _begin(arena: Arena, path: Array) -> Climb:
 
 
 def _advance(arena: Arena, climb: Climb) -> None:
-    """One pass; undone when it made things worse, which only least rates and rounding can bring about."""
+    """One pass; undone when it made things worse, which only minimum rates and rounding can bring about."""
     path, links = climb.path.copy(), copy_of(climb.links)
     unmet, utility, sum_rate, climb.settled = climb_on(arena, path, links, STEPS, TOLERANCE)
     if (-unmet, utility) >= climb.rank:

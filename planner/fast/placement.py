@@ -64,7 +64,10 @@ class Grounds(NamedTuple):
 
 
 def effort_of(arena: Arena, number: int = 0, *, warm: bool = False) -> Effort:
-    """How far round `number` looks: by size and utility, twice as far as the last up to a limit, less in a replan."""
+    """Return how far round `number` looks.
+
+    By size and utility, twice as far as the last up to a limit, less in a replan.
+    """
     n_uavs = arena.gain.shape[1]
     more = 2 ** min(number, 4)
     tries = min(200 * n_uavs, 5000) if n_uavs > FEW else 60 * n_uavs
@@ -112,7 +115,7 @@ def _settled(
     effort: Effort,
     halted: Callable[[], bool],
 ) -> tuple[float, Array]:
-    """What `place` (2, U) becomes, and what that is worth."""
+    """Return what `place` (2, U) becomes, and what that is worth."""
     value = look(arena, shots, place)
     draws, heat = rng.random((effort.tries, 6)), effort.heat * abs(value)
     for begin in range(0, effort.tries, TRIES_AT_ONCE):
@@ -139,7 +142,7 @@ def grounds_of(arena: Arena) -> Grounds:
 
 
 def sites_m(arena: Arena) -> Array:
-    """Where a UAV hovers for each user, (2, K): over it, or as near as area and no-fly zones let it come."""
+    """Return where a UAV hovers for each user, (2, K): over it, or as near as area and no-fly zones let it come."""
     points = np.clip(arena.user_m, arena.low[:, None], arena.high[:, None])
     for east, north, radius in arena.discs:
         away = points - np.array([[east], [north]])
@@ -173,7 +176,7 @@ def sketched(arena: Arena, grounds: Grounds, rng: np.random.Generator, price: fl
 
 
 def _earned(arena: Arena, grounds: Grounds, chosen: Ints) -> Array:
-    """What each UAV would earn over each of the users `chosen` (U,), the others hovering as chosen: (U, U) kbit/s."""
+    """Return what each UAV would earn over each user of `chosen` (U,), the others hovering there: (U, U) kbit/s."""
     site, user = grounds.site_m[:, chosen], arena.user_m[:, chosen]
     gain = grounds.gain if grounds.gain.shape[1] == 1 else grounds.gain[:, chosen]
     apart2 = ((site[:, :, None] - user[:, None]) ** 2).sum(axis=0)

@@ -52,7 +52,7 @@ def _mean_signals(
 def _faded_signals(
     path: Array, fading: Array, height2: Array, east: float, north: float, n: int, k: int, near: Array, signal: Array
 ) -> None:
-    """The same with the sampled gains of user k."""
+    """Return the same with the sampled gains of user k."""
     for i in range(near.shape[0]):
         de, dn = path[n, 0, i] - east, path[n, 1, i] - north
         near[i] = 1.0 / (de * de + dn * dn + height2[i])
@@ -145,7 +145,7 @@ def _pull(
 
 @kernel
 def value(arena: Arena, links: Links, rate: Array, moving: Flag, weight: Array) -> float:
-    """The utility in kbit/s, and d utility / d rate of each link into `weight` (N, W).
+    """Return the utility in kbit/s, and d utility / d rate of each link into `weight` (N, W).
 
     With `moving`, `sum` and `pooled` leave out what no path can change, the past and slot 0: a monotone function of
     the same, which keeps its precision where they would drown it.
@@ -208,10 +208,10 @@ def _user_value(arena: Arena, links: Links, rate: Array, moving: Flag, weight: A
 
 @kernel
 def user_sums(arena: Arena, links: Links, rate: Array, moving: Flag, low: Array, z: Array, count: Array) -> int:
-    """The least rate of each user, sum exp(mu (rate - least)) and of how many slots, into `low`, `z`, `count`: (K,).
+    """Write each user's lowest rate, sum exp(mu (rate - least)) and number of slots into `low`, `z`, `count`: (K,).
 
-    How many slots count in all. `pooled` has the same for all users: all rates of all users together. With `moving`,
-    the past and slot 0 are left out.
+    Returns how many slots count in all. `pooled` has the same for all users: all rates of all users together. With
+    `moving`, the past and slot 0 are left out.
     """
     n_slots, n_users, mu = rate.shape[0], arena.user_m.shape[1], arena.mu
     first = max(1, arena.counted) if moving else arena.counted
@@ -240,7 +240,10 @@ def user_sums(arena: Arena, links: Links, rate: Array, moving: Flag, low: Array,
 
 @kernel
 def _least_rates(arena: Arena, links: Links, rate: Array, first: int, n_past: int, low: Array) -> Ints:
-    """The least counted rate of each user into `low` (K,), for `pooled` of all; in how many slots it has no link."""
+    """Write the least counted rate of each user into `low` (K,), for `pooled` of all.
+
+    Returns in how many slots each has no link.
+    """
     n_slots, n_users = rate.shape[0], low.shape[0]
     unserved = np.empty(n_users, dtype=np.int64)
     for k in range(n_users):

@@ -22,7 +22,7 @@ MOST_CORNERS = 400
 
 
 def with_routes(problem: Problem, arena: Arena) -> Arena:
-    """The arena with the turning points around the zones of `problem`, and how far they are from the ends."""
+    """Return the arena with the turning points around the zones of `problem`, and how far they are from the ends."""
     turns = _turns(problem)
     if turns.shape[1] == 0:
         return arena
@@ -54,7 +54,7 @@ def _turns(problem: Problem) -> Array:
 
 
 def _widened(outline: Array) -> Array:
-    """The corners of a polygon (V, 2), each moved out along the bisector of its edges."""
+    """Return the corners of a polygon (V, 2), each moved out along the bisector of its edges."""
     edges = np.roll(outline, -1, axis=0) - outline
     unit = edges / np.linalg.norm(edges, axis=1, keepdims=True)
     following = np.roll(outline, -1, axis=0)
@@ -77,14 +77,17 @@ def _look(arena: Arena, sees: Ints) -> None:
 
 @kernel
 def free(arena: Arena, x0: float, y0: float, x1: float, y1: float) -> bool:
-    """Whether the straight leg enters no zone."""
+    """Return whether the straight leg enters no zone."""
     _, _, entered = push_from_zones(arena, x0, y0, x1, y1)
     return not entered
 
 
 @entry
 def slots_to(arena: Arena, sees: Ints, u: int, end_m: Array, left: Ints) -> None:
-    """How many slots UAV u needs from each turning point to `end_m` (2,), into `left` (C,): Dijkstra's algorithm."""
+    """Write how many slots UAV u needs from each turning point to `end_m` (2,) into `left` (C,).
+
+    By Dijkstra's algorithm.
+    """
     turns, count = arena.turns, left.shape[0]
     done = np.zeros(count, dtype=np.int64)
     for c in range(count):

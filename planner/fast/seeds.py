@@ -20,7 +20,7 @@ SPREAD_OF_HEIGHT = 2.5
 
 
 def flown(arena: Arena, wish: Array, *, chase: bool) -> Array | None:
-    """The flyable path (N, 2, U) that follows `wish`, or None when an end position would be missed."""
+    """Return the flyable path (N, 2, U) that follows `wish`, or None when an end position would be missed."""
     path = np.empty((arena.gain.shape[0], 2, arena.gain.shape[1]))
     return path if fly(arena, wish, chase, path) else None
 
@@ -49,7 +49,10 @@ def hovering(arena: Arena) -> Array | None:
 
 
 def bound_for(arena: Arena, place_m: Array) -> Array | None:
-    """The paths (N, 2, U) straight to `place_m` (2, U), around zones, hovering there, and on to the ends in time."""
+    """Return the paths (N, 2, U) straight to `place_m` (2, U), around zones.
+
+    UAVs hover there, and go on to their ends in time.
+    """
     wish = np.repeat(arena.start_m[None], arena.gain.shape[0], axis=0)
     for u, target in enumerate(place_m.T):
         lead(arena, u, plain(target), 0, wish)
@@ -57,20 +60,22 @@ def bound_for(arena: Arena, place_m: Array) -> Array | None:
 
 
 def bound(arena: Arena, path: Array) -> Array:
-    """Where UAVs on `path` (N, 2, U) are bound for: (2, U), where each is late in its flight or, if it must go on to
-    an end, half-way."""
+    """Return where UAVs on `path` (N, 2, U) are bound for: (2, U).
+
+    That is where each is late in its flight or, if it must go on to an end, half-way.
+    """
     share = np.where(np.isnan(arena.end_m[0]), 0.9, 0.5)
     slots = (share * np.minimum(arena.last, path.shape[0] - 1)).astype(int)
     return plain(path[slots, :, np.arange(path.shape[2])].T)
 
 
 def scattered(arena: Arena, rng: np.random.Generator) -> Array | None:
-    """The paths (N, 2, U) to places over users drawn at random, near ones likelier; None if they cannot be flown."""
+    """Return paths (N, 2, U) to places over users drawn at random, near ones likelier; None if not flyable."""
     return bound_for(arena, _scattered(arena, rng))
 
 
 def varied(arena: Arena, rng: np.random.Generator, best: Array) -> Array | None:
-    """The best paths (N, 2, U) with one or two UAVs sent elsewhere; None if they cannot be flown."""
+    """Return the best paths (N, 2, U) with one or two UAVs sent elsewhere; None if they cannot be flown."""
     return flown(arena, _varied(arena, rng, best), chase=True)
 
 
@@ -85,7 +90,7 @@ def _scattered(arena: Arena, rng: np.random.Generator) -> Array:
 
 
 def _varied(arena: Arena, rng: np.random.Generator, best: Array) -> Array:
-    """The best paths (N, 2, U), with one or two UAVs sent to another user near by, at once or later on."""
+    """Return the best paths (N, 2, U), with one or two UAVs sent to another user near by, at once or later on."""
     n_slots, _, n_uavs = best.shape
     wish = best.copy()
     for u in rng.choice(n_uavs, size=min(n_uavs, int(rng.integers(1, 3))), replace=False):

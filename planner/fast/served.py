@@ -11,7 +11,7 @@ from skyfolio.planner.solution import Solution
 
 
 def served_rates_bps(problem: Problem, solution: Solution) -> Array:
-    """What each user gets in each slot, eqs. (1)-(4): (K, N) bit/s."""
+    """Return what each user gets in each slot, eqs. (1)-(4): (K, N) bit/s."""
     return _served(
         plain(problem.snr_gain[:, :1] if is_mean(problem) else problem.snr_gain),
         plain(problem.user_m),

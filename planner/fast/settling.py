@@ -63,7 +63,7 @@ def settle(arena: Arena, shots: Snapshots, sites_m: Array, draws: Array, value: 
 
 @kernel
 def _new_place(arena: Arena, shots: Snapshots, sites_m: Array, u: int, draw: Array) -> tuple[float, float]:
-    """Where UAV u might hover instead, inside the area."""
+    """Return where UAV u might hover instead, inside the area."""
     x, y = shots.place[0, u], shots.place[1, u]
     if draw[0] < ALITTLE:
         length, angle = 2.0 * draw[1] * draw[2] * np.sqrt(arena.height2[u]), 2.0 * np.pi * draw[3]
@@ -86,7 +86,7 @@ def _new_place(arena: Arena, shots: Snapshots, sites_m: Array, u: int, draw: Arr
 
 @kernel
 def _allowed(arena: Arena, shots: Snapshots, u: int, other: int, x: float, y: float) -> bool:
-    """Whether u may hover at (x, y): out of zones, within reach, and apart from everybody but `other`."""
+    """Return whether u may hover at (x, y): out of zones, within reach, and apart from everybody but `other`."""
     for d in range(arena.discs.shape[0]):
         if (x - arena.discs[d, 0]) ** 2 + (y - arena.discs[d, 1]) ** 2 < arena.discs[d, 2] ** 2:
             return False
@@ -103,7 +103,7 @@ def _allowed(arena: Arena, shots: Snapshots, u: int, other: int, x: float, y: fl
 
 @kernel
 def _within_reach(arena: Arena, u: int, x: float, y: float) -> bool:
-    """Whether u can be at (x, y), flying straight, and still be at its end in time."""
+    """Return whether u can be at (x, y), flying straight, and still be at its end in time."""
     if not arena.has_ends or np.isnan(arena.end_m[0, u]):
         return True
     there = np.hypot(x - arena.start_m[0, u], y - arena.start_m[1, u])

@@ -1,4 +1,4 @@
-"""Association and bandwidth where several users share a UAV: `per_user`, `pooled`, and least rates under `sum`.
+"""Association and bandwidth where several users share a UAV: `per_user`, `pooled`, and minimum rates under `sum`.
 
 (1/mu) log(.) is convex for mu < 0, so its tangent is a minorant, exact at the last iterate: maximising the minorant
 means minimising sum_k w_k exp(mu R_k[n]) with w_k = 1 / sum_n exp(mu R_k[n]), slot by slot, and never lowers the
@@ -45,7 +45,7 @@ def share_all(arena: Arena, path: Array, links: Links, thorough: bool) -> None:
 
 @kernel
 def tangent_weights(arena: Arena, links: Links, rate: Array, log_weight: Array) -> None:
-    """log w of the minorant that is exact at `rate` (N, W), into `log_weight` (K,), the greatest shifted to 0."""
+    """Log w of the minorant that is exact at `rate` (N, W), into `log_weight` (K,), the greatest shifted to 0."""
     z, count, top = np.empty(log_weight.shape[0]), np.empty(log_weight.shape[0]), -np.inf
     user_sums(arena, links, rate, np.bool_(False), log_weight, z, count)
     for k in range(z.shape[0]):

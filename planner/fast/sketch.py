@@ -1,7 +1,7 @@
 """Which users to hover over, quickly: UAVs change users while the sum of spectral efficiencies grows.
 
 Everybody's interference is kept in sums, so that a move costs U steps, and most moves none: what a user could give at
-most, with nobody disturbed by it, is known from one sum. What flying there costs is taken off.
+most, with no other UAV disturbed by it, is known from one sum. What flying there costs is taken off.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def _own(sites_m: Array, user_m: Array, gain: Array, height2: Array, u: int, k: 
 
 @smooth
 def _hear(sites_m: Array, user_m: Array, gain: Array, height2: Array, u: int, over: int, row: Array) -> None:
-    """The SNR of UAV u over user `over` at every user, into `row` (K,)."""
+    """Return the SNR of UAV u over user `over` at every user, into `row` (K,)."""
     x, y, h2, shared = sites_m[0, over], sites_m[1, over], height2[u], gain.shape[1] == 1
     for k in range(row.shape[0]):
         de, dn = x - user_m[0, k], y - user_m[1, k]
@@ -87,7 +87,7 @@ def _best_user(
     own: Array,
     others: Array,
 ) -> tuple[int, float]:
-    """The user that UAV u should hover over, everybody else staying, and by how much that is better than now."""
+    """Return the user that UAV u should hover over, everybody else staying, and by how much that is better than now."""
     top, n_uavs, alone = 0.0, chosen.shape[0], np.empty(chosen.shape[0])
     for v in range(n_uavs):
         if v != u:

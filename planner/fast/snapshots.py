@@ -2,7 +2,7 @@
 
 Which points are good is asked thousands of times, so it is answered without paths: everyone flies straight to its
 point, hovers, and flies to its end in time; a handful of moments stand for the slots around them. In each moment a user
-belongs to the UAV that it hears best, and bands are shared in closed form. Moving one UAV changes one row of the
+belongs to the UAV with the strongest signal, and bands are shared in closed form. Moving one UAV changes one row of the
 signals, so that asking again takes K steps a moment and not U K.
 """
 
@@ -20,7 +20,7 @@ from skyfolio.planner.fast.rates import PER_LN
 STRETCHES = (0.35, 0.8, 1.5, 3.0, 6.0)
 """Where the stretches that a moment stands for end, in flights to a neighbour; the last one ends with the plan."""
 UNMET = 1e3
-"""kbit/s that it costs to lack a whole band for the least rates: far more than any other move can gain."""
+"""kbit/s that it costs to lack a whole band for the minimum rates: far more than any other move can gain."""
 TINY = 1e-300
 TANGENTS = 3
 """Minorants in a row when `per_user` is looked at anew."""
@@ -30,7 +30,7 @@ class Snapshots(NamedTuple):
     """The fleet at M moments, everyone bound for `place` (2, U). Bands are kHz and rates kbit/s, as in the arena.
 
     slot: (M,), the slots looked at; slots: (M,), how many each stands for. gain: (M, U, 1) m^2, or (M, U, K) of a
-    sampled channel. signal: (M, U, K) SNR; total: (M, K), 1 + their sum; serving: (M, K), who is heard best.
+    sampled channel. signal: (M, U, K) SNR; total: (M, K), 1 + their sum; serving: (M, K), the strongest UAV.
     fixed: (K,), sum exp(mu rate) of each user over what no place changes; z: (K,), the same over everything.
     log_weight: (K,), of the minorant by which bands are shared (`shares.py`). inverse, first: (K,), and width, top,
     level, left: (U,), scratch of one moment. kept_*: what a move of up to two UAVs overwrites, to take it back.
@@ -92,7 +92,10 @@ def snapshots_of(arena: Arena) -> Snapshots:
 
 
 def _edges(arena: Arena) -> Ints:
-    """Where the stretches begin, and the end of the last: fine where UAVs are on their way, coarse where they hover."""
+    """Return where the stretches begin, and the end of the last.
+
+    They are fine where UAVs are on their way, coarse where they hover.
+    """
     n_slots, n_uavs = arena.gain.shape
     if n_slots <= len(STRETCHES) + 2:
         return np.arange(1, n_slots + 1)
@@ -107,7 +110,7 @@ def _edges(arena: Arena) -> Ints:
 
 
 def _gains(arena: Arena, edges: Ints, slot: Ints) -> Array:
-    """What each moment's signals are computed from; sampled gains are averaged over the stretch."""
+    """Return what each moment's signals are computed from; sampled gains are averaged over the stretch."""
     if arena.fading.shape[0] == 0:
         return np.ascontiguousarray(arena.gain[slot][:, :, None])
     means = [arena.fading[begin:end].mean(axis=0) for begin, end in pairwise(edges)]
@@ -145,7 +148,7 @@ def aim(arena: Arena, shots: Snapshots, u: int, x: float, y: float) -> None:
 def _hear_anew(
     user_m: Array, gain: Array, x: float, y: float, height2: float, row: Array, total: Array, before: Array
 ) -> None:
-    """The SNR of one UAV at (x, y) into `row` (K,), what it was into `before`, and the difference into `total`."""
+    """Write the SNR of a UAV at (x, y) into `row` (K,), the old one into `before`, and add the difference to `total`."""
     east, north, shared = user_m[0], user_m[1], gain.shape[0] == 1
     for k in range(row.shape[0]):
         de, dn = x - east[k], y - north[k]
@@ -157,7 +160,7 @@ def _hear_anew(
 
 @kernel
 def _follow(signal: Array, serving: Ints, before: Array, u: int) -> None:
-    """Who is heard best in `serving` (K,), after row u of `signal` (U, K) changed from `before` (K,)."""
+    """Write each user's strongest UAV into `serving` (K,), after row u of `signal` (U, K) changed from `before` (K,)."""
     for k in range(serving.shape[0]):
         v = serving[k]
         if v != u:
@@ -173,7 +176,7 @@ def _follow(signal: Array, serving: Ints, before: Array, u: int) -> None:
 
 @kernel
 def position(arena: Arena, u: int, x: float, y: float, n: int) -> tuple[float, float]:
-    """Where UAV u is in slot n on its straight flight to (x, y), and from there to its end in time."""
+    """Return where UAV u is in slot n on its straight flight to (x, y), and from there to its end in time."""
     x0, y0, step, last = arena.start_m[0, u], arena.start_m[1, u], arena.step_m[u], arena.last[u]
     flown, way = min(n, last) * step, np.hypot(x - x0, y - y0)
     if arena.has_ends and not np.isnan(arena.end_m[0, u]):
@@ -188,7 +191,7 @@ def position(arena: Arena, u: int, x: float, y: float, n: int) -> tuple[float, f
 
 @kernel
 def worth(arena: Arena, shots: Snapshots) -> float:
-    """The utility over the moments, kbit/s, less a penalty for least rates: comparable between places only."""
+    """Return the utility over the moments, kbit/s, less a penalty for minimum rates: comparable between places only."""
     if arena.kind == SUM:
         return _sum_worth(arena, shots)
     shots.z[:] = shots.fixed
@@ -208,7 +211,7 @@ def worth(arena: Arena, shots: Snapshots) -> float:
 
 @kernel
 def _sum_worth(arena: Arena, shots: Snapshots) -> float:
-    """The soft mean of the sum rates of the moments."""
+    """Return the soft mean of the sum rates of the moments."""
     least, total, n_all, count = np.inf, 0.0, 0.0, shots.slot.shape[0]
     rates = np.empty(count)
     for m in range(count):
@@ -222,7 +225,7 @@ def _sum_worth(arena: Arena, shots: Snapshots) -> float:
 
 @kernel
 def _sum_rate(arena: Arena, shots: Snapshots, m: int) -> float:
-    """Each band to the best of the users that hear its UAV best, after the least rates."""
+    """Give each band to the best of the users that its UAV serves, after the minimum rates."""
     signal, total, serving = shots.signal[m], shots.total[m], shots.serving[m]
     best, left, rate = shots.level, shots.left, 0.0
     for u in range(best.shape[0]):
@@ -247,7 +250,7 @@ def _sum_rate(arena: Arena, shots: Snapshots, m: int) -> float:
 def _share_moment(arena: Arena, shots: Snapshots, m: int) -> float:
     """Share the bands of one moment for the minorant with `log_weight`, and add exp(mu rate) of each user to `z`.
 
-    What comes back is the penalty for least rates that do not fit.
+    What comes back is the penalty for minimum rates that do not fit.
     """
     short = _demands(arena, shots, m)
     serving, slots = shots.serving[m], shots.slots[m]
@@ -262,7 +265,7 @@ def _share_moment(arena: Arena, shots: Snapshots, m: int) -> float:
 
 @kernel
 def _demands(arena: Arena, shots: Snapshots, m: int) -> float:
-    """What the next kHz is worth to each user, and what each band has left after the least rates; the penalty."""
+    """Write what the next kHz is worth to each user and what each band has left; return the penalty."""
     signal, total, serving, left = shots.signal[m], shots.total[m], shots.serving[m], shots.left
     first, inverse, log_weight, decay_per_rate = shots.first, shots.inverse, shots.log_weight, -arena.mu
     for u in range(left.shape[0]):
@@ -287,7 +290,7 @@ def _demands(arena: Arena, shots: Snapshots, m: int) -> float:
 
 @kernel
 def _levels(inverse: Array, first: Array, serving: Ints, left: Array, width: Array, top: Array, level: Array) -> None:
-    """log lambda of each UAV into `level` (U,): water-filling, users that would get less than nothing dropping out."""
+    """Log lambda of each UAV into `level` (U,): water-filling, users that would get less than nothing dropping out."""
     active = -1
     for u in range(level.shape[0]):
         level[u] = -np.inf

@@ -59,7 +59,7 @@ def push_from_zones(arena: Arena, x0: float, y0: float, x1: float, y1: float) ->
 
 @kernel
 def entered_edge(corners: Array, x0: float, y0: float, x1: float, y1: float) -> int:
-    """The edge through which the leg enters the inside of the polygon `corners` (V, 2), or -1."""
+    """Return the edge through which the leg enters the inside of the polygon `corners` (V, 2), or -1."""
     if _beside(corners, x0, y0, x1, y1):
         return -1
     n = corners.shape[0]
@@ -74,7 +74,7 @@ def entered_edge(corners: Array, x0: float, y0: float, x1: float, y1: float) -> 
 
 @kernel
 def _beside(corners: Array, x0: float, y0: float, x1: float, y1: float) -> bool:
-    """Whether the leg lies wholly to one side of the polygon's bounding box."""
+    """Return whether the leg lies wholly to one side of the polygon's bounding box."""
     west = south = np.inf
     east = north = -np.inf
     for e in range(corners.shape[0]):
@@ -85,7 +85,10 @@ def _beside(corners: Array, x0: float, y0: float, x1: float, y1: float) -> bool:
 
 @kernel
 def _crossings(corners: Array, x0: float, y0: float, x1: float, y1: float, at: Array, edges: Ints) -> int:
-    """Where on the leg, 0 to 1 in order, it begins, meets an edge or a corner, and ends; how many places that are."""
+    """Write where on the leg, 0 to 1 in order, it begins, meets an edge or a corner, and ends.
+
+    Returns how many places that are.
+    """
     n, count = corners.shape[0], 0
     count = _insert(at, edges, count, 0.0, _nearest_edge(corners, x0, y0))
     count = _insert(at, edges, count, 1.0, 0)
@@ -126,7 +129,7 @@ def _edge(corners: Array, e: int) -> tuple[float, float, float, float]:
 
 @kernel
 def holds(corners: Array, x: float, y: float) -> bool:
-    """Whether (x, y) lies inside the polygon and not merely on its edge."""
+    """Return whether (x, y) lies inside the polygon and not merely on its edge."""
     inside = False
     for e in range(corners.shape[0]):
         ax, ay, bx, by = _edge(corners, e)

@@ -1,6 +1,7 @@
-"""The best utility anybody has found for each instance of the quality benchmark: improved when beaten, never lowered.
+"""The best known utility of each instance of the quality benchmark: improved when beaten, never lowered.
 
-`python -m api.bench.best_known [--seconds S] [--only TEXT]` searches on, instance by instance, and writes the file.
+`python -m skyfolio.api.lab.bench.best_known [--seconds S] [--only TEXT]` searches on, instance by instance, and
+writes the file.
 """
 
 from __future__ import annotations
@@ -58,7 +59,7 @@ class Instance:
 
 
 def instances(size: tuple[int, int, int]) -> list[Instance]:
-    """All instances of one size: every utility on every layout, and steadier ones on the first two."""
+    """Return all instances of one size: every utility on every layout, and steadier ones on the first two."""
     return [
         Instance(size, layout, seed, kind, mu)
         for index, (layout, seed) in enumerate(LAYOUTS)

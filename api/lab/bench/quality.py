@@ -31,7 +31,7 @@ MANY_STARTS = 12
 
 
 def quality(size: tuple[int, int, int], kind: str, *, quick: bool) -> Row:
-    """All instances of one size and utility, and the peers on the first of them."""
+    """Return all instances of one size and utility, and the peers on the first of them."""
     chosen = [one for one in instances(size) if one.kind == kind]
     if quick or size[0] >= LARGE:
         chosen = chosen[: 1 if quick else LAYOUTS_OF_LARGE]
