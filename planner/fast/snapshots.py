@@ -148,7 +148,7 @@ def aim(arena: Arena, shots: Snapshots, u: int, x: float, y: float) -> None:
 def _hear_anew(
     user_m: Array, gain: Array, x: float, y: float, height2: float, row: Array, total: Array, before: Array
 ) -> None:
-    """Write the SNR of a UAV at (x, y) into `row` (K,), the old one into `before`, and add the difference to `total`."""
+    """Write the SNR of a UAV at (x, y) into `row` (K,), the old into `before`, and add the difference to `total`."""
     east, north, shared = user_m[0], user_m[1], gain.shape[0] == 1
     for k in range(row.shape[0]):
         de, dn = x - east[k], y - north[k]
@@ -160,7 +160,7 @@ def _hear_anew(
 
 @kernel
 def _follow(signal: Array, serving: Ints, before: Array, u: int) -> None:
-    """Write each user's strongest UAV into `serving` (K,), after row u of `signal` (U, K) changed from `before` (K,)."""
+    """Write each user's strongest UAV into `serving` (K,) after row u of `signal` (U, K) changed from `before`."""
     for k in range(serving.shape[0]):
         v = serving[k]
         if v != u:
