@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.cluster.vq import kmeans2
 from scipy.optimize import differential_evolution, linear_sum_assignment
 
 from skyfolio.planner import MaxIterations
@@ -26,7 +25,7 @@ from skyfolio.planner.solution import Solution
 from skyfolio.planner.utility import utility_kbps
 
 IPOPT_STARTS = 50
-KMEANS_RUNS = 20
+KMEANS_RUNS, KMEANS_PASSES = 20, 30
 
 
 def value_kbps(problem: Problem, solution: Solution) -> float:
@@ -57,9 +56,19 @@ def k_means(problem: Problem, seconds: float) -> float:  # noqa: ARG001
 
 def _clusters(problem: Problem, seed: int) -> tuple[float, Array]:
     """(mean squared distance, centres (U, 2)) of one run."""
-    centres, label = kmeans2(problem.user_m, problem.n_uavs, minit="points", seed=seed)
-    centres = np.where(np.isfinite(centres), centres, problem.start_m)
-    return float(((problem.user_m - centres[label]) ** 2).sum(axis=1).mean()), centres
+    rng = np.random.default_rng(seed)
+    centres = rng.permutation(np.resize(problem.user_m, (max(problem.n_uavs, problem.n_users), 2)))[: problem.n_uavs]
+    for _ in range(KMEANS_PASSES):
+        label = _away2(problem, centres).argmin(axis=1)
+        for u in np.unique(label):  # an empty cluster keeps its centre
+            centres[u] = problem.user_m[label == u].mean(axis=0)
+    return float(_away2(problem, centres).min(axis=1).mean()), centres
+
+
+def _away2(problem: Problem, centres: Array) -> Array:
+    """Squared metres from each user to each centre: (K, U)."""
+    away2: Array = ((problem.user_m[:, None] - centres[None]) ** 2).sum(axis=2)
+    return away2
 
 
 def evolution(problem: Problem, seconds: float) -> float:
