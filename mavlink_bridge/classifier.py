@@ -62,7 +62,7 @@ class Classifier:
         """Take in that nothing could be received for the last `for_s` seconds; see `HeartbeatMonitor.missed`."""
         self.links.missed(now_s, for_s)
         for known in self._known.values():
-            known.missed(now_s, for_s)
+            known.orders.missed(now_s, for_s)
 
     def silent_for_s(self, system_id: int, now_s: float) -> float:
         """Return the seconds since its autopilot was heard. Raises KeyError if the UAV is not watched."""
@@ -101,7 +101,7 @@ class Classifier:
         """
         if system_id in self._known:
             until_s = now_s + self.timing.expected_for_s if until_s is None else until_s
-            self._known[system_id].announce(modes, now_s, until_s)
+            self._known[system_id].orders.announce(modes, now_s, until_s)
 
     def alive(self, system_id: int, component_id: int, now_s: float) -> None:
         """Take in that a component has sent some message, whatever it says."""

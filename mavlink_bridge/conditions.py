@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from math import isfinite
@@ -123,6 +124,18 @@ class VehicleChange:
         """Return whether the new condition says nothing more than the changes of the link do."""
         change = self.condition
         return change is None or (bool(self.link) and change.before.is_of_link and change.after.is_of_link)
+
+
+def changes_by_vehicle(links: Iterable[LinkEvent], conditions: Iterable[Change]) -> list[VehicleChange]:
+    """Return one change for each vehicle that one look found changed, in the order in which they were found."""
+    steps: dict[int, list[LinkEvent]] = {}
+    for event in links:
+        steps.setdefault(event.system_id, []).append(event)
+    new = {change.system_id: change for change in conditions}
+    return [
+        VehicleChange(system_id=system_id, link=tuple(steps.get(system_id, ())), condition=new.get(system_id))
+        for system_id in dict.fromkeys((*steps, *new))
+    ]
 
 
 class Lasting:

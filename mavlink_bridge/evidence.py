@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from skyfolio.mavlink_bridge.announced_orders import AnnouncedOrders
 from skyfolio.mavlink_bridge.autopilots import FlightMode
 from skyfolio.mavlink_bridge.conditions import Lasting, Timing
 from skyfolio.mavlink_bridge.disarming import Disarmed, Fate
@@ -21,8 +22,6 @@ _HOME_MODES = frozenset({FlightMode.RETURN, FlightMode.LAND})
 _ARMED = 128
 _UNKNOWN = -1
 _UNKNOWN_TOTAL = 65535
-_COMPLETE = 5
-"""MISSION_STATE_COMPLETE of MISSION_CURRENT."""
 _ON_GROUND = 1
 """MAV_LANDED_STATE_ON_GROUND."""
 _REASONS_S = 10.0
@@ -57,8 +56,7 @@ class Evidence:
         self.battery = Lasting(timing.battery_after_s, timing.battery_after_s)
         self._timing = timing
         self._speaker = Speaker()
-        self._announced: dict[FlightMode, float] = {}
-        self._order: tuple[FlightMode, float] | None = None
+        self.orders = AnnouncedOrders()
         self._is_announced = False
         self._changed_s = float("-inf")
         """The time of the latest change of mode."""
@@ -85,29 +83,12 @@ class Evidence:
 
     # -- who flies it -------------------------------------------------------------------------------------------
 
-    def announce(self, modes: frozenset[FlightMode], now_s: float, until_s: float) -> None:
-        """Take in that the service commands one of these modes, and that it may be entered until then."""
-        for mode in modes:
-            self._announced.pop(mode, None)
-            self._announced[mode] = until_s
-            self._order = (mode, now_s)
-
-    def missed(self, now_s: float, for_s: float) -> None:
-        """We did not listen for so long until now: what it did meanwhile is heard that much later."""
-        for mode, until_s in self._announced.items():
-            if until_s > now_s - for_s:
-                self._announced[mode] = until_s + for_s
-
     def judge_mode(self, now_s: float) -> None:
         """Take in a change of mode: whether the service announced it, and whether it stops a flight of the service."""
         if self.mode is self.judged_mode:
             return
         before, self.judged_mode, self._changed_s = self.judged_mode, self.mode, now_s
-        self._is_announced = now_s < self._announced.get(self.mode, float("-inf"))
-        if self._is_announced:
-            orders = list(self._announced)
-            for overtaken in orders[: orders.index(self.mode)]:
-                del self._announced[overtaken]
+        self._is_announced = self.orders.entered(self.mode, now_s)
         self._may_end_mission = self.mode in _HOME_MODES and before in (FlightMode.MISSION, FlightMode.OTHER)
         profile = self._speaker.profile
         self._was_stopped = profile is not None and self.mode is profile.hold_mode and before in _FLIES
@@ -131,9 +112,10 @@ class Evidence:
         return self._may_end_mission and self._is_finished and not self._was_critical
 
     def may_have_ended(self, now_s: float) -> bool:
-        """Return whether it returns or lands and has not sent MISSION_CURRENT, which comes at 1 Hz, since."""
-        untold = self._mission is not None and self._mission_s < self._changed_s
-        return self._may_end_mission and untold and now_s - self._changed_s < _TOLD_S
+        """Return whether it may have come to its mission's end, and MISSION_CURRENT (1 Hz) has not said so yet."""
+        if self._mission is None or not self._may_end_mission or self._mission_s >= self._changed_s:
+            return False
+        return self._mission.is_about_to_finish(self._items) and now_s - self._changed_s < _TOLD_S
 
     @property
     def _is_held(self) -> bool:
@@ -143,11 +125,11 @@ class Evidence:
 
     @property
     def _is_finished(self) -> bool:
-        """Return whether its mission has come to its last item."""
-        if self._mission is None:
-            return False
-        items = self._speaker.items_on_board(self._mission.total)
-        return self._mission.state == _COMPLETE or (items is not None and self._mission.seq >= items - 1)
+        return self._mission is not None and self._mission.is_finished(self._items)
+
+    @property
+    def _items(self) -> int | None:
+        return None if self._mission is None else self._speaker.items_on_board(self._mission.total)
 
     @property
     def is_critical(self) -> bool:
@@ -194,10 +176,7 @@ class Evidence:
         """Return in words how it is seen to be flown."""
         if not self.is_held:
             return f"in mode '{self.mode}', which was not commanded"
-        order = "it sent no order"
-        if self._order is not None:
-            order = f"its last order was '{self._order[0]}' {now_s - self._order[1]:.1f} s ago"
-        return f"in mode '{self.mode}', held by somebody else, not by this service: {order}"
+        return f"in mode '{self.mode}', held by somebody else, not by this service: {self.orders.latest(now_s)}"
 
     @property
     def failing(self) -> str:

@@ -19,10 +19,10 @@ from mavsdk import ComponentType, Configuration, ForwardingOption, Mavsdk
 from skyfolio.mavlink_bridge.autopilots import Autopilot, FlightMode
 from skyfolio.mavlink_bridge.broadcast import Broadcast
 from skyfolio.mavlink_bridge.classifier import Classifier
-from skyfolio.mavlink_bridge.conditions import Timing, VehicleChange
+from skyfolio.mavlink_bridge.conditions import Timing, VehicleChange, changes_by_vehicle
 from skyfolio.mavlink_bridge.errors import ConnectionFailed, LinkClosed, VehiclesMissing
 from skyfolio.mavlink_bridge.framing import Frame, is_foreign_heartbeat
-from skyfolio.mavlink_bridge.heartbeat import AUTOPILOT, HeartbeatMonitor, LinkEvent, LinkState
+from skyfolio.mavlink_bridge.heartbeat import AUTOPILOT, HeartbeatMonitor, LinkState
 from skyfolio.mavlink_bridge.hub import Hub, LinkOptions
 from skyfolio.mavlink_bridge.mavsdk_log import to_python_logging
 from skyfolio.mavlink_bridge.mission_messages import GROUND
@@ -292,12 +292,6 @@ class ListeningLink:
 
     def _look(self) -> None:
         """Send everybody who listens what has changed, once for each vehicle."""
-        conditions = {change.system_id: change for change in self.classifier.poll(self._clock.now())}
-        links: dict[int, list[LinkEvent]] = {}
-        for event in self.classifier.link_events:
-            links.setdefault(event.system_id, []).append(event)
-        for system_id in dict.fromkeys((*links, *conditions)):
-            change = VehicleChange(
-                system_id=system_id, link=tuple(links.get(system_id, ())), condition=conditions.get(system_id)
-            )
+        conditions = self.classifier.poll(self._clock.now())
+        for change in changes_by_vehicle(self.classifier.link_events, conditions):
             self._changes.send(change)

@@ -6,6 +6,9 @@ from typing import NamedTuple
 
 from skyfolio.mavlink_bridge.autopilots import FlightMode
 
+_COMPLETE = 5
+"""MISSION_STATE_COMPLETE of MISSION_CURRENT."""
+
 
 class MissionReport(NamedTuple):
     """A MISSION_CURRENT (42): the current item, the number of items, MISSION_STATE, and the mission's checksum."""
@@ -14,6 +17,14 @@ class MissionReport(NamedTuple):
     total: int
     state: int
     identity: int
+
+    def is_finished(self, items: int | None) -> bool:
+        """Return whether the vehicle has come to its last item, of `items` on board (None: not known)."""
+        return self.state == _COMPLETE or (items is not None and self.seq >= items - 1)
+
+    def is_about_to_finish(self, items: int | None) -> bool:
+        """Return whether the next item is the last one; so is every item where their number is not known."""
+        return items is None or self.seq >= items - 2
 
     @property
     def mission(self) -> tuple[int, int]:

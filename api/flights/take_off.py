@@ -16,7 +16,14 @@ from skyfolio.api.common.fleet_clock import FleetClock
 from skyfolio.api.fleet.registry import HEARD_WITHIN_S, Fleet
 from skyfolio.api.flights.guidance import FlightGuidance
 from skyfolio.api.flights.losses import Loss, seen, silent
-from skyfolio.mavlink_bridge import BridgeError, LinkState, VehiclesMissing, geodetic_to_east_north
+from skyfolio.mavlink_bridge import (
+    BridgeError,
+    LinkState,
+    Mission,
+    UnknownAutopilot,
+    VehiclesMissing,
+    geodetic_to_east_north,
+)
 from skyfolio.mavlink_bridge.fence import fence_items, rally_items
 from skyfolio.mavlink_bridge.mission_messages import MissionType
 from skyfolio.mavlink_bridge.readiness import ARMABLE_WITHIN_S
@@ -139,10 +146,7 @@ class TakeOff:
             await link.wait_for(set(self._systems.values()), timeout_s=HEARD_WITHIN_S)
         await link.prepare(self._systems.values())
         await link.wait_for_facts(self._systems.values(), self._waits)
-        missions = {}
-        for uav in self._systems:
-            missions[uav] = self._guidance.compile(self._plan, uav)
-            await asyncio.sleep(0)  # a large fleet's take a while: let others take turns
+        missions = await self._compiled()
         self._audit()
         await self._guidance.record_sending(missions)
         await self._fence()
@@ -158,6 +162,20 @@ class TakeOff:
                 f"upload failed for {in_words(failed)}; verified on board of {', '.join(verified) or 'none'}"
             )
         return max((result.seconds for result in results.values()), default=0.0)
+
+    async def _compiled(self) -> dict[str, Mission]:
+        """Return the mission of each UAV. Raises FlightError with each that none can be compiled for."""
+        missions: dict[str, Mission] = {}
+        failed: dict[str, str | None] = {}
+        for uav in self._systems:
+            try:
+                missions[uav] = self._guidance.compile(self._plan, uav)
+            except UnknownAutopilot as error:
+                failed[uav] = str(error)
+            await asyncio.sleep(0)  # a large fleet's take a while: let others take turns
+        if failed:
+            raise FlightError(f"upload failed for {in_words(failed)}; nothing was sent")
+        return missions
 
     def _waits(self, system: int, missing: tuple[str, ...]) -> None:
         """Report that an autopilot that has just booted is being waited for."""

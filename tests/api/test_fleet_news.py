@@ -1,4 +1,4 @@
-"""What the link says of vehicles, in no time at all: whom it asks for telemetry."""
+"""Which vehicles are asked for telemetry, and when anew."""
 
 import asyncio
 from collections.abc import AsyncIterator, Iterable
@@ -10,6 +10,7 @@ from skyfolio.api.common.supervision import Supervisor
 from skyfolio.api.fleet.vehicle_news import FleetNews
 from skyfolio.api.store.event_log import EventLog
 from skyfolio.mavlink_bridge import FleetLink, LinkEvent, LinkState
+from skyfolio.mavlink_bridge.conditions import VehicleChange
 
 
 class Link:
@@ -20,10 +21,10 @@ class Link:
         self.tell: Any = None
         self.asked: list[int] = []
         self.here = True
-        self.said: asyncio.Queue[LinkEvent] = asyncio.Queue()
+        self.changed: asyncio.Queue[VehicleChange] = asyncio.Queue()
 
     heard_systems = frozenset({1})
-    """Whoever was ever heard."""
+    """Those that were ever heard."""
 
     def is_heard(self, system_id: int) -> bool:
         return self.here and system_id == 1
@@ -31,25 +32,22 @@ class Link:
     async def ask_for_streams(self, system_ids: Iterable[int]) -> None:
         self.asked += system_ids
 
-    async def events(self) -> AsyncIterator[LinkEvent]:
+    async def changes(self) -> AsyncIterator[VehicleChange]:
         while True:
-            yield await self.said.get()
-
-    async def changes(self) -> AsyncIterator[Any]:
-        await asyncio.Event().wait()
-        yield None
+            yield await self.changed.get()
 
     def become(self, after: LinkState) -> None:
         self.here = after is not LinkState.LOST
-        self.said.put_nowait(LinkEvent(system_id=1, before=LinkState.STALE, after=after, silent_for_s=6.0, at_s=0.0))
+        step = LinkEvent(system_id=1, before=LinkState.STALE, after=after, silent_for_s=6.0, at_s=0.0)
+        self.changed.put_nowait(VehicleChange(system_id=1, link=(step,)))
 
 
 class Events:
     def add(self, _kind: str, **_data: Any) -> None:
-        """Nobody reads them."""
+        """Keep none of them."""
 
 
-async def test_who_was_lost_is_asked_for_its_telemetry_anew_when_it_is_heard_again(
+async def test_a_vehicle_that_was_lost_is_asked_for_its_telemetry_anew_when_it_is_heard_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("skyfolio.api.fleet.vehicle_news.ASK_EVERY_S", 0.01)
@@ -65,7 +63,7 @@ async def test_who_was_lost_is_asked_for_its_telemetry_anew_when_it_is_heard_aga
     assert await look() == [1]
     assert await look() == []
     link.become(LinkState.LOST)
-    assert await look() == []  # nobody is there to be asked
+    assert await look() == []  # no vehicle is there to be asked
     link.become(LinkState.STALE)
     assert await look() == [1]
     for task in tasks:

@@ -73,7 +73,14 @@ def test_numbers_that_are_none_are_refused(client: TestClient, minimal: dict[str
         ("uavs", {"uavs": [{"id": f"u{n}", "start_m": [n, 0]} for n in range(65)], "area_m": [[0, 0], [99, 99]]}),
         ("users", {"users": [{"id": f"k{n}", "position_m": [n, 0]} for n in range(1001)]}),
         ("slots", {"slots": 2001}),
-        ("slots", {"slots": 2000, "users": [{"id": f"k{n}", "position_m": [n, 0]} for n in range(1000)]}),
+        (
+            "slots",
+            {
+                "slots": 2000,
+                "uavs": [{"id": f"u{n}", "start_m": [n, 0]} for n in range(6)],
+                "users": [{"id": f"k{n}", "position_m": [n, 0]} for n in range(1000)],
+            },
+        ),
     ],
 )
 def test_scenarios_beyond_the_limits_are_refused_by_field(

@@ -62,7 +62,8 @@ def test_a_vehicle_that_never_answers_fails_the_upload_by_name(service: tuple[Te
         ended = follow(client, answer.headers["Location"], "failed", "completed")
         assert ended["state"] == "failed"
         assert "upload failed for 'uav-2'" in ended["error"]
-        assert "verified on board of uav-1" in ended["error"]
+        assert "its autopilot is not heard yet" in ended["error"]
+        assert "uav-1" not in ended["error"]
     finally:
         fleet.stop()
 
