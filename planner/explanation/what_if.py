@@ -32,14 +32,14 @@ class WhatIf:
 def lifted(scenario: Scenario, constraint: Lifted) -> Scenario:
     """Return the scenario without this constraint; the same one if it has none."""
     uavs, users = scenario.uavs, scenario.users
-    changes: dict[str, Any] = {
+    without: dict[Lifted, dict[str, Any]] = {
         "separation": {"min_separation_m": 0.0},
         "no_fly": {"no_fly": ()},
         "battery": {"uavs": tuple(uav.model_copy(update={"leaves_at_slot": None}) for uav in uavs)},
         "end": {"uavs": tuple(uav.model_copy(update={"end_m": None}) for uav in uavs)},
         "min_rate": {"users": tuple(user.model_copy(update={"min_rate_bps": 0.0}) for user in users)},
-    }[constraint]
-    return scenario.with_changes(**changes)
+    }
+    return scenario.with_changes(**without[constraint])
 
 
 def is_there(scenario: Scenario, constraint: Lifted) -> bool:
