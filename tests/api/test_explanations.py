@@ -1,7 +1,6 @@
 """Explanations of plans and previews of changes over REST."""
 
 import asyncio
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -176,7 +175,7 @@ def lane() -> FakeLane:
 
 
 @pytest.fixture
-def book(lane: FakeLane) -> Iterator[Explanations]:
+def book(lane: FakeLane) -> Explanations:
     return Explanations({LaneName.REQUESTS: lane}, Settings())  # type: ignore[arg-type]
 
 
