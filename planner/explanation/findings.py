@@ -8,6 +8,7 @@ from skyfolio.planner.scenario import Frozen
 
 Method = Literal["bound", "resolve", "derivative"]
 ReasonKind = Literal["band", "interference", "distance", "reach", "no_fly", "battery", "separation"]
+What = Literal["one_more_uav", "more_band", "moved_start"]
 Lifted = Literal["separation", "no_fly", "battery", "end", "min_rate"]
 """Constraints that can be lifted as a whole."""
 
@@ -51,7 +52,7 @@ class Worth(Frozen):
     `bound`: at most so much; `resolve`: a plan that has it was found; `derivative`: to first order.
     """
 
-    what: Literal["one_more_uav", "more_band", "moved_start"]
+    what: What
     uav_id: str
     detail: str
     method: Method

@@ -90,8 +90,8 @@ class Ledger:
         path = self.paths_m[u] if path_m is None else path_m
         user_m = self.problem.user_m if users is None else self.problem.user_m[users]
         gain = self.problem.snr_gain[u] if users is None else self.problem.snr_gain[u, users]
-        apart = path[None] - user_m[:, None]
-        snr: Array = gain / ((apart**2).sum(axis=-1) + self.problem.altitude_m[u] ** 2)
+        east, north = (path[:, axis] - user_m[:, axis, None] for axis in (0, 1))
+        snr: Array = gain / (east * east + north * north + self.problem.altitude_m[u] ** 2)
         return snr
 
     def utility_kbps(self, rates_kbps: Array) -> float:

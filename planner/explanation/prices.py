@@ -33,13 +33,13 @@ def slope_kbps(ledger: Ledger, u: int) -> Array:
     b log2((1 + T) / (1 + I)): s is part of T always, and of I unless this UAV serves the user.
     """
     problem = ledger.problem
-    apart = ledger.paths_m[u][None] - problem.user_m[:, None]  # (K, N, 2)
-    distance2 = (apart**2).sum(axis=-1) + problem.altitude_m[u] ** 2
+    east, north = (ledger.paths_m[u, :, axis] - problem.user_m[:, axis, None] for axis in (0, 1))  # (K, N)
+    distance2 = east * east + north * north + problem.altitude_m[u] ** 2
     snr = problem.snr_gain[u] / distance2
     interfering = np.where(ledger.serving == u, 0.0, 1.0 / (1.0 + ledger.total_snr - ledger.own_snr))
     by_snr = ledger.weights * ledger.bandwidth_hz / (1e3 * LN2) * (1.0 / (1.0 + ledger.total_snr) - interfering)
-    slope: Array = ((by_snr * -2.0 * snr / distance2)[:, :, None] * apart).sum(axis=0)
-    return slope
+    by_metre = by_snr * -2.0 * snr / distance2
+    return np.stack([(by_metre * east).sum(axis=0), (by_metre * north).sum(axis=0)], axis=1)
 
 
 def speed_price(ledger: Ledger, u: int) -> tuple[int, float | None]:

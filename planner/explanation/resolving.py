@@ -49,6 +49,11 @@ class Resolver:
         """Return whether anything is resolved at all."""
         return self.ledger.problem.snr_gain.size <= self.budget.most_cells and self.budget.most_resolves > 0
 
+    @property
+    def may_go_on(self) -> bool:
+        """Return whether the budget allows one more resolve."""
+        return self.small_enough and self.count < self.budget.most_resolves
+
     def nothing_changed(self) -> Plan:
         """Return the better of the plan and what the same search finds for its own scenario: gains count from there.
 
@@ -67,7 +72,7 @@ class Resolver:
 
         None when the budget is spent, time is up before it has converged, or no paths to the ends are found.
         """
-        if not self.small_enough or self.count >= self.budget.most_resolves:
+        if not self.may_go_on:
             return None
         if self.stop():
             self.interrupted = True
