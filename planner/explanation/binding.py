@@ -24,7 +24,11 @@ Touching = tuple[tuple[str, ...], int]
 
 
 def lifted_prices(ledger: Ledger, resolver: Resolver) -> dict[Lifted, tuple[Price, Plan | None]]:
-    """Return for each constraint of the scenario its price, and the plan without it where it was resolved."""
+    """Return for each constraint of the scenario its price, and the plan without it where it was resolved.
+
+    The plan itself is one without the constraint, so lifting it is worth 0 at least; except for departures: a UAV that
+    stays interferes too.
+    """
     rows: dict[Lifted, tuple[Price, Plan | None]] = {}
     for constraint in LIFTED:
         if not is_there(ledger.scenario, constraint):
@@ -33,6 +37,7 @@ def lifted_prices(ledger: Ledger, resolver: Resolver) -> dict[Lifted, tuple[Pric
         gain = None
         if made is not None:
             gain = made.summary.utility_bps - resolver.nothing_changed().summary.utility_bps
+            gain = gain if constraint == "battery" else max(0.0, gain)
         uav_ids, slots = touching(ledger, constraint)
         price = Price(
             constraint=constraint, uav_ids=uav_ids, slots=slots, per="lifted", price_bps=gain, method="resolve"

@@ -21,7 +21,8 @@ def user_reasons(ledger: Ledger, base: Plan, without: dict[str, Plan]) -> tuple[
     little_bps = LITTLE * float(mean_bps.mean())
     enough_kbps = LITTLE * float(ledger.rates_kbps.sum(axis=0).mean()) / ledger.problem.n_uavs
     unmet = ledger.plan.unmet_min_rate_slots
-    short = [k for k, user in enumerate(ledger.scenario.user_ids) if mean_bps[k] < little_bps or user in unmet]
+    has_little = (mean_bps == 0.0) | (mean_bps < little_bps)
+    short = [k for k, user in enumerate(ledger.scenario.user_ids) if has_little[k] or user in unmet]
     found = ladders(ledger, np.array(short, dtype=np.intp))
     rows = []
     for k, user in enumerate(ledger.scenario.user_ids):

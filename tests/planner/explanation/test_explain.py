@@ -279,6 +279,41 @@ def test_the_same_plan_has_the_same_explanation(letters_plan: Plan, explained: E
     assert explain(letters_plan, budget=FEW) == explained
 
 
+@pytest.mark.parametrize("kind", ["sum", "per_user", "pooled"])
+@pytest.mark.parametrize("slots", [1, 2, 9])
+def test_every_constraint_there_is_can_be_explained(kind: str, slots: int) -> None:
+    """Ends, departures, zones, minimum rates, own altitudes, sampled fading, and slot 0 left out."""
+    easy = laid_out("uniform", 3, 6, slots, seed=slots)
+    first, second, third = easy.uavs
+    zone = NoFlyDisc(center_m=(easy.users[0].position_m[0], easy.users[0].position_m[1]), radius_m=5.0)
+    scenario = easy.with_changes(
+        uavs=(
+            first.model_copy(update={"end_m": first.start_m}),
+            second.model_copy(update={"leaves_at_slot": max(1, slots // 2)}),
+            third.model_copy(update={"altitude_m": 90.0}),
+        ),
+        users=(easy.users[0].model_copy(update={"min_rate_bps": 2_000.0}), *easy.users[1:]),
+        no_fly=(zone,),
+        channel=Channel(fading="sampled", noise_dbm=-60.0, seed=3),
+        utility=Utility(kind=kind, mu_per_kbps=-0.1, exclude_fixed_slots=True),
+    )
+    explanation = explain(plan(scenario))
+    assert explanation.complete
+    there = {row.constraint for row in explanation.constraints if row.per == "lifted"}
+    assert there == {"separation", "no_fly", "end", "min_rate"} | ({"battery"} if slots > 1 else set())
+    prices = {row.constraint: row.price_bps for row in explanation.constraints if row.per == "lifted"}
+    assert None not in prices.values()
+    assert min(price or 0.0 for constraint, price in prices.items() if constraint != "battery") >= 0.0
+    assert Explanation.model_validate_json(explanation.model_dump_json()) == explanation
+
+
+def test_users_that_all_get_nothing_have_reasons_too() -> None:
+    deaf = scene((Uav(id="uav", start_m=(0.0, 0.0), max_speed_mps=0.0),), {"a": (900.0, 0.0)})
+    made = plan(deaf)
+    silent = made.model_copy(update={"user_rates_bps": {"a": [0.0] * 12}, "bandwidth_hz": {"a": [0.0] * 12}})
+    assert of(explain(silent, budget=BOUNDS_ONLY), "a").level == "none"
+
+
 def test_a_budget_without_a_start_is_refused() -> None:
     with pytest.raises(ValueError, match="starts: 0 must be at least 1"):
         Budget(starts=0)
