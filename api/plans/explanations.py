@@ -19,8 +19,8 @@ from skyfolio.api.plans.solver import LaneName, SolveError, Solver
 from skyfolio.planner import PlanStatus
 
 KEEP_IN_MEMORY = 64
-DEADLINE_S = 10.0
-"""At most so long is solved for an explanation or a preview; the setting `solve_deadline_s` may be shorter."""
+PREVIEW_S = 10.0
+"""At most so long is solved for a preview by default; the setting `solve_deadline_s` may be shorter."""
 Key = tuple[str, int]
 """A plan's id, and how many resolves its explanation may take."""
 
@@ -37,7 +37,7 @@ class Explanations:
 
     def __init__(self, solver: Solver, settings: Settings) -> None:
         self._lane = solver[LaneName.REQUESTS]
-        self._deadline_s = min(DEADLINE_S, settings.solve_deadline_s)
+        self._deadline_s = settings.solve_deadline_s
         self._most_starts = settings.plan_starts
         self._ready: OrderedDict[Key, Solved] = OrderedDict()
         self._failed: OrderedDict[Key, ServiceError] = OrderedDict()
@@ -76,7 +76,7 @@ class Explanations:
             previous=plan,
             scenario=scenario,
             request=request,
-            deadline_s=deadline_s or self._deadline_s,
+            deadline_s=deadline_s or min(PREVIEW_S, self._deadline_s),
             most_starts=self._most_starts,
         )
         try:

@@ -30,6 +30,8 @@ SHOW_EVERY_S = 0.25
 SOLVING_PER_SHOWING = 19.0
 """The best plan so far is shown at most four times a second, and in at most a twentieth of the time."""
 
+RESOLVE_S = 10.0
+"""An explanation begins no further resolve after so long; what it says besides takes seconds for the largest fleets."""
 STARTS_PER_ROOT = 2.0
 """Starts per square root of UAVs x users x slots: 11 for two UAVs, four users and four slots, 24 from size 144 on."""
 
@@ -97,7 +99,7 @@ def _planned(job: Job, board: JobBoard, token: int) -> Solved:
 
 
 def _explained(job: Job, board: JobBoard, token: int) -> Solved:
-    until = Deadline(job.deadline_s, clock=time.monotonic)
+    until = Deadline(min(RESOLVE_S, job.deadline_s), clock=time.monotonic)
     found = explain(_previous(job), budget=Budget(**job.request), stop=lambda: board.stopped(token) or until([]))
     return Solved(status=PlanStatus.SUCCEEDED, report=found.model_dump_json(), complete=found.complete)
 

@@ -134,6 +134,12 @@ def test_a_preview_of_a_scenario_beyond_the_limits_or_of_no_plan_is_refused(
     assert answer.status_code == 404
 
 
+def test_a_preview_ends_at_its_deadline_with_the_best_so_far(service: Client, made: Plan) -> None:
+    seen = service.preview(made.id, scenario=EXAMPLES["paper"]().with_changes(slots=400), deadline_s=0.02)
+    assert seen.status == "cancelled"
+    assert seen.utility_after_bps > 0.0
+
+
 def test_a_preview_that_cannot_be_flown_says_why(service: Client, made: Plan) -> None:
     """A zone from edge to edge between a UAV and its end: there is no way."""
     scenario = made.scenario.with_changes(
