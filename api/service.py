@@ -27,6 +27,7 @@ from skyfolio.api.flights.operations import Operations
 from skyfolio.api.flights.orders import Orders
 from skyfolio.api.flights.shared_services import SharedServices
 from skyfolio.api.plans.contingencies import Contingencies
+from skyfolio.api.plans.explanations import Explanations
 from skyfolio.api.plans.jobs import Job
 from skyfolio.api.plans.plan_book import PlanBook
 from skyfolio.api.plans.plan_store import PlanStore
@@ -60,6 +61,7 @@ class Service:
         self.solver = solver
         self.plans = PlanBook(self.solver, events, PlanStore(database), settings)
         self.contingencies = Contingencies(self.solver, database)
+        self.explanations = Explanations(self.solver, settings)
         self.journal = Journal(database)
         self.simulated, settings = _simulated(settings)
         self.fleet = Fleet(settings, self.clock, events, database, background=self.background, healthy=self.can_replan)
@@ -135,6 +137,7 @@ class Service:
         if self.simulated is not None:
             await _ended("simulated fleet", asyncio.to_thread(self.simulated.stop), until_s)
         await _ended("contingencies", self.contingencies.close(), until_s)
+        await _ended("explanations", self.explanations.close(), until_s)
         await _ended("plans", self.plans.close(), until_s)
         await asyncio.to_thread(self.solver.close)
         await _ended("database", self.database.close(), time.monotonic() + 1.0)

@@ -14,11 +14,16 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from skyfolio.planner.changes import Changes, ReplanError
+    from skyfolio.planner.comparison import Comparison
     from skyfolio.planner.delivered import delivered_rates_bps
     from skyfolio.planner.examples import EXAMPLES, letter
+    from skyfolio.planner.explanation.explain import explain
+    from skyfolio.planner.explanation.findings import Explanation
+    from skyfolio.planner.explanation.resolving import Budget
     from skyfolio.planner.feasibility import InfeasiblePlanError, Violation, violations
     from skyfolio.planner.methods import METHODS
     from skyfolio.planner.plans import Cause, Iteration, Plan, PlanStatus, Summary
+    from skyfolio.planner.previewing import preview
     from skyfolio.planner.problem import Past
     from skyfolio.planner.remainder import cause_of, remaining
     from skyfolio.planner.replanning import replan
@@ -32,10 +37,13 @@ __all__ = [
     "EXAMPLES",
     "METHODS",
     "AnyOf",
+    "Budget",
     "Cause",
     "Changes",
     "Channel",
+    "Comparison",
     "Deadline",
+    "Explanation",
     "InfeasiblePlanError",
     "Iteration",
     "MaxIterations",
@@ -57,8 +65,10 @@ __all__ = [
     "closest_approach",
     "converged",
     "delivered_rates_bps",
+    "explain",
     "letter",
     "plan",
+    "preview",
     "remaining",
     "replan",
     "violations",
@@ -69,11 +79,15 @@ _HOMES = {
         "Changes",
         "ReplanError",
     ),
+    "comparison": ("Comparison",),
     "delivered": ("delivered_rates_bps",),
     "examples": (
         "EXAMPLES",
         "letter",
     ),
+    "explanation.explain": ("explain",),
+    "explanation.findings": ("Explanation",),
+    "explanation.resolving": ("Budget",),
     "feasibility": (
         "InfeasiblePlanError",
         "Violation",
@@ -87,6 +101,7 @@ _HOMES = {
         "PlanStatus",
         "Summary",
     ),
+    "previewing": ("preview",),
     "problem": ("Past",),
     "remainder": (
         "cause_of",

@@ -6,6 +6,7 @@ Every rule is checked when the object is created, and the message names the fiel
 
 from __future__ import annotations
 
+from collections import Counter
 from itertools import combinations
 from math import dist
 from typing import Annotated, Any, Literal, Self
@@ -222,6 +223,6 @@ def zone_holds(zone: NoFlyDisc | NoFlyPolygon, point: Point) -> bool:
 
 
 def _require_unique(field: str, ids: list[str]) -> None:
-    twice = sorted({one for one in ids if ids.count(one) > 1})
+    twice = sorted(one for one, times in Counter(ids).items() if times > 1)
     if twice:
         raise ValueError(f"{field}: ids must be unique; {', '.join(map(repr, twice))} occurs more than once")

@@ -28,6 +28,11 @@ COMMANDS = {
         "Plan, fly, lose a UAV, replan, fly on, and check it all against the simulator's ground truth.",
     ),
     "drill": LazyCommand(f"{CLI}.remote:drill", "Inject a fault into a simulated vehicle, to see the service recover."),
+    "explain": LazyCommand(
+        f"{CLI}.explain:explain_command",
+        "Explain a plan: why users get little, what one thing more would be worth, and which constraint binds.",
+        solves=True,
+    ),
     "export": LazyCommand(
         f"{CLI}.planning:export",
         "Write the MAVLink missions of a plan as QGroundControl `.plan`, `.waypoints` text or JSON.",

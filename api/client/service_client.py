@@ -31,7 +31,7 @@ from skyfolio.api.flights.orders import OrderResult
 from skyfolio.api.plans.contingencies import ContingencyTable
 from skyfolio.api.plans.plan_records import PlanRow, UnfinishedPlan
 from skyfolio.api.store.event_log import PROVISIONAL, Event
-from skyfolio.planner import Changes, Plan, Scenario
+from skyfolio.planner import Changes, Comparison, Explanation, Plan, Scenario
 
 Model = TypeVar("Model", bound=BaseModel)
 PAGE = 100
@@ -126,6 +126,33 @@ class Client:
         return ContingencyTable.model_validate_json(
             self._call("GET", f"/v1/plans/{plan_id}/contingencies", params=params).content
         )
+
+    def explanation(self, plan_id: str, *, resolves: int = 32, wait_s: float = 60) -> Explanation:
+        """Return why a plan is as it is. Raises ApiError when it is not explained within `wait_s`."""
+        path = f"/v1/plans/{plan_id}/explanation"
+        answer = self._call("GET", path, params={"resolves": resolves, "wait_s": wait_s})
+        if answer.status_code == 202:
+            detail = f"the explanation of plan {plan_id} was not ready in time"
+            raise ApiError("GET", path, Problem(type="client", title="No explanation", status=409, detail=detail))
+        return Explanation.model_validate_json(answer.content)
+
+    def preview(
+        self,
+        plan_id: str,
+        *,
+        scenario: Scenario | None = None,
+        at_slot: int | None = None,
+        changes: Changes | None = None,
+        deadline_s: float | None = None,
+    ) -> Comparison:
+        """Compare a plan with a changed scenario, or with changes from `at_slot` on; nothing is stored."""
+        body: dict[str, Any] = {"plan_id": plan_id}
+        if scenario is not None:
+            body["scenario"] = scenario.model_dump(mode="json")
+        if at_slot is not None or changes is not None:
+            body["changes"] = {**(changes or Changes()).model_dump(mode="json"), "at_slot": at_slot}
+        params = {} if deadline_s is None else {"deadline_s": deadline_s}
+        return Comparison.model_validate_json(self._call("POST", "/v1/plans:preview", json=body, params=params).content)
 
     # -- flying ---------------------------------------------------------------------------------------------------
 

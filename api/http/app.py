@@ -14,7 +14,18 @@ from skyfolio.api.http import docs_page as reference
 from skyfolio.api.http import problems
 from skyfolio.api.http.middleware import AdmissionMiddleware
 from skyfolio.api.http.proxies import ForwardedHeadersMiddleware
-from skyfolio.api.http.routes import contingencies, drills, events, fleet, login, operations, plans, scenarios, service
+from skyfolio.api.http.routes import (
+    contingencies,
+    drills,
+    events,
+    explanations,
+    fleet,
+    login,
+    operations,
+    plans,
+    scenarios,
+    service,
+)
 from skyfolio.api.plans.solver import Lane
 from skyfolio.api.service import Service
 
@@ -65,7 +76,7 @@ def create_app(
         docs_url=None,
         redoc_url=None,
     )
-    for routes in (plans, contingencies, scenarios, fleet, operations, drills, events, service, login):
+    for routes in (plans, contingencies, explanations, scenarios, fleet, operations, drills, events, service, login):
         app.include_router(routes.router)
     reference.install(app)
     problems.install(app)

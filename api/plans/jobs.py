@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 from skyfolio.planner import PlanStatus
 
@@ -12,9 +12,12 @@ from skyfolio.planner import PlanStatus
 class Job:
     """One solve, as JSON: a scenario to plan, or a previous plan to replan with `request` (as `planner.replan`).
 
+    `task`: beside `plan`, which is both of these, `explain` explains the previous plan with `request` (a
+    `planner.Budget`), and `preview` compares it with a scenario or, without one, with a replan by `request`.
     `starts`: how many the optimiser climbs from; None lets it choose by size, a plan's then at most `most_starts`.
     """
 
+    task: Literal["plan", "explain", "preview"] = "plan"
     scenario: str | None = None
     previous: str | None = None
     request: dict[str, Any] = field(default_factory=dict)
@@ -26,7 +29,10 @@ class Job:
 
 @dataclass(frozen=True, kw_only=True)
 class Solved:
-    """What a worker returns: a plan as JSON with its status, or the reason why there is none."""
+    """What a worker returns: a plan as JSON with its status, or the reason why there is none.
+
+    `report`: what an explanation or a preview says, as JSON. `complete`: whether there was time for all of it.
+    """
 
     status: PlanStatus
     plan: str = ""
@@ -34,3 +40,5 @@ class Solved:
     iterations: int = 0
     solve_ms: float = 0.0
     error: str | None = None
+    report: str = ""
+    complete: bool = True

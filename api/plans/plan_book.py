@@ -52,6 +52,13 @@ class PlanBook:
             raise NotFoundError(f"plan {plan_id!r} does not exist")
         return record
 
+    async def result(self, plan_id: str) -> str:
+        """Return the plan as JSON, without reading it. Raises as `finished` does."""
+        record = await self.record(plan_id)
+        if record.result is None:
+            raise ConflictError(f"plan {plan_id!r} is {record.status.value} and has no result to use")
+        return record.result
+
     async def finished(self, plan_id: str) -> Plan:
         """Return the plan itself. Raises NotFoundError, or ConflictError while it has no result."""
         record = await self.record(plan_id)

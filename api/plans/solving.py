@@ -7,16 +7,20 @@ from collections.abc import Callable
 from math import sqrt
 
 from skyfolio.api.plans.job_board import JobBoard
-from skyfolio.api.plans.jobs import Job
+from skyfolio.api.plans.jobs import Job, Solved
 from skyfolio.planner import (
     AnyOf,
+    Budget,
     Cause,
     Deadline,
     Plan,
+    PlanStatus,
     Scenario,
     StopToken,
     converged,
+    explain,
     plan,
+    preview,
     replan,
 )
 from skyfolio.planner.fast.optimise import default_starts
@@ -26,6 +30,8 @@ SHOW_EVERY_S = 0.25
 SOLVING_PER_SHOWING = 19.0
 """The best plan so far is shown at most four times a second, and in at most a twentieth of the time."""
 
+RESOLVE_S = 10.0
+"""An explanation begins no further resolve after so long; what it says besides takes seconds for the largest fleets."""
 STARTS_PER_ROOT = 2.0
 """Starts per square root of UAVs x users x slots: 11 for two UAVs, four users and four slots, 24 from size 144 on."""
 
@@ -53,8 +59,13 @@ class BestSoFar:
         self._due_s = now + max(SHOW_EVERY_S, SOLVING_PER_SHOWING * (now - began))
 
 
+def work(job: Job, board: JobBoard, token: int) -> Solved:
+    """Do one job, showing on the board how far it is. Raises ValueError when the problem has no solution."""
+    return {"plan": _planned, "explain": _explained, "preview": _previewed}[job.task](job, board, token)
+
+
 def solve(job: Job, board: JobBoard, token: int) -> Plan:
-    """Solve one job, showing on the board how far it is. Raises ValueError when the problem has no solution."""
+    """Plan or replan, showing on the board how far it is. Raises ValueError when the problem has no solution."""
     best = BestSoFar(lambda text: board.show(token, text), time.monotonic)
 
     def asked_to_stop() -> bool:
@@ -74,6 +85,37 @@ def solve(job: Job, board: JobBoard, token: int) -> Plan:
     assert job.scenario is not None  # noqa: S101 - one of the two is always given
     scenario = Scenario.model_validate_json(job.scenario)
     return plan(scenario, n_starts=job.starts or starts_of(scenario, job.most_starts), **options)
+
+
+def _planned(job: Job, board: JobBoard, token: int) -> Solved:
+    made = solve(job, board, token)
+    return Solved(
+        status=made.status,
+        plan=made.model_dump_json(),
+        summary=made.summary.model_dump_json(),
+        iterations=len(made.history),
+        solve_ms=made.solve_ms or 0.0,
+    )
+
+
+def _explained(job: Job, board: JobBoard, token: int) -> Solved:
+    until = Deadline(min(RESOLVE_S, job.deadline_s), clock=time.monotonic)
+    found = explain(_previous(job), budget=Budget(**job.request), stop=lambda: board.stopped(token) or until([]))
+    return Solved(status=PlanStatus.SUCCEEDED, report=found.model_dump_json(), complete=found.complete)
+
+
+def _previewed(job: Job, board: JobBoard, token: int) -> Solved:
+    asked_to_stop = StopToken(lambda: board.stopped(token))
+    stop = AnyOf(converged(), asked_to_stop, Deadline(job.deadline_s, clock=time.monotonic))
+    scenario = None if job.scenario is None else Scenario.model_validate_json(job.scenario)
+    starts = job.starts if scenario is None else job.starts or starts_of(scenario, job.most_starts)
+    seen = preview(_previous(job), scenario=scenario, n_starts=starts, stop=stop, **job.request)
+    return Solved(status=PlanStatus.SUCCEEDED, report=seen.model_dump_json())
+
+
+def _previous(job: Job) -> Plan:
+    assert job.previous is not None  # noqa: S101 - as `Job` says
+    return Plan.model_validate_json(job.previous)
 
 
 def starts_of(scenario: Scenario, most: int) -> int:

@@ -61,21 +61,14 @@ def _end_with_parent() -> None:
 
 def run(job: Job, token: int) -> Solved:
     """Solve one job. Every failure is part of the result."""
-    from skyfolio.api.plans.solving import solve  # noqa: PLC0415 - the parent process never loads it
+    from skyfolio.api.plans.solving import work  # noqa: PLC0415 - the parent process never loads it
 
     _WorkerState.board.begin(token)
     try:
-        plan = solve(job, _WorkerState.board, token)
+        return work(job, _WorkerState.board, token)
     except (UnreachableEndError, ReplanError) as error:
         return Solved(status=PlanStatus.INFEASIBLE, error=str(error))
     except Exception as error:  # noqa: BLE001 - whatever it is, it must not break the pool
         return Solved(status=PlanStatus.FAILED, error=f"{type(error).__name__}: {error}")
     finally:
         _WorkerState.board.end(token)
-    return Solved(
-        status=plan.status,
-        plan=plan.model_dump_json(),
-        summary=plan.summary.model_dump_json(),
-        iterations=len(plan.history),
-        solve_ms=plan.solve_ms or 0.0,
-    )

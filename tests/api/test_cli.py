@@ -13,7 +13,7 @@ from skyfolio.api.cli.lazy import load
 from skyfolio.api.client import Client
 from skyfolio.api.common import kernels
 from skyfolio.api.flights.orders import OrderResult
-from skyfolio.planner import EXAMPLES, Plan, plan, violations
+from skyfolio.planner import EXAMPLES, Explanation, Plan, explain, plan, violations
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -60,6 +60,24 @@ def test_replan_and_export_take_the_file_that_plan_wrote(
     assert json.loads(capsys.readouterr().out)["mission"]["firmwareType"] == 3
 
 
+def test_explain_tells_why_from_the_file_that_plan_wrote(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    file, out = tmp_path / "plan.json", tmp_path / "why.json"
+    assert run(monkeypatch, "plan", "--example", "minimal", "--json", "--out", str(file)) == 0
+    capsys.readouterr()
+    assert run(monkeypatch, "explain", str(file), "--json") == 0
+    made = Plan.model_validate_json(file.read_text())
+    found = Explanation.model_validate_json(capsys.readouterr().out)
+    assert found == explain(made)
+    assert run(monkeypatch, "explain", str(file), "--resolves", "0", "--out", str(out)) == 0
+    assert Explanation.model_validate_json(out.read_text()).resolves == 0
+    shown = capsys.readouterr().out
+    assert "What it would be worth" in shown
+    assert "Which constraints bind" in shown
+    assert "bounds and derivatives only" in " ".join(shown.split())
+
+
 def test_replan_takes_changes_from_a_file(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
@@ -82,6 +100,7 @@ def test_replan_takes_changes_from_a_file(
         (["replan", "{plan}", "--failed", "uav-9", "--at-slot", "1"], "failed: 'uav-9' is not a UAV"),
         (["replan", "{plan}", "--at-slot", "1"], "give --failed UAV or --changes FILE"),
         (["replan", "{plan}", "--at-slot", "1", "--changes", "{plan}"], "Extra inputs are not permitted"),
+        (["explain", "{bad}"], "bad.json: "),
         (["export", "{plan}", "--format", "waypoints"], "choose one of uav-1, uav-2"),
         (["plan", "{bad}"], "bad.json: uavs.0.bandwidth_hz: Input should be greater than or equal to 1"),
         (["plan", "--example", "minimal", "--out", "/dev/null/plan.json"], "--out: /dev/null/plan.json: "),

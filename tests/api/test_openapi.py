@@ -61,7 +61,7 @@ def test_no_input_ends_in_a_server_error_and_answers_are_as_described(case: Any,
     case.query = {**(case.query or {}), **({"follow": "false"} if case.path == "/v1/events" else {})}
     if isinstance(case.query, dict):
         case.query.pop("wait_s", None)  # nobody waits here
-        if case.path.endswith("/contingencies"):
+        if case.path.endswith(("/contingencies", "/explanation")):
             case.query["wait_s"] = 0
     response = case.call(base_url=base_url)
     case.validate_response(response, checks=[not_a_server_error, response_schema_conformance, content_type_conformance])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from skyfolio.planner import EXAMPLES
+from skyfolio.planner import EXAMPLES, Utility
 
 
 def _bodies(**examples: tuple[str, Any]) -> dict[str, Any]:
@@ -34,6 +34,21 @@ REPLAN_EXAMPLES = _bodies(
     returned=(
         "uav-2 is back, at its present position, with half of its bandwidth",
         {"at_slot": 3, "returned": [{"id": "uav-2", "start_m": [80.0, 60.0]}], "bandwidth_hz": {"uav-2": 5000.0}},
+    ),
+)
+PREVIEW_EXAMPLES = _bodies(
+    changes=(
+        "What would be lost without uav-2 from slot 2 on",
+        {"plan_id": "plan-5b0c4e9a7d21", "changes": {"failed": ["uav-2"], "at_slot": 2}},
+    ),
+    scenario=(
+        "The plan's scenario with another utility, from its first slot on",
+        {
+            "plan_id": "plan-5b0c4e9a7d21",
+            "scenario": EXAMPLES["minimal"]()
+            .with_changes(utility=Utility(kind="pooled", mu_per_kbps=-0.1))
+            .model_dump(mode="json", exclude_defaults=True),
+        },
     ),
 )
 VEHICLE_EXAMPLES = _bodies(first=("UAV 'uav-1' is MAVLink system 1", {"uav_id": "uav-1", "system_id": 1}))

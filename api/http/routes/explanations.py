@@ -1,0 +1,88 @@
+"""Why a plan is as it is, and what a change would bring."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Self
+
+from fastapi import APIRouter, Query, Response
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from skyfolio.api.access.api_keys import Role
+from skyfolio.api.http.routes.deps import KNOWN, ServiceDep, require_within_limits, requires
+from skyfolio.api.http.routes.examples import PREVIEW_EXAMPLES
+from skyfolio.api.http.routes.plans import ReplanRequest
+from skyfolio.api.plans.explanations import UnfinishedExplanation
+from skyfolio.planner import Comparison, Explanation, Scenario, remaining
+from skyfolio.planner.scenario import Identifier
+
+router = APIRouter(prefix="/v1", tags=["plans"], dependencies=[*KNOWN, requires(Role.PLANNER)])
+ANSWERS: dict[int | str, dict[str, Any]] = {
+    200: {"description": "The explanation.", "model": Explanation},
+    202: {"description": "It is being made; try again after `Retry-After`.", "model": UnfinishedExplanation},
+}
+PREVIEW_ANSWERS: dict[int | str, dict[str, Any]] = {200: {"description": "The comparison.", "model": Comparison}}
+
+
+class PreviewRequest(BaseModel):
+    """What to compare with the plan: a whole `scenario`, or `changes` from a slot on; one of the two."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    plan_id: Identifier
+    scenario: Annotated[
+        Scenario | None, Field(description="Instead of the plan's scenario, from the plan's slot 0 on.")
+    ] = None
+    changes: Annotated[ReplanRequest | None, Field(description="As in a replan; `cause` is ignored.")] = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if (self.scenario is None) == (self.changes is None):
+            raise ValueError("changes: give scenario or changes, one of them")
+        return self
+
+
+@router.get("/plans/{plan_id}/explanation", responses=ANSWERS, response_model=None)
+async def read_explanation(
+    plan_id: str,
+    service: ServiceDep,
+    resolves: Annotated[
+        int, Query(ge=0, le=200, description="Changed scenarios to solve at most; 0: bounds and derivatives only.")
+    ] = 32,
+    wait_s: Annotated[float, Query(ge=0, le=60, description="Wait up to this many seconds for the result.")] = 10,
+) -> Response:
+    """Explain a plan: why users get little, what one thing more would be worth, which constraint binds at which price.
+
+    Each number says how it was obtained: `bound`, `resolve` or `derivative`. Large fleets get no resolves.
+    """
+    found = await service.explanations.of(plan_id, await service.plans.result(plan_id), resolves, wait_s)
+    if found is None:
+        waiting = UnfinishedExplanation(plan_id=plan_id).model_dump_json()
+        return Response(waiting, status_code=202, headers={"Retry-After": "1"}, media_type="application/json")
+    return Response(found, media_type="application/json")
+
+
+@router.post("/plans:preview", responses=PREVIEW_ANSWERS, response_model=None, openapi_extra=PREVIEW_EXAMPLES)
+async def preview_change(
+    body: PreviewRequest,
+    service: ServiceDep,
+    deadline_s: Annotated[
+        float | None, Query(gt=0, le=60, description="Compare the best plan found after this many seconds of solving.")
+    ] = None,
+) -> Response:
+    """Compare a changed scenario with a plan: utility, rates, users that gain and lose, how UAVs move.
+
+    Nothing is stored.
+    """
+    scenario, request = body.scenario, {} if body.changes is None else body.changes.arguments()
+    if scenario is None:
+        changed, _ = remaining(await service.plans.finished(body.plan_id), **request)  # refuse now what has no plan
+    else:
+        changed = scenario
+    require_within_limits(changed, service.settings)
+    seen = await service.explanations.preview(
+        await service.plans.result(body.plan_id),
+        scenario=None if scenario is None else scenario.model_dump_json(),
+        request=request,
+        deadline_s=deadline_s,
+    )
+    return Response(seen, media_type="application/json")

@@ -1,0 +1,99 @@
+"""A finished plan as arrays, with what each rate and each hertz is worth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyfolio.planner.arrays import Array
+from skyfolio.planner.plans import Plan
+from skyfolio.planner.problem import Past, Problem, problem_of
+from skyfolio.planner.remainder import remaining
+from skyfolio.planner.scenario import Scenario
+from skyfolio.planner.utility import rate_weights, utility_kbps
+
+LN2 = float(np.log(2.0))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ledger:
+    """A plan as arrays; U UAVs, K users, N slots.
+
+    paths_m: (U, N, 2) metres. serving: (K, N) UAV index. bandwidth_hz, rates_kbps: (K, N).
+    """
+
+    plan: Plan
+    scenario: Scenario
+    past: Past
+    problem: Problem
+    paths_m: Array
+    serving: NDArray[np.intp]
+    bandwidth_hz: Array
+    rates_kbps: Array
+
+    @classmethod
+    def of(cls, plan: Plan) -> Self:
+        """Return the arrays of this plan, with the past that counts in its utility."""
+        scenario, past = remaining(plan, (), plan.first_slot)
+        index = {uav: u for u, uav in enumerate(scenario.uav_ids)}
+        users = scenario.user_ids
+        return cls(
+            plan=plan,
+            scenario=scenario,
+            past=past,
+            problem=problem_of(scenario, past),
+            paths_m=np.array([plan.trajectories_m[uav] for uav in scenario.uav_ids]),
+            serving=np.array([[index[uav] for uav in plan.association[user]] for user in users], dtype=np.intp),
+            bandwidth_hz=np.array([plan.bandwidth_hz[user] for user in users]),
+            rates_kbps=np.array([plan.user_rates_bps[user] for user in users]) / 1e3,
+        )
+
+    @cached_property
+    def weights(self) -> Array:
+        """The gradient of the utility in the rates: (K, N)."""
+        return rate_weights(self.problem, self.rates_kbps)
+
+    @cached_property
+    def earned_kbps(self) -> Array:
+        """What each UAV's band is worth in each slot to first order: (U, N), kbit/s of utility.
+
+        Rates are proportional to bandwidth, so the gradient times the rates is what a relative change of the band
+        changes, and, at the best shares, what a hertz is worth times the band.
+        """
+        earned = np.zeros((self.problem.n_uavs, self.problem.n_slots))
+        slots = np.broadcast_to(np.arange(self.problem.n_slots), self.serving.shape)
+        np.add.at(earned, (self.serving, slots), self.weights * self.rates_kbps)
+        return earned
+
+    @cached_property
+    def total_snr(self) -> Array:
+        """The sum of all signals over noise at each user: (K, N)."""
+        total = np.zeros((self.problem.n_users, self.problem.n_slots))
+        for u in range(self.problem.n_uavs):
+            total += self.snr_of(u)
+        return total
+
+    @cached_property
+    def own_snr(self) -> Array:
+        """The signal over noise of the UAV that serves each user: (K, N)."""
+        own = np.zeros((self.problem.n_users, self.problem.n_slots))
+        for u in range(self.problem.n_uavs):
+            own += np.where(self.serving == u, self.snr_of(u), 0.0)
+        return own
+
+    def snr_of(self, u: int, path_m: Array | None = None, users: NDArray[np.intp] | None = None) -> Array:
+        """Return the signal over noise of UAV `u` on its path, or on another (N, 2) in metres: (K, N)."""
+        path = self.paths_m[u] if path_m is None else path_m
+        user_m = self.problem.user_m if users is None else self.problem.user_m[users]
+        gain = self.problem.snr_gain[u] if users is None else self.problem.snr_gain[u, users]
+        east, north = (path[:, axis] - user_m[:, axis, None] for axis in (0, 1))
+        snr: Array = gain / (east * east + north * north + self.problem.altitude_m[u] ** 2)
+        return snr
+
+    def utility_kbps(self, rates_kbps: Array) -> float:
+        """Return the utility of another rate table (K, N) of the same slots, in kbit/s."""
+        return utility_kbps(self.problem.counted_kbps(rates_kbps), self.problem.kind, self.problem.mu)
