@@ -18,9 +18,11 @@ if TYPE_CHECKING:
     from skyfolio.planner.examples import EXAMPLES, letter
     from skyfolio.planner.feasibility import InfeasiblePlanError, Violation, violations
     from skyfolio.planner.methods import METHODS
-    from skyfolio.planner.plans import Cause, Iteration, Plan, PlanStatus, Summary
+    from skyfolio.planner.pinning import PinError, pinned
+    from skyfolio.planner.pins import Pins
+    from skyfolio.planner.plans import Cause, Disruption, Iteration, Plan, PlanStatus, Summary
     from skyfolio.planner.problem import Past
-    from skyfolio.planner.remainder import cause_of, remaining
+    from skyfolio.planner.remainder import cause_of, remaining, rest_of_paths_m
     from skyfolio.planner.replanning import replan
     from skyfolio.planner.scenario import Channel, Origin, Scenario, Uav, User, Utility
     from skyfolio.planner.separation import closest_approach
@@ -36,11 +38,14 @@ __all__ = [
     "Changes",
     "Channel",
     "Deadline",
+    "Disruption",
     "InfeasiblePlanError",
     "Iteration",
     "MaxIterations",
     "Origin",
     "Past",
+    "PinError",
+    "Pins",
     "Plan",
     "PlanStatus",
     "RelativeGain",
@@ -58,9 +63,11 @@ __all__ = [
     "converged",
     "delivered_rates_bps",
     "letter",
+    "pinned",
     "plan",
     "remaining",
     "replan",
+    "rest_of_paths_m",
     "violations",
 ]
 
@@ -80,8 +87,14 @@ _HOMES = {
         "violations",
     ),
     "methods": ("METHODS",),
+    "pinning": (
+        "PinError",
+        "pinned",
+    ),
+    "pins": ("Pins",),
     "plans": (
         "Cause",
+        "Disruption",
         "Iteration",
         "Plan",
         "PlanStatus",
@@ -91,6 +104,7 @@ _HOMES = {
     "remainder": (
         "cause_of",
         "remaining",
+        "rest_of_paths_m",
     ),
     "replanning": ("replan",),
     "scenario": (

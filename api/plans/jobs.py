@@ -10,7 +10,9 @@ from skyfolio.planner import PlanStatus
 
 @dataclass(frozen=True, kw_only=True)
 class Job:
-    """One solve, as JSON: a scenario to plan, or a previous plan to replan with `request` (as `planner.replan`).
+    """One solve, as JSON: a scenario to plan, or a previous plan to replan.
+
+    `request`: further arguments of `planner.plan` or `planner.replan`, as pins.
 
     `starts`: how many the optimiser climbs from; None lets it choose by size, a plan's then at most `most_starts`.
     """

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.fast.arena import Arena, plain
+from skyfolio.planner.fast.arena import Arena, free_uavs, plain
 from skyfolio.planner.fast.flight import fly
 from skyfolio.planner.fast.routes import lead
 
@@ -91,9 +91,11 @@ def _scattered(arena: Arena, rng: np.random.Generator) -> Array:
 
 def _varied(arena: Arena, rng: np.random.Generator, best: Array) -> Array:
     """Return the best paths (N, 2, U), with one or two UAVs sent to another user near by, at once or later on."""
-    n_slots, _, n_uavs = best.shape
+    n_slots, free = best.shape[0], free_uavs(arena)
     wish = best.copy()
-    for u in rng.choice(n_uavs, size=min(n_uavs, int(rng.integers(1, 3))), replace=False):
+    if not len(free):
+        return wish
+    for u in rng.choice(free, size=min(len(free), int(rng.integers(1, 3))), replace=False):
         away = np.hypot(*(arena.user_m - best[-1, :, u][:, None]))
         likely = np.exp(-(away - away.min()) / _spread(arena))
         target = arena.user_m[:, rng.choice(len(likely), p=likely / likely.sum())]
