@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from skyfolio.planner import fast
 from skyfolio.planner.arrays import Array
+from skyfolio.planner.changes import ReplanError
 from skyfolio.planner.feasibility import MIN_RATE_ROUNDING
 from skyfolio.planner.plans import Disruption, Plan
 from skyfolio.planner.problem import Problem
@@ -50,9 +51,12 @@ class Former:
 
 
 def former_of(previous: Plan, scenario: Scenario, at_slot: int, kept: set[str], weight_kbps: float) -> Former:
-    """Return what is left of `previous` from `at_slot` on for the new `scenario`; kept: its UAVs that fly on."""
+    """Return what is left of `previous` from `at_slot` on for the new `scenario`; kept: its UAVs that fly on.
+
+    Raises ReplanError for a weight that is no price.
+    """
     if not (np.isfinite(weight_kbps) and weight_kbps >= 0.0):
-        raise ValueError(f"disruption_weight: {weight_kbps} must be a finite number of kbit/s, at least 0")
+        raise ReplanError(f"disruption_weight: {weight_kbps} must be a finite number of kbit/s, at least 0")
     begin = at_slot - previous.first_slot
     nowhere = [(np.nan, np.nan)] * scenario.slots
     paths_m = [previous.trajectories_m[uav][begin:] if uav in kept else nowhere for uav in scenario.uav_ids]
@@ -129,10 +133,10 @@ def _rated(problem: Problem, former: Former, solution: Solution) -> _Rated:
 
 def _family(problem: Problem, former: Former, best: Solution, stop: StoppingRule, seed: int) -> Iterator[Solution]:
     """Return plans between the old and the new one, the least disruptive first, each as far as it can be flown."""
-    old_m = fast.flyable(problem, np.where(np.isnan(former.paths_m), best.paths_m, former.paths_m))
+    old_m = _flown(problem, np.where(np.isnan(former.paths_m), best.paths_m, former.paths_m), best)
     kept_to = _kept_servers(problem, former)
     for share in SHARES:
-        between_m = fast.flyable(problem, old_m + share * (best.paths_m - old_m))
+        between_m = _flown(problem, old_m + share * (best.paths_m - old_m), best)
         for pinned_to in (kept_to, problem.pinned_to):
             yield from _climbed(problem, between_m, between_m, pinned_to, stop, seed)
     yield from _climbed(problem, old_m, problem.pinned_m, kept_to, stop, seed)
@@ -144,6 +148,14 @@ def _family(problem: Problem, former: Former, best: Solution, stop: StoppingRule
         wanted_m = np.where(keeping[:, None, None], old_m, best.paths_m)
         for pinned_to in (kept_to, problem.pinned_to):
             yield from _climbed(problem, wanted_m, pinned_m, pinned_to, stop, seed)
+
+
+def _flown(problem: Problem, wanted_m: Array, best: Solution) -> Array:
+    """Return the flyable paths (U, N, 2) that follow the wanted ones, or the best ones where those cannot be flown."""
+    try:
+        return fast.flyable(problem, wanted_m)
+    except UnreachableEndError:
+        return best.paths_m
 
 
 def _kept_servers(problem: Problem, former: Former) -> Ints:

@@ -103,6 +103,7 @@ class Arena(NamedTuple):
     left: Ints
     pinned: Array
     pinned_to: Ints
+    has_pinned: bool
     has_ends: bool
     has_minimum: bool
 
@@ -159,6 +160,7 @@ def arena_of(problem: Problem) -> Arena:
         left=np.zeros((problem.n_uavs, 0), dtype=np.int64),
         pinned=plain(problem.pinned_m.transpose(1, 2, 0)),
         pinned_to=plain(problem.pinned_to.T, np.int64),
+        has_pinned=problem.pinned_m.size > 0,
         has_ends=bool(np.isfinite(problem.end_m).any()),
         has_minimum=bool((problem.min_kbps > 0).any()),
     )
@@ -167,12 +169,12 @@ def arena_of(problem: Problem) -> Arena:
 @kernel
 def is_pinned(arena: Arena, u: int) -> bool:
     """Return whether the path of UAV u is given."""
-    return arena.pinned.shape[0] > 0 and not np.isnan(arena.pinned[0, 0, u])
+    return arena.has_pinned and not np.isnan(arena.pinned[0, 0, u])
 
 
 def free_uavs(arena: Arena) -> Ints:
     """Return the UAVs whose paths are to be found."""
-    given = np.isfinite(arena.pinned[0, 0]) if arena.pinned.size else np.zeros(arena.gain.shape[1], dtype=bool)
+    given = np.isfinite(arena.pinned[0, 0]) if arena.has_pinned else np.zeros(arena.gain.shape[1], dtype=bool)
     return np.flatnonzero(~given)
 
 

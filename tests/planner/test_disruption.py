@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from skyfolio.planner import EXAMPLES, Changes, Pins, Plan, Uav, Utility, plan, replan, violations
+from skyfolio.planner import EXAMPLES, Changes, Pins, Plan, ReplanError, Uav, Utility, plan, replan, violations
 from skyfolio.planner.disruption import METRES_PER_USER
 from skyfolio.planner.layouts import scattered
 
@@ -86,6 +86,23 @@ def test_the_price_buys_what_it_is_worth(paper: Plan) -> None:
         assert worth[weight] >= max(worth.values()) - 1e-9 * abs(worth[weight]), chosen.disruption
 
 
+@pytest.mark.parametrize("seed", [0, 4])
+def test_no_weight_leaves_minimum_rates_unmet_that_another_plan_meets(seed: int) -> None:
+    scenario = scattered(3, 5, 10, seed=seed)
+    needy = tuple(user.model_copy(update={"min_rate_bps": 8_000.0}) for user in scenario.users)
+    old = plan(scenario.with_changes(users=needy, utility=Utility(kind="per_user", mu_per_kbps=-0.05)), n_starts=2)
+    asked: dict[str, Any] = {"failed": ["uav-2"], "at_slot": 2}
+    unmet = [
+        sum(map(len, made.unmet_min_rate_slots.values()))
+        for made in (
+            replan(old, **asked, pins=Pins(uavs=("uav-1", "uav-3"))),
+            replan(old, **asked),
+            replan(old, **asked, disruption_weight=1e6),
+        )
+    ]
+    assert unmet[2] <= unmet[1] < unmet[0]
+
+
 def test_pins_hold_at_any_weight_and_users_of_returning_uavs_are_counted(paper: Plan) -> None:
     without = replan(paper, failed=["uav-3"], at_slot=4, n_starts=1)
     back = Uav(id="uav-3", start_m=(300.0, 200.0))
@@ -101,7 +118,7 @@ def test_pins_hold_at_any_weight_and_users_of_returning_uavs_are_counted(paper: 
 
 @pytest.mark.parametrize("weight", [-1.0, float("nan"), float("inf")])
 def test_a_weight_is_a_finite_number_of_at_least_zero(paper: Plan, weight: float) -> None:
-    with pytest.raises(ValueError, match=r"disruption_weight: .* must be a finite number of kbit/s, at least 0"):
+    with pytest.raises(ReplanError, match=r"disruption_weight: .* must be a finite number of kbit/s, at least 0"):
         replan(paper, failed=["uav-3"], at_slot=5, disruption_weight=weight)
 
 
