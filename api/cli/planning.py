@@ -68,8 +68,8 @@ def replan_command(
     """Plan the remaining slots of a plan: for the survivors, and for what else is different."""
     previous = read_as(Plan, file)
     changed = read_as(Changes, changes) if changes else None
-    if not failed and changed is None:
-        raise UsageError("give --failed UAV or --changes FILE: what is different?")
+    if not failed and changed is None and pins is None:
+        raise UsageError("give --failed UAV or --changes FILE, or --pins FILE: what is different?")
     replanned = replan(
         previous,
         failed=failed or (),

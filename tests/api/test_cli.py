@@ -88,6 +88,8 @@ def test_plan_and_replan_take_pins_from_a_file_and_replan_a_price(
     assert list(again.pins.paths_m) == ["uav-1"]
     assert again.disruption is not None
     assert again.disruption.weight_kbps == 3.0
+    assert run(monkeypatch, "replan", str(file), "--at-slot", "1", "--pins", str(pins), "--json") == 0
+    assert Plan.model_validate_json(capsys.readouterr().out).scenario.uav_ids == ("uav-1", "uav-2")
 
 
 @pytest.mark.parametrize(
