@@ -61,13 +61,13 @@ def former_of(previous: Plan, scenario: Scenario, at_slot: int, kept: set[str], 
     nowhere = [(np.nan, np.nan)] * scenario.slots
     paths_m = [previous.trajectories_m[uav][begin:] if uav in kept else nowhere for uav in scenario.uav_ids]
     number = {uav: u for u, uav in enumerate(scenario.uav_ids) if uav in kept}
-    last = {uav: scenario.last_slot(scenario.uav(uav)) for uav in number}
-    serving = np.full((len(scenario.users), scenario.slots), -1, dtype=np.intp)
-    served = np.zeros(serving.shape, dtype=bool)
-    for k, user in enumerate(scenario.user_ids):
-        for n, uav in enumerate(previous.association.get(user, [])[begin:]):
-            serving[k, n] = number[uav] if n <= last.get(uav, -1) else -1
-            served[k, n] = previous.bandwidth_hz[user][begin + n] > 0.0
+    new, silent = [""] * scenario.slots, [0.0] * scenario.slots
+    rows = [previous.association[user][begin:] if user in previous.association else new for user in scenario.user_ids]
+    serving = np.array([[number.get(uav, -1) for uav in row] for row in rows], dtype=np.intp)
+    last = np.array([scenario.last_slot(uav) for uav in scenario.uavs])
+    serving = np.where(np.arange(scenario.slots) <= last[serving], serving, -1)
+    bands = previous.bandwidth_hz
+    served = np.array([bands[user][begin:] if user in bands else silent for user in scenario.user_ids]) > 0.0
     return Former(paths_m=np.array(paths_m), serving=serving, served=served, weight_kbps=weight_kbps)
 
 
