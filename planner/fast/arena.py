@@ -104,6 +104,7 @@ class Arena(NamedTuple):
     pinned: Array
     pinned_to: Ints
     has_pinned: bool
+    has_pinned_to: bool
     has_ends: bool
     has_minimum: bool
 
@@ -161,6 +162,7 @@ def arena_of(problem: Problem) -> Arena:
         pinned=plain(problem.pinned_m.transpose(1, 2, 0)),
         pinned_to=plain(problem.pinned_to.T, np.int64),
         has_pinned=problem.pinned_m.size > 0,
+        has_pinned_to=problem.pinned_to.size > 0,
         has_ends=bool(np.isfinite(problem.end_m).any()),
         has_minimum=bool((problem.min_kbps > 0).any()),
     )
@@ -168,8 +170,8 @@ def arena_of(problem: Problem) -> Arena:
 
 @kernel
 def is_pinned(arena: Arena, u: int) -> bool:
-    """Return whether the path of UAV u is given."""
-    return arena.has_pinned and not np.isnan(arena.pinned[0, 0, u])
+    """Return whether the path of UAV u is given, of a fleet that `has_pinned`: asked first, since a call takes time."""
+    return not np.isnan(arena.pinned[0, 0, u])
 
 
 def free_uavs(arena: Arena) -> Ints:

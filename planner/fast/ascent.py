@@ -117,7 +117,7 @@ def _direction(arena: Arena, slope: Array, direction: Array) -> float:
     n_slots, _, n_uavs = slope.shape
     longest2 = 0.0
     for u in range(n_uavs):
-        if is_pinned(arena, u):
+        if arena.has_pinned and is_pinned(arena, u):
             continue
         east = north = way_e = way_n = 0.0
         last = min(n_slots - 1, arena.last[u])

@@ -96,7 +96,8 @@ def tables(arena: Arena, path: Array, links: Links, serving: Ints, hertz: Array)
     for n in range(path.shape[0]):
         if links.used[n] < n_users:
             slot_signals(arena, path[n], n, signal, total)
-            keep_pins(arena, n, signal)
+            if arena.has_pinned_to:
+                keep_pins(arena, n, signal)
             for k in range(n_users):
                 loudest[k] = 0.0
             for u in range(n_uavs):

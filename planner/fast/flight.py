@@ -44,7 +44,7 @@ def fly(arena: Arena, wish: Array, chase: Flag, path: Array) -> bool:
 @kernel
 def step(arena: Arena, path: Array, n: int, u: int, dx: float, dy: float) -> None:
     """Move UAV u from slot n - 1 by (dx, dy) metres as far as speed, end and area allow."""
-    if is_pinned(arena, u):
+    if arena.has_pinned and is_pinned(arena, u):
         path[n, 0, u], path[n, 1, u] = arena.pinned[n, 0, u], arena.pinned[n, 1, u]
         return
     x, y = path[n - 1, 0, u], path[n - 1, 1, u]
@@ -137,7 +137,7 @@ def _ends_reachable(arena: Arena, path: Array, n: int) -> bool:
     if not arena.has_ends:
         return True
     for u in range(path.shape[2]):
-        if n <= arena.last[u] and not np.isnan(arena.end_m[0, u]) and not is_pinned(arena, u):
+        if n <= arena.last[u] and not np.isnan(arena.end_m[0, u]) and not (arena.has_pinned and is_pinned(arena, u)):
             away = np.hypot(path[n, 0, u] - arena.end_m[0, u], path[n, 1, u] - arena.end_m[1, u])
             if away > (arena.last[u] - n) * arena.step_m[u] + SLACK_M:
                 return False
@@ -152,7 +152,7 @@ def _hold(path: Array, n: int, u: int) -> None:
 @kernel
 def _keep_out(arena: Arena, path: Array, n: int, u: int, hold: bool) -> bool:
     """Return whether the leg of u stays out of every zone; if not, it is pushed out, or held."""
-    if n > arena.last[u] or is_pinned(arena, u):
+    if n > arena.last[u] or (arena.has_pinned and is_pinned(arena, u)):
         return True
     dx, dy, inside = push_from_zones(arena, path[n - 1, 0, u], path[n - 1, 1, u], path[n, 0, u], path[n, 1, u])
     if not inside:
@@ -167,7 +167,12 @@ def _keep_out(arena: Arena, path: Array, n: int, u: int, hold: bool) -> bool:
 @kernel
 def _on_the_way(arena: Arena, path: Array, n: int, u: int) -> bool:
     """Return whether u can still reach its end around the zones; if not, it takes the next step of the shortest way."""
-    if n > arena.last[u] or not arena.has_ends or np.isnan(arena.end_m[0, u]) or is_pinned(arena, u):
+    if (
+        n > arena.last[u]
+        or not arena.has_ends
+        or np.isnan(arena.end_m[0, u])
+        or (arena.has_pinned and is_pinned(arena, u))
+    ):
         return True
     end_x, end_y, left = arena.end_m[0, u], arena.end_m[1, u], arena.left[u]
     slots, _, _ = way_on(arena, left, u, path[n, 0, u], path[n, 1, u], end_x, end_y)
@@ -185,7 +190,8 @@ def _keep_apart(arena: Arena, path: Array, n: int, u: int, j: int, hold: bool) -
 
     Beside a UAV whose path is pinned the other is pushed all the way, and never held: staying is no safety there.
     """
-    u_pinned, j_pinned = is_pinned(arena, u), is_pinned(arena, j)
+    u_pinned = arena.has_pinned and is_pinned(arena, u)
+    j_pinned = arena.has_pinned and is_pinned(arena, j)
     if n > min(arena.last[u], arena.last[j]) or (u_pinned and j_pinned):
         return True
     x0, y0 = path[n - 1, 0, u] - path[n - 1, 0, j], path[n - 1, 1, u] - path[n - 1, 1, j]

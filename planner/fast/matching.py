@@ -58,7 +58,8 @@ def match_all(arena: Arena, path: Array, links: Links) -> None:
     by_user = search_of(n_users, max(n_users, n_uavs))
     for n in range(path.shape[0]):
         slot_signals(arena, path[n], n, signal, total)
-        keep_pins(arena, n, signal)
+        if arena.has_pinned_to:
+            keep_pins(arena, n, signal)
         flying = 0
         for u in range(n_uavs):
             flying += arena.last[u] >= n

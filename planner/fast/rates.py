@@ -43,8 +43,6 @@ def keep_pins(arena: Arena, n: int, signal: Array) -> None:
 
     What the UAV adds to the interference stays in the totals.
     """
-    if arena.pinned_to.shape[0] == 0:
-        return
     for k in range(signal.shape[1]):
         given = arena.pinned_to[n, k]
         for u in range(signal.shape[0]):

@@ -87,7 +87,7 @@ def _new_place(arena: Arena, shots: Snapshots, sites_m: Array, u: int, draw: Arr
 @kernel
 def _allowed(arena: Arena, shots: Snapshots, u: int, other: int, x: float, y: float) -> bool:
     """Return whether u may hover at (x, y): free, out of zones, within reach, and apart from everybody but `other`."""
-    if is_pinned(arena, u) or (other >= 0 and is_pinned(arena, other)):
+    if (arena.has_pinned and is_pinned(arena, u)) or (other >= 0 and (arena.has_pinned and is_pinned(arena, other))):
         return False
     for d in range(arena.discs.shape[0]):
         if (x - arena.discs[d, 0]) ** 2 + (y - arena.discs[d, 1]) ** 2 < arena.discs[d, 2] ** 2:
@@ -96,7 +96,7 @@ def _allowed(arena: Arena, shots: Snapshots, u: int, other: int, x: float, y: fl
         if holds(arena.corners[arena.first[p] : arena.first[p + 1]], x, y):
             return False
     for v in range(shots.place.shape[1]):
-        if v not in (u, other) and not is_pinned(arena, v):
+        if v not in (u, other) and not (arena.has_pinned and is_pinned(arena, v)):
             de, dn = shots.place[0, v] - x, shots.place[1, v] - y
             if de * de + dn * dn < arena.separation_m * arena.separation_m:
                 return False

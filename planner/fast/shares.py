@@ -29,7 +29,8 @@ def share_all(arena: Arena, path: Array, links: Links, thorough: bool) -> None:
     eff = market.eff
     for n in range(path.shape[0]):
         slot_signals(arena, path[n], n, signal, total)
-        keep_pins(arena, n, signal)
+        if arena.has_pinned_to:
+            keep_pins(arena, n, signal)
         fresh = links.used[n] == 0
         candidates(signal, total, links.uav[n], fresh, best, eff)
         share_slot(arena, market, links.uav[n], links.khz[n])

@@ -180,7 +180,7 @@ def position(arena: Arena, u: int, x: float, y: float, n: int) -> tuple[float, f
 
     One whose path is pinned is where its path has it.
     """
-    if is_pinned(arena, u):
+    if arena.has_pinned and is_pinned(arena, u):
         return arena.pinned[n, 0, u], arena.pinned[n, 1, u]
     x0, y0, step, last = arena.start_m[0, u], arena.start_m[1, u], arena.step_m[u], arena.last[u]
     flown, way = min(n, last) * step, np.hypot(x - x0, y - y0)
