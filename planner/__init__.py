@@ -22,10 +22,12 @@ if TYPE_CHECKING:
     from skyfolio.planner.explanation.resolving import Budget
     from skyfolio.planner.feasibility import InfeasiblePlanError, Violation, violations
     from skyfolio.planner.methods import METHODS
-    from skyfolio.planner.plans import Cause, Iteration, Plan, PlanStatus, Summary
+    from skyfolio.planner.pinning import PinError, pinned
+    from skyfolio.planner.pins import Pins
+    from skyfolio.planner.plans import Cause, Disruption, Iteration, Plan, PlanStatus, Summary
     from skyfolio.planner.previewing import preview
     from skyfolio.planner.problem import Past
-    from skyfolio.planner.remainder import cause_of, remaining
+    from skyfolio.planner.remainder import cause_of, remaining, rest_of_paths_m
     from skyfolio.planner.replanning import replan
     from skyfolio.planner.scenario import Channel, Origin, Scenario, Uav, User, Utility
     from skyfolio.planner.separation import closest_approach
@@ -43,12 +45,15 @@ __all__ = [
     "Channel",
     "Comparison",
     "Deadline",
+    "Disruption",
     "Explanation",
     "InfeasiblePlanError",
     "Iteration",
     "MaxIterations",
     "Origin",
     "Past",
+    "PinError",
+    "Pins",
     "Plan",
     "PlanStatus",
     "RelativeGain",
@@ -67,10 +72,12 @@ __all__ = [
     "delivered_rates_bps",
     "explain",
     "letter",
+    "pinned",
     "plan",
     "preview",
     "remaining",
     "replan",
+    "rest_of_paths_m",
     "violations",
 ]
 
@@ -94,8 +101,14 @@ _HOMES = {
         "violations",
     ),
     "methods": ("METHODS",),
+    "pinning": (
+        "PinError",
+        "pinned",
+    ),
+    "pins": ("Pins",),
     "plans": (
         "Cause",
+        "Disruption",
         "Iteration",
         "Plan",
         "PlanStatus",
@@ -106,6 +119,7 @@ _HOMES = {
     "remainder": (
         "cause_of",
         "remaining",
+        "rest_of_paths_m",
     ),
     "replanning": ("replan",),
     "scenario": (

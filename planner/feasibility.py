@@ -53,6 +53,7 @@ def violations(plan: Plan) -> list[Violation]:
         *_motion(plan),
         *_separation(plan),
         *_no_fly(plan),
+        *_pins(plan),
     ]
 
 
@@ -157,6 +158,21 @@ def _separation(plan: Plan) -> Iterator[Violation]:
                 yield Violation(constraint="6e", where=where, message=f"{near} m apart, less than {limit} m")
 
 
+def _pins(plan: Plan) -> Iterator[Violation]:
+    """Check what the plan was held to: paths to the last bit but for the start's rounding, and who serves whom."""
+    for uav, pinned in plan.pins.paths_m.items():
+        for n, (there, wanted) in enumerate(zip(plan.trajectories_m[uav], pinned, strict=True)):
+            away = hypot(there[0] - wanted[0], there[1] - wanted[1])
+            if away > ROUNDING_M:
+                yield Violation(constraint="pin", where=f"{uav} slot {n}", message=f"is {away} m off its pinned path")
+    for user, given in plan.pins.associations.items():
+        row = [given] * plan.scenario.slots if isinstance(given, str) else given
+        for n, (served, wanted_by) in enumerate(zip(plan.association[user], row, strict=True)):
+            if wanted_by is not None and served != wanted_by:
+                message = f"served by '{served}', but pinned to '{wanted_by}'"
+                yield Violation(constraint="pin", where=f"{user} slot {n}", message=message)
+
+
 def _boxes_apart(a: list[tuple[float, float]], b: list[tuple[float, float]], limit: float) -> bool:
     """Return whether the bounding boxes of two paths alone keep them more than `limit` apart."""
     for axis in (0, 1):
@@ -172,13 +188,13 @@ def _no_fly(plan: Plan) -> Iterator[Violation]:
         for uav in plan.scenario.uavs:
             path = plan.trajectories_m[uav.id][: plan.scenario.last_slot(uav) + 1]
             for n, (here, there) in enumerate(pairwise([*path, path[-1]])):
-                depth = _depth_m(zone, here, there)
+                depth = no_fly_depth_m(zone, here, there)
                 if depth > ROUNDING_M:
                     message = f"flies {depth:.3g} m inside"
                     yield Violation(constraint="no_fly", where=f"{uav.id} slot {n} no_fly.{number}", message=message)
 
 
-def _depth_m(zone: NoFlyDisc | NoFlyPolygon, here: tuple[float, float], there: tuple[float, float]) -> float:
+def no_fly_depth_m(zone: NoFlyDisc | NoFlyPolygon, here: tuple[float, float], there: tuple[float, float]) -> float:
     """Return how far the leg reaches into the zone: below the disc's radius, or metres of it inside the polygon."""
     if isinstance(zone, NoFlyDisc):
         return zone.radius_m - distance_to_segment_m(zone.center_m, here, there)

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from skyfolio.planner.pins import Pins
 from skyfolio.planner.scenario import Frozen, Scenario
 
 
@@ -70,6 +71,23 @@ class Summary(Frozen):
     gap: float
 
 
+class Disruption(Frozen):
+    """How much a replan changes of the plan that it replaces, over the slots that both plan, and what that is priced.
+
+    user_slots_changed: in how many slots of how many users, added up, another UAV serves the user than before, counted
+    where the old or the new plan gives the user bandwidth and the UAV that served it is still there; users_changed: how
+    many users that is. path_changed_m: the distance between where the old and the new plan have a UAV when a slot
+    begins, summed over the UAVs of both and averaged over the slots, metres. weight_kbps: the `disruption_weight` of
+    the request; price_bps: what was deducted from the utility to choose among plans, bit/s.
+    """
+
+    user_slots_changed: int
+    users_changed: int
+    path_changed_m: float
+    weight_kbps: float
+    price_bps: float
+
+
 class Plan(Frozen):
     """A feasible plan for `scenario` (constraints 6a-6g hold exactly), keyed by ids.
 
@@ -79,7 +97,8 @@ class Plan(Frozen):
     A plan with status `infeasible` could not give every user its `min_rate_bps`: `unmet_min_rate_slots` says whom and
     when, counted on the plan's own grid; all other constraints hold.
     A replan covers the slots that remain: its slot 0 is slot `first_slot` of the operation, and
-    `achieved_rates_bps` holds what each user got before that.
+    `achieved_rates_bps` holds what each user got before that, and `disruption` what it changes.
+    `pins` is what the plan was held to, with the paths of pinned UAVs written out.
     """
 
     id: str
@@ -97,5 +116,7 @@ class Plan(Frozen):
     achieved_rates_bps: dict[str, list[float]] = Field(default_factory=dict)
     unmet_min_rate_slots: dict[str, list[int]] = Field(default_factory=dict)
     summary: Summary
+    pins: Pins = Pins()
+    disruption: Disruption | None = None
     history: list[Iteration] = Field(default_factory=list)
     solve_ms: float | None = None

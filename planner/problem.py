@@ -38,7 +38,8 @@ class Problem:
     n_flying: (U,), in how many slots it flies before it leaves; `snr_gain` is 0 from then on. end_m: (U, 2), where it
     must be in its last slot, NaN where free. min_kbps: (K,), in every slot. discs: (D, 3), east, north, radius of
     no-fly discs; polygons: outlines (V, 2) of no-fly polygons, metres. counted_from: the first planned slot that
-    counts in the utility.
+    counts in the utility. pinned_m: (U, N, 2), metres, where UAVs have to be, NaN for those that are free; pinned_to:
+    (K, N), who has to serve each user, -1 where that is free; both empty without pins (`pins.py`).
     """
 
     start_m: Array
@@ -59,6 +60,8 @@ class Problem:
     discs: Array
     polygons: tuple[Array, ...] = ()
     counted_from: int = 0
+    pinned_m: Array = field(default_factory=lambda: np.zeros((0, 0, 2)))
+    pinned_to: NDArray[np.intp] = field(default_factory=lambda: np.zeros((0, 0), dtype=np.intp))
 
     @cached_property
     def n_uavs(self) -> int:

@@ -72,6 +72,16 @@ def remaining(
     return scenario, Past(first_slot=at_slot, rates_bps=_for_users(scenario, changes, past))
 
 
+def rest_of_paths_m(previous: Plan, at_slot: int, changes: Changes | None = None) -> dict[str, list[Point]]:
+    """Return the rest of each UAV's path in the previous plan, metres from slot `at_slot` on; not of UAVs that return.
+
+    Those of failed UAVs are among them.
+    """
+    returned = {uav.id for uav in changes.returned} if changes else set()
+    begin = at_slot - previous.first_slot
+    return {uav: path[begin:] for uav, path in previous.trajectories_m.items() if uav not in returned}
+
+
 def _whose_fault(error: ValidationError, changes: Changes) -> str:
     """Return the broken rule of the remaining scenario, preceded by the field of the request that broke it."""
     said = str(error.errors()[0]["msg"]).removeprefix("Value error, ")

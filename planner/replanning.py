@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 
 from skyfolio.planner.changes import Changes
+from skyfolio.planner.disruption import former_of
+from skyfolio.planner.pins import Pins
 from skyfolio.planner.plans import Cause, Plan
-from skyfolio.planner.remainder import cause_of, remaining
+from skyfolio.planner.remainder import cause_of, remaining, rest_of_paths_m
 from skyfolio.planner.solve import plan
 
 
@@ -22,6 +24,8 @@ def replan(
     achieved_rates_bps: Mapping[str, Sequence[float]] | None = None,
     changes: Changes | None = None,
     cause: Cause | None = None,
+    pins: Pins | None = None,
+    disruption_weight: float = 0.0,
     **options: Any,
 ) -> Plan:
     """Plan the remaining slots of `previous` for the UAVs and users that are left.
@@ -29,22 +33,23 @@ def replan(
     failed: ids of the UAVs that are gone. at_slot: the first slot to plan, on the operation's slot grid.
     positions_m: where the survivors are when that slot begins, metres east/north (default: where the plan has them).
     achieved_rates_bps: what each user got in the slots before `at_slot` (default: what the plan promised).
-    changes: what else is different, and failed UAVs too. options: as for `plan`; the method is the previous plan's
-    unless another is named. Raises ReplanError as `remaining` does; the previous plan stays as it is.
+    changes: what else is different, and failed UAVs too. pins: what the new plan is held to, by its own slots; a pinned
+    UAV keeps to the rest of its path; pins of the previous plan hold no longer. disruption_weight: kbit/s of utility
+    that it must gain to let another UAV serve a user throughout, or to fly 100 m off the old paths (`disruption.py`).
+    options: as for `plan`; the method is the previous plan's unless another is named.
+    Raises ReplanError as `remaining` does, and PinError; the previous plan stays as it is.
     """
     changes = changes or Changes()
     scenario, past = remaining(previous, failed, at_slot, positions_m, achieved_rates_bps, changes)
-    begin = at_slot - previous.first_slot
-    warm = [
-        previous.trajectories_m[uav.id][begin:]
-        if uav.id in previous.trajectories_m and uav not in changes.returned
-        else [uav.start_m] * scenario.slots
-        for uav in scenario.uavs
-    ]
+    rest_m = rest_of_paths_m(previous, at_slot, changes)
+    warm = [rest_m.get(uav.id, [uav.start_m] * scenario.slots) for uav in scenario.uavs]
     return plan(
         scenario,
         past=past,
         warm_start_m=np.array(warm),
+        pins=pins,
+        current_m=rest_m,
+        former=former_of(previous, scenario, at_slot, set(rest_m), disruption_weight),
         cause=cause or cause_of(changes, failed),
         parent=previous.id,
         revision=previous.revision + 1,

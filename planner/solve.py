@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from skyfolio.planner.arrays import Array
+from skyfolio.planner.disruption import Former, disruption_of, least_disruptive
 from skyfolio.planner.emit import emit
 from skyfolio.planner.methods import DEFAULT_METHOD, method_of
+from skyfolio.planner.pinning import PinError, Pinned, pinned
+from skyfolio.planner.pins import Pins
 from skyfolio.planner.plans import Iteration, Plan, PlanStatus
-from skyfolio.planner.problem import Past, problem_of
-from skyfolio.planner.scenario import Scenario
+from skyfolio.planner.problem import Past, Problem, problem_of
+from skyfolio.planner.scenario import Point, Scenario
 from skyfolio.planner.solution import Observer, Solution
 from skyfolio.planner.stopping import AnyOf, MaxIterations, RelativeGain, StoppingRule
 from skyfolio.planner.unreachable import UnreachableEndError
@@ -35,6 +39,9 @@ def plan(
     seed: int = 0,
     past: Past | None = None,
     warm_start_m: Array | None = None,
+    pins: Pins | None = None,
+    current_m: Mapping[str, Sequence[Point]] | None = None,
+    former: Former | None = None,
     stop: StoppingRule | None = None,
     observer: Callable[[Iteration], None] = _ignore,
     offer: Callable[[Callable[[], Plan]], None] = _ignore,
@@ -45,29 +52,68 @@ def plan(
 
     method: a name in `METHODS`. n_starts: how many starts the fast path climbs from (default: by size, 32 at the
     letter's), drawn from `seed`: the same inputs give the same plan. past: rates achieved before slot 0 (they count
-    in the utility). warm_start_m: (U, N, 2) paths to begin from, in metres. stop: when to return what has been found
-    (default: converged). observer: called after each iteration that counts. offer: called then with what makes
-    the plan reached so far, `running`, when it is wanted. clock: fills `solve_ms`. identity: `id`,
-    `revision`, `cause`, `parent` of the plan; the id defaults to a digest of the inputs.
-    Raises UnreachableEndError, which names the UAVs, when no paths to all end positions are found, and ValueError for
-    an unknown method and for shapes that do not fit the scenario.
+    in the utility). warm_start_m: (U, N, 2) paths to begin from, in metres. pins: parts that are fixed. current_m: the
+    paths that pinned UAVs are on (default: they hover). former: the plan that this one replaces, and the price of
+    changing it. stop: when to return what has been found (default: converged). observer: called after each iteration
+    that counts. offer: called then with what makes the plan reached so far, `running`, when it is wanted. clock: fills
+    `solve_ms`. identity: `id`, `revision`, `cause`, `parent` of the plan; the id defaults to a digest of the inputs.
+    Raises UnreachableEndError, which names the UAVs, when no paths to all end positions are found, PinError for pins
+    that cannot be kept, and ValueError for an unknown method and for shapes that do not fit the scenario.
     """
     began = clock() if clock else 0.0
     past, stop = past or Past(), stop or converged()
-    problem = problem_of(scenario, past)
+    held = pinned(scenario, pins or Pins(), current_m)
+    problem = _held(problem_of(scenario, past), held)
     _check(problem.hover().shape, n_starts, warm_start_m)
-    inputs = (method, n_starts, seed, None if warm_start_m is None else warm_start_m.tobytes())
+    _require_able(method, held, former)
+    inputs = [method, n_starts, seed, None if warm_start_m is None else warm_start_m.tobytes(), *_asked(held, former)]
 
     def emitted(solution: Solution, status: PlanStatus) -> Plan:
-        return emit(scenario, past, problem, solution, inputs, method=method, status=status, **identity)
+        changed = disruption_of(former, solution) if former else None
+        told = {"pins": held.pins, "disruption": changed, "method": method, "status": status}
+        return emit(scenario, past, problem, solution, inputs, **told, **identity)
 
     told = _told(observer, offer, lambda solution: emitted(solution, PlanStatus.RUNNING))
     try:
         solution = method_of(method)(problem, stop, warm_start_m, told, n_starts=n_starts, seed=seed)
     except UnreachableEndError as error:
-        raise error.named(scenario.uav_ids) from None
+        raise _explained(error.named(scenario.uav_ids), held) from None
+    if former is not None:
+        solution = least_disruptive(problem, former, solution, stop, seed)
     made = emitted(solution, PlanStatus.CANCELLED if stop.interrupts else PlanStatus.SUCCEEDED)
     return made.model_copy(update={"solve_ms": (clock() - began) * 1e3}) if clock else made
+
+
+def _held(problem: Problem, held: Pinned) -> Problem:
+    """Return the problem with its pins; without any it is the same."""
+    return replace(problem, pinned_m=held.paths_m, pinned_to=held.serving) if held.pins else problem
+
+
+def _asked(held: Pinned, former: Former | None) -> list[object]:
+    """Return what pins and price add to the inputs that distinguish plans: nothing where there are none."""
+    price = [former.weight_kbps] if former and former.weight_kbps > 0.0 else []
+    return [*([held.pins.model_dump_json()] if held.pins else []), *price]
+
+
+def _require_able(method: str, held: Pinned, former: Former | None) -> None:
+    """Refuse what only the default method can do. Raises PinError or ValueError."""
+    if method == DEFAULT_METHOD:
+        return
+    if held.pins:
+        raise PinError(f"pins: only the method {DEFAULT_METHOD!r} keeps pins, not {method!r}")
+    if former and former.weight_kbps > 0.0:
+        raise ValueError(f"disruption_weight: only the method {DEFAULT_METHOD!r} has one, not {method!r}")
+
+
+def _explained(error: UnreachableEndError, held: Pinned) -> ValueError:
+    """Return the error, or with pinned paths one that tells of them."""
+    if not held.pins.paths_m:
+        return error
+    who = ", ".join(map(repr, held.pins.paths_m))
+    return PinError(
+        f"pins: no paths were found on which the other UAVs keep min_separation_m from the pinned {who}, stay within "
+        "area_m and out of no_fly, and reach their ends (eqs. 6d-6f)"
+    )
 
 
 def _told(

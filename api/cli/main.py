@@ -75,6 +75,7 @@ USER_ERRORS = {
     "skyfolio.api.store.errors": "StoreError",
     "skyfolio.mavlink_bridge.errors": "BridgeError",
     "skyfolio.planner.changes": "ReplanError",
+    "skyfolio.planner.pinning": "PinError",
     "skyfolio.planner.unreachable": "UnreachableEndError",
 }
 """Errors that a user can act on, by the module that defines them: a module that is not loaded has raised none."""

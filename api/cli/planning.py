@@ -16,12 +16,15 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from skyfolio.api.cli import terminal as show
 from skyfolio.api.cli.autopilots import DEFAULT, AutopilotOfMission
 from skyfolio.api.cli.files import Json, Out, UsageError, read_as, read_scenario, write
-from skyfolio.planner import EXAMPLES, AnyOf, Changes, Deadline, Plan, converged, plan, replan
+from skyfolio.planner import EXAMPLES, AnyOf, Changes, Deadline, Pins, Plan, converged, plan, replan
 
 UNMET_STATUS = 3
 """Exit status of a plan that could not give every user its minimum rate: it was written, and flies."""
 
 DeadlineS = Annotated[float | None, typer.Option(min=0.001, help="Return the best plan after this many seconds.")]
+PinsFile = Annotated[
+    Path | None, typer.Option("--pins", help="JSON of what the plan keeps: paths_m, uavs, associations.")
+]
 ScenarioFile = Annotated[Path | None, typer.Argument(help="Scenario as JSON.")]
 Example = Annotated[str | None, typer.Option(help=f"A ready scenario: {', '.join(EXAMPLES)}.")]
 
@@ -29,13 +32,15 @@ Example = Annotated[str | None, typer.Option(help=f"A ready scenario: {', '.join
 def plan_command(
     file: ScenarioFile = None,
     example: Example = None,
+    pins: PinsFile = None,
     deadline_s: DeadlineS = None,
     out: Out = None,
     as_json: Json = False,
 ) -> None:
     """Plan a scenario."""
     scenario = read_scenario(file, example)
-    _deliver(plan(scenario, stop=_stop(deadline_s), clock=time.perf_counter), out, as_json)
+    kept = read_as(Pins, pins) if pins else None
+    _deliver(plan(scenario, pins=kept, stop=_stop(deadline_s), clock=time.perf_counter), out, as_json)
 
 
 def replan_command(
@@ -48,6 +53,14 @@ def replan_command(
             help="JSON of what else is different: failed, returned, users_joined, users_left, utility, bandwidth_hz."
         ),
     ] = None,
+    pins: PinsFile = None,
+    disruption_weight: Annotated[
+        float,
+        typer.Option(
+            min=0,
+            help="kbit/s that a change must be worth: a user's other UAV throughout, or 100 m off the old paths.",
+        ),
+    ] = 0.0,
     deadline_s: DeadlineS = None,
     out: Out = None,
     as_json: Json = False,
@@ -55,10 +68,17 @@ def replan_command(
     """Plan the remaining slots of a plan: for the survivors, and for what else is different."""
     previous = read_as(Plan, file)
     changed = read_as(Changes, changes) if changes else None
-    if not failed and changed is None:
-        raise UsageError("give --failed UAV or --changes FILE: what is different?")
+    if not failed and changed is None and pins is None:
+        raise UsageError("give --failed UAV or --changes FILE, or --pins FILE: what is different?")
     replanned = replan(
-        previous, failed=failed or (), at_slot=at_slot, changes=changed, stop=_stop(deadline_s), clock=time.perf_counter
+        previous,
+        failed=failed or (),
+        at_slot=at_slot,
+        changes=changed,
+        pins=read_as(Pins, pins) if pins else None,
+        disruption_weight=disruption_weight,
+        stop=_stop(deadline_s),
+        clock=time.perf_counter,
     )
     _deliver(replanned, out, as_json)
 

@@ -31,7 +31,7 @@ from skyfolio.api.flights.orders import OrderResult
 from skyfolio.api.plans.contingencies import ContingencyTable
 from skyfolio.api.plans.plan_records import PlanRow, UnfinishedPlan
 from skyfolio.api.store.event_log import PROVISIONAL, Event
-from skyfolio.planner import Changes, Comparison, Explanation, Plan, Scenario
+from skyfolio.planner import Changes, Comparison, Explanation, Pins, Plan, Scenario
 
 Model = TypeVar("Model", bound=BaseModel)
 PAGE = 100
@@ -79,16 +79,24 @@ class Client:
     # -- plans ----------------------------------------------------------------------------------------------------
 
     def submit(
-        self, scenario: Scenario, *, wait_s: float = 0, deadline_s: float | None = None, key: str | None = None
+        self,
+        scenario: Scenario,
+        *,
+        pins: Pins | None = None,
+        wait_s: float = 0,
+        deadline_s: float | None = None,
+        key: str | None = None,
     ) -> Plan | UnfinishedPlan:
-        """Ask for a plan; `key` makes it safe to ask again."""
+        """Ask for a plan that keeps `pins`; `key` makes it safe to ask again."""
         params = {"wait_s": wait_s} | ({"deadline_s": deadline_s} if deadline_s else {})
-        answer = self._call("POST", "/v1/plans", json=scenario.model_dump(mode="json"), params=params, key=key)
-        return _plan(answer)
+        body = {**scenario.model_dump(mode="json"), **_pins(pins)}
+        return _plan(self._call("POST", "/v1/plans", json=body, params=params, key=key))
 
-    def plan(self, scenario: Scenario, *, wait_s: float = 60, deadline_s: float | None = None) -> Plan:
+    def plan(
+        self, scenario: Scenario, *, pins: Pins | None = None, wait_s: float = 60, deadline_s: float | None = None
+    ) -> Plan:
         """Plan a scenario and return the finished plan. Raises ApiError when it has no result within `wait_s`."""
-        return self._finished(self.submit(scenario, wait_s=wait_s, deadline_s=deadline_s))
+        return self._finished(self.submit(scenario, pins=pins, wait_s=wait_s, deadline_s=deadline_s))
 
     def replan(
         self,
@@ -98,13 +106,20 @@ class Client:
         at_slot: int,
         positions_m: Mapping[str, tuple[float, float]] | None = None,
         changes: Changes | None = None,
+        pins: Pins | None = None,
+        disruption_weight: float = 0.0,
         wait_s: float = 60,
         key: str | None = None,
     ) -> Plan:
-        """Return a finished plan from `at_slot` on: for the survivors, and for what else is different."""
+        """Return a finished plan from `at_slot` on: for the survivors, and for what else is different.
+
+        disruption_weight: kbit/s of utility that a change of the old plan must be worth.
+        """
         lost = [*(changes.failed if changes else ()), *failed]
         rest = changes.model_dump(mode="json", exclude={"failed"}) if changes else {}
-        body = {**rest, "failed": lost, "at_slot": at_slot, "positions_m": positions_m}
+        body = {**rest, "failed": lost, "at_slot": at_slot, "positions_m": positions_m, **_pins(pins)}
+        if disruption_weight:
+            body["disruption_weight"] = disruption_weight
         path = f"/v1/plans/{plan_id}/replans"
         return self._finished(_plan(self._call("POST", path, json=body, params={"wait_s": wait_s}, key=key)))
 
@@ -302,6 +317,11 @@ def _raise_for(answer: httpx2.Response, method: str, path: str) -> None:
     except (json.JSONDecodeError, ValueError):
         problem = Problem(type="unknown", title="Error", status=answer.status_code, detail=answer.text[:500])
     raise ApiError(method, path, problem)
+
+
+def _pins(pins: Pins | None) -> dict[str, Any]:
+    """Return the part of a request's body that holds the pins: nothing without any."""
+    return {"pins": pins.model_dump(mode="json")} if pins else {}
 
 
 def _plan(answer: httpx2.Response) -> Plan | UnfinishedPlan:

@@ -31,13 +31,14 @@ from skyfolio.api.common.problem import Problem
 from skyfolio.api.common.validation import broken_rules
 from skyfolio.api.store.errors import StoreError
 from skyfolio.mavlink_bridge import BridgeError
-from skyfolio.planner import InfeasiblePlanError, ReplanError
+from skyfolio.planner import InfeasiblePlanError, PinError, ReplanError
 
 TABLE: Mapping[type[Exception], tuple[int, str, str]] = {
     NotFoundError: (404, "not-found", "Not found"),
     ConflictError: (409, "conflict", "Not possible in this state"),
     InvalidError: (422, "invalid-request", "The request breaks a rule"),
     ReplanError: (422, "invalid-request", "The request breaks a rule"),
+    PinError: (422, "invalid-request", "The request breaks a rule"),
     BusyError: (503, "busy", "The queue is full"),
     PreconditionError: (412, "precondition", "The resource has changed"),
     UnauthorizedError: (401, "unauthorized", "An API key is needed"),

@@ -10,7 +10,9 @@ from skyfolio.planner import PlanStatus
 
 @dataclass(frozen=True, kw_only=True)
 class Job:
-    """One solve, as JSON: a scenario to plan, or a previous plan to replan with `request` (as `planner.replan`).
+    """One solve, as JSON: a scenario to plan, or a previous plan to replan.
+
+    `request`: further arguments of `planner.plan` or `planner.replan`, as pins.
 
     `task`: beside `plan`, which is both of these, `explain` explains the previous plan with `request` (a
     `planner.Budget`), and `preview` compares it with a scenario or, without one, with a replan by `request`.

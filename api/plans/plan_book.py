@@ -18,7 +18,7 @@ from skyfolio.api.plans.plan_records import PlanRecord, UnfinishedPlan
 from skyfolio.api.plans.plan_store import PlanStore
 from skyfolio.api.plans.solver import LaneName, SolveError, Solver
 from skyfolio.api.store.event_log import EventLog
-from skyfolio.planner import Cause, Plan, PlanStatus, Scenario
+from skyfolio.planner import Cause, Pins, Plan, PlanStatus, Scenario
 
 log = structlog.get_logger()
 KEEP_IN_MEMORY = 256
@@ -69,14 +69,24 @@ class PlanBook:
     # -- making and ending them -----------------------------------------------------------------------------------
 
     async def submit(
-        self, scenario: Scenario, creation: NewResource, deadline_s: float | None = None, starts: int | None = None
+        self,
+        scenario: Scenario,
+        creation: NewResource,
+        deadline_s: float | None = None,
+        starts: int | None = None,
+        *,
+        pins: Pins | None = None,
     ) -> PlanRecord:
         """Queue a plan for `scenario`. Raises BusyError; returns the same resource for the same Idempotency-Key."""
         if existing := await self._made_before(creation):
             return existing
         text = scenario.model_dump_json()
         job = Job(
-            scenario=text, deadline_s=deadline_s or self._deadline_s, starts=starts, most_starts=self._most_starts
+            scenario=text,
+            request={"pins": pins},
+            deadline_s=deadline_s or self._deadline_s,
+            starts=starts,
+            most_starts=self._most_starts,
         )
         return self._start(job, creation, LaneName.REQUESTS, cause=Cause(), revision=1, parent=None, scenario=text)
 

@@ -84,7 +84,7 @@ def solve(job: Job, board: JobBoard, token: int) -> Plan:
         return replan(Plan.model_validate_json(job.previous), **job.request, n_starts=job.starts, **options)
     assert job.scenario is not None  # noqa: S101 - one of the two is always given
     scenario = Scenario.model_validate_json(job.scenario)
-    return plan(scenario, n_starts=job.starts or starts_of(scenario, job.most_starts), **options)
+    return plan(scenario, **job.request, n_starts=job.starts or starts_of(scenario, job.most_starts), **options)
 
 
 def _planned(job: Job, board: JobBoard, token: int) -> Solved:

@@ -17,7 +17,7 @@ from skyfolio.api.common import kernels
 from skyfolio.api.plans.job_board import JobBoard
 from skyfolio.api.plans.jobs import Job, Solved
 from skyfolio.api.plans.liveness import WorkerHeartbeat
-from skyfolio.planner import PlanStatus, ReplanError, UnreachableEndError
+from skyfolio.planner import PinError, PlanStatus, ReplanError, UnreachableEndError
 
 
 class _WorkerState:
@@ -66,7 +66,7 @@ def run(job: Job, token: int) -> Solved:
     _WorkerState.board.begin(token)
     try:
         return work(job, _WorkerState.board, token)
-    except (UnreachableEndError, ReplanError) as error:
+    except (UnreachableEndError, ReplanError, PinError) as error:
         return Solved(status=PlanStatus.INFEASIBLE, error=str(error))
     except Exception as error:  # noqa: BLE001 - whatever it is, it must not break the pool
         return Solved(status=PlanStatus.FAILED, error=f"{type(error).__name__}: {error}")

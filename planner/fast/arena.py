@@ -71,6 +71,8 @@ class Arena(NamedTuple):
     discs: (D, 3), east, north, radius. corners: (V, 2) of all no-fly polygons, polygon p at [first[p], first[p + 1]).
     turns: (2, C), where ways around zones may turn; sees: (C, C), which of them see each other;
     left: (U, C), slots from each to the end of each UAV (`routes.py`).
+    pinned: (N, 2, U), metres, where UAVs have to be, NaN for those that are free; pinned_to: (N, K), who has to serve
+    each user, -1 where that is free; both empty without pins.
     """
 
     gain: Array
@@ -99,6 +101,10 @@ class Arena(NamedTuple):
     turns: Array
     sees: Ints
     left: Ints
+    pinned: Array
+    pinned_to: Ints
+    has_pinned: bool
+    has_pinned_to: bool
     has_ends: bool
     has_minimum: bool
 
@@ -153,9 +159,25 @@ def arena_of(problem: Problem) -> Arena:
         turns=np.zeros((2, 0)),
         sees=np.zeros((0, 0), dtype=np.int64),
         left=np.zeros((problem.n_uavs, 0), dtype=np.int64),
+        pinned=plain(problem.pinned_m.transpose(1, 2, 0)),
+        pinned_to=plain(problem.pinned_to.T, np.int64),
+        has_pinned=problem.pinned_m.size > 0,
+        has_pinned_to=problem.pinned_to.size > 0,
         has_ends=bool(np.isfinite(problem.end_m).any()),
         has_minimum=bool((problem.min_kbps > 0).any()),
     )
+
+
+@kernel
+def is_pinned(arena: Arena, u: int) -> bool:
+    """Return whether the path of UAV u is given, of a fleet that `has_pinned`: asked first, since a call takes time."""
+    return not np.isnan(arena.pinned[0, 0, u])
+
+
+def free_uavs(arena: Arena) -> Ints:
+    """Return the UAVs whose paths are to be found."""
+    given = np.isfinite(arena.pinned[0, 0]) if arena.has_pinned else np.zeros(arena.gain.shape[1], dtype=bool)
+    return np.flatnonzero(~given)
 
 
 def is_mean(problem: Problem) -> bool:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.fast.arena import Arena, Links, kernel
+from skyfolio.planner.fast.arena import Arena, Links, is_pinned, kernel
 from skyfolio.planner.fast.flight import fly
 from skyfolio.planner.fast.floors import free_bands, refit, reweigh
 from skyfolio.planner.fast.rates import gradient, link_rates, value
@@ -117,6 +117,8 @@ def _direction(arena: Arena, slope: Array, direction: Array) -> float:
     n_slots, _, n_uavs = slope.shape
     longest2 = 0.0
     for u in range(n_uavs):
+        if arena.has_pinned and is_pinned(arena, u):
+            continue
         east = north = way_e = way_n = 0.0
         last = min(n_slots - 1, arena.last[u])
         for n in range(last, 0, -1):

@@ -46,5 +46,7 @@ def _fails(problem: Problem, uavs: tuple[int, ...]) -> bool:
         snr_gain=problem.snr_gain[few],
         n_flying=problem.n_flying[few],
         end_m=problem.end_m[few],
+        pinned_m=problem.pinned_m[few] if problem.pinned_m.size else problem.pinned_m,
+        pinned_to=np.zeros((0, 0), dtype=np.intp),
     )
     return hovering(with_routes(part, arena_of(part))) is None

@@ -8,7 +8,7 @@ from skyfolio.planner.arrays import Array
 from skyfolio.planner.fast.arena import MARGIN, SUM, Arena, Ints, Links, entry, kernel
 from skyfolio.planner.fast.ascent import Ascent, ascend, ascent_of
 from skyfolio.planner.fast.matching import match_all
-from skyfolio.planner.fast.rates import link_rates, slot_signals, value
+from skyfolio.planner.fast.rates import keep_pins, link_rates, slot_signals, value
 from skyfolio.planner.fast.shares import copy_links, new_links, share_all, tangent_weights
 
 RELINKS = 4
@@ -96,6 +96,8 @@ def tables(arena: Arena, path: Array, links: Links, serving: Ints, hertz: Array)
     for n in range(path.shape[0]):
         if links.used[n] < n_users:
             slot_signals(arena, path[n], n, signal, total)
+            if arena.has_pinned_to:
+                keep_pins(arena, n, signal)
             for k in range(n_users):
                 loudest[k] = 0.0
             for u in range(n_uavs):

@@ -3,7 +3,8 @@
 Slot by slot, each UAV makes its wished step, shortened to `D_max`, bent towards its end position while that must
 still be reached, and clipped to the area. Then the legs are checked against each other and the no-fly zones. A leg
 that comes too close is pushed out along the tangent, so that UAVs slide past each other; who still conflicts holds
-its position, which is always safe: relative motion can only stop. A feasible path passes unchanged.
+its position, which is always safe: relative motion can only stop. A feasible path passes unchanged. A UAV whose path
+is pinned flies just that: the others give way, and where they cannot, there is no path.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.fast.arena import Arena, Flag, Ints, entry, kernel, smooth
+from skyfolio.planner.fast.arena import Arena, Flag, Ints, entry, is_pinned, kernel, smooth
 from skyfolio.planner.fast.routes import one_step, way_on
 from skyfolio.planner.fast.zones import SLACK_M, push_from_zones, push_out
 
@@ -43,6 +44,9 @@ def fly(arena: Arena, wish: Array, chase: Flag, path: Array) -> bool:
 @kernel
 def step(arena: Arena, path: Array, n: int, u: int, dx: float, dy: float) -> None:
     """Move UAV u from slot n - 1 by (dx, dy) metres as far as speed, end and area allow."""
+    if arena.has_pinned and is_pinned(arena, u):
+        path[n, 0, u], path[n, 1, u] = arena.pinned[n, 0, u], arena.pinned[n, 1, u]
+        return
     x, y = path[n - 1, 0, u], path[n - 1, 1, u]
     if n > arena.last[u]:
         path[n, 0, u], path[n, 1, u] = x, y
@@ -133,7 +137,7 @@ def _ends_reachable(arena: Arena, path: Array, n: int) -> bool:
     if not arena.has_ends:
         return True
     for u in range(path.shape[2]):
-        if n <= arena.last[u] and not np.isnan(arena.end_m[0, u]):
+        if n <= arena.last[u] and not np.isnan(arena.end_m[0, u]) and not (arena.has_pinned and is_pinned(arena, u)):
             away = np.hypot(path[n, 0, u] - arena.end_m[0, u], path[n, 1, u] - arena.end_m[1, u])
             if away > (arena.last[u] - n) * arena.step_m[u] + SLACK_M:
                 return False
@@ -148,7 +152,7 @@ def _hold(path: Array, n: int, u: int) -> None:
 @kernel
 def _keep_out(arena: Arena, path: Array, n: int, u: int, hold: bool) -> bool:
     """Return whether the leg of u stays out of every zone; if not, it is pushed out, or held."""
-    if n > arena.last[u]:
+    if n > arena.last[u] or (arena.has_pinned and is_pinned(arena, u)):
         return True
     dx, dy, inside = push_from_zones(arena, path[n - 1, 0, u], path[n - 1, 1, u], path[n, 0, u], path[n, 1, u])
     if not inside:
@@ -163,7 +167,12 @@ def _keep_out(arena: Arena, path: Array, n: int, u: int, hold: bool) -> bool:
 @kernel
 def _on_the_way(arena: Arena, path: Array, n: int, u: int) -> bool:
     """Return whether u can still reach its end around the zones; if not, it takes the next step of the shortest way."""
-    if n > arena.last[u] or not arena.has_ends or np.isnan(arena.end_m[0, u]):
+    if (
+        n > arena.last[u]
+        or not arena.has_ends
+        or np.isnan(arena.end_m[0, u])
+        or (arena.has_pinned and is_pinned(arena, u))
+    ):
         return True
     end_x, end_y, left = arena.end_m[0, u], arena.end_m[1, u], arena.left[u]
     slots, _, _ = way_on(arena, left, u, path[n, 0, u], path[n, 1, u], end_x, end_y)
@@ -177,19 +186,26 @@ def _on_the_way(arena: Arena, path: Array, n: int, u: int) -> bool:
 
 @kernel
 def _keep_apart(arena: Arena, path: Array, n: int, u: int, j: int, hold: bool) -> bool:
-    """Return whether the legs of u and j stay `D_min` apart; if not, each is pushed half the way, or held."""
-    if n > min(arena.last[u], arena.last[j]):
+    """Return whether the legs of u and j stay `D_min` apart; if not, each is pushed half the way, or held.
+
+    Beside a UAV whose path is pinned the other is pushed all the way, and never held: staying is no safety there.
+    """
+    u_pinned = arena.has_pinned and is_pinned(arena, u)
+    j_pinned = arena.has_pinned and is_pinned(arena, j)
+    if n > min(arena.last[u], arena.last[j]) or (u_pinned and j_pinned):
         return True
     x0, y0 = path[n - 1, 0, u] - path[n - 1, 0, j], path[n - 1, 1, u] - path[n - 1, 1, j]
     x1, y1 = path[n, 0, u] - path[n, 0, j], path[n, 1, u] - path[n, 1, j]
     px, py = push_out(x0, y0, x1, y1, arena.separation_m)
     if px == 0.0 and py == 0.0:
         return True
-    if hold:
+    one_pinned = u_pinned or j_pinned
+    if hold and not one_pinned:
         _hold(path, n, u)
         _hold(path, n, j)
         return False
-    for one, sign in ((u, 0.5), (j, -0.5)):
+    share = 1.0 if one_pinned else 0.5
+    for one, sign in ((u, share), (j, -share)):
         dx = path[n, 0, one] + sign * px - path[n - 1, 0, one]
         dy = path[n, 1, one] + sign * py - path[n - 1, 1, one]
         step(arena, path, n, one, dx, dy)

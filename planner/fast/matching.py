@@ -14,7 +14,7 @@ import numpy as np
 
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.fast.arena import Arena, Ints, Links, kernel, smooth
-from skyfolio.planner.fast.rates import slot_signals
+from skyfolio.planner.fast.rates import keep_pins, slot_signals
 
 
 class Search(NamedTuple):
@@ -58,22 +58,24 @@ def match_all(arena: Arena, path: Array, links: Links) -> None:
     by_user = search_of(n_users, max(n_users, n_uavs))
     for n in range(path.shape[0]):
         slot_signals(arena, path[n], n, signal, total)
+        if arena.has_pinned_to:
+            keep_pins(arena, n, signal)
         flying = 0
         for u in range(n_uavs):
             flying += arena.last[u] >= n
         if flying <= n_users:
             match(signal, total, inverse, arena.khz, by_uav)
-            _link_uavs(arena, links, n, by_uav.chosen)
+            _link_uavs(arena, links, n, by_uav.chosen, signal)
         else:
             _match_users(signal, total, arena.khz, by_user)
             _link_users(arena, links, n, by_user.chosen, signal)
 
 
 @kernel
-def _link_uavs(arena: Arena, links: Links, n: int, user_of: Ints) -> None:
+def _link_uavs(arena: Arena, links: Links, n: int, user_of: Ints, signal: Array) -> None:
     count = 0
     for u in range(user_of.shape[0]):
-        if user_of[u] >= 0:
+        if user_of[u] >= 0 and signal[u, user_of[u]] > 0.0:
             links.user[n, count], links.uav[n, count], links.khz[n, count] = user_of[u], u, arena.khz[u]
             count += 1
     links.used[n] = count

@@ -37,6 +37,19 @@ def slot_signals(arena: Arena, at: Array, n: int, signal: Array, total: Array) -
                 total[k] += s
 
 
+@kernel
+def keep_pins(arena: Arena, n: int, signal: Array) -> None:
+    """Set the signals (U, K) of slot n to 0 where a user is pinned to another UAV: no link is made without one.
+
+    What the UAV adds to the interference stays in the totals.
+    """
+    for k in range(signal.shape[1]):
+        given = arena.pinned_to[n, k]
+        for u in range(signal.shape[0]):
+            if given >= 0 and u != given:
+                signal[u, k] = 0.0
+
+
 @smooth
 def _mean_signals(
     path: Array, gain: Array, height2: Array, east: float, north: float, n: int, near: Array, signal: Array

@@ -11,12 +11,16 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.fast.arena import Arena, plain
+from skyfolio.planner.fast.arena import Arena, free_uavs, plain
 from skyfolio.planner.fast.flight import fly
 from skyfolio.planner.fast.routes import lead
 
 SPREAD_OF_HEIGHT = 2.5
 """Targets further away than this many altitudes are e times less likely: the altitude is the channel's own scale."""
+
+
+WAYS_OUT, WAYS_OUT_OF_SEPARATION = 12, (1.25, 2.5, 5.0)
+"""Directions, and distances in `D_min`, of the points to which a UAV gives way."""
 
 
 def flown(arena: Arena, wish: Array, *, chase: bool) -> Array | None:
@@ -28,11 +32,15 @@ def flown(arena: Arena, wish: Array, *, chase: bool) -> Array | None:
 def hovering(arena: Arena) -> Array | None:
     """Everyone stays at the start as long as its end allows: (N, 2, U) metres.
 
-    Where that lets UAVs meet on their ways, ends are sought at once, or half of the UAVs go first.
+    Where that lets UAVs meet on their ways, ends are sought at once, or half of the UAVs go first. Where it is in the
+    way of pinned UAVs, the others give way.
     """
     n_slots, n_uavs = arena.gain.shape
     stay = np.repeat(arena.start_m[None], n_slots, axis=0)
     path = flown(arena, stay, chase=True)
+    if path is not None or not (arena.has_ends or arena.has_pinned):
+        return path
+    path = _one_after_the_other(arena) if arena.has_pinned else None
     if path is not None or not arena.has_ends:
         return path
     early = stay.copy()
@@ -45,6 +53,37 @@ def hovering(arena: Arena) -> Array | None:
         path = flown(arena, wish, chase=True)
         if path is not None:
             return path
+    return None
+
+
+def _one_after_the_other(arena: Arena) -> Array | None:
+    """Return paths (N, 2, U) on which each free UAV in turn gives way to the pinned ones and to those before it.
+
+    It hovers, or goes to one of a few points around its start; the UAVs after it are not in the air yet. None when one
+    finds no such way.
+    """
+    path, last = arena.pinned.copy(), np.where(np.isnan(arena.pinned[0, 0]), 0, arena.last)
+    for u in free_uavs(arena):
+        last[u] = arena.last[u]
+        found = _giving_way(arena._replace(pinned=path.copy(), last=plain(last, np.int64)), int(u))
+        if found is None:
+            return None
+        path[:, :, u] = found
+    return path
+
+
+def _giving_way(arena: Arena, u: int) -> Array | None:
+    """Return the first way (N, 2) of UAV u, among a few, on which it keeps apart from the pinned UAVs."""
+    angle = 2.0 * np.pi * np.arange(WAYS_OUT) / WAYS_OUT
+    around = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    points = [np.zeros(2), *(share * arena.separation_m * way for share in WAYS_OUT_OF_SEPARATION for way in around)]
+    for point in points:
+        wish = np.repeat(arena.start_m[None], arena.gain.shape[0], axis=0)
+        target = plain(np.clip(arena.start_m[:, u] + point, arena.low, arena.high))
+        lead(arena, u, target, 0, wish)
+        path = flown(arena, wish, chase=True)
+        if path is not None:
+            return path[:, :, u]
     return None
 
 
@@ -91,9 +130,11 @@ def _scattered(arena: Arena, rng: np.random.Generator) -> Array:
 
 def _varied(arena: Arena, rng: np.random.Generator, best: Array) -> Array:
     """Return the best paths (N, 2, U), with one or two UAVs sent to another user near by, at once or later on."""
-    n_slots, _, n_uavs = best.shape
+    n_slots, free = best.shape[0], free_uavs(arena)
     wish = best.copy()
-    for u in rng.choice(n_uavs, size=min(n_uavs, int(rng.integers(1, 3))), replace=False):
+    if not len(free):
+        return wish
+    for u in rng.choice(free, size=min(len(free), int(rng.integers(1, 3))), replace=False):
         away = np.hypot(*(arena.user_m - best[-1, :, u][:, None]))
         likely = np.exp(-(away - away.min()) / _spread(arena))
         target = arena.user_m[:, rng.choice(len(likely), p=likely / likely.sum())]

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.fast.arena import Arena, entry, kernel
+from skyfolio.planner.fast.arena import Arena, entry, is_pinned, kernel
 from skyfolio.planner.fast.snapshots import Snapshots, aim, keep, worth
 from skyfolio.planner.fast.zones import holds
 
@@ -86,7 +86,9 @@ def _new_place(arena: Arena, shots: Snapshots, sites_m: Array, u: int, draw: Arr
 
 @kernel
 def _allowed(arena: Arena, shots: Snapshots, u: int, other: int, x: float, y: float) -> bool:
-    """Return whether u may hover at (x, y): out of zones, within reach, and apart from everybody but `other`."""
+    """Return whether u may hover at (x, y): free, out of zones, within reach, and apart from everybody but `other`."""
+    if (arena.has_pinned and is_pinned(arena, u)) or (other >= 0 and (arena.has_pinned and is_pinned(arena, other))):
+        return False
     for d in range(arena.discs.shape[0]):
         if (x - arena.discs[d, 0]) ** 2 + (y - arena.discs[d, 1]) ** 2 < arena.discs[d, 2] ** 2:
             return False
@@ -94,7 +96,7 @@ def _allowed(arena: Arena, shots: Snapshots, u: int, other: int, x: float, y: fl
         if holds(arena.corners[arena.first[p] : arena.first[p + 1]], x, y):
             return False
     for v in range(shots.place.shape[1]):
-        if v not in (u, other):
+        if v not in (u, other) and not (arena.has_pinned and is_pinned(arena, v)):
             de, dn = shots.place[0, v] - x, shots.place[1, v] - y
             if de * de + dn * dn < arena.separation_m * arena.separation_m:
                 return False

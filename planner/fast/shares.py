@@ -14,7 +14,7 @@ import numpy as np
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.fast.arena import Arena, Ints, Links, kernel
 from skyfolio.planner.fast.exchange import THOROUGH, exchange, market_of, share_slot
-from skyfolio.planner.fast.rates import PER_LN, slot_signals, user_sums
+from skyfolio.planner.fast.rates import PER_LN, keep_pins, slot_signals, user_sums
 
 
 @kernel
@@ -29,6 +29,8 @@ def share_all(arena: Arena, path: Array, links: Links, thorough: bool) -> None:
     eff = market.eff
     for n in range(path.shape[0]):
         slot_signals(arena, path[n], n, signal, total)
+        if arena.has_pinned_to:
+            keep_pins(arena, n, signal)
         fresh = links.used[n] == 0
         candidates(signal, total, links.uav[n], fresh, best, eff)
         share_slot(arena, market, links.uav[n], links.khz[n])

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.fast.arena import PER_USER, SUM, Arena, Ints, entry, kernel, smooth
+from skyfolio.planner.fast.arena import PER_USER, SUM, Arena, Ints, entry, is_pinned, kernel, smooth
 from skyfolio.planner.fast.rates import PER_LN
 
 STRETCHES = (0.35, 0.8, 1.5, 3.0, 6.0)
@@ -176,7 +176,12 @@ def _follow(signal: Array, serving: Ints, before: Array, u: int) -> None:
 
 @kernel
 def position(arena: Arena, u: int, x: float, y: float, n: int) -> tuple[float, float]:
-    """Return where UAV u is in slot n on its straight flight to (x, y), and from there to its end in time."""
+    """Return where UAV u is in slot n on its straight flight to (x, y), and from there to its end in time.
+
+    One whose path is pinned is where its path has it.
+    """
+    if arena.has_pinned and is_pinned(arena, u):
+        return arena.pinned[n, 0, u], arena.pinned[n, 1, u]
     x0, y0, step, last = arena.start_m[0, u], arena.start_m[1, u], arena.step_m[u], arena.last[u]
     flown, way = min(n, last) * step, np.hypot(x - x0, y - y0)
     if arena.has_ends and not np.isnan(arena.end_m[0, u]):

@@ -91,6 +91,25 @@ def test_replan_takes_changes_from_a_file(
     assert made.scenario.uav("uav-2").bandwidth_hz == 5000.0
 
 
+def test_plan_and_replan_take_pins_from_a_file_and_replan_a_price(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    file, pins = tmp_path / "plan.json", tmp_path / "pins.json"
+    pins.write_text('{"uavs": ["uav-1"]}')
+    assert run(monkeypatch, "plan", "--example", "minimal", "--pins", str(pins), "--json", "--out", str(file)) == 0
+    made = Plan.model_validate_json(file.read_text())
+    assert set(made.trajectories_m["uav-1"]) == {made.scenario.uav("uav-1").start_m}
+    capsys.readouterr()
+    weighed = ["--failed", "uav-2", "--at-slot", "1", "--pins", str(pins), "--disruption-weight", "3", "--json"]
+    assert run(monkeypatch, "replan", str(file), *weighed) == 0
+    again = Plan.model_validate_json(capsys.readouterr().out)
+    assert list(again.pins.paths_m) == ["uav-1"]
+    assert again.disruption is not None
+    assert again.disruption.weight_kbps == 3.0
+    assert run(monkeypatch, "replan", str(file), "--at-slot", "1", "--pins", str(pins), "--json") == 0
+    assert Plan.model_validate_json(capsys.readouterr().out).scenario.uav_ids == ("uav-1", "uav-2")
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
@@ -101,6 +120,12 @@ def test_replan_takes_changes_from_a_file(
         (["replan", "{plan}", "--at-slot", "1"], "give --failed UAV or --changes FILE"),
         (["replan", "{plan}", "--at-slot", "1", "--changes", "{plan}"], "Extra inputs are not permitted"),
         (["explain", "{bad}"], "bad.json: "),
+        (["plan", "--example", "minimal", "--pins", "{plan}"], "Extra inputs are not permitted"),
+        (["plan", "--example", "minimal", "--pins", "{pins}"], "pins.uavs: 'uav-9' is not a UAV of the plan"),
+        (
+            ["replan", "{plan}", "--failed", "uav-1", "--at-slot", "1", "--disruption-weight", "inf"],
+            "disruption_weight",
+        ),
         (["export", "{plan}", "--format", "waypoints"], "choose one of uav-1, uav-2"),
         (["plan", "{bad}"], "bad.json: uavs.0.bandwidth_hz: Input should be greater than or equal to 1"),
         (["plan", "--example", "minimal", "--out", "/dev/null/plan.json"], "--out: /dev/null/plan.json: "),
@@ -113,7 +138,8 @@ def test_a_mistake_is_one_message_and_status_2(
     arguments: list[str],
     said: str,
 ) -> None:
-    files = {"{plan}": tmp_path / "plan.json", "{bad}": tmp_path / "bad.json"}
+    files = {name: tmp_path / f"{name[1:-1]}.json" for name in ("{plan}", "{bad}", "{pins}")}
+    files["{pins}"].write_text('{"uavs": ["uav-9"]}')
     run(monkeypatch, "plan", "--example", "minimal", "--json", "--out", str(files["{plan}"]))
     bad: dict[str, Any] = EXAMPLES["minimal"]().model_dump(mode="json")
     bad["uavs"][0]["bandwidth_hz"] = -5

@@ -15,7 +15,7 @@ from schemathesis.specs.openapi.checks import content_type_conformance, response
 
 from skyfolio.api.common.settings import Settings
 from skyfolio.api.http.app import create_app
-from skyfolio.planner import Scenario
+from skyfolio.api.http.routes.plans import PlanRequest
 from tests.ports import free_port
 
 EXAMPLES_EACH = 20
@@ -97,8 +97,8 @@ def test_every_command_of_an_operation_takes_an_etag() -> None:
             assert "If-Match" in {one["name"] for one in operation["parameters"]}
 
 
-def test_the_examples_in_the_description_are_valid_scenarios() -> None:
+def test_the_examples_in_the_description_are_valid_requests() -> None:
     body = APP.openapi()["paths"]["/v1/plans"]["post"]["requestBody"]["content"]["application/json"]
     assert len(body["examples"]) >= 2
     for example in body["examples"].values():
-        assert Scenario.model_validate(example["value"])
+        assert PlanRequest.model_validate(example["value"])

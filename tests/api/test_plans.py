@@ -8,10 +8,10 @@ import pytest
 from fastapi.testclient import TestClient
 
 from skyfolio.api.client import Client
-from skyfolio.api.http.routes.examples import REPLAN_EXAMPLES
+from skyfolio.api.http.routes.examples import PLAN_EXAMPLES, REPLAN_EXAMPLES
 from skyfolio.api.plans.plan_records import UnfinishedPlan
 from skyfolio.mavlink_bridge import Autopilot, compile_mission, from_qgc_plan, from_waypoints
-from skyfolio.planner import EXAMPLES, Changes, Plan, Uav, violations
+from skyfolio.planner import EXAMPLES, Changes, Pins, Plan, Uav, violations
 from skyfolio.planner.layouts import scattered
 
 CROWD = [{"id": f"guest-{k}", "position_m": [1.0, 1.0]} for k in range(1000)]
@@ -155,6 +155,92 @@ def test_every_example_of_a_replan_is_one(client: TestClient, minimal: dict[str,
         made = client.post(path, params={"wait_s": 60}, json={"failed": ["uav-2"], "at_slot": 1}).json()
     answer = client.post(f"/v1/plans/{made['id']}/replans", params={"wait_s": 60}, json=example["value"])
     assert answer.status_code == 200, answer.text
+
+
+def test_every_example_of_a_plan_is_one(client: TestClient) -> None:
+    for example in PLAN_EXAMPLES["requestBody"]["content"]["application/json"]["examples"].values():
+        made = Plan.model_validate(planned(client, example["value"]))
+        assert violations(made) == []
+
+
+def test_a_plan_keeps_the_pins_of_its_request_and_a_replan_those_of_its_own(
+    client: TestClient, minimal: dict[str, Any]
+) -> None:
+    pins = {"uavs": ["uav-1"], "associations": {"user-4": "uav-1"}}
+    made = Plan.model_validate(planned(client, {**minimal, "pins": pins}))
+    start = EXAMPLES["minimal"]().uav("uav-1").start_m
+    assert made.trajectories_m["uav-1"] == [start] * 4
+    assert set(made.association["user-4"]) == {"uav-1"}
+    assert list(made.pins.paths_m) == ["uav-1"]
+    path = [list(point) for point in made.trajectories_m["uav-2"][1:]]
+    body = {"at_slot": 1, "users_left": ["user-1"], "pins": {"paths_m": {"uav-2": path}}, "disruption_weight": 1e6}
+    answer = client.post(f"/v1/plans/{made.id}/replans", params={"wait_s": 60}, json=body)
+    assert answer.status_code == 200, answer.text
+    again = Plan.model_validate(answer.json())
+    assert again.trajectories_m["uav-2"] == made.trajectories_m["uav-2"][1:]
+    assert list(again.pins.paths_m) == ["uav-2"]
+    assert again.disruption is not None
+    assert again.disruption.weight_kbps == 1e6
+    assert again.disruption.users_changed == 0
+    assert again.disruption.path_changed_m < 1e-9
+    free = client.post(
+        f"/v1/plans/{made.id}/replans", params={"wait_s": 60}, json={"at_slot": 1, "users_left": ["user-1"]}
+    ).json()
+    assert free["pins"] == {"paths_m": {}, "uavs": [], "associations": {}}
+    assert free["disruption"]["price_bps"] == 0.0
+    assert free["summary"]["utility_bps"] >= again.summary.utility_bps
+
+
+@pytest.mark.parametrize(
+    ("pins", "field"),
+    [
+        ({"uavs": ["uav-9"]}, "pins.uavs"),
+        ({"paths_m": {"uav-1": [[0.0, 0.0]]}}, "pins.paths_m.uav-1"),
+        ({"associations": {"user-1": "uav-9"}}, "pins.associations.user-1"),
+        ({"areas": []}, "pins.areas"),
+    ],
+)
+def test_pins_that_cannot_be_kept_are_refused_by_field(
+    client: TestClient, minimal: dict[str, Any], pins: dict[str, Any], field: str
+) -> None:
+    made = planned(client, minimal)
+    for answer in (
+        client.post("/v1/plans", json={**minimal, "pins": pins}),
+        client.post(f"/v1/plans/{made['id']}/replans", json={"at_slot": 1, "pins": pins}),
+    ):
+        assert answer.status_code == 422, answer.text
+        assert field in answer.text
+
+
+@pytest.mark.parametrize("weight", [-1.0, 1e10, "much"])
+def test_a_disruption_weight_out_of_range_is_refused_by_field(
+    client: TestClient, minimal: dict[str, Any], weight: object
+) -> None:
+    made = planned(client, minimal)
+    body = {"at_slot": 1, "failed": ["uav-2"], "disruption_weight": weight}
+    answer = client.post(f"/v1/plans/{made['id']}/replans", json=body)
+    assert answer.status_code == 422
+    assert "disruption_weight" in answer.text
+
+
+def test_one_idempotency_key_with_other_pins_is_another_request(client: TestClient, minimal: dict[str, Any]) -> None:
+    headers = {"Idempotency-Key": "one-key-other-pins"}
+    first = client.post("/v1/plans", headers=headers, json={**minimal, "pins": {"uavs": ["uav-1"]}})
+    assert first.status_code in {200, 202}
+    again = client.post("/v1/plans", headers=headers, json={**minimal, "pins": {"uavs": ["uav-2"]}})
+    assert again.status_code == 422
+    assert "Idempotency-Key" in again.text
+
+
+def test_the_client_sends_pins_and_weight(client: TestClient) -> None:
+    api = Client(http=client)
+    made = api.plan(EXAMPLES["minimal"](), pins=Pins(uavs=("uav-2",)))
+    assert list(made.pins.paths_m) == ["uav-2"]
+    changes = Changes(users_left=("user-1",))
+    again = api.replan(made.id, at_slot=1, changes=changes, pins=Pins(uavs=("uav-1",)), disruption_weight=2.0)
+    assert list(again.pins.paths_m) == ["uav-1"]
+    assert again.disruption is not None
+    assert again.disruption.weight_kbps == 2.0
 
 
 def test_a_cancelled_plan_ends_with_the_best_it_had(client: TestClient) -> None:

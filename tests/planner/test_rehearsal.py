@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from numba.core.dispatcher import Dispatcher
 
-from skyfolio.planner import METHODS, Changes, Plan, ReplanError, Scenario, Uav, User, Utility, plan, replan
+from skyfolio.planner import METHODS, Changes, Pins, Plan, ReplanError, Scenario, Uav, User, Utility, plan, replan
 from skyfolio.planner.branch_and_bound import certificate
 from skyfolio.planner.fast import linked
 from skyfolio.planner.problem import problem_of
@@ -96,6 +96,8 @@ def changes_of(made: Plan) -> list[dict[str, Any]]:
         {"changes": Changes(utility=Utility(kind="per_user", mu_per_kbps=-0.2), bandwidth_hz={first: 5_000.0})},
         {"achieved_rates_bps": {user: [10.0] for user in made.scenario.user_ids}},
         {"n_starts": 9},
+        {"disruption_weight": 0.5},
+        {"pins": Pins(uavs=(first,), associations={made.scenario.user_ids[0]: first})},
     ]
     return asked
 

@@ -15,6 +15,13 @@ def _bodies(**examples: tuple[str, Any]) -> dict[str, Any]:
 PLAN_EXAMPLES = _bodies(
     minimal=("Two UAVs, four users, four slots", EXAMPLES["minimal"]().model_dump(mode="json", exclude_defaults=True)),
     paper=("The letter's scenario", EXAMPLES["paper"]().model_dump(mode="json", exclude_defaults=True)),
+    pinned=(
+        "uav-1 hovers at its start, and uav-2 serves user-4",
+        {
+            **EXAMPLES["minimal"]().model_dump(mode="json", exclude_defaults=True),
+            "pins": {"uavs": ["uav-1"], "associations": {"user-4": "uav-2"}},
+        },
+    ),
 )
 REPLAN_EXAMPLES = _bodies(
     loss=("uav-2 is lost from slot 2 on", {"failed": ["uav-2"], "at_slot": 2}),
@@ -34,6 +41,10 @@ REPLAN_EXAMPLES = _bodies(
     returned=(
         "uav-2 is back, at its present position, with half of its bandwidth",
         {"at_slot": 3, "returned": [{"id": "uav-2", "start_m": [80.0, 60.0]}], "bandwidth_hz": {"uav-2": 5000.0}},
+    ),
+    little=(
+        "A user leaves; uav-1 keeps its path, and other changes must be worth 5 kbit/s each",
+        {"at_slot": 2, "users_left": ["user-1"], "pins": {"uavs": ["uav-1"]}, "disruption_weight": 5.0},
     ),
 )
 PREVIEW_EXAMPLES = _bodies(

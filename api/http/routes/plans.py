@@ -27,7 +27,21 @@ from skyfolio.api.plans.mission_files import Missions
 from skyfolio.api.plans.plan_records import PlanRecord, PlanRow, UnfinishedPlan
 from skyfolio.api.service import Service
 from skyfolio.mavlink_bridge import DEFAULT_AUTOPILOT, Autopilot
-from skyfolio.planner import Cause, Changes, Plan, PlanStatus, Scenario, Uav, User, Utility, cause_of, remaining
+from skyfolio.planner import (
+    Cause,
+    Changes,
+    Pins,
+    Plan,
+    PlanStatus,
+    Scenario,
+    Uav,
+    User,
+    Utility,
+    cause_of,
+    pinned,
+    remaining,
+    rest_of_paths_m,
+)
 from skyfolio.planner.scenario import Hertz, Identifier
 
 router = APIRouter(prefix="/v1", tags=["plans"], dependencies=[*KNOWN, requires(Role.VIEWER)])
@@ -57,6 +71,16 @@ MISSION_ANSWERS: dict[int | str, dict[str, Any]] = {
         "content": {"application/json": {"schema": {"type": "object"}}, "text/plain": {"schema": {"type": "string"}}},
     }
 }
+
+
+class PlanRequest(Scenario):
+    """A scenario to plan, and parts of the plan that are fixed beforehand."""
+
+    pins: Annotated[Pins, Field(description="Paths, UAVs (they hover) and associations that the plan keeps.")] = Pins()
+
+    def scenario(self) -> Scenario:
+        """Return the scenario alone."""
+        return Scenario.model_construct(**{name: getattr(self, name) for name in Scenario.model_fields})
 
 
 class ReplanRequest(Changes):
@@ -90,9 +114,26 @@ class ReplanRequest(Changes):
         Field(description="Rates each user received in every slot before `at_slot`; default: as planned."),
     ] = None
     cause: Annotated[Cause | None, Field(description="Why; default: derived from the changes.")] = None
+    pins: Annotated[
+        Pins, Field(description="What the new plan keeps, by its own slots; pinned UAVs keep the rest of their paths.")
+    ] = Pins()
+    disruption_weight: Annotated[
+        float,
+        Field(
+            ge=0,
+            le=1e9,
+            allow_inf_nan=False,
+            description="kbit/s of utility that a change must be worth: for each user that another UAV would serve "
+            "throughout, and for each 100 m off the old paths. 0: changes are free.",
+        ),
+    ] = 0.0
 
     def arguments(self) -> dict[str, Any]:
         """Return the request as the arguments of `planner.replan`."""
+        return {**self.remainder(), "pins": self.pins, "disruption_weight": self.disruption_weight}
+
+    def remainder(self) -> dict[str, Any]:
+        """Return what is different as the arguments of `planner.remaining`."""
         return {
             "failed": (),
             "at_slot": self.at_slot,
@@ -118,7 +159,7 @@ class PlanPage(BaseModel):
 
 @router.post("/plans", responses=ANSWERS, response_model=None, dependencies=planner_only, openapi_extra=PLAN_EXAMPLES)
 async def create_plan(
-    scenario: Scenario,
+    body: PlanRequest,
     service: ServiceDep,
     creation: NewPlan,
     wait_s: WaitS = 0,
@@ -126,8 +167,11 @@ async def create_plan(
     starts: Starts = None,
 ) -> Response:
     """Plan a scenario. Answers 200 with the plan when it is done within `wait_s`, else 202 and a `Location`."""
+    scenario = body.scenario()
     require_within_limits(scenario, service.settings)
-    return await _created(service, await service.plans.submit(scenario, creation, deadline_s, starts), wait_s)
+    await asyncio.to_thread(pinned, scenario, body.pins)  # refuse now what cannot be kept
+    record = await service.plans.submit(scenario, creation, deadline_s, starts, pins=body.pins)
+    return await _created(service, record, wait_s)
 
 
 @router.get("/plans")
@@ -174,11 +218,13 @@ async def create_replan(
 
     The result is a new plan whose `parent` is this one.
     """
-    request = body.arguments()
     previous = await service.plans.finished(plan_id)
-    scenario, _ = remaining(previous, **request)  # refuse now what cannot be replanned
+    scenario, _ = remaining(previous, **body.remainder())  # refuse now what cannot be replanned
     require_within_limits(scenario, service.settings)
-    record = await service.plans.submit_replan(previous, request, body.reason(), creation, deadline_s=deadline_s)
+    await asyncio.to_thread(pinned, scenario, body.pins, rest_of_paths_m(previous, body.at_slot, body))
+    record = await service.plans.submit_replan(
+        previous, body.arguments(), body.reason(), creation, deadline_s=deadline_s
+    )
     return await _created(service, record, wait_s)
 
 
