@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 from pydantic import Field
 
@@ -69,6 +69,19 @@ class Summary(Frozen):
     jain: float
     upper_bound_bps: float
     gap: float
+
+    @classmethod
+    def steady(cls, rate_bps: float = 0.0) -> Self:
+        """Return the measures of a plan made by hand that gives its one user this rate in every slot, its bound too."""
+        return cls(
+            utility_bps=rate_bps,
+            mean_sum_rate_bps=rate_bps,
+            sum_rate_variance_kbps2=0.0,
+            mean_variance_eq5_bps=rate_bps,
+            jain=1.0,
+            upper_bound_bps=rate_bps,
+            gap=0.0,
+        )
 
 
 class Disruption(Frozen):

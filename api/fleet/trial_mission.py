@@ -47,13 +47,5 @@ def trial_plan(origin: Origin, paths_m: Mapping[str, Sequence[Point]], *, altitu
         association={"user-1": [uavs[0]] * slots},
         bandwidth_hz={"user-1": [scenario.uavs[0].bandwidth_hz] * slots},
         user_rates_bps={"user-1": [0.0] * slots},
-        summary=Summary(
-            utility_bps=0.0,
-            mean_sum_rate_bps=0.0,
-            sum_rate_variance_kbps2=0.0,
-            mean_variance_eq5_bps=0.0,
-            jain=1.0,
-            upper_bound_bps=0.0,
-            gap=0.0,
-        ),
+        summary=Summary.steady(),
     )

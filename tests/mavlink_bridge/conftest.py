@@ -49,15 +49,7 @@ def plan_of(
         association={"user-1": [ids[0]] * slots},
         bandwidth_hz={"user-1": [10_000.0] * slots},
         user_rates_bps={"user-1": [1.0] * slots},
-        summary=Summary(
-            utility_bps=1.0,
-            mean_sum_rate_bps=1.0,
-            sum_rate_variance_kbps2=0.0,
-            mean_variance_eq5_bps=1.0,
-            jain=1.0,
-            upper_bound_bps=1.0,
-            gap=0.0,
-        ),
+        summary=Summary.steady(1.0),
     )
 
 

@@ -8,15 +8,7 @@ from skyfolio.planner import EXAMPLES, InfeasiblePlanError, Plan, Scenario, Summ
 from skyfolio.planner.feasibility import require_feasible
 from skyfolio.planner.scenario import NoFlyDisc, NoFlyPolygon
 
-NOTHING = Summary(
-    utility_bps=0.0,
-    mean_sum_rate_bps=0.0,
-    sum_rate_variance_kbps2=0.0,
-    mean_variance_eq5_bps=0.0,
-    jain=1.0,
-    upper_bound_bps=0.0,
-    gap=0.0,
-)
+NOTHING = Summary.steady()
 
 
 def hovering(scenario: Scenario, **changes: Any) -> Plan:
