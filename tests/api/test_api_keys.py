@@ -21,6 +21,8 @@ from skyfolio.api.store.tables import api_keys
 
 NEEDED = {
     ("GET", "/v1/plans/{plan_id}/contingencies"): Role.PLANNER,
+    ("GET", "/v1/plans/{plan_id}/explanation"): Role.PLANNER,
+    ("POST", "/v1/plans:preview"): Role.PLANNER,
     ("POST", "/v1/plans"): Role.PLANNER,
     ("POST", "/v1/plans/{plan_id}/replans"): Role.PLANNER,
     ("POST", "/v1/plans/{plan_id}:cancel"): Role.PLANNER,

@@ -41,17 +41,17 @@ def lane() -> Iterator[Lane]:
 
 
 def large() -> Scenario:
-    """Ten UAVs, sixty users and a hundred slots: about a second of solving."""
+    """Ten UAVs, a hundred and eighty users and two hundred slots: some tenths of a second of solving."""
     uavs = [Uav(id=f"uav-{n}", start_m=(50 + n % 5 * 200, 50 + n // 5 * 200), max_speed_mps=5) for n in range(10)]
-    users = [User(id=f"user-{n}", position_m=(n * 37 % 1000, n * 91 % 1000)) for n in range(60)]
-    return EXAMPLES["paper"]().with_changes(slots=100, area_m=((0, 0), (1000, 1000)), uavs=uavs, users=users)
+    users = [User(id=f"user-{n}", position_m=(n * 37 % 1000, n * 91 % 1000)) for n in range(180)]
+    return EXAMPLES["paper"]().with_changes(slots=200, area_m=((0, 0), (1000, 1000)), uavs=uavs, users=users)
 
 
 async def test_a_worker_that_was_never_needed_is_not_missed_and_a_busy_one_answers(lane: Lane) -> None:
     assert lane.answers
     await lane.warm_up()
     began, worst_s = time.monotonic(), 0.0
-    solving = asyncio.gather(*(lane.solve(Job(scenario=large().model_dump_json())) for _ in range(6)))
+    solving = asyncio.gather(*(lane.solve(Job(scenario=large().model_dump_json())) for _ in range(8)))
     while not solving.done():
         worst_s = max(worst_s, lane._heartbeats.silent_for_s())
         assert lane.answers

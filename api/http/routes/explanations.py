@@ -73,16 +73,16 @@ async def preview_change(
 
     Nothing is stored.
     """
-    scenario, request = body.scenario, {} if body.changes is None else body.changes.arguments()
-    if scenario is None:
-        changed, _ = remaining(await service.plans.finished(body.plan_id), **request)  # refuse now what has no plan
-    else:
+    scenario, changes = body.scenario, body.changes
+    if changes is not None:  # refuse now what has no plan
+        changed, _ = remaining(await service.plans.finished(body.plan_id), **changes.remainder())
+    elif scenario is not None:
         changed = scenario
     require_within_limits(changed, service.settings)
     seen = await service.explanations.preview(
         await service.plans.result(body.plan_id),
         scenario=None if scenario is None else scenario.model_dump_json(),
-        request=request,
+        request={} if changes is None else changes.arguments(),
         deadline_s=deadline_s,
     )
     return Response(seen, media_type="application/json")
