@@ -13,7 +13,7 @@ import pytest
 from skyfolio import sim
 from tests.api.field import ENDED, Case, Field, died, events_of
 
-pytestmark = pytest.mark.e2e
+pytestmark = [pytest.mark.e2e, pytest.mark.beside]
 STARTING_AT_ONCE = 2
 """Services start and answer two at a time, which is what loads a machine; fleets that fly on disturb nobody."""
 LOST = "uav-3"

@@ -158,7 +158,8 @@ async def test_a_silent_vehicle_is_not_swapped_and_not_said_to_hold(airfield: Op
         field.fleet.inject(Mute(2))
         results = await field.link.swap(missions_of(moved(plan, 8.0), airborne=True))
         assert {system_id: result.ok for system_id, result in results.items()} == {1: True, 2: False, 3: True}
-        assert (results[2].held, results[2].error) == (False, "given up: the link was declared lost")
+        assert not results[2].held
+        assert results[2].error in {"given up: the link was declared lost", "MISSION_COUNT: no answer for 1.5 s"}
 
 
 async def test_a_vehicle_whose_new_mission_cannot_be_proven_holds(
