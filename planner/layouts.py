@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from math import ceil, sqrt
 
 import numpy as np
 
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.examples import ZURICH
+from skyfolio.planner.geometry import Point
 from skyfolio.planner.scenario import Channel, Scenario, Uav, User, Utility
 
 SPACING_M = 250.0
@@ -22,21 +23,8 @@ def scattered(n_uavs: int, n_users: int, n_slots: int, *, seed: int, utility: Ut
     width, height = columns * SPACING_M, rows * SPACING_M
     rng = np.random.default_rng(seed)
     positions = np.round(rng.uniform((0.0, 0.0), (width, height), size=(n_users, 2)), 1)
-    return Scenario(
-        origin=ZURICH,
-        area_m=((0.0, 0.0), (width, height)),
-        slots=n_slots,
-        slot_duration_s=5.0,
-        altitude_m=60.0,
-        min_separation_m=4.0,
-        uavs=tuple(
-            Uav(id=f"uav-{u + 1}", start_m=((u % columns + 0.5) * SPACING_M, (u // columns + 0.5) * SPACING_M))
-            for u in range(n_uavs)
-        ),
-        users=tuple(User(id=f"user-{k + 1}", position_m=(float(e), float(n))) for k, (e, n) in enumerate(positions)),
-        channel=Channel(noise_dbm=-55.0, seed=seed),
-        utility=utility or Utility(),
-    )
+    starts = [((u % columns + 0.5) * SPACING_M, (u // columns + 0.5) * SPACING_M) for u in range(n_uavs)]
+    return _scenario((width, height), starts, positions, n_slots, Channel(noise_dbm=-55.0, seed=seed), utility)
 
 
 def laid_out(
@@ -57,19 +45,31 @@ def laid_out(
     positions = np.round(np.clip(LAYOUTS[layout](np.random.default_rng(seed), n_users, n_uavs), 0.0, 1.0) * side, 1)
     columns = ceil(sqrt(n_uavs))
     rows = ceil(n_uavs / columns)
+    starts = [((u % columns + 0.5) * side / columns, (u // columns + 0.5) * side / rows) for u in range(n_uavs)]
+    return _scenario((side, side), starts, positions, n_slots, Channel(noise_dbm=noise_dbm, seed=seed), utility)
+
+
+def _scenario(
+    corner_m: Point,
+    starts_m: Sequence[Point],
+    users_m: Array,
+    n_slots: int,
+    channel: Channel,
+    utility: Utility | None,
+) -> Scenario:
+    """Return the scenario of these starts and users (K, 2) in the area from (0, 0) to its far corner."""
     return Scenario(
         origin=ZURICH,
-        area_m=((0.0, 0.0), (side, side)),
+        area_m=((0.0, 0.0), corner_m),
         slots=n_slots,
         slot_duration_s=5.0,
         altitude_m=60.0,
         min_separation_m=4.0,
-        uavs=tuple(
-            Uav(id=f"uav-{u + 1}", start_m=((u % columns + 0.5) * side / columns, (u // columns + 0.5) * side / rows))
-            for u in range(n_uavs)
+        uavs=tuple(Uav(id=f"uav-{number}", start_m=start) for number, start in enumerate(starts_m, start=1)),
+        users=tuple(
+            User(id=f"user-{number}", position_m=(float(e), float(n))) for number, (e, n) in enumerate(users_m, start=1)
         ),
-        users=tuple(User(id=f"user-{k + 1}", position_m=(float(e), float(n))) for k, (e, n) in enumerate(positions)),
-        channel=Channel(noise_dbm=noise_dbm, seed=seed),
+        channel=channel,
         utility=utility or Utility(),
     )
 
