@@ -37,6 +37,7 @@ class CommandCall:
         self._round_trip = round_trip
         self._began_s = self._sent_s = self._heard_s = 0.0
         self._times = 0
+        self._answers = 0
         self._in_progress_s: float | None = None
 
     @property
@@ -69,12 +70,14 @@ class CommandCall:
         answer = CommandAnswer(int(fields["result"]))
         if answer is CommandAnswer.IN_PROGRESS:
             self._in_progress_s = now_s
-        elif self.strays > 0:
+            return []
+        self._answers += 1
+        if self.strays > 0:
             self.strays -= 1
         else:
             self._round_trip.answered(now_s - self._began_s, self._times)
             self.answer = answer
-            self.strays = self._times - 1
+            self.strays = max(self._times - self._answers, 0)
             if answer is not CommandAnswer.ACCEPTED:
                 self.error = answer.name
         return []

@@ -53,18 +53,26 @@ class OpenCommands:
         for call in self._calls.values():
             call.alive(now_s)
 
+    def heard_again(self) -> None:
+        """Send again at once what a dead link has swallowed: the link carries messages again."""
+        self._round_trip.heard_again()
+        self._wake()
+
     def take_answer(self, fields: dict[str, Any], now_s: float) -> None:
         """Take in a COMMAND_ACK."""
         number = int(fields["command"])
         call = self._calls.get(number)
         if call is not None:
             call.handle(ACK, fields, now_s)
-            answered, self._answered = self._answered, asyncio.Event()
-            answered.set()
+            self._wake()
         elif number in self._strays:
             left, until_s = self._strays.pop(number)
             if left > 1:
                 self._strays[number] = (left - 1, until_s)
+
+    def _wake(self) -> None:
+        answered, self._answered = self._answered, asyncio.Event()
+        answered.set()
 
     async def _until(self, due_s: float) -> None:
         """Wait for an answer to any command, at most until `due_s`."""

@@ -46,6 +46,10 @@ class RoundTrip:
         """Wait half as long again next time: the link may have become slower."""
         self._patience = min(_BACK_OFF * self._patience, _PATIENT_S / self._least_s)
 
+    def heard_again(self) -> None:
+        """Take in that the link was dead and carries messages again: what was missed meanwhile was lost, not slow."""
+        self._patience = 1.0
+
     def _measured(self, seconds: float) -> None:
         if self._smooth_s is None:
             self._smooth_s, self._deviation_s = seconds, seconds / 2
