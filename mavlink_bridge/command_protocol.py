@@ -75,7 +75,7 @@ class CommandCall:
         if self.strays > 0:
             self.strays -= 1
         else:
-            self._round_trip.answered(now_s - self._began_s, self._times)
+            self._round_trip.answered(self._began_s, now_s, self._times)
             self.answer = answer
             self.strays = max(self._times - self._answers, 0)
             if answer is not CommandAnswer.ACCEPTED:

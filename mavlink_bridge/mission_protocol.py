@@ -162,7 +162,7 @@ class Download(Transfer):
         if seq not in self._open:
             return []
         first_s, _, times = self._open.pop(seq)
-        self._round_trip.answered(now_s - first_s, times)
+        self._round_trip.answered(first_s, now_s, times)
         self._read[seq] = item_from(fields)
         return self._go_on(now_s)
 

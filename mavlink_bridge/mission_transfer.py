@@ -89,7 +89,7 @@ class Transfer:
 
     def _answered(self, now_s: float) -> None:
         """Measure the round trip of the open request, which was answered."""
-        self._round_trip.answered(now_s - self._first_s, self._times)
+        self._round_trip.answered(self._first_s, now_s, self._times)
 
     def _is_ours(self, fields: dict[str, Any]) -> bool:
         to = (int(fields.get("target_system", 0)), int(fields.get("target_component", 0)))

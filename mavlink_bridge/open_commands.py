@@ -53,9 +53,9 @@ class OpenCommands:
         for call in self._calls.values():
             call.alive(now_s)
 
-    def heard_again(self) -> None:
+    def heard_again(self, now_s: float) -> None:
         """Send again at once what a dead link has swallowed: the link carries messages again."""
-        self._round_trip.heard_again()
+        self._round_trip.heard_again(now_s)
         self._wake()
 
     def take_answer(self, fields: dict[str, Any], now_s: float) -> None:

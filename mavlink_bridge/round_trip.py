@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import inf
+
 _BACK_OFF = 1.5
 _PATIENT_S = 4.0
 """Unless a measurement requires it, no wait between two sendings is longer than this."""
@@ -23,6 +25,7 @@ class RoundTrip:
         self._deviation_s = 0.0
         self._wait_s = initial_s
         self._patience = 1.0
+        self._alive_since_s = -inf
 
     @property
     def seconds(self) -> float:
@@ -34,21 +37,27 @@ class RoundTrip:
         """Return the seconds after which an answer is overdue."""
         return min(max(self._wait_s * self._patience, self._least_s), max(_PATIENT_S, self._wait_s))
 
-    def answered(self, since_first_s: float, times: int) -> None:
-        """Take in an answer that came so many seconds after the first of `times` sendings."""
+    def answered(self, first_s: float, now_s: float, times: int) -> None:
+        """Take in an answer that came at `now_s` to the first of `times` sendings, at `first_s`, or to a later one.
+
+        One that was first sent before a dead link carried messages again measures nothing.
+        """
+        if first_s < self._alive_since_s:
+            return
         if times == 1:
-            self._measured(since_first_s)
+            self._measured(now_s - first_s)
         elif self._smooth_s is None or times > _MANY:
             self._smooth_s = None
-            self._measured(since_first_s)
+            self._measured(now_s - first_s)
 
     def missed(self) -> None:
         """Wait half as long again next time: the link may have become slower."""
         self._patience = min(_BACK_OFF * self._patience, _PATIENT_S / self._least_s)
 
-    def heard_again(self) -> None:
+    def heard_again(self, now_s: float) -> None:
         """Take in that the link was dead and carries messages again: what was missed meanwhile was lost, not slow."""
         self._patience = 1.0
+        self._alive_since_s = now_s
 
     def _measured(self, seconds: float) -> None:
         if self._smooth_s is None:

@@ -265,7 +265,7 @@ class Vehicle:
         fields = json.loads(fields_json)
         now_s = self._loop.time()
         if now_s - self._heard_s > DEAD_S:
-            self._commands.heard_again()
+            self._commands.heard_again(now_s)
         self._heard_s = now_s
         self._commands.alive(now_s)
         if name == ACK:

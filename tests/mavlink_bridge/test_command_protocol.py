@@ -119,7 +119,7 @@ def test_on_a_link_of_a_second_each_way_every_command_is_answered_and_soon_none_
     vehicle = autopilot_on(wire, autopilot)
     if before_s is not None:  # the link was quick until now
         for _ in range(20):
-            round_trip.answered(2 * before_s, 1)
+            round_trip.answered(0.0, 2 * before_s, 1)
     copies = []
     for _ in range(8):
         sent = 0

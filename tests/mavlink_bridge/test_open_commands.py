@@ -40,12 +40,12 @@ class Radio:
         asking = asyncio.create_task(self._go_on_asking())
         await asyncio.sleep(for_s)
         self.on = True
-        self.commands.heard_again()
+        self.commands.heard_again(self.loop.time())
         self.commands.alive(self.loop.time())
-        asking.cancel()
+        await asking
 
     async def _go_on_asking(self) -> None:
-        while True:
+        while not self.on:
             await self.request()
 
 
@@ -71,7 +71,7 @@ def test_a_command_that_waits_when_the_link_comes_back_is_sent_again_at_once() -
         await asyncio.sleep(1.9)
         radio.on = True
         back_s = radio.loop.time()
-        radio.commands.heard_again()
+        radio.commands.heard_again(back_s)
         radio.commands.alive(back_s)
         await waiting
         return radio.loop.time() - back_s
