@@ -47,8 +47,8 @@ _NAMES = {
 
 ANSWER_S = 1.0
 """Wall seconds without any message before a vehicle whose link was declared lost is given up."""
-DEAD_S = 1.0
-"""Wall seconds without any message after which the link is taken to have been dead, not slow."""
+DEAD_S = 2.5
+"""Fleet seconds without any message, two heartbeats missed, after which the link was dead and not slow."""
 _REQUEST = 512
 _NEVER = frozenset({CommandAnswer.DENIED, CommandAnswer.UNSUPPORTED})
 """Answers to MAV_CMD_REQUEST_MESSAGE that will be the same next time."""
@@ -129,7 +129,7 @@ class Vehicle:
         self._changed = asyncio.Event()
         self._talking = asyncio.Lock()
         self._inbox: asyncio.Queue[tuple[str, dict[str, Any]]] | None = None
-        self._heard_s = loop.time()
+        self._heard_s = clock.now()
         self._commands = OpenCommands(self._send_all, self.round_trip, loop)
         self._not_on_request: set[int] = set()
         self._direct = MavlinkDirect(system)
@@ -264,9 +264,9 @@ class Vehicle:
     def _take_in(self, name: str, fields_json: str, heard_s: float) -> None:
         fields = json.loads(fields_json)
         now_s = self._loop.time()
-        if now_s - self._heard_s > DEAD_S:
+        if heard_s - self._heard_s > DEAD_S:
             self._commands.heard_again(now_s)
-        self._heard_s = now_s
+        self._heard_s = heard_s
         self._commands.alive(now_s)
         if name == ACK:
             self._commands.take_answer(fields, now_s)
