@@ -17,7 +17,7 @@ demo: $(READY)
 test: lint
 	sh scripts/postgres.sh
 	sh scripts/browser.sh
-	$(BIN)/python -m pytest $(ARGS)
+	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile $(ARGS)
 	sh scripts/end_to_end.sh $(BIN)/python -m pytest $(ARGS)
 
 test-sitl: $(READY)
