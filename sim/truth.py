@@ -55,12 +55,16 @@ class Event:
 
 @dataclass(frozen=True, slots=True)
 class LoggedMessage:
-    """A message that a vehicle received ("in") or sent as an answer ("out"); streams are only counted."""
+    """A message that a vehicle received ("in") or sent as an answer ("out"); streams are only counted.
+
+    `command`: the MAV_CMD of a command or mission item that it received; None for other messages.
+    """
 
     t_s: float
     system_id: int
     direction: str
     name: str
+    command: int | None = None
 
 
 Row = dict[str, Any]
@@ -120,7 +124,7 @@ class TruthLog:
 
     def message_received(self, t_s: float, system_id: int, message: Any) -> None:
         """Log a message that a vehicle receives."""
-        self._message(LoggedMessage(t_s, system_id, "in", message.get_type()))
+        self._message(LoggedMessage(t_s, system_id, "in", message.get_type(), getattr(message, "command", None)))
         if self.tlog is not None:
             self.tlog.write(t_s, bytes(message.get_msgbuf()))
 

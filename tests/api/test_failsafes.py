@@ -29,6 +29,7 @@ PARAMETERS = {
     },
 }
 ORDERS = ("COMMAND", "MISSION", "SET_")
+CHANGE_SPEED = 178
 
 
 @pytest.fixture(scope="module")
@@ -68,12 +69,13 @@ def events_of(flown: Flight, operation_id: str, kind: str) -> list[dict[str, Any
     return [event["data"] for event in found if event["kind"] == kind and event["id"] >= first]
 
 
-def orders_to(flown: Flight, system_id: int, since_s: float) -> list[str]:
-    return [
-        one.name
+def orders_to(flown: Flight, system_id: int, since_s: float) -> set[str | int]:
+    """Commands by their numbers, however often each was repeated, and other orders by their names."""
+    return {
+        one.command or one.name
         for one in list(flown.fleet.fleet.truth.messages)
         if one.system_id == system_id and one.t_s > since_s and one.direction == "in" and one.name.startswith(ORDERS)
-    ]
+    }
 
 
 def assert_left_alone_and_planned_around(
@@ -92,7 +94,7 @@ def assert_left_alone_and_planned_around(
     flown.fleet.pace.let_pass(4.0)
     orders = orders_to(flown, 3, seen_s)
     restored = [one for one in events_of(flown, operation_id, "speed_restored") if one["uav_id"] == "uav-3"]
-    assert orders == ["COMMAND_LONG"] * min(len(orders), len(restored))
+    assert orders <= ({CHANGE_SPEED} if restored else set())
 
 
 def test_a_battery_failsafe_in_flight_is_told_with_its_words_and_numbers_and_left_alone(served: Served) -> None:
