@@ -62,7 +62,7 @@ def test_only_profiles_know_one_autopilot_from_another(package: str) -> None:
     assert naming == []
 
 
-@pytest.mark.parametrize("profile", PROFILES.values(), ids=str)
+@pytest.mark.parametrize("profile", PROFILES.values(), ids=lambda profile: profile.title)
 def test_a_mode_that_is_commanded_is_ours_or_ends_the_flight(profile: Any) -> None:
     assert {profile.hold_mode, profile.stream_mode} <= set(profile.mode_numbers) & profile.our_modes
     assert set(profile.mode_numbers) - profile.our_modes == {FlightMode.RETURN, FlightMode.LAND}
