@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.disruption import Former, disruption_of, least_disruptive
+from skyfolio.planner.disruption import Former, disruption_of
 from skyfolio.planner.emit import emit
+from skyfolio.planner.little_change import least_disruptive
 from skyfolio.planner.methods import DEFAULT_METHOD, method_of
 from skyfolio.planner.pinning import PinError, Pinned, pinned
 from skyfolio.planner.pins import Pins
