@@ -37,13 +37,13 @@ class Slot(NamedTuple):
 class Book(NamedTuple):
     """Sums of the utility over all slots that count.
 
-    low, z, count: (K,), a rate, sum exp(mu (rate - low)), and how many slots; `pooled` and `sum` use the first entries
+    low, z, number: (K,), a rate, sum exp(mu (rate - low)), and how many slots; `pooled` and `sum` use the first entries
     only. slot: (N,), kbit/s, the sum rates; all_slots: (1,), how many count.
     """
 
     low: Array
     z: Array
-    count: Array
+    number: Array
     slot: Array
     all_slots: Array
 
@@ -88,7 +88,8 @@ def _efficiencies(
     slot_signals(arena, path[n], n, signal, total)
     if arena.has_pinned_to:
         keep_pins(arena, n, signal)
-    candidates(signal, total, serving, np.bool_(False), loudest, eff)
+    fresh = signal.shape[0] == 0  # everybody has a UAV
+    candidates(signal, total, serving, fresh, loudest, eff)
 
 
 @kernel
@@ -114,11 +115,11 @@ def _book_of(arena: Arena, rate: Array) -> Book:
         row = k if arena.kind == PER_USER else 0
         if arena.n_past > 0 and arena.past_count[k] > 0:
             book.z[row] += arena.past_sum[k] * np.exp(arena.mu * (arena.past_low[k] - book.low[row]))
-            book.count[row] += arena.past_count[k]
+            book.number[row] += arena.past_count[k]
         for n in range(arena.counted, n_slots):
             x = book.slot[n] if arena.kind == SUM else rate[n, k]
             book.z[row] += np.exp(arena.mu * (x - book.low[row]))
-            book.count[row] += 1.0
+            book.number[row] += 1.0
     return book
 
 
@@ -128,7 +129,7 @@ def _weigh(arena: Arena, book: Book, log_weight: Array) -> None:
     if arena.kind == PER_USER:
         top = -np.inf
         for k in range(log_weight.shape[0]):
-            log_weight[k] = np.log(book.count[k] / book.z[k]) - arena.mu * book.low[k]
+            log_weight[k] = np.log(book.number[k] / book.z[k]) - arena.mu * book.low[k]
             top = max(top, log_weight[k])
         for k in range(log_weight.shape[0]):
             log_weight[k] -= top
@@ -251,14 +252,14 @@ def _change(arena: Arena, rate: float, was: float, low: float) -> float:
 def _worth(arena: Arena, book: Book, row: int, change: float) -> float:
     """Return what a change of one sum is worth, kbit/s of utility."""
     z = max(book.z[row] + change, 1e-300)
-    return float(book.count[row] / (book.all_slots[0] * arena.mu) * np.log(z / book.z[row]))
+    return float(book.number[row] / (book.all_slots[0] * arena.mu) * np.log(z / book.z[row]))
 
 
 @kernel
 def _sum_gain(arena: Arena, book: Book, n: int, delta: float) -> float:
     """Return what a change of one slot's sum rate is worth, kbit/s of utility."""
     if arena.mu == 0.0:
-        return delta / book.all_slots[0]
+        return float(delta / book.all_slots[0])
     return _worth(arena, book, 0, _change(arena, book.slot[n] + delta, book.slot[n], book.low[0]))
 
 

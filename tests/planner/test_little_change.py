@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from skyfolio.planner import EXAMPLES, Pins, Plan, Uav, User, Utility, fast, plan, replan, violations
 from skyfolio.planner.arrays import Array
@@ -58,7 +59,7 @@ class Case:
                     best = max(best, self.worth(replace(solution, serving=serving, bandwidth_hz=bands)))
         return best
 
-    def _bands(self, paths_m: Array, serving: Array, n: int) -> Iterator[Array]:
+    def _bands(self, paths_m: Array, serving: NDArray[np.intp], n: int) -> Iterator[Array]:
         """Shares of the bands in slot n: whole ones under `sum`, else those that suit the servers best."""
         if self.problem.kind == "sum" or self.problem.mu == 0.0:
             for chosen in product(range(-1, self.problem.n_users), repeat=self.problem.n_uavs):
