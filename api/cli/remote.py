@@ -176,7 +176,7 @@ def changes(report: RecoveryReport) -> list[str]:
     lines, made = [], report.disruption
     if made is not None:
         price = f", priced {made.price_bps / 1e3:.2f} kbit/s" if made.weight_kbps > 0.0 else ""
-        lines.append(f"{made.users_changed} users change UAVs, {made.path_changed_m:.0f} m off the old paths{price}")
+        lines.append(f"{made.users_changed} users change server, {made.path_changed_m:.0f} m off the old paths{price}")
     if report.pins is not None:
         lines.append(f"pins kept: {', '.join([*report.pins.uavs, *report.pins.users]) or 'none'}")
         lines += [f"{pin.kind} pin of {pin.id} dropped: {pin.reason}" for pin in report.pins.dropped]

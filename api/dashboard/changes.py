@@ -20,19 +20,19 @@ def disruption_words(made: Json | None) -> str:
     return f"{changed} server, UAVs fly {made['path_changed_m']:.0f} m off their old paths{price}"
 
 
-def pins_words(pins: Json | None) -> list[str]:
-    """Return which pins are kept, and each one that is dropped with its reason."""
+def pins_words(pins: Json | None, name: str = "Pins kept") -> list[str]:
+    """Return which pins are kept, after this name, and each one that is dropped with its reason."""
     if pins is None:
         return []
     kept = [*pins["uavs"], *pins["users"]]
-    lines = [f"Pins kept: {', '.join(kept)}"] if kept else []
+    lines = [f"{name}: {', '.join(kept)}"] if kept else []
     return [*lines, *(f"Pin of {pin['id']} dropped: {pin['reason']}" for pin in pins["dropped"])]
 
 
-def of_report(report: Json) -> tuple[str, ...]:
+def of_report(report: Json, name: str = "Pins kept") -> tuple[str, ...]:
     """Return the lines that a recovery's report gives."""
     words = disruption_words(report.get("disruption"))
-    return (*([words[0].upper() + words[1:]] if words else []), *pins_words(report.get("pins")))
+    return (*([words[0].upper() + words[1:]] if words else []), *pins_words(report.get("pins"), name))
 
 
 def of_plan(plan: Plan) -> tuple[str, ...]:
@@ -43,5 +43,6 @@ def of_plan(plan: Plan) -> tuple[str, ...]:
         {
             "disruption": None if plan.disruption is None else plan.disruption.model_dump(),
             "pins": {**kept, "dropped": dropped},
-        }
+        },
+        "Pins kept" if plan.parent else "Pinned",
     )

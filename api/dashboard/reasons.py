@@ -46,7 +46,7 @@ def users(found: Explanation) -> list[Row]:
         if row.main is None or reason is None:
             made.append((row.user_id, rate, _has(row.level), "", "", "", ""))
             continue
-        how, detail = HOW[reason.method], reason.detail.split(": ", 1)[-1]
+        how, detail = HOW[reason.method], _without_number(reason.detail)
         made.append((row.user_id, rate, _has(row.level), BECAUSE[row.main], _kbps(reason.rate_bps), how, detail))
     return made
 
@@ -75,7 +75,7 @@ def prices(found: Explanation) -> list[Row]:
             CONSTRAINTS[one.constraint],
             ", ".join(one.uav_ids),
             str(one.slots),
-            "–" if one.price_bps is None else f"{one.price_bps:+.3g}",  # noqa: RUF001
+            "–" if one.price_bps is None else _signed(one.price_bps),  # noqa: RUF001
             PER[one.per],
             HOW[one.method],
         )
@@ -89,6 +89,16 @@ def summary(found: Explanation) -> str:
     short = sum(one.level != "served" for one in found.users)
     who = f"{short} of {len(found.users)} users have little or nothing" if short else "Every user has its share"
     return f"{who}. Utility {_kbps(found.utility_bps)} kbit/s; {found.resolves} changed scenarios were planned."
+
+
+def _without_number(detail: str) -> str:
+    """Return a detail without the rate that has a column of its own."""
+    return detail.split(": ", 1)[-1].split(" kbit/s ", 1)[-1]
+
+
+def _signed(number: float) -> str:
+    """Return a number with three digits at least, and no exponent."""
+    return f"{number:+,.0f}" if abs(number) >= 100.0 else f"{number:+.3g}"
 
 
 def _has(level: str) -> str:

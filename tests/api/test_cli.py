@@ -248,7 +248,7 @@ def test_fly_passes_pins_and_weight_and_tells_what_a_recovery_changed(
     assert run(monkeypatch, "fly", "--example", "minimal", *weighed) == 0
     assert (asked["pins"], asked["disruption_weight"]) == (Pins(uavs=("uav-1",)), 5.0)
     said = capsys.readouterr().out
-    assert "2 users change UAVs, 31 m off the old paths, priced 9.00 kbit/s" in said
+    assert "2 users change server, 31 m off the old paths, priced 9.00 kbit/s" in said
     assert "pins kept: uav-1" in said
     assert "path pin of uav-2 dropped: 'uav-2' is lost" in said
     assert run(monkeypatch, "fly", "--example", "minimal") == 0

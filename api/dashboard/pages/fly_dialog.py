@@ -29,7 +29,7 @@ class FlyDialog:
             self._rows = ui.element("div").classes("sf-systems")
             self._policy = ui.select(POLICIES, value="auto", label="When a UAV is lost").props("dense outlined")
             self._weight = ui.number("A recovery's change must be worth, kbit/s", min=0, step=1)
-            self._weight.props("dense outlined clearable")
+            self._weight.props("dense outlined clearable").classes("sf-wide")
             text("p", "For each user that changes server, and each 100 m off the old paths; empty: as set.", "sf-sub")
             self._pins = text("p", "", "sf-sub")
             with ui.element("div").classes("sf-row"):

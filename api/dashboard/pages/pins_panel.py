@@ -23,13 +23,13 @@ class PinsPanel:
         self._plan: Plan | None = None
         with panel("Pins", "sf-noshrink"), ui.element("div").classes("sf-body"):
             text("p", "What the next plan keeps. The rest is planned around it.", "sf-sub")
-            with ui.element("div").classes("sf-row sf-nowrap"):
+            with ui.element("div").classes("sf-row sf-pinrow"):
                 self._uav = ui.select([], label="UAV to pin").props("dense outlined")
                 self._hover = ui.button("Hover", on_click=lambda: self._pin_uav(HOVER)).props("outline dense no-caps")
                 self._hover.props('title="It stays at its start"')
                 self._path = ui.button("Keep path", on_click=lambda: self._pin_uav(PATH)).props("outline dense no-caps")
                 self._path.props('title="It flies as in the plan that is shown"')
-            with ui.element("div").classes("sf-row sf-nowrap"):
+            with ui.element("div").classes("sf-row sf-pinrow"):
                 self._user = ui.select([], label="User to pin").props("dense outlined")
                 self._server = ui.select([], label="to UAV").props("dense outlined")
                 self._serve = ui.button("Pin", on_click=self._pin_user).props("outline dense no-caps")
