@@ -29,6 +29,7 @@ def replan(
     pins: Pins | None = None,
     keep_pins: bool = False,
     disruption_weight: float = 0.0,
+    in_force: Plan | None = None,
     **options: Any,
 ) -> Plan:
     """Plan the remaining slots of `previous` for the UAVs and users that are left.
@@ -40,13 +41,16 @@ def replan(
     UAV keeps to the rest of its path. keep_pins: whether pins of the previous plan hold too, as far as they can still
     be kept (`carrying.py`; the plan's `dropped_pins` says which cannot); otherwise they hold no longer.
     disruption_weight: kbit/s of utility that it must gain to let another UAV serve a user throughout, or to fly 100 m
-    off the old paths (`disruption.py`).
+    off the old paths (`disruption.py`). in_force: the plan that is being flown, by which changes are counted, where that
+    is not `previous`: when a UAV returns to an operation whose first plan had it.
     options: as for `plan`; the method is the previous plan's unless another is named.
     Raises ReplanError as `remaining` does, and PinError for `pins`; the previous plan stays as it is.
     """
     changes, given = changes or Changes(), pins or Pins()
     scenario, past = remaining(previous, failed, at_slot, positions_m, achieved_rates_bps, changes)
     rest_m = rest_of_paths_m(previous, at_slot, changes)
+    flown = in_force or previous
+    kept_m = set(rest_m) & set(flown.trajectories_m)
     warm = [rest_m.get(uav.id, [uav.start_m] * scenario.slots) for uav in scenario.uavs]
 
     def held_to(kept: Carried) -> Plan:
@@ -56,7 +60,7 @@ def replan(
             warm_start_m=np.array(warm),
             pins=kept.pins,
             current_m=rest_m,
-            former=former_of(previous, scenario, at_slot, set(rest_m), disruption_weight),
+            former=former_of(flown, scenario, at_slot, kept_m, disruption_weight),
             cause=cause or cause_of(changes, failed),
             parent=previous.id,
             revision=previous.revision + 1,

@@ -189,7 +189,12 @@ class Recovery:
         remaining(previous, **request)
         record = await self._shared.plans.submit_replan(
             previous,
-            {**request, "keep_pins": True, "disruption_weight": incident.disruption_weight},
+            {
+                **request,
+                "keep_pins": True,
+                "disruption_weight": incident.disruption_weight,
+                "in_force": flight.plan if incident.readmitted else None,
+            },
             cause,
             fresh("plan"),
             deadline_s=self._shared.settings.replan_deadline_s,

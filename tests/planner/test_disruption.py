@@ -117,6 +117,18 @@ def test_pins_hold_at_any_weight_and_users_of_returning_uavs_are_counted(paper: 
         assert violations(again) == []
 
 
+def test_changes_are_counted_by_the_plan_in_force_where_a_uav_returns_to_the_first_plan(paper: Plan) -> None:
+    without = replan(paper, failed=["uav-3"], at_slot=4, n_starts=2)
+    here = {"uav-3": (300.0, 200.0), **{uav: without.trajectories_m[uav][4] for uav in ("uav-1", "uav-2")}}
+    back = replan(paper, at_slot=8, positions_m=here, in_force=without, disruption_weight=1e6, n_starts=2)
+    assert back.disruption is not None
+    assert back.disruption.users_changed == 0
+    for uav in ("uav-1", "uav-2"):
+        assert np.allclose(back.trajectories_m[uav], without.trajectories_m[uav][4:], rtol=0.0, atol=1e-9)
+    by_first = replan(paper, at_slot=8, positions_m=here, disruption_weight=1e6, n_starts=2)
+    assert not np.allclose(by_first.trajectories_m["uav-1"][-1], without.trajectories_m["uav-1"][-1], atol=1e-3)
+
+
 @pytest.mark.parametrize("weight", [-1.0, float("nan"), float("inf")])
 def test_a_weight_is_a_finite_number_of_at_least_zero(paper: Plan, weight: float) -> None:
     with pytest.raises(ReplanError, match=r"disruption_weight: .* must be a finite number of kbit/s, at least 0"):
