@@ -32,6 +32,8 @@ MOST_KEPT = 6
 
 FAVOURITES = 2
 """So many plans of the family are improved by the price."""
+ALIKE_M = 5.0
+"""Plans with the same links are alike if their ways are this near to each other."""
 BLURS_M = (10.0, 1.0, 0.1)
 """Metres are priced as if they began so gently, the last time by centimetres."""
 ROUNDS = 12
@@ -71,9 +73,24 @@ def least_disruptive(problem: Problem, former: Former, best: Solution, stop: Sto
         if stop([]) and stop.interrupts:
             break
     weight = former.weight_kbps
-    favourites = sorted(family, key=lambda one: one.rank(weight), reverse=True)[:FAVOURITES]
-    improved = (_improved(problem, former, one, stop) for one in favourites)
+    improved = (_improved(problem, former, one, stop) for one in _favourites(family, weight))
     return max(improved, key=lambda one: one.rank(weight)).solution
+
+
+def _favourites(family: list[_Rated], weight_kbps: float) -> list[_Rated]:
+    """Return the best of the family by the price that are not alike: from the like the same plan would come about."""
+    chosen: list[_Rated] = []
+    for one in sorted(family, key=lambda one: one.rank(weight_kbps), reverse=True):
+        if len(chosen) < FAVOURITES and not any(_alike(one.solution, other.solution) for other in chosen):
+            chosen.append(one)
+    return chosen
+
+
+def _alike(one: Solution, other: Solution) -> bool:
+    """Return whether two plans have the same links, on ways within ALIKE_M."""
+    links = [np.where(plan.bandwidth_hz > 0.0, plan.serving, -1) for plan in (one, other)]
+    near = np.abs(one.paths_m - other.paths_m).max() <= ALIKE_M
+    return bool(near and np.array_equal(*links))
 
 
 def _improved(problem: Problem, former: Former, start: _Rated, stop: StoppingRule) -> _Rated:

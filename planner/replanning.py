@@ -41,8 +41,8 @@ def replan(
     UAV keeps to the rest of its path. keep_pins: whether pins of the previous plan hold too, as far as they can still
     be kept (`carrying.py`; the plan's `dropped_pins` says which cannot); otherwise they hold no longer.
     disruption_weight: kbit/s of utility that it must gain to let another UAV serve a user throughout, or to fly 100 m
-    off the old paths (`disruption.py`). in_force: the plan that is being flown, by which changes are counted, where that
-    is not `previous`: when a UAV returns to an operation whose first plan had it.
+    off the old paths (`disruption.py`). in_force: the plan that is being flown, by which changes are counted, where
+    that is not `previous`: when a UAV returns to an operation whose first plan had it.
     options: as for `plan`; the method is the previous plan's unless another is named.
     Raises ReplanError as `remaining` does, and PinError for `pins`; the previous plan stays as it is.
     """
