@@ -15,7 +15,11 @@ class ReasonsDialog:
 
     def __init__(self, feed: Feed) -> None:
         self._feed = feed
-        with ui.dialog().props("full-width") as self._dialog, ui.card().classes("sf-decide sf-reasons"):
+        # seamless and at the bottom: the emergency controls in the header stay in sight and in reach
+        with (
+            ui.dialog().props("full-width seamless position=bottom") as self._dialog,
+            ui.card().classes("sf-decide sf-reasons"),
+        ):
             pass
         self._card = self._dialog.default_slot.children[0]
 
