@@ -16,12 +16,8 @@ class ReasonsDialog:
     def __init__(self, feed: Feed) -> None:
         self._feed = feed
         # seamless and at the bottom: the emergency controls in the header stay in sight and in reach
-        with (
-            ui.dialog().props("full-width seamless position=bottom") as self._dialog,
-            ui.card().classes("sf-decide sf-reasons"),
-        ):
-            pass
-        self._card = self._dialog.default_slot.children[0]
+        with ui.dialog().props("full-width seamless position=bottom") as self._dialog:
+            self._card = ui.card().classes("sf-decide sf-reasons")
 
     async def open(self, plan_id: str) -> bool:
         """Explain this plan, show why it is as it is, and return whether the service could."""
