@@ -88,9 +88,9 @@ def _favourites(family: list[_Rated], weight_kbps: float) -> list[_Rated]:
 
 def _alike(one: Solution, other: Solution) -> bool:
     """Return whether two plans have the same links, on ways within ALIKE_M."""
-    links = [np.where(plan.bandwidth_hz > 0.0, plan.serving, -1) for plan in (one, other)]
+    mine, theirs = (np.where(plan.bandwidth_hz > 0.0, plan.serving, -1) for plan in (one, other))
     near = np.abs(one.paths_m - other.paths_m).max() <= ALIKE_M
-    return bool(near and np.array_equal(*links))
+    return bool(near) and np.array_equal(mine, theirs)
 
 
 def _improved(problem: Problem, former: Former, start: _Rated, stop: StoppingRule) -> _Rated:
