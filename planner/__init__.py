@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from skyfolio.planner.feasibility import InfeasiblePlanError, Violation, violations
     from skyfolio.planner.methods import METHODS
     from skyfolio.planner.pinning import PinError, pinned
-    from skyfolio.planner.pins import Pins
+    from skyfolio.planner.pins import DroppedPin, Pins
     from skyfolio.planner.plans import Cause, Disruption, Iteration, Plan, PlanStatus, Summary
     from skyfolio.planner.previewing import preview
     from skyfolio.planner.problem import Past
@@ -46,6 +46,7 @@ __all__ = [
     "Comparison",
     "Deadline",
     "Disruption",
+    "DroppedPin",
     "Explanation",
     "InfeasiblePlanError",
     "Iteration",
@@ -105,7 +106,10 @@ _HOMES = {
         "PinError",
         "pinned",
     ),
-    "pins": ("Pins",),
+    "pins": (
+        "DroppedPin",
+        "Pins",
+    ),
     "plans": (
         "Cause",
         "Disruption",

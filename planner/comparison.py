@@ -8,6 +8,7 @@ from itertools import pairwise
 from math import dist
 from typing import Literal, TypeVar
 
+from skyfolio.planner.pins import DroppedPin
 from skyfolio.planner.plans import Plan, PlanStatus
 from skyfolio.planner.scenario import Frozen
 
@@ -43,6 +44,7 @@ class Comparison(Frozen):
     that both plans have, from `first_slot` on the operation's grid. `hand_overs`: by user, in how many of these slots
     another UAV serves it, where both plans give it something. `method`: the changed scenario was planned
     (`resolve`). `status`: of the new plan; `infeasible` when it misses minimum rates, `cancelled` when time was up.
+    `dropped_pins`: pins of the plan that the new one could not keep.
     """
 
     plan_id: str
@@ -63,6 +65,7 @@ class Comparison(Frozen):
     uavs: tuple[UavMove, ...]
     hand_overs: dict[str, int]
     unmet_min_rate_slots: dict[str, list[int]]
+    dropped_pins: tuple[DroppedPin, ...] = ()
 
 
 SAME_BPS = 1.0
@@ -97,6 +100,7 @@ def compare(before: Plan, after: Plan) -> Comparison:
         uavs=tuple(window.uav(uav) for uav in uavs),
         hand_overs={one.user_id: slots for one in both if (slots := window.hand_overs(one.user_id))},
         unmet_min_rate_slots=after.unmet_min_rate_slots,
+        dropped_pins=after.dropped_pins,
     )
 
 

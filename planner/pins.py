@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -26,3 +26,21 @@ class Pins(Frozen):
     def __bool__(self) -> bool:
         """Return whether anything is pinned."""
         return bool(self.paths_m or self.uavs or self.associations)
+
+    @property
+    def pinned_uavs(self) -> tuple[str, ...]:
+        """The UAVs whose paths are fixed."""
+        return (*self.paths_m, *(uav for uav in self.uavs if uav not in self.paths_m))
+
+
+class DroppedPin(Frozen):
+    """A pin of the previous plan that a replan could not keep, and why.
+
+    kind: a UAV's `path` or a user's `association`. id: of that UAV or user. slots: in how many slots of the replan it
+    is free now.
+    """
+
+    kind: Literal["path", "association"]
+    id: str
+    slots: int
+    reason: str

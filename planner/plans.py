@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field
 
-from skyfolio.planner.pins import Pins
+from skyfolio.planner.pins import DroppedPin, Pins
 from skyfolio.planner.scenario import Frozen, Scenario
 
 
@@ -111,7 +111,8 @@ class Plan(Frozen):
     when, counted on the plan's own grid; all other constraints hold.
     A replan covers the slots that remain: its slot 0 is slot `first_slot` of the operation, and
     `achieved_rates_bps` holds what each user got before that, and `disruption` what it changes.
-    `pins` is what the plan was held to, with the paths of pinned UAVs written out.
+    `pins` is what the plan was held to, with the paths of pinned UAVs written out; `dropped_pins` are those of the
+    plan before that it was asked to keep and could not.
     """
 
     id: str
@@ -130,6 +131,7 @@ class Plan(Frozen):
     unmet_min_rate_slots: dict[str, list[int]] = Field(default_factory=dict)
     summary: Summary
     pins: Pins = Pins()
+    dropped_pins: tuple[DroppedPin, ...] = ()
     disruption: Disruption | None = None
     history: list[Iteration] = Field(default_factory=list)
     solve_ms: float | None = None

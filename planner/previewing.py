@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 
 from skyfolio.planner.arrays import Array
+from skyfolio.planner.carrying import carried
 from skyfolio.planner.comparison import Comparison, compare
+from skyfolio.planner.pins import Pins
 from skyfolio.planner.plans import Plan
 from skyfolio.planner.problem import Past
 from skyfolio.planner.replanning import replan
@@ -15,20 +17,29 @@ from skyfolio.planner.scenario import Scenario
 from skyfolio.planner.solve import plan
 
 
-def preview(previous: Plan, *, scenario: Scenario | None = None, **options: Any) -> Comparison:
+def preview(
+    previous: Plan, *, scenario: Scenario | None = None, pins: Pins | None = None, **options: Any
+) -> Comparison:
     """Plan what is different, and compare it with `previous`.
 
     scenario: instead of the plan's, from its slot 0 on; the search begins at the plan's paths as far as they can be
-    flown, and what users had before counts. Without a scenario, options are those of `replan`, `at_slot` and `changes`
-    among them, and only the slots from there on are compared. Other options: as for `plan`.
-    Raises ReplanError, UnreachableEndError and ValueError as those do.
+    flown, what users had before counts, and the plan's pins hold as far as they can be kept, beside `pins`: without
+    them the comparison would show what the pins cost, not what the change does. Without a scenario, options are those
+    of `replan`, `at_slot` and `changes` among them, and only the slots from there on are compared. Other options: as
+    for `plan`. Raises ReplanError, UnreachableEndError and ValueError as those do.
     """
     if scenario is None:
-        return compare(previous, replan(previous, **options))
+        return compare(previous, replan(previous, pins=pins, **options))
+    paths_m = _paths_of(previous, scenario)
+    current_m = {uav: [(e, n) for e, n in path] for uav, path in zip(scenario.uav_ids, paths_m.tolist(), strict=True)}
+    kept = carried(previous, scenario, previous.first_slot, current_m, given=pins)
     made = plan(
         scenario,
         past=_past_of(previous, scenario),
-        warm_start_m=_paths_of(previous, scenario),
+        warm_start_m=paths_m,
+        pins=kept.pins,
+        current_m=current_m,
+        dropped_pins=kept.dropped,
         parent=previous.id,
         **options,
     )

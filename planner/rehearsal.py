@@ -6,13 +6,15 @@ A test then runs plans and replans of every kind, and fails if a kernel was not 
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from skyfolio.planner.branch_and_bound import certificate
 from skyfolio.planner.crowding.bound import first_field
 from skyfolio.planner.crowding.slots import ground_of, slot_of
 from skyfolio.planner.examples import minimal
-from skyfolio.planner.fast import optimise, served_rates_bps
+from skyfolio.planner.fast import PricedClimb, Tolls, optimise, served_rates_bps
 from skyfolio.planner.problem import problem_of
 from skyfolio.planner.reach import squared_distance_range
 from skyfolio.planner.scenario import NoFlyDisc
@@ -28,6 +30,16 @@ def rehearse() -> None:
     problem = problem_of(easy.with_changes(uavs=(home, *others), no_fly=(zone,)))
     solution = optimise(problem, MaxIterations(1), n_starts=3)  # hovering, and places that were looked for
     rates_kbps = served_rates_bps(problem, solution) / 1e3
+    free = Tolls(
+        former_m=solution.paths_m,
+        serving=solution.serving,
+        served=solution.bandwidth_hz > 0.0,
+        per_metre=0.0,
+        per_user=0.0,
+    )
+    shared = replace(problem, kind="pooled", mu=-0.1)
+    for made in PricedClimb(shared, free, 1.0).steps(optimise(shared, MaxIterations(1), n_starts=1)):
+        served_rates_bps(shared, made)
     certificate(problem, np.ascontiguousarray(rates_kbps), max_nodes=1)
     near2, far2 = squared_distance_range(problem)
     ground = ground_of(problem)

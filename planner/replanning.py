@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from skyfolio.planner.carrying import Carried, carried
 from skyfolio.planner.changes import Changes
 from skyfolio.planner.disruption import former_of
+from skyfolio.planner.pinning import PinError
 from skyfolio.planner.pins import Pins
 from skyfolio.planner.plans import Cause, Plan
 from skyfolio.planner.remainder import cause_of, remaining, rest_of_paths_m
@@ -25,7 +27,9 @@ def replan(
     changes: Changes | None = None,
     cause: Cause | None = None,
     pins: Pins | None = None,
+    keep_pins: bool = False,
     disruption_weight: float = 0.0,
+    in_force: Plan | None = None,
     **options: Any,
 ) -> Plan:
     """Plan the remaining slots of `previous` for the UAVs and users that are left.
@@ -34,24 +38,42 @@ def replan(
     positions_m: where the survivors are when that slot begins, metres east/north (default: where the plan has them).
     achieved_rates_bps: what each user got in the slots before `at_slot` (default: what the plan promised).
     changes: what else is different, and failed UAVs too. pins: what the new plan is held to, by its own slots; a pinned
-    UAV keeps to the rest of its path; pins of the previous plan hold no longer. disruption_weight: kbit/s of utility
-    that it must gain to let another UAV serve a user throughout, or to fly 100 m off the old paths (`disruption.py`).
+    UAV keeps to the rest of its path. keep_pins: whether pins of the previous plan hold too, as far as they can still
+    be kept (`carrying.py`; the plan's `dropped_pins` says which cannot); otherwise they hold no longer.
+    disruption_weight: kbit/s of utility that it must gain to let another UAV serve a user throughout, or to fly 100 m
+    off the old paths (`disruption.py`). in_force: the plan that is being flown, by which changes are counted, where
+    that is not `previous`: when a UAV returns to an operation whose first plan had it.
     options: as for `plan`; the method is the previous plan's unless another is named.
-    Raises ReplanError as `remaining` does, and PinError; the previous plan stays as it is.
+    Raises ReplanError as `remaining` does, and PinError for `pins`; the previous plan stays as it is.
     """
-    changes = changes or Changes()
+    changes, given = changes or Changes(), pins or Pins()
     scenario, past = remaining(previous, failed, at_slot, positions_m, achieved_rates_bps, changes)
     rest_m = rest_of_paths_m(previous, at_slot, changes)
+    flown = in_force or previous
+    kept_m = set(rest_m) & set(flown.trajectories_m)
     warm = [rest_m.get(uav.id, [uav.start_m] * scenario.slots) for uav in scenario.uavs]
-    return plan(
-        scenario,
-        past=past,
-        warm_start_m=np.array(warm),
-        pins=pins,
-        current_m=rest_m,
-        former=former_of(previous, scenario, at_slot, set(rest_m), disruption_weight),
-        cause=cause or cause_of(changes, failed),
-        parent=previous.id,
-        revision=previous.revision + 1,
-        **{"method": previous.method, **options},
-    )
+
+    def held_to(kept: Carried) -> Plan:
+        return plan(
+            scenario,
+            past=past,
+            warm_start_m=np.array(warm),
+            pins=kept.pins,
+            current_m=rest_m,
+            former=former_of(flown, scenario, at_slot, kept_m, disruption_weight),
+            cause=cause or cause_of(changes, failed),
+            parent=previous.id,
+            revision=previous.revision + 1,
+            dropped_pins=kept.dropped,
+            **{"method": previous.method, **options},
+        )
+
+    if not (keep_pins and previous.pins):
+        return held_to(Carried(given))
+    kept = carried(previous, scenario, at_slot, rest_m, lost={*failed, *changes.failed}, given=given)
+    try:
+        return held_to(kept)
+    except PinError as error:  # the others find no way around these paths: a plan matters more than they do
+        if kept.pins.pinned_uavs == given.pinned_uavs:
+            raise
+        return held_to(kept.without_paths(given, scenario.slots, str(error)))

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.disruption import Former, disruption_of, least_disruptive
+from skyfolio.planner.disruption import Former, disruption_of
 from skyfolio.planner.emit import emit
+from skyfolio.planner.little_change import least_disruptive
 from skyfolio.planner.methods import DEFAULT_METHOD, method_of
 from skyfolio.planner.pinning import PinError, Pinned, pinned
 from skyfolio.planner.pins import Pins
@@ -56,7 +57,8 @@ def plan(
     paths that pinned UAVs are on (default: they hover). former: the plan that this one replaces, and the price of
     changing it. stop: when to return what has been found (default: converged). observer: called after each iteration
     that counts. offer: called then with what makes the plan reached so far, `running`, when it is wanted. clock: fills
-    `solve_ms`. identity: `id`, `revision`, `cause`, `parent` of the plan; the id defaults to a digest of the inputs.
+    `solve_ms`. identity: `id`, `revision`, `cause`, `parent` and `dropped_pins` of the plan; the id defaults to a
+    digest of the inputs.
     Raises UnreachableEndError, which names the UAVs, when no paths to all end positions are found, PinError for pins
     that cannot be kept, and ValueError for an unknown method and for shapes that do not fit the scenario.
     """

@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 
 Model = TypeVar("Model", bound="BaseModel")
 Json = Annotated[bool, typer.Option("--json", help="Print JSON only.")]
+PinsFile = Annotated[
+    Path | None, typer.Option("--pins", help="JSON of what the plan keeps: paths_m, uavs, associations.")
+]
 Out = Annotated[Path | None, typer.Option(help="Write the result here instead of printing it.")]
 
 

@@ -15,16 +15,13 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from skyfolio.api.cli import terminal as show
 from skyfolio.api.cli.autopilots import DEFAULT, AutopilotOfMission
-from skyfolio.api.cli.files import Json, Out, UsageError, read_as, read_scenario, write
+from skyfolio.api.cli.files import Json, Out, PinsFile, UsageError, read_as, read_scenario, write
 from skyfolio.planner import EXAMPLES, AnyOf, Changes, Deadline, Pins, Plan, converged, plan, replan
 
 UNMET_STATUS = 3
 """Exit status of a plan that could not give every user its minimum rate: it was written, and flies."""
 
 DeadlineS = Annotated[float | None, typer.Option(min=0.001, help="Return the best plan after this many seconds.")]
-PinsFile = Annotated[
-    Path | None, typer.Option("--pins", help="JSON of what the plan keeps: paths_m, uavs, associations.")
-]
 ScenarioFile = Annotated[Path | None, typer.Argument(help="Scenario as JSON.")]
 Example = Annotated[str | None, typer.Option(help=f"A ready scenario: {', '.join(EXAMPLES)}.")]
 
@@ -54,6 +51,7 @@ def replan_command(
         ),
     ] = None,
     pins: PinsFile = None,
+    keep_pins: Annotated[bool, typer.Option(help="Keep the pins of the plan too, as far as they hold.")] = False,
     disruption_weight: Annotated[
         float,
         typer.Option(
@@ -76,6 +74,7 @@ def replan_command(
         at_slot=at_slot,
         changes=changed,
         pins=read_as(Pins, pins) if pins else None,
+        keep_pins=keep_pins,
         disruption_weight=disruption_weight,
         stop=_stop(deadline_s),
         clock=time.perf_counter,

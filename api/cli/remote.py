@@ -6,19 +6,20 @@ import json
 import os
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import httpx2
 import typer
 from rich.console import Console
 from rich.table import Table
 
-from skyfolio.api.cli.files import Json, read_scenario
+from skyfolio.api.cli.files import Json, PinsFile, read_as, read_scenario
 from skyfolio.api.client import Client
 from skyfolio.api.common.configuration import require_known
 from skyfolio.api.common.errors import InvalidError, ServiceError
 from skyfolio.api.flights.operation_views import OperationView
-from skyfolio.planner import EXAMPLES
+from skyfolio.api.flights.recovery_report import RecoveryReport
+from skyfolio.planner import EXAMPLES, Pins
 
 ServiceUrl = Annotated[str, typer.Option(envvar="SKYFOLIO_SERVICE", help="Where the service is.")]
 Key = Annotated[str | None, typer.Option(envvar="SKYFOLIO_KEY", help="API key, where one is needed.")]
@@ -32,7 +33,16 @@ class UnreachableError(ServiceError):
 def fly(
     scenario: Annotated[Path | None, typer.Argument(help="Scenario as JSON.")] = None,
     example: Annotated[str | None, typer.Option(help=f"Fly a ready scenario: {', '.join(EXAMPLES)}.")] = None,
+    pins: PinsFile = None,
     replanning: Annotated[str, typer.Option(help="After a loss: auto, approve or off.")] = "auto",
+    disruption_weight: Annotated[
+        float | None,
+        typer.Option(
+            min=0,
+            help="kbit/s that a recovery's change must be worth: a user's other UAV throughout, or 100 m off the old "
+            "paths. Default: the service's setting.",
+        ),
+    ] = None,
     guidance: Annotated[str, typer.Option(help="By mission, or by a stream of setpoints.")] = "mission",
     stream_fallback: Annotated[str, typer.Option(help="When the stream ends: fly on by mission, or hold.")] = "mission",
     force_stream: Annotated[
@@ -43,7 +53,10 @@ def fly(
     key: Key = None,
     as_json: Json = False,
 ) -> None:
-    """Plan a scenario at the service and fly it with the vehicles registered there."""
+    """Plan a scenario at the service and fly it with the vehicles registered there.
+
+    Recoveries keep the plan's pins as far as they hold.
+    """
     order = {
         "replanning": _one_of("replanning", replanning, "auto", "approve", "off"),
         "guidance": _one_of("guidance", guidance, "mission", "stream"),
@@ -52,8 +65,9 @@ def fly(
     }
     requested = read_scenario(scenario, example)
     with _ReportingClient(service, key) as client:
-        plan = client.plan(requested)
-        _show(client.fly(plan.id, force_stream=force_stream, **order), as_json=as_json)  # type: ignore[arg-type]
+        plan = client.plan(requested, pins=read_as(Pins, pins) if pins else None)
+        options: dict[str, Any] = {**order, "force_stream": force_stream, "disruption_weight": disruption_weight}
+        _show(client.fly(plan.id, **options), as_json=as_json)
 
 
 def _one_of(name: str, value: str, *allowed: str) -> str:
@@ -153,6 +167,20 @@ def _show(view: OperationView, *, as_json: bool) -> None:
     Console().print(table)
     for report in view.recoveries:
         _print(f"{report.cause} of {', '.join(report.lost) or 'none'}: {report.outcome}, plan {report.plan_id}")
+        for line in changes(report):
+            _print(f"  {line}")
+
+
+def changes(report: RecoveryReport) -> list[str]:
+    """Return what a recovery's plan changes of the one before, in words."""
+    lines, made = [], report.disruption
+    if made is not None:
+        price = f", priced {made.price_bps / 1e3:.2f} kbit/s" if made.weight_kbps > 0.0 else ""
+        lines.append(f"{made.users_changed} users change server, {made.path_changed_m:.0f} m off the old paths{price}")
+    if report.pins is not None:
+        lines.append(f"pins kept: {', '.join([*report.pins.uavs, *report.pins.users]) or 'none'}")
+        lines += [f"{pin.kind} pin of {pin.id} dropped: {pin.reason}" for pin in report.pins.dropped]
+    return lines
 
 
 def _print(text: str) -> None:

@@ -20,6 +20,8 @@ PREFIX = "SKYFOLIO_"
 TEMPORARY = "temporary"
 """Database URL of a service that forgets everything at its end."""
 NESTED = "__"
+MOST_WEIGHT = 1e9
+"""The greatest `disruption_weight`, kbit/s: nothing that can stay changes."""
 SUB_PATH = r"(/[A-Za-z0-9._~-]+)*"
 SET_ELSEWHERE = {"stale_after_s": "heartbeat_stale_s", "lost_after_s": "heartbeat_lost_s"}
 """Fields of `timing` that have a setting of their own."""
@@ -53,6 +55,7 @@ class Settings(BaseSettings):
     root_path: the sub-path under which a proxy offers the service; a trusted proxy may say it in `X-Forwarded-Prefix`.
     rate_per_s, rate_burst: requests of one client. failed_keys_per_minute: wrong API keys that one address may try.
     swap_attempts: attempts at a mission swap before falling back to the last good plan.
+    disruption_weight: what a recovery's change of the plan must be worth, kbit/s, where an operation does not say it.
     """
 
     model_config = SettingsConfigDict(env_prefix=PREFIX, env_nested_delimiter=NESTED, frozen=True, extra="forbid")
@@ -83,6 +86,7 @@ class Settings(BaseSettings):
     ] = None
     plan_ahead: bool = True
     swap_attempts: Annotated[int, Field(ge=1, le=5)] = 2
+    disruption_weight: Annotated[float, Field(ge=0, le=MOST_WEIGHT, allow_inf_nan=False)] = 0.0
     telemetry_hz: Annotated[float, Field(gt=0, le=50)] = 10.0
     plan_starts: Annotated[int, Field(ge=1, le=64)] = 24
     keep_ended_s: Seconds = 7 * 86_400.0

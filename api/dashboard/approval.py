@@ -5,6 +5,7 @@ from __future__ import annotations
 from nicegui import ui
 
 from skyfolio.api.dashboard import comparison, map_scene
+from skyfolio.api.dashboard.changes import of_plan
 from skyfolio.api.dashboard.elements import MapView, attempt, figures, text
 from skyfolio.api.dashboard.views import Operation, Recovery
 from skyfolio.api.dashboard.watch import Watch
@@ -106,6 +107,8 @@ class Notices:
             courses = [comparison.rest(now, slot), unchanged, comparison.rest(new, slot)]
             head = (f"slots {slot} to the end", "as planned", "if rejected", "if approved")
             figures(comparison.rows([comparison.course(rates) for rates in courses]), head)
+            for line in of_plan(new):
+                text("p", line, "sf-sub")
             with ui.element("div").classes("sf-row"):
                 self._buttons(operation, proposal)
                 ui.button("Later", on_click=self._dialog.close).props("flat")

@@ -8,7 +8,8 @@ from typing import Any, Literal
 
 from pydantic import ValidationError
 
-from skyfolio.planner import Scenario
+from skyfolio.api.dashboard.draft_pins import DraftPins
+from skyfolio.planner import PinError, Pins, Scenario, pinned
 
 Kind = Literal["uav", "user"]
 LISTS: dict[str, str] = {"uav": "uavs", "user": "users"}
@@ -23,29 +24,34 @@ class Draft:
 
     def __init__(self, scenario: Scenario) -> None:
         self.data: dict[str, Any] = scenario.model_dump(mode="json")
+        self.pins = DraftPins()
 
     @classmethod
-    def of_data(cls, data: dict[str, Any]) -> Draft:
+    def of_data(cls, data: dict[str, Any], pins: dict[str, Any] | None = None) -> Draft:
         """Return a draft from stored data, whether or not it is a valid scenario."""
         draft = cls.__new__(cls)
         draft.data = deepcopy(data)
+        draft.pins = DraftPins.of_data(pins or {})
         return draft
 
     @classmethod
     def from_file(cls, content: bytes) -> Draft:
-        """Read a scenario, or the scenario of a plan, from a JSON file. Raises DraftError."""
+        """Read a scenario, or the scenario and the pins of a plan, from a JSON file. Raises DraftError."""
         try:
             document = json.loads(content.decode("utf-8-sig"))
         except (UnicodeDecodeError, ValueError) as error:
             raise DraftError(f"the file is not JSON: {error}") from error
         if not isinstance(document, dict):
             raise DraftError("the file must hold one JSON object: a scenario, or a plan")
+        pins = document.pop("pins", None) or {}
         if isinstance(document.get("scenario"), dict):
             document = document["scenario"]
         try:
-            return cls(Scenario.model_validate_json(json.dumps(document)))
+            draft = cls(Scenario.model_validate_json(json.dumps(document)))
+            draft.pins = DraftPins(Pins.model_validate_json(json.dumps(pins)))
         except ValidationError as error:
             raise DraftError(broken(error)) from error
+        return draft
 
     def scenario(self) -> Scenario:
         """Return the scenario as edited. Raises DraftError with every broken rule."""
@@ -53,6 +59,14 @@ class Draft:
             return Scenario.model_validate_json(json.dumps(self.data))
         except (ValidationError, ValueError) as error:
             raise DraftError(broken(error) if isinstance(error, ValidationError) else str(error)) from error
+
+    def pinned(self) -> Pins:
+        """Return the pins of the scenario as edited. Raises DraftError with the first one that cannot be kept."""
+        try:
+            pinned(self.scenario(), self.pins.pins)
+        except PinError as error:
+            raise DraftError(str(error)) from error
+        return self.pins.pins
 
     def ids(self, kind: Kind) -> list[str]:
         """Return the ids of all UAVs, or of all users."""
@@ -76,6 +90,8 @@ class Draft:
     def move(self, kind: Kind, entry_id: str, east_m: float, north_m: float) -> None:
         """Move a UAV or a user. Raises KeyError."""
         self._entry(kind, entry_id)[_where(kind)] = [east_m, north_m]
+        if kind == "uav":
+            self.pins.release_path(entry_id)
 
     def remove(self, kind: Kind, entry_id: str) -> None:
         """Remove a UAV or a user. Raises DraftError if it is the last one, and KeyError if there is none."""
@@ -83,6 +99,7 @@ class Draft:
         if len(rows) == 1:
             raise DraftError(f"{LISTS[kind]}: at least one must remain")
         rows.remove(self._entry(kind, entry_id))
+        self.pins.keep_only(self.ids("uav"), self.ids("user"))
 
     def set_mu(self, mu_per_kbps: float) -> None:
         """Set the weight of steadiness: 0 maximises the sum rate alone, more negative values are steadier."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from skyfolio.api.dashboard.changes import disruption_words
 from skyfolio.api.dashboard.views import ServiceEvent
 
 Data = Mapping[str, Any]
@@ -103,7 +104,9 @@ def _condition(data: Data) -> tuple[str, str]:
 def _recovery(data: Data) -> tuple[str, str]:
     if data.get("outcome") == "flying":
         solved = data.get("replan_ms") or 0.0
-        return f"survivors fly {data.get('plan_id')} (replanned in {solved:.0f} ms)", "ok"
+        changed = disruption_words(data.get("disruption"))
+        what = f"survivors fly {data.get('plan_id')} (replanned in {solved:.0f} ms)"
+        return f"{what}: {changed}" if changed else what, "ok"
     return f"recovery: {str(data.get('outcome')).replace('_', ' ')}: {data.get('error')}", "alarm"
 
 

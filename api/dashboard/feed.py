@@ -12,6 +12,7 @@ from skyfolio.api.dashboard.rest import Rest, RestError
 from skyfolio.api.dashboard.views import (
     OVER,
     Drill,
+    ExplanationState,
     Operation,
     OperationLine,
     OrderResult,
@@ -21,7 +22,7 @@ from skyfolio.api.dashboard.views import (
     Vehicle,
     WhatIf,
 )
-from skyfolio.planner import Plan, Scenario
+from skyfolio.planner import Explanation, Pins, Plan, Scenario
 from skyfolio.sim import FAULTS, fault_from
 
 ENDED = {"succeeded", "infeasible", "cancelled", "failed", "interrupted"}
@@ -46,26 +47,40 @@ class Feed:
         """Return one built-in scenario."""
         return Scenario.model_validate(await self._rest.call("GET", f"/v1/scenarios/examples/{name}"))
 
-    async def make_plan(self, scenario: Scenario, wait_s: float = 60.0) -> Plan:
+    async def make_plan(self, scenario: Scenario, wait_s: float = 60.0, pins: Pins | None = None) -> Plan:
         """Plan a scenario and wait for the result."""
-        return await self.awaited_plan(await self.begin_plan(scenario), wait_s)
+        return await self.awaited_plan(await self.begin_plan(scenario, pins), wait_s)
 
-    async def begin_plan(self, scenario: Scenario) -> str:
-        """Request a plan and return its id."""
-        return str((await self._rest.call("POST", "/v1/plans", json=scenario.model_dump(mode="json")))["id"])
+    async def begin_plan(self, scenario: Scenario, pins: Pins | None = None) -> str:
+        """Request a plan that keeps `pins` and return its id."""
+        body = scenario.model_dump(mode="json") | ({"pins": pins.model_dump(mode="json")} if pins else {})
+        return str((await self._rest.call("POST", "/v1/plans", json=body))["id"])
 
     async def awaited_plan(self, plan_id: str, wait_s: float = 60.0) -> Plan:
         """Wait for a plan, at most `wait_s`, and return it."""
         return _finished(await self._rest.text("GET", f"/v1/plans/{plan_id}", wait_s=wait_s))
 
-    async def what_if(self, plan_id: str, uav_id: str, at_slot: int, wait_s: float = 60.0) -> Plan:
-        """Return the replan for the loss of this UAV at the beginning of that slot of the operation's grid."""
-        body = {"failed": [uav_id], "at_slot": at_slot}
+    async def what_if(
+        self, plan_id: str, uav_id: str, at_slot: int, disruption_weight: float = 0.0, wait_s: float = 60.0
+    ) -> Plan:
+        """Return the replan for the loss of this UAV at the beginning of that slot of the operation's grid.
+
+        disruption_weight: what a change must be worth, kbit/s. Pins are kept as far as they hold, as in flight.
+        """
+        body = {"failed": [uav_id], "at_slot": at_slot, "keep_pins": True, "disruption_weight": disruption_weight}
         return _finished(await self._rest.text("POST", f"/v1/plans/{plan_id}/replans", json=body, wait_s=wait_s))
 
     async def plan(self, plan_id: str) -> Plan:
         """Return a finished plan."""
         return _finished(await self._rest.text("GET", f"/v1/plans/{plan_id}"))
+
+    async def explanation(self, plan_id: str, wait_s: float = 60.0) -> Explanation:
+        """Return why a plan is as it is."""
+        text = await self._rest.text("GET", f"/v1/plans/{plan_id}/explanation", wait_s=wait_s)
+        known = ExplanationState.model_validate_json(text)
+        if known.status is not None:
+            raise RestError(202, "Not finished", f"the explanation of {plan_id} is still {known.status}")
+        return Explanation.model_validate_json(text)
 
     async def mission_file(self, plan_id: str, uav_id: str) -> Any:
         """Return one UAV's mission as a QGroundControl `.plan` document."""
@@ -84,11 +99,16 @@ class Feed:
         """Return all registered vehicles."""
         return [Vehicle.model_validate(row) for row in await self._rest.call("GET", "/v1/fleet/vehicles")]
 
-    async def start(self, plan_id: str, systems: Mapping[str, int], policy: str) -> Operation:
-        """Register the vehicles that are not registered yet, and fly the plan."""
+    async def start(
+        self, plan_id: str, systems: Mapping[str, int], policy: str, disruption_weight: float | None = None
+    ) -> Operation:
+        """Register the vehicles that are not registered yet, and fly the plan.
+
+        disruption_weight: what a recovery's change must be worth, kbit/s; None: as the service is set.
+        """
         for uav_id, system_id in systems.items():
             await self._rest.call("POST", "/v1/fleet/vehicles", json={"uav_id": uav_id, "system_id": system_id})
-        body = {"plan_id": plan_id, "replanning": policy}
+        body = {"plan_id": plan_id, "replanning": policy, "disruption_weight": disruption_weight}
         return _operation(await self._rest.call("POST", "/v1/operations", json=body))
 
     async def operations(self, limit: int = 50) -> list[OperationLine]:

@@ -9,7 +9,7 @@ from typing import Any
 
 from skyfolio.api.dashboard.schedule import slip_s
 from skyfolio.api.dashboard.views import Operation, Vehicle
-from skyfolio.planner import Plan, Scenario
+from skyfolio.planner import Pins, Plan, Scenario
 from skyfolio.planner.geometry import point_at
 
 Json = dict[str, Any]
@@ -48,14 +48,16 @@ def scene(scenario: Scenario, plans: Sequence[tuple[str, Plan]] = (), **more: An
         "d_min": scenario.min_separation_m,
         "rate_max": max([1e3, *rates]) if rates else None,
         "plans": [{"style": style, "paths": plan.trajectories_m} for style, plan in plans],
+        "pinned": pinned_ids(plans[0][1].pins) if plans else [],
         "reserved": {},
         "tiles": None,
         **more,
     }
 
 
-def sketch(data: Json) -> tuple[Json, Json]:
+def sketch(data: Json, pins: Pins | None = None) -> tuple[Json, Json]:
     """Return scene and frame of a scenario as JSON, even of an invalid one: the operator must see what is wrong."""
+    pins = pins or Pins()
     drawn = {
         "area": data["area_m"],
         "origin": data["origin"],
@@ -64,12 +66,18 @@ def sketch(data: Json) -> tuple[Json, Json]:
         "uavs": [uav["id"] for uav in data["uavs"]],
         "d_min": data["min_separation_m"] or 0.0,
         "rate_max": None,
-        "plans": [],
+        "plans": [{"style": "current", "paths": {uav: path for uav, path in pins.paths_m.items() if len(path) > 1}}],
+        "pinned": pinned_ids(pins),
         "reserved": {},
         "tiles": None,
     }
     spots = [Spot(uav_id=uav["id"], at_m=tuple(uav["start_m"])) for uav in data["uavs"]]
     return drawn, frame(spots, None, None, {}, live=False)
+
+
+def pinned_ids(pins: Pins) -> list[str]:
+    """Return the UAVs whose paths are pinned and the users that are pinned to a UAV: the map marks both."""
+    return [*pins.pinned_uavs, *pins.associations]
 
 
 def reserved(former: Plan, lost: Iterable[str], from_slot: int) -> dict[str, list[Point]]:

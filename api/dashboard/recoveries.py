@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from datetime import datetime
 from typing import Any
 
+from skyfolio.api.dashboard.changes import of_report
 from skyfolio.api.dashboard.views import Recovery, Step
 
 Json = Mapping[str, Any]
@@ -80,6 +81,7 @@ def _recovery(number: int, entries: list[Json], report: Json | None, proposal: J
         plan_id=report["plan_id"] if report else planned[-1] if planned else None,
         proposed=proposed,
         steps=tuple(_steps(entries, report, over=over)),
+        changes=of_report(report) if report else (),
         vehicles=report["vehicles"] if report else {},
         error=report["error"] if report else None,
     )

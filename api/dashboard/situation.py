@@ -159,6 +159,8 @@ def show_recovery(recovery: Recovery) -> None:
                     text("span", step.took, "sf-took")
                     if step.detail:
                         text("span", step.detail, "sf-detail")
+        for line in recovery.changes:
+            text("p", line, "sf-sub sf-change")
 
 
 def stats_line(name: str, plan: Plan) -> str:

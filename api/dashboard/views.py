@@ -69,6 +69,8 @@ class Recovery(View):
     plan_id: str | None = None
     proposed: bool = False
     steps: tuple[Step, ...] = ()
+    changes: tuple[str, ...] = ()
+    """What its plan changes of the one before, and which pins it keeps, in words."""
     vehicles: dict[str, str | None] = {}
     error: str | None = None
 
@@ -128,6 +130,12 @@ class PlanState(View):
     status: str
     error: str | None = None
     trajectories_m: Any = None
+
+
+class ExplanationState(View):
+    """The state of an explanation that is still being made; `status` is None once it is made."""
+
+    status: str | None = None
 
 
 class TrackPoint(View):

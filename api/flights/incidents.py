@@ -13,7 +13,7 @@ from skyfolio.api.common.errors import ConflictError, NotFoundError
 from skyfolio.api.flights.flight import Flight
 from skyfolio.api.flights.journal import IncidentLog, Journal, Step
 from skyfolio.api.flights.losses import LOSS_KINDS, Loss, LossKind
-from skyfolio.api.flights.operation_views import Policy
+from skyfolio.api.flights.operation_store import OperationIdentity
 from skyfolio.api.flights.plans_ahead import PlansAhead
 from skyfolio.api.flights.recovery import Incident, Recovery
 from skyfolio.api.flights.recovery_report import RecoveryReport
@@ -39,8 +39,7 @@ class Incidents:
 
     def __init__(
         self,
-        operation_id: str,
-        policy: Policy,
+        identity: OperationIdentity,
         flight: Flight,
         shared: SharedServices,
         journal: Journal,
@@ -50,7 +49,7 @@ class Incidents:
         self.pending: dict[str, float] = {}
         self.number = 0
         self.save: Callable[[], Awaitable[None]] = _save_nothing
-        self._operation_id, self._policy = operation_id, policy
+        self._operation_id, self._policy, self._weight = identity.id, identity.policy, identity.disruption_weight
         self._flight, self._shared = flight, shared
         self._journal, self._events = journal, events
         self._requested: Cause | None = None
@@ -60,7 +59,7 @@ class Incidents:
         self._incident: Incident | None = None
         self._recovery: Recovery | None = None
         self._task: asyncio.Task[RecoveryReport] | None = None
-        self._plans_ahead = PlansAhead(flight, shared)
+        self._plans_ahead = PlansAhead(flight, shared, identity.disruption_weight)
 
     @property
     def has_work(self) -> bool:
@@ -199,7 +198,7 @@ class Incidents:
         self.number += 1
         steps = IncidentLog(self._journal, self._operation_id, self.number, self._flight.now_s)
         ask = self._policy == "approve" and cause in LOSS_KINDS
-        self._incident = Incident(steps, cause, dict(self.pending), ask=ask, readmitted=self._readmitted)
+        self._incident = Incident(steps, cause, dict(self.pending), self._weight, ask=ask, readmitted=self._readmitted)
         self._readmitted = ()
         await self.save()
         self._recovery = Recovery(self._shared, self._flight, self._incident)

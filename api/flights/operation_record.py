@@ -31,7 +31,7 @@ class OperationRecord:
         self.aborted_by: Abort | None = None
         """The last order by which it was ended."""
         self._stopped = False
-        self.incidents = Incidents(identity.id, identity.policy, flight, shared, stores.journal, stores.events)
+        self.incidents = Incidents(identity, flight, shared, stores.journal, stores.events)
         self.incidents.save = self.save
         flight.guidance.mission_store = AssignedMissionStore(stores.database, identity.id)
 
@@ -59,6 +59,7 @@ class OperationRecord:
             version=self.version,
             state=self.state,
             replanning=self.identity.policy,
+            disruption_weight=self.identity.disruption_weight,
             plan_id=flight.plan.id,
             plan_ids=[entry.plan.id for entry in flight.timeline],
             vehicles=flight.systems,
@@ -126,6 +127,7 @@ class OperationRecord:
             "at_end": flight.guidance.options.at_end.value,
             "ghosts": flight.guidance.airspace.document(),
             "launch_itself": self.identity.launch_itself,
+            "disruption_weight": self.identity.disruption_weight,
             "error": self.error,
             **self.incidents.document(),
             "view": self.view().model_dump(mode="json") if self.state in ENDED else None,

@@ -37,7 +37,10 @@ _MARK = (
 
 @dataclass(kw_only=True)
 class OperationIdentity:
-    """What identifies an operation and never changes."""
+    """What identifies an operation and never changes.
+
+    disruption_weight: what a recovery's change of the plan must be worth, kbit/s (`planner.replan`).
+    """
 
     id: str
     number: int
@@ -45,6 +48,7 @@ class OperationIdentity:
     created_at: float = field(default_factory=time.time)
     fingerprint: str | None = None
     launch_itself: bool = True
+    disruption_weight: float = 0.0
 
 
 @dataclass(frozen=True)

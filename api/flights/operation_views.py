@@ -91,13 +91,15 @@ class OperationView(BaseModel):
 
     `returned` and `low_on_battery` are offers, and nothing happens to these UAVs unless the operator asks for it:
     `:readmit` plans with the former again, `:retire` sends the latter home and plans without them. `version` is the
-    ETag: it counts changes of what can be commanded, not of what is measured.
+    ETag: it counts changes of what can be commanded, not of what is measured. `disruption_weight`: what a change of
+    the plan must be worth to a recovery, kbit/s.
     """
 
     id: str
     version: int
     state: State
     replanning: Policy
+    disruption_weight: float = 0.0
     plan_id: str
     plan_ids: list[str]
     vehicles: dict[str, int]

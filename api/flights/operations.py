@@ -61,9 +61,14 @@ class Operations:
         creation: NewResource,
         *,
         launch_itself: bool = True,
+        disruption_weight: float | None = None,
         options: GuidanceOptions | None = None,
     ) -> Operation | OperationView:
-        """Fly a finished plan. Raises NotFoundError, ConflictError, or InvalidError for unregistered UAVs."""
+        """Fly a finished plan. disruption_weight: None for that of the settings.
+
+        Raises NotFoundError, ConflictError, or InvalidError for unregistered UAVs.
+        """
+        weight = self._shared.settings.disruption_weight if disruption_weight is None else disruption_weight
         async with self._starting:
             if creation.fingerprint is not None and (earlier := await self._created_before(creation)):
                 return earlier
@@ -79,6 +84,7 @@ class Operations:
                 policy=policy,
                 fingerprint=creation.fingerprint,
                 launch_itself=launch_itself,
+                disruption_weight=weight,
             )
             flight = Flight(plan, systems, self._fleet, self._shared.clock, options)
             operation = Operation(identity, flight, self._shared, self._stores)

@@ -19,8 +19,8 @@ PAUSE_S = 0.2
 class PlansAhead:
     """Makes plans for each single loss at the slots that come next; one round at a time."""
 
-    def __init__(self, flight: Flight, shared: SharedServices) -> None:
-        self._flight, self._shared = flight, shared
+    def __init__(self, flight: Flight, shared: SharedServices, disruption_weight: float) -> None:
+        self._flight, self._shared, self._weight = flight, shared, disruption_weight
         self.task: asyncio.Task[None] | None = None
         """The round that is under way, or was last."""
 
@@ -37,7 +37,8 @@ class PlansAhead:
         for at_slot in range(int(lead_slots) + 1, int(lead_slots) + 1 + SLOTS_AHEAD):
             if at_slot < flight.n_slots - 1:
                 try:
-                    await shared.contingencies.make(flight.plan, at_slot, flight.plan.scenario.uav_ids)
+                    uavs = flight.plan.scenario.uav_ids
+                    await shared.contingencies.make(flight.plan, at_slot, uavs, self._weight)
                 except Exception as error:  # noqa: BLE001 - what is made in idle time must not end the flight
                     log.warning("no plan was made ahead of a loss", at_slot=at_slot, error=str(error))
                     return

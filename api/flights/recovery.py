@@ -19,7 +19,7 @@ from skyfolio.api.common.idempotency import fresh
 from skyfolio.api.flights.flight import Flight
 from skyfolio.api.flights.journal import IncidentLog, Step
 from skyfolio.api.flights.losses import LossKind
-from skyfolio.api.flights.recovery_report import RecoveryReport
+from skyfolio.api.flights.recovery_report import RecoveryReport, changes_of
 from skyfolio.api.flights.shared_services import SharedServices
 from skyfolio.api.flights.swap import Swap
 from skyfolio.api.flights.transition import Present, achieved, expected_position, require_in_reach, require_separated
@@ -39,12 +39,14 @@ LOCATED_LOOK_S = 0.1
 class Incident:
     """What has to be dealt with, and how far the recovery is.
 
-    ask: whether the operator is asked before a new plan is flown. approval: set when the operator has decided.
+    disruption_weight: what a change of the plan must be worth, kbit/s. ask: whether the operator is asked before a new
+    plan is flown. approval: set when the operator has decided.
     """
 
     log: IncidentLog
     cause: LossKind | Literal["uav_returned", "retuned"]
     lost: dict[str, float]
+    disruption_weight: float = 0.0
     ask: bool = False
     readmitted: tuple[str, ...] = ()
     proposed: Plan | None = None
@@ -137,7 +139,7 @@ class Recovery:
             self._incident.attempts.append(str(error))
             await steps.step(Step.REFUSED, attempt=attempt, error=str(error))
             return None
-        self._update(plan_id=plan.id, replan_ms=plan.solve_ms)
+        self._update(plan_id=plan.id, replan_ms=plan.solve_ms, **changes_of(plan))
         return plan
 
     async def _wait_for_positions(self) -> None:
@@ -187,7 +189,12 @@ class Recovery:
         remaining(previous, **request)
         record = await self._shared.plans.submit_replan(
             previous,
-            request,
+            {
+                **request,
+                "keep_pins": True,
+                "disruption_weight": incident.disruption_weight,
+                "in_force": flight.plan if incident.readmitted else None,
+            },
             cause,
             fresh("plan"),
             deadline_s=self._shared.settings.replan_deadline_s,
@@ -204,7 +211,10 @@ class Recovery:
         """Return the plan made ahead for exactly this loss, if the survivors can still get into it."""
         flight = self._flight
         lost = [uav for uav in flight.plan.scenario.uav_ids if uav in flight.lost]
-        plan = self._shared.contingencies.ready(flight.plan, at_slot, lost[0]) if len(lost) == 1 else None
+        if len(lost) != 1:
+            return None
+        weight = self._incident.disruption_weight
+        plan = self._shared.contingencies.ready(flight.plan, at_slot, lost[0], weight)
         if plan is None:
             return None
         try:

@@ -24,7 +24,7 @@ from skyfolio.api.flights.operation import Operation
 from skyfolio.api.flights.operation_store import OperationIdentity, Stores
 from skyfolio.api.flights.operation_views import IN_THE_AIR, State
 from skyfolio.api.flights.rates import InForce, Point
-from skyfolio.api.flights.recovery_report import Outcome, RecoveryReport
+from skyfolio.api.flights.recovery_report import Outcome, RecoveryReport, changes_of
 from skyfolio.api.flights.shared_services import SharedServices
 from skyfolio.api.store.tables import track as track_table
 from skyfolio.mavlink_bridge import OnEnd
@@ -57,6 +57,7 @@ async def restored(row: Row[Any], shared: SharedServices, stores: Stores, fleet:
         created_at=row.created_at,
         fingerprint=row.fingerprint,
         launch_itself=document["launch_itself"],
+        disruption_weight=document.get("disruption_weight", 0.0),
     )
     operation = Operation(identity, flight, shared, stores)
     operation.state, operation.version, operation.error = State(row.state), row.version, document["error"]
@@ -143,6 +144,7 @@ async def _settle_incident(operation: Operation, entries: list[Entry]) -> None:
     report = journaled.model_copy(
         update={
             "plan_id": plan_id,
+            **(changes_of(operation.flight.plan) if operation.flight.plan.id == plan_id else {}),
             "in_force_at_s": operation.flight.timeline[-1].from_s if took_effect else None,
             "vehicles": {uav: None if uav in flying else "in doubt when the service was stopped" for uav in sent},
         }

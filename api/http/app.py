@@ -21,6 +21,7 @@ from skyfolio.api.http.routes import (
     explanations,
     fleet,
     login,
+    operation_commands,
     operations,
     plans,
     scenarios,
@@ -76,7 +77,19 @@ def create_app(
         docs_url=None,
         redoc_url=None,
     )
-    for routes in (plans, contingencies, explanations, scenarios, fleet, operations, drills, events, service, login):
+    for routes in (
+        plans,
+        contingencies,
+        explanations,
+        scenarios,
+        fleet,
+        operations,
+        operation_commands,
+        drills,
+        events,
+        service,
+        login,
+    ):
         app.include_router(routes.router)
     reference.install(app)
     problems.install(app)

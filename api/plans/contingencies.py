@@ -1,7 +1,8 @@
 """Contingencies: plans made ahead of a loss, for each UAV that could be lost at a slot.
 
 They are made in a lane of their own, stored, and used twice: for the N-1 table, and in flight, where the recovery from
-a loss whose plan is ready needs no solve.
+a loss whose plan is ready needs no solve. They are made as a recovery makes its plan: the pins of the plan are kept as
+far as they hold, and changes must be worth the `disruption_weight` of the operation.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import asyncio
 import time
 from collections.abc import Mapping
 from contextlib import suppress
+from typing import NamedTuple
 
 import numpy as np
 import structlog
@@ -21,17 +23,27 @@ from skyfolio.api.plans.jobs import Job
 from skyfolio.api.plans.solver import LaneName, SolveError, Solver
 from skyfolio.api.store import Database, StoreError
 from skyfolio.api.store.tables import contingencies as table
-from skyfolio.planner import Plan, ReplanError, delivered_rates_bps, remaining
+from skyfolio.planner import Disruption, DroppedPin, Plan, ReplanError, delivered_rates_bps, remaining
 
 log = structlog.get_logger()
 DEADLINE_S = 5.0
 KEEP_IN_MEMORY = 512
 
 
+class Key(NamedTuple):
+    """What tells contingencies apart: the loss, and what a change must be worth, in kbit/s."""
+
+    plan_id: str
+    at_slot: int
+    uav_id: str
+    disruption_weight: float
+
+
 class Contingency(BaseModel):
     """What users would get if this UAV were lost. Rates in bit/s over the slots from `at_slot` on.
 
-    `mean_sum_rate_without_replan_bps`: the survivors fly on as if nothing had happened. `error`: why there is no plan.
+    `mean_sum_rate_without_replan_bps`: the survivors fly on as if nothing had happened. `disruption`: what the plan
+    changes; `dropped_pins`: what it could not keep. `error`: why there is no plan.
     """
 
     uav_id: str
@@ -40,50 +52,57 @@ class Contingency(BaseModel):
     user_mean_rates_bps: dict[str, float] = {}
     utility_bps: float | None = None
     solve_ms: float | None = None
+    disruption: Disruption | None = None
+    dropped_pins: tuple[DroppedPin, ...] = ()
     error: str | None = None
 
 
 class ContingencyTable(BaseModel):
     """For each UAV of the plan, what users get when it is lost as slot `at_slot` begins. Rates in bit/s.
 
-    `mean_sum_rate_bps`: as planned, over the same slots. `complete`: whether every row is there.
+    `mean_sum_rate_bps`: as planned, over the same slots. `disruption_weight`: what a change had to be worth, kbit/s.
+    `complete`: whether every row is there.
     """
 
     plan_id: str
     at_slot: int
     mean_sum_rate_bps: float
+    disruption_weight: float = 0.0
     complete: bool
     rows: list[Contingency]
 
 
 class Contingencies:
-    """All contingency plans of this service, by (plan, slot, UAV)."""
+    """All contingency plans of this service, by plan, slot, UAV and weight."""
 
     def __init__(self, solver: Solver, database: Database) -> None:
         self._lane, self._database = solver[LaneName.AHEAD], database
-        self._ready: dict[tuple[str, int, str], Plan | str] = {}
-        self._under_way: dict[tuple[str, int, str], asyncio.Task[Plan | str]] = {}
+        self._ready: dict[Key, Plan | str] = {}
+        self._under_way: dict[Key, asyncio.Task[Plan | str]] = {}
         self._tokens: set[int] = set()
 
-    def ready(self, plan: Plan, at_slot: int, uav_id: str) -> Plan | None:
+    def ready(self, plan: Plan, at_slot: int, uav_id: str, disruption_weight: float = 0.0) -> Plan | None:
         """Return the plan for this loss if it is there now."""
-        outcome = self._ready.get((plan.id, at_slot, uav_id))
+        outcome = self._ready.get(Key(plan.id, at_slot, uav_id, disruption_weight))
         return outcome if isinstance(outcome, Plan) else None
 
-    async def make(self, plan: Plan, at_slot: int, uav_ids: tuple[str, ...]) -> None:
+    async def make(self, plan: Plan, at_slot: int, uav_ids: tuple[str, ...], disruption_weight: float = 0.0) -> None:
         """Make the plans that are missing for these losses at that slot, one after the other. Raises BusyError."""
-        keys = [(plan.id, at_slot, uav_id) for uav_id in uav_ids]
+        keys = [Key(plan.id, at_slot, uav_id, disruption_weight) for uav_id in uav_ids]
         if any(key not in self._ready and key not in self._under_way for key in keys):
             await self._load(plan.id, at_slot)
-        for uav_id in uav_ids:
-            await self._one(plan, at_slot, uav_id)
+        for key in keys:
+            await self._one(plan, key)
 
-    async def table_of(self, plan: Plan, at_slot: int, wait_s: float) -> list[Contingency]:
+    async def table_of(
+        self, plan: Plan, at_slot: int, wait_s: float, disruption_weight: float = 0.0
+    ) -> list[Contingency]:
         """Return the rows of every UAV whose plan was ready within `wait_s` wall seconds."""
         with suppress(TimeoutError):
             async with asyncio.timeout(wait_s):
-                await self.make(plan, at_slot, plan.scenario.uav_ids)
-        outcomes = {uav: self._ready.get((plan.id, at_slot, uav)) for uav in plan.scenario.uav_ids}
+                await self.make(plan, at_slot, plan.scenario.uav_ids, disruption_weight)
+        keys = {uav: Key(plan.id, at_slot, uav, disruption_weight) for uav in plan.scenario.uav_ids}
+        outcomes = {uav: self._ready.get(key) for uav, key in keys.items()}
         return await asyncio.to_thread(
             rows_of, plan, at_slot, {uav: outcome for uav, outcome in outcomes.items() if outcome is not None}
         )
@@ -99,25 +118,28 @@ class Contingencies:
             task.cancel()
         await asyncio.gather(*self._under_way.values(), return_exceptions=True)
 
-    async def _one(self, plan: Plan, at_slot: int, uav_id: str) -> None:
-        key = (plan.id, at_slot, uav_id)
+    async def _one(self, plan: Plan, key: Key) -> None:
         if key in self._ready:
             return
         task = self._under_way.get(key)
         if task is None:
-            task = asyncio.create_task(self._solve(plan, at_slot, uav_id))
+            task = asyncio.create_task(self._solve(plan, key))
             self._under_way[key] = task
             task.add_done_callback(lambda _: self._under_way.pop(key, None))
         await asyncio.shield(task)  # a caller may give up waiting; the plan is made anyway
 
-    async def _solve(self, plan: Plan, at_slot: int, uav_id: str) -> Plan | str:
-        key = (plan.id, at_slot, uav_id)
+    async def _solve(self, plan: Plan, key: Key) -> Plan | str:
         try:
-            remaining(plan, [uav_id], at_slot)
+            remaining(plan, [key.uav_id], key.at_slot)
             job = Job(
                 previous=plan.model_dump_json(),
-                request={"failed": [uav_id], "at_slot": at_slot},
-                identity={"cause": {"kind": "heartbeat_lost", "uav_ids": [uav_id], "detail": "planned ahead"}},
+                request={
+                    "failed": [key.uav_id],
+                    "at_slot": key.at_slot,
+                    "keep_pins": True,
+                    "disruption_weight": key.disruption_weight,
+                },
+                identity={"cause": {"kind": "heartbeat_lost", "uav_ids": [key.uav_id], "detail": "planned ahead"}},
                 deadline_s=DEADLINE_S,
             )
             token = self._lane.reserve()
@@ -132,7 +154,7 @@ class Contingencies:
         await self._store(key, outcome)
         return outcome
 
-    def _remember(self, key: tuple[str, int, str], outcome: Plan | str) -> None:
+    def _remember(self, key: Key, outcome: Plan | str) -> None:
         while len(self._ready) >= KEEP_IN_MEMORY:
             self._ready.pop(next(iter(self._ready)))
         self._ready[key] = outcome
@@ -140,17 +162,15 @@ class Contingencies:
     async def _load(self, plan_id: str, at_slot: int) -> None:
         query = select(table).where(table.c.plan_id == plan_id, table.c.at_slot == at_slot)
         for row in await self._database.rows(query):
-            key = (plan_id, at_slot, row.uav_id)
+            key = Key(plan_id, at_slot, row.uav_id, row.disruption_weight)
             if key not in self._ready:
                 self._remember(key, Plan.model_validate_json(row.result) if row.result else str(row.error))
                 await asyncio.sleep(0)  # a large fleet's plans take a while: let others take turns
 
-    async def _store(self, key: tuple[str, int, str], outcome: Plan | str) -> None:
+    async def _store(self, key: Key, outcome: Plan | str) -> None:
         plan = outcome if isinstance(outcome, Plan) else None
         row = {
-            "plan_id": key[0],
-            "at_slot": key[1],
-            "uav_id": key[2],
+            **key._asdict(),
             "created_at": time.time(),
             "result": plan.model_dump_json() if plan else None,
             "error": None if plan else outcome,
@@ -178,6 +198,8 @@ def _row(plan: Plan, at_slot: int, uav_id: str, outcome: Plan | str) -> Continge
         user_mean_rates_bps={user: sum(rates) / len(rates) for user, rates in outcome.user_rates_bps.items()},
         utility_bps=outcome.summary.utility_bps,
         solve_ms=outcome.solve_ms,
+        disruption=outcome.disruption,
+        dropped_pins=outcome.dropped_pins,
     )
 
 

@@ -14,7 +14,7 @@ from skyfolio.api.common.errors import ConflictError, NotFoundError
 from skyfolio.api.common.idempotency import NewResource
 from skyfolio.api.common.settings import Settings
 from skyfolio.api.plans.jobs import Job
-from skyfolio.api.plans.plan_records import PlanRecord, UnfinishedPlan
+from skyfolio.api.plans.plan_records import Asked, PlanRecord, UnfinishedPlan
 from skyfolio.api.plans.plan_store import PlanStore
 from skyfolio.api.plans.solver import LaneName, SolveError, Solver
 from skyfolio.api.store.event_log import EventLog
@@ -88,7 +88,16 @@ class PlanBook:
             starts=starts,
             most_starts=self._most_starts,
         )
-        return self._start(job, creation, LaneName.REQUESTS, cause=Cause(), revision=1, parent=None, scenario=text)
+        return self._start(
+            job,
+            creation,
+            LaneName.REQUESTS,
+            cause=Cause(),
+            revision=1,
+            parent=None,
+            scenario=text,
+            asked=Asked(pins=pins or Pins()),
+        )
 
     async def submit_replan(
         self,
@@ -112,6 +121,7 @@ class PlanBook:
             revision=previous.revision + 1,
             parent=previous.id,
             scenario=previous.scenario.model_dump_json(),
+            asked=Asked.model_validate({name: request[name] for name in Asked.model_fields if name in request}),
         )
 
     async def adopt(self, plan: Plan, creation: NewResource) -> Plan:
@@ -163,6 +173,7 @@ class PlanBook:
             scenario=Scenario.model_validate_json(record.scenario),
             progress=None if record.ended else self._solver[record.lane].progress(record.token),
             error=record.error,
+            **{name: getattr(record.asked, name) for name in Asked.model_fields},
         )
         return f'{known.model_dump_json(exclude={"best"})[:-1]},"best":{best or "null"}}}'
 

@@ -5,21 +5,36 @@ from __future__ import annotations
 import asyncio
 from dataclasses import dataclass, field
 
-from pydantic import BaseModel
+from pydantic import BaseModel, ConfigDict
 
 from skyfolio.api.plans.job_board import Progress
 from skyfolio.api.plans.jobs import Solved
 from skyfolio.api.plans.solver import LaneName
-from skyfolio.planner import Cause, Plan, PlanStatus, Scenario, Summary
+from skyfolio.planner import Cause, Pins, Plan, PlanStatus, Scenario, Summary
 
 ENDED = {PlanStatus.SUCCEEDED, PlanStatus.INFEASIBLE, PlanStatus.CANCELLED, PlanStatus.FAILED, PlanStatus.INTERRUPTED}
 
 
-class UnfinishedPlan(BaseModel):
+class Asked(BaseModel):
+    """What is asked of a plan beside its scenario or its changes.
+
+    `pins`: those of the request; `keep_pins`: also those of the plan before, as far as they hold. `disruption_weight`:
+    what a change of the plan before must be worth, kbit/s.
+    """
+
+    model_config = ConfigDict(frozen=True)
+
+    pins: Pins = Pins()
+    keep_pins: bool = False
+    disruption_weight: float = 0.0
+
+
+class UnfinishedPlan(Asked):
     """A plan that has no result (yet): the fields of a plan that are known, how far it is, and why it failed.
 
-    `best`: the best feasible plan so far of a solve that takes long, some tenths of a second old at most when the
-    scenario is small; null while there is none.
+    `pins` are shown as they were asked for; those of the result have the paths of pinned UAVs written out. `best`: the
+    best feasible plan so far of a solve that takes long, some tenths of a second old at most when the scenario is
+    small; null while there is none.
     """
 
     id: str
@@ -59,6 +74,7 @@ class PlanRecord:
     cause: Cause
     parent: str | None
     scenario: str
+    asked: Asked = field(default_factory=Asked)
     fingerprint: str | None = None
     status: PlanStatus = PlanStatus.QUEUED
     result: str | None = None

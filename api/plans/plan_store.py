@@ -8,7 +8,7 @@ from typing import Any
 
 from sqlalchemy import Row, bindparam, delete, func, select, update
 
-from skyfolio.api.plans.plan_records import PlanRecord
+from skyfolio.api.plans.plan_records import Asked, PlanRecord
 from skyfolio.api.plans.solver import LaneName
 from skyfolio.api.store import Database
 from skyfolio.api.store.tables import plans as table
@@ -84,6 +84,7 @@ class PlanStore:
             cause=Cause.model_validate_json(row.cause),
             parent=row.parent,
             scenario=row.scenario,
+            asked=Asked() if row.asked is None else Asked.model_validate_json(row.asked),
             status=PlanStatus(row.status),
             result=row.result,
             error=row.error,
@@ -93,7 +94,7 @@ class PlanStore:
 
     async def rows(self, limit: int, before: int | None = None, status: PlanStatus | None = None) -> list[Row[Any]]:
         """Return the newest plans (older than number `before`), without their results."""
-        columns = [column for column in table.c if column.name not in {"scenario", "result"}]
+        columns = [column for column in table.c if column.name not in {"scenario", "asked", "result"}]
         query = select(*columns).order_by(table.c.number.desc()).limit(limit)
         if before is not None:
             query = query.where(table.c.number < before)
@@ -127,4 +128,5 @@ def _row(record: PlanRecord) -> dict[str, Any]:
         "parent": record.parent,
         "cause": record.cause.model_dump_json(),
         "scenario": record.scenario,
+        "asked": record.asked.model_dump_json(exclude_defaults=True),
     }

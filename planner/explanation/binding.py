@@ -31,9 +31,10 @@ def lifted_prices(ledger: Ledger, resolver: Resolver) -> dict[Lifted, tuple[Pric
     """
     rows: dict[Lifted, tuple[Price, Plan | None]] = {}
     for constraint in LIFTED:
-        if not is_there(ledger.scenario, constraint):
+        if not is_there(ledger, constraint):
             continue
-        made = resolver.solve(lifted(ledger.scenario, constraint), ledger.paths_m)
+        changed = lifted(ledger.scenario, constraint)
+        made = resolver.solve(changed, ledger.paths_m, pinned=constraint != "pins")
         gain = None
         if made is not None:
             gain = made.summary.utility_bps - resolver.nothing_changed().summary.utility_bps
@@ -54,6 +55,7 @@ def touching(ledger: Ledger, constraint: Lifted) -> Touching:
         "battery": _departures,
         "end": _ends,
         "min_rate": _minimum_rates,
+        "pins": _pins,
     }[constraint](ledger)
 
 
@@ -108,6 +110,13 @@ def _minimum_rates(ledger: Ledger) -> Touching:
     held = (least > 0) & (ledger.rates_kbps <= least * (1 + HELD))
     ids = ledger.scenario.uav_ids
     return _counted({uav: int((held & (ledger.serving == u)).sum()) for u, uav in enumerate(ids)})
+
+
+def _pins(ledger: Ledger) -> Touching:
+    """Count the slots in which a UAV flies a pinned path, and those in which a user is pinned to it."""
+    problem, ids = ledger.problem, ledger.scenario.uav_ids
+    flown = {uav: int(problem.n_flying[u]) if ledger.is_pinned(u) else 0 for u, uav in enumerate(ids)}
+    return _counted({uav: flown[uav] + int((problem.pinned_to == u).sum()) for u, uav in enumerate(ids)})
 
 
 def _counted(slots_of: dict[str, int]) -> Touching:

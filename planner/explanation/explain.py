@@ -53,6 +53,11 @@ def _notes(ledger: Ledger, resolver: Resolver) -> tuple[str, ...]:
         )
     elif resolver.count >= resolver.budget.most_resolves:
         notes.append(f"all {resolver.count} resolves are spent: the rest is bounds and derivatives")
+    changed = ledger.plan.disruption
+    if changed is not None and changed.weight_kbps > 0.0:
+        notes.append(
+            f"the plan was made to change little (disruption_weight {changed.weight_kbps:g}): the resolves were not"
+        )
     if resolver.interrupted:
         notes.append("time was up before all resolves were done: the rest is bounds and derivatives")
     return tuple(notes)

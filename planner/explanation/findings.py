@@ -7,9 +7,9 @@ from typing import Literal
 from skyfolio.planner.scenario import Frozen
 
 Method = Literal["bound", "resolve", "derivative"]
-ReasonKind = Literal["band", "interference", "distance", "reach", "no_fly", "battery", "separation"]
+ReasonKind = Literal["band", "interference", "distance", "reach", "no_fly", "battery", "separation", "pins"]
 What = Literal["one_more_uav", "more_band", "moved_start"]
-Lifted = Literal["separation", "no_fly", "battery", "end", "min_rate"]
+Lifted = Literal["separation", "no_fly", "battery", "end", "min_rate", "pins"]
 """Constraints that can be lifted as a whole."""
 
 
@@ -68,7 +68,7 @@ class Price(Frozen):
     `lifted`: the constraint is dropped for all.
     """
 
-    constraint: Literal["band", "speed", "separation", "no_fly", "battery", "end", "min_rate"]
+    constraint: Literal["band", "speed", "separation", "no_fly", "battery", "end", "min_rate", "pins"]
     uav_ids: tuple[str, ...]
     slots: int
     per: Literal["hertz", "m/s", "lifted"]
@@ -80,7 +80,8 @@ class Explanation(Frozen):
     """Why a plan is as it is.
 
     `searched_utility_bps`: what the search of the resolves finds with nothing changed, at least the plan's own utility;
-    gains by `resolve` count from there. `complete`: whether all within the budget was computed before time was up.
+    gains by `resolve` count from there. Resolves keep the plan's pins, except for the price of the pins themselves.
+    `complete`: whether all within the budget was computed before time was up.
     """
 
     plan_id: str

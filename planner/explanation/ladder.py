@@ -5,6 +5,7 @@ Each rung takes one obstacle away, in this order, and never lowers the rate:
     planned           what the plan gives it
     band              the whole band of the UAV that gives it most, at the planned paths
     distance          the same as near as a UAV can be in each slot, while the others fly as planned
+    pins              the same without the pins of the plan: pinned paths, and users pinned to a UAV
     no_fly            the same over no-fly zones
     battery           the same if no UAV left early
     reach             the same with a UAV overhead from the first slot on
@@ -28,7 +29,7 @@ from skyfolio.planner.explanation.ledger import LN2, Ledger
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.reach import squared_distance_range
 
-STEPS: tuple[ReasonKind, ...] = ("band", "distance", "no_fly", "battery", "reach", "interference")
+STEPS: tuple[ReasonKind, ...] = ("band", "distance", "pins", "no_fly", "battery", "reach", "interference")
 CHUNK = 32
 """So many users at once: tables of U x CHUNK x N."""
 WORTH_SAYING = 0.005
@@ -76,6 +77,7 @@ class Ladder:
         said = {
             "band": f"the whole band of {self.best_uav} at the planned paths",
             "distance": f"a UAV as near as one can be; the plan comes within {self.nearest_m:.0f} m",
+            "pins": "a UAV without the plan's pins",
             "no_fly": "a UAV that could fly over the no-fly zones",
             "battery": "a UAV that did not leave early",
             "reach": "a UAV overhead from the first slot on",
@@ -96,9 +98,10 @@ def _of_some(ledger: Ledger, users: NDArray[np.intp]) -> dict[int, Ladder]:
     problem = ledger.problem
     snr = np.stack([ledger.snr_of(u, users=users) for u in range(problem.n_uavs)])  # (U, k, N)
     interfering = 1.0 + np.maximum(ledger.total_snr[users] - snr, 0.0)
-    efficiency = np.log1p(snr / interfering) / LN2
+    may_serve = ledger.may_serve if ledger.may_serve.size == 1 else ledger.may_serve[:, users]
+    efficiency = np.where(may_serve, np.log1p(snr / interfering) / LN2, 0.0)
     whole = problem.bandwidth_hz[:, None, None] / 1e3 * efficiency
-    rungs = [ledger.rates_kbps[users], whole.max(axis=0), *_nearer(problem, users, interfering)]
+    rungs = [ledger.rates_kbps[users], whole.max(axis=0), *_nearer(problem, users, interfering, may_serve)]
     table = np.stack([rung.mean(axis=1) for rung in rungs])
     best = whole.mean(axis=2).argmax(axis=0)
     prices = _prices(ledger, users, efficiency)
@@ -111,7 +114,7 @@ def _of_some(ledger: Ledger, users: NDArray[np.intp]) -> dict[int, Ladder]:
     }
 
 
-def _nearer(problem: Problem, users: NDArray[np.intp], interfering: Array) -> list[Array]:
+def _nearer(problem: Problem, users: NDArray[np.intp], interfering: Array, may_serve: NDArray[np.bool_]) -> list[Array]:
     """Return the rungs from `distance` on: (k, N) kbit/s each, of the whole band of the UAV that gives most."""
     stay = np.full(problem.n_uavs, problem.n_slots)
     there = problem.snr_gain[:, users]
@@ -121,7 +124,9 @@ def _nearer(problem: Problem, users: NDArray[np.intp], interfering: Array) -> li
     stay2, _ = squared_distance_range(replace(some, n_flying=stay))
     height2 = problem.altitude_m[:, None, None] ** 2
     clear2 = np.maximum(near2, _clear_of_zones_m(problem, users)[None, :, None] ** 2 + height2)
+    pinned2 = np.where(may_serve, _pinned_distance2(some, clear2), np.inf)
     tables = (
+        (there, pinned2, interfering),
         (there, clear2, interfering),
         (there, near2, interfering),
         (lasting, np.minimum(stay2, near2), interfering),
@@ -130,6 +135,16 @@ def _nearer(problem: Problem, users: NDArray[np.intp], interfering: Array) -> li
     )
     kilohertz = problem.bandwidth_hz[:, None, None] / (1e3 * LN2)
     return [(kilohertz * np.log1p(gain / distance2 / noise)).max(axis=0) for gain, distance2, noise in tables]
+
+
+def _pinned_distance2(problem: Problem, near2: Array) -> Array:
+    """Return the squared distances (U, k, N) with those of pinned UAVs where they fly."""
+    if not problem.pinned_m.size:
+        return near2
+    east, north = (problem.pinned_m[:, None, :, axis] - problem.user_m[None, :, None, axis] for axis in (0, 1))
+    flown2 = east * east + north * north + problem.altitude_m[:, None, None] ** 2
+    pinned2: Array = np.where(np.isfinite(flown2), flown2, near2)
+    return pinned2
 
 
 def _lasting(problem: Problem, u: int, users: NDArray[np.intp]) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
 
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyfolio.planner.arrays import Array
+from skyfolio.planner.pinning import pinned
 from skyfolio.planner.plans import Plan
 from skyfolio.planner.problem import Past, Problem, problem_of
 from skyfolio.planner.remainder import remaining
@@ -23,7 +24,8 @@ LN2 = float(np.log(2.0))
 class Ledger:
     """A plan as arrays; U UAVs, K users, N slots.
 
-    paths_m: (U, N, 2) metres. serving: (K, N) UAV index. bandwidth_hz, rates_kbps: (K, N).
+    problem: held to the plan's pins. paths_m: (U, N, 2) metres. serving: (K, N) UAV index. bandwidth_hz, rates_kbps:
+    (K, N).
     """
 
     plan: Plan
@@ -41,16 +43,32 @@ class Ledger:
         scenario, past = remaining(plan, (), plan.first_slot)
         index = {uav: u for u, uav in enumerate(scenario.uav_ids)}
         users = scenario.user_ids
+        held = pinned(scenario, plan.pins)
+        problem = replace(problem_of(scenario, past), pinned_m=held.paths_m, pinned_to=held.serving)
         return cls(
             plan=plan,
             scenario=scenario,
             past=past,
-            problem=problem_of(scenario, past),
+            problem=problem,
             paths_m=np.array([plan.trajectories_m[uav] for uav in scenario.uav_ids]),
             serving=np.array([[index[uav] for uav in plan.association[user]] for user in users], dtype=np.intp),
             bandwidth_hz=np.array([plan.bandwidth_hz[user] for user in users]),
             rates_kbps=np.array([plan.user_rates_bps[user] for user in users]) / 1e3,
         )
+
+    def is_pinned(self, u: int) -> bool:
+        """Return whether the path of UAV `u` is given."""
+        return bool(self.problem.pinned_m.size) and bool(np.isfinite(self.problem.pinned_m[u, 0, 0]))
+
+    @cached_property
+    def may_serve(self) -> NDArray[np.bool_]:
+        """Whether pins let a UAV serve a user in a slot: (U, K, N), or (1, 1, 1) where they let all."""
+        given = self.problem.pinned_to
+        if not given.size:
+            return np.ones((1, 1, 1), dtype=bool)
+        uavs = np.arange(self.problem.n_uavs)[:, None, None]
+        allowed: NDArray[np.bool_] = (given < 0) | (given == uavs)
+        return allowed
 
     @cached_property
     def weights(self) -> Array:

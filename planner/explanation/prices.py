@@ -47,9 +47,12 @@ def speed_price(ledger: Ledger, u: int) -> tuple[int, float | None]:
 
     The multipliers of (6d): where a step is as long as it may be, the sum of the slopes of all later positions up to
     the next shorter step points along the step, and its length there is what a metre is worth. With an end position
-    steps after the last shorter one are left out, and the price is None if there is no such step.
+    steps after the last shorter one are left out, and the price is None if there is no such step. A pinned path would
+    not be flown faster.
     """
     problem = ledger.problem
+    if ledger.is_pinned(u):
+        return 0, None
     last = int(problem.n_flying[u])
     steps = np.diff(ledger.paths_m[u][:last], axis=0)  # step n leads from slot n to slot n + 1
     length = np.linalg.norm(steps, axis=1)

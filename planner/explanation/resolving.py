@@ -1,4 +1,4 @@
-"""Plans of changed scenarios within a budget, from the plan's own paths."""
+"""Plans of changed scenarios within a budget, from the plan's own paths and held to its pins."""
 
 from __future__ import annotations
 
@@ -6,7 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from skyfolio.planner.arrays import Array
+from skyfolio.planner.carrying import carried
 from skyfolio.planner.explanation.ledger import Ledger
+from skyfolio.planner.pinning import PinError
+from skyfolio.planner.pins import Pins
 from skyfolio.planner.plans import Plan
 from skyfolio.planner.scenario import Scenario
 from skyfolio.planner.solve import converged, plan
@@ -67,10 +70,11 @@ class Resolver:
             self._same = again if again is not None and better and fewer else given
         return self._same
 
-    def solve(self, scenario: Scenario, paths_m: Array) -> Plan | None:
-        """Return a plan of this scenario, from (U, N, 2) paths in metres.
+    def solve(self, scenario: Scenario, paths_m: Array, *, pinned: bool = True) -> Plan | None:
+        """Return a plan of this scenario, from (U, N, 2) paths in metres; `pinned`: held to the pins of the plan.
 
-        None when the budget is spent, time is up before it has converged, or no paths to the ends are found.
+        None when the budget is spent, time is up before it has converged, or no paths to the ends or around the pinned
+        ones are found.
         """
         if not self.may_go_on:
             return None
@@ -79,11 +83,26 @@ class Resolver:
             return None
         self.count += 1
         rule = AnyOf(converged(), StopToken(self.stop))
+        current_m, starts = self.ledger.plan.trajectories_m, self.budget.starts
+        pins = self._pins(scenario) if pinned else None
         try:
-            made = plan(scenario, past=self.ledger.past, warm_start_m=paths_m, n_starts=self.budget.starts, stop=rule)
-        except UnreachableEndError:
+            made = plan(
+                scenario,
+                past=self.ledger.past,
+                warm_start_m=paths_m,
+                pins=pins,
+                current_m=current_m,
+                n_starts=starts,
+                stop=rule,
+            )
+        except (UnreachableEndError, PinError):
             return None
         if rule.interrupts:  # it is flyable, but less than what the change is worth
             self.interrupted = True
             return None
         return made
+
+    def _pins(self, scenario: Scenario) -> Pins:
+        """Return the plan's pins for a changed scenario of the same slots."""
+        given = self.ledger.plan
+        return carried(given, scenario, given.first_slot, given.trajectories_m).pins if given.pins else given.pins

@@ -11,7 +11,7 @@ from skyfolio.planner.plans import Plan
 
 LITTLE = 0.5
 """Below this share of the users' mean rate a user has little."""
-TO_USERS: tuple[ReasonKind, ...] = ("separation", "no_fly", "battery")
+TO_USERS: tuple[ReasonKind, ...] = ("separation", "no_fly", "battery", "pins")
 """Constraints that may be the reason for a single user."""
 
 

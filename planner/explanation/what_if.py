@@ -30,7 +30,7 @@ class WhatIf:
 
 
 def lifted(scenario: Scenario, constraint: Lifted) -> Scenario:
-    """Return the scenario without this constraint; the same one if it has none."""
+    """Return the scenario without this constraint; the same one if it has none, and for pins, which are the plan's."""
     uavs, users = scenario.uavs, scenario.users
     without: dict[Lifted, dict[str, Any]] = {
         "separation": {"min_separation_m": 0.0},
@@ -38,18 +38,21 @@ def lifted(scenario: Scenario, constraint: Lifted) -> Scenario:
         "battery": {"uavs": tuple(uav.model_copy(update={"leaves_at_slot": None}) for uav in uavs)},
         "end": {"uavs": tuple(uav.model_copy(update={"end_m": None}) for uav in uavs)},
         "min_rate": {"users": tuple(user.model_copy(update={"min_rate_bps": 0.0}) for user in users)},
+        "pins": {},
     }
     return scenario.with_changes(**without[constraint])
 
 
-def is_there(scenario: Scenario, constraint: Lifted) -> bool:
-    """Return whether the scenario has this constraint at all."""
+def is_there(ledger: Ledger, constraint: Lifted) -> bool:
+    """Return whether the scenario, or the plan, has this constraint at all."""
+    scenario = ledger.scenario
     return {
         "separation": scenario.min_separation_m > 0 and len(scenario.uavs) > 1,
         "no_fly": bool(scenario.no_fly),
         "battery": any(scenario.last_slot(uav) < scenario.slots - 1 for uav in scenario.uavs),
         "end": any(uav.end_m is not None for uav in scenario.uavs),
         "min_rate": any(user.min_rate_bps > 0 for user in scenario.users),
+        "pins": bool(ledger.plan.pins),
     }[constraint]
 
 
@@ -63,7 +66,12 @@ def more_band(ledger: Ledger, u: int) -> WhatIf:
 
 
 def moved_start(ledger: Ledger, u: int) -> WhatIf | None:
-    """Return UAV `u` starting where the plan has it give most; None if it already does, or another one starts there."""
+    """Return UAV `u` starting where the plan has it give most.
+
+    None if it already does, another one starts there, or its path is pinned.
+    """
+    if ledger.is_pinned(u):
+        return None
     uav, last = ledger.scenario.uavs[u], int(ledger.problem.n_flying[u]) - 1
     given = np.where(ledger.serving == u, ledger.rates_kbps, 0.0).sum(axis=0)
     best = int(given[: last + 1].argmax())

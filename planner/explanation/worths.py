@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import zip_longest
 from typing import Final
 
 import numpy as np
@@ -37,29 +38,39 @@ def one_more(ledger: Ledger, resolver: Resolver, base: Plan) -> list[Worth]:
 
 
 def per_uav(ledger: Ledger, resolver: Resolver, base: Plan) -> list[Worth]:
-    """Return what a moved start and more band are worth to each UAV: to first order all, by resolves the greatest."""
+    """Return what a moved start and more band are worth to each UAV: to first order all, by resolves the greatest.
+
+    Where a path is pinned the UAV starts where it does.
+    """
     uavs = range(ledger.problem.n_uavs)
-    starts, bands = [_head_start(ledger, u) for u in uavs], [_band(ledger, u) for u in uavs]
-    return [*starts, *bands, *_resolved(ledger, resolver, base, _greatest_first(starts), _greatest_first(bands))]
+    starts = {u: _head_start(ledger, u) for u in uavs if not ledger.is_pinned(u)}
+    bands = {u: _band(ledger, u) for u in uavs}
+    resolved = _resolved(ledger, resolver, base, _greatest_first(starts), _greatest_first(bands))
+    return [*starts.values(), *bands.values(), *resolved]
 
 
-def _greatest_first(rows: list[Worth]) -> list[int]:
-    """Return the UAVs of these rows, one for each UAV, by what they gain."""
-    return sorted(range(len(rows)), key=lambda u: -rows[u].utility_gain_bps)
+def _greatest_first(rows: dict[int, Worth]) -> list[int]:
+    """Return the UAVs of these rows by what they gain."""
+    return sorted(rows, key=lambda u: -rows[u].utility_gain_bps)
 
 
 def _resolved(ledger: Ledger, resolver: Resolver, base: Plan, starts: list[int], bands: list[int]) -> Iterator[Worth]:
     """Resolve moved starts and wider bands of these UAVs in turn, as long as the budget lasts."""
-    turns: list[tuple[What, int]] = []
-    for start, band in zip(starts, bands, strict=True):
-        turns += [(START, start), (BAND, band)]
-    for what, u in turns:
+    for what, u in _in_turn(starts, bands):
         if not resolver.may_go_on:
             return
         changed = moved_start(ledger, u) if what == START else more_band(ledger, u)
         made = None if changed is None else resolver.solve(changed.scenario, changed.paths_m)
         if changed is not None and made is not None:
             yield _gained(what, changed, made, base)
+
+
+def _in_turn(starts: list[int], bands: list[int]) -> Iterator[tuple[What, int]]:
+    for start, band in zip_longest(starts, bands):
+        if start is not None:
+            yield START, start
+        if band is not None:
+            yield BAND, band
 
 
 def _band(ledger: Ledger, u: int) -> Worth:

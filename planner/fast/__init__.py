@@ -6,10 +6,14 @@ the climb. One pass of a climb (`climb.py`) steers for the links there are (`asc
 rates, utility and slope) and links anew at the new paths (`matching.py`: exact assignment for `sum`; `shares.py` and
 `exchange.py`: water-filling for the other utilities and minimum rates, which `floors.py` keeps while UAVs move). Every
 path goes through `flight.py`, which keeps speed, area, ends, separation and no-fly zones (`zones.py`) slot by slot.
+Replans that change little climb with `priced.py` instead (`tolls.py`: metres off the old paths; `assigning.py` and
+`trading.py`: users that change UAVs at a toll).
 The kernels see an `Arena`, the problem as plain arrays; nothing here keeps state between calls.
 """
 
+from skyfolio.planner.fast.assigning import Tolls
 from skyfolio.planner.fast.optimise import default_starts, flyable, linked, optimise
+from skyfolio.planner.fast.priced import PricedClimb
 from skyfolio.planner.fast.served import served_rates_bps
 
-__all__ = ["default_starts", "flyable", "linked", "optimise", "served_rates_bps"]
+__all__ = ["PricedClimb", "Tolls", "default_starts", "flyable", "linked", "optimise", "served_rates_bps"]

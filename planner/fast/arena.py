@@ -73,6 +73,8 @@ class Arena(NamedTuple):
     left: (U, C), slots from each to the end of each UAV (`routes.py`).
     pinned: (N, 2, U), metres, where UAVs have to be, NaN for those that are free; pinned_to: (N, K), who has to serve
     each user, -1 where that is free; both empty without pins.
+    former: (N, 2, U), metres, from where each metre away costs `per_metre` kbit/s of utility, NaN where it is free;
+    within some `blur_m` of there it costs less (`priced.py`); empty without a price.
     """
 
     gain: Array
@@ -103,10 +105,14 @@ class Arena(NamedTuple):
     left: Ints
     pinned: Array
     pinned_to: Ints
+    former: Array
+    per_metre: float
+    blur_m: float
     has_pinned: bool
     has_pinned_to: bool
     has_ends: bool
     has_minimum: bool
+    has_price: bool
 
 
 class Links(NamedTuple):
@@ -161,10 +167,14 @@ def arena_of(problem: Problem) -> Arena:
         left=np.zeros((problem.n_uavs, 0), dtype=np.int64),
         pinned=plain(problem.pinned_m.transpose(1, 2, 0)),
         pinned_to=plain(problem.pinned_to.T, np.int64),
+        former=np.zeros((0, 2, 0)),
+        per_metre=0.0,
+        blur_m=1.0,
         has_pinned=problem.pinned_m.size > 0,
         has_pinned_to=problem.pinned_to.size > 0,
         has_ends=bool(np.isfinite(problem.end_m).any()),
         has_minimum=bool((problem.min_kbps > 0).any()),
+        has_price=False,
     )
 
 

@@ -17,6 +17,7 @@ from skyfolio.planner.fast.arena import Arena, Links, is_pinned, kernel
 from skyfolio.planner.fast.flight import fly
 from skyfolio.planner.fast.floors import free_bands, refit, reweigh
 from skyfolio.planner.fast.rates import gradient, link_rates, value
+from skyfolio.planner.fast.tolls import lean_back, price_of_way
 
 TRIES = 12
 FIRST_MOVE_M = 50.0
@@ -63,14 +64,15 @@ def ascend(arena: Arena, links: Links, path: Array, steps: int, tolerance: float
 
     It ends early after a step that gains less than `tolerance` of the utility, or when no step gains.
     """
-    moving = np.bool_(True)
+    moving = np.bool_(not arena.has_price)  # a price is paid for the utility itself
     link_rates(arena, path, links, scratch.rate)
-    best = value(arena, links, scratch.rate, moving, scratch.weight)
+    best = value(arena, links, scratch.rate, moving, scratch.weight) - price_of_way(arena, path)
     for made in range(steps):
         if arena.has_minimum:
             free_bands(links, scratch.rate, scratch.free)
             reweigh(arena, links, scratch.free, scratch.rate, scratch.weight)
         gradient(arena, path, links, scratch.weight, scratch.slope)
+        lean_back(arena, path, scratch.slope)
         furthest = _direction(arena, scratch.slope, scratch.direction)
         if furthest == 0.0:
             return made
@@ -95,13 +97,14 @@ def ascend(arena: Arena, links: Links, path: Array, steps: int, tolerance: float
 @kernel
 def _search(arena: Arena, links: Links, path: Array, best: float, scratch: Ascent) -> float:
     """Shorten the step until the utility exceeds `best`: the value reached, at `scratch.trial`; `best` if it never."""
-    moving, chase = np.bool_(True), np.bool_(False)
+    moving, chase = np.bool_(not arena.has_price), np.bool_(False)
     for _ in range(TRIES):
         _wish(path, scratch.direction, scratch.length[0], scratch.wish)
         if fly(arena, scratch.wish, chase, scratch.trial):
             link_rates(arena, scratch.trial, links, scratch.rate)
             if not arena.has_minimum or refit(arena, links, scratch.free, scratch.rate, scratch.khz):
                 reached = value(arena, links, scratch.rate, moving, scratch.weight)
+                reached -= price_of_way(arena, scratch.trial)
                 if reached > best:
                     return reached
         scratch.length[0] *= 0.3

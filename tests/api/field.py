@@ -102,7 +102,7 @@ class Field:
         assert answer.status_code == 200, answer.text
         return answer.json()
 
-    async def take_off(self, until: str = "flying", **order: str) -> str:
+    async def take_off(self, until: str = "flying", **order: Any) -> str:
         """Plan, register, fly as ordered; the operation's path once it is in that state."""
         plan_id = await self.planned_and_registered()
         started = await self.client.post("/v1/operations", json={"plan_id": plan_id, **order})

@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -12,8 +13,21 @@ from skyfolio.api.cli import main as cli
 from skyfolio.api.cli.lazy import load
 from skyfolio.api.client import Client
 from skyfolio.api.common import kernels
+from skyfolio.api.flights.operation_views import OperationView, State
 from skyfolio.api.flights.orders import OrderResult
-from skyfolio.planner import EXAMPLES, Explanation, Plan, explain, plan, violations
+from skyfolio.api.flights.recovery_report import HeldPins, RecoveryReport
+from skyfolio.planner import (
+    EXAMPLES,
+    Disruption,
+    DroppedPin,
+    Explanation,
+    Pins,
+    Plan,
+    Scenario,
+    explain,
+    plan,
+    violations,
+)
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -194,6 +208,51 @@ def test_a_service_that_cannot_be_run_or_reached_is_one_message(
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     assert run(monkeypatch, *arguments) == 2
     assert said in " ".join(capsys.readouterr().err.split())
+
+
+def test_fly_passes_pins_and_weight_and_tells_what_a_recovery_changed(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    asked: dict[str, Any] = {}
+    dropped = DroppedPin(kind="path", id="uav-2", slots=3, reason="'uav-2' is lost")
+    report = RecoveryReport(
+        outcome="flying",
+        lost={"uav-2": 5.0},
+        declared_at_s=7.0,
+        at_slot=3,
+        plan_id="plan-2",
+        disruption=Disruption(
+            user_slots_changed=6, users_changed=2, path_changed_m=31.4, weight_kbps=5.0, price_bps=9_000.0
+        ),
+        pins=HeldPins(uavs=["uav-1"], users=[], dropped=(dropped,)),
+    )
+    view = OperationView(
+        id="op-1", version=1, state=State.FLYING, replanning="auto", plan_id="plan-2", plan_ids=["plan-1", "plan-2"],
+        vehicles={}, uavs={}, lost=["uav-2"], returned=[], elapsed_s=20.0, slot=4, recoveries=[report],
+        user_rates_bps={}, error=None,
+    )  # fmt: skip
+
+    def plan(_: Client, scenario: Scenario, *, pins: Pins | None = None) -> Any:
+        asked.update(scenario=scenario, pins=pins)
+        return SimpleNamespace(id="plan-1")
+
+    def fly(_: Client, plan_id: str, **options: Any) -> OperationView:
+        asked.update(plan_id=plan_id, **options)
+        return view
+
+    monkeypatch.setattr(Client, "plan", plan)
+    monkeypatch.setattr(Client, "fly", fly)
+    file = tmp_path / "pins.json"
+    file.write_text('{"uavs": ["uav-1"]}')
+    weighed = ("--pins", str(file), "--disruption-weight", "5")
+    assert run(monkeypatch, "fly", "--example", "minimal", *weighed) == 0
+    assert (asked["pins"], asked["disruption_weight"]) == (Pins(uavs=("uav-1",)), 5.0)
+    said = capsys.readouterr().out
+    assert "2 users change server, 31 m off the old paths, priced 9.00 kbit/s" in said
+    assert "pins kept: uav-1" in said
+    assert "path pin of uav-2 dropped: 'uav-2' is lost" in said
+    assert run(monkeypatch, "fly", "--example", "minimal") == 0
+    assert asked["disruption_weight"] is None
 
 
 def test_orders_to_the_fleet_are_told_one_by_one_and_one_that_fails_is_status_1(

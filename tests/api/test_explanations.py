@@ -6,8 +6,7 @@ from typing import Any
 import pytest
 from fastapi.testclient import TestClient
 
-from skyfolio.api.client import Client
-from skyfolio.api.client.service_client import ApiError
+from skyfolio.api.client import ApiError, Client
 from skyfolio.api.common.errors import BusyError, InvalidError
 from skyfolio.api.common.settings import Settings
 from skyfolio.api.http.routes.examples import PREVIEW_EXAMPLES

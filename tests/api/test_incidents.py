@@ -17,7 +17,7 @@ from skyfolio.api.common.settings import Settings
 from skyfolio.api.flights.journal import Entry, Step
 from skyfolio.api.flights.operation_views import OperationView, State
 from skyfolio.api.http.app import create_app
-from skyfolio.planner import EXAMPLES
+from skyfolio.planner import EXAMPLES, Pins, Plan
 from tests.api.flying import Flight, flight, service, serving
 from tests.ports import free_port
 
@@ -283,6 +283,33 @@ def test_a_uav_that_a_human_took_over_is_planned_around_and_never_commanded_agai
         (event["uav_id"], event["after"]) for event in conditions
     }
     assert "not commanded" in events_of(flown, operation_id, "uav_lost")[0]["detail"]
+
+
+def test_a_recovery_keeps_pins_changes_little_and_says_what_it_changed_and_dropped(flown: Flight) -> None:
+    pins = Pins(uavs=("uav-3",), associations={"user-1": "uav-1", "user-2": "uav-3"})
+    flown.plan = flown.client.plan(SCENARIO, pins=pins)
+    operation_id = flown.take_off(disruption_weight=1e6)
+    assert flown.client.operation(operation_id).disruption_weight == 1e6
+    flown.fleet.inject(sim.Kill(3))
+    report = flown.until(operation_id, lambda view: view.recoveries).recoveries[0]
+    assert report.outcome == "flying"
+    assert report.pins is not None
+    assert (report.pins.uavs, report.pins.users) == ([], ["user-1"])
+    assert {(pin.kind, pin.id, pin.reason) for pin in report.pins.dropped} == {
+        ("path", "uav-3", "'uav-3' is lost"),
+        ("association", "user-2", "'uav-3' is lost"),
+    }
+    made = flown.client.read_plan(str(report.plan_id))
+    assert isinstance(made, Plan)
+    assert set(made.association["user-1"]) == {"uav-1"}
+    assert report.disruption == made.disruption
+    assert made.disruption is not None
+    assert made.disruption.weight_kbps == 1e6
+    assert made.disruption.users_changed == 0
+    told = next(event["data"] for event in flown.events("recovery") if event["data"]["operation_id"] == operation_id)
+    assert told["disruption"]["weight_kbps"] == 1e6
+    assert told["pins"]["dropped"][0]["reason"] == "'uav-3' is lost"
+    flown.client.command(operation_id, "abort", action="land")
 
 
 def test_a_drill_strikes_only_what_the_service_simulates_and_a_plan_made_ahead_answers_it() -> None:

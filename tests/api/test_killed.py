@@ -17,6 +17,8 @@ pytestmark = [pytest.mark.e2e, pytest.mark.beside]
 STARTING_AT_ONCE = 2
 """Services start and answer two at a time, which is what loads a machine; fleets that fly on disturb nobody."""
 LOST = "uav-3"
+WEIGHT = 0.5
+"""What a change must be worth to these operations, kbit/s, before the restart and after."""
 MATRIX = [
     Case("detected", "before"),
     Case("detected"),
@@ -37,7 +39,7 @@ async def killed_at(case: Case, folder: Path, gate: asyncio.Semaphore) -> None:
     async with field, AsyncExitStack() as stack:
         async with gate:
             async with field.service(dies=case) as first:
-                path = await field.take_off()
+                path = await field.take_off(disruption_weight=WEIGHT)
                 field.fleet.inject(sim.Kill(3))
                 await died(first)
             await stack.enter_async_context(field.service())
@@ -48,6 +50,8 @@ async def killed_at(case: Case, folder: Path, gate: asyncio.Semaphore) -> None:
         events = await events_of(field)
     assert_flown_on(field, ended)
     assert_books_closed(case, ended, journal, plans, events)
+    assert ended["disruption_weight"] == WEIGHT
+    assert ended["recoveries"][-1]["disruption"]["weight_kbps"] == WEIGHT, "whichever service recovered"
     resumed = guidance_resumed(events)
     assert set(resumed.values()) <= {"ok"}, "what is on board of a survivor is known"
     if case.step in {"flying", "closed"}:  # else they may have been given new missions before it was read back

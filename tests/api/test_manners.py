@@ -125,6 +125,28 @@ def test_the_n_minus_1_table_has_a_row_for_each_uav_and_is_made_once(client: Tes
     assert client.get(path, params={"at_slot": 20}).status_code == 422
 
 
+def test_the_n_minus_1_table_tells_weights_apart_and_keeps_pins(client: TestClient, paper: dict[str, Any]) -> None:
+    pins = {"uavs": ["uav-1"], "associations": {"user-1": "uav-3"}}
+    made = client.post("/v1/plans", json={**paper, "pins": pins}, params={"wait_s": 60}).json()
+    path = f"/v1/plans/{made['id']}/contingencies"
+    tables = {
+        weight: client.get(path, params={"at_slot": 8, "wait_s": 60, "disruption_weight": weight}).json()
+        for weight in (0.0, 1e6)
+    }
+    assert client.get(path, params={"at_slot": 8}).json() == tables[0.0], "the setting's weight is 0"
+    rows = {weight: {row["uav_id"]: row for row in table["rows"]} for weight, table in tables.items()}
+    assert tables[1e6]["disruption_weight"] == 1e6
+    for uav in ("uav-2", "uav-3"):
+        free, dear = rows[0.0][uav], rows[1e6][uav]
+        assert dear["disruption"]["path_changed_m"] < 1e-6 < free["disruption"]["path_changed_m"]
+        assert dear["mean_sum_rate_bps"] <= free["mean_sum_rate_bps"]
+        assert [pin["id"] for pin in free["dropped_pins"]] == (["user-1"] if uav == "uav-3" else [])
+    assert [pin["id"] for pin in rows[0.0]["uav-1"]["dropped_pins"]] == ["uav-1"]
+    refused = client.get(path, params={"disruption_weight": -1})
+    assert refused.status_code == 422
+    assert "disruption_weight" in refused.text
+
+
 def test_the_only_uav_has_no_replacement_and_the_table_says_so(client: TestClient, minimal: dict[str, Any]) -> None:
     minimal["uavs"] = minimal["uavs"][:1]
     made = client.post("/v1/plans", json=minimal, params={"wait_s": 60}).json()

@@ -249,6 +249,10 @@ def test_operations_that_cannot_be_are_refused(service: tuple[TestClient, str]) 
     answer = client.post("/v1/operations", json={"plan_id": made["id"], "at_end": "return"})
     assert answer.status_code == 422, answer.text
     assert answer.json()["detail"].startswith("at_end: ")
+    for weight in (-1.0, 1e10, "much"):
+        answer = client.post("/v1/operations", json={"plan_id": plan_id, "disruption_weight": weight})
+        assert answer.status_code == 422, answer.text
+        assert [row["field"] for row in answer.json()["errors"]] == ["disruption_weight"]
     again = client.post(
         f"/v1/plans/{plan_id}/replans", params={"wait_s": 60}, json={"failed": ["uav-1"], "at_slot": 1}
     ).json()

@@ -1,6 +1,7 @@
 """Plans and replans over HTTP."""
 
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import httpx2
@@ -8,6 +9,8 @@ import pytest
 from fastapi.testclient import TestClient
 
 from skyfolio.api.client import Client
+from skyfolio.api.common.settings import Settings
+from skyfolio.api.http.app import create_app
 from skyfolio.api.http.routes.examples import PLAN_EXAMPLES, REPLAN_EXAMPLES
 from skyfolio.api.plans.plan_records import UnfinishedPlan
 from skyfolio.mavlink_bridge import Autopilot, compile_mission, from_qgc_plan, from_waypoints
@@ -189,6 +192,51 @@ def test_a_plan_keeps_the_pins_of_its_request_and_a_replan_those_of_its_own(
     assert free["pins"] == {"paths_m": {}, "uavs": [], "associations": {}}
     assert free["disruption"]["price_bps"] == 0.0
     assert free["summary"]["utility_bps"] >= again.summary.utility_bps
+
+
+def test_a_replan_keeps_the_pins_of_the_plan_before_where_it_is_asked_to_and_tells_which_it_cannot(
+    client: TestClient, minimal: dict[str, Any]
+) -> None:
+    pins = {"uavs": ["uav-1", "uav-2"], "associations": {"user-4": "uav-1", "user-1": "uav-2"}}
+    made = planned(client, {**minimal, "pins": pins})
+    body = {"at_slot": 1, "failed": ["uav-2"], "keep_pins": True}
+    answer = client.post(f"/v1/plans/{made['id']}/replans", params={"wait_s": 60}, json=body)
+    assert answer.status_code == 200, answer.text
+    again = answer.json()
+    assert list(again["pins"]["paths_m"]) == ["uav-1"]
+    assert again["pins"]["associations"] == {"user-4": "uav-1"}
+    assert again["dropped_pins"] == [
+        {"kind": "path", "id": "uav-2", "slots": 3, "reason": "'uav-2' is lost"},
+        {"kind": "association", "id": "user-1", "slots": 3, "reason": "'uav-2' is lost"},
+    ]
+
+
+def test_a_plan_without_a_result_shows_what_it_was_asked_to_keep_also_after_a_restart(
+    client: TestClient, tmp_path: Path
+) -> None:
+    long = scattered(12, 36, 200, seed=3)
+    pins = {"uavs": [long.uav_ids[0]], "associations": {long.user_ids[1]: long.uav_ids[2]}}
+    body = {**long.model_dump(mode="json"), "pins": pins}
+    location = client.post("/v1/plans", params=LONG, json=body).headers["Location"]
+    seen = UnfinishedPlan.model_validate_json(client.get(location).content)
+    assert seen.pins == Pins.model_validate(pins)
+    ended = Plan.model_validate_json(client.post(f"{location}:cancel", params={"wait_s": 60}).content)
+    assert list(ended.pins.paths_m) == [long.uav_ids[0]]
+    settings = Settings(database_url=f"sqlite+aiosqlite:///{tmp_path / 'kept.db'}", warm_up=False)
+    with TestClient(create_app(settings)) as first:
+        location = first.post("/v1/plans", params=LONG, json=body).headers["Location"]
+    with TestClient(create_app(settings)) as second:
+        left = UnfinishedPlan.model_validate_json(second.get(location).content)
+        assert (left.status, left.pins) == ("interrupted", Pins.model_validate(pins))
+
+
+def test_a_replan_without_a_result_shows_its_weight_and_whether_pins_are_kept(client: TestClient) -> None:
+    made = planned(client, EXAMPLES["minimal"]().model_dump(mode="json"))
+    blocker = client.post("/v1/plans", json=scattered(12, 36, 200, seed=4).model_dump(mode="json"), params=LONG)
+    body = {"at_slot": 1, "keep_pins": True, "disruption_weight": 2.5}
+    seen = client.post(f"/v1/plans/{made['id']}/replans", json=body).json()
+    assert (seen["status"], seen["keep_pins"], seen["disruption_weight"]) == ("queued", True, 2.5)
+    client.post(f"{blocker.headers['Location']}:cancel", params={"wait_s": 60})
 
 
 @pytest.mark.parametrize(

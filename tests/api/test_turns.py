@@ -164,7 +164,12 @@ async def test_stored_plans_ahead_are_read_once_for_all_uavs_and_in_turns(
 ) -> None:
     uavs = made.scenario.uav_ids
     rows = [
-        SimpleNamespace(uav_id=uav, result=replan(made, failed=[uav], at_slot=2).model_dump_json(), error=None)
+        SimpleNamespace(
+            uav_id=uav,
+            disruption_weight=0.0,
+            result=replan(made, failed=[uav], at_slot=2).model_dump_json(),
+            error=None,
+        )
         for uav in uavs
     ]
     database, turns = Rows(rows), Turns()

@@ -150,6 +150,57 @@ def test_a_plan_is_made_weighed_compared_and_exported(page: Page, idle: Service,
     assert json.loads(saved.read_text())["fileType"] == "Plan"
 
 
+def test_pins_are_set_kept_by_the_plan_and_its_replan_and_released(page: Page, idle: Service) -> None:
+    page.open(idle.url, "/ui/plan")
+    page.see(".sf-sub", "3 UAVs, 9 users")
+    page.choose("UAV to pin", "uav-2")
+    page.press("Hover")
+    page.choose("User to pin", "user-7")
+    page.choose("to UAV", "uav-3")
+    page.press("Pin")
+    page.see(".sf-pins", "uav-2 hovers at its start")
+    page.see(".sf-pins", "user-7 is served by uav-3")
+    page.press("Plan it")
+    page.see(".sf-sub", "Pinned: uav-2, user-7")
+    page.choose("UAV to pin", "uav-1")
+    page.press("Keep path")
+    page.see(".sf-pins", "uav-1 flies a given path")
+    page.reload()
+    page.see(".sf-pins", "uav-1 flies a given path")
+    page.press("release user-7")
+    page.press("Plan it")
+    page.see(".sf-sub", "Pinned: uav-1, uav-2")
+    page.choose("Lose", "uav-1")
+    page.press("Show")
+    page.see(".sf-sub", "server, UAVs fly")
+    page.see(".sf-sub", "Pin of uav-1 dropped: 'uav-1' is lost")
+    page.type("Separation, m", "400")  # more than uav-1, on its path, keeps from uav-2, which hovers
+    page.see(".sf-fail", "min_separation_m")
+    assert not page.button("Plan it").is_enabled()
+
+
+def test_a_plan_is_explained_with_how_each_number_was_obtained(page: Page, idle: Service) -> None:
+    page.open(idle.url, "/ui/plan")
+    page.see(".sf-sub", "3 UAVs, 9 users")
+    page.choose("User to pin", "user-1")
+    page.choose("to UAV", "uav-3")
+    page.press("Pin")
+    page.press("Plan it")
+    page.see(".sf-sub", "Pinned: user-1")
+    page.press("Explain")
+    page.see(".sf-reasons h2", "Why the plan is as it is")
+    users = page.see('.sf-reasons [aria-label="Users"]').text
+    assert all(f"user-{n}" in users for n in range(1, 10))
+    assert "pins of the plan" in users
+    worth = page.see('.sf-reasons [aria-label="What it would be worth"]').text
+    assert all(what in worth for what in ("one more UAV", "10 % more band", "another start"))
+    assert all(how in worth for how in ("at most", "planned", "first order"))
+    assert "bandwidth" in page.see('.sf-reasons [aria-label="Constraints that bind"]').text
+    page.shot("reasons")
+    page.press("Close")
+    page.until(lambda: not page.text(".sf-reasons h2"), "the dialog gone")
+
+
 def test_users_and_uavs_are_placed_by_click_and_broken_rules_are_named(page: Page, idle: Service) -> None:
     page.open(idle.url, "/ui/plan")
     page.see(".sf-sub", "3 UAVs, 9 users")
@@ -254,6 +305,7 @@ def test_an_operation_is_paused_loses_a_uav_recovers_and_is_held(flying: Service
     page.until(lambda: page.map_says("lost") == LOST, "the ghost")
     for step in ("Loss detected", "Replan", "Upload", "Verified on board", "Survivors fly the new plan"):
         page.see(".sf-tx .sf-steps", step)
+    page.see(".sf-tx .sf-change", "server, UAVs fly")
     page.see(".sf-stats", "after replan")
     page.shot("loss")
     page.run("document.querySelector('.sf-scrub [tabindex]').focus()")

@@ -11,7 +11,7 @@ from skyfolio.api.dashboard.feed import Feed
 from skyfolio.api.dashboard.rest import Rest, RestError
 from skyfolio.api.dashboard.watch import Watch
 from skyfolio.api.http.app import create_app
-from skyfolio.planner import Scenario
+from skyfolio.planner import Pins, Scenario
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 
@@ -33,6 +33,14 @@ async def test_plans_what_ifs_and_missions_come_through_the_facade(feed: Feed, m
     without = await feed.what_if(plan.id, "uav-2", 2)
     assert without.scenario.uav_ids == ("uav-1",)
     assert without.parent == plan.id
+    held = await feed.make_plan(minimal, pins=Pins(uavs=("uav-1",)))
+    assert list(held.pins.paths_m) == ["uav-1"]
+    again = await feed.what_if(held.id, "uav-2", 2, disruption_weight=3.0)
+    assert list(again.pins.paths_m) == ["uav-1"]
+    assert again.disruption is not None
+    assert again.disruption.weight_kbps == 3.0
+    why = await feed.explanation(held.id)
+    assert (why.plan_id, why.complete) == (held.id, True)
     document = await feed.mission_file(plan.id, "uav-1")
     assert document["fileType"] == "Plan"
     assert await feed.vehicles() == []

@@ -2,7 +2,9 @@
 
 from typing import Any
 
+from skyfolio.api.dashboard.changes import of_plan
 from skyfolio.api.dashboard.recoveries import recoveries
+from skyfolio.planner import Pins, Plan, replan
 
 LOST = {"uav-3": 5.2}
 
@@ -95,3 +97,25 @@ def test_two_incidents_are_two_recoveries() -> None:
     made = recoveries([REPORT, second], [DETECTED, entry("detected", 9.0, incident=2, lost={"uav-1": 6.0})], None)
     assert [one.number for one in made] == [1, 2]
     assert [list(one.lost) for one in made] == [["uav-3"], ["uav-1"]]
+
+
+def test_a_finished_recovery_says_what_changed_and_which_pins_were_dropped() -> None:
+    changed = {"users_changed": 2, "path_changed_m": 31.4, "weight_kbps": 5.0, "price_bps": 9_000.0}
+    pins = {"uavs": ["uav-1"], "users": [], "dropped": [{"id": "uav-3", "reason": "'uav-3' is lost"}]}
+    (one,) = recoveries([{**REPORT, "disruption": changed, "pins": pins}], [DETECTED], None)
+    assert one.changes == (
+        "2 users change server, UAVs fly 31 m off their old paths; priced 9.00 kbit/s",
+        "Pins kept: uav-1",
+        "Pin of uav-3 dropped: 'uav-3' is lost",
+    )
+    (old,) = recoveries([REPORT], [DETECTED], None)
+    assert old.changes == (), "reports that were stored before say nothing"
+
+
+def test_a_replan_says_the_same_of_itself(small_plan: Plan) -> None:
+    pinned = small_plan.model_copy(update={"pins": Pins(associations={"user-1": small_plan.association["user-1"][1]})})
+    made = replan(pinned, at_slot=1, keep_pins=True, n_starts=1)
+    lines = of_plan(made)
+    assert "server, UAVs fly" in lines[0]
+    assert lines[1] == "Pins kept: user-1"
+    assert of_plan(small_plan) == ()

@@ -169,6 +169,7 @@ export default {
       if (this.frame) this.paintReserved(c);
       if (this.frame) this.paintLinks(c);
       this.paintUsers(c);
+      this.paintPins(c);
       if (this.frame) for (const uav of this.frame.uavs) this.paintUav(c, uav);
       this.nameUsers();
       if (this.frame) for (const uav of this.frame.uavs) this.nameUav(uav); // over everything: it matters most
@@ -361,6 +362,23 @@ export default {
         c.lineTo(x - 3, y + 3);
         c.stroke();
       });
+    },
+    paintPins(c) {
+      const pinned = new Set(this.scene.pinned ?? []);
+      for (const [id, e, n] of this.scene.users) if (pinned.has(id)) this.pin(c, ...this.at(e, n), 7);
+      for (const uav of this.frame?.uavs ?? []) if (uav.e !== null && pinned.has(uav.id)) this.pin(c, ...this.at(uav.e, uav.n), 13);
+    },
+    pin(c, x, y, out) {
+      const [px, py] = [x - out, y - out - 3];
+      c.beginPath();
+      c.moveTo(px, py + 8);
+      c.lineTo(px, py);
+      Object.assign(c, { strokeStyle: this.colours.text, lineWidth: 1.5, fillStyle: this.colours.accent });
+      c.stroke();
+      c.beginPath();
+      c.arc(px, py - 2, 3.5, 0, 2 * Math.PI);
+      c.fill();
+      c.stroke();
     },
     nameUsers() {
       if (this.scene.users.length > 40 && this.view.zoom < 3) return;

@@ -9,7 +9,7 @@ from typing import Any
 
 from nicegui import app, ui
 
-_DRAFT, _PLANS, _RUNNING = "plan-draft", "plan-kept", "plan-running"
+_DRAFT, _PINS, _PLANS, _RUNNING = "plan-draft", "plan-pins", "plan-kept", "plan-running"
 
 
 class Desk:
@@ -25,9 +25,16 @@ class Desk:
         draft: dict[str, Any] | None = self._shelf.get(_DRAFT)
         return draft
 
-    def keep_draft(self, data: dict[str, Any]) -> None:
-        """Store the scenario."""
+    @property
+    def pins(self) -> dict[str, Any] | None:
+        """The pins as last edited, as JSON; None in a new tab."""
+        pins: dict[str, Any] | None = self._shelf.get(_PINS)
+        return pins
+
+    def keep_draft(self, data: dict[str, Any], pins: dict[str, Any]) -> None:
+        """Store the scenario and its pins."""
         self._shelf[_DRAFT] = data
+        self._shelf[_PINS] = pins
 
     @property
     def plans(self) -> list[tuple[str, str]]:

@@ -28,6 +28,10 @@ class FlyDialog:
             self._agreed = ui.checkbox("Fly it anyway", on_change=self._check)
             self._rows = ui.element("div").classes("sf-systems")
             self._policy = ui.select(POLICIES, value="auto", label="When a UAV is lost").props("dense outlined")
+            self._weight = ui.number("A recovery's change must be worth, kbit/s", min=0, step=1)
+            self._weight.props("dense outlined clearable").classes("sf-wide")
+            text("p", "For each user that changes server, and each 100 m off the old paths; empty: as set.", "sf-sub")
+            self._pins = text("p", "", "sf-sub")
             with ui.element("div").classes("sf-row"):
                 self._start = ui.button("Start: upload, arm, take off", on_click=self._begin).props(
                     "unelevated autofocus"
@@ -43,6 +47,8 @@ class FlyDialog:
         )
         self._agreed.set_value(not short)
         self._agreed.set_visibility(bool(short))
+        pinned = [*plan.pins.pinned_uavs, *plan.pins.associations]
+        self._pins.set_text(f"Recoveries keep its pins as far as they hold: {', '.join(pinned)}." if pinned else "")
         self._check()
         self._rows.clear()
         known = {uav: tracked.vehicle.system_id for uav, tracked in self._watch.vehicles.items()}
@@ -63,7 +69,8 @@ class FlyDialog:
         systems: Mapping[str, int] = {uav: int(number.value or 0) for uav, number in self._systems.items()}
 
         async def begin() -> None:
-            operation = await self._watch.feed.start(plan.id, systems, str(self._policy.value))
+            policy, weight = str(self._policy.value), self._weight.value
+            operation = await self._watch.feed.start(plan.id, systems, policy, weight)
             self._watch.show(operation.id)
 
         self._start.props("loading")

@@ -11,6 +11,7 @@ from skyfolio.api.dashboard import map_scene
 from skyfolio.api.dashboard.draft import Draft, DraftError
 from skyfolio.api.dashboard.elements import MapView, attempt, panel, text
 from skyfolio.api.dashboard.pages.desk import Desk
+from skyfolio.api.dashboard.pages.pins_panel import PinsPanel
 from skyfolio.api.dashboard.pages.results import Results
 from skyfolio.api.dashboard.shell import Shell
 from skyfolio.api.dashboard.watch import Watch
@@ -68,6 +69,7 @@ class PlanPage:
             self._counts = text("p", "", "sf-sub")
             self._complaint = text("p", "", "sf-fail").props('role="alert"')
             self._run = ui.button("Plan it", on_click=self._plan_it).props("unelevated").classes("sf-run")
+        self._pins = PinsPanel(lambda: self._changed(moved=False))
         with panel("Place", "sf-grow"):
             with ui.element("div").classes("sf-body"):
                 self._tool = ui.toggle({key or "look": name for key, name in TOOLS.items()}, value="look")
@@ -84,7 +86,7 @@ class PlanPage:
         stored = self._desk.draft
         await self._load_examples(choose=stored is None)
         if stored is not None:
-            self._use(Draft.of_data(stored))
+            self._use(Draft.of_data(stored, self._desk.pins))
         await self._results.recall()
         if self._desk.running is not None:
             await self._awaiting(self._results.resume_running())
@@ -167,16 +169,17 @@ class PlanPage:
         self._results.forget_current()
         if moved:
             self._list_positions(self._draft)
-        self._desk.keep_draft(self._draft.data)
+        self._desk.keep_draft(self._draft.data, self._draft.pins.data())
+        self._pins.show(self._draft.pins, self._draft.ids("uav"), self._draft.ids("user"))
         counts = f"{len(self._draft.ids('uav'))} UAVs, {len(self._draft.ids('user'))} users"
         self._counts.set_text(counts)
         self._shown = None
         self._slot_label.set_text("not planned")
-        drawn, frame = map_scene.sketch(self._draft.data)
+        drawn, frame = map_scene.sketch(self._draft.data, self._draft.pins.pins)
         self._map.set_scene(drawn, {})
         self._map.set_frame(frame)
         try:
-            self._draft.scenario()
+            self._draft.pinned()
         except DraftError as error:
             self._complaint.set_text(str(error))
             self._run.disable()
@@ -214,7 +217,7 @@ class PlanPage:
 
     async def _plan_it(self) -> None:
         if self._draft is not None:
-            await self._awaiting(self._results.make(self._draft.scenario()))
+            await self._awaiting(self._results.make(self._draft.scenario(), self._draft.pinned()))
 
     async def _awaiting(self, work: Coroutine[Any, Any, None]) -> None:
         self._run.props("loading")
@@ -229,10 +232,11 @@ class PlanPage:
         self._setting = False
         if self._draft is not None:
             self._draft.set_mu(mu)
-            self._desk.keep_draft(self._draft.data)
+            self._desk.keep_draft(self._draft.data, self._draft.pins.data())
 
     def _plan_chosen(self, plan: Plan | None, other: Plan | None) -> None:
-        """Draw the plan that was chosen among the results."""
+        """Draw the plan that was chosen among the results, and offer its paths to be pinned."""
+        self._pins.offer(plan if plan is not None and plan.parent is None else None)
         if plan is not None:
             self._other = other
             self._draw(plan, other)

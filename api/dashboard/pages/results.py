@@ -10,13 +10,14 @@ from dataclasses import dataclass
 
 from nicegui import events, ui
 
-from skyfolio.api.dashboard import charts, plan_metrics
+from skyfolio.api.dashboard import changes, charts, plan_metrics
 from skyfolio.api.dashboard.elements import attempt, figures, panel, say_refusal, text
 from skyfolio.api.dashboard.pages.desk import Desk
 from skyfolio.api.dashboard.pages.fly_dialog import FlyDialog
+from skyfolio.api.dashboard.pages.reasons_dialog import ReasonsDialog
 from skyfolio.api.dashboard.rest import RestError
 from skyfolio.api.dashboard.watch import Watch
-from skyfolio.planner import Plan, Scenario
+from skyfolio.planner import Pins, Plan, Scenario
 
 TRADE_OFF_MUS = (0.0, -0.02, -0.05, -0.1, -0.2, -0.5, -1.0, -2.0)
 
@@ -54,6 +55,7 @@ class Results:
             self._trade_off_panel()
             self._what_if_panel()
         self._fly = FlyDialog(watch)
+        self._reasons = ReasonsDialog(watch.feed)
         self._refresh()
 
     def _plan_panel(self) -> None:
@@ -63,6 +65,8 @@ class Results:
             self._other.props("dense outlined")
             with ui.element("div").classes("sf-row"):
                 self._fly_button = ui.button("Fly it", on_click=self._open_fly).props("unelevated")
+                self._explain = ui.button("Explain", on_click=self._open_reasons).props("outline")
+                self._explain.props('title="Why users get little, what more would be worth, which constraint binds"')
                 self._export_uav = ui.select([], label="UAV").props("dense outlined").classes("sf-short")
                 self._export = ui.button("Export .plan", on_click=self._export_plan).props("outline")
             self._metrics = ui.element("div").props('aria-live="polite"')
@@ -82,15 +86,16 @@ class Results:
             self._at_slot = ui.number("at slot", min=0, step=1, value=10).props("dense outlined")
             self._ask = ui.button("Show", on_click=self._what_if).props("outline")
             self._ask_all = ui.button("Compare all UAVs", on_click=self._what_if_any).props("outline")
+            self._weight = ui.number("changes must be worth, kbit/s", min=0, step=1, value=0).props("dense outlined")
             self._any = ui.element("div").classes("sf-all").props('aria-live="polite"')
 
     # --- what the editor calls ---
 
-    async def make(self, scenario: Scenario) -> None:
-        """Plan the scenario and show the result."""
+    async def make(self, scenario: Scenario, pins: Pins) -> None:
+        """Plan the scenario and show the result, which keeps these pins."""
 
         async def begin() -> None:
-            self._desk.keep_running(await self._feed.begin_plan(scenario))
+            self._desk.keep_running(await self._feed.begin_plan(scenario, pins))
 
         if await attempt(begin):
             await self.resume_running()
@@ -130,9 +135,9 @@ class Results:
 
     # --- plans ---
 
-    async def _plan(self, scenario: Scenario) -> Plan | None:
+    async def _plan(self, scenario: Scenario, pins: Pins) -> Plan | None:
         try:
-            return await self._feed.make_plan(scenario)
+            return await self._feed.make_plan(scenario, pins=pins)
         except RestError as error:
             say_refusal(error)
             return None
@@ -157,7 +162,7 @@ class Results:
         uavs = list(plan.scenario.uav_ids) if plan else []
         for select in (self._export_uav, self._lose):
             select.set_options(uavs, value=select.value if select.value in uavs else (uavs[0] if uavs else None))
-        for button in (self._export, self._ask, self._ask_all, self._sweep):
+        for button in (self._export, self._explain, self._ask, self._ask_all, self._sweep):
             button.set_enabled(plan is not None)
         self._fly_button.set_enabled(plan is not None and plan.parent is None)
         self._show()
@@ -172,6 +177,8 @@ class Results:
                 text("p", "No plan of this scenario yet: press “Plan it”.", "sf-sub")
             else:
                 figures(*plan_metrics.rows(plan, other))
+                for line in changes.of_plan(plan):
+                    text("p", line, "sf-sub")
                 if unmet := plan_metrics.unmet(plan):
                     text("p", f"{len(unmet)} users do not always get their minimum rate", "sf-fail").props(
                         'role="alert"'
@@ -193,13 +200,14 @@ class Results:
 
     async def _draw_curve(self) -> None:
         scenario = self._scenario
-        if scenario is None:
+        if scenario is None or self._current is None:
             return
+        pins = self._plans[self._current].plan.pins
         self._sweep.props("loading")
         try:
             for mu in TRADE_OFF_MUS:
                 if mu not in self._tried:
-                    plan = await self._plan(plan_metrics.with_mu(scenario, mu))
+                    plan = await self._plan(plan_metrics.with_mu(scenario, mu), pins)
                     if plan is None or scenario is not self._scenario:
                         return
                     self._tried[mu] = plan
@@ -231,7 +239,7 @@ class Results:
             return
 
         async def ask() -> None:
-            plan = await self._feed.what_if(base, str(uav), int(slot))
+            plan = await self._feed.what_if(base, str(uav), int(slot), float(self._weight.value or 0.0))
             self._keep(f"{uav} lost at slot {int(slot)}", plan)
             self._other.set_value(base)
 
@@ -263,6 +271,12 @@ class Results:
             ui.download.content(json.dumps(document, indent=4), f"{plan_id}-{uav}.plan", "application/json")
 
         await attempt(export)
+
+    async def _open_reasons(self) -> None:
+        if self._current is not None:
+            self._explain.props("loading")
+            await self._reasons.open(self._current)
+            self._explain.props(remove="loading")
 
     def _open_fly(self) -> None:
         if self._current is not None:

@@ -44,7 +44,13 @@ REPLAN_EXAMPLES = _bodies(
     ),
     little=(
         "A user leaves; uav-1 keeps its path, and other changes must be worth 5 kbit/s each",
-        {"at_slot": 2, "users_left": ["user-1"], "pins": {"uavs": ["uav-1"]}, "disruption_weight": 5.0},
+        {
+            "at_slot": 2,
+            "users_left": ["user-1"],
+            "pins": {"uavs": ["uav-1"]},
+            "keep_pins": True,
+            "disruption_weight": 5.0,
+        },
     ),
 )
 PREVIEW_EXAMPLES = _bodies(
@@ -65,6 +71,10 @@ PREVIEW_EXAMPLES = _bodies(
 VEHICLE_EXAMPLES = _bodies(first=("UAV 'uav-1' is MAVLink system 1", {"uav_id": "uav-1", "system_id": 1}))
 OPERATION_EXAMPLES = _bodies(
     auto=("Recover from losses automatically", {"plan_id": "plan-5b0c4e9a7d21", "replanning": "auto"}),
+    steady=(
+        "A recovery's change must be worth 5 kbit/s for each user that changes UAVs",
+        {"plan_id": "plan-5b0c4e9a7d21", "disruption_weight": 5.0},
+    ),
     approve=("Ask before missions are swapped", {"plan_id": "plan-5b0c4e9a7d21", "replanning": "approve"}),
 )
 DRILL_EXAMPLES = _bodies(

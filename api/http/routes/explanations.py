@@ -52,7 +52,8 @@ async def read_explanation(
 ) -> Response:
     """Explain a plan: why users get little, what one thing more would be worth, which constraint binds at which price.
 
-    Each number says how it was obtained: `bound`, `resolve` or `derivative`. Large fleets get no resolves.
+    Each number says how it was obtained: `bound`, `resolve` or `derivative`. Resolves hold the pins of the plan. Large
+    fleets get no resolves.
     """
     found = await service.explanations.of(plan_id, await service.plans.result(plan_id), resolves, wait_s)
     if found is None:
@@ -71,7 +72,8 @@ async def preview_change(
 ) -> Response:
     """Compare a changed scenario with a plan: utility, rates, users that gain and lose, how UAVs move.
 
-    Nothing is stored.
+    A `scenario` is planned with the pins of the plan as far as they hold (`dropped_pins` says which do not), `changes`
+    with those that they name or keep. Nothing is stored.
     """
     scenario, changes = body.scenario, body.changes
     if changes is not None:  # refuse now what has no plan

@@ -3,33 +3,28 @@
 from __future__ import annotations
 
 import asyncio
-import re
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Depends, Header, Query, Request, Response
+from fastapi import APIRouter, Depends, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from skyfolio.api.access.api_keys import Role
-from skyfolio.api.common.errors import InvalidError, NotFoundError
+from skyfolio.api.common.errors import NotFoundError
 from skyfolio.api.common.idempotency import NewResource
-from skyfolio.api.fleet.commander import Action
+from skyfolio.api.common.settings import MOST_WEIGHT
 from skyfolio.api.flights.guidance_options import GuidanceOptions
 from skyfolio.api.flights.journal import Entry
 from skyfolio.api.flights.operation import Operation
-from skyfolio.api.flights.operation_views import OperationRow, OperationView, Policy, State
+from skyfolio.api.flights.operation_views import OperationRow, OperationView, Policy
 from skyfolio.api.flights.restart import Record
 from skyfolio.api.http.routes.deps import KNOWN, Before, Limit, ServiceDep, creates, requires
+from skyfolio.api.http.routes.etags import tag_of, tagged
 from skyfolio.api.http.routes.examples import OPERATION_EXAMPLES
 from skyfolio.mavlink_bridge import OnEnd
 from skyfolio.mavlink_bridge.guidance import FallBack
 
 router = APIRouter(prefix="/v1", tags=["operations"], dependencies=[*KNOWN, requires(Role.VIEWER)])
 pilot_only = [requires(Role.PILOT)]
-IN_THE_AIR = (State.FLYING, State.PAUSED)
-IfMatch = Annotated[
-    str | None,
-    Header(alias="If-Match", max_length=200, description="Only if the operation still has this ETag; else 412."),
-]
 
 
 class OperationRequest(BaseModel):
@@ -62,33 +57,20 @@ class OperationRequest(BaseModel):
             description="After the last slot: land where it is, or return to the start; refused if return paths meet."
         ),
     ] = "land"
+    disruption_weight: Annotated[
+        float | None,
+        Field(
+            ge=0,
+            le=MOST_WEIGHT,
+            allow_inf_nan=False,
+            description="kbit/s of utility that a recovery's change of the plan must be worth: for each user that "
+            "another UAV would serve throughout, and for each 100 m off the old paths. 0: changes are free. Default: "
+            "the setting of that name.",
+        ),
+    ] = None
     launch: Annotated[
         Literal["auto", "manual"], Field(description="manual: upload, then wait for `operations/{id}:start`.")
     ] = "auto"
-
-
-class AbortRequest(BaseModel):
-    """What every vehicle that still responds does now: hover, land where it is, or return home."""
-
-    model_config = ConfigDict(extra="forbid")
-
-    action: Action = "hold"
-
-
-class ReadmitRequest(BaseModel):
-    """A UAV that was lost, is heard again, and is to fly with the others."""
-
-    model_config = ConfigDict(extra="forbid")
-
-    uav_id: Annotated[str, Field(max_length=64)]
-
-
-class RetireRequest(BaseModel):
-    """A UAV that is to fly home now, while the others fly on without it."""
-
-    model_config = ConfigDict(extra="forbid")
-
-    uav_id: Annotated[str, Field(max_length=64)]
 
 
 class OperationPage(BaseModel):
@@ -112,19 +94,23 @@ async def start_operation(
     response: Response,
     creation: Annotated[NewResource, Depends(creates("op"))],
 ) -> OperationView:
-    """Upload the plan's missions, take off, and fly; poll `Location` or follow `/v1/events`."""
+    """Upload the plan's missions, take off, and fly; poll `Location` or follow `/v1/events`.
+
+    Recoveries keep the pins of the plan as far as they hold; their reports say which, and what they changed.
+    """
     operation = await service.operations.start(
         body.plan_id,
         body.replanning,
         creation,
         launch_itself=body.launch == "auto",
+        disruption_weight=body.disruption_weight,
         options=GuidanceOptions(
             body.guidance, body.stream_fallback, OnEnd(body.at_end), force_stream=body.force_stream
         ),
     )
     view = operation.view() if isinstance(operation, Operation) else operation
     response.headers["Location"] = f"/v1/operations/{view.id}"
-    return _tagged(response, view)
+    return tagged(response, view)
 
 
 @router.get("/operations")
@@ -154,9 +140,9 @@ async def list_operations(service: ServiceDep, limit: Limit = 50, cursor: Before
 async def read_operation(operation_id: str, service: ServiceDep, request: Request, response: Response) -> Any:
     """Return the state of an operation: slot, losses, recoveries, and the rates users received."""
     view = await service.operations.view(operation_id)
-    if request.headers.get("if-none-match") == _tag(view):
-        return Response(status_code=304, headers={"ETag": _tag(view)})
-    return _tagged(response, view)
+    if request.headers.get("if-none-match") == tag_of(view):
+        return Response(status_code=304, headers={"ETag": tag_of(view)})
+    return tagged(response, view)
 
 
 @router.get("/operations/{operation_id}/journal")
@@ -181,102 +167,6 @@ async def read_track(
     return Response(await asyncio.to_thread(track_json, record), media_type="application/json")
 
 
-@router.post("/operations/{operation_id}:start", dependencies=pilot_only)
-async def launch_operation(
-    operation_id: str, service: ServiceDep, response: Response, if_match: IfMatch = None
-) -> OperationView:
-    """Take off, in an operation with `launch: manual` whose missions are on board."""
-    version = _version(if_match)
-    operation = await service.operations.commanded(operation_id, State.READY, version=version)
-    await operation.launch(version)
-    return _tagged(response, operation.view())
-
-
-@router.post("/operations/{operation_id}:pause", dependencies=pilot_only)
-async def pause_operation(
-    operation_id: str, service: ServiceDep, response: Response, if_match: IfMatch = None
-) -> OperationView:
-    """Make every vehicle hover where it is, and stop the slot clock."""
-    version = _version(if_match)
-    operation = await service.operations.commanded(operation_id, State.FLYING, version=version)
-    await operation.pause(version)
-    return _tagged(response, operation.view())
-
-
-@router.post("/operations/{operation_id}:resume", dependencies=pilot_only)
-async def resume_operation(
-    operation_id: str, service: ServiceDep, response: Response, if_match: IfMatch = None
-) -> OperationView:
-    """Fly on with the missions on board; the service recovers now from a loss during the pause."""
-    version = _version(if_match)
-    operation = await service.operations.commanded(operation_id, State.PAUSED, version=version)
-    await operation.resume(version)
-    return _tagged(response, operation.view())
-
-
-@router.post("/operations/{operation_id}:abort", dependencies=pilot_only)
-async def abort_operation(
-    operation_id: str,
-    service: ServiceDep,
-    response: Response,
-    body: AbortRequest | None = None,
-    if_match: IfMatch = None,
-) -> OperationView:
-    """End the operation: every vehicle that still responds holds, lands where it is, or returns home.
-
-    An abort takes precedence over whatever is being done, and may be repeated: the same action is tried again only
-    where it failed; another one (land after hold) is carried out for vehicles that still fly and have no other
-    operation, also after the end.
-    """
-    action = body.action if body else "hold"
-    return _tagged(response, await service.operations.abort(operation_id, action, _version(if_match)))
-
-
-@router.post("/operations/{operation_id}:readmit", dependencies=pilot_only)
-async def readmit_uav(
-    operation_id: str, body: ReadmitRequest, service: ServiceDep, response: Response, if_match: IfMatch = None
-) -> OperationView:
-    """Plan again with a UAV that was lost and is back: it is offered as `returned`, and commanded only then."""
-    version = _version(if_match)
-    operation = await service.operations.commanded(operation_id, State.FLYING, version=version)
-    await operation.readmit(body.uav_id, version)
-    return _tagged(response, operation.view())
-
-
-@router.post("/operations/{operation_id}:retire", dependencies=pilot_only)
-async def retire_uav(
-    operation_id: str, body: RetireRequest, service: ServiceDep, response: Response, if_match: IfMatch = None
-) -> OperationView:
-    """Send a UAV home and plan without it; meant for those offered as `low_on_battery`.
-
-    The service retires no UAV by itself.
-    """
-    version = _version(if_match)
-    operation = await service.operations.commanded(operation_id, State.FLYING, version=version)
-    await operation.retire(body.uav_id, version)
-    return _tagged(response, operation.view())
-
-
-@router.post("/operations/{operation_id}/incidents/{incident}:approve", dependencies=pilot_only)
-async def approve_proposal(operation_id: str, incident: int, service: ServiceDep, response: Response) -> OperationView:
-    """Fly the proposed plan. When it has become stale meanwhile, one for a later slot is made and flown at once."""
-    return await _decided(service, operation_id, incident, response, agreed=True)
-
-
-@router.post("/operations/{operation_id}/incidents/{incident}:decline", dependencies=pilot_only)
-async def decline_proposal(operation_id: str, incident: int, service: ServiceDep, response: Response) -> OperationView:
-    """Keep the plan in force; the survivors fly on as they do."""
-    return await _decided(service, operation_id, incident, response, agreed=False)
-
-
-async def _decided(
-    service: ServiceDep, operation_id: str, incident: int, response: Response, *, agreed: bool
-) -> OperationView:
-    operation = await service.operations.commanded(operation_id, *IN_THE_AIR)
-    operation.incidents.decide(incident, agreed=agreed)
-    return _tagged(response, operation.view())
-
-
 def track_json(record: Record) -> bytes:
     """Return the track as JSON. A long one takes a while and is encoded in a thread."""
     points = (TrackPoint(elapsed_s=at, positions_m=where).model_dump_json() for at, where in record)
@@ -286,22 +176,3 @@ def track_json(record: Record) -> bytes:
 async def _require(service: ServiceDep, operation_id: str) -> None:
     if not await service.operations.exists(operation_id):
         raise NotFoundError(f"operation {operation_id!r} does not exist")
-
-
-def _tag(view: OperationView) -> str:
-    return f'"{view.id}.{view.version}"'
-
-
-def _tagged(response: Response, view: OperationView) -> OperationView:
-    response.headers["ETag"] = _tag(view)
-    return view
-
-
-def _version(if_match: str | None) -> int | None:
-    """Return the version that an ETag names; None for `*` and without an ETag."""
-    if if_match is None or if_match.strip() == "*":
-        return None
-    etag = re.fullmatch(r'\s*"?[A-Za-z0-9-]+\.([0-9]{1,9})"?\s*', if_match)
-    if etag is None:
-        raise InvalidError(f"If-Match: {if_match!r} is not an ETag of this service")
-    return int(etag.group(1))

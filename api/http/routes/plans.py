@@ -12,6 +12,7 @@ from pydantic import BaseModel, Field
 
 from skyfolio.api.access.api_keys import Role
 from skyfolio.api.common.idempotency import NewResource
+from skyfolio.api.common.settings import MOST_WEIGHT
 from skyfolio.api.http.routes.deps import (
     KNOWN,
     Before,
@@ -24,7 +25,7 @@ from skyfolio.api.http.routes.deps import (
 )
 from skyfolio.api.http.routes.examples import PLAN_EXAMPLES, REPLAN_EXAMPLES
 from skyfolio.api.plans.mission_files import Missions
-from skyfolio.api.plans.plan_records import PlanRecord, PlanRow, UnfinishedPlan
+from skyfolio.api.plans.plan_records import Asked, PlanRecord, PlanRow, UnfinishedPlan
 from skyfolio.api.service import Service
 from skyfolio.mavlink_bridge import DEFAULT_AUTOPILOT, Autopilot
 from skyfolio.planner import (
@@ -117,11 +118,18 @@ class ReplanRequest(Changes):
     pins: Annotated[
         Pins, Field(description="What the new plan keeps, by its own slots; pinned UAVs keep the rest of their paths.")
     ] = Pins()
+    keep_pins: Annotated[
+        bool,
+        Field(
+            description="Keep the pins of the plan before too, as far as they hold; `dropped_pins` of the result says "
+            "which do not, and why."
+        ),
+    ] = False
     disruption_weight: Annotated[
         float,
         Field(
             ge=0,
-            le=1e9,
+            le=MOST_WEIGHT,
             allow_inf_nan=False,
             description="kbit/s of utility that a change must be worth: for each user that another UAV would serve "
             "throughout, and for each 100 m off the old paths. 0: changes are free.",
@@ -130,7 +138,7 @@ class ReplanRequest(Changes):
 
     def arguments(self) -> dict[str, Any]:
         """Return the request as the arguments of `planner.replan`."""
-        return {**self.remainder(), "pins": self.pins, "disruption_weight": self.disruption_weight}
+        return {**self.remainder(), **{name: getattr(self, name) for name in Asked.model_fields}}
 
     def remainder(self) -> dict[str, Any]:
         """Return what is different as the arguments of `planner.remaining`."""

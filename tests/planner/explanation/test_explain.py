@@ -13,6 +13,7 @@ from skyfolio.planner import (
     Explanation,
     Origin,
     Past,
+    Pins,
     Plan,
     Scenario,
     Uav,
@@ -23,6 +24,7 @@ from skyfolio.planner import (
     plan,
     replan,
 )
+from skyfolio.planner.explanation import resolving
 from skyfolio.planner.explanation.findings import UserReasons, Worth
 from skyfolio.planner.layouts import laid_out
 from skyfolio.planner.scenario import NoFlyDisc, NoFlyPolygon
@@ -317,3 +319,58 @@ def test_users_that_all_get_nothing_have_reasons_too() -> None:
 def test_a_budget_without_a_start_is_refused() -> None:
     with pytest.raises(ValueError, match="starts: 0 must be at least 1"):
         Budget(starts=0)
+
+
+@pytest.fixture(scope="module")
+def held() -> Plan:
+    """A UAV pinned to hover far from everybody, and a user pinned to it beside the other UAV."""
+    uavs = (Uav(id="far", start_m=(900.0, 200.0)), Uav(id="near", start_m=(100.0, 200.0)))
+    users = {"pinned": (100.0, 230.0), "free": (100.0, 170.0), "east": (700.0, 200.0)}
+    pins = Pins(uavs=("far",), associations={"pinned": "far"})
+    return plan(scene(uavs, users), pins=pins)
+
+
+def test_resolves_of_a_pinned_plan_hold_its_pins(held: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[Plan] = []
+
+    def noted(*args: Any, **options: Any) -> Plan:
+        made.append(plan(*args, **options))
+        return made[-1]
+
+    monkeypatch.setattr(resolving, "plan", noted)
+    explanation = explain(held, budget=FEW)
+    assert explanation.resolves == len(made) >= 6
+    free = [one for one in made if not one.pins]
+    assert len(free) == 1, "only the price of the pins is found without them"
+    for one in made:
+        if one.pins:
+            assert one.trajectories_m["far"] == held.trajectories_m["far"]
+            assert set(one.association["pinned"]) == {"far"}
+
+
+def test_pins_have_a_price_and_are_the_reason_of_a_user_that_they_keep_from_its_server(held: Plan) -> None:
+    explanation = explain(held, budget=FEW)
+    (price,) = (row for row in explanation.constraints if row.constraint == "pins")
+    free = plan(held.scenario)
+    gain = free.summary.utility_bps - explanation.searched_utility_bps
+    assert price.price_bps == pytest.approx(gain, rel=0.02)
+    assert price.slots == 12 + 12  # the hovering path, and the user's slots
+    kept = of(explanation, "pinned")
+    assert (kept.level, kept.main) == ("none", "pins")
+    ladder = of(explain(held, budget=BOUNDS_ONLY), "pinned")
+    assert ladder.main == "pins", "bounds alone know it too"
+
+
+def test_nothing_is_said_of_what_a_pinned_uav_may_not_do(held: Plan) -> None:
+    explanation = explain(held, budget=FEW)
+    assert {row.uav_id for row in explanation.worth if row.what == "moved_start"} <= {"near"}
+    assert "far" not in {uav for row in explanation.constraints if row.constraint == "speed" for uav in row.uav_ids}
+    assert {row.uav_id for row in explanation.worth if row.what == "more_band" and row.method == "derivative"} == {
+        "far",
+        "near",
+    }
+
+
+def test_a_replan_that_was_to_change_little_says_that_resolves_were_not(letters_plan: Plan) -> None:
+    again = replan(letters_plan, failed=["uav-3"], at_slot=10, disruption_weight=5.0, n_starts=2)
+    assert "disruption_weight 5" in explain(again, budget=BOUNDS_ONLY).notes[-1]
