@@ -1,7 +1,7 @@
 """Pins of a plan that a changed scenario can still keep: of a replan, of a preview, and of what an explanation solves.
 
 A pin is dropped when the UAV or user that it names is gone, or when the UAV can no longer fly the path: the plan
-matters more than the pin. What was dropped, and why, is told.
+matters more than the pin. What was dropped, and why, is reported.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class _Gone:
 def _paths(
     previous: Plan, gone: _Gone, current_m: Mapping[str, Sequence[Point]], given: Pins
 ) -> tuple[list[str], list[DroppedPin]]:
-    """Return the UAVs whose paths are carried, and those whose paths nobody flies any more."""
+    """Return the UAVs whose paths are carried, and those whose paths no UAV flies any more."""
     kept, dropped = [], []
     for uav in previous.pins.pinned_uavs:
         reason = gone.why(uav) or (None if uav in current_m else f"{uav!r} has returned, and starts from where it is")

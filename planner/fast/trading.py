@@ -84,7 +84,7 @@ def trade_links(arena: Arena, path: Array, serving: Ints, khz: Array, before: In
 def _efficiencies(
     arena: Arena, path: Array, n: int, signal: Array, total: Array, loudest: Array, serving: Ints, eff: Array
 ) -> None:
-    """bit/s/Hz of all pairs of slot n into `eff` (K, U), 0 where pins or its end forbid a UAV."""
+    """Write bit/s/Hz of all pairs of slot n into `eff` (K, U), 0 where pins or its end forbid a UAV."""
     slot_signals(arena, path[n], n, signal, total)
     if arena.has_pinned_to:
         keep_pins(arena, n, signal)
@@ -163,7 +163,7 @@ def _may_gain(arena: Arena, market: Market, k: int, v: int) -> bool:
 
 @kernel
 def _trade(arena: Arena, market: Market, book: Book, slot: Slot, n: int, k: int, v: int, toll: float) -> bool:
-    """Let user k (-1: nobody) change to UAV v in slot n, and share both bands anew; undone unless it gains.
+    """Let user k (-1: none) change to UAV v in slot n, and share both bands anew; undone unless it gains.
 
     Who leaves a minimum rate less unmet gains whatever it costs.
     """
@@ -242,7 +242,7 @@ def _pays(slot: Slot, j: int, serving: int, khz: float) -> float:
 
 @kernel
 def _change(arena: Arena, rate: float, was: float, low: float) -> float:
-    """Return by how much the sum of exp(mu (rate - low)) changes; without end where it cannot be told."""
+    """Return by how much the sum of exp(mu (rate - low)) changes; infinite where it cannot be computed."""
     if arena.mu * (rate - low) > STEEPEST:
         return np.inf
     return float(np.exp(arena.mu * (rate - low)) - np.exp(arena.mu * (was - low)))
