@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal
 
 import numpy as np
 
-from skyfolio.planner.scenario import Channel, Origin, Scenario, Uav, User, Utility
+from skyfolio.planner.scenario import Channel, Fading, Origin, Scenario, Uav, User, Utility
 
 ZURICH = Origin(lat_deg=47.397742, lon_deg=8.545594)
 STARTS_M = ((125.0, 375.0), (375.0, 375.0), (250.0, 125.0))
 USERS_PER_UAV = 3
 NOISE_DBM = -80.0
 USER_RADIUS_M: float | None = 75.0
-FADING: Literal["mean", "sampled"] = "mean"
+FADING: Fading = "mean"
 LAYOUT_SEED = 13
 """What the letter omits, as the calibration found it (`skyfolio reproduce --calibrate`)."""
 
@@ -24,7 +23,7 @@ def letter(
     noise_dbm: float = NOISE_DBM,
     user_radius_m: float | None = USER_RADIUS_M,
     layout_seed: int = LAYOUT_SEED,
-    fading: Literal["mean", "sampled"] = FADING,
+    fading: Fading = FADING,
     fading_seed: int = LAYOUT_SEED,
     utility: Utility | None = None,
 ) -> Scenario:
