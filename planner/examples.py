@@ -15,7 +15,8 @@ NOISE_DBM = -80.0
 USER_RADIUS_M: float | None = 75.0
 FADING: Fading = "mean"
 LAYOUT_SEED = 13
-"""What the letter omits, as the calibration found it (`skyfolio reproduce --calibrate`)."""
+"""What the letter omits, chosen for its numbers at the mean channel. The study of drawn fading has values of its own
+(`api/lab/reproduce/courses.py`, from `skyfolio reproduce --calibrate`)."""
 
 
 def letter(
@@ -65,10 +66,10 @@ def _position(rng: np.random.Generator, start: tuple[float, float], radius_m: fl
 
 
 def paper() -> Scenario:
-    """The letter's scenario with what it leaves out as the calibration found it (`skyfolio reproduce --calibrate`).
+    """The letter's scenario, for planning and flying: the mean channel, users within 75 m of the starts, -80 dBm.
 
-    Users within 75 m of the starts, -80 dBm, mean fading: five of its six numbers that do not depend on mu are met
-    within 10 %, each on the mean over the failing UAV.
+    The letter's numbers are met by averages over drawn fading, which no single scenario can be: a scenario has one
+    channel, and whoever flies it knows the mean of the gains and not what will be drawn.
     """
     return letter()
 

@@ -17,29 +17,37 @@ from rich.table import Table
 from skyfolio.api.lab.reproduce import figures
 from skyfolio.api.lab.reproduce.batch import Advance, Batch
 from skyfolio.api.lab.reproduce.calibration import calibrate
+from skyfolio.api.lab.reproduce.courses import Choices
 from skyfolio.api.lab.reproduce.document import document
 from skyfolio.api.lab.reproduce.study import StudyConfig, run_study, write
 from skyfolio.api.lab.reproduce.tuning import Limits, Tuning, closest, spread, tune
 from skyfolio.planner import EXAMPLES, Scenario
 
 console = Console(stderr=True)
+CALIBRATION_LAYOUTS = 4
 Json = Annotated[bool, typer.Option("--json", help="Print JSON only.")]
 
 
 def reproduce(
     figure: Annotated[Literal["2", "3", "5a", "5b", "all"], typer.Option(help="Which figure of the letter.")] = "all",
     out: Annotated[Path, typer.Option(help="Folder of reproduction.md and its pictures.")] = Path("out"),
-    layouts: Annotated[int, typer.Option(min=1, help="User layouts; each UAV fails in turn in each.")] = 5,
+    layouts: Annotated[int | None, typer.Option(min=2, help="User layouts; each UAV fails in turn in each.")] = None,
+    draws: Annotated[int, typer.Option(min=1, help="Draws of the fading that are averaged.")] = Choices.draws,
     search: Annotated[bool, typer.Option("--calibrate", help="Search what the letter omits instead.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Compute the letter's figures and numbers and set them beside the printed ones."""
+    """Compute the letter's figures and numbers and set them beside the printed ones.
+
+    The write-up takes in what `--calibrate` has left in the same folder.
+    """
+    kept = out / "reproduction" / "calibration.json"
     if search:
-        with progress("calibrating", quiet=as_json) as advance, Batch(advance) as batch:
-            _print(calibrate(batch, range(100, 100 + layouts)))
+        _calibrate(kept, layouts or CALIBRATION_LAYOUTS, as_json=as_json)
         return
+    config = StudyConfig(figure=figure, layouts=layouts or StudyConfig.layouts, draws=draws)
+    calibration = json.loads(kept.read_text(encoding="utf-8")) if kept.exists() else None
     with progress(f"figure {figure}", quiet=as_json) as advance:
-        study = run_study(StudyConfig(figure=figure, layouts=layouts), advance)
+        study = run_study(config, advance, calibration)
     written = write(study, out, document)
     if as_json:
         _print(study)
@@ -47,6 +55,19 @@ def reproduce(
     if "claims" in study:
         console.print(claims_table(study))
     console.print("written: " + ", ".join(str(path) for path in written), highlight=False)
+
+
+def _calibrate(kept: Path, layouts: int, *, as_json: bool) -> None:
+    with progress("calibrating", quiet=as_json) as advance, Batch(advance) as batch:
+        found = calibrate(batch, layouts)
+    kept.parent.mkdir(parents=True, exist_ok=True)
+    kept.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    if as_json:
+        _print(found)
+        return
+    best = found["best"]
+    console.print(f"best of {found['settings']}, {best['misfit']:.1%} off: " + ", ".join(best["setting"].values()))
+    console.print(f"written: {kept}", highlight=False)
 
 
 def tune_mu(
@@ -98,10 +119,10 @@ def claims_table(study: dict[str, Any]) -> Table:
     shown = Table(
         "fig.", "claim", "letter", "ours", "verdict", title=f"{study['cases']} cases, {study['seconds']:.0f} s"
     )
-    colours = {"reproduced": "green", "trend only": "yellow", "not reproducible": "red"}
+    colours = {"reproduced": "green", "trend only": "yellow", "open": "cyan", "not reproducible": "red"}
     for one in study["claims"]:
         paper = "-" if one["paper"] is None else f"{one['paper']:.4g}"
-        ours = f"{one['ours']:.4g}" + ("" if one["spread"] is None else f" ± {one['spread']:.2g}")
+        ours = f"{one['ours']:.4g}" + ("" if one["half"] is None else f" ± {one['half']:.2g}")
         verdict = f"[{colours[one['verdict']]}]{one['verdict']}[/]"
         shown.add_row(one["figure"], one["claim"], paper, f"{ours} {one['unit']}", verdict)
     return shown

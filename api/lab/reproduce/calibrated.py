@@ -1,0 +1,119 @@
+"""What the write-up says of the letter's omissions: the joint fit, numbers held out, what cannot be told apart."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from skyfolio.api.lab.reproduce.fit import TARGETS, UNLIKELY
+from skyfolio.api.lab.reproduce.markdown import figure, table, text
+
+Found = dict[str, Any]
+
+
+def calibrated(found: Found) -> str:
+    """What `calibration.json` says, GitHub-flavoured Markdown."""
+    best = found["best"]
+    by_layout = found["best_by_layout"]
+    says = "; ".join(f"{_words(name)} {value}" for name, value in best["setting"].items())
+    return "\n\n".join(
+        [
+            "## What the letter omits",
+            text(
+                f"""{found["settings"]} settings of all that it leaves open were flown on {len(found["layouts"])}
+                layouts and set beside its {len(TARGETS)} numbers that are not ratios of others. Misfit is the root mean
+                square of the relative errors, a variance counting by its square root. The best is
+                {best["misfit"]:.1%} off: {says}. On single layouts it is {min(by_layout):.1%} to
+                {max(by_layout):.1%} off."""
+            ),
+            _numbers(found),
+            "### Held out",
+            text(
+                """Each number, predicted by the setting that fits the six others best; then the numbers of one kind,
+                predicted by the setting that fits those of the other kind best."""
+            ),
+            _held_out(found),
+            _splits(found),
+            "### What the numbers cannot tell apart",
+            _told_apart(found),
+            "### What each choice does",
+            text("Each varied alone, the others as in the best fit."),
+            _alone(found),
+        ]
+    )
+
+
+def _words(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def _numbers(found: Found) -> str:
+    fits = [found["best"], *found["next"][:3]]
+    head = ("", "letter", *("best" if index == 0 else f"no. {index + 1}" for index in range(len(fits))))
+    rows = [
+        (name, figure(printed), *(figure(fit["numbers"][name]) for fit in fits))
+        for name, printed in zip(found["best"]["numbers"], TARGETS.values(), strict=True)
+    ]
+    differing = [name for name in found["best"]["setting"] if len({fit["setting"][name] for fit in fits}) > 1]
+    rows += [(_words(name), "-", *(fit["setting"][name] for fit in fits)) for name in differing]
+    rows.append(("misfit", "-", *(f"{fit['misfit']:.1%}" for fit in fits)))
+    return table(head, rows)
+
+
+def _held_out(found: Found) -> str:
+    rows = [
+        (row["number"], figure(row["letter"]), figure(row["predicted"]), f"{row['off']:+.0%}")
+        for row in found["held_out"]
+    ]
+    return table(("held out", "letter", "predicted", "off (of a deviation, for a variance)"), rows)
+
+
+def _splits(found: Found) -> str:
+    rows = [
+        (
+            row["fitted_on"],
+            ", ".join(row["setting"].values()),
+            f"{row['misfit_inside']:.1%}",
+            f"{row['misfit_outside']:.1%}",
+        )
+        for row in found["splits"]
+    ]
+    return table(("fitted on", "setting", "misfit there", "misfit on the rest"), rows)
+
+
+def _told_apart(found: Found) -> str:
+    said, excluded, rows = [], [], []
+    for choice, values in found["told_apart"].items():
+        left = [row["value"] for row in values if row["best_in"] >= UNLIKELY]
+        out = [row["value"] for row in values if row["best_in"] < UNLIKELY]
+        if out:
+            excluded.append(f"{_words(choice)} {', '.join(out)}")
+        if len(left) > 1:
+            said.append(f"{_words(choice)} ({', '.join(left)})")
+        rows += [(_words(choice), row["value"], f"{row['misfit']:.1%}", f"{row['best_in']:.0%}") for row in values]
+    says = f"""The layouts were weighed anew many times (Bayesian bootstrap); a value is told apart when it is part of
+        the best fit in fewer than {UNLIKELY:.0%} of them. Excluded by the numbers, within this grid:
+        {"; ".join(excluded) or "nothing"}. Left open: {"; ".join(said) or "nothing"}. One stands in for another: users
+        farther away lower the rates as noise does, fewer draws raise every variance as the loss of a busier UAV
+        does."""
+    head = ("choice", "value", "best misfit with it", "in the best fit of resamples")
+    return text(says) + "\n\n" + table(head, rows)
+
+
+def _alone(found: Found) -> str:
+    columns = list(found["best"]["numbers"])
+    rows = [
+        (
+            "as calibrated",
+            *(figure(found["best"]["numbers"][name]) for name in columns),
+            f"{found['best']['misfit']:.1%}",
+        )
+    ]
+    rows += [
+        (
+            f"{_words(row['choice'])}: {row['value']}",
+            *(figure(row["numbers"][name]) for name in columns),
+            f"{row['misfit']:.1%}",
+        )
+        for row in found["alone"]
+    ]
+    return table(("choice", *columns, "misfit"), rows)
