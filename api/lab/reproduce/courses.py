@@ -40,9 +40,9 @@ class Choices:
     """
 
     noise_dbm: float = -60.0
-    user_radius_m: float | None = 120.0
+    user_radius_m: float | None = 105.0
     fading: Fading = "sampled"
-    draws: int = 16
+    draws: int = 8
     knows: Knows = "draw"
     layout_seed: int = FIRST_LAYOUT
 

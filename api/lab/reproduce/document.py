@@ -95,7 +95,7 @@ def _claims(study: Study) -> str:
             (one.figure, one.claim, paper, figure(one.ours) + half, draws, one.unit, one.verdict.value, one.reason)
         )
         if one.verdict is not Verdict.REPRODUCED:
-            reasons.append((one.claim, one.verdict.value, settling(one, claims)))
+            reasons.append((one.claim, one.verdict.value, settling(one, claims, study)))
     rule = text(
         """A number is reproduced when it is within 10 % of the letter's, or within 25 % and the letter's is an ordinary
         case here (within one spread over cases); in trend only, when it is within 25 % and the whole interval is
@@ -212,12 +212,13 @@ def _ablation(study: Study) -> str:
 
 
 def _again(study: Study) -> str:
-    machine = study["machine"]
+    machine, calibration = study["machine"], study["calibration"]
+    spent = f" ({calibration['core_seconds']:.0f} s of processor time)" if calibration else ""
     return "## Do it again\n\n" + text(
         f"""`skyfolio reproduce --out docs` wrote this page, its pictures and `study.json`. It took
         {study["core_seconds"]:.0f} s of processor time ({machine["cpu"]}), half of that on two cores. `--layouts` and
         `--draws` ask for more; `--draws` changes what is averaged, and with it every variance. `--calibrate` flies the
-        settings of what the letter omits again and keeps `calibration.json`, which this page takes in. Baseline 2
-        follows the letter's one sentence on it (placement and bandwidth, nearest association), in two readings: its
+        settings of what the letter omits again{spent} and keeps `calibration.json`, which this page takes in. Baseline
+        2 follows the letter's one sentence on it (placement and bandwidth, nearest association), in two readings: its
         source was not at hand."""
     )

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import Any
 
+from skyfolio.api.lab.reproduce.courses import BASELINE_2
+from skyfolio.api.lab.reproduce.fit import UNLIKELY
 from skyfolio.api.lab.reproduce.verdicts import Judged, Verdict
 
 
@@ -27,14 +30,36 @@ def otherwise(one: Judged, claims: Iterable[Judged]) -> list[str]:
     return list(dict.fromkeys(found))
 
 
-def settling(one: Judged, claims: Iterable[Judged]) -> str:
-    """In words: another reading under which the letter is met, then the experiment that would decide."""
+def settling(one: Judged, claims: Iterable[Judged], study: Mapping[str, Any]) -> str:
+    """In words: another reading under which the letter is met, what excludes this one, the experiment that decides."""
     read = otherwise(one, claims)
-    met = [f"met under {'; '.join(read)}, which excludes this reading"] if read else []
+    parts = [f"met under {'; '.join(read)}, which excludes this reading"] if read else []
+    parts += _reasons(one, study)
     if one.settles:
-        return "; ".join([*met, one.settles])
-    if met:
-        return met[0]
-    if one.kind not in (None, "sum"):
-        return "the letter optimises eq. (9), which is `sum`: only its authors' code can say that it did not"
-    return "the letter's own user positions and draws: no other setting of the calibration comes nearer"
+        parts.append(one.settles)
+    return "; ".join(parts) or "the letter's own user positions and draws, which nothing here can stand in for"
+
+
+def _reasons(one: Judged, study: Mapping[str, Any]) -> list[str]:
+    found = []
+    share = _share_of_reading(one, study["calibration"])
+    if share is not None and share < UNLIKELY:
+        found.append(f"the joint fit excludes this reading (best in {share:.0%} of resamples)")
+    if one.claim == f"SR-Max over {BASELINE_2.name}":
+        parts = {row["name"]: row["mean"] for row in study["ablation"]["parts"]}
+        nearest, joint = (parts[f"Q planned, {rest}"] for rest in ("A nearest, B planned", "A and B planned"))
+        found.append(
+            f"nobody loses much by nearest association once UAVs fly where they should ({nearest:.1f} against "
+            f"{joint:.1f} kbit/s with any association): the letter's Baseline 2 was placed worse than it can be, and "
+            "the reference it cites for it would say how"
+        )
+    return found
+
+
+def _share_of_reading(one: Judged, calibration: Mapping[str, Any] | None) -> float | None:
+    """In what share of resamples the claim's reading of Baseline 2 belongs to the best fit."""
+    if calibration is None or one.reading is None:
+        return None
+    said = one.reading.removeprefix("Baseline 2 (").removesuffix(")")
+    values = calibration["refined"]["told_apart"]["baseline_2"]
+    return next(float(row["best_in"]) for row in values if row["value"] == said)

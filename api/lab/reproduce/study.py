@@ -37,7 +37,7 @@ class StudyConfig:
     """
 
     figure: str = "all"
-    layouts: int = 6
+    layouts: int = 12
     draws: int = Choices.draws
     workers: int | None = None
 

@@ -98,14 +98,17 @@ def compared(found: Estimate, paper: float) -> tuple[Verdict, str, str]:
         return Verdict.REPRODUCED, says, ""
     if noise <= IN_REGIME and off <= IN_REGIME and nearest > NEAR:
         return Verdict.TREND_ONLY, f"{says}: same regime, and not by noise", ""
-    line = NEAR if off <= IN_REGIME and noise <= IN_REGIME else IN_REGIME
-    return Verdict.OPEN, f"{says}, but the interval is ±{noise:.0%} of the letter's", _more(found, off, noise, line)
+    return Verdict.OPEN, f"{says}, but the interval is ±{noise:.0%} of the letter's", _more(found, off, noise)
 
 
-def _more(found: Estimate, off: float, noise: float, line: float) -> str:
-    """How many layouts would bring the interval clear of the line, if the mean stays where it is."""
-    needed = max(abs(off - line), 0.01)
-    return f"`--layouts {ceil(len(found.cases) * (noise / needed) ** 2)}`: the interval clears the {line:.0%} line"
+def _more(found: Estimate, off: float, noise: float) -> str:
+    """How many layouts would decide, if the mean stays where it is and the interval shrinks as it should."""
+    if off <= IN_REGIME < noise:
+        needed, what = IN_REGIME, "the interval would be narrow enough to say"
+    else:
+        line = NEAR if off <= IN_REGIME else IN_REGIME
+        needed, what = max(abs(off - line), 0.01), f"the interval would clear the {line:.0%} line"
+    return f"`--layouts {ceil(len(found.cases) * (noise / needed) ** 2)}`: {what}"
 
 
 def trend(
