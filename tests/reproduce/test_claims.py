@@ -94,7 +94,7 @@ def judged(claim: str, kind: str | None, reading: str | None, verdict: Verdict) 
 
 def test_an_open_number_says_how_many_layouts_would_decide() -> None:
     assert "`--layouts 8`: the interval would be narrow" in compared(estimate(100.0, 50.0), 100.0)[2]
-    assert "`--layouts 18`: the interval would clear the 25% line" in compared(estimate(130.0, 15.0), 100.0)[2]
+    assert "`--layouts 16`: the interval would clear the 25% line" in compared(estimate(130.0, 14.0), 100.0)[2]
 
 
 def test_one_statement_of_the_letter_is_known_in_each_of_its_readings() -> None:
