@@ -9,11 +9,13 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-from skyfolio.api.lab.demo.report import UNSERVED_BPS, DemoReport, Rates
+from skyfolio.api.lab.demo.report import DemoReport, Rates
 from skyfolio.planner.arrays import Array
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#f0e442")
 """Okabe and Ito's palette: told apart by colour-blind eyes too."""
+SERVED_BPS = 1e3
+"""A user that gets less over a slot is not served in it: the moments before its UAV fell are no service."""
 
 
 def tracks(report: DemoReport) -> str:
@@ -61,6 +63,7 @@ def service(report: DemoReport) -> str:
     titles = ("users served", "worst user, kbit/s", "sum rate, kbit/s")
     for axes, title in zip(panels, titles, strict=True):
         _finish(axes, title, report.killed_at_slot)
+    panels[0].set_ylim(top=len(report.flown.user_rates_bps) + 0.5)
     panels[0].legend(loc="lower left", fontsize="small")
     panels[-1].set_xlabel("slot")
     return _svg(figure)
@@ -69,7 +72,7 @@ def service(report: DemoReport) -> str:
 def by_slot(rates: Rates) -> tuple[Array, Array, Array]:
     """In each slot: how many users are served, what the worst of all users gets, and the sum rate; kbit/s."""
     table = np.array(list(rates.user_rates_bps.values()))
-    return (table >= UNSERVED_BPS).sum(axis=0), table.min(axis=0) / 1e3, np.array(rates.sum_rate_bps) / 1e3
+    return (table >= SERVED_BPS).sum(axis=0), table.min(axis=0) / 1e3, np.array(rates.sum_rate_bps) / 1e3
 
 
 def _finish(axes: Axes, title: str, killed_at_slot: int) -> None:
