@@ -53,9 +53,10 @@ def _head(study: Study) -> str:
             text(
                 f"""A curve is the mean of the rates per slot over {choices["draws"]} draws; variance and Jain's index
                 are taken of that mean. Noise {choices["noise_dbm"]:g} dBm, users {where}, fading {channel}. Numbers are
-                means over {study["cases"]} cases: user layouts that the calibration has not seen, each with
-                {", ".join(FAILED)} failing in turn at the start of slot 11, unknown to the planners before it. ± is
-                half a 95 % confidence interval over layouts, each of which has draws of its own; the part of it that
+                means over {study["cases"]} cases (half as many under `per_user` and `pooled`): user layouts that the
+                calibration has not seen, each with {", ".join(FAILED)} failing in turn at the start of slot 11, unknown
+                to the planners before it. ± is half a 95 % confidence interval over layouts, each of which has draws of
+                its own; the part of it that
                 draws alone give is named. `mu` is in 1/(kbit/s). The `paper` example is another scenario: the mean
                 channel, which is what planners know before anything is drawn, and users nearer to the starts."""
             ),

@@ -35,12 +35,13 @@ class Estimate:
 
 
 class Measured:
-    """scheme -> measure -> (1 + S, L, F): on L layouts with F losses each; [0] of all draws, [1 + s] without draw s."""
+    """scheme -> measure -> (1 + S, L, F): on L layouts with F losses each; [0] of all draws, [1 + s] without draw s.
+
+    Some schemes may have flown on fewer layouts than others: on the first ones.
+    """
 
     def __init__(self, tables: Mapping[str, Mapping[str, Array]]) -> None:
         self.tables = tables
-        first = next(iter(next(iter(tables.values())).values()))
-        self._leaves, self._layouts, self._losses = first.shape
 
     def cases(self, scheme: str, measure: str) -> Array:
         """Of all draws: (L, F)."""
@@ -48,19 +49,38 @@ class Measured:
         return found
 
     def estimate(self, of: Statistic) -> Estimate:
-        """The statistic of the means over cases, with jackknife intervals over layouts and over draws.
+        """The statistic of the means over the cases that all its schemes have flown, with jackknife intervals.
 
         Draws of different layouts are independent, so leaving out draw s everywhere leaves out one block of them.
         """
-        layouts = range(self._layouts)
-        without_layout = [of(self._mean(0, [one for one in layouts if one != out])) for out in layouts]
-        without_draw = [of(self._mean(leaf, layouts)) for leaf in range(1, self._leaves)]
-        each = [[of(self._mean(0, [layout], [lost])) for lost in range(self._losses)] for layout in layouts]
-        return Estimate(of(self._mean(0, layouts)), half(without_layout), half(without_draw), np.array(each))
+        n_leaves, n_layouts, n_losses = self._common(of)
+        layouts = range(n_layouts)
+        some = [[one for one in layouts if one != out] for out in layouts] if n_layouts > 1 else []
+        each = [[of(self._mean(0, [layout], [lost])) for lost in range(n_losses)] for layout in layouts]
+        return Estimate(
+            of(self._mean(0, layouts)),
+            half([of(self._mean(0, left)) for left in some]),
+            half([of(self._mean(leaf, layouts)) for leaf in range(1, n_leaves)]),
+            np.array(each),
+        )
+
+    def _common(self, of: Statistic) -> tuple[int, ...]:
+        """The least (1 + S, L, F) of the tables that the statistic asks for."""
+        shapes = []
+
+        def asked(scheme: str, measure: str) -> float:
+            shapes.append(self.tables[scheme][measure].shape)
+            return 1.0
+
+        of(asked)
+        return tuple(np.min(shapes, axis=0).tolist())
 
     def _mean(self, leaf: int, layouts: Sequence[int], losses: Sequence[int] | None = None) -> Of:
-        chosen = np.ix_(list(layouts), list(range(self._losses) if losses is None else losses))
-        return lambda scheme, measure: float(self.tables[scheme][measure][leaf][chosen].mean())
+        chosen = list(layouts)
+        if losses is None:
+            return lambda scheme, measure: float(self.tables[scheme][measure][leaf][chosen].mean())
+        one = np.ix_(chosen, list(losses))
+        return lambda scheme, measure: float(self.tables[scheme][measure][leaf][one].mean())
 
 
 def half(left_out: Sequence[float]) -> float:

@@ -108,7 +108,7 @@ def _more(found: Estimate, off: float, noise: float) -> str:
     else:
         line = NEAR if off <= IN_REGIME else IN_REGIME
         needed, what = max(abs(off - line), 0.01), f"the interval would clear the {line:.0%} line"
-    return f"`--layouts {ceil(len(found.cases) * (noise / needed) ** 2)}`: {what}"
+    return f"{ceil(len(found.cases) * (noise / needed) ** 2)} layouts: {what}"
 
 
 def trend(
@@ -148,7 +148,7 @@ def held(holds: Estimate, size: Estimate) -> tuple[Verdict, str, str]:
     )
     if abs(size.value) <= size.half and size.half > EPSILON:
         n = ceil(len(size.cases) * (size.half / max(abs(size.value), EPSILON)) ** 2)
-        return Verdict.OPEN, reason, f"`--layouts {n}`: the change would be told from none"
+        return Verdict.OPEN, reason, f"{n} layouts: the change would be told from none"
     if not on_mean:
         return Verdict.NOT, reason, ""
     return (Verdict.REPRODUCED if share >= MOST_CASES else Verdict.TREND_ONLY), reason, ""
