@@ -36,14 +36,16 @@ def fading_gains(
     """Return small-scale power gains |h|^2 of eq. (2): (U, K, N), mean 1.
 
     `"mean"` is all ones. `"sampled"` draws Rician gains that depend only on (seed, uav id, user id, slot), so that a
-    replan with fewer UAVs, other users or later slots sees the very same channel.
+    replan with fewer UAVs, other users or later slots sees the very same channel. `"held"` gives each link the draw of
+    slot 0 for all slots.
     """
     shape = (len(uav_ids), len(user_ids), n_slots)
     if channel.fading == "mean":
         return np.ones(shape)
     uav = np.array([crc32(one.encode()) for one in uav_ids], dtype=np.uint64)[:, None, None]
     user = np.array([crc32(one.encode()) for one in user_ids], dtype=np.uint64)[None, :, None]
-    slot = (np.arange(n_slots, dtype=np.uint64) + np.uint64(first_slot))[None, None, :]
+    drawn = np.arange(first_slot, first_slot + n_slots, dtype=np.uint64)
+    slot = (np.zeros_like(drawn) if channel.fading == "held" else drawn)[None, None, :]
     key = _mix(_mix(_mix(np.full(1, channel.seed, dtype=np.uint64)) ^ uav) ^ user) ^ slot
     radius = np.sqrt(-np.log(_uniform(_mix(key))))  # |CN(0, 1)|
     angle = 2 * np.pi * _uniform(_mix(key ^ np.uint64(0xD1B54A32D192ED03)))
