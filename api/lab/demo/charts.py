@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-import io
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_svg import FigureCanvasSVG
-from matplotlib.figure import Figure
 
 from skyfolio.api.lab.demo.report import DemoReport, Rates
+from skyfolio.api.lab.plots import as_svg, new_figure
 from skyfolio.planner.arrays import Array
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#f0e442")
-"""Okabe and Ito's palette: told apart by colour-blind eyes too."""
+"""Okabe and Ito's palette: distinguishable with colour blindness too."""
 SERVED_BPS = 1e3
 """A user that gets less over a slot is not served in it: the moments before its UAV fell are no service."""
 
 
 def tracks(report: DemoReport) -> str:
     """Return the map as SVG: planned and truly flown tracks, users, and where the lost UAV fell."""
-    figure = Figure(figsize=(7.2, 6.6), layout="constrained")
+    figure = new_figure(7.2, 6.6)
     axes = figure.add_subplot()
     scenario = report.plans[0].scenario
     (west, south), (east, north) = scenario.area_m
@@ -40,7 +41,7 @@ def tracks(report: DemoReport) -> str:
             if uav == report.killed:
                 axes.plot(*track[-1, 1:], "x", color=colour, markersize=12, markeredgewidth=3)
     axes.legend(loc="upper right")
-    return _svg(figure)
+    return as_svg(figure)
 
 
 def service(report: DemoReport) -> str:
@@ -48,7 +49,7 @@ def service(report: DemoReport) -> str:
 
     Each shows what was flown, and what no replan and knowing of the loss from the start would have given.
     """
-    figure = Figure(figsize=(9, 7.6), layout="constrained")
+    figure = new_figure(9, 7.6)
     panels = figure.subplots(3, 1, sharex=True)
     flown = "flown, with replan" if report.replanned else "flown, no replan"
     courses = (
@@ -66,7 +67,7 @@ def service(report: DemoReport) -> str:
     panels[0].set_ylim(top=len(report.flown.user_rates_bps) + 0.5)
     panels[0].legend(loc="lower left", fontsize="small")
     panels[-1].set_xlabel("slot")
-    return _svg(figure)
+    return as_svg(figure)
 
 
 def by_slot(rates: Rates) -> tuple[Array, Array, Array]:
@@ -80,10 +81,3 @@ def _finish(axes: Axes, title: str, killed_at_slot: int) -> None:
     axes.set_ylabel(title)
     axes.set_ylim(bottom=0)
     axes.grid(alpha=0.3)
-
-
-def _svg(figure: Figure) -> str:
-    sink = io.StringIO()
-    FigureCanvasSVG(figure).print_svg(sink, metadata={"Date": None})  # type: ignore[no-untyped-call]
-    text = sink.getvalue()
-    return text[text.index("<svg") :]
