@@ -5,10 +5,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from skyfolio.api.lab.demo.charts import by_slot, service
+from skyfolio.api.lab.demo.charts import COLOURS, by_slot, service, tracks
+from skyfolio.api.lab.demo.orders import DemoConfig
 from skyfolio.api.lab.demo.page import figures, headline
 from skyfolio.api.lab.demo.report import DemoReport, Rates
-from skyfolio.planner import EXAMPLES, plan
+from skyfolio.planner import EXAMPLES, plan, replan
 
 USERS = ("user-1", "user-2", "user-3", "user-4")
 
@@ -86,3 +87,29 @@ def test_every_row_and_every_panel_shows_what_no_replan_and_foresight_would_give
     assert all(len(row) == 4 for row in figures(shown))
     assert figures(shown)[0] == ("users without service after", "none", "2 (user-3, user-4)", "none")
     assert service(shown).startswith("<svg")
+
+
+def test_the_map_shows_which_uav_serves_the_users_of_the_lost_one() -> None:
+    first = plan(EXAMPLES["minimal"](), n_starts=2)
+    second = replan(first, failed=["uav-2"], at_slot=2)
+    flown = [(0.0, 50.0, 50.0), (9.0, 60.0, 50.0), (11.0, 65.0, 50.0), (20.0, 90.0, 50.0)]
+    shown = tracks(
+        report(plans=[first, second], tracks_m={"uav-1": flown, "uav-2": [(0.0, 150.0, 50.0), (10.0, 150.0, 50.0)]})
+    )
+    assert "uav-2, lost here" in shown
+    assert "uav-1, thick after the loss" in shown
+    rims = sum(first.association[user][-1] == "uav-2" for user in first.scenario.user_ids)
+    assert rims > 0
+    assert shown.count(f"fill: {COLOURS[0]}; stroke: {COLOURS[1]}") == rims
+
+
+def test_in_the_default_drill_a_survivor_flies_far_to_users_who_would_have_nothing() -> None:
+    config = DemoConfig()
+    scenario = EXAMPLES["paper"]().with_changes(utility=config.utility)
+    first = plan(scenario)
+    second = replan(first, failed=[config.kill], at_slot=config.kill_slot - 1)
+    moved = [np.linalg.norm(np.subtract(path[-1], path[0])) for path in second.trajectories_m.values()]
+    assert max(moved) > 150.0
+    left = [user for user in scenario.user_ids if first.association[user][-1] == config.kill]
+    assert left
+    assert min(second.user_rates_bps[user][-1] for user in left) > 1e3

@@ -106,12 +106,13 @@ def write_page(report: DemoReport, path: Path) -> None:
         f"<p><b>{escape(headline(report))}</b></p>"
         f"<p><b>{'Passed' if report.passed else 'Failed'}.</b> Flown by a simulated fleet at {report.speedup:g} times "
         f"real time; slots count from 1. Rates are what users truly got at the simulator's true positions.</p>"
-        f"<figure>{service(report)}<figcaption>In each slot: users served, the worst user's rate, the sum rate. Fewer "
-        "UAVs that serve everybody carry less in sum than those that leave the lost UAV's users alone.</figcaption>"
+        f"<figure>{service(report)}<figcaption>In each slot: users served, the worst user's rate, the sum rate. UAVs "
+        "that serve everybody carry less in sum than the same UAVs if they leave the lost one's users without service; "
+        "the variance of the sum rate counts that as a fluctuation.</figcaption>"
         f"</figure><table><thead><tr><td></td><th>{flown}</th><th>computed, no replan</th>"
         f"<th>computed, known beforehand</th></tr></thead>{rows}</table>"
-        f"<figure>{tracks(report)}<figcaption>Planned (dashed) and truly flown (solid) tracks; users as squares."
-        "</figcaption></figure>"
+        f"<figure>{tracks(report)}<figcaption>Where UAVs truly flew, from the ring to the triangle: thin before the "
+        "loss, thick after it, dashed as planned. A user with a rim was served by the lost UAV.</figcaption></figure>"
         f"<table><thead><tr><th>check</th><th></th><th>found</th></tr></thead>{checks}</table>"
         "</body></html>",
         encoding="utf-8",
