@@ -103,7 +103,7 @@ def simulator(
 
 @bench.command()
 def radio(
-    layouts: Annotated[int, typer.Option(min=1, help="User layouts of the letter's size.")] = 12,
+    layouts: Annotated[int, typer.Option(min=1, help="User layouts of the letter's size.")] = 8,
     air: Annotated[
         int, typer.Option(min=1, help="Draws of the fading, unseen by planners, that judge each plan.")
     ] = 64,
