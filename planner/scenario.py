@@ -86,7 +86,7 @@ class Channel(Frozen):
     noise_dbm: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-250, le=100)] = -80.0
     rician_k_db: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-100, le=100)] = 3.0
     fading: Fading = "mean"
-    draws: Annotated[int, Field(strict=True, ge=1, le=256)] = 16
+    draws: Annotated[int, Field(strict=True, ge=1, le=256)] = 64
     seed: Annotated[int, Field(strict=True, ge=0, lt=2**63)] = 0
 
 
