@@ -9,6 +9,9 @@ from skyfolio.api.lab.reproduce.calibration import FIRST_LAYOUT as CALIBRATED_FR
 from skyfolio.api.lab.reproduce.calibration import FIRST_REFINED
 from skyfolio.api.lab.reproduce.courses import (
     BASELINE_1,
+    BASELINE_2,
+    BASELINE_2_FIXED,
+    BASELINE_2_ONCE,
     FAILED,
     FAILURE_SLOT,
     SR_MAX,
@@ -17,6 +20,7 @@ from skyfolio.api.lab.reproduce.courses import (
     Course,
     Job,
     Scheme,
+    Split,
     compute,
     fly,
     pro_alg,
@@ -60,12 +64,38 @@ def test_planners_that_know_statistics_alone_fly_one_plan_through_all_draws(sche
     assert not np.isclose(lost[0], lost[1]).all(), "but they get what was drawn"
 
 
-def test_knowing_the_draws_is_worth_something() -> None:
-    known, guessed = (
+def test_knowing_the_draws_is_worth_more_than_knowing_how_they_are_distributed() -> None:
+    known, averaged, guessed = (
         compute(Job(replace(DRAWN, knows=knows), SR_MAX, (None,))).course(0).measures()["mean"]
-        for knows in ("draw", "statistics")
+        for knows in ("draw", "expectation", "statistics")
     )
-    assert known > guessed * 1.05
+    assert known > max(averaged, guessed) * 1.05
+
+
+def test_one_reading_of_baseline_2_decides_once_whatever_the_others_know() -> None:
+    once = compute(Job(DRAWN, BASELINE_2_ONCE, (None,))).draws_kbps[:, 0]
+    told = compute(Job(replace(DRAWN, knows="statistics"), BASELINE_2, (None,))).draws_kbps[:, 0]
+    assert once == pytest.approx(told)
+    assert ((once > 0) == (once[0] > 0)).all(), "the same users are served in every draw"
+
+
+def test_users_are_split_among_the_starts_as_said_and_in_another_order_in_another_layout() -> None:
+    uneven = [replace(DRAWN, split="4, 3, 2", layout_seed=seed).users_per_uav() for seed in range(20)]
+    assert {tuple(sorted(one)) for one in uneven} == {(2, 3, 4)}
+    assert len(set(uneven)) == 6
+    drawn = [replace(DRAWN, split="drawn", layout_seed=seed).users_per_uav() for seed in range(20)]
+    assert {sum(one) for one in drawn} == {9}
+    assert len(set(drawn)) > 6
+
+
+@pytest.mark.parametrize("split", ["3, 3, 3", "4, 3, 2", "drawn"])
+def test_each_user_is_within_the_radius_of_the_start_that_it_was_given(split: Split) -> None:
+    choices = replace(DRAWN, split=split, user_radius_m=40.0)
+    scenario = choices.scenario(SR_MAX.utility)
+    starts = np.array([uav.start_m for uav in scenario.uavs])
+    users = np.array([user.position_m for user in scenario.users])
+    apart = np.linalg.norm(users[:, None] - starts, axis=2)
+    assert tuple((apart <= 40.1).sum(axis=0)) == choices.users_per_uav()
 
 
 def test_a_held_draw_is_the_same_in_every_slot() -> None:
@@ -78,3 +108,13 @@ def test_claims_are_judged_on_layouts_that_the_calibration_has_not_seen() -> Non
     seeds = [choices.layout_seed for choices in layouts(StudyConfig(layouts=20))]
     assert len(set(seeds)) == 20
     assert max(seeds) < CALIBRATED_FROM < FIRST_REFINED
+
+
+def test_without_adjustments_the_users_of_the_lost_uav_get_nothing_and_the_others_less_interference() -> None:
+    flown = compute(Job(replace(DRAWN, fading="mean"), BASELINE_2_FIXED, ("uav-2", None)))
+    as_if_lost, as_planned = (flown.course(index).measures() for index in (0, 1))
+    first = fly(replace(DRAWN, fading="mean").scenario(BASELINE_2_FIXED.utility), BASELINE_2_FIXED.method, None)
+    assert as_planned["unadjusted"] == pytest.approx(as_planned["period_2"])
+    others = np.sort(first.rates_kbps[:, -1])[::-1][:3]
+    assert others[1:].sum() < as_if_lost["unadjusted"] < 2 * others.sum()
+    assert as_if_lost["period_2"] >= as_if_lost["unadjusted"] - 1e-9, "the best user of more users is no worse"

@@ -15,6 +15,7 @@ BASE = Setting.of(Choices(), "each in turn", "Baseline 2 (placed)", "1/(kbit/s)"
 def test_a_setting_is_said_in_words() -> None:
     assert BASE.baseline_2 == "placed"
     assert BASE.planners_know == "the draw"
+    assert BASE.users_per_uav == Choices().split
     mean = Setting.of(Choices(fading="mean", user_radius_m=None), "uav-1", "Baseline 2 (at the starts)", "1/(Mbit/s)")
     assert (mean.users, mean.draws, mean.planners_know) == ("anywhere", "none", "all")
 

@@ -1,4 +1,4 @@
-"""Many jobs on all cores, each computed once."""
+"""Many jobs on all cores, each computed once; `Runs` is what the study asks of whatever computes them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Hashable, Iterable
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from types import TracebackType
-from typing import Any, Self, TypeVar
+from typing import Any, Protocol, Self, TypeVar
 
 J = TypeVar("J", bound=Hashable)
 R = TypeVar("R")
@@ -26,15 +26,31 @@ def measured(work: Callable[[J], R], job: J) -> tuple[R, float]:
     return work(job), time.process_time() - began
 
 
+class Runs(Protocol):
+    """Whatever maps work over jobs: the pool below, or a cluster.
+
+    All work of a study goes through `run`: module-level functions of one hashable, picklable job each, whose results
+    do not depend on the order or on each other.
+    """
+
+    @property
+    def core_seconds(self) -> float:
+        """Return the processor time spent so far."""
+        ...
+
+    def run(self, work: Callable[[J], R], jobs: Iterable[J]) -> dict[J, R]:
+        """Return `work(job)` of every job."""
+        ...
+
+
 class Batch:
     """A pool of worker processes that remembers what it has computed. Use as a context manager.
 
     `core_seconds` is the processor time spent so far, which other programs on the machine do not lengthen.
     """
 
-    core_seconds = 0.0
-
     def __init__(self, advance: Advance, workers: int | None = None) -> None:
+        self.core_seconds = 0.0
         self._advance = advance
         self._workers = workers or os.cpu_count() or 1
         self._known: dict[tuple[str, Hashable], Any] = {}

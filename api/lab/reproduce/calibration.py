@@ -8,11 +8,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
-from skyfolio.api.lab.reproduce.batch import Batch
+from skyfolio.api.lab.reproduce.batch import Runs
 from skyfolio.api.lab.reproduce.courses import (
     BASELINE_1,
     COMPARED,
@@ -24,6 +24,7 @@ from skyfolio.api.lab.reproduce.courses import (
     Job,
     Knows,
     Scheme,
+    Split,
     compute,
     pro_alg,
 )
@@ -35,16 +36,20 @@ RADIUS_M: tuple[float | None, ...] = (60.0, 75.0, 90.0, 105.0, 120.0, None)
 CHANNELS: tuple[tuple[Fading, Knows], ...] = (
     ("mean", "draw"),
     ("sampled", "draw"),
+    ("sampled", "expectation"),
     ("sampled", "statistics"),
     ("held", "draw"),
     ("held", "statistics"),
 )
-DRAWS: Mapping[Fading, Sequence[int]] = {"mean": (1,), "sampled": (1, 2, 4, 8, 16), "held": (1, 2, 4, 8)}
+Draws: TypeAlias = Mapping[Fading, Sequence[int]]
+DRAWS: Draws = {"mean": (1,), "sampled": (1, 2, 4, 8), "held": (1, 2, 4)}
 """How many draws are averaged: the first so many of those that are flown."""
+USERS_PER_UAV: tuple[Split, ...] = ("3, 3, 3", "4, 3, 2", "drawn")
 UNITS = {"1/(kbit/s)": pro_alg("sum", -10.0), "1/(Mbit/s)": pro_alg("sum", -0.01)}
 """What the letter's mu = -10 is here, by the unit it may have had."""
 REFINED_NOISE_DBM = (-80.0, -60.0)
-REFINED_RADIUS_M = (75.0, 90.0, 105.0, 120.0)
+REFINED_RADIUS_M = (80.0, 90.0, 100.0, 110.0)
+REFINED_DRAWS = (1, 2, 4, 8, 16, 24)
 REFINED_LAYOUTS = 8
 FIRST_REFINED = 300
 FIRST_LAYOUT = 200
@@ -62,32 +67,33 @@ class Cell:
 def grid() -> list[Choices]:
     """Return every combination of noise, radius and channel, with as many draws as are averaged at most."""
     return [
-        Choices(noise_dbm=noise, user_radius_m=radius, fading=fading, knows=knows, draws=DRAWS[fading][-1])
-        for noise, radius, (fading, knows) in product(NOISE_DBM, RADIUS_M, CHANNELS)
+        Choices(noise_dbm=noise, user_radius_m=radius, split=split, fading=fading, knows=knows, draws=DRAWS[fading][-1])
+        for noise, radius, split, (fading, knows) in product(NOISE_DBM, RADIUS_M, USERS_PER_UAV, CHANNELS)
+        if radius is not None or split == "drawn"
     ]
 
 
-def calibrate(batch: Batch, layouts: int) -> dict[str, Any]:
+def calibrate(batch: Runs, layouts: int) -> dict[str, Any]:
     """Fly the grid on so many layouts, and the neighbourhood of its best fit on REFINED_LAYOUTS others.
 
     Plain JSON data, each as `fit.fitted` gives it: layouts differ by more than settings do, and few of them flatter
     whichever setting suits them.
     """
-    coarse = _flown(batch, grid(), FIRST_LAYOUT, layouts)
+    coarse = _flown(batch, grid(), DRAWS, FIRST_LAYOUT, layouts)
     refined = refine(batch)
     return {**coarse, "refined": refined, "core_seconds": round(batch.core_seconds, 1)}
 
 
-def refine(batch: Batch) -> dict[str, Any]:
+def refine(batch: Runs) -> dict[str, Any]:
     """Fit the neighbourhood of the grid's best fit, on layouts that had no part in finding it."""
     near = [
-        Choices(noise_dbm=noise, user_radius_m=radius, fading="sampled", knows="draw", draws=DRAWS["sampled"][-1])
-        for noise, radius in product(REFINED_NOISE_DBM, REFINED_RADIUS_M)
+        Choices(noise_dbm=noise, user_radius_m=radius, split=split, draws=REFINED_DRAWS[-1])
+        for noise, radius, split in product(REFINED_NOISE_DBM, REFINED_RADIUS_M, USERS_PER_UAV)
     ]
-    return _flown(batch, near, FIRST_REFINED, REFINED_LAYOUTS)
+    return _flown(batch, near, {"sampled": REFINED_DRAWS}, FIRST_REFINED, REFINED_LAYOUTS)
 
 
-def _flown(batch: Batch, all_choices: Sequence[Choices], first: int, layouts: int) -> dict[str, Any]:
+def _flown(batch: Runs, all_choices: Sequence[Choices], draws: Draws, first: int, layouts: int) -> dict[str, Any]:
     seeds = range(first, first + layouts)
     schemes = [*COMPARED, *UNITS.values()]
     jobs = {
@@ -101,14 +107,14 @@ def _flown(batch: Batch, all_choices: Sequence[Choices], first: int, layouts: in
         Cell(choices, {name: [flown[job] for job in mine] for name, mine in cell.items()})
         for choices, cell in jobs.items()
     ]
-    return {"layouts": list(seeds), **fitted(tabulated(cells))}
+    return {"layouts": list(seeds), **fitted(tabulated(cells, draws))}
 
 
-def tabulated(cells: Sequence[Cell]) -> Table:
+def tabulated(cells: Sequence[Cell], draws_of: Draws) -> Table:
     """Tabulate every setting there is in the cells, and the numbers it gives on each layout."""
     settings, rows = [], []
     for cell in cells:
-        for draws in DRAWS[cell.choices.fading]:
+        for draws in draws_of[cell.choices.fading]:
             measured = _measured(cell, draws)
             for lost, reading, unit in product((*FAILED, None), READINGS, UNITS):
                 choices = replace(cell.choices, draws=draws)

@@ -96,7 +96,11 @@ def _after_the_loss(measured: Measured) -> Iterator[Judged]:
         def rise(of: Of, name: str = name) -> float:
             return of(name, "at_end") - of(name, "at_loss")
 
+        def regained(of: Of, name: str = name) -> float:
+            return of(name, "period_2") - of(name, "unadjusted")
+
         yield trend("3", f"{name} drops when the UAV fails", measured, fall, reading=reading)
+        yield trend("3", f"{name} regains sum rate by adjusting", measured, regained, reading=reading)
         recovers = trend("3", f"{name} recovers after it", measured, rise, reading=reading)
         if scheme in STILL:  # whatever the draws happen to say: every slot after the loss has the same distribution
             reason = "by construction: no UAV moves, so every slot after the loss is worth the same on average"

@@ -13,7 +13,12 @@ from skyfolio.api.lab.reproduce.study import Study
 from skyfolio.api.lab.reproduce.verdicts import Judged, Verdict
 
 FADINGS = {"mean": "at its mean", "sampled": "drawn in every slot", "held": "drawn once for each link"}
-KNOWN = {"draw": "which planners know", "statistics": "of which planners know the mean alone"}
+KNOWN = {
+    "draw": "which planners know",
+    "expectation": "of which planners know the distribution",
+    "statistics": "of which planners know the mean alone",
+}
+COUNTED = {1: "one reading", 2: "two readings", 3: "three readings"}
 
 
 def document(study: Study) -> str:
@@ -33,7 +38,7 @@ def document(study: Study) -> str:
 def _head(study: Study) -> str:
     choices = study["choices"]
     radius = choices["user_radius_m"]
-    where = "anywhere" if radius is None else f"within {radius:g} m of a UAV's start"
+    where = "anywhere" if radius is None else f"within {radius:g} m of the UAVs' starts, {_near(choices['split'])}"
     claims = _judged(study)
     counts = {verdict: sum(one.verdict is verdict for one in claims) for verdict in Verdict}
     said = {statement(one) for one in claims}
@@ -46,29 +51,51 @@ def _head(study: Study) -> str:
                 f"""Of {len(claims)} claims, {counts[Verdict.REPRODUCED]} are reproduced,
                 {counts[Verdict.TREND_ONLY]} in trend only, {counts[Verdict.OPEN]} open, and {counts[Verdict.NOT]} not
                 reproducible. The letter does not give transmit power, noise, user positions, slot length, area, the
-                fading that was drawn, how many draws were averaged, which UAV fails, or the unit of mu, so nothing here
-                claims to be its very experiment: regime, ordering and trend are compared, with the numbers side by
-                side."""
+                fading that was drawn, how many draws were averaged, which UAV fails, how its Baseline 2 places UAVs, or
+                the unit of mu, so nothing here claims to be its very experiment: regime, ordering and trend are
+                compared, with the numbers side by side."""
             ),
             text(
                 f"""A curve is the mean of the rates per slot over {choices["draws"]} draws; variance and Jain's index
                 are taken of that mean. Noise {choices["noise_dbm"]:g} dBm, users {where}, fading {channel}. Numbers are
-                means over {study["cases"]} cases (half as many under `per_user` and `pooled`): user layouts that the
+                means over {study["cases"]} cases (a third as many under `per_user` and `pooled`): user layouts that the
                 calibration has not seen, each with {", ".join(FAILED)} failing in turn at the start of slot 11, unknown
                 to the planners before it. ± is half a 95 % confidence interval over layouts, each of which has draws of
                 its own; the part of it that
-                draws alone give is named. `mu` is in 1/(kbit/s). The `paper` example is another scenario: the mean
-                channel, which is what planners know before anything is drawn, and users nearer to the starts."""
+                draws alone give is named. `mu` is in 1/(kbit/s). The `calibrated` example is the first of these
+                layouts in its first draw. The `paper` example, for planning and flying, stays at the mean channel,
+                which is what a fleet knows before anything is drawn, with three users near each start."""
             ),
             text(
-                f"""The letter says each thing once, {len(said)} things in all; three utilities and two readings of
-                Baseline 2 make several claims of one, which exclude one another: a number that is met under one
-                utility is not met under a utility that gives another number. {len(met)} of the {len(said)} are
-                reproduced under at least one reading, and under one reading at a time:"""
+                f"""The letter says each thing once, {len(said)} things in all; three utilities and
+                {COUNTED[len(READINGS)]} of Baseline 2 make several claims of one, which exclude one another: a number
+                that is met under one utility is not met under a utility that gives another number. {len(met)} of the
+                {len(said)} are reproduced under at least one reading, and under one reading at a time:"""
             ),
             _readings(study),
+            _printed(study, claims),
         ]
     )
+
+
+def _printed(study: Study, claims: list[Judged]) -> str:
+    """Count the numbers that are met under the letter's own utility and the reading that the joint fit picks."""
+    if not study["calibration"]:
+        return ""
+    reading = f"Baseline 2 ({study['calibration']['refined']['best']['setting']['baseline_2']})"
+    printed = [one for one in claims if one.paper and one.kind in (None, "sum") and one.reading in (None, reading)]
+    met = sum(one.verdict is Verdict.REPRODUCED for one in printed)
+    return text(
+        f"""Under `sum`, the letter's eq. (9), and {reading}, which the joint fit picks, {met} of its {len(printed)}
+        numbers are reproduced, none of which was fitted on these layouts."""
+    )
+
+
+def _near(split: str) -> str:
+    if split == "drawn":
+        return "near which one drawn for each user"
+    first, *others = split.split(", ")
+    return f"{first} near one, {' and '.join(others)} near the others, in an order drawn for each layout"
 
 
 def _judged(study: Study) -> list[Judged]:
@@ -220,6 +247,6 @@ def _again(study: Study) -> str:
         {study["core_seconds"]:.0f} s of processor time ({machine["cpu"]}), half of that on two cores. `--layouts` and
         `--draws` ask for more; `--draws` changes what is averaged, and with it every variance. `--calibrate` flies the
         settings of what the letter omits again{spent} and keeps `calibration.json`, which this page takes in. Baseline
-        2 follows the letter's one sentence on it (placement and bandwidth, nearest association), in two readings: its
-        source was not at hand."""
+        2 follows the letter's one sentence on it (placement and bandwidth, nearest association), in
+        {COUNTED[len(READINGS)]}: its source was not at hand."""
     )

@@ -27,6 +27,7 @@ SPLITS: Mapping[str, Sequence[tuple[str, str]]] = {
     "variances and Jain indices": [target for target in TARGETS if target[1] != "period_1"],
 }
 """Fit on these alone, judge on the rest."""
+KNOWN = {"draw": "the draw", "expectation": "its distribution", "statistics": "its mean"}
 RESAMPLES = 500
 UNLIKELY = 0.05
 """A value that is the best fit in fewer than 5 % of the resamples is excluded."""
@@ -38,6 +39,7 @@ class Setting:
 
     noise: str
     users: str
+    users_per_uav: str
     fading: str
     draws: str
     planners_know: str
@@ -53,9 +55,10 @@ class Setting:
         return cls(
             noise=f"{choices.noise_dbm:g} dBm",
             users="anywhere" if radius is None else f"within {radius:g} m",
+            users_per_uav=choices.split if radius is not None else "drawn",
             fading={"mean": "mean", "sampled": "drawn per slot", "held": "drawn per link and held"}[choices.fading],
             draws=str(choices.draws) if drawn else "none",
-            planners_know={"draw": "the draw", "statistics": "its statistics"}[choices.knows] if drawn else "all",
+            planners_know=KNOWN[choices.knows] if drawn else "all",
             failing=failing,
             baseline_2=reading.removeprefix("Baseline 2 (").removesuffix(")"),
             unit_of_mu=unit,

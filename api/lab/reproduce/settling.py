@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from skyfolio.api.lab.reproduce.courses import BASELINE_2
+from skyfolio.api.lab.reproduce.courses import BASELINE_1, BASELINE_2, BASELINE_2_ONCE
 from skyfolio.api.lab.reproduce.fit import UNLIKELY
 from skyfolio.api.lab.reproduce.verdicts import Judged, Verdict
 
@@ -33,7 +33,14 @@ def otherwise(one: Judged, claims: Iterable[Judged]) -> list[str]:
 def settling(one: Judged, claims: Iterable[Judged], study: Mapping[str, Any]) -> str:
     """In words: another reading under which the letter is met, what excludes this one, the experiment that decides."""
     read = otherwise(one, claims)
-    parts = [f"met under {'; '.join(read)}, which excludes this reading"] if read else []
+    share = _share_of_reading(one, study["calibration"])
+    parts = []
+    if read and one.kind is None and share is not None and share >= UNLIKELY:
+        parts.append(f"met under {'; '.join(read)}, which the joint fit excludes")
+    elif read:
+        parts.append(f"met under {'; '.join(read)}, which excludes this reading")
+    if share is not None and share < UNLIKELY:
+        parts.append(f"the joint fit excludes this reading (best in {share:.0%} of resamples)")
     parts += _reasons(one, study)
     if one.settles:
         parts.append(one.settles)
@@ -41,17 +48,25 @@ def settling(one: Judged, claims: Iterable[Judged], study: Mapping[str, Any]) ->
 
 
 def _reasons(one: Judged, study: Mapping[str, Any]) -> list[str]:
+    """Return what is known of this claim beyond its readings."""
     found = []
-    share = _share_of_reading(one, study["calibration"])
-    if share is not None and share < UNLIKELY:
-        found.append(f"the joint fit excludes this reading (best in {share:.0%} of resamples)")
+    if one.claim == "per_user: variance falls with |mu|":
+        found.append("by its formula: it steadies each user, and users' rates that are steady each may vary in sum")
+    if one.claim == f"{BASELINE_2_ONCE.name} regains sum rate by adjusting":
+        found.append(
+            "where the survivors already serve the users with the best mean channel, nothing is left to adjust"
+        )
+    if one.claim == f"{BASELINE_1.name} regains sum rate by adjusting":
+        found.append(
+            "by construction: equal shares for more users, the new ones farther away, are worth less in sum than those "
+            "for the users who were near"
+        )
     if one.claim == f"SR-Max over {BASELINE_2.name}":
         parts = {row["name"]: row["mean"] for row in study["ablation"]["parts"]}
         nearest, joint = (parts[f"Q planned, {rest}"] for rest in ("A nearest, B planned", "A and B planned"))
         found.append(
-            f"little is lost by nearest association once UAVs fly where they should ({nearest:.1f} against "
-            f"{joint:.1f} kbit/s with any association): the letter's Baseline 2 was placed worse than it can be, and "
-            "the reference it cites for it would say how"
+            "a Baseline 2 that follows every draw loses little by nearest association once UAVs fly where they should "
+            f"({nearest:.1f} against {joint:.1f} kbit/s with any association), and cannot be a sixth below SR-Max"
         )
     return found
 

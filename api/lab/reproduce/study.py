@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ import numpy as np
 
 from skyfolio.api.lab.bench.measure import machine
 from skyfolio.api.lab.reproduce import ablation, figures
-from skyfolio.api.lab.reproduce.batch import Advance, Batch, silent
+from skyfolio.api.lab.reproduce.batch import Advance, Batch, Runs, silent
 from skyfolio.api.lab.reproduce.claims import KINDS, MUS, along_mu, judged
 from skyfolio.api.lab.reproduce.courses import COMPARED, FAILED, FIRST_LAYOUT, Choices, Job, Scheme, compute, pro_alg
 from skyfolio.api.lab.reproduce.estimates import Measured, measured_of
@@ -33,27 +34,33 @@ ITERATIONS = 8
 class StudyConfig:
     """The extent of a study.
 
-    figure: one of FIGURES. layouts: how many user layouts, each with every UAV failing in turn and its own fading; half
-    of them under `per_user` and `pooled`, whose plans take ten times as long.
+    figure: one of FIGURES. layouts: how many user layouts, each with every UAV failing in turn and its own fading; a
+    third of them under `per_user` and `pooled`, whose plans take ten times as long.
 
     draws: how many draws of the fading are averaged before anything is measured (default: as calibrated).
     """
 
     figure: str = "all"
-    layouts: int = 24
+    layouts: int = 18
     draws: int = Choices.draws
     workers: int | None = None
 
 
-def run_study(config: StudyConfig, advance: Advance = silent, calibration: dict[str, Any] | None = None) -> Study:
+def run_study(
+    config: StudyConfig,
+    advance: Advance = silent,
+    calibration: dict[str, Any] | None = None,
+    runs: Runs | None = None,
+) -> Study:
     """Compute everything that `config.figure` needs, as plain JSON data. Takes minutes; `advance` counts the jobs.
 
-    calibration: what `calibrate` has found, if it is to be in the write-up.
+    calibration: what `calibrate` has found, if it is to be in the write-up. runs: what computes the jobs (default: all
+    cores of this machine).
     """
     began = time.monotonic()
     everything = config.figure == "all"
     study: Study = {"figure": config.figure, "choices": asdict(_choices(config)), "machine": machine()}
-    with Batch(advance, config.workers) as batch:
+    with Batch(advance, config.workers) if runs is None else nullcontext(runs) as batch:
         if everything or config.figure == "2":
             study["convergence"] = _convergence(batch)
         if everything or config.figure != "2":
@@ -86,7 +93,7 @@ def _schemes(figure: str) -> list[Scheme]:
     return [*COMPARED, *(pro_alg(kind, mu) for kind in KINDS for mu in mus)]
 
 
-def _headline(batch: Batch, config: StudyConfig, study: Study) -> Measured:
+def _headline(batch: Runs, config: StudyConfig, study: Study) -> Measured:
     """Compute figs. 3 and 5: every scheme on every layout, with each UAV lost in turn. Fills the study."""
     schemes, choices = _schemes(config.figure), layouts(config)
     jobs = {scheme: [Job(one, scheme) for one in _share(scheme, choices)] for scheme in schemes}
@@ -110,8 +117,8 @@ def _headline(batch: Batch, config: StudyConfig, study: Study) -> Measured:
 
 
 def _share(scheme: Scheme, choices: list[Choices]) -> list[Choices]:
-    """Return all layouts, or the first half of them for plans that take long."""
-    return choices if scheme.utility.kind == "sum" else choices[: max(len(choices) // 2, min(len(choices), 2))]
+    """Return all layouts, or the first third of them for plans that take long."""
+    return choices if scheme.utility.kind == "sum" else choices[: max(len(choices) // 3, min(len(choices), 2))]
 
 
 def _estimated(measured: Measured, scheme: str, measure: str) -> dict[str, float]:
@@ -141,12 +148,12 @@ def iterate(job: Convergence) -> dict[str, list[float]]:
     }
 
 
-def _convergence(batch: Batch) -> dict[str, dict[str, list[float]]]:
+def _convergence(batch: Runs) -> dict[str, dict[str, list[float]]]:
     found = batch.run(iterate, [Convergence(mu) for mu in CONVERGENCE_MUS])
     return {f"{job.mu_per_kbps:g}": history for job, history in found.items()}
 
 
-def _ablation(batch: Batch, config: StudyConfig) -> dict[str, Any]:
+def _ablation(batch: Runs, config: StudyConfig) -> dict[str, Any]:
     """On one draw of the first few layouts: what is compared differs by more than draws do."""
     chosen = layouts(config)[:ABLATED]
     jobs = [ablation.Layout(choices) for choices in chosen]
