@@ -125,9 +125,8 @@ def test_a_reading_that_the_joint_fit_picks_is_not_excluded_by_those_that_it_exc
     one = judged(f"{picked} recovers after it", None, picked, Verdict.TREND_ONLY)
     two = judged(f"{other} recovers after it", None, other, Verdict.REPRODUCED)
     assert settling(one, [one, two], study) == f"met under {other}, which the joint fit excludes"
-    two, one = (
-        claim.model_copy(update={"verdict": verdict}) for claim, verdict in ((two, "open"), (one, "reproduced"))
-    )
+    one = one.model_copy(update={"verdict": Verdict.REPRODUCED})
+    two = two.model_copy(update={"verdict": Verdict.OPEN})
     assert settling(two, [one, two], study) == (
         f"met under {picked}, {EXCLUDES}; the joint fit excludes this reading (best in 0% of resamples)"
     )

@@ -38,7 +38,10 @@ def test_rates_are_averaged_over_draws_before_the_variance_is_taken() -> None:
     each = [Course(rates, 0.0).measures() for rates in flown.draws_kbps[:, 1]]
     assert course.measures()["variance"] < np.mean([one["variance"] for one in each])
     assert course.measures()["period_1"] == pytest.approx(np.mean([one["period_1"] for one in each]))
-    assert flown.course(1, slice(1)).measures() == each[0]
+    alone = flown.course(1, slice(1)).measures()
+    assert {key: alone[key] for key in each[0] if key != "unadjusted"} == {
+        key: value for key, value in each[0].items() if key != "unadjusted"
+    }
 
 
 def test_each_draw_is_a_plan_for_that_draw() -> None:

@@ -20,7 +20,7 @@ from skyfolio.api.lab.reproduce.study import StudyConfig, layouts, pictures, run
 from skyfolio.planner import EXAMPLES
 
 DOCS = Path(__file__).parents[2] / "docs"
-LAYOUTS = (100, 101)
+LAYOUTS = (100, 101, 102, 103)
 TWO_CORES_S = 2 * 180.0
 """Three minutes on two cores."""
 
