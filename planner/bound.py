@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment, minimize_scalar
 
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.channel import sum_of_others
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.reach import squared_distance_range
+from skyfolio.planner.sinr import mean_efficiency
 from skyfolio.planner.utility import rate_weights, soft_mean, utility_kbps
 
 Ints = NDArray[np.intp]
@@ -35,10 +35,11 @@ CROWD = 4
 def upper_bound_kbps(problem: Problem, rates_kbps: Array | None = None) -> float:
     """Return an upper bound of the utility of every feasible plan, in kbit/s: the one that every plan gets.
 
-    rates_kbps: (K, N) of a plan; what is proven about others is tighter for a good one, and true for any.
+    rates_kbps: (K, N) of a plan; what is proven about others is tighter for a good one, and true for any. Crowding
+    speaks of one realisation of the channel: rates averaged over draws are bounded by reachability, draw by draw.
     """
     crowded = np.full(problem.n_slots, np.inf)
-    if problem.n_uavs >= CROWD:
+    if problem.n_uavs >= CROWD and not problem.draws.size:
         from skyfolio.planner.crowding.bound import crowded_slot_bounds_kbps  # noqa: PLC0415 - small fleets go without
 
         crowded = crowded_slot_bounds_kbps(problem, rates_kbps)
@@ -139,8 +140,8 @@ def optimistic_rates_kbps(problem: Problem, slots: Ints | None = None) -> Array:
     """
     near2, far2 = squared_distance_range(problem, slots)
     gain = problem.snr_gain if slots is None else problem.snr_gain[:, :, slots]
-    rates: Array = np.log1p(gain / near2 / (1.0 + sum_of_others(gain / far2)))
-    rates *= (problem.bandwidth_hz / (1e3 * np.log(2)))[:, None, None]
+    rates = mean_efficiency(gain / near2, gain / far2, problem.draws)
+    rates *= (problem.bandwidth_hz / 1e3)[:, None, None]
     return rates
 
 

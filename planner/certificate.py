@@ -29,8 +29,14 @@ def prove(
 
     rates_kbps: (K, N), those of a good plan, at which proofs begin. tolerance: relative gap at which branch and bound
     leaves a slot. told: called with what is proven so far, in kbit/s. Fleets of up to three are branched over
-    positions; the bound of larger ones is the crowding bound, whose `nodes` are assignments.
+    positions; the bound of larger ones is the crowding bound, whose `nodes` are assignments. Raises ValueError for
+    rates averaged over draws.
     """
+    if problem.draws.size:
+        raise ValueError(
+            "channel.fading: of 'expected' rates only the bound that comes with the plan is known; a search tightens "
+            "that of 'mean', 'sampled' and 'held'"
+        )
     if problem.n_uavs <= MAX_UAVS:
         return certificate(problem, rates_kbps, tolerance=tolerance, max_nodes=10**9, stop=stop)
     root = upper_bound_kbps(problem, rates_kbps)

@@ -11,6 +11,12 @@ from numpy.typing import NDArray
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.scenario import Channel
 
+ANGLE = np.uint64(0xD1B54A32D192ED03)
+ORDER = np.uint64(0x8CB92BA72F3D8DD7)
+"""Separate streams of one key."""
+HELD_BY_PLANNER = np.uint64(2**63)
+"""Draws of `expected_gains` count from here: no slot does."""
+
 
 def squared_distances(paths_m: Array, user_m: Array, altitude_m: Array) -> Array:
     """Return `d_uk^2[n]` of eq. (1): (U, K, N) m^2.
@@ -36,17 +42,46 @@ def fading_gains(
     """Return small-scale power gains |h|^2 of eq. (2): (U, K, N), mean 1.
 
     `"mean"` is all ones. `"sampled"` draws Rician gains that depend only on (seed, uav id, user id, slot), so that a
-    replan with fewer UAVs, other users or later slots sees the very same channel.
+    replan with fewer UAVs, other users or later slots sees the very same channel. `"held"` gives each link the draw of
+    slot 0 for all slots. `"expected"` has no gains: its rates are means over those of `expected_gains`.
     """
     shape = (len(uav_ids), len(user_ids), n_slots)
-    if channel.fading == "mean":
+    if channel.fading in ("mean", "expected"):
         return np.ones(shape)
+    drawn = np.arange(first_slot, first_slot + n_slots, dtype=np.uint64)
+    slot = (np.zeros_like(drawn) if channel.fading == "held" else drawn)[None, None, :]
+    key = _link_keys(channel, uav_ids, user_ids) ^ slot
+    return _rician(channel, _uniform(_mix(key)), _uniform(_mix(key ^ ANGLE)))
+
+
+def expected_gains(channel: Channel, uav_ids: Sequence[str], user_ids: Sequence[str]) -> Array:
+    """Return the S common draws of |h|^2 over which rates are averaged: (S, U, K), `channel.draws` of them.
+
+    The same draws serve all slots and all paths, so that paths are compared on equal terms. They depend only on
+    (seed, uav id, user id), and not one of them is a draw of `fading_gains`. Each link's draws are stratified (one from
+    each S-th of both distributions behind a Rician gain, in an order of its own), so that no link looks lucky; a single
+    draw is a plain one.
+    """
+    n_draws = channel.draws
+    ordinal = np.arange(n_draws, dtype=np.uint64)[None, None, :]
+    key = _link_keys(channel, uav_ids, user_ids) ^ (HELD_BY_PLANNER + ordinal)
+    uniforms = []
+    for salt in (np.uint64(0), ANGLE):
+        order = _mix(_mix(key ^ salt) ^ ORDER).argsort(axis=2).argsort(axis=2)
+        uniforms.append((order + _uniform(_mix(key ^ salt))) / n_draws)
+    return np.ascontiguousarray(_rician(channel, *uniforms).transpose(2, 0, 1))
+
+
+def _link_keys(channel: Channel, uav_ids: Sequence[str], user_ids: Sequence[str]) -> NDArray[np.uint64]:
+    """Return a key of each pair: (U, K, 1)."""
     uav = np.array([crc32(one.encode()) for one in uav_ids], dtype=np.uint64)[:, None, None]
     user = np.array([crc32(one.encode()) for one in user_ids], dtype=np.uint64)[None, :, None]
-    slot = (np.arange(n_slots, dtype=np.uint64) + np.uint64(first_slot))[None, None, :]
-    key = _mix(_mix(_mix(np.full(1, channel.seed, dtype=np.uint64)) ^ uav) ^ user) ^ slot
-    radius = np.sqrt(-np.log(_uniform(_mix(key))))  # |CN(0, 1)|
-    angle = 2 * np.pi * _uniform(_mix(key ^ np.uint64(0xD1B54A32D192ED03)))
+    return _mix(_mix(_mix(np.full(1, channel.seed, dtype=np.uint64)) ^ uav) ^ user)
+
+
+def _rician(channel: Channel, first: Array, second: Array) -> Array:
+    """Return the Rician gain of eq. (2) from two uniform numbers in (0, 1), for scattered amplitude and phase."""
+    radius, angle = np.sqrt(-np.log(first)), 2 * np.pi * second  # |CN(0, 1)| and its phase
     rician = 10 ** (channel.rician_k_db / 10)  # `M` of eq. (1)
     line_of_sight, scattered = np.sqrt(rician / (rician + 1)), np.sqrt(1 / (rician + 1)) * radius
     gains: Array = (line_of_sight + scattered * np.cos(angle)) ** 2 + (scattered * np.sin(angle)) ** 2

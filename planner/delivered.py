@@ -6,8 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.channel import fading_gains, sum_of_others
+from skyfolio.planner.channel import expected_gains, fading_gains
 from skyfolio.planner.plans import Plan
+from skyfolio.planner.scenario import Scenario
+from skyfolio.planner.sinr import mean_efficiency
 
 
 def delivered_rates_bps(
@@ -39,8 +41,8 @@ def delivered_rates_bps(
     altitude_m = np.array([scenario.altitude_of(uav) for uav in scenario.uavs])
     distance2 = np.einsum("sukd,sukd->suk", apart, apart) + altitude_m[:, None] ** 2
     on = power_w[:, None] * 10 ** (channel.reference_gain_db / 10) / noise_w * transmitting[:, :, None]
-    snr = np.moveaxis(on / distance2 * np.moveaxis(fading, 2, 0), 1, 0)  # (U, S, K)
-    efficiency = np.log1p(snr / (1.0 + sum_of_others(snr))) / np.log(2)
+    snr = np.moveaxis(on / distance2 * np.moveaxis(fading, 2, 0), 0, 2)  # (U, K, S)
+    efficiency = np.moveaxis(mean_efficiency(snr, snr, _draws(scenario)), 2, 1)  # (U, S, K)
     index = {uav: u for u, uav in enumerate(scenario.uav_ids)}
     links = [plan.association[user] for user in scenario.user_ids]
     bands = [plan.bandwidth_hz[user] for user in scenario.user_ids]
@@ -49,6 +51,13 @@ def delivered_rates_bps(
     chosen = np.take_along_axis(efficiency, serving[None], axis=0)[0]
     rates: Array = bandwidth * chosen
     return rates
+
+
+def _draws(scenario: Scenario) -> Array:
+    """Return the draws over which the plan's rates are averaged, (D, U, K), empty without any."""
+    if scenario.channel.fading != "expected":
+        return np.zeros((0, 0, 0))
+    return expected_gains(scenario.channel, scenario.uav_ids, scenario.user_ids)
 
 
 def _fading(plan: Plan, slots: NDArray[np.intp]) -> Array:

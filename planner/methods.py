@@ -40,7 +40,14 @@ def _paper(
     n_starts: int | None,  # noqa: ARG001 - the letter begins once
     seed: int,  # noqa: ARG001 - and draws nothing
 ) -> Solution:
-    """Run Algorithm 1 as printed; cvxpy is imported here, on first use, because that takes a second."""
+    """Run Algorithm 1 as printed; cvxpy is imported here, on first use, because that takes a second.
+
+    Raises ValueError for rates averaged over draws, for which the letter has no surrogate.
+    """
+    if problem.draws.size:
+        raise ValueError(
+            "channel.fading: the method 'paper' knows one gain of each link (eq. 2), not 'expected' rates; use 'fast'"
+        )
     from skyfolio.planner.reference import algorithm_1  # noqa: PLC0415
 
     return algorithm_1(problem, stop, fast.flyable(problem, start_m), observer)

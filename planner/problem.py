@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.channel import fading_gains
+from skyfolio.planner.channel import expected_gains, fading_gains
 from skyfolio.planner.scenario import NoFlyDisc, NoFlyPolygon, Scenario
 
 
@@ -33,6 +33,7 @@ class Problem:
     start_m: (U, 2) and user_m: (K, 2), metres east/north of the origin. step_m: (U,), `D_max`, metres per slot.
     altitude_m: (U,), `H`. low_m, high_m: (2,), the flying area. separation_m: `D_min`. bandwidth_hz: (U,), `B_u`.
     snr_gain: (U, K, N), `p_u rho |h_uk[n]|^2 / sigma^2` in m^2: divided by a squared distance it is an SNR (eq. 1).
+    draws: (S, U, K), factors of it over which rates are averaged (`fading: "expected"`), else empty.
     past_kbps: (K, M) rates achieved before slot 0, NaN before a user was there. mu: 1/(kbit/s), at most 0. kind: the
     utility.
     n_flying: (U,), in how many slots it flies before it leaves; `snr_gain` is 0 from then on. end_m: (U, 2), where it
@@ -62,6 +63,7 @@ class Problem:
     counted_from: int = 0
     pinned_m: Array = field(default_factory=lambda: np.zeros((0, 0, 2)))
     pinned_to: NDArray[np.intp] = field(default_factory=lambda: np.zeros((0, 0), dtype=np.intp))
+    draws: Array = field(default_factory=lambda: np.zeros((0, 0, 0)))
 
     @cached_property
     def n_uavs(self) -> int:
@@ -127,21 +129,28 @@ def problem_of(scenario: Scenario, past: Past | None = None) -> Problem:
         ).reshape(-1, 3),
         polygons=tuple(np.array(zone.vertices_m) for zone in scenario.no_fly if isinstance(zone, NoFlyPolygon)),
         counted_from=1 if excluded and scenario.slots > 1 else 0,
+        draws=_draws(scenario),
     )
+
+
+def _draws(scenario: Scenario) -> Array:
+    if scenario.channel.fading != "expected":
+        return np.zeros((0, 0, 0))
+    return expected_gains(scenario.channel, scenario.uav_ids, scenario.user_ids)
 
 
 def _snr_gain(scenario: Scenario, first_slot: int, n_flying: NDArray[np.intp]) -> Array:
     """Return `p_u rho |h_uk[n]|^2 / sigma^2`: (U, K, N) m^2, 0 where the UAV has left.
 
-    Under mean fading all users share one row in memory, read-only: the fast path recognises this by the stride and
-    saves a table of U K N numbers.
+    Under mean fading, and under expected fading, whose draws are factors of it, all users share one row in memory,
+    read-only: the fast path recognises this by the stride and saves a table of U K N numbers.
     """
     channel = scenario.channel
     power_w = np.array([uav.transmit_power_w for uav in scenario.uavs])
     noise_w = 10 ** (channel.noise_dbm / 10 - 3)
     flying = np.arange(scenario.slots) < n_flying[:, None]
     alike = power_w[:, None] * 10 ** (channel.reference_gain_db / 10) / noise_w * flying  # (U, N)
-    if channel.fading == "mean":
+    if channel.fading in ("mean", "expected"):
         return np.broadcast_to(alike[:, None, :], (len(scenario.uavs), len(scenario.users), scenario.slots))
     fading = fading_gains(channel, scenario.uav_ids, scenario.user_ids, first_slot, scenario.slots)
     gain: Array = alike[:, None, :] * fading

@@ -27,6 +27,9 @@ Point = tuple[Coordinate, Coordinate]
 REACH_ROUNDING_M = 1e-10
 """An end position this little further away than a UAV can fly is in reach: what adding up its steps is off by."""
 
+Fading = Literal["mean", "sampled", "held", "expected"]
+"""The small-scale gain of a link: its mean, drawn in every slot, or drawn once and held."""
+
 Identifier = Annotated[str, Field(strict=True, pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$")]
 
 
@@ -74,13 +77,16 @@ class User(Frozen):
 class Channel(Frozen):
     """Rician air-to-ground channel, eqs. (1)-(2).
 
-    `fading="mean"` sets the small-scale gain |h|^2 to 1; `"sampled"` draws it per (uav, user, slot) from `seed`.
+    `fading="mean"` sets the small-scale gain |h|^2 to 1; `"sampled"` draws it per (uav, user, slot) from `seed`;
+    `"held"` draws it once per (uav, user), for all slots. `"expected"` is for planners that know the statistics and not
+    the draws: a rate is the mean of the rates over `draws` draws from `seed` (only then has `draws` a meaning).
     """
 
     reference_gain_db: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-200, le=100)] = -20.0
     noise_dbm: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-250, le=100)] = -80.0
     rician_k_db: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-100, le=100)] = 3.0
-    fading: Literal["mean", "sampled"] = "mean"
+    fading: Fading = "mean"
+    draws: Annotated[int, Field(strict=True, ge=1, le=256)] = 64
     seed: Annotated[int, Field(strict=True, ge=0, lt=2**63)] = 0
 
 

@@ -101,6 +101,22 @@ def simulator(
     _print(figures, *(() if as_json else [table(figures)]))
 
 
+@bench.command()
+def radio(
+    layouts: Annotated[int, typer.Option(min=1, help="User layouts of the letter's size.")] = 8,
+    air: Annotated[
+        int, typer.Option(min=1, help="Draws of the fading, unseen by planners, that judge each plan.")
+    ] = 64,
+    large: Annotated[bool, typer.Option("--large", help="Also ten UAVs and a hundred users.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Measure what planning for expected rates gains over planning on the mean channel, and its time."""
+    from skyfolio.api.lab.bench.radio import radio_figures, table  # noqa: PLC0415
+
+    figures = radio_figures(layouts, air, large=large)
+    _print(figures, *(() if as_json else [table(figures)]))
+
+
 def _print(figures: dict[str, Any], *tables: Table) -> None:
     """Print the tables, or the figures as JSON when there are none."""
     if tables:

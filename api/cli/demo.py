@@ -15,7 +15,7 @@ from skyfolio.api.common import extras
 
 def demo(
     speedup: Annotated[float, typer.Option(min=1, max=20, help="Times real time.")] = 5.0,
-    kill: Annotated[str, typer.Option(help="The UAV that crashes.")] = "uav-3",
+    kill: Annotated[str, typer.Option(help="The UAV that crashes.")] = "uav-2",
     kill_slot: Annotated[int, typer.Option(min=2, help="It crashes when this slot begins; 1 is the first.")] = 11,
     replan: Annotated[
         bool, typer.Option("--replan/--no-replan", help="Whether the service recovers from the loss.")

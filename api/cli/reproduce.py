@@ -18,6 +18,7 @@ from skyfolio.api.common import extras
 from skyfolio.api.lab.reproduce import figures
 from skyfolio.api.lab.reproduce.batch import Advance, Batch
 from skyfolio.api.lab.reproduce.calibration import calibrate
+from skyfolio.api.lab.reproduce.courses import Choices
 from skyfolio.api.lab.reproduce.document import document
 from skyfolio.api.lab.reproduce.study import StudyConfig, run_study
 from skyfolio.api.lab.reproduce.study import write as write_study
@@ -25,25 +26,32 @@ from skyfolio.api.lab.reproduce.tuning import Limits, Tuning, closest, spread, t
 from skyfolio.planner import EXAMPLES, Scenario
 
 console = Console(stderr=True)
+CALIBRATION_LAYOUTS = 4
 
 
 def reproduce(
     figure: Annotated[Literal["2", "3", "5a", "5b", "all"], typer.Option(help="Which figure of the letter.")] = "all",
     out: Annotated[Path, typer.Option(help="Folder of reproduction.md and its figures.")] = Path("out"),
-    layouts: Annotated[int, typer.Option(min=1, help="User layouts; each UAV fails in turn in each.")] = 5,
+    layouts: Annotated[int | None, typer.Option(min=2, help="User layouts; each UAV fails in turn in each.")] = None,
+    draws: Annotated[int, typer.Option(min=1, help="Draws of the fading that are averaged.")] = Choices.draws,
     search: Annotated[
         bool, typer.Option("--calibrate", help="Instead, search for the values that the letter omits.")
     ] = False,
     as_json: Json = False,
 ) -> None:
-    """Compute the letter's figures and numbers and set them beside the printed ones."""
+    """Compute the letter's figures and numbers and set them beside the printed ones.
+
+    The write-up includes what `--calibrate` has left in the same folder.
+    """
+    kept = out / "reproduction" / "calibration.json"
     if search:
-        with progress("calibrating", quiet=as_json) as advance, Batch(advance) as batch:
-            _print(calibrate(batch, range(100, 100 + layouts)))
+        _calibrate(kept, layouts or CALIBRATION_LAYOUTS, as_json=as_json)
         return
     extras.require("matplotlib", "drawing the figures")
+    config = StudyConfig(figure=figure, layouts=layouts or StudyConfig.layouts, draws=draws)
+    calibration = json.loads(kept.read_text(encoding="utf-8")) if kept.exists() else None
     with progress(f"figure {figure}", quiet=as_json) as advance:
-        study = run_study(StudyConfig(figure=figure, layouts=layouts), advance)
+        study = run_study(config, advance, calibration)
     files = write_study(study, out, document)
     if as_json:
         _print(study)
@@ -51,6 +59,19 @@ def reproduce(
     if "claims" in study:
         console.print(claims_table(study))
     console.print("written: " + ", ".join(str(path) for path in files), highlight=False)
+
+
+def _calibrate(kept: Path, layouts: int, *, as_json: bool) -> None:
+    with progress("calibrating", quiet=as_json) as advance, Batch(advance) as batch:
+        found = calibrate(batch, layouts)
+    kept.parent.mkdir(parents=True, exist_ok=True)
+    kept.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    if as_json:
+        _print(found)
+        return
+    best = found["best"]
+    console.print(f"best of {found['settings']}, {best['misfit']:.1%} off: " + ", ".join(best["setting"].values()))
+    console.print(f"written: {kept}", highlight=False)
 
 
 def tune_mu(
@@ -104,10 +125,10 @@ def claims_table(study: dict[str, Any]) -> Table:
     table = Table(
         "fig.", "claim", "letter", "ours", "verdict", title=f"{study['cases']} cases, {study['seconds']:.0f} s"
     )
-    colours = {"reproduced": "green", "trend only": "yellow", "not reproducible": "red"}
+    colours = {"reproduced": "green", "trend only": "yellow", "open": "cyan", "not reproducible": "red"}
     for claim in study["claims"]:
         paper = "-" if claim["paper"] is None else f"{claim['paper']:.4g}"
-        ours = f"{claim['ours']:.4g}" + ("" if claim["spread"] is None else f" ± {claim['spread']:.2g}")
+        ours = f"{claim['ours']:.4g}" + ("" if claim["half"] is None else f" ± {claim['half']:.2g}")
         verdict = f"[{colours[claim['verdict']]}]{claim['verdict']}[/]"
         table.add_row(claim["figure"], claim["claim"], paper, f"{ours} {claim['unit']}", verdict)
     return table

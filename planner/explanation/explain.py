@@ -23,8 +23,13 @@ def explain(plan: Plan, *, budget: Budget | None = None, stop: Callable[[], bool
 
     budget: what may be solved (default: `Budget()`). stop: polled between and within resolves; once it says so, the
     rest is bounds and derivatives, and `complete` is false. The same inputs give the same explanation unless
-    `stop` speaks. Raises ReplanError for a plan whose scenario cannot be planned from.
+    `stop` speaks. Raises ReplanError for a plan whose scenario cannot be planned from, and ValueError for one of
+    expected fading, whose rates no single gain explains.
     """
+    if plan.scenario.channel.fading == "expected":
+        raise ValueError(
+            "channel.fading: a plan of 'expected' rates cannot be explained: its reasons are those of one gain a link"
+        )
     ledger = Ledger.of(plan)
     resolver = Resolver(ledger, budget or Budget(), stop)
     base = resolver.nothing_changed() if resolver.small_enough else plan

@@ -63,7 +63,8 @@ def plain(array: NDArray[Any], dtype: type = np.float64) -> NDArray[Any]:
 class Arena(NamedTuple):
     """What does not change while one problem is solved.
 
-    gain: (N, U), m^2, of a mean channel; fading: (N, U, K), m^2, of a sampled one, else empty. low, high: (2,).
+    gain: (N, U), m^2, of a mean channel; fading: (N, U, K), m^2, of a sampled one, else empty; draws: (K, U, S),
+    factors of `gain` over which rates are averaged, else empty. low, high: (2,).
     step_m: (U,), `D_max`, less rounding. last: (U,), the last slot in which each UAV flies. end_m: (2, U), NaN where
     free. user_m: (2, K). counted: the first slot whose rates count. n_past: how many past slots count.
     past_low, past_sum, past_count: (K,), the least past rate of each user, sum exp(mu (rate - least)) of its past, and
@@ -79,6 +80,7 @@ class Arena(NamedTuple):
 
     gain: Array
     fading: Array
+    draws: Array
     user_m: Array
     height2: Array
     khz: Array
@@ -141,6 +143,7 @@ def arena_of(problem: Problem) -> Arena:
     return Arena(
         gain=plain(gain),
         fading=plain(fading),
+        draws=plain(problem.draws.transpose(2, 1, 0)),
         user_m=plain(problem.user_m.T),
         height2=plain(problem.altitude_m**2),
         khz=plain(problem.bandwidth_hz / 1e3),

@@ -44,6 +44,7 @@ def _fails(problem: Problem, uavs: tuple[int, ...]) -> bool:
         altitude_m=problem.altitude_m[few],
         bandwidth_hz=problem.bandwidth_hz[few],
         snr_gain=problem.snr_gain[few],
+        draws=problem.draws[:, few] if problem.draws.size else problem.draws,
         n_flying=problem.n_flying[few],
         end_m=problem.end_m[few],
         pinned_m=problem.pinned_m[few] if problem.pinned_m.size else problem.pinned_m,

@@ -6,6 +6,7 @@ import numpy as np
 
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.fast.arena import PER_USER, POOLED, SUM, Arena, Flag, Ints, Links, kernel, smooth
+from skyfolio.planner.fast.draws import draw_signals, equivalent_signals, mean_log, pull_draws
 
 PER_LN = 1.0 / np.log(2.0)
 
@@ -14,10 +15,13 @@ PER_LN = 1.0 / np.log(2.0)
 def slot_signals(arena: Arena, at: Array, n: int, signal: Array, total: Array) -> None:
     """SNR of every pair of slot n into `signal` (U, K), and 1 + their sum over UAVs into `total` (K,).
 
-    at: (2, U), the positions in slot n.
+    at: (2, U), the positions in slot n. Of rates averaged over draws they are what gives the same rate in one draw.
     """
     n_uavs, n_users = signal.shape
     east, north = arena.user_m[0], arena.user_m[1]
+    if arena.draws.shape[2] > 0:
+        equivalent_signals(arena, at, n, signal, total)
+        return
     for k in range(n_users):
         total[k] = 1.0
     for u in range(n_uavs):
@@ -86,10 +90,10 @@ def _sum_without(signal: Array, u: int) -> float:
 def link_rates(arena: Arena, path: Array, links: Links, rate: Array) -> None:
     """Rate of every link, kbit/s, into `rate` (N, W). path: (N, 2, U)."""
     # Fields are read once, out here: inside the loops numba would count references to each of them.
-    gain, fading, user_m, height2 = arena.gain, arena.fading, arena.user_m, arena.height2
+    gain, fading, draws, user_m, height2 = arena.gain, arena.fading, arena.draws, arena.user_m, arena.height2
     users, uavs, khz, count = links.user, links.uav, links.khz, links.used
-    near, signal = np.empty(path.shape[2]), np.empty(path.shape[2])
-    sampled = fading.shape[0] > 0
+    near, signal, own_s, others_s = _scratch(path.shape[2], draws.shape[2])
+    sampled, expected = fading.shape[0] > 0, draws.shape[2] > 0
     for n in range(path.shape[0]):
         for j in range(count[n]):
             if khz[n, j] == 0.0:
@@ -100,6 +104,10 @@ def link_rates(arena: Arena, path: Array, links: Links, rate: Array) -> None:
                 _faded_signals(path, fading, height2, user_m[0, k], user_m[1, k], n, k, near, signal)
             else:
                 _mean_signals(path, gain, height2, user_m[0, k], user_m[1, k], n, near, signal)
+            if expected:
+                draw_signals(signal, draws[k], u, own_s, others_s)
+                rate[n, j] = khz[n, j] * PER_LN * mean_log(own_s, others_s)
+                continue
             own = signal[u]
             others = _sum_without(signal, u)
             rate[n, j] = khz[n, j] * PER_LN * np.log((own + others) / others)
@@ -108,10 +116,10 @@ def link_rates(arena: Arena, path: Array, links: Links, rate: Array) -> None:
 @smooth
 def gradient(arena: Arena, path: Array, links: Links, weight: Array, slope: Array) -> None:
     """sum_j weight[n, j] d rate[n, j] / d path[n] into `slope` (N, 2, U); 0 in slot 0, which is fixed."""
-    gain, fading, user_m, height2 = arena.gain, arena.fading, arena.user_m, arena.height2
+    gain, fading, draws, user_m, height2 = arena.gain, arena.fading, arena.draws, arena.user_m, arena.height2
     users, uavs, khz, count = links.user, links.uav, links.khz, links.used
-    near, signal = np.empty(path.shape[2]), np.empty(path.shape[2])
-    sampled = fading.shape[0] > 0
+    near, signal, own_s, others_s = _scratch(path.shape[2], draws.shape[2])
+    sampled, expected = fading.shape[0] > 0, draws.shape[2] > 0
     for n in range(path.shape[0]):
         for i in range(path.shape[2]):
             slope[n, 0, i] = slope[n, 1, i] = 0.0
@@ -126,9 +134,21 @@ def gradient(arena: Arena, path: Array, links: Links, weight: Array, slope: Arra
                 _faded_signals(path, fading, height2, user_m[0, k], user_m[1, k], n, k, near, signal)
             else:
                 _mean_signals(path, gain, height2, user_m[0, k], user_m[1, k], n, near, signal)
+            if expected:
+                draw_signals(signal, draws[k], u, own_s, others_s)
+                pull_draws(
+                    path, slope, n, u, user_m[0, k], user_m[1, k], scale, draws[k], own_s, others_s, near, signal
+                )
+                continue
             own = signal[u]
             others = _sum_without(signal, u)
             _pull(path, slope, n, u, user_m[0, k], user_m[1, k], scale, own, others, near, signal)
+
+
+@kernel
+def _scratch(n_uavs: int, n_draws: int) -> tuple[Array, Array, Array, Array]:
+    """Return room for 1/d^2 and SNR of every UAV, and for both sides of the SINR in every draw."""
+    return np.empty(n_uavs), np.empty(n_uavs), np.empty(n_draws), np.empty(n_draws)
 
 
 @smooth

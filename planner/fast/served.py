@@ -14,6 +14,7 @@ def served_rates_bps(problem: Problem, solution: Solution) -> Array:
     """Return what each user gets in each slot, eqs. (1)-(4): (K, N) bit/s."""
     return _served(
         plain(problem.snr_gain[:, :1] if is_mean(problem) else problem.snr_gain),
+        plain(problem.draws.transpose(2, 1, 0)),
         plain(problem.user_m),
         plain(problem.altitude_m),
         plain(solution.paths_m),
@@ -23,23 +24,32 @@ def served_rates_bps(problem: Problem, solution: Solution) -> Array:
 
 
 @entry
-def _served(snr_gain: Array, user_m: Array, altitude_m: Array, paths_m: Array, serving: Ints, hertz: Array) -> Array:
-    """snr_gain: (U, K, N), or (U, 1, N) when all users share one."""
+def _served(
+    snr_gain: Array, draws: Array, user_m: Array, altitude_m: Array, paths_m: Array, serving: Ints, hertz: Array
+) -> Array:
+    """snr_gain: (U, K, N), or (U, 1, N) when all users share one. draws: (K, U, S), or empty."""
     n_users, n_slots = serving.shape
     rates = np.zeros((n_users, n_slots))
     sampled = snr_gain.shape[1] > 1
+    n_draws = draws.shape[2]
+    snr = np.empty(paths_m.shape[0])
     for k in range(n_users):
         east, north, row = user_m[k, 0], user_m[k, 1], k if sampled else 0
         for n in range(n_slots):
             if hertz[k, n] == 0.0:
                 continue
-            own, others = 0.0, 1.0
             for u in range(paths_m.shape[0]):
                 de, dn = paths_m[u, n, 0] - east, paths_m[u, n, 1] - north
-                snr = snr_gain[u, row, n] / (de * de + dn * dn + altitude_m[u] * altitude_m[u])
-                if u == serving[k, n]:
-                    own = snr
-                else:
-                    others += snr
-            rates[k, n] = hertz[k, n] * np.log1p(own / others) / np.log(2.0)
+                snr[u] = snr_gain[u, row, n] / (de * de + dn * dn + altitude_m[u] * altitude_m[u])
+            total = 0.0
+            for s in range(max(n_draws, 1)):
+                own, others = 0.0, 1.0
+                for u in range(snr.shape[0]):
+                    heard = snr[u] * draws[k, u, s] if n_draws > 0 else snr[u]
+                    if u == serving[k, n]:
+                        own = heard
+                    else:
+                        others += heard
+                total += np.log1p(own / others)
+            rates[k, n] = hertz[k, n] * total / max(n_draws, 1) / np.log(2.0)
     return rates

@@ -11,13 +11,14 @@ import pytest
 
 from skyfolio.api.cli import bench
 from skyfolio.api.cli import main as cli
-from skyfolio.api.lab.bench import loop, markdown, planner_figures, table
+from skyfolio.api.lab.bench import loop, markdown, planner_figures, radio, table
 from skyfolio.api.lab.bench.best_known import improve, instances, load
 from skyfolio.api.lab.bench.cases import CASES, SIZES, instance, stop
 from skyfolio.api.lab.bench.ipopt import Trajectories, alternate, utility_of
 from skyfolio.api.lab.bench.peers import peers, value_kbps
 from skyfolio.api.lab.bench.planner import in_a_process
 from skyfolio.api.plans.certificate import certify, shown
+from skyfolio.planner import EXAMPLES, Scenario, letter, plan
 from skyfolio.planner.fast import linked, optimise
 from skyfolio.planner.problem import problem_of
 
@@ -221,3 +222,28 @@ def test_peers_solve_the_same_problem() -> None:
     best = value_kbps(problem, optimise(problem, stop()))
     for name, found in peers(problem, 0.3, with_ipopt=True).items():
         assert 0.3 * best < found["utility_kbps"] < 1.05 * best, name
+
+
+def test_the_bench_of_expected_rates_judges_both_plans_in_the_same_unseen_air() -> None:
+    scenario = EXAMPLES["paper"]().with_changes(slots=3)
+    on_mean = plan(scenario, n_starts=1)
+    two = [radio.achieved_kbps(on_mean, [seed]) for seed in (5, 6)]
+    assert radio.achieved_kbps(on_mean, [5, 6]) == pytest.approx(np.mean(two, axis=0))
+    assert not np.isclose(two[0], two[1]).all()
+    told = on_mean.model_copy(update={"scenario": expecting(scenario)})
+    assert radio.achieved_kbps(told, [5]) == pytest.approx(two[0]), "what was planned for does not change the air"
+
+
+def test_the_bench_of_expected_rates_says_gain_and_price_of_each_number_of_draws(monkeypatch: Any) -> None:
+    monkeypatch.setattr(radio, "DRAWS", (2,))
+    monkeypatch.setattr(radio, "UTILITIES", radio.UTILITIES[:1])
+    monkeypatch.setattr(radio, "letter", lambda layout_seed: letter(layout_seed=layout_seed).with_changes(slots=3))
+    figures = radio.radio_figures(2, 4, large=False)
+    assert [row["draws"] for row in figures["rows"]] == [0, 2]
+    assert figures["rows"][0]["rate_gain_percent"] == [0.0, 0.0]
+    assert all(row["cpu_ms"] > 0 and row["promised_kbps"] > 0 for row in figures["rows"])
+    assert radio.table(figures).row_count == 2
+
+
+def expecting(scenario: Scenario) -> Scenario:
+    return scenario.with_changes(channel=scenario.channel.model_copy(update={"fading": "expected"}))

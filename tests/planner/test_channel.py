@@ -63,6 +63,13 @@ def test_a_draw_depends_on_its_key_alone() -> None:
     assert not np.isclose(other_seed, all_slots).any()
 
 
+def test_a_held_draw_is_that_of_slot_0_in_every_slot_and_after_a_replan() -> None:
+    held = SAMPLED.model_copy(update={"fading": "held"})
+    first = fading_gains(SAMPLED, ["a", "b"], ["x", "y"], 0, 1)
+    assert (fading_gains(held, ["a", "b"], ["x", "y"], 0, 5) == first).all()
+    assert (fading_gains(held, ["b"], ["y", "x"], 3, 2) == first[[1]][:, [1, 0]]).all()
+
+
 def test_a_uav_that_has_left_sends_nothing() -> None:
     scenario = EXAMPLES["minimal"]()
     leaving = (scenario.uavs[0].model_copy(update={"leaves_at_slot": 2}), scenario.uavs[1])

@@ -61,7 +61,7 @@ def message(raw: dict[str, Any]) -> str:
         ("channel.noise_dbm", 101.0, "less than or equal to 100"),
         ("channel.reference_gain_db", -201.0, "greater than or equal to -200"),
         ("channel.rician_k_db", 101.0, "less than or equal to 100"),
-        ("channel.fading", "deep", "'mean' or 'sampled'"),
+        ("channel.fading", "deep", "'held' or 'expected'"),
         ("channel.seed", -1, "greater than or equal to 0"),
         ("utility.kind", "max", "'sum', 'per_user' or 'pooled'"),
         ("utility.mu_per_kbps", 0.1, "less than or equal to 0"),

@@ -19,7 +19,7 @@ class DemoConfig:
 
     utility: Utility = field(default_factory=lambda: Utility(kind="pooled", mu_per_kbps=-0.3))
     speedup: float = 5.0
-    kill: str = "uav-3"
+    kill: str = "uav-2"
     kill_slot: int = 11
     replan: bool = True
     out: Path = Path("out/demo")

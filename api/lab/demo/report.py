@@ -6,6 +6,9 @@ from pydantic import BaseModel
 
 from skyfolio.planner import Plan, Utility
 
+UNSERVED_BPS = 1.0
+"""A user with less than this has no service."""
+
 
 class Check(BaseModel):
     """A condition that had to be true, judged by the simulator's ground truth."""
@@ -45,7 +48,8 @@ class DemoReport(BaseModel):
     """The whole drill. Times named `_s` are fleet seconds, `replan_ms` and `upload_s` wall time.
 
     `flown` is what users truly got. `no_replan` is what they would have got had the survivors flown the first plan to
-    its end: computed from the planned positions, with the lost UAV silent.
+    its end: computed from the planned positions, with the lost UAV silent. `foreseen` is computed likewise for a plan
+    that knows of the loss from the start.
     """
 
     passed: bool
@@ -63,6 +67,7 @@ class DemoReport(BaseModel):
     slots_without_service: float
     flown: Rates
     no_replan: Rates
+    foreseen: Rates
     tracking: dict[str, Tracking]
     plans: list[Plan]
     tracks_m: dict[str, list[tuple[float, float, float]]]

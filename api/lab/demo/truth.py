@@ -12,9 +12,9 @@ import numpy as np
 from skyfolio import sim
 from skyfolio.api.flights.rates import InForce, Point, Sample, rates_by_sample, rates_by_slot
 from skyfolio.api.lab.demo.orders import DemoConfig, Outcome
-from skyfolio.api.lab.demo.report import Check, DemoReport, Rates, Tracking
+from skyfolio.api.lab.demo.report import UNSERVED_BPS, Check, DemoReport, Rates, Tracking
 from skyfolio.mavlink_bridge import geodetic_to_east_north
-from skyfolio.planner import Plan, Scenario
+from skyfolio.planner import Plan, Scenario, plan
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.utility import jain_index, utility_kbps
 
@@ -24,9 +24,6 @@ PASSED_WITHIN_M = 3.0
 ORDERED_WITHIN_S = 0.5
 """A fault strikes this soon after its moment: the simulator's step, and how well slot 0 is known. Slots that begin
 later are surely after it."""
-
-UNSERVED_BPS = 1.0
-"""A user with less than this has no service."""
 
 
 class Course:
@@ -103,7 +100,8 @@ def judge(config: DemoConfig, scenario: Scenario, log: sim.TruthLog, outcome: Ou
         new_plan_in_force_at_s=in_force_s,
         slots_without_service=((in_force_s or end_s) - kill_s) / slot_s,
         flown=_flown(timeline, course, kill_s, in_force_s),
-        no_replan=_no_replan(outcome.plans[0], config.kill, config.kill_slot - 1, kill_s, in_force_s),
+        no_replan=_computed(outcome.plans[0], config, kill_s, in_force_s),
+        foreseen=_computed(_foreseeing(scenario, config), config, kill_s, in_force_s),
         tracking=_tracking(course, timeline, config.kill, kill_s),
         plans=outcome.plans,
         tracks_m={uav: course.track(uav, 0.0, end_s) for uav in scenario.uav_ids},
@@ -122,18 +120,27 @@ def _flown(timeline: list[InForce], course: Course, kill_s: float, in_force_s: f
     return _rates(course.scenario, by_slot, at, rates_by_sample(timeline, samples).sum(axis=1), kill_s, in_force_s)
 
 
-def _no_replan(first: Plan, killed: str, kill_slot: int, kill_s: float, in_force_s: float | None) -> Rates:
-    """Return the rates of the first plan flown to its end, with the lost UAV silent from `kill_slot` on."""
-    scenario = first.scenario
+def _foreseeing(scenario: Scenario, config: DemoConfig) -> Plan:
+    """Return the plan that a planner makes that knows of the loss from the start."""
+    leaving = tuple(
+        uav.model_copy(update={"leaves_at_slot": config.kill_slot - 1}) if uav.id == config.kill else uav
+        for uav in scenario.uavs
+    )
+    return plan(scenario.with_changes(uavs=leaving))
+
+
+def _computed(made: Plan, config: DemoConfig, kill_s: float, in_force_s: float | None) -> Rates:
+    """Return the rates of a plan flown to its end as planned, with the lost UAV silent from its slot on."""
+    scenario = made.scenario
     samples = [
         Sample(
             (n + 0.5) * scenario.slot_duration_s,
-            {uav: first.trajectories_m[uav][n] for uav in scenario.uav_ids},
-            frozenset(uav for uav in scenario.uav_ids if uav != killed or n < kill_slot),
+            {uav: made.trajectories_m[uav][n] for uav in scenario.uav_ids},
+            frozenset(uav for uav in scenario.uav_ids if uav != config.kill or n < config.kill_slot - 1),
         )
         for n in range(scenario.slots)
     ]
-    by_slot = rates_by_slot([InForce(0.0, first)], samples, scenario.slots)
+    by_slot = rates_by_slot([InForce(0.0, made)], samples, scenario.slots)
     at = np.array([sample.elapsed_s for sample in samples])
     return _rates(scenario, by_slot, at, by_slot.sum(axis=0), kill_s, in_force_s)
 

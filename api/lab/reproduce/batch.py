@@ -1,13 +1,14 @@
-"""Many jobs on all cores, each computed once."""
+"""Many jobs on all cores, each computed once; `Runs` is what the study asks of whatever computes them."""
 
 from __future__ import annotations
 
 import multiprocessing
 import os
+import time
 from collections.abc import Callable, Hashable, Iterable
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from types import TracebackType
-from typing import Any, Self, TypeVar
+from typing import Any, Protocol, Self, TypeVar
 
 J = TypeVar("J", bound=Hashable)
 R = TypeVar("R")
@@ -19,10 +20,37 @@ def silent(done: int, of: int) -> None:
     """Ignore the progress."""
 
 
+def measured(work: Callable[[J], R], job: J) -> tuple[R, float]:
+    """`work(job)`, and the processor time it took, seconds; runs in a worker process."""
+    began = time.process_time()
+    return work(job), time.process_time() - began
+
+
+class Runs(Protocol):
+    """Whatever maps work over jobs: the pool below, or a cluster.
+
+    All work of a study goes through `run`: module-level functions of one hashable, picklable job each, whose results
+    do not depend on the order or on each other.
+    """
+
+    @property
+    def core_seconds(self) -> float:
+        """Return the processor time spent so far."""
+        ...
+
+    def run(self, work: Callable[[J], R], jobs: Iterable[J]) -> dict[J, R]:
+        """Return `work(job)` of every job."""
+        ...
+
+
 class Batch:
-    """A pool of worker processes that remembers what it has computed. Use as a context manager."""
+    """A pool of worker processes that remembers what it has computed. Use as a context manager.
+
+    `core_seconds` is the processor time spent so far, which other programs on the machine do not lengthen.
+    """
 
     def __init__(self, advance: Advance, workers: int | None = None) -> None:
+        self.core_seconds = 0.0
         self._advance = advance
         self._workers = workers or os.cpu_count() or 1
         self._known: dict[tuple[str, Hashable], Any] = {}
@@ -41,9 +69,10 @@ class Batch:
         new = [job for job in jobs if (work.__qualname__, job) not in self._known]
         self._asked += len(new)
         self._advance(self._done, self._asked)
-        futures = {self._pool.submit(work, job): job for job in new}
+        futures = {self._pool.submit(measured, work, job): job for job in new}
         for future in as_completed(futures):
-            self._known[work.__qualname__, futures[future]] = future.result()
+            self._known[work.__qualname__, futures[future]], spent = future.result()
+            self.core_seconds += spent
             self._done += 1
             self._advance(self._done, self._asked)
         return {job: self._known[work.__qualname__, job] for job in jobs}

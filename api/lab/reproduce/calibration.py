@@ -1,102 +1,144 @@
-"""Calibration of what the letter omits: the noise, user layout and fading that match most of its numbers."""
+"""What the letter omits, varied all at once: every combination flown on a few layouts.
+
+`fit.py` says which combinations match the letter's numbers, and which the numbers cannot tell apart.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
-from typing import Any, Literal
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Any, TypeAlias
 
 import numpy as np
 
-from skyfolio.api.lab.reproduce.batch import Batch
-from skyfolio.api.lab.reproduce.courses import COMPARED, FAILED, READINGS, Choices, Course, Job, compute
+from skyfolio.api.lab.reproduce.batch import Runs
+from skyfolio.api.lab.reproduce.courses import (
+    BASELINE_1,
+    COMPARED,
+    FAILED,
+    READINGS,
+    SR_MAX,
+    Choices,
+    Flown,
+    Job,
+    Knows,
+    Scheme,
+    Split,
+    compute,
+    pro_alg,
+)
+from skyfolio.api.lab.reproduce.fit import TARGETS, Setting, Table, fitted
+from skyfolio.planner.scenario import Fading
 
-TARGETS: Mapping[tuple[str, str], float] = {
-    ("SR-Max", "period_1"): 128.8,
-    ("Baseline 2", "period_1"): 128.8 / 1.1709,
-    ("Baseline 1", "period_1"): 75.68,
-    ("SR-Max", "jain"): 0.65,
-    ("Baseline 1", "jain"): 0.876,
-    ("Baseline 2", "variance"): 119.4,
-}
-"""The letter's numbers that do not depend on mu."""
-
-NOISE_DBM = (-80.0, -62.5, -60.0, -57.5, -55.0, -52.5, -50.0)
+NOISE_DBM = (-80.0, -60.0, -50.0)
 RADIUS_M: tuple[float | None, ...] = (60.0, 75.0, 90.0, 105.0, 120.0, None)
-FADING: tuple[Literal["mean", "sampled"], ...] = ("mean", "sampled")
-LAYOUTS_TRIED = 40
-MATCHED = 0.1
-"""A number counts as matched within 10 %."""
+CHANNELS: tuple[tuple[Fading, Knows], ...] = (
+    ("mean", "draw"),
+    ("sampled", "draw"),
+    ("sampled", "expectation"),
+    ("sampled", "statistics"),
+    ("held", "draw"),
+    ("held", "statistics"),
+)
+Draws: TypeAlias = Mapping[Fading, Sequence[int]]
+DRAWS: Draws = {"mean": (1,), "sampled": (1, 2, 4, 8), "held": (1, 2, 4)}
+"""How many draws are averaged: the first so many of those that are flown."""
+USERS_PER_UAV: tuple[Split, ...] = ("3, 3, 3", "4, 3, 2", "drawn")
+UNITS = {"1/(kbit/s)": pro_alg("sum", -10.0), "1/(Mbit/s)": pro_alg("sum", -0.01)}
+"""What the letter's mu = -10 is here, by the unit it may have had."""
+REFINED_NOISE_DBM = (-80.0, -60.0)
+REFINED_RADIUS_M = (80.0, 90.0, 100.0, 110.0)
+REFINED_DRAWS = (1, 2, 4, 8, 16, 24)
+REFINED_LAYOUTS = 8
+FIRST_REFINED = 300
+FIRST_LAYOUT = 200
+"""Calibration has layouts of its own: none of those on which the claims are judged."""
 
 
-def misfit(measured: Mapping[str, Mapping[str, float]]) -> tuple[int, float, str]:
-    """Return how many targets are missed by more than `MATCHED`, the r.m.s. of all relative errors, and the reading.
+@dataclass(frozen=True)
+class Cell:
+    """The courses of one combination of noise, radius and channel: scheme -> layout -> all draws and losses."""
 
-    The reading of Baseline 2 is the one that fits better. The variance counts by its square root.
-    """
-    fits = []
-    for reading in READINGS:
-        errors = np.array([_error(measured, scheme, measure, reading.name) for scheme, measure in TARGETS])
-        fits.append((int((np.abs(errors) > MATCHED).sum()), float(np.sqrt(np.mean(errors**2))), reading.name))
-    return min(fits)
+    choices: Choices
+    flown: dict[str, list[Flown]]
 
 
-def _error(measured: Mapping[str, Mapping[str, float]], scheme: str, measure: str, reading: str) -> float:
-    ratio = measured[reading if scheme == "Baseline 2" else scheme][measure] / TARGETS[scheme, measure]
-    return float(np.sqrt(ratio) if measure == "variance" else ratio) - 1
-
-
-def mean_measures(courses: Mapping[Job, Course], jobs: Iterable[Job]) -> dict[str, dict[str, float]]:
-    """Return scheme -> measure -> mean over the jobs of that scheme."""
-    measured: dict[str, list[dict[str, float]]] = {}
-    for job in jobs:
-        measured.setdefault(job.scheme.name, []).append(courses[job].measures())
-    return {
-        scheme: {key: float(np.mean([row[key] for row in rows])) for key in rows[0]}
-        for scheme, rows in measured.items()
-    }
-
-
-def jobs_of(choices: Choices, layouts: Sequence[int]) -> list[Job]:
-    """Return the jobs of the compared schemes on these layouts, with each UAV failing in turn."""
+def grid() -> list[Choices]:
+    """Return every combination of noise, radius and channel, with as many draws as are averaged at most."""
     return [
-        Job(replace(choices, layout_seed=layout, fading_seed=layout), scheme, failed)
-        for layout in layouts
-        for scheme in COMPARED
-        for failed in FAILED
+        Choices(noise_dbm=noise, user_radius_m=radius, split=split, fading=fading, knows=knows, draws=DRAWS[fading][-1])
+        for noise, radius, split, (fading, knows) in product(NOISE_DBM, RADIUS_M, USERS_PER_UAV, CHANNELS)
+        if radius is not None or split == "drawn"
     ]
 
 
-def calibrate(batch: Batch, layouts: Sequence[int]) -> dict[str, Any]:
-    """Search noise x radius x fading on the mean over `layouts`, then the layout that fits best there."""
-    grid = [
-        Choices(noise_dbm=noise, user_radius_m=radius, fading=fading, layout_seed=0)
-        for noise in NOISE_DBM
-        for radius in RADIUS_M
-        for fading in FADING
+def calibrate(batch: Runs, layouts: int) -> dict[str, Any]:
+    """Fly the grid on so many layouts, and the neighbourhood of its best fit on REFINED_LAYOUTS others.
+
+    Plain JSON data, each as `fit.fitted` gives it: layouts differ by more than settings do, and few of them flatter
+    whichever setting suits them.
+    """
+    coarse = _flown(batch, grid(), DRAWS, FIRST_LAYOUT, layouts)
+    refined = refine(batch)
+    return {**coarse, "refined": refined, "core_seconds": round(batch.core_seconds, 1)}
+
+
+def refine(batch: Runs) -> dict[str, Any]:
+    """Fit the neighbourhood of the grid's best fit, on layouts that had no part in finding it."""
+    near = [
+        Choices(noise_dbm=noise, user_radius_m=radius, split=split, draws=REFINED_DRAWS[-1])
+        for noise, radius, split in product(REFINED_NOISE_DBM, REFINED_RADIUS_M, USERS_PER_UAV)
     ]
-    ranked = _ranked(batch, {choices: jobs_of(choices, layouts) for choices in grid})
-    best = ranked[0][0]
-    seeds = [replace(best, layout_seed=seed, fading_seed=seed) for seed in range(LAYOUTS_TRIED)]
-    chosen = _ranked(batch, {choices: jobs_of(choices, [choices.layout_seed]) for choices in seeds})[0]
+    return _flown(batch, near, {"sampled": REFINED_DRAWS}, FIRST_REFINED, REFINED_LAYOUTS)
+
+
+def _flown(batch: Runs, all_choices: Sequence[Choices], draws: Draws, first: int, layouts: int) -> dict[str, Any]:
+    seeds = range(first, first + layouts)
+    schemes = [*COMPARED, *UNITS.values()]
+    jobs = {
+        choices: {
+            scheme.name: [Job(replace(choices, layout_seed=seed), scheme) for seed in seeds] for scheme in schemes
+        }
+        for choices in all_choices
+    }
+    flown = batch.run(compute, [job for cell in jobs.values() for mine in cell.values() for job in mine])
+    cells = [
+        Cell(choices, {name: [flown[job] for job in mine] for name, mine in cell.items()})
+        for choices, cell in jobs.items()
+    ]
+    return {"layouts": list(seeds), **fitted(tabulated(cells, draws))}
+
+
+def tabulated(cells: Sequence[Cell], draws_of: Draws) -> Table:
+    """Tabulate every setting there is in the cells, and the numbers it gives on each layout."""
+    settings, rows = [], []
+    for cell in cells:
+        for draws in draws_of[cell.choices.fading]:
+            measured = _measured(cell, draws)
+            for lost, reading, unit in product((*FAILED, None), READINGS, UNITS):
+                choices = replace(cell.choices, draws=draws)
+                settings.append(Setting.of(choices, lost or "each in turn", reading.name, unit))
+                rows.append(_numbers(measured, lost, reading, UNITS[unit]))
+    return Table(settings, np.array(rows))
+
+
+def _measured(cell: Cell, draws: int) -> dict[str, list[list[dict[str, float]]]]:
+    """Return scheme -> layout -> lost UAV -> measures, of the mean over the first `draws` draws."""
     return {
-        "grid": [row for _, row in ranked],
-        "best": {**_named(best), "layout_seed": chosen[0].layout_seed},
-        "at_best": chosen[1],
+        name: [[one.course(lost, slice(draws)).measures() for lost in range(len(FAILED))] for one in layouts]
+        for name, layouts in cell.flown.items()
     }
 
 
-def _ranked(batch: Batch, jobs: Mapping[Choices, list[Job]]) -> list[tuple[Choices, dict[str, Any]]]:
-    """Return the choices from the best fit to the worst, each with its fit and what was measured."""
-    courses = batch.run(compute, [job for each in jobs.values() for job in each])
-    rows = []
-    for choices, mine in jobs.items():
-        measured = mean_measures(courses, mine)
-        missed, error, reading = misfit(measured)
-        row = {**_named(choices), "missed": missed, "error": error, "reading": reading, "measured": measured}
-        rows.append((choices, row))
-    return sorted(rows, key=lambda row: (row[1]["missed"], row[1]["error"]))
-
-
-def _named(choices: Choices) -> dict[str, Any]:
-    return {"noise_dbm": choices.noise_dbm, "user_radius_m": choices.user_radius_m, "fading": choices.fading}
+def _numbers(
+    measured: dict[str, list[list[dict[str, float]]]], lost: str | None, reading: Scheme, unit: Scheme
+) -> list[list[float]]:
+    """(layouts, targets), in the order of TARGETS."""
+    names = {"SR-Max": SR_MAX, "Baseline 1": BASELINE_1, "Baseline 2": reading, "Pro-Alg": unit}
+    which = range(len(FAILED)) if lost is None else [FAILED.index(lost)]
+    columns = [
+        [float(np.mean([layout[f][measure] for f in which])) for layout in measured[names[scheme].name]]
+        for scheme, measure in TARGETS
+    ]
+    return [list(row) for row in zip(*columns, strict=True)]

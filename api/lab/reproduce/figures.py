@@ -54,12 +54,12 @@ def against_mu(
     levels: Mapping[str, float],
     label: str,
 ) -> Figure:
-    """Draw fig. 5: a measure against |mu| (mean and spread); baselines and the letter's numbers as levels."""
+    """Draw fig. 5: a measure against |mu| (mean and its interval); baselines and the letter's numbers as levels."""
     figure = new_figure(7, 4.2)
     axes = figure.add_subplot()
     strength = np.abs(np.array(mus))
-    for index, (name, (mean, spread)) in enumerate(curves.items()):
-        centre, half = np.array(mean), np.array(spread)
+    for index, (name, (mean, interval)) in enumerate(curves.items()):
+        centre, half = np.array(mean), np.array(interval)
         axes.plot(strength, centre, color=COLOURS[index], marker=MARKERS[index], label=name)
         axes.fill_between(strength, centre - half, centre + half, color=COLOURS[index], alpha=0.12, linewidth=0)
     for index, (name, value) in enumerate(levels.items()):

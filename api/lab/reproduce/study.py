@@ -4,74 +4,88 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from contextlib import nullcontext
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from skyfolio.api.lab.bench.measure import machine
 from skyfolio.api.lab.reproduce import ablation, figures
-from skyfolio.api.lab.reproduce.batch import Advance, Batch, silent
-from skyfolio.api.lab.reproduce.claims import KINDS, MUS, Judged, along_mu, judged
-from skyfolio.api.lab.reproduce.courses import (
-    COMPARED,
-    FAILED,
-    Choices,
-    Course,
-    Job,
-    Scheme,
-    compute,
-    pro_alg,
-)
+from skyfolio.api.lab.reproduce.batch import Advance, Batch, Runs, silent
+from skyfolio.api.lab.reproduce.claims import KINDS, MUS, along_mu, judged
+from skyfolio.api.lab.reproduce.courses import COMPARED, FAILED, FIRST_LAYOUT, Choices, Job, Scheme, compute, pro_alg
+from skyfolio.api.lab.reproduce.estimates import Measured, measured_of
+from skyfolio.api.lab.reproduce.verdicts import Judged
 from skyfolio.planner import MaxIterations, Utility, plan
-from skyfolio.planner.arrays import Array
 
 Study = dict[str, Any]
 FIGURES = ("2", "3", "5a", "5b", "all")
 CONVERGENCE_MUS = (0.0, -0.01, -0.1, -1.0, -10.0)
-SHOWN_MUS = (-0.03, -0.3, -10.0)
+SHOWN_MUS = (-0.1, -1.0, -10.0)
+MEASURES = ("period_1", "period_2", "mean", "variance", "jain")
+ABLATED = 3
 ITERATIONS = 8
 
 
 @dataclass(frozen=True, kw_only=True)
 class StudyConfig:
-    """figure: one of FIGURES. layouts: how many user layouts, each with every UAV failing in turn."""
+    """The extent of a study.
+
+    figure: one of FIGURES. layouts: how many user layouts, each with every UAV failing in turn and its own fading; a
+    third of them under `per_user` and `pooled`, whose plans take ten times as long.
+
+    draws: how many draws of the fading are averaged before anything is measured (default: as calibrated).
+    """
 
     figure: str = "all"
-    layouts: int = 5
+    layouts: int = 18
+    draws: int = Choices.draws
     workers: int | None = None
 
 
-def run_study(config: StudyConfig, advance: Advance = silent) -> Study:
-    """Compute everything that `config.figure` needs, as plain JSON data. Takes minutes; `advance` counts the jobs."""
+def run_study(
+    config: StudyConfig,
+    advance: Advance = silent,
+    calibration: dict[str, Any] | None = None,
+    runs: Runs | None = None,
+) -> Study:
+    """Compute everything that `config.figure` needs, as plain JSON data. Takes minutes; `advance` counts the jobs.
+
+    calibration: what `calibrate` has found, if it is to be in the write-up. runs: what computes the jobs (default: all
+    cores of this machine).
+    """
     began = time.monotonic()
     everything = config.figure == "all"
-    study: Study = {"figure": config.figure, "choices": vars(Choices()), "machine": machine()}
-    with Batch(advance, config.workers) as batch:
+    study: Study = {"figure": config.figure, "choices": asdict(_choices(config)), "machine": machine()}
+    with Batch(advance, config.workers) if runs is None else nullcontext(runs) as batch:
         if everything or config.figure == "2":
             study["convergence"] = _convergence(batch)
         if everything or config.figure != "2":
             measured = _headline(batch, config, study)
         if everything:
-            study["claims"] = [claim.model_dump(mode="json") for claim in claims(study, measured)]
-            study["sensitivity"] = _sensitivity(batch)
+            study["claims"] = [one.model_dump(mode="json") for one in claims(study, measured)]
             study["ablation"] = _ablation(batch, config)
+            study["calibration"] = calibration
+        study["core_seconds"] = round(batch.core_seconds, 1)
     study["seconds"] = round(time.monotonic() - began, 1)
     return study
 
 
-def claims(study: Study, measured: Mapping[str, Mapping[str, Array]]) -> list[Judged]:
+def claims(study: Study, measured: Measured) -> list[Judged]:
     """Return every claim of the letter, judged."""
     return judged(measured, {mu: row["utility_kbps"] for mu, row in study["convergence"].items()})
 
 
-def cases(config: StudyConfig) -> list[tuple[Choices, str]]:
-    """Return (layout, failing UAV) of every case; the first layout is the calibrated one."""
-    first = Choices()
-    layouts = [first, *(replace(first, layout_seed=100 + i, fading_seed=100 + i) for i in range(config.layouts - 1))]
-    return [(choices, failed) for choices in layouts for failed in FAILED]
+def layouts(config: StudyConfig) -> list[Choices]:
+    """Return the calibrated choices on layouts that the calibration has not seen."""
+    return [replace(_choices(config), layout_seed=FIRST_LAYOUT + index) for index in range(config.layouts)]
+
+
+def _choices(config: StudyConfig) -> Choices:
+    return replace(Choices(), draws=config.draws)
 
 
 def _schemes(figure: str) -> list[Scheme]:
@@ -79,42 +93,42 @@ def _schemes(figure: str) -> list[Scheme]:
     return [*COMPARED, *(pro_alg(kind, mu) for kind in KINDS for mu in mus)]
 
 
-def _headline(batch: Batch, config: StudyConfig, study: Study) -> dict[str, dict[str, Array]]:
-    """Compute figs. 3 and 5: every scheme on every case. Return scheme -> measure -> value of each case."""
-    schemes, flown = _schemes(config.figure), cases(config)
-    courses = batch.run(compute, [Job(choices, scheme, failed) for scheme in schemes for choices, failed in flown])
-    measured: dict[str, dict[str, Array]] = {}
-    for scheme in schemes:
-        rows = [courses[Job(choices, scheme, failed)].measures() for choices, failed in flown]
-        measured[scheme.name] = {key: np.array([row[key] for row in rows]) for key in rows[0]}
-    study["cases"] = len(flown)
-    study["headline"] = {
-        name: {key: {"mean": float(values.mean()), "spread": float(values.std())} for key, values in row.items()}
-        for name, row in measured.items()
-    }
-    example = flown[len(FAILED) - 1]  # the calibrated layout, the last UAV fails
+def _headline(batch: Runs, config: StudyConfig, study: Study) -> Measured:
+    """Compute figs. 3 and 5: every scheme on every layout, with each UAV lost in turn. Fills the study."""
+    schemes, choices = _schemes(config.figure), layouts(config)
+    jobs = {scheme: [Job(one, scheme) for one in _share(scheme, choices)] for scheme in schemes}
+    found = batch.run(compute, [job for scheme in reversed(schemes) for job in jobs[scheme]])
+    flown = {scheme.name: [found[job] for job in mine] for scheme, mine in jobs.items()}
+    measured = measured_of(flown)
+    study["cases"] = len(choices) * len(FAILED)
+    study["headline"] = {name: {key: _estimated(measured, name, key) for key in MEASURES} for name in flown}
     study["periods"] = {
-        scheme.name: courses[Job(example[0], scheme, example[1])].sum_kbps.tolist() for scheme in schemes
+        name: np.mean([one.draws_kbps.sum(axis=2).mean(axis=(0, 1)) for one in mine], axis=0).tolist()
+        for name, mine in flown.items()
     }
-    study["gap"] = _gaps(courses, schemes)
-    if config.figure in ("all", "5a", "5b"):
-        study["along_mu"] = {
-            kind: {
-                measure: {"mean": curve.mean(axis=1).tolist(), "spread": curve.std(axis=1).tolist()}
-                for measure in ("variance", "jain", "mean")
-                for curve in (along_mu(measured, kind, measure)[1:],)
-            }
-            for kind in KINDS
-        }
-    return measured
-
-
-def _gaps(courses: Mapping[Job, Course], schemes: Sequence[Scheme]) -> dict[str, float]:
-    return {
-        scheme.name: float(np.mean([course.gap for job, course in courses.items() if job.scheme == scheme]))
+    study["gap"] = {
+        scheme.name: float(np.mean([one.gap for one in flown[scheme.name]]))
         for scheme in schemes
         if scheme.method == "fast"
     }
+    if config.figure in ("all", "5a", "5b"):
+        study["along_mu"] = {kind: {measure: _curve(study, kind, measure) for measure in MEASURES} for kind in KINDS}
+    return measured
+
+
+def _share(scheme: Scheme, choices: list[Choices]) -> list[Choices]:
+    """Return all layouts, or the first third of them for plans that take long."""
+    return choices if scheme.utility.kind == "sum" else choices[: max(len(choices) // 3, min(len(choices), 2))]
+
+
+def _estimated(measured: Measured, scheme: str, measure: str) -> dict[str, float]:
+    found = measured.estimate(lambda of: of(scheme, measure))
+    return {"mean": found.value, "half": found.half, "draws_half": found.draws_half, "spread": found.spread}
+
+
+def _curve(study: Study, kind: str, measure: str) -> dict[str, list[float]]:
+    rows = [study["headline"][name][measure] for name in along_mu(kind)[1:]]
+    return {key: [row[key] for row in rows] for key in ("mean", "half")}
 
 
 @dataclass(frozen=True)
@@ -134,54 +148,23 @@ def iterate(job: Convergence) -> dict[str, list[float]]:
     }
 
 
-def _convergence(batch: Batch) -> dict[str, dict[str, list[float]]]:
+def _convergence(batch: Runs) -> dict[str, dict[str, list[float]]]:
     found = batch.run(iterate, [Convergence(mu) for mu in CONVERGENCE_MUS])
     return {f"{job.mu_per_kbps:g}": history for job, history in found.items()}
 
 
-def _sensitivity(batch: Batch) -> list[dict[str, Any]]:
-    """Vary each omitted choice alone: three layouts, each UAV failing, means of the letter's numbers."""
-    base = Choices()
-    variants: list[tuple[str, Choices]] = [("calibrated", base)]
-    variants += [(f"noise {noise:g} dBm", replace(base, noise_dbm=noise)) for noise in (-60.0, -55.0, -50.0)]
-    variants += [
-        (f"users within {radius:g} m" if radius else "users anywhere", replace(base, user_radius_m=radius))
-        for radius in (60.0, 90.0, 120.0, None)
-    ]
-    other_fading: Literal["mean", "sampled"] = "sampled" if base.fading == "mean" else "mean"
-    variants.append((f"{other_fading} fading", replace(base, fading=other_fading)))
-    schemes = [*COMPARED, *(pro_alg(kind, MUS[-1]) for kind in KINDS)]
-    jobs = {
-        name: [
-            Job(replace(choices, layout_seed=seed, fading_seed=seed), scheme, failed)
-            for scheme in schemes
-            for seed in (base.layout_seed, 100, 101)
-            for failed in FAILED
-        ]
-        for name, choices in variants
-    }
-    courses = batch.run(compute, [job for each in jobs.values() for job in each])
-    rows = []
-    for name, each in jobs.items():
-        row: dict[str, Any] = {"choice": name}
-        for scheme in schemes:
-            mine = [courses[job].measures() for job in each if job.scheme == scheme]
-            row[scheme.name] = {key: float(np.mean([one[key] for one in mine])) for key in mine[0]}
-        rows.append(row)
-    return rows
-
-
-def _ablation(batch: Batch, config: StudyConfig) -> dict[str, Any]:
-    layouts = list(dict.fromkeys(choices for choices, _ in cases(config)))
-    jobs = [ablation.Layout(choices) for choices in layouts]
+def _ablation(batch: Runs, config: StudyConfig) -> dict[str, Any]:
+    """On one draw of the first few layouts: what is compared differs by more than draws do."""
+    chosen = layouts(config)[:ABLATED]
+    jobs = [ablation.Layout(choices) for choices in chosen]
     found: dict[str, Any] = {
         "parts": ablation.mean_rows(list(batch.run(ablation.parts, jobs).values())),
         "solvers": ablation.mean_rows(list(batch.run(ablation.solvers, jobs).values())),
         "foresight": {},
     }
     for utility in (Utility(kind="sum", mu_per_kbps=-0.1), Utility(kind="pooled", mu_per_kbps=-0.3)):
-        foresights = [ablation.Foresight(choices, failed, utility) for choices, failed in cases(config)]
-        rows = ablation.mean_rows(list(batch.run(ablation.foresight, foresights).values()))
+        asked = [ablation.Foresight(choices, failed, utility) for choices in chosen for failed in FAILED]
+        rows = ablation.mean_rows(list(batch.run(ablation.foresight, asked).values()))
         found["foresight"][f"{utility.kind}, mu = {utility.mu_per_kbps:g}"] = rows
     return found
 
@@ -196,9 +179,7 @@ def pictures(study: Study) -> dict[str, Any]:
         for kind in KINDS:
             names = [*(scheme.name for scheme in COMPARED), *(pro_alg(kind, mu).name for mu in SHOWN_MUS)]
             curves = {name: study["periods"][name] for name in names}
-            drawn[f"fig3-periods-{kind.replace('_', '-')}"] = figures.periods(
-                curves, f"utility {kind}, {FAILED[-1]} fails"
-            )
+            drawn[f"fig3-periods-{kind.replace('_', '-')}"] = figures.periods(curves, f"utility {kind}")
     for key, measure, label, printed in (
         (
             "5a",
@@ -210,7 +191,7 @@ def pictures(study: Study) -> dict[str, Any]:
     ):
         if figure in ("all", key):
             curves_mu = {
-                kind: (study["along_mu"][kind][measure]["mean"], study["along_mu"][kind][measure]["spread"])
+                kind: (study["along_mu"][kind][measure]["mean"], study["along_mu"][kind][measure]["half"])
                 for kind in KINDS
             }
             levels = {scheme.name: study["headline"][scheme.name][measure]["mean"] for scheme in COMPARED}
