@@ -1,10 +1,10 @@
 """The exponential and the logarithm, in so few operations that a loop over users computes eight of them at a time.
 
 Calls of the C library's would keep such loops from being vectorised: they are most of what a utility of many users
-costs. Both are Cephes' and FreeBSD's well-known approximations (a rational function of the rest after a power of two is
-taken out), good to a few units in the last place, and the same on every machine. They only take what occurs here: no
-NaN, no infinities but those named. Who calls them may let LLVM add up in any order, and that goes for what is here too: nothing
-relies on what a sum is rounded to.
+costs. Both are Cephes' and FreeBSD's well-known approximations (a rational function of the rest after a power of two
+is taken out), good to a few units in the last place, and the same on every machine. They only take what occurs here:
+no NaN, no infinities but those named. Who calls them may let LLVM add up in any order, and that goes for what is here
+too: nothing relies on what a sum is rounded to.
 """
 
 from __future__ import annotations
