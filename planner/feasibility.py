@@ -7,7 +7,7 @@ beyond the rounding of one floating-point subtraction.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import combinations, pairwise
+from itertools import chain, combinations, pairwise
 from math import hypot, isfinite
 
 from shapely import LineString, Polygon
@@ -79,15 +79,19 @@ def _shape(plan: Plan) -> Iterator[Violation]:
         for one, row in table.items():
             if len(row) != scenario.slots:
                 yield Violation(constraint="shape", where=f"{name}.{one}", message=f"has {len(row)} slots")
-    numbers = [x for path in plan.trajectories_m.values() for point in path for x in point]
-    numbers += [x for table in (plan.bandwidth_hz, plan.user_rates_bps) for row in table.values() for x in row]
-    if not all(isfinite(x) for x in numbers):
+    paths = (point for path in plan.trajectories_m.values() for point in path)
+    rows = (row for table in (plan.bandwidth_hz, plan.user_rates_bps) for row in table.values())
+    if not all(all(map(isfinite, numbers)) for numbers in chain(paths, rows)):
         yield Violation(constraint="shape", where="plan", message="holds a number that is not finite")
 
 
 def _association(plan: Plan) -> Iterator[Violation]:
     last = {uav.id: plan.scenario.last_slot(uav) for uav in plan.scenario.uavs}
+    end = plan.scenario.slots - 1
+    all_stay = {uav for uav, slot in last.items() if slot == end}
     for user, row in plan.association.items():
+        if all_stay.issuperset(row):
+            continue
         for n, uav in enumerate(row):
             if uav not in last:
                 yield Violation(constraint="6a", where=f"{user} slot {n}", message=f"served by unknown '{uav}'")
@@ -97,24 +101,28 @@ def _association(plan: Plan) -> Iterator[Violation]:
 
 def _bandwidth(plan: Plan) -> Iterator[Violation]:
     limit = {uav.id: uav.bandwidth_hz for uav in plan.scenario.uavs}
-    used = {(uav, n): 0.0 for uav in limit for n in range(plan.scenario.slots)}
+    used = {uav: [0.0] * plan.scenario.slots for uav in limit}
     for user, row in plan.bandwidth_hz.items():
-        for n, hertz in enumerate(row):
+        for n, (hertz, uav) in enumerate(zip(row, plan.association[user], strict=True)):
             if hertz < 0:
                 yield Violation(constraint="6c", where=f"{user} slot {n}", message=f"bandwidth {hertz} Hz is negative")
-            key = (plan.association[user][n], n)
-            if key in used:
-                used[key] += hertz
-    for (uav, n), hertz in used.items():
-        if hertz > limit[uav] * (1 + BAND_ROUNDING) + ROUNDING_HZ:
-            yield Violation(constraint="6c", where=f"{uav} slot {n}", message=f"uses {hertz} of {limit[uav]} Hz")
+            if hertz != 0.0 and uav in used:
+                used[uav][n] += hertz
+    for uav, row in used.items():
+        most = limit[uav] * (1 + BAND_ROUNDING) + ROUNDING_HZ
+        for n, hertz in enumerate(row):
+            if hertz > most:
+                yield Violation(constraint="6c", where=f"{uav} slot {n}", message=f"uses {hertz} of {limit[uav]} Hz")
 
 
 def _min_rates(plan: Plan) -> Iterator[Violation]:
     for user in plan.scenario.users:
+        least = user.min_rate_bps * (1 - MIN_RATE_ROUNDING)
+        if min(plan.user_rates_bps[user.id]) >= least:
+            continue
         admitted = plan.unmet_min_rate_slots.get(user.id, [])
         for n, rate in enumerate(plan.user_rates_bps[user.id]):
-            if rate < user.min_rate_bps * (1 - MIN_RATE_ROUNDING) and n not in admitted:
+            if rate < least and n not in admitted:
                 message = f"gets {rate} of {user.min_rate_bps} bit/s"
                 yield Violation(constraint="min_rate", where=f"{user.id} slot {n}", message=message)
 
@@ -145,16 +153,16 @@ def _steps(uav: Uav, path: list[tuple[float, float]], limit_m: float) -> Iterato
 
 def _separation(plan: Plan) -> Iterator[Violation]:
     limit = plan.scenario.min_separation_m
-    for a, b in combinations(plan.scenario.uavs, 2):
-        together = min(plan.scenario.last_slot(a), plan.scenario.last_slot(b)) + 1
-        path_a, path_b = plan.trajectories_m[a.id][:together], plan.trajectories_m[b.id][:together]
-        if _boxes_apart(path_a, path_b, limit):
+    flown = {uav.id: plan.trajectories_m[uav.id][: plan.scenario.last_slot(uav) + 1] for uav in plan.scenario.uavs}
+    boxes = {uav: _box(path) for uav, path in flown.items()}
+    for a, b in combinations(flown, 2):
+        if _boxes_apart(boxes[a], boxes[b], limit):
             continue
-        apart = [(ea - eb, na - nb) for (ea, na), (eb, nb) in zip(path_a, path_b, strict=True)]
+        apart = [(ea - eb, na - nb) for (ea, na), (eb, nb) in zip(flown[a], flown[b], strict=False)]
         for n, here in enumerate(apart):
             near = distance_to_segment_m((0.0, 0.0), here, apart[n + 1]) if n + 1 < len(apart) else hypot(*here)
             if near < limit - ROUNDING_M:
-                where = f"{a.id} and {b.id} in slot {n}"
+                where = f"{a} and {b} in slot {n}"
                 yield Violation(constraint="6e", where=where, message=f"{near} m apart, less than {limit} m")
 
 
@@ -173,13 +181,15 @@ def _pins(plan: Plan) -> Iterator[Violation]:
                 yield Violation(constraint="pin", where=f"{user} slot {n}", message=message)
 
 
-def _boxes_apart(a: list[tuple[float, float]], b: list[tuple[float, float]], limit: float) -> bool:
+def _box(path: list[tuple[float, float]]) -> tuple[float, float, float, float]:
+    """Return (west, south, east, north) of all that a UAV flies."""
+    east, north = zip(*path, strict=True)
+    return min(east), min(north), max(east), max(north)
+
+
+def _boxes_apart(a: tuple[float, float, float, float], b: tuple[float, float, float, float], limit: float) -> bool:
     """Return whether the bounding boxes of two paths alone keep them more than `limit` apart."""
-    for axis in (0, 1):
-        along_a, along_b = [point[axis] for point in a], [point[axis] for point in b]
-        if min(along_a) > max(along_b) + limit or min(along_b) > max(along_a) + limit:
-            return True
-    return False
+    return any(a[axis] > b[axis + 2] + limit or b[axis] > a[axis + 2] + limit for axis in (0, 1))
 
 
 def _no_fly(plan: Plan) -> Iterator[Violation]:

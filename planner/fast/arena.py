@@ -51,6 +51,11 @@ def smooth(function: Function) -> Function:
     return cast("Function", njit(**_OPTIONS, no_cpython_wrapper=True, fastmath=_LOOSE)(function))
 
 
+def inlined(function: Function) -> Function:
+    """As `kernel`, always put in place of its call, so that the loop that calls it can be vectorised."""
+    return cast("Function", njit(**_OPTIONS, no_cpython_wrapper=True, forceinline=True)(function))
+
+
 def plain(array: NDArray[Any], dtype: type = np.float64) -> NDArray[Any]:
     """Return the array as kernels take it: C-contiguous, writable, of one type; a copy where it is not.
 

@@ -52,7 +52,7 @@ def relink(arena: Arena, path: Array, links: Links, scratch: Ascent) -> None:
     trial, tangent, reach = new_links(links), np.empty(links.log_weight.shape[0]), 1.0
     unmet, utility, _ = worth(arena, path, links, scratch)
     for number in range(RELINKS):
-        tangent_weights(arena, links, scratch.rate, tangent)
+        tangent_weights(arena, links, scratch.rate, tangent, scratch.weight)
         copy_links(links, trial)
         for k in range(tangent.shape[0]):
             trial.log_weight[k] += reach * (tangent[k] - links.log_weight[k])

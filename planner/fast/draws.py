@@ -79,7 +79,7 @@ def pull_draws(
     near: Array,
     signal: Array,
 ) -> None:
-    """Add the slope of one link's mean rate: the mean of what `rates._pull` adds in each draw."""
+    """Add the slope of one link's mean rate: the mean of what `links_narrow._pull` adds in each draw."""
     n_draws = own.shape[0]
     for i in range(near.shape[0]):
         if i == u:

@@ -1,59 +1,17 @@
-"""One slot with several users for each UAV: bands in closed form, and users that change places while it helps."""
+"""One slot with several users for each UAV: users change places while it helps, bands follow (`market.py`)."""
 
 from __future__ import annotations
-
-from typing import NamedTuple
 
 import numpy as np
 
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.fast.arena import SUM, Arena, Ints, kernel
+from skyfolio.planner.fast.elementary import exp, log
+from skyfolio.planner.fast.market import Market, fill, join, leave
 
 SWEEPS = 4
-ROUNDING = 4e-15
-"""Relative: shares that add up to this much more than the band are scaled back to it."""
 THOROUGH = 16
 """Up to so many users, every move and exchange is tried."""
-UNMET = 1e9
-"""What leaving one minimum rate unmet costs, beside which every utility is small."""
-
-
-class Market(NamedTuple):
-    """One slot's state. eff: (K, U) bit/s/Hz, 0 for pairs out of the question; weight, log_weight: (K,), `w`.
-
-    member: (U, K), the users of each UAV, the first size[u] (U,) of them. cost, price: (U,), what the users of each
-    UAV add to the minimised sum, and what a kHz is worth there, lambda (for `sum` its rate). decay, first, was: (K,),
-    scratch.
-    """
-
-    eff: Array
-    weight: Array
-    log_weight: Array
-    member: Ints
-    size: Ints
-    cost: Array
-    price: Array
-    decay: Array
-    first: Array
-    was: Array
-
-
-@kernel
-def market_of(n_uavs: int, log_weight: Array) -> Market:
-    """Tables of the right size, with the weights exp(log_weight) (K,)."""
-    n_users = log_weight.shape[0]
-    return Market(
-        np.zeros((n_users, n_uavs)),
-        np.exp(log_weight),
-        log_weight,
-        np.empty((n_uavs, n_users), dtype=np.int64),
-        np.empty(n_uavs, dtype=np.int64),
-        np.empty(n_uavs),
-        np.empty(n_uavs),
-        np.empty(n_users),
-        np.empty(n_users),
-        np.empty(n_users),
-    )
 
 
 @kernel
@@ -63,7 +21,7 @@ def share_slot(arena: Arena, market: Market, serving: Ints, khz: Array) -> None:
     for u in range(n_uavs):
         market.size[u] = 0
     for k in range(n_users):
-        _join(market, k, serving[k])
+        join(market, k, serving[k])
     for u in range(n_uavs):
         fill(arena, market, u, khz)
     # Fields are read once, out here: inside the loops numba would count references to each of them.
@@ -110,22 +68,6 @@ def _thorough_sweep(arena: Arena, market: Market, serving: Ints, khz: Array) -> 
 
 
 @kernel
-def _join(market: Market, k: int, u: int) -> None:
-    market.member[u, market.size[u]] = k
-    market.size[u] += 1
-
-
-@kernel
-def _leave(market: Market, k: int, u: int) -> None:
-    last = market.size[u] - 1
-    for i in range(last):
-        if market.member[u, i] == k:
-            market.member[u, i] = market.member[u, last]
-            break
-    market.size[u] = last
-
-
-@kernel
 def _promising(
     decay: float, eff: Array, weight: float, log_weight: float, price: Array, band: Array, k: int, u: int
 ) -> int:
@@ -151,8 +93,8 @@ def _cost(decay: float, log_weight: float, price: float, band: float, least_khz:
     """Return what a user adds to the minimised sum, and its band to the price, when it takes what suits it."""
     wanted = band  # of a UAV without users
     if price > 0.0:
-        wanted = max(least_khz, (log_weight + np.log(decay / price)) / decay)
-    return float(np.exp(log_weight - decay * wanted) + price * wanted)
+        wanted = max(least_khz, (log_weight + log(decay / price)) / decay)
+    return float(exp(log_weight - decay * wanted) + price * wanted)
 
 
 @kernel
@@ -223,11 +165,11 @@ def _try(arena: Arena, market: Market, k: int, to: int, other: int, serving: Int
 
 @kernel
 def _trade(market: Market, k: int, u: int, to: int, other: int) -> None:
-    _leave(market, k, u)
-    _join(market, k, to)
+    leave(market, k, u)
+    join(market, k, to)
     if other >= 0:
-        _leave(market, other, to)
-        _join(market, other, u)
+        leave(market, other, to)
+        join(market, other, u)
 
 
 @kernel
@@ -240,90 +182,3 @@ def _remember(market: Market, u: int, khz: Array) -> None:
 def _restore(market: Market, u: int, khz: Array) -> None:
     for i in range(market.size[u]):
         khz[market.member[u, i]] = market.was[market.member[u, i]]
-
-
-@kernel
-def fill(arena: Arena, market: Market, u: int, khz: Array) -> None:
-    """Share the band of UAV u among its users, minimum rates first, into `khz` (K,), and note cost and price."""
-    count, members, eff = market.size[u], market.member[u], market.eff
-    market.cost[u] = market.price[u] = 0.0
-    if count == 0:
-        return
-    left, cost = arena.khz[u], 0.0
-    for i in range(count):
-        khz[members[i]] = 0.0
-    if arena.has_minimum:
-        left, cost = _reserve(arena, market, u, khz)
-    if arena.kind == SUM:
-        top = members[0]
-        for i in range(count):
-            if eff[members[i], u] > eff[top, u]:
-                top = members[i]
-        khz[top] += left
-        for i in range(count):
-            cost -= khz[members[i]] * eff[members[i], u]
-        market.price[u] = eff[top, u]
-    else:
-        for i in range(count):
-            k = members[i]
-            market.decay[k] = -arena.mu * eff[k, u]
-            market.first[k] = market.log_weight[k] + np.log(market.decay[k]) - market.decay[k] * khz[k]
-        level = water_fill(market.decay, market.first, left, members, count, khz)
-        for i in range(count):
-            k = members[i]
-            cost += np.exp(market.log_weight[k] - market.decay[k] * khz[k])
-        market.price[u] = np.exp(level)
-    market.cost[u] = cost
-
-
-@kernel
-def _reserve(arena: Arena, market: Market, u: int, khz: Array) -> tuple[float, float]:
-    """Give each member what its minimum rate takes, the cheapest first while it lasts: (kHz left, penalty)."""
-    left, waiting, members, count = arena.khz[u], 0, market.member[u], market.size[u]
-    for i in range(count):
-        waiting += arena.min_kbps[members[i]] > 0.0
-    while waiting > 0:
-        cheapest, least = -1, np.inf
-        for i in range(count):
-            k = members[i]
-            if arena.min_kbps[k] > 0.0 and khz[k] == 0.0 and arena.min_kbps[k] < least * market.eff[k, u]:
-                cheapest, least = k, arena.min_kbps[k] / market.eff[k, u]
-        if cheapest < 0 or least > left:
-            return left, UNMET * waiting
-        khz[cheapest] = least
-        left -= least
-        waiting -= 1
-    return left, 0.0
-
-
-@kernel
-def water_fill(decay: Array, first: Array, left: float, members: Ints, count: int, khz: Array) -> float:
-    """Add `left` kHz to what `khz` (K,) gives the first `count` members, minimising sum w exp(-decay khz); log lambda.
-
-    decay: (K,); first: (K,), the log of what the next kHz is worth, log(w decay) - decay khz. Members for whom that is
-    less than lambda drop out until none does: finite and exact, as in projecting on a simplex. Reorders the members.
-    """
-    active, level = count, -np.inf
-    while True:
-        worth, width, kept = 0.0, 0.0, 0
-        for i in range(active):
-            k = members[i]
-            if first[k] > level:
-                worth += first[k] / decay[k]
-                width += 1.0 / decay[k]
-                members[i], members[kept] = members[kept], k
-                kept += 1
-        if kept == 0:
-            return level
-        settled = kept == active and level > -np.inf
-        level, active = (worth - left) / width, kept
-        if settled:
-            break
-    given = 0.0
-    for i in range(active):
-        given += max(0.0, (first[members[i]] - level) / decay[members[i]])
-    share = left / given if given > left * (1.0 + ROUNDING) else 1.0  # at tiny decays the differences cancel
-    for i in range(active):
-        k = members[i]
-        khz[k] += share * max(0.0, (first[k] - level) / decay[k])
-    return level

@@ -10,7 +10,7 @@ from itertools import count
 import numpy as np
 
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.fast.arena import Arena, Links, arena_of, copy_of, links_of, plain
+from skyfolio.planner.fast.arena import SUM, Arena, Links, arena_of, copy_of, links_of, plain
 from skyfolio.planner.fast.blocked import who_is_blocked
 from skyfolio.planner.fast.climb import climb as climb_on
 from skyfolio.planner.fast.climb import tables
@@ -46,6 +46,7 @@ class Climb:
     sum_rate_kbps: float
     settled: bool
     history: list[Iteration] = field(default_factory=list)
+    waits: bool = False
 
     @property
     def rank(self) -> tuple[int, float]:
@@ -55,10 +56,14 @@ class Climb:
 
 @dataclass(frozen=True)
 class Start:
-    """Paths (N, 2, U) to begin from, None where they cannot be flown; `climbed` or only kept, if nothing is better."""
+    """Paths (N, 2, U) to begin from, None where they cannot be flown; `climbed` or only kept, if nothing is better.
+
+    passes: after so many the climb waits for what others come to; the best one is climbed to its end at last.
+    """
 
     path: Array | None
     climbed: bool = True
+    passes: int | None = None
 
 
 @dataclass
@@ -78,17 +83,32 @@ class Search:
         return self.stop([]) and self.stop.interrupts
 
     def take(self, start: Start) -> None:
-        """Climb from there until a rule says stop or it is hopeless, and keep what is best."""
+        """Climb from there until a rule says stop, it is hopeless, or it has to wait; and keep what is best."""
         self.climbs += start.climbed
         if start.path is None:
             return
-        climb = _begin(self.arena, start.path)
-        while start.climbed and not (climb.settled or self.stop(climb.history) or _is_hopeless(climb, self.best)):
-            _advance(self.arena, climb)
-            if self.best is None or climb.rank > self.best.rank:
-                self._note(climb)
+        climb = _begin(self.arena, start.path, None if self.best is None else self.best.links.log_weight)
+        if start.climbed:
+            self._go_on(climb, start.passes)
         if self.best is None or climb.rank > self.best.rank:
             self.best = climb
+
+    def finish(self) -> None:
+        """Climb on from the best, if it still waits."""
+        if self.best is not None and self.best.waits:
+            self._go_on(self.best, None)
+
+    def _go_on(self, climb: Climb, passes: int | None) -> None:
+        until = None if passes is None else len(climb.history) + passes
+        climb.waits = False
+        while not (climb.settled or self.stop(climb.history) or _is_hopeless(climb, self.best)):
+            if len(climb.history) == until:
+                climb.waits = True
+                return
+            least = None if self.best is None else self.best.rank
+            _advance(self.arena, climb)
+            if least is None or climb.rank > least:
+                self._note(climb)
 
     def _note(self, climb: Climb) -> None:
         if self.history and climb.utility_kbps * 1e3 < self.history[-1].utility_bps:
@@ -124,38 +144,47 @@ def optimise(
     """
     arena = with_routes(problem, arena_of(problem))
     search = Search(problem, arena, stop, observer)
-    most = default_starts(problem, warm=start_m is not None) if n_starts is None else n_starts
-    for start in _starts(search, start_m, np.random.default_rng(seed)):
+    warm = start_m is not None
+    most = default_starts(problem, warm=warm) if n_starts is None else n_starts
+    brief = n_starts is None and warm and arena.kind != SUM and problem.n_uavs > FEW
+    for start in _starts(search, start_m, np.random.default_rng(seed), brief=brief):
         search.take(start)
         if search.climbs >= most or search.interrupted():
             break
+    search.finish()
     if search.best is None:
         raise UnreachableEndError(who_is_blocked(problem))
     return _solution(problem, arena, search.best, search.history)
 
 
-def _starts(search: Search, start_m: Array | None, rng: np.random.Generator) -> Iterator[Start]:
-    """Return where to begin, one after the other, as long as the search goes on: each may depend on the best so far."""
+def _starts(search: Search, start_m: Array | None, rng: np.random.Generator, *, brief: bool = False) -> Iterator[Start]:
+    """Return where to begin, one after the other, as long as the search goes on: each may depend on the best so far.
+
+    A large fleet that flies already makes one pass of its climb, and one from where else it might go; only the better
+    climb goes on. brief: that is all.
+    """
     arena = search.arena
     small, warm = arena.gain.shape[1] <= FEW, start_m is not None
-    yield _first(arena, start_m) if start_m is not None else Start(hovering(arena), climbed=small)
+    passes = 1 if warm and not small else None
+    yield _first(arena, start_m, passes) if start_m is not None else Start(hovering(arena), climbed=small)
     for number in count():
         effort = effort_of(arena, number, warm=warm)
         given = None if search.best is None or not warm else bound(arena, search.best.path)
         for place in places(arena, rng, effort, given, halted=search.interrupted):
-            yield Start(bound_for(arena, place))
+            yield Start(bound_for(arena, place), passes=passes)
         for _ in range(SCATTERED if small else 0):
             yield Start(scattered(arena, rng))
-        if search.best is None:
+        if search.best is None or brief:
             return
+        search.finish()
         for _ in range(VARIATIONS if small else FEWER_VARIATIONS):
             yield Start(varied(arena, rng, search.best.path))
 
 
-def _first(arena: Arena, start_m: Array) -> Start:
+def _first(arena: Arena, start_m: Array, passes: int | None) -> Start:
     """Return the given paths (U, N, 2) as far as they can be flown, else hovering."""
     path = flown(arena, plain(start_m.transpose(1, 2, 0)), chase=True)
-    return Start(hovering(arena) if path is None else path)
+    return Start(hovering(arena) if path is None else path, passes=passes)
 
 
 def flyable(problem: Problem, wanted_m: Array | None = None) -> Array:
@@ -188,14 +217,17 @@ def linked(problem: Problem, paths_m: Array) -> Solution:
 
 def _is_hopeless(climb: Climb, best: Climb | None) -> bool:
     """Return whether the climb is so far below the best, and so slow, that it will not get there."""
-    if best is None or len(climb.history) < 2 or climb.unmet < best.unmet:
+    if best is None or best is climb or len(climb.history) < 2 or climb.unmet < best.unmet:
         return False
     gain = climb.utility_kbps - climb.history[-2].utility_bps / 1e3
     return climb.utility_kbps + HOPELESS * gain < best.utility_kbps
 
 
-def _begin(arena: Arena, path: Array) -> Climb:
+def _begin(arena: Arena, path: Array, log_weight: Array | None = None) -> Climb:
+    """Return the paths with the best links; log_weight: (K,), of a minorant that was good at other paths."""
     links = links_of(arena)
+    if log_weight is not None:
+        links.log_weight[:] = log_weight
     return Climb(path, links, *climb_on(arena, path, links, 0, 0.0))
 
 

@@ -16,10 +16,11 @@ import shapely
 from scipy.optimize import linear_sum_assignment
 
 from skyfolio.planner.arrays import Array
+from skyfolio.planner.fast.appraisal import look
 from skyfolio.planner.fast.arena import SUM, Arena, Ints, plain
 from skyfolio.planner.fast.settling import settle
 from skyfolio.planner.fast.sketch import exchange_users
-from skyfolio.planner.fast.snapshots import Snapshots, look, snapshots_of
+from skyfolio.planner.fast.snapshots import Snapshots, snapshots_of
 
 PRICES = (0.0, 4.0, 2.0, 8.0)
 """bit/s/Hz that count as lost while a UAV flies, sketch by sketch: which is best depends on utility and distances."""
@@ -72,8 +73,8 @@ def effort_of(arena: Arena, number: int = 0, *, warm: bool = False) -> Effort:
     more = 2 ** min(number, 4)
     tries = min(200 * n_uavs, 5000) if n_uavs > FEW else 60 * n_uavs
     if warm:
-        each = 60 if arena.kind == SUM else 20
-        return Effort(6 * more, 1, each * n_uavs * more, HEAT if number else 0.0)
+        tries = 60 * n_uavs if arena.kind == SUM else min(80 * n_uavs, 1000)
+        return Effort(6 * more, 1, tries * more, HEAT if number else 0.0)
     return Effort(SKETCHES * more, 3 if arena.kind == SUM else 2, tries * more, HEAT if number else 0.0)
 
 

@@ -6,9 +6,15 @@ import numpy as np
 
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.fast.arena import PER_USER, POOLED, SUM, Arena, Flag, Ints, Links, kernel, smooth
-from skyfolio.planner.fast.draws import draw_signals, equivalent_signals, mean_log, pull_draws
+from skyfolio.planner.fast.draws import equivalent_signals
+from skyfolio.planner.fast.elementary import exp
+from skyfolio.planner.fast.links_drawn import gradient_by_draw, rates_by_draw
+from skyfolio.planner.fast.links_narrow import gradient_by_link, rates_by_link
+from skyfolio.planner.fast.links_wide import gradient_by_uav, rates_by_uav
 
 PER_LN = 1.0 / np.log(2.0)
+WIDE = 30
+"""From so many links in a slot on, the rates of all are computed at once for one UAV after the other."""
 
 
 @smooth
@@ -54,126 +60,26 @@ def keep_pins(arena: Arena, n: int, signal: Array) -> None:
                 signal[u, k] = 0.0
 
 
-@smooth
-def _mean_signals(
-    path: Array, gain: Array, height2: Array, east: float, north: float, n: int, near: Array, signal: Array
-) -> None:
-    """1/d^2 and SNR of every UAV at (east, north) in slot n, into `near` and `signal`, both (U,)."""
-    for i in range(near.shape[0]):
-        de, dn = path[n, 0, i] - east, path[n, 1, i] - north
-        near[i] = 1.0 / (de * de + dn * dn + height2[i])
-        signal[i] = gain[n, i] * near[i]
-
-
-@smooth
-def _faded_signals(
-    path: Array, fading: Array, height2: Array, east: float, north: float, n: int, k: int, near: Array, signal: Array
-) -> None:
-    """Return the same with the sampled gains of user k."""
-    for i in range(near.shape[0]):
-        de, dn = path[n, 0, i] - east, path[n, 1, i] - north
-        near[i] = 1.0 / (de * de + dn * dn + height2[i])
-        signal[i] = fading[n, i, k] * near[i]
-
-
-@smooth
-def _sum_without(signal: Array, u: int) -> float:
-    """1 + the sum of all but entry u, which is set to 0: nothing is subtracted, so nothing cancels."""
-    signal[u] = 0.0
-    total = 1.0
-    for i in range(signal.shape[0]):
-        total += signal[i]
-    return total
-
-
-@smooth
+@kernel
 def link_rates(arena: Arena, path: Array, links: Links, rate: Array) -> None:
     """Rate of every link, kbit/s, into `rate` (N, W). path: (N, 2, U)."""
-    # Fields are read once, out here: inside the loops numba would count references to each of them.
-    gain, fading, draws, user_m, height2 = arena.gain, arena.fading, arena.draws, arena.user_m, arena.height2
-    users, uavs, khz, count = links.user, links.uav, links.khz, links.used
-    near, signal, own_s, others_s = _scratch(path.shape[2], draws.shape[2])
-    sampled, expected = fading.shape[0] > 0, draws.shape[2] > 0
-    for n in range(path.shape[0]):
-        for j in range(count[n]):
-            if khz[n, j] == 0.0:
-                rate[n, j] = 0.0
-                continue
-            u, k = uavs[n, j], users[n, j]
-            if sampled:
-                _faded_signals(path, fading, height2, user_m[0, k], user_m[1, k], n, k, near, signal)
-            else:
-                _mean_signals(path, gain, height2, user_m[0, k], user_m[1, k], n, near, signal)
-            if expected:
-                draw_signals(signal, draws[k], u, own_s, others_s)
-                rate[n, j] = khz[n, j] * PER_LN * mean_log(own_s, others_s)
-                continue
-            own = signal[u]
-            others = _sum_without(signal, u)
-            rate[n, j] = khz[n, j] * PER_LN * np.log((own + others) / others)
-
-
-@smooth
-def gradient(arena: Arena, path: Array, links: Links, weight: Array, slope: Array) -> None:
-    """sum_j weight[n, j] d rate[n, j] / d path[n] into `slope` (N, 2, U); 0 in slot 0, which is fixed."""
-    gain, fading, draws, user_m, height2 = arena.gain, arena.fading, arena.draws, arena.user_m, arena.height2
-    users, uavs, khz, count = links.user, links.uav, links.khz, links.used
-    near, signal, own_s, others_s = _scratch(path.shape[2], draws.shape[2])
-    sampled, expected = fading.shape[0] > 0, draws.shape[2] > 0
-    for n in range(path.shape[0]):
-        for i in range(path.shape[2]):
-            slope[n, 0, i] = slope[n, 1, i] = 0.0
-        if n == 0:
-            continue
-        for j in range(count[n]):
-            scale = weight[n, j] * khz[n, j] * PER_LN
-            if scale == 0.0:
-                continue
-            u, k = uavs[n, j], users[n, j]
-            if sampled:
-                _faded_signals(path, fading, height2, user_m[0, k], user_m[1, k], n, k, near, signal)
-            else:
-                _mean_signals(path, gain, height2, user_m[0, k], user_m[1, k], n, near, signal)
-            if expected:
-                draw_signals(signal, draws[k], u, own_s, others_s)
-                pull_draws(
-                    path, slope, n, u, user_m[0, k], user_m[1, k], scale, draws[k], own_s, others_s, near, signal
-                )
-                continue
-            own = signal[u]
-            others = _sum_without(signal, u)
-            _pull(path, slope, n, u, user_m[0, k], user_m[1, k], scale, own, others, near, signal)
+    if arena.draws.shape[2] > 0:
+        rates_by_draw(arena, path, links, rate)
+    elif rate.shape[1] < WIDE:
+        rates_by_link(arena, path, links, rate)
+    else:
+        rates_by_uav(arena, path, links, rate)
 
 
 @kernel
-def _scratch(n_uavs: int, n_draws: int) -> tuple[Array, Array, Array, Array]:
-    """Return room for 1/d^2 and SNR of every UAV, and for both sides of the SINR in every draw."""
-    return np.empty(n_uavs), np.empty(n_uavs), np.empty(n_draws), np.empty(n_draws)
-
-
-@smooth
-def _pull(
-    path: Array,
-    slope: Array,
-    n: int,
-    u: int,
-    east: float,
-    north: float,
-    scale: float,
-    own: float,
-    others: float,
-    near: Array,
-    signal: Array,
-) -> None:
-    """Add the slope of one link: it pulls its UAV u to the user and pushes the others away."""
-    push = 2.0 * scale * own / ((own + others) * others)
-    for i in range(near.shape[0]):
-        strength = push * signal[i] * near[i]
-        slope[n, 0, i] += strength * (path[n, 0, i] - east)
-        slope[n, 1, i] += strength * (path[n, 1, i] - north)
-    strength = 2.0 * scale * own * near[u] / (own + others)
-    slope[n, 0, u] -= strength * (path[n, 0, u] - east)
-    slope[n, 1, u] -= strength * (path[n, 1, u] - north)
+def gradient(arena: Arena, path: Array, links: Links, weight: Array, slope: Array) -> None:
+    """sum_j weight[n, j] d rate[n, j] / d path[n] into `slope` (N, 2, U); 0 in slot 0, which is fixed."""
+    if arena.draws.shape[2] > 0:
+        gradient_by_draw(arena, path, links, weight, slope)
+    elif weight.shape[1] < WIDE:
+        gradient_by_link(arena, path, links, weight, slope)
+    else:
+        gradient_by_uav(arena, path, links, weight, slope)
 
 
 @kernel
@@ -224,15 +130,16 @@ def _user_value(arena: Arena, links: Links, rate: Array, moving: Flag, weight: A
     Each counts by the share of the slots in which there was somebody: `count / n_all`.
     """
     n_users, mu = arena.user_m.shape[1], arena.mu
-    low, z, count = np.empty(n_users), np.empty(n_users), np.empty(n_users)
-    n_all = user_sums(arena, links, rate, moving and arena.kind == POOLED, low, z, count)
+    low, z, count, share = np.empty(n_users), np.empty(n_users), np.empty(n_users), np.empty(n_users)
+    n_all = user_sums(arena, links, rate, moving and arena.kind == POOLED, low, z, count, weight)
     if n_all == 0:
         return 0.0
+    for k in range(n_users):
+        share[k] = count[k] / (n_all * z[k])
+    user, used, first = links.user, links.used, max(arena.counted, 1) if moving else arena.counted
     for n in range(rate.shape[0]):
-        counts = n >= arena.counted and not (moving and n == 0)
-        for j in range(links.used[n]):
-            k = links.user[n, j]
-            weight[n, j] = count[k] / n_all * np.exp(mu * (rate[n, j] - low[k])) / z[k] if counts else 0.0
+        for j in range(used[n]):
+            weight[n, j] = weight[n, j] * share[user[n, j]] if n >= first else 0.0
     result = 0.0
     for k in range(n_users if arena.kind == PER_USER else 1):
         result += count[k] / n_all * (low[k] + np.log(z[k] / count[k]) / mu)
@@ -240,11 +147,13 @@ def _user_value(arena: Arena, links: Links, rate: Array, moving: Flag, weight: A
 
 
 @kernel
-def user_sums(arena: Arena, links: Links, rate: Array, moving: Flag, low: Array, z: Array, count: Array) -> int:
+def user_sums(
+    arena: Arena, links: Links, rate: Array, moving: Flag, low: Array, z: Array, count: Array, part: Array
+) -> int:
     """Write each user's lowest rate, sum exp(mu (rate - least)) and number of slots into `low`, `z`, `count`: (K,).
 
-    Returns how many slots count in all. `pooled` has the same for all users: all rates of all users together. With
-    `moving`, the past and slot 0 are left out.
+    part: (N, W), gets what each link adds to z. Returns how many slots count in all. `pooled` has the same for all
+    users: all rates of all users together. With `moving`, the past and slot 0 are left out.
     """
     n_slots, n_users, mu = rate.shape[0], arena.user_m.shape[1], arena.mu
     first = max(1, arena.counted) if moving else arena.counted
@@ -257,10 +166,11 @@ def user_sums(arena: Arena, links: Links, rate: Array, moving: Flag, low: Array,
             count[k] += arena.past_count[k]
         if n_past > 0 and arena.past_count[k] > 0:
             z[k] += arena.past_sum[k] * np.exp(mu * (arena.past_low[k] - low[k]))
+    _parts(mu, rate, low, links.user, links.used, first, part)
+    user, used = links.user, links.used
     for n in range(first, n_slots):
-        for j in range(links.used[n]):
-            k = links.user[n, j]
-            z[k] += np.exp(mu * (rate[n, j] - low[k]))
+        for j in range(used[n]):
+            z[user[n, j]] += part[n, j]
     if arena.kind == POOLED:
         total, number = 0.0, 0.0
         for k in range(n_users):
@@ -269,6 +179,13 @@ def user_sums(arena: Arena, links: Links, rate: Array, moving: Flag, low: Array,
         for k in range(n_users):
             z[k], count[k] = total, number
     return int(n_slots - first + n_past)
+
+
+@smooth
+def _parts(mu: float, rate: Array, low: Array, user: Ints, used: Ints, first: int, part: Array) -> None:
+    for n in range(first, rate.shape[0]):
+        for j in range(used[n]):
+            part[n, j] = exp(mu * (rate[n, j] - low[user[n, j]]))
 
 
 @kernel

@@ -1,4 +1,4 @@
-"""Where to hover: a local search over hover points for the utility itself, judged by `snapshots`.
+"""Where to hover: a local search over hover points for the utility itself, judged by `appraisal`.
 
 One UAV at a time moves a little, to a user near by, or anywhere; two change places; whatever is worth more is kept.
 """
@@ -8,8 +8,9 @@ from __future__ import annotations
 import numpy as np
 
 from skyfolio.planner.arrays import Array
+from skyfolio.planner.fast.appraisal import weigh, worth
 from skyfolio.planner.fast.arena import Arena, entry, is_pinned, kernel
-from skyfolio.planner.fast.snapshots import Snapshots, aim, keep, worth
+from skyfolio.planner.fast.snapshots import Snapshots, aim, gather, keep, take_back
 from skyfolio.planner.fast.zones import holds
 
 ALITTLE, NEARBY, ANY_USER, EXCHANGE = 0.4, 0.75, 0.85, 0.95
@@ -39,25 +40,25 @@ def settle(arena: Arena, shots: Snapshots, sites_m: Array, draws: Array, value: 
             continue
         if other >= 0 and not _within_reach(arena, other, shots.place[0, u], shots.place[1, u]):
             continue
-        _remember(shots, u, other)
         was_x, was_y = shots.place[0, u], shots.place[1, u]
-        aim(arena, shots, u, x, y)
+        aim(arena, shots, u, x, y, False)
         if other >= 0:
-            aim(arena, shots, other, was_x, was_y)
+            aim(arena, shots, other, was_x, was_y, True)
         reached = worth(arena, shots)
         if reached > value + GAIN * abs(value) + heat * np.log(draw[5]):
             value = reached
-            keep(arena, shots)
+            keep(shots)
+            weigh(arena, shots)
             if value > best:
                 best = value
                 best_m[:] = shots.place
         else:
-            _take_back(shots, u, other)
+            take_back(shots, u, other)
     if best > value:
-        for u in range(n_uavs):
-            aim(arena, shots, u, best_m[0, u], best_m[1, u])
+        gather(arena, shots, best_m)
         worth(arena, shots)
-        keep(arena, shots)
+        keep(shots)
+        weigh(arena, shots)
     return best
 
 
@@ -111,25 +112,3 @@ def _within_reach(arena: Arena, u: int, x: float, y: float) -> bool:
     there = np.hypot(x - arena.start_m[0, u], y - arena.start_m[1, u])
     back = np.hypot(x - arena.end_m[0, u], y - arena.end_m[1, u])
     return bool(there + back <= arena.last[u] * arena.step_m[u])
-
-
-@kernel
-def _remember(shots: Snapshots, u: int, other: int) -> None:
-    shots.kept_total[:] = shots.total
-    shots.kept_serving[:] = shots.serving
-    shots.kept_place[:] = shots.place
-    for m in range(shots.slot.shape[0]):
-        shots.kept_signal[0, m] = shots.signal[m, u]
-        if other >= 0:
-            shots.kept_signal[1, m] = shots.signal[m, other]
-
-
-@kernel
-def _take_back(shots: Snapshots, u: int, other: int) -> None:
-    shots.total[:] = shots.kept_total
-    shots.serving[:] = shots.kept_serving
-    shots.place[:] = shots.kept_place
-    for m in range(shots.slot.shape[0]):
-        shots.signal[m, u] = shots.kept_signal[0, m]
-        if other >= 0:
-            shots.signal[m, other] = shots.kept_signal[1, m]

@@ -12,8 +12,10 @@ from __future__ import annotations
 import numpy as np
 
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.fast.arena import Arena, Ints, Links, kernel
-from skyfolio.planner.fast.exchange import THOROUGH, exchange, market_of, share_slot
+from skyfolio.planner.fast.arena import Arena, Ints, Links, kernel, smooth
+from skyfolio.planner.fast.elementary import log
+from skyfolio.planner.fast.exchange import THOROUGH, exchange, share_slot
+from skyfolio.planner.fast.market import market_of
 from skyfolio.planner.fast.rates import PER_LN, keep_pins, slot_signals, user_sums
 
 
@@ -32,7 +34,9 @@ def share_all(arena: Arena, path: Array, links: Links, thorough: bool) -> None:
         if arena.has_pinned_to:
             keep_pins(arena, n, signal)
         fresh = links.used[n] == 0
-        candidates(signal, total, links.uav[n], fresh, best, eff)
+        if fresh and n > 0:
+            links.uav[n] = links.uav[n - 1]
+        candidates(signal, total, links.uav[n], fresh and n == 0, best, eff)
         share_slot(arena, market, links.uav[n], links.khz[n])
         if thorough and n_users <= THOROUGH:
             exchange(arena, market, links.uav[n], links.khz[n])
@@ -46,10 +50,13 @@ def share_all(arena: Arena, path: Array, links: Links, thorough: bool) -> None:
 
 
 @kernel
-def tangent_weights(arena: Arena, links: Links, rate: Array, log_weight: Array) -> None:
-    """Log w of the minorant that is exact at `rate` (N, W), into `log_weight` (K,), the greatest shifted to 0."""
+def tangent_weights(arena: Arena, links: Links, rate: Array, log_weight: Array, part: Array) -> None:
+    """Log w of the minorant that is exact at `rate` (N, W), into `log_weight` (K,), the greatest shifted to 0.
+
+    part: (N, W), scratch.
+    """
     z, count, top = np.empty(log_weight.shape[0]), np.empty(log_weight.shape[0]), -np.inf
-    user_sums(arena, links, rate, np.bool_(False), log_weight, z, count)
+    user_sums(arena, links, rate, np.bool_(False), log_weight, z, count, part)
     for k in range(z.shape[0]):
         log_weight[k] = np.log(count[k] / z[k]) - arena.mu * log_weight[k]
         top = max(top, log_weight[k])
@@ -64,29 +71,22 @@ def candidates(signal: Array, total: Array, serving: Ints, fresh: bool, best: Ar
     signal: (U, K) SNR; total: (K,), 1 + their sum; serving: (K,); best: (K,), scratch.
     """
     n_uavs, n_users = signal.shape
+    for u in range(n_uavs):
+        _efficiencies(signal[u], total, best)
+        for k in range(n_users):
+            eff[k, u] = best[k]
     for k in range(n_users):
-        best[k] = 0.0
-        for u in range(n_uavs):
-            eff[k, u] = 0.0
-    for u in range(n_uavs):
-        row = signal[u]
-        for k in range(n_users):
-            best[k] = max(best[k], row[k])
-    for u in range(n_uavs):
-        row = signal[u]
-        for k in range(n_users):
-            if row[k] > 0.0:
-                eff[k, u] = _efficiency(row[k], total[k])
-                if row[k] == best[k] and (fresh or signal[serving[k], k] <= 0.0):
+        if fresh or signal[serving[k], k] <= 0.0:
+            for u in range(n_uavs):
+                if signal[u, k] > signal[serving[k], k]:
                     serving[k] = u
-    for k in range(n_users):
-        eff[k, serving[k]] = _efficiency(signal[serving[k], k], total[k])
 
 
-@kernel
-def _efficiency(signal: float, total: float) -> float:
-    others = max(total - signal, 1.0)
-    return float(PER_LN * np.log((others + signal) / others))
+@smooth
+def _efficiencies(signal: Array, total: Array, efficiency: Array) -> None:
+    for k in range(signal.shape[0]):
+        others = max(total[k] - signal[k], 1.0)
+        efficiency[k] = PER_LN * log((others + signal[k]) / others)
 
 
 @kernel

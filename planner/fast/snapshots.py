@@ -1,9 +1,9 @@
-"""What a set of hover points is worth, from a few moments of the straight flights to them.
+"""Where all are in a few moments of the straight flights to a set of hover points, and what users receive then.
 
 Which points are good is asked thousands of times, so it is answered without paths: everyone flies straight to its
 point, hovers, and flies to its end in time; a handful of moments stand for the slots around them. In each moment a user
-belongs to the UAV with the strongest signal, and bands are shared in closed form. Moving one UAV changes one row of the
-signals, so that asking again takes K steps a moment and not U K.
+belongs to the UAV with the strongest signal. Moving one UAV changes one row of the signals, so that asking again takes
+K steps a moment and not U K. What the moments are worth is in `appraisal.py`.
 """
 
 from __future__ import annotations
@@ -14,26 +14,32 @@ from typing import NamedTuple
 import numpy as np
 
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.fast.arena import PER_USER, SUM, Arena, Ints, entry, is_pinned, kernel, smooth
-from skyfolio.planner.fast.rates import PER_LN
+from skyfolio.planner.fast.arena import PER_USER, Arena, Ints, is_pinned, kernel, smooth
 
 STRETCHES = (0.35, 0.8, 1.5, 3.0, 6.0)
 """Where the stretches that a moment stands for end, in flights to a neighbour; the last one ends with the plan."""
-UNMET = 1e3
-"""kbit/s that it costs to lack a whole band for the minimum rates: far more than any other move can gain."""
-TINY = 1e-300
-TANGENTS = 3
-"""Minorants in a row when `per_user` is looked at anew."""
+
+
+class Heard(NamedTuple):
+    """What users receive at M moments. total: (M, K), 1 + the SNR from all UAVs; own: (M, K), from the strongest one.
+
+    serving: (M, K), which one that is.
+    """
+
+    total: Array
+    own: Array
+    serving: Ints
 
 
 class Snapshots(NamedTuple):
     """The fleet at M moments, everyone bound for `place` (2, U). Bands are kHz and rates kbit/s, as in the arena.
 
     slot: (M,), the slots looked at; slots: (M,), how many each stands for. gain: (M, U, 1) m^2, or (M, U, K) of a
-    sampled channel. signal: (M, U, K) SNR; total: (M, K), 1 + their sum; serving: (M, K), the strongest UAV.
+    sampled channel. signal: (M, U, K) SNR. kept: what is heard without the move that is on trial; heard: with it.
+    kept_signal, kept_place: what a trial of up to two UAVs overwrites, to take it back.
     fixed: (K,), sum exp(mu rate) of each user over what no place changes; z: (K,), the same over everything.
-    log_weight: (K,), of the minorant by which bands are shared (`shares.py`). inverse, first: (K,), and width, top,
-    level, left: (U,), scratch of one moment. kept_*: what a move of up to two UAVs overwrites, to take it back.
+    log_weight: (K,), of the minorant by which bands are shared (`shares.py`). level: (M, U), log lambda of each UAV.
+    inverse, first: (K,), and width, top, left: (U,), scratch of one moment.
     """
 
     slot: Ints
@@ -41,21 +47,19 @@ class Snapshots(NamedTuple):
     gain: Array
     place: Array
     signal: Array
-    total: Array
-    serving: Ints
+    kept: Heard
+    heard: Heard
+    kept_signal: Array
+    kept_place: Array
     fixed: Array
     z: Array
     log_weight: Array
+    level: Array
     inverse: Array
     first: Array
     width: Array
     top: Array
-    level: Array
     left: Array
-    kept_signal: Array
-    kept_total: Array
-    kept_serving: Ints
-    kept_place: Array
 
 
 def snapshots_of(arena: Arena) -> Snapshots:
@@ -73,22 +77,25 @@ def snapshots_of(arena: Arena) -> Snapshots:
         gain=_gains(arena, edges, slot),
         place=np.zeros((2, n_uavs)),
         signal=np.zeros((count, n_uavs, n_users)),
-        total=np.ones((count, n_users)),
-        serving=np.zeros((count, n_users), dtype=np.int64),
+        kept=_heard_of(count, n_users),
+        heard=_heard_of(count, n_users),
+        kept_signal=np.zeros((2, count, n_users)),
+        kept_place=np.zeros((2, n_uavs)),
         fixed=fixed,
         z=np.ones(n_users),
         log_weight=np.zeros(n_users),
+        level=np.full((count, n_uavs), -np.inf),
         inverse=np.zeros(n_users),
         first=np.zeros(n_users),
         width=np.zeros(n_uavs),
         top=np.zeros(n_uavs),
-        level=np.zeros(n_uavs),
         left=np.zeros(n_uavs),
-        kept_signal=np.zeros((2, count, n_users)),
-        kept_total=np.zeros((count, n_users)),
-        kept_serving=np.zeros((count, n_users), dtype=np.int64),
-        kept_place=np.zeros((2, n_uavs)),
     )
+
+
+def _heard_of(count: int, n_users: int) -> Heard:
+    shape = (count, n_users)
+    return Heard(np.ones(shape), np.zeros(shape), np.zeros(shape, dtype=np.int64))
 
 
 def _edges(arena: Arena) -> Ints:
@@ -117,61 +124,94 @@ def _gains(arena: Arena, edges: Ints, slot: Ints) -> Array:
     return np.ascontiguousarray(np.stack(means))
 
 
-@entry
-def look(arena: Arena, shots: Snapshots, place_m: Array) -> float:
-    """Take the snapshots with everyone bound for `place_m` (2, U), metres; what they are worth, as in `worth`."""
-    shots.total[:] = 1.0
-    shots.signal[:] = 0.0
-    shots.serving[:] = 0
-    shots.log_weight[:] = 0.0
-    for u in range(place_m.shape[1]):
-        aim(arena, shots, u, place_m[0, u], place_m[1, u])
-    value = worth(arena, shots)
-    for _ in range(TANGENTS if arena.kind == PER_USER else 0):
-        keep(arena, shots)
-        value = worth(arena, shots)
-    return value
-
-
 @kernel
-def aim(arena: Arena, shots: Snapshots, u: int, x: float, y: float) -> None:
-    """Send UAV u to (x, y) metres instead, in every snapshot."""
-    shots.place[0, u], shots.place[1, u] = x, y
+def gather(arena: Arena, shots: Snapshots, place_m: Array) -> None:
+    """Send everyone to `place_m` (2, U), metres, on trial."""
+    shots.place[:] = place_m
+    total, own, serving = shots.heard
+    total[:], own[:], serving[:] = 1.0, 0.0, 0
     for m in range(shots.slot.shape[0]):
-        px, py = position(arena, u, x, y, shots.slot[m])
-        signal, total, serving = shots.signal[m], shots.total[m], shots.serving[m]
-        _hear_anew(arena.user_m, shots.gain[m, u], px, py, arena.height2[u], signal[u], total, shots.first)
-        _follow(signal, serving, shots.first, u)
+        for u in range(place_m.shape[1]):
+            x, y = position(arena, u, place_m[0, u], place_m[1, u], shots.slot[m])
+            row, gain = shots.signal[m, u], shots.gain[m, u]
+            _hear(arena.user_m, gain, x, y, arena.height2[u], row)
+            _add(row, u, total[m], own[m], serving[m])
 
 
 @smooth
-def _hear_anew(
-    user_m: Array, gain: Array, x: float, y: float, height2: float, row: Array, total: Array, before: Array
-) -> None:
-    """Write the SNR of a UAV at (x, y) into `row` (K,), the old into `before`, and add the difference to `total`."""
-    east, north, shared = user_m[0], user_m[1], gain.shape[0] == 1
+def _hear(user_m: Array, gain: Array, x: float, y: float, height2: float, row: Array) -> None:
+    """Write the SNR of a UAV at (x, y) at every user into `row` (K,)."""
+    east, north, shared, same = user_m[0], user_m[1], gain.shape[0] == 1, gain[0]
     for k in range(row.shape[0]):
         de, dn = x - east[k], y - north[k]
-        s = (gain[0] if shared else gain[k]) / (de * de + dn * dn + height2)
-        before[k] = row[k]
-        total[k] += s - row[k]
-        row[k] = s
+        row[k] = (same if shared else gain[k]) / (de * de + dn * dn + height2)
+
+
+@smooth
+def _add(row: Array, u: int, total: Array, own: Array, serving: Ints) -> None:
+    for k in range(row.shape[0]):
+        total[k] += row[k]
+        louder = row[k] > own[k]
+        serving[k] = u if louder else serving[k]
+        own[k] = row[k] if louder else own[k]
 
 
 @kernel
-def _follow(signal: Array, serving: Ints, before: Array, u: int) -> None:
-    """Write each user's strongest UAV into `serving` (K,) after row u of `signal` (U, K) changed from `before`."""
+def aim(arena: Arena, shots: Snapshots, u: int, x: float, y: float, second: bool) -> None:
+    """Send UAV u to (x, y) metres instead, in every snapshot, on trial; `second`: beside another move."""
+    if not second:
+        shots.kept_place[:] = shots.place
+    shots.place[0, u], shots.place[1, u] = x, y
+    old_total, old_own, old_serving = shots.heard if second else shots.kept
+    total, own, serving = shots.heard
+    for m in range(shots.slot.shape[0]):
+        px, py = position(arena, u, x, y, shots.slot[m])
+        signal, before = shots.signal[m], shots.kept_signal[int(second), m]
+        before[:] = signal[u]
+        _hear(arena.user_m, shots.gain[m, u], px, py, arena.height2[u], signal[u])
+        _exchange(old_total[m], before, signal[u], total[m])
+        _follow(signal, old_own[m], old_serving[m], before, u, own[m], serving[m])
+
+
+@smooth
+def _exchange(old_total: Array, before: Array, now: Array, total: Array) -> None:
+    for k in range(total.shape[0]):
+        total[k] = old_total[k] + (now[k] - before[k])
+
+
+@kernel
+def _follow(signal: Array, old_own: Array, old_serving: Ints, before: Array, u: int, own: Array, serving: Ints) -> None:
+    """Write each user's strongest UAV and its signal, after row u of `signal` (U, K) has changed from `before`."""
+    now = signal[u]
     for k in range(serving.shape[0]):
-        v = serving[k]
-        if v != u:
-            if signal[u, k] > signal[v, k]:
-                serving[k] = u
-        elif signal[u, k] < before[k]:
-            best = u
-            for i in range(signal.shape[0]):
-                if signal[i, k] > signal[best, k]:
-                    best = i
-            serving[k] = best
+        best, loudest = old_serving[k], old_own[k]
+        if best != u:
+            if now[k] > loudest:
+                best, loudest = u, now[k]
+        else:
+            loudest = now[k]
+            for i in range(signal.shape[0] if now[k] < before[k] else 0):
+                if signal[i, k] > loudest:
+                    best, loudest = i, signal[i, k]
+        own[k], serving[k] = loudest, best
+
+
+@kernel
+def keep(shots: Snapshots) -> None:
+    """Take what is on trial for good."""
+    for old, new in ((shots.kept.total, shots.heard.total), (shots.kept.own, shots.heard.own)):
+        old[:] = new
+    shots.kept.serving[:] = shots.heard.serving
+
+
+@kernel
+def take_back(shots: Snapshots, u: int, other: int) -> None:
+    """Undo the trial in which u moved, and then `other` if that is not -1."""
+    shots.place[:] = shots.kept_place
+    for m in range(shots.slot.shape[0]):
+        shots.signal[m, u] = shots.kept_signal[0, m]
+        if other >= 0:
+            shots.signal[m, other] = shots.kept_signal[1, m]
 
 
 @kernel
@@ -192,134 +232,3 @@ def position(arena: Arena, u: int, x: float, y: float, n: int) -> tuple[float, f
     if flown >= way:
         return x, y
     return x0 + (x - x0) * flown / way, y0 + (y - y0) * flown / way
-
-
-@kernel
-def worth(arena: Arena, shots: Snapshots) -> float:
-    """Return the utility over the moments, kbit/s, less a penalty for minimum rates: comparable between places only."""
-    if arena.kind == SUM:
-        return _sum_worth(arena, shots)
-    shots.z[:] = shots.fixed
-    total, penalty, n_all = 0.0, 0.0, 0.0
-    for m in range(shots.slot.shape[0]):
-        penalty += shots.slots[m] * _share_moment(arena, shots, m)
-        n_all += shots.slots[m]
-    n_users = shots.z.shape[0]
-    if arena.kind == PER_USER:
-        for k in range(n_users):
-            total += np.log(max(shots.z[k], TINY) / (n_all + shots.fixed[k]))
-        return float(total / arena.mu - penalty / n_all)
-    for k in range(n_users):
-        total += shots.z[k]
-    return float(n_users * np.log(max(total, TINY) / (n_users * n_all)) / arena.mu - penalty / n_all)
-
-
-@kernel
-def _sum_worth(arena: Arena, shots: Snapshots) -> float:
-    """Return the soft mean of the sum rates of the moments."""
-    least, total, n_all, count = np.inf, 0.0, 0.0, shots.slot.shape[0]
-    rates = np.empty(count)
-    for m in range(count):
-        rates[m] = _sum_rate(arena, shots, m)
-        least = min(least, rates[m])
-        n_all += shots.slots[m]
-    for m in range(count):
-        total += shots.slots[m] * (rates[m] if arena.mu == 0.0 else np.exp(arena.mu * (rates[m] - least)))
-    return float(total / n_all if arena.mu == 0.0 else least + np.log(total / n_all) / arena.mu)
-
-
-@kernel
-def _sum_rate(arena: Arena, shots: Snapshots, m: int) -> float:
-    """Give each band to the best of the users that its UAV serves, after the minimum rates."""
-    signal, total, serving = shots.signal[m], shots.total[m], shots.serving[m]
-    best, left, rate = shots.level, shots.left, 0.0
-    for u in range(best.shape[0]):
-        best[u], left[u] = 0.0, arena.khz[u]
-    for k in range(serving.shape[0]):
-        u = serving[k]
-        own = signal[u, k]
-        sinr = own / max(total[k] - own, 1.0)
-        best[u] = max(best[u], sinr)
-        if arena.has_minimum and arena.min_kbps[k] > 0.0:
-            left[u] -= arena.min_kbps[k] / max(PER_LN * np.log(1.0 + sinr), 1e-12)
-            rate += arena.min_kbps[k]
-    for u in range(best.shape[0]):
-        if left[u] < 0.0:
-            rate -= UNMET * min(1.0 - left[u] / arena.khz[u], 1e6)
-        elif best[u] > 0.0:
-            rate += left[u] * PER_LN * np.log(1.0 + best[u])
-    return float(rate)
-
-
-@kernel
-def _share_moment(arena: Arena, shots: Snapshots, m: int) -> float:
-    """Share the bands of one moment for the minorant with `log_weight`, and add exp(mu rate) of each user to `z`.
-
-    What comes back is the penalty for minimum rates that do not fit.
-    """
-    short = _demands(arena, shots, m)
-    serving, slots = shots.serving[m], shots.slots[m]
-    _levels(shots.inverse, shots.first, serving, shots.left, shots.width, shots.top, shots.level)
-    first, level, z = shots.first, shots.level, shots.z
-    for k in range(serving.shape[0]):
-        above = first[k] - level[serving[k]]
-        given = slots * np.exp(-above) if above > 0.0 else slots
-        z[k] += given * np.exp(arena.mu * arena.min_kbps[k]) if arena.has_minimum else given
-    return short
-
-
-@kernel
-def _demands(arena: Arena, shots: Snapshots, m: int) -> float:
-    """Write what the next kHz is worth to each user and what each band has left; return the penalty."""
-    signal, total, serving, left = shots.signal[m], shots.total[m], shots.serving[m], shots.left
-    first, inverse, log_weight, decay_per_rate = shots.first, shots.inverse, shots.log_weight, -arena.mu
-    for u in range(left.shape[0]):
-        left[u] = arena.khz[u]
-    for k in range(serving.shape[0]):
-        own = signal[serving[k], k]
-        others = max(total[k] - own, 1.0)
-        eff = max(PER_LN * np.log((own + others) / others), 1e-12)
-        decay = decay_per_rate * eff
-        inverse[k] = 1.0 / decay
-        first[k] = log_weight[k] + np.log(decay)
-        if arena.has_minimum and arena.min_kbps[k] > 0.0:
-            first[k] += arena.mu * arena.min_kbps[k]
-            left[serving[k]] -= arena.min_kbps[k] / eff
-    short = 0.0
-    for u in range(left.shape[0]):
-        if left[u] < 0.0:
-            short += UNMET * min(1.0 - left[u] / arena.khz[u], 1e6)
-            left[u] = 0.0
-    return short
-
-
-@kernel
-def _levels(inverse: Array, first: Array, serving: Ints, left: Array, width: Array, top: Array, level: Array) -> None:
-    """Log lambda of each UAV into `level` (U,): water-filling, users that would get less than nothing dropping out."""
-    active = -1
-    for u in range(level.shape[0]):
-        level[u] = -np.inf
-    while True:
-        count = 0
-        for u in range(level.shape[0]):
-            width[u] = top[u] = 0.0
-        for k in range(serving.shape[0]):
-            u = serving[k]
-            if first[k] > level[u]:
-                width[u] += inverse[k]
-                top[u] += first[k] * inverse[k]
-                count += 1
-        if count == active:
-            return
-        active = count
-        for u in range(level.shape[0]):
-            if width[u] > 0.0:
-                level[u] = (top[u] - left[u]) / width[u]
-
-
-@kernel
-def keep(arena: Arena, shots: Snapshots) -> None:
-    """Take the places as they are now for good: the next moves are judged by their marginal worth."""
-    if arena.kind == PER_USER:
-        for k in range(shots.z.shape[0]):
-            shots.log_weight[k] = -np.log(max(shots.z[k], TINY))

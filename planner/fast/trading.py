@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.fast.arena import PER_USER, POOLED, SUM, Arena, Ints, entry, kernel
-from skyfolio.planner.fast.exchange import THOROUGH, Market, fill, market_of
+from skyfolio.planner.fast.exchange import THOROUGH
+from skyfolio.planner.fast.market import Market, fill, market_of
 from skyfolio.planner.fast.rates import keep_pins, slot_signals
 from skyfolio.planner.fast.shares import candidates
 

@@ -12,7 +12,7 @@ import pytest
 from skyfolio.api.cli import bench
 from skyfolio.api.cli import main as cli
 from skyfolio.api.lab.bench import loop, markdown, planner_figures, radio, table
-from skyfolio.api.lab.bench.best_known import improve, instances, load
+from skyfolio.api.lab.bench.best_known import improve, instances, load, note_search, searched
 from skyfolio.api.lab.bench.cases import CASES, SIZES, instance, stop
 from skyfolio.api.lab.bench.ipopt import Trajectories, alternate, utility_of
 from skyfolio.api.lab.bench.peers import peers, value_kbps
@@ -200,6 +200,22 @@ def test_best_known_values_are_improved_when_beaten_and_never_lowered(tmp_path: 
     assert not improve(one, 10.0, "the same", 1.0, file)
     assert improve(one, 11.0, "better", 2.0, file)
     assert load(file) == {one.name: {"utility_kbps": 11.0, "found_by": "better", "seconds": 2.0}}
+
+
+def test_a_search_for_best_known_values_that_was_interrupted_goes_on_where_it_was(tmp_path: Path) -> None:
+    file, (first, second, *_) = tmp_path / "best.json", instances(TINY[0])
+    improve(first, 10.0, "found", 1.0, file)
+    assert not searched(first, 600.0, 1, file)
+    note_search(first, 600.0, 1, file)
+    assert searched(first, 600.0, 1, file)
+    assert searched(first, 60.0, 1, file)
+    assert not searched(first, 601.0, 1, file)
+    assert not searched(first, 600.0, 2, file)
+    assert not searched(second, 600.0, 1, file)
+    assert improve(first, 11.0, "better", 2.0, file)
+    assert searched(first, 600.0, 1, file)
+    assert load(file)[first.name]["utility_kbps"] == 11.0
+    assert [one.name for one in tmp_path.iterdir()] == ["best.json"]
 
 
 def test_best_known_values_belong_to_instances_there_are() -> None:

@@ -16,7 +16,8 @@ from skyfolio.planner.arrays import Array
 from skyfolio.planner.fast import optimise
 from skyfolio.planner.fast.arena import Arena, Links, arena_of, links_of
 from skyfolio.planner.fast.climb import climb
-from skyfolio.planner.fast.exchange import water_fill
+from skyfolio.planner.fast.elementary import exp, log
+from skyfolio.planner.fast.market import water_fill
 from skyfolio.planner.fast.rates import gradient, link_rates, value
 from skyfolio.planner.problem import Problem, problem_of
 from skyfolio.planner.sinr import spectral_efficiency
@@ -25,8 +26,8 @@ from skyfolio.planner.stopping import MaxIterations
 from skyfolio.planner.utility import utility_kbps
 
 
-def _water_fill(decay: Array, first: Array, left: float, members: Any, khz: Array) -> float:
-    return water_fill(decay, first, left, members, len(members), khz)
+def _water_fill(decay: Array, first: Array, left: float, place: Any, khz: Array) -> float:
+    return water_fill(decay, first, left, place, len(place), khz)
 
 
 def _value_and_slope(arena: Arena, path: Array, links: Links, slope: Array) -> float:
@@ -37,7 +38,19 @@ def _value_and_slope(arena: Arena, path: Array, links: Links, slope: Array) -> f
     return worth
 
 
+def _exp(x: Array, y: Array) -> None:
+    for i in range(len(x)):
+        y[i] = exp(x[i])
+
+
+def _log(x: Array, y: Array) -> None:
+    for i in range(len(x)):
+        y[i] = log(x[i])
+
+
 filled = njit(_water_fill)
+LOOSE = {"nnan", "reassoc", "contract", "nsz", "arcp"}
+"""As the kernels that use them: what may be added up in any order must not spoil them."""
 value_and_slope = njit(_value_and_slope)
 
 
@@ -100,6 +113,27 @@ def test_water_filling_is_what_cvxpy_finds(seed: int, users: int) -> None:
     worth_of_the_next = log_weight + np.log(decay) - decay * khz  # equal where there is band, no greater elsewhere
     assert worth_of_the_next[khz > 0] == pytest.approx(level, abs=1e-9)
     assert (worth_of_the_next[khz == 0] <= level + 1e-9).all()
+
+
+@pytest.mark.parametrize("fastmath", [False, LOOSE])
+def test_exponential_and_logarithm_are_those_of_numpy(fastmath: Any) -> None:
+    rng = np.random.default_rng(0)
+    x = np.concatenate([rng.uniform(-700.0, 700.0, 1000), rng.normal(0.0, 1.0, 1000), [0.0, -708.0, 709.0, 1e-9]])
+    y = np.empty(len(x))
+    njit(_exp, error_model="numpy", fastmath=fastmath)(x, y)
+    assert y == pytest.approx(np.exp(x), rel=1e-13)
+    near = np.abs(x) < 30
+    assert y[near] == pytest.approx(np.exp(x[near]), rel=2e-15)
+    z = np.concatenate([np.exp(x), 1.0 + rng.uniform(-1e-6, 1e-6, 1000), [1.0, 1e-300, 1e300]])
+    y = np.empty(len(z))
+    njit(_log, error_model="numpy", fastmath=fastmath)(z, y)
+    assert y == pytest.approx(np.log(z), rel=1e-15, abs=1e-18)
+
+
+def test_an_exponential_far_below_what_a_float_can_hold_is_next_to_nothing() -> None:
+    y = np.empty(1)
+    njit(_exp, error_model="numpy")(np.array([-1e6]), y)
+    assert 0.0 <= y[0] < 1e-300
 
 
 @pytest.mark.parametrize("kind", ["sum", "per_user", "pooled"])

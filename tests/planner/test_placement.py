@@ -12,12 +12,13 @@ from numba import njit
 from skyfolio.planner import MaxIterations, Scenario, Uav, Utility, violations
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.fast import flyable, linked, optimise, served_rates_bps
+from skyfolio.planner.fast.appraisal import look, worth
 from skyfolio.planner.fast.arena import Arena, arena_of, plain
 from skyfolio.planner.fast.placement import Effort, effort_of, grounds_of, places, sites_m, sketched
 from skyfolio.planner.fast.seeds import bound
 from skyfolio.planner.fast.settling import settle
 from skyfolio.planner.fast.sketch import exchange_users
-from skyfolio.planner.fast.snapshots import Snapshots, aim, look, snapshots_of, worth
+from skyfolio.planner.fast.snapshots import Snapshots, aim, keep, snapshots_of, take_back
 from skyfolio.planner.layouts import laid_out
 from skyfolio.planner.problem import Problem, problem_of
 from skyfolio.planner.scenario import NoFlyDisc, NoFlyPolygon, zone_holds
@@ -29,14 +30,22 @@ CASES = [("sum", 0.0), ("sum", -0.05), ("per_user", -0.1), ("pooled", -0.5)]
 
 
 def _aim(arena: Arena, shots: Snapshots, u: int, x: float, y: float) -> None:
-    aim(arena, shots, u, x, y)
+    aim(arena, shots, u, x, y, False)
+    keep(shots)
 
 
 def _worth(arena: Arena, shots: Snapshots) -> float:
     return worth(arena, shots)
 
 
-aimed, valued = njit(_aim), njit(_worth)
+def _exchanged_and_back(arena: Arena, shots: Snapshots, u: int, other: int) -> None:
+    x, y = shots.place[0, u], shots.place[1, u]
+    aim(arena, shots, u, shots.place[0, other], shots.place[1, other], False)
+    aim(arena, shots, other, x, y, True)
+    take_back(shots, u, other)
+
+
+aimed, valued, exchanged_and_back = njit(_aim), njit(_worth), njit(_exchanged_and_back)
 
 
 def fleet(kind: str = "sum", mu: float = 0.0, size: tuple[int, int, int] = (6, 30, 12), **changes: Any) -> Scenario:
@@ -129,8 +138,13 @@ def test_moving_uavs_one_by_one_comes_to_the_same_as_looking_anew(seed: int) -> 
         u, (x, y) = int(rng.integers(6)), rng.uniform(problem.low_m, problem.high_m)
         aimed(arena, moved, u, x, y)
     assert valued(arena, moved) == pytest.approx(look(arena, fresh, moved.place.copy()), rel=1e-9)
-    loudest = np.take_along_axis(moved.signal, moved.serving[:, None], axis=1)[:, 0]
+    loudest = np.take_along_axis(moved.signal, moved.heard.serving[:, None], axis=1)[:, 0]
     np.testing.assert_array_equal(loudest, moved.signal.max(axis=1))
+    np.testing.assert_array_equal(loudest, moved.heard.own)
+    signal, place = moved.signal.copy(), moved.place.copy()
+    exchanged_and_back(arena, moved, 1, 4)
+    np.testing.assert_array_equal(moved.signal, signal)
+    np.testing.assert_array_equal(moved.place, place)
 
 
 @pytest.mark.parametrize(("kind", "mu"), CASES)

@@ -1,13 +1,15 @@
 """The best known utility of each instance of the quality benchmark: improved when beaten, never lowered.
 
 `python -m skyfolio.api.lab.bench.best_known [--seconds S] [--only TEXT]` searches on, instance by instance, and
-writes the file.
+writes the file whole after each. It may be interrupted at any time and started again: what was searched as long with
+the same seed before is passed over (`--again` searches it anew).
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -80,15 +82,34 @@ def improve(instance: Instance, utility_kbps: float, found_by: str, seconds: flo
     if known is not None and utility_kbps <= known["utility_kbps"] * (1.0 + MARGIN):
         return False
     table[instance.name] = {
+        **({"searched": known["searched"]} if known and "searched" in known else {}),
         "utility_kbps": round(utility_kbps, 6),
         "found_by": found_by,
         "seconds": round(seconds, 1),
     }
-    text = json.dumps(dict(sorted(table.items())), indent=1) + "\n"
-    written = path.with_suffix(".new")
-    written.write_text(text, encoding="utf-8")
-    written.replace(path)
+    _write(table, path)
     return True
+
+
+def searched(instance: Instance, seconds: float, seed: int, path: Path = FILE) -> bool:
+    """Return whether a search with this seed has already had so many seconds, whatever it found."""
+    known = load(path).get(instance.name, {})
+    return bool(known.get("searched", {}).get(str(seed), 0.0) >= seconds)
+
+
+def note_search(instance: Instance, seconds: float, seed: int, path: Path = FILE) -> None:
+    """Note that a search has come to its end, so that it need not be run again."""
+    table = load(path)
+    done = table[instance.name].setdefault("searched", {})
+    done[str(seed)] = max(seconds, done.get(str(seed), 0.0))
+    _write(table, path)
+
+
+def _write(table: Table, path: Path) -> None:
+    """Replace the file, whole or not at all."""
+    written = path.with_suffix(f".{os.getpid()}.new")
+    written.write_text(json.dumps(dict(sorted(table.items())), indent=1) + "\n", encoding="utf-8")
+    written.replace(path)
 
 
 def search(instance: Instance, seconds: float, seed: int, clock: Callable[[], float] = time.process_time) -> float:
@@ -106,14 +127,19 @@ def main() -> None:
     parser.add_argument("--sizes", default="10x100x50,20x300x100,50x1000x100")
     parser.add_argument("--only", default="", help="instances whose name contains this")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--again", action="store_true", help="search what was searched as long before, too")
     given = parser.parse_args()
     for text in given.sizes.split(","):
         n_uavs, n_users, n_slots = (int(part) for part in text.split("x"))
         for instance in instances((n_uavs, n_users, n_slots)):
             if given.only not in instance.name:
                 continue
+            if not given.again and searched(instance, given.seconds, given.seed):
+                print(f"{instance.name}: searched before", flush=True)  # noqa: T201
+                continue
             value = search(instance, given.seconds, given.seed)
             better = improve(instance, value, f"planner, seed {given.seed}, {given.seconds:g} s", given.seconds)
+            note_search(instance, given.seconds, given.seed)
             print(f"{instance.name}: {value:.3f} {'best so far' if better else ''}", flush=True)  # noqa: T201
 
 

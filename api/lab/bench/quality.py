@@ -16,8 +16,9 @@ from skyfolio.planner.remainder import remaining
 
 Row: TypeAlias = dict[str, Any]
 BUDGETS = (1, 2, 10)
-LAYOUTS_OF_LARGE, LARGE = 3, 40
-"""From 40 UAVs on only so many layouts, and no tenfold budget: the benchmark has to end."""
+MIDDLE, LARGE = 15, 40
+LAYOUTS_OF_MIDDLE, LAYOUTS_OF_LARGE = 3, 1
+"""From 15 and from 40 UAVs on only so many layouts, and from 40 no tenfold budget: the benchmark has to end."""
 PEERS_S = 20.0
 IPOPT_CELLS = 50_000
 """U K N up to which IPOPT ends in minutes under `sum`; the other utilities have K links a slot, and it does not."""
@@ -33,8 +34,8 @@ MANY_STARTS = 12
 def quality(size: tuple[int, int, int], kind: str, *, quick: bool) -> Row:
     """Return all instances of one size and utility, and the peers on the first of them."""
     chosen = [one for one in instances(size) if one.kind == kind]
-    if quick or size[0] >= LARGE:
-        chosen = chosen[: 1 if quick else LAYOUTS_OF_LARGE]
+    if quick or size[0] >= MIDDLE:
+        chosen = chosen[: 1 if quick else LAYOUTS_OF_LARGE if size[0] >= LARGE else LAYOUTS_OF_MIDDLE]
     budgets = BUDGETS[:1] if quick else BUDGETS[:2] if size[0] >= LARGE else BUDGETS
     rows = [_measured(one, budgets, note=not quick) for one in chosen]
     figures: Row = {
