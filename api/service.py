@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import time
 from collections.abc import Coroutine
 from contextlib import suppress
 from typing import Any
@@ -18,6 +17,7 @@ from skyfolio.api.common.fleet_clock import FleetClock
 from skyfolio.api.common.metrics import Metrics
 from skyfolio.api.common.settings import Settings
 from skyfolio.api.common.supervision import Supervisor
+from skyfolio.api.common.surroundings import monotonic_s, utc_s
 from skyfolio.api.fleet.registry import Fleet
 from skyfolio.api.fleet.simulated_fleet import SimulatedFleet, own_endpoint, scenario_of
 from skyfolio.api.flights.drills import Drills
@@ -129,7 +129,7 @@ class Service:
         """
         self.ready = False
         self.events.end()
-        until_s = time.monotonic() + CLOSE_S
+        until_s = monotonic_s() + CLOSE_S
         await self.background.close()
         await _ended("drills", self.drills.close(), until_s)
         await _ended("operations", self.operations.close(), until_s)
@@ -140,7 +140,7 @@ class Service:
         await _ended("explanations", self.explanations.close(), until_s)
         await _ended("plans", self.plans.close(), until_s)
         await asyncio.to_thread(self.solver.close)
-        await _ended("database", self.database.close(), time.monotonic() + 1.0)
+        await _ended("database", self.database.close(), monotonic_s() + 1.0)
 
     # -- health and metrics ---------------------------------------------------------------------------------------
 
@@ -153,7 +153,7 @@ class Service:
         lane = self.solver[LaneName.REQUESTS]
         if self._pulse is None and not lane.warm:
             return None
-        fresh = self._pulse is not None and time.monotonic() - self._pulse[0] < PULSE_S
+        fresh = self._pulse is not None and monotonic_s() - self._pulse[0] < PULSE_S
         if not fresh and (self._pulsing is not None or not lane.busy):
             self._pulsing = self._pulsing or asyncio.create_task(self._feel_pulse(lane), name="pulse")
             await asyncio.wait([self._pulsing], timeout=PULSE_S)
@@ -167,9 +167,9 @@ class Service:
         return None if self._pulse is None else self._pulse[1]
 
     async def _feel_pulse(self, lane: Lane) -> None:
-        began_s = time.monotonic()
+        began_s = monotonic_s()
         await lane.solve(Job(scenario=EXAMPLES["minimal"]().model_dump_json(), deadline_s=PULSE_S))
-        now_s = time.monotonic()
+        now_s = monotonic_s()
         self._pulse = (now_s, (now_s - began_s) * 1e3)
 
     def can_replan(self) -> bool:
@@ -233,7 +233,7 @@ class Service:
             await asyncio.sleep(1 / self.settings.telemetry_hz)
             if self.events.followers and not self.fleet.empty:
                 vehicles = [view.model_dump(mode="json") for view in self.fleet.views()]
-                self.events.publish_telemetry({"at": round(time.time(), 3), "vehicles": vehicles})
+                self.events.publish_telemetry({"at": round(utc_s(), 3), "vehicles": vehicles})
 
     async def _tend_solver(self) -> None:
         """Replace workers that do not answer, and report when our HEARTBEAT to vehicles stops and begins."""
@@ -257,7 +257,7 @@ class Service:
 async def _ended(name: str, ending: Coroutine[Any, Any, None], until_s: float) -> None:
     """Wait for an end, but hardly longer than `until_s` (monotonic seconds)."""
     task = asyncio.create_task(ending, name=f"end {name}")
-    done, _ = await asyncio.wait([task], timeout=max(0.1, until_s - time.monotonic()))
+    done, _ = await asyncio.wait([task], timeout=max(0.1, until_s - monotonic_s()))
     if done:
         task.result()
     else:

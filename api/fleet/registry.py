@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
@@ -14,6 +13,7 @@ from skyfolio.api.common.errors import ConflictError, InvalidError, NotFoundErro
 from skyfolio.api.common.fleet_clock import FleetClock
 from skyfolio.api.common.settings import Settings
 from skyfolio.api.common.supervision import Supervisor
+from skyfolio.api.common.surroundings import utc_s
 from skyfolio.api.fleet.commander import Commander
 from skyfolio.api.fleet.fleet_connection import FleetConnection
 from skyfolio.api.fleet.own_link import Heard, OwnLink
@@ -97,7 +97,7 @@ class Fleet:
             self._systems[uav_id] = system_id
             self.link.expect({system_id})
             self.link.classifier.watch(system_id, self._clock.now())
-            row = {"uav_id": uav_id, "system_id": system_id, "simulated": simulated, "registered_at": time.time()}
+            row = {"uav_id": uav_id, "system_id": system_id, "simulated": simulated, "registered_at": utc_s()}
             await self._database.write((insert(table), row))
             self._events.add("vehicle_registered", uav_id=uav_id, system_id=system_id, simulated=simulated)
         if simulated:

@@ -7,7 +7,6 @@ a loss whose plan is ready needs no solve.
 from __future__ import annotations
 
 import asyncio
-import time
 from collections.abc import Mapping
 from contextlib import suppress
 
@@ -17,6 +16,7 @@ from pydantic import BaseModel
 from sqlalchemy import select
 from sqlalchemy.dialects import postgresql, sqlite
 
+from skyfolio.api.common.surroundings import utc_s
 from skyfolio.api.plans.jobs import Job
 from skyfolio.api.plans.solver import LaneName, SolveError, Solver
 from skyfolio.api.store import Database, StoreError
@@ -151,7 +151,7 @@ class Contingencies:
             "plan_id": key[0],
             "at_slot": key[1],
             "uav_id": key[2],
-            "created_at": time.time(),
+            "created_at": utc_s(),
             "result": plan.model_dump_json() if plan else None,
             "error": None if plan else outcome,
         }
