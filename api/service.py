@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Coroutine
+from collections.abc import Awaitable, Callable, Coroutine
 from contextlib import suppress
+from dataclasses import dataclass, field
 from typing import Any
 
 import structlog
@@ -18,6 +19,7 @@ from skyfolio.api.common.metrics import Metrics
 from skyfolio.api.common.settings import Settings
 from skyfolio.api.common.supervision import Supervisor
 from skyfolio.api.common.surroundings import monotonic_s, utc_s
+from skyfolio.api.fleet.fleet_ports import FleetPorts
 from skyfolio.api.fleet.registry import Fleet
 from skyfolio.api.fleet.simulated_fleet import SimulatedFleet, own_endpoint, scenario_of
 from skyfolio.api.flights.drills import Drills
@@ -29,9 +31,10 @@ from skyfolio.api.flights.shared_services import SharedServices
 from skyfolio.api.plans.contingencies import Contingencies
 from skyfolio.api.plans.explanations import Explanations
 from skyfolio.api.plans.jobs import Job
+from skyfolio.api.plans.lane_port import SolveLane
 from skyfolio.api.plans.plan_book import PlanBook
 from skyfolio.api.plans.plan_store import PlanStore
-from skyfolio.api.plans.solver import Lane, LaneName, Solver
+from skyfolio.api.plans.solver import LaneName, Solver, solver_of_processes
 from skyfolio.api.store import Database, StoreError
 from skyfolio.api.store.event_log import Event, EventLog
 from skyfolio.api.store.retention import Retention
@@ -45,11 +48,29 @@ CLOSE_S = 1.5
 """Wall seconds that everything has to end when the service is stopped: vehicles fly on by themselves."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class Ports:
+    """What a service reaches the world through; by default what a process of its own has.
+
+    solver: makes the lanes of solves. database: opens the database that the settings name.
+    """
+
+    solver: Callable[[Settings], Solver] = lambda settings: solver_of_processes(settings.workers, settings.queue_limit)
+    database: Callable[[Settings], Awaitable[Database]] = lambda settings: Database.open(settings.database_url)
+    fleet: FleetPorts = field(default_factory=FleetPorts)
+
+
 class Service:
     """Everything that a route may use. Made by `open`, ended by `close`."""
 
     def __init__(
-        self, settings: Settings, database: Database, events: EventLog, solver: Solver, clock: FleetClock | None = None
+        self,
+        settings: Settings,
+        database: Database,
+        events: EventLog,
+        solver: Solver,
+        clock: FleetClock | None = None,
+        ports: FleetPorts | None = None,
     ) -> None:
         self.settings, self.database, self.events = settings, database, events
         self.clock = clock or FleetClock(settings.time_scale)
@@ -64,7 +85,15 @@ class Service:
         self.explanations = Explanations(self.solver, settings)
         self.journal = Journal(database)
         self.simulated, settings = _simulated(settings)
-        self.fleet = Fleet(settings, self.clock, events, database, background=self.background, healthy=self.can_replan)
+        self.fleet = Fleet(
+            settings,
+            self.clock,
+            events,
+            database,
+            background=self.background,
+            healthy=self.can_replan,
+            ports=ports,
+        )
         shared = SharedServices(settings, self.clock, self.plans, self.contingencies, self.metrics)
         self.operations = Operations(shared, Stores(database, self.journal, events), self.fleet)
         self.orders = Orders(self.fleet, self.operations)
@@ -77,20 +106,21 @@ class Service:
         self.journal.listeners.append(self._note_step)
 
     @classmethod
-    async def open(cls, settings: Settings, flight: Lane | None = None, clock: FleetClock | None = None) -> Service:
+    async def open(cls, settings: Settings, clock: FleetClock | None = None, ports: Ports | None = None) -> Service:
         """Warm the solver, open the database, and go on with what an earlier process left. Raises StoreError.
 
         Workers load while the rest starts: the sooner the lane of flights is warm, the sooner a loss is dealt with.
-        flight: that lane, if it was begun before. clock: the fleet's time, when it is a simulated fleet's own.
+        clock: the fleet's time, when it is a simulated fleet's own. ports: what it reaches the world through.
         """
-        solver = Solver(settings.workers, settings.queue_limit, flight)
+        ports = ports or Ports()
+        solver = ports.solver(settings)
         if settings.warm_up:
             solver.begin()
         database = None
         try:
-            database = await Database.open(settings.database_url)
+            database = await ports.database(settings)
             await database.claim()
-            service = cls(settings, database, await EventLog.open(database), solver, clock)
+            service = cls(settings, database, await EventLog.open(database), solver, clock, ports.fleet)
         except BaseException:
             if database is not None:
                 await database.close()
@@ -166,7 +196,7 @@ class Service:
             raise BusyError("solver: its workers do not answer")
         return None if self._pulse is None else self._pulse[1]
 
-    async def _feel_pulse(self, lane: Lane) -> None:
+    async def _feel_pulse(self, lane: SolveLane) -> None:
         began_s = monotonic_s()
         await lane.solve(Job(scenario=EXAMPLES["minimal"]().model_dump_json(), deadline_s=PULSE_S))
         now_s = monotonic_s()
