@@ -52,12 +52,14 @@ CLOSE_S = 1.5
 class Ports:
     """What a service reaches the world through; by default what a process of its own has.
 
-    solver: makes the lanes of solves. database: opens the database that the settings name.
+    solver: makes the lanes of solves. database: opens the database that the settings name. watch_loop: whether it is
+    worth measuring how late the event loop wakes.
     """
 
     solver: Callable[[Settings], Solver] = lambda settings: solver_of_processes(settings.workers, settings.queue_limit)
     database: Callable[[Settings], Awaitable[Database]] = lambda settings: Database.open(settings.database_url)
     fleet: FleetPorts = field(default_factory=FleetPorts)
+    watch_loop: bool = True
 
 
 class Service:
@@ -70,9 +72,10 @@ class Service:
         events: EventLog,
         solver: Solver,
         clock: FleetClock | None = None,
-        ports: FleetPorts | None = None,
+        ports: Ports | None = None,
     ) -> None:
         self.settings, self.database, self.events = settings, database, events
+        self._ports = ports or Ports()
         self.clock = clock or FleetClock(settings.time_scale)
         self.metrics = Metrics()
         self.keys = KeyRing(database)
@@ -92,7 +95,7 @@ class Service:
             database,
             background=self.background,
             healthy=self.can_replan,
-            ports=ports,
+            ports=self._ports.fleet,
         )
         shared = SharedServices(settings, self.clock, self.plans, self.contingencies, self.metrics)
         self.operations = Operations(shared, Stores(database, self.journal, events), self.fleet)
@@ -120,7 +123,7 @@ class Service:
         try:
             database = await ports.database(settings)
             await database.claim()
-            service = cls(settings, database, await EventLog.open(database), solver, clock, ports.fleet)
+            service = cls(settings, database, await EventLog.open(database), solver, clock, ports)
         except BaseException:
             if database is not None:
                 await database.close()
@@ -136,7 +139,8 @@ class Service:
     async def _start(self) -> None:
         self.events.add("service_started", taken_up=self.database.taken_up)
         self.background.watch_loop(asyncio.get_running_loop())
-        self.background.start("loop-watch", self.metrics.watch_loop)
+        if self._ports.watch_loop:
+            self.background.start("loop-watch", self.metrics.watch_loop)
         self.background.start("telemetry", self._show_telemetry)
         self.background.start("tidy", self._tidy)
         self.background.start("tend-solver", self._tend_solver)

@@ -14,10 +14,13 @@ from skyfolio.planner import (
     Cause,
     Deadline,
     Iteration,
+    PinError,
     Plan,
     PlanStatus,
+    ReplanError,
     Scenario,
     StopToken,
+    UnreachableEndError,
     converged,
     explain,
     plan,
@@ -75,6 +78,16 @@ class BestSoFar:
         self._show(make().model_dump_json())
         now = self._clock()
         self._due_s = now + max(SHOW_EVERY_S, SOLVING_PER_SHOWING * (now - began))
+
+
+def attempt(job: Job, board: Board, token: int, clock: Clock = time.monotonic) -> Solved:
+    """Do one job, showing on the board how far it is. Every failure is part of the result."""
+    try:
+        return work(job, board, token, clock)
+    except (UnreachableEndError, ReplanError, PinError) as error:
+        return Solved(status=PlanStatus.INFEASIBLE, error=str(error))
+    except Exception as error:  # noqa: BLE001 - whatever it is, it must not break the pool
+        return Solved(status=PlanStatus.FAILED, error=f"{type(error).__name__}: {error}")
 
 
 def work(job: Job, board: Board, token: int, clock: Clock = time.monotonic) -> Solved:
