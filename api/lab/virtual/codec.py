@@ -38,10 +38,10 @@ _NEW_FIELDS = {
 
 
 class Field(NamedTuple):
-    """One field. `count`: how many values it takes in the struct; `text`: whether they are characters."""
+    """One field. `values`: how many values it takes in the struct; `text`: whether they are characters."""
 
     name: str
-    count: int
+    values: int
     text: bool
     real: bool
 
@@ -90,7 +90,7 @@ def layout_of(number: int) -> Layout | None:
     for field, letter in _NEW_FIELDS.get(name, ()):
         letters += letter
         fields.append(Field(field, 1, text=False, real=False))
-    plain = all(field.count == 1 and not field.text for field in fields)
+    plain = all(field.values == 1 and not field.text for field in fields)
     return Layout(
         name=name,
         number=number,
@@ -159,9 +159,9 @@ def encode(name: str, fields: Mapping[str, Any], *, sender: tuple[int, int], seq
         value = fields.get(field.name, b"" if field.text else 0)
         if field.text:
             values.append(value.encode() if isinstance(value, str) else value)
-        elif field.count > 1:
+        elif field.values > 1:
             given = [*(value or ())]
-            values += [_number(one, field) for one in given] + [0] * (field.count - len(given))
+            values += [_number(one, field) for one in given] + [0] * (field.values - len(given))
         else:
             values.append(_number(value, field))
     payload = layout.struct.pack(*values).rstrip(b"\0") or b"\0"

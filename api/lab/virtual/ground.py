@@ -18,6 +18,7 @@ import random
 from collections.abc import Callable, Coroutine, Iterable
 from contextlib import suppress
 from contextvars import Context, copy_context
+from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
 from types import TracebackType
@@ -96,8 +97,14 @@ class Ground:
         self._lives: list[tuple[Life, Context]] = []
         self._burials: list[asyncio.Task[None]] = []
         self._flying: asyncio.Task[None] | None = None
+        self._around = surrounded(
+            Surroundings(
+                monotonic_s=self._loop.time, utc_s=self._utc_s, token=lambda size: self._chance.randbytes(size).hex()
+            )
+        )
 
     async def __aenter__(self) -> Self:
+        self._around.__enter__()
         self._flying = asyncio.create_task(self._fly(), name="fleet")
         return self
 
@@ -114,6 +121,14 @@ class Ground:
                 with suppress(asyncio.CancelledError):
                     await self._flying
             self.disk.close()
+            self._around.__exit__(kind, error, trace)
+
+    @staticmethod
+    def specs_of(scenario: Scenario, autopilots: Iterable[str] = ()) -> list[sim.VehicleSpec]:
+        """Return a vehicle at each UAV's start with one of the autopilots in turn; by default all are PX4."""
+        chosen = [*autopilots] or ["px4"]
+        specs = specs_at_starts(scenario)
+        return [replace(spec, autopilot=chosen[place % len(chosen)]) for place, spec in enumerate(specs)]
 
     @property
     def now_s(self) -> float:
@@ -141,13 +156,11 @@ class Ground:
         if self.service is not None:
             raise RuntimeError("a service lives already")
         life = Life()
-        around = Surroundings(monotonic_s=self._loop.time, utc_s=self._utc_s, token=self._token)
-        with surrounded(around):
-            context = copy_context()
+        context = copy_context()
         context.run(life_here.set, life)
         self._lives.append((life, context))
         self.starts += 1
-        self.service = service = await self.ask(self._open(life, self.starts))
+        self.service = service = await self.ask(self._open(life))
         service.events.listeners.append(lambda event: None if life.over else self.on_event(event))
         return service
 
@@ -156,12 +169,12 @@ class Ground:
         task: asyncio.Task[Result] = self._loop.create_task(work, context=self._lives[-1][1].copy())
         return await task
 
-    async def _open(self, life: Life, number: int) -> Service:
+    async def _open(self, life: Life) -> Service:
         def alive() -> bool:
             return not life.over
 
         def endpoint(url: str, on_frames: OnFrames) -> MemoryEndpoint:
-            return MemoryEndpoint(self.fleet, url, on_frames, alive=alive, number=number)
+            return MemoryEndpoint(self.fleet, url, on_frames, alive=alive)
 
         async def database(_settings: Settings) -> Database:
             backend = MemoryBackend(self.disk, alive)
@@ -209,9 +222,6 @@ class Ground:
 
     def _utc_s(self) -> float:
         return EPOCH_S + self._loop.time() + self.clock_ahead_s
-
-    def _token(self, size: int) -> str:
-        return self._chance.randbytes(size).hex()
 
 
 class _LoopClock:

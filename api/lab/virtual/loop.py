@@ -106,12 +106,6 @@ class VirtualLoop(BaseEventLoop):
         """Return a new future."""
         return NumberedFuture(loop=self)
 
-    def call_soon_threadsafe(
-        self, callback: Callable[..., object], *args: Any, context: Context | None = None
-    ) -> asyncio.Handle:
-        """Call it in the next turn; there is no other thread."""
-        return self.call_soon(callback, *args, context=context)
-
     def run_in_executor(  # type: ignore[override]
         self, executor: Any, func: Callable[..., Result], *args: Any
     ) -> asyncio.Future[Result]:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import re
+from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import replace
-from functools import lru_cache
 
 from skyfolio.api.common.errors import BusyError
 from skyfolio.api.plans.job_board import Progress
@@ -14,7 +15,8 @@ from skyfolio.api.plans.solver import LaneName, SolveError, Solver
 from skyfolio.api.plans.solving import attempt
 from skyfolio.planner import Cause, Iteration, Plan, PlanStatus
 
-KEEP_SOLVED = 512
+KEEP_SOLVED = 4096
+_ID = re.compile(r'\{"id":"([^"]*)"')
 MOST_JOBS = 256
 
 
@@ -79,10 +81,12 @@ class ModelledLane:
     def progress(self, token: int) -> Progress | None:
         """Return None: a modelled job shows nothing before its end."""
         del token
+        return None
 
     async def best(self, token: int, plan_id: str) -> str | None:
         """Return None: a modelled job shows nothing before its end."""
         del token, plan_id
+        return None
 
     async def solve(self, job: Job, token: int | None = None) -> Solved:
         """Run the job. Raises SolveError."""
@@ -136,21 +140,34 @@ class _Blank:
 
 
 def solved_at_once(job: Job) -> Solved:
-    """Return what a worker returns. A first plan is kept: many drills fly the same one, under ids of their own."""
-    if job.task != "plan" or job.scenario is None:
+    """Return what a worker returns. What was solved before is kept, under whatever ids: many drills fly one plan."""
+    if job.task != "plan":
         return attempt(job, _Blank(), 0, _no_time)
-    solved = _first_plan(job.scenario, repr(job.request), job.starts, job.most_starts)
+    previous_id, previous = None, job.previous
+    if previous is not None:
+        begin = _ID.match(previous)
+        assert begin is not None, "a plan begins with its id"  # noqa: S101
+        previous_id, previous = begin[1], f'{{"id":"plan"{previous[begin.end() :]}'
+    solved = _solved(repr((job.scenario, previous, sorted(job.request.items()), job.starts, job.most_starts)), job)
     if solved.error is not None:
         return solved
     plan = Plan.model_validate_json(solved.plan)
     identity = {**job.identity, "cause": Cause.model_validate(job.identity.get("cause", {}))}
-    return replace(solved, plan=plan.model_copy(update=identity).model_dump_json())
+    plan = plan.model_copy(update={"parent": previous_id, **identity})
+    return replace(solved, plan=plan.model_dump_json())
 
 
-@lru_cache(KEEP_SOLVED)
-def _first_plan(scenario: str, request: str, starts: int | None, most_starts: int) -> Solved:
-    assert request == repr({"pins": None}), "only plans without pins are kept"  # noqa: S101
-    return attempt(Job(scenario=scenario, starts=starts, most_starts=most_starts), _Blank(), 0, _no_time)
+_kept: OrderedDict[str, Solved] = OrderedDict()
+
+
+def _solved(key: str, job: Job) -> Solved:
+    if key in _kept:
+        _kept.move_to_end(key)
+        return _kept[key]
+    solved = _kept[key] = attempt(job, _Blank(), 0, _no_time)
+    while len(_kept) > KEEP_SOLVED:
+        _kept.popitem(last=False)
+    return solved
 
 
 def _no_time() -> float:

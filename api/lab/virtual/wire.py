@@ -31,14 +31,13 @@ _GROUND_STATION = {
 class MemoryEndpoint:
     """One end of a link to all vehicles of a fleet in this process; an `Endpoint` of the bridge.
 
-    alive: returns whether the service at this end still runs. Vehicles send to `number`, each ground station another.
+    alive: returns whether the service at this end still runs. Vehicles send to whoever opened such an end last, as to
+    whoever has bound the port.
     """
 
-    def __init__(
-        self, fleet: sim.Fleet, url: str, on_frames: OnFrames, *, alive: Callable[[], bool], number: int
-    ) -> None:
+    def __init__(self, fleet: sim.Fleet, url: str, on_frames: OnFrames, *, alive: Callable[[], bool]) -> None:
         self.url = url
-        self._fleet, self._on_frames, self._alive, self._number = fleet, on_frames, alive, number
+        self._fleet, self._on_frames, self._alive = fleet, on_frames, alive
         self._framers: dict[int, Framer] = {}
         self._inbox: list[tuple[bytes, int]] = []
         self._send: Callable[[bytes, int], None] | None = None
@@ -46,7 +45,7 @@ class MemoryEndpoint:
 
     async def open(self) -> None:
         """Begin to listen."""
-        self._send = self._fleet.attach(self._arrived, ("gcs", self._number))
+        self._send = self._fleet.attach(self._arrived, ("gcs", 0))
 
     def send(self, frame: bytes, system_id: int) -> None:
         """Send to one vehicle, or to all that were heard here (0)."""
