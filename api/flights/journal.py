@@ -79,7 +79,7 @@ class Journal:
     async def of(self, operation_id: str) -> list[Entry]:
         """Return every entry of one operation, the oldest first."""
         query = select(table).where(table.c.operation_id == operation_id).order_by(table.c.id)
-        return [_entry(row) for row in await self._database.rows(query)]
+        return [entry_of(row) for row in await self._database.rows(query)]
 
     def _call_listeners(self, entry: Entry, *, stored: bool) -> None:
         for listener in self.listeners:
@@ -148,7 +148,8 @@ def _row(entry: Entry) -> dict[str, Any]:
     }
 
 
-def _entry(row: Any) -> Entry:
+def entry_of(row: Any) -> Entry:
+    """Return the entry in a row of the table."""
     return Entry(
         operation_id=row.operation_id,
         incident=row.incident,

@@ -50,6 +50,7 @@ from skyfolio.sim.fleet import STEP_S
 Result = TypeVar("Result")
 EPOCH_S = 1_790_000_000.0
 """UTC second at which virtual time begins."""
+BURIAL_TURNS = 200
 SOLVE_S = 0.05
 """Virtual seconds of a small solve on a warm worker."""
 
@@ -97,6 +98,7 @@ class Ground:
         self._lives: list[tuple[Life, Context]] = []
         self._burials: list[asyncio.Task[None]] = []
         self._flying: asyncio.Task[None] | None = None
+        self._context = copy_context()
         self._around = surrounded(
             Surroundings(
                 monotonic_s=self._loop.time, utc_s=self._utc_s, token=lambda size: self._chance.randbytes(size).hex()
@@ -105,7 +107,8 @@ class Ground:
 
     async def __aenter__(self) -> Self:
         self._around.__enter__()
-        self._flying = asyncio.create_task(self._fly(), name="fleet")
+        self._context = copy_context()
+        self._flying = self.spawn(self._fly(), name="fleet")
         return self
 
     async def __aexit__(
@@ -156,13 +159,17 @@ class Ground:
         if self.service is not None:
             raise RuntimeError("a service lives already")
         life = Life()
-        context = copy_context()
+        context = self._context.copy()
         context.run(life_here.set, life)
         self._lives.append((life, context))
         self.starts += 1
         self.service = service = await self.ask(self._open(life))
         service.events.listeners.append(lambda event: None if life.over else self.on_event(event))
         return service
+
+    def spawn(self, work: Coroutine[Any, Any, Result], name: str | None = None) -> asyncio.Task[Result]:
+        """Begin a task of the ground, which outlives every service, from wherever this is called."""
+        return self._loop.create_task(work, name=name, context=self._context.copy())
 
     async def ask(self, work: Coroutine[Any, Any, Result]) -> Result:
         """Do some work as part of the service that lives: it is cancelled when that dies."""
@@ -194,7 +201,7 @@ class Ground:
         self.service = None
         life, _ = self._lives[-1]
         life.over = True
-        self._burials.append(asyncio.create_task(_bury(life), name="bury"))
+        self._burials.append(self.spawn(_bury(life), name="bury"))
 
     async def stop(self) -> None:
         """Stop the service as SIGTERM does."""
@@ -236,8 +243,11 @@ class _LoopClock:
 
 
 async def _bury(life: Life) -> None:
-    """End the tasks of a dead service; what they do as they end reaches nobody."""
-    while life.tasks:
+    """End the tasks of a dead service; what they do as they end reaches nobody. RuntimeError if one does not end."""
+    for _ in range(BURIAL_TURNS):
+        if not life.tasks:
+            return
         for task in list(life.tasks.values()):
             task.cancel()
         await asyncio.sleep(0)
+    raise RuntimeError(f"tasks of a dead service do not end: {', '.join(map(str, life.tasks.values()))}")
