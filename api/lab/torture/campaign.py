@@ -130,19 +130,23 @@ def flown(drill: Drill) -> Outcome:
     try:
         with _at_most(LONGEST_S):
             return fly(drill)
-    except TimeoutError:
+    except _HangsError:
         broken = {HANGS: f"not within {LONGEST_S} wall seconds"}
     except Exception as error:  # noqa: BLE001 - reported as what this drill has broken
         broken = {UNLIKELY: f"{type(error).__name__}: {error}"}
     return Outcome(drill=drill, broken=broken, state="none", coverage=Counter(), virtual_s=0.0, wall_s=0.0)
 
 
+class _HangsError(KeyboardInterrupt):
+    """Virtual time no longer passes. Nothing that catches exceptions may catch this one."""
+
+
 @contextmanager
 def _at_most(seconds: int) -> Iterator[None]:
-    """Raise TimeoutError in the main thread after so many wall seconds."""
+    """End what hangs in the main thread after so many wall seconds."""
 
     def too_long(_number: int, _frame: object) -> None:
-        raise TimeoutError
+        raise _HangsError
 
     before = signal.signal(signal.SIGALRM, too_long)
     signal.alarm(seconds)

@@ -14,6 +14,9 @@ from typing import Any, TypeVar
 
 Result = TypeVar("Result")
 
+TURN_S = 1e-6
+"""Virtual seconds that each turn takes: time passes for whoever looks again and again, as it does on a wall."""
+
 
 class DeadlockError(RuntimeError):
     """Everybody waits for something that never comes."""
@@ -72,8 +75,7 @@ class _Jumping:
     def select(self, timeout: float | None) -> list[Any]:
         if timeout is None:
             raise DeadlockError("everybody waits for something that never comes")
-        if timeout > 0.0:
-            self.now_s += timeout
+        self.now_s += max(timeout, 0.0) + TURN_S
         return []
 
     def close(self) -> None:
