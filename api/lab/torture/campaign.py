@@ -103,7 +103,7 @@ def _one_shrunk(seed: int) -> Result:
 
 def quieten() -> None:
     """Log only what is fatal: a drill provokes errors by the dozen."""
-    structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.CRITICAL + 0))
+    structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.CRITICAL))
     logging.disable(logging.CRITICAL)
 
 

@@ -182,7 +182,8 @@ def _who_flew_to_the_end_is_on_the_ground(seen: Seen) -> Iterator[str]:
     if seen.end is None or seen.end.state not in {State.COMPLETED, State.COMPLETED_PARTLY}:
         return
     for vehicle in seen.ground.fleet.vehicles.values():
-        if vehicle.system_id not in seen.harmed and vehicle.armed and vehicle.position[2] > LOW_M:
+        left_to_it = vehicle.system_id not in seen.harmed and vehicle.system_id not in seen.ordered
+        if left_to_it and vehicle.armed and vehicle.position[2] > LOW_M:
             yield f"vehicle {vehicle.system_id} is {vehicle.position[2]:.0f} m up"
 
 
