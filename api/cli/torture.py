@@ -64,14 +64,14 @@ def _campaign(seeds: range, jobs: int, out: Path, *, shrink: bool, as_json: bool
 
 
 def _replay(file: Path, *, as_json: bool) -> bool:
-    from skyfolio.api.lab.torture.campaign import flown, quieten, read_case  # noqa: PLC0415
+    from skyfolio.api.lab.torture.campaign import flown, quiet, read_case  # noqa: PLC0415
 
     try:
         drill = read_case(file)
     except (OSError, ValueError, KeyError) as error:
         raise UsageError(f"{file}: is no drill: {error}") from error
-    quieten()
-    outcome = flown(drill)
+    with quiet():
+        outcome = flown(drill)
     if as_json:
         document = {"broken": outcome.broken, "state": outcome.state, "blows": outcome.blows}
         events = [event.model_dump(mode="json") for event in outcome.events]

@@ -89,8 +89,8 @@ def campaign(seeds: Iterable[int], *, jobs: int, shrink: bool, told: Callable[[R
 
 def _results(seeds: Iterable[int], jobs: int, *, shrink: bool) -> Iterator[Result]:
     if jobs == 1:
-        quieten()
-        yield from (one(seed, shrink=shrink) for seed in seeds)
+        with quiet():
+            yield from (one(seed, shrink=shrink) for seed in seeds)
         return
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(jobs, mp_context=context, initializer=quieten) as pool:
@@ -102,9 +102,21 @@ def _one_shrunk(seed: int) -> Result:
 
 
 def quieten() -> None:
-    """Log only what is fatal: a drill provokes errors by the dozen."""
+    """Log only what is fatal from now on: a drill provokes errors by the dozen."""
     structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.CRITICAL))
     logging.disable(logging.CRITICAL)
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Log only what is fatal meanwhile."""
+    before, level = structlog.get_config(), logging.root.manager.disable
+    quieten()
+    try:
+        yield
+    finally:
+        structlog.configure(**before)
+        logging.disable(level)
 
 
 def one(seed: int, *, shrink: bool = False) -> Result:
