@@ -1,4 +1,4 @@
-"""A conversation that says when it is due does something then: who waits for that moment must not wait there for ever."""
+"""A conversation that says when it is due does something then: who waits for that moment would wait for ever."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ TALKS: dict[str, Callable[[], Conversation]] = {
     "download": lambda: Download(1, round_trip=RoundTrip()),
     "verified upload": lambda: VerifiedUpload(ITEMS, 1, autopilot=Autopilot.PX4, round_trip=RoundTrip()),
     "parameters": lambda: ParameterRead(["MPC_XY_CRUISE"], 1, Autopilot.PX4, RoundTrip()),
-    "command": lambda: CommandCall(COMMAND, RoundTrip()),  # type: ignore[dict-item, return-value]
+    "command": lambda: CommandCall(COMMAND, RoundTrip()),
 }
 
 

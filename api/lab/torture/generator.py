@@ -29,10 +29,10 @@ def drill_of(seed: int) -> Drill:
         blows.append(Blow(when=when, kind="decide", options={"agreed": chance.random() < 0.8}))
     return Drill(
         seed=seed,
-        example=example,  # type: ignore[arg-type]
+        example=example,
         slots=slots,
         autopilots=chance.choice((("px4",), ("ardupilot",), ("px4", "ardupilot"), ("ardupilot", "px4"))),
-        policy=policy,  # type: ignore[arg-type]
+        policy=policy,
         loss=chance.choice((0.0, 0.0, 0.0, 0.05, 0.1)),
         gust_mps=chance.choice((0.0, 0.0, 1.0)),
         gps_m=chance.choice((0.0, 0.0, 0.5)),
