@@ -23,6 +23,7 @@ from skyfolio.api.lab.torture.invariants import AT_END, MEANWHILE
 from skyfolio.api.lab.torture.shrink import smaller
 from skyfolio.mavlink_bridge.classifier import Classifier
 
+DRILLS = Path(__file__).parent / "drills"
 AT_FLIGHT = Moment(state=State.FLYING, after_s=8.0)
 KILL = Blow(when=AT_FLIGHT, kind="vehicle", options={"kind": "kill", "system_id": 3})
 TAKE_OVER = Blow(when=AT_FLIGHT, kind="vehicle", options={"kind": "mode_change", "system_id": 1, "mode": "POSITION"})
@@ -71,6 +72,11 @@ def test_who_stays_silent_when_two_others_are_heard_again_is_lost_and_answered()
     assert (outcome.broken, outcome.state) == ({}, "completed")
     recoveries = [event.data["outcome"] for event in outcome.events if event.kind == "recovery"]
     assert recoveries == ["flying"]
+
+
+@pytest.mark.parametrize("file", sorted(DRILLS.glob("*.json")), ids=lambda file: file.stem)
+def test_a_drill_that_once_broke_something_breaks_nothing_now(file: Path) -> None:
+    assert fly(read_case(file)).broken == {}
 
 
 # -- what must hold is seen to be broken where it is -------------------------------------------------------------------
