@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-import time
-from collections.abc import Coroutine
+from collections.abc import Awaitable, Callable, Coroutine
 from contextlib import suppress
+from dataclasses import dataclass, field
 from typing import Any
 
 import structlog
@@ -18,6 +18,8 @@ from skyfolio.api.common.fleet_clock import FleetClock
 from skyfolio.api.common.metrics import Metrics
 from skyfolio.api.common.settings import Settings
 from skyfolio.api.common.supervision import Supervisor
+from skyfolio.api.common.surroundings import monotonic_s, utc_s
+from skyfolio.api.fleet.fleet_ports import FleetPorts
 from skyfolio.api.fleet.registry import Fleet
 from skyfolio.api.fleet.simulated_fleet import SimulatedFleet, own_endpoint, scenario_of
 from skyfolio.api.flights.drills import Drills
@@ -29,9 +31,10 @@ from skyfolio.api.flights.shared_services import SharedServices
 from skyfolio.api.plans.contingencies import Contingencies
 from skyfolio.api.plans.explanations import Explanations
 from skyfolio.api.plans.jobs import Job
+from skyfolio.api.plans.lane_port import SolveLane
 from skyfolio.api.plans.plan_book import PlanBook
 from skyfolio.api.plans.plan_store import PlanStore
-from skyfolio.api.plans.solver import Lane, LaneName, Solver
+from skyfolio.api.plans.solver import LaneName, Solver, solver_of_processes
 from skyfolio.api.store import Database, StoreError
 from skyfolio.api.store.event_log import Event, EventLog
 from skyfolio.api.store.retention import Retention
@@ -45,13 +48,34 @@ CLOSE_S = 1.5
 """Wall seconds that everything has to end when the service is stopped: vehicles fly on by themselves."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class Ports:
+    """What a service reaches the world through; by default what a process of its own has.
+
+    solver: makes the lanes of solves. database: opens the database that the settings name. watch_loop: whether it is
+    worth measuring how late the event loop wakes.
+    """
+
+    solver: Callable[[Settings], Solver] = lambda settings: solver_of_processes(settings.workers, settings.queue_limit)
+    database: Callable[[Settings], Awaitable[Database]] = lambda settings: Database.open(settings.database_url)
+    fleet: FleetPorts = field(default_factory=FleetPorts)
+    watch_loop: bool = True
+
+
 class Service:
     """Everything that a route may use. Made by `open`, ended by `close`."""
 
     def __init__(
-        self, settings: Settings, database: Database, events: EventLog, solver: Solver, clock: FleetClock | None = None
+        self,
+        settings: Settings,
+        database: Database,
+        events: EventLog,
+        solver: Solver,
+        clock: FleetClock | None = None,
+        ports: Ports | None = None,
     ) -> None:
         self.settings, self.database, self.events = settings, database, events
+        self._ports = ports or Ports()
         self.clock = clock or FleetClock(settings.time_scale)
         self.metrics = Metrics()
         self.keys = KeyRing(database)
@@ -64,7 +88,15 @@ class Service:
         self.explanations = Explanations(self.solver, settings)
         self.journal = Journal(database)
         self.simulated, settings = _simulated(settings)
-        self.fleet = Fleet(settings, self.clock, events, database, background=self.background, healthy=self.can_replan)
+        self.fleet = Fleet(
+            settings,
+            self.clock,
+            events,
+            database,
+            background=self.background,
+            healthy=self.can_replan,
+            ports=self._ports.fleet,
+        )
         shared = SharedServices(settings, self.clock, self.plans, self.contingencies, self.metrics)
         self.operations = Operations(shared, Stores(database, self.journal, events), self.fleet)
         self.orders = Orders(self.fleet, self.operations)
@@ -77,20 +109,21 @@ class Service:
         self.journal.listeners.append(self._note_step)
 
     @classmethod
-    async def open(cls, settings: Settings, flight: Lane | None = None, clock: FleetClock | None = None) -> Service:
+    async def open(cls, settings: Settings, clock: FleetClock | None = None, ports: Ports | None = None) -> Service:
         """Warm the solver, open the database, and go on with what an earlier process left. Raises StoreError.
 
         Workers load while the rest starts: the sooner the lane of flights is warm, the sooner a loss is dealt with.
-        flight: that lane, if it was begun before. clock: the fleet's time, when it is a simulated fleet's own.
+        clock: the fleet's time, when it is a simulated fleet's own. ports: what it reaches the world through.
         """
-        solver = Solver(settings.workers, settings.queue_limit, flight)
+        ports = ports or Ports()
+        solver = ports.solver(settings)
         if settings.warm_up:
             solver.begin()
         database = None
         try:
-            database = await Database.open(settings.database_url)
+            database = await ports.database(settings)
             await database.claim()
-            service = cls(settings, database, await EventLog.open(database), solver, clock)
+            service = cls(settings, database, await EventLog.open(database), solver, clock, ports)
         except BaseException:
             if database is not None:
                 await database.close()
@@ -106,7 +139,8 @@ class Service:
     async def _start(self) -> None:
         self.events.add("service_started", taken_up=self.database.taken_up)
         self.background.watch_loop(asyncio.get_running_loop())
-        self.background.start("loop-watch", self.metrics.watch_loop)
+        if self._ports.watch_loop:
+            self.background.start("loop-watch", self.metrics.watch_loop)
         self.background.start("telemetry", self._show_telemetry)
         self.background.start("tidy", self._tidy)
         self.background.start("tend-solver", self._tend_solver)
@@ -129,7 +163,7 @@ class Service:
         """
         self.ready = False
         self.events.end()
-        until_s = time.monotonic() + CLOSE_S
+        until_s = monotonic_s() + CLOSE_S
         await self.background.close()
         await _ended("drills", self.drills.close(), until_s)
         await _ended("operations", self.operations.close(), until_s)
@@ -140,7 +174,7 @@ class Service:
         await _ended("explanations", self.explanations.close(), until_s)
         await _ended("plans", self.plans.close(), until_s)
         await asyncio.to_thread(self.solver.close)
-        await _ended("database", self.database.close(), time.monotonic() + 1.0)
+        await _ended("database", self.database.close(), monotonic_s() + 1.0)
 
     # -- health and metrics ---------------------------------------------------------------------------------------
 
@@ -153,7 +187,7 @@ class Service:
         lane = self.solver[LaneName.REQUESTS]
         if self._pulse is None and not lane.warm:
             return None
-        fresh = self._pulse is not None and time.monotonic() - self._pulse[0] < PULSE_S
+        fresh = self._pulse is not None and monotonic_s() - self._pulse[0] < PULSE_S
         if not fresh and (self._pulsing is not None or not lane.busy):
             self._pulsing = self._pulsing or asyncio.create_task(self._feel_pulse(lane), name="pulse")
             await asyncio.wait([self._pulsing], timeout=PULSE_S)
@@ -166,10 +200,10 @@ class Service:
             raise BusyError("solver: its workers do not answer")
         return None if self._pulse is None else self._pulse[1]
 
-    async def _feel_pulse(self, lane: Lane) -> None:
-        began_s = time.monotonic()
+    async def _feel_pulse(self, lane: SolveLane) -> None:
+        began_s = monotonic_s()
         await lane.solve(Job(scenario=EXAMPLES["minimal"]().model_dump_json(), deadline_s=PULSE_S))
-        now_s = time.monotonic()
+        now_s = monotonic_s()
         self._pulse = (now_s, (now_s - began_s) * 1e3)
 
     def can_replan(self) -> bool:
@@ -233,7 +267,7 @@ class Service:
             await asyncio.sleep(1 / self.settings.telemetry_hz)
             if self.events.followers and not self.fleet.empty:
                 vehicles = [view.model_dump(mode="json") for view in self.fleet.views()]
-                self.events.publish_telemetry({"at": round(time.time(), 3), "vehicles": vehicles})
+                self.events.publish_telemetry({"at": round(utc_s(), 3), "vehicles": vehicles})
 
     async def _tend_solver(self) -> None:
         """Replace workers that do not answer, and report when our HEARTBEAT to vehicles stops and begins."""
@@ -257,7 +291,7 @@ class Service:
 async def _ended(name: str, ending: Coroutine[Any, Any, None], until_s: float) -> None:
     """Wait for an end, but hardly longer than `until_s` (monotonic seconds)."""
     task = asyncio.create_task(ending, name=f"end {name}")
-    done, _ = await asyncio.wait([task], timeout=max(0.1, until_s - time.monotonic()))
+    done, _ = await asyncio.wait([task], timeout=max(0.1, until_s - monotonic_s()))
     if done:
         task.result()
     else:

@@ -3,6 +3,7 @@
     plan -> mission    compiler, schedule, pace, reach, items, writer, fence; formats, plan_extras; plane, geodesy
     one autopilot      autopilots (names), profile (what there is to know), px4, ardupilot, profiles (rows), speaker
     protocols          mission_protocol, command_protocol, parameters; proof: verified, compare, readback
+    ports              message_port (what MAVSDK is to the link), mavsdk_port, ports (sockets and MAVSDK by default)
     links              endpoints, serial_line, hub, routing, senders, signing, framing, tlog, watchers, pauses
     one vehicle        vehicle, telemetry; readiness -> departure -> flight, transfer, speeds; confirming
     the fleet          link (`FleetLink`) on listening; before take-off: preflight, findings, parameter_rules

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 from skyfolio.mavlink_bridge.endpoints import endpoint_of
 from skyfolio.mavlink_bridge.framing import Frame, Framer
-from skyfolio.mavlink_bridge.links import Endpoint
+from skyfolio.mavlink_bridge.links import Endpoint, MakeEndpoint
 from skyfolio.mavlink_bridge.routing import Routes
 from skyfolio.mavlink_bridge.senders import SenderNotice, Senders
 from skyfolio.mavlink_bridge.signing import Signing
@@ -61,9 +61,11 @@ class Hub:
         to_mavsdk: Callable[[bytes], None],
         on_heard: Callable[[Frame], None],
         is_wanted: Callable[[int], bool] = lambda _system_id: True,
+        endpoint: MakeEndpoint = endpoint_of,
     ) -> None:
         self._options = options
         self._to_mavsdk, self._on_heard, self._is_wanted = to_mavsdk, on_heard, is_wanted
+        self._make_endpoint = endpoint
         self._senders = Senders(moves_after_s=options.moves_after_s)
         self._loop = asyncio.get_running_loop()
         self._endpoints: dict[str, Endpoint] = {}
@@ -80,7 +82,7 @@ class Hub:
                 self._options.forward, self._from_watcher if self._options.forward_commands else None
             )
             await self._watchers.open()
-        endpoint = endpoint_of(url, self._received)
+        endpoint = self._make_endpoint(url, self._received)
         await endpoint.open()
         self._endpoints[url] = endpoint
         self._routes.add(url)

@@ -40,6 +40,10 @@ class Endpoint(Protocol):
         ...
 
 
+MakeEndpoint = Callable[[str, OnFrames], Endpoint]
+"""Makes the endpoint that a URL names, not opened yet. Raises ConnectionFailed naming the rule."""
+
+
 class OneEnd:
     """A link with one other end, where every answer is sent."""
 

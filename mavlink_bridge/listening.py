@@ -1,20 +1,16 @@
-"""The listening half of the fleet link: MAVSDK behind the hub, the vehicles, and what happened to them."""
+"""The listening half of the fleet link: the port (MAVSDK) behind the hub, the vehicles, and what happened to them."""
 
 from __future__ import annotations
 
 import asyncio
 import logging
-import time
 from collections.abc import AsyncGenerator, Callable, Collection, Coroutine
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
 from math import inf
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self, TypeVar
-
-from mavsdk import ComponentType, Configuration, ForwardingOption, Mavsdk
+from typing import Any, Self
 
 from skyfolio.mavlink_bridge.autopilots import Autopilot, FlightMode
 from skyfolio.mavlink_bridge.broadcast import Broadcast
@@ -24,10 +20,11 @@ from skyfolio.mavlink_bridge.errors import ConnectionFailed, LinkClosed, Vehicle
 from skyfolio.mavlink_bridge.framing import Frame, is_foreign_heartbeat
 from skyfolio.mavlink_bridge.heartbeat import AUTOPILOT, HeartbeatMonitor, LinkState
 from skyfolio.mavlink_bridge.hub import Hub, LinkOptions
-from skyfolio.mavlink_bridge.mavsdk_log import to_python_logging
+from skyfolio.mavlink_bridge.message_port import MessagePort
 from skyfolio.mavlink_bridge.mission_messages import GROUND
 from skyfolio.mavlink_bridge.pace import VehicleModel
 from skyfolio.mavlink_bridge.pauses import PauseWatch
+from skyfolio.mavlink_bridge.ports import LinkPorts
 from skyfolio.mavlink_bridge.profile import AutopilotProfile
 from skyfolio.mavlink_bridge.profiles import unknown_autopilot
 from skyfolio.mavlink_bridge.speeds import SpeedWatch
@@ -36,20 +33,18 @@ from skyfolio.mavlink_bridge.tlog import TelemetryLog
 from skyfolio.mavlink_bridge.vehicle import Clock, Vehicle
 
 log = logging.getLogger(__name__)
-Outcome = TypeVar("Outcome")
 
 ANYBODY = frozenset(range(1, 255)) - {GROUND[0]}
 """The system ids a vehicle may have: `expect` them if it is not known beforehand which are there."""
 DISCOVERY_S = 0.1
 TRY_AGAIN_S = 0.1
-MAX_THREADS = 2
-"""Blocking calls at once: MAVSDK is only asked which systems it has discovered."""
 
 
 class ListeningLink:
-    """One MAVSDK object, one pool of threads for its blocking calls, one classifier; `FleetLink` adds commands.
+    """One port to all vehicles, one classifier; `FleetLink` adds commands.
 
     `clock` returns fleet seconds and is read from MAVSDK's threads too. Time-outs named `timeout_s` are wall seconds.
+    ports: what the link is made of.
     """
 
     def __init__(
@@ -59,6 +54,7 @@ class ListeningLink:
         monitor: HeartbeatMonitor,
         options: LinkOptions | None = None,
         timing: Timing | None = None,
+        ports: LinkPorts | None = None,
     ) -> None:
         self.monitor = monitor
         self.classifier = Classifier(timing, links=monitor)
@@ -67,12 +63,11 @@ class ListeningLink:
         self.parameters: dict[int, dict[str, float]] = {}
         self.speeds = SpeedWatch(lambda system_id: self.model(system_id).cruise_mps)
         """Restores the own speed of vehicles that leave our modes at a speed ordered by the service."""
-        self._options = options or LinkOptions()
+        self._options, self._ports = options or LinkOptions(), ports or LinkPorts()
         self._hub: Hub | None = None
         self._clock = clock
-        self._mavsdk: Mavsdk | None = None
+        self._port: MessagePort | None = None
         self._closed = False
-        self._pool = ThreadPoolExecutor(MAX_THREADS, thread_name_prefix="mavsdk")
         self._vehicles: dict[int, Vehicle] = {}
         self._awaited: set[int] = set()
         self._changes: Broadcast[VehicleChange] = Broadcast()
@@ -92,16 +87,15 @@ class ListeningLink:
         """End all waiting, let running MAVSDK calls time out, and free the ports. Ends every `changes` iterator."""
         self._closed = True
         await self.speeds.close()
-        mavsdk, self._mavsdk = self._mavsdk, None
+        port, self._port = self._port, None
         if self._hub is not None:
             self._hub.close()
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
         self._changes.close()
-        if mavsdk is not None:
-            await asyncio.to_thread(self._pool.shutdown)
-            await asyncio.to_thread(mavsdk.destroy)
+        if port is not None:
+            await port.close()
         self._vehicles.clear()
 
     async def connect(self, url: str, *, patience_s: float = 0.0) -> None:
@@ -111,12 +105,13 @@ class ListeningLink:
         begins the link and `close` ends it. patience_s: wall seconds in which another process that still has the port
         may free it.
         """
-        entered, until = self._mavsdk is not None, time.monotonic() + patience_s
+        loop = asyncio.get_running_loop()
+        entered, until = self._port is not None, loop.time() + patience_s
         while True:
             try:
                 return await self._begin().connect(url)
             except ConnectionFailed:
-                if time.monotonic() < until:
+                if loop.time() < until:
                     await asyncio.sleep(TRY_AGAIN_S)
                     continue
                 if not entered:
@@ -224,37 +219,29 @@ class ListeningLink:
             self._hub.stop_recording(log)
 
     def _begin(self) -> Hub:
-        """Return the hub, with MAVSDK behind it; both are made on first use. Raises LinkClosed after `close`."""
-        if self._mavsdk is None and not self._closed:
-            to_python_logging()
-            loop = asyncio.get_running_loop()
-            mavsdk = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
-            mavsdk.add_any_connection_with_handle_and_forwarding("raw://", ForwardingOption.OFF)
-            self._hub = Hub(
+        """Return the hub, with the port behind it; both are made on first use. Raises LinkClosed after `close`."""
+        if self._port is None and not self._closed:
+            self._hub = hub = Hub(
                 self._options,
-                to_mavsdk=mavsdk.pass_received_raw_bytes,
+                to_mavsdk=lambda data: self._open().take_in(data),
                 on_heard=self._frame_heard,
                 is_wanted=self._awaited.__contains__,
+                endpoint=self._ports.endpoint,
             )
-            mavsdk.subscribe_raw_bytes_to_be_sent(self._hub.to_vehicles)
-            mavsdk.subscribe_on_new_system(lambda _user_data: loop.call_soon_threadsafe(self._look_around))
-            self._mavsdk = mavsdk
+            self._port = self._ports.messages(self._clock.now, hub.to_vehicles, self._look_around)
             self._spawn(self._pauses.run(self._look))
         self._open()
         assert self._hub is not None  # noqa: S101
         return self._hub
 
-    def _open(self) -> Mavsdk:
-        if self._mavsdk is None:
+    def _open(self) -> MessagePort:
+        if self._port is None:
             never = "the fleet link was not opened: connect it first"
             raise LinkClosed("the fleet link is closed" if self._closed else never)
-        return self._mavsdk
-
-    async def _call(self, blocking: Callable[..., Outcome], *arguments: Any) -> Outcome:
-        return await asyncio.get_running_loop().run_in_executor(self._pool, blocking, *arguments)
+        return self._port
 
     def _look_around(self) -> None:
-        if self._mavsdk is not None:
+        if self._port is not None:
             self._spawn(self._discover())
 
     def _spawn(self, work: Coroutine[Any, Any, None]) -> None:
@@ -263,12 +250,11 @@ class ListeningLink:
         task.add_done_callback(self._tasks.discard)
 
     async def _discover(self) -> None:
-        systems = await self._call(self._open().get_systems)
-        for system in systems:
-            system_id = int(system.get_system_id())
+        port = self._open()
+        for system_id in await port.systems():
             if system_id not in self._vehicles:
                 loop = asyncio.get_running_loop()
-                vehicle = Vehicle(system, clock=self._clock, loop=loop, on_message=self._message)
+                vehicle = Vehicle(system_id, port=port, loop=loop, on_message=self._message)
                 self._vehicles[system_id] = vehicle
                 vehicle.announce = partial(self._announce, system_id)
 

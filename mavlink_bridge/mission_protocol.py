@@ -183,7 +183,7 @@ class Download(Transfer):
     def _repeat(self, now_s: float, timeout_s: float) -> list[Message]:
         if self._count is None:
             return super()._repeat(now_s, timeout_s)
-        overdue = [seq for seq, (_, asked_s, _) in self._open.items() if now_s - asked_s >= timeout_s]
+        overdue = [seq for seq, (_, asked_s, _) in self._open.items() if now_s >= asked_s + timeout_s]
         for seq in overdue:
             first_s, _, times = self._open[seq]
             self._open[seq] = (first_s, now_s, times + 1)

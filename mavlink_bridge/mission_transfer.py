@@ -53,14 +53,14 @@ class Transfer:
         """Repeat the open request when its time has come; end after a long silence."""
         if self.ended or self._question is None:
             return []
-        if now_s - self._heard_s >= self._limit_s:
+        if now_s >= self._heard_s + self._limit_s:
             self.ended = Ended(
                 error=f"{self._question.name}: no answer for {round(self._limit_s, 1):g} s",
                 perhaps_done=self._all_sent(),
             )
             return []
         timeout_s = self._round_trip.timeout_s
-        if now_s - self._asked_s < timeout_s:
+        if now_s < self._asked_s + timeout_s:  # as `due_s` has it: a difference may round the other way
             return []
         self._round_trip.missed()
         return self._repeat(now_s, timeout_s)

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import asyncio
-import json
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from math import isfinite
+from math import inf, isfinite
 from typing import Any, Protocol, TypeVar
-
-from mavsdk import System
-from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectError, MavlinkMessage
 
 from skyfolio.mavlink_bridge.answers import CommandAnswer
 from skyfolio.mavlink_bridge.autopilots import Autopilot, FlightMode
 from skyfolio.mavlink_bridge.heartbeat import AUTOPILOT
 from skyfolio.mavlink_bridge.items import MissionItem
-from skyfolio.mavlink_bridge.mission_messages import GROUND, Message
+from skyfolio.mavlink_bridge.message_port import MessagePort, NotSentError
+from skyfolio.mavlink_bridge.mission_messages import Message
 from skyfolio.mavlink_bridge.open_commands import ACK, OpenCommands
 from skyfolio.mavlink_bridge.profile import AutopilotProfile
 from skyfolio.mavlink_bridge.profiles import unknown_autopilot
@@ -59,7 +56,7 @@ class NotDone(Exception):  # noqa: N818 (ends one command of one vehicle; become
 
 
 class Clock(Protocol):
-    """A clock of fleet time; read from MAVSDK's threads too."""
+    """A clock of fleet time; read from the port's threads too."""
 
     def now(self) -> float:
         """Return fleet seconds, which never run backwards."""
@@ -91,7 +88,7 @@ class Conversation(Protocol):
 
 
 class Vehicle:
-    """One system id. It lives on the event loop; MAVSDK's callbacks are handed over to it.
+    """One system id, reached through `port`. It lives on the event loop.
 
     `on_message(vehicle, name, fields, heard_s)` is called with fleet seconds for each message of component 1 that is
     part of telemetry, and for STATUSTEXT.
@@ -99,13 +96,13 @@ class Vehicle:
 
     def __init__(
         self,
-        system: System,
+        system_id: int,
         *,
-        clock: Clock,
+        port: MessagePort,
         loop: asyncio.AbstractEventLoop,
         on_message: Callable[[Vehicle, str, dict[str, Any], float], None],
     ) -> None:
-        self.system_id = int(system.get_system_id())
+        self.system_id = system_id
         self.state = TelemetryState(self.system_id)
         self.texts = StatusTexts()
         """What it reported in words, at the event loop's times."""
@@ -123,18 +120,17 @@ class Vehicle:
         """Commands (MAV_CMD) it has answered UNSUPPORTED."""
         self.flies_our_speed = False
         """Whether a speed was ordered in flight and not taken back: it outlives the mode it was meant for."""
-        self._clock = clock
+        self._port = port
         self._loop = loop
         self._on_message = on_message
         self._changed = asyncio.Event()
         self._talking = asyncio.Lock()
         self._inbox: asyncio.Queue[tuple[str, dict[str, Any]]] | None = None
-        self._heard_s = clock.now()
+        self._heard_s = inf
+        """When the last message was received, fleet seconds."""
         self._commands = OpenCommands(self._send_all, self.round_trip, loop)
         self._not_on_request: set[int] = set()
-        self._direct = MavlinkDirect(system)
-        for name in (*MESSAGES, *_ANSWERS, *_NEWS, ACK):
-            self._direct.subscribe_message(name, self._receive)
+        port.listen(system_id, (*MESSAGES, *_ANSWERS, *_NEWS, ACK), self._take_in)
 
     @property
     def autopilot(self) -> Autopilot:
@@ -159,11 +155,10 @@ class Vehicle:
 
     def send(self, message: Message) -> None:
         """Send one message, unconfirmed. Raises NotDone if the link does not take it."""
-        wanted = MavlinkMessage(message.name, *GROUND, self.system_id, AUTOPILOT, json.dumps(message.fields))
         try:
-            self._direct.send_message(wanted)
-        except MavlinkDirectError as failed:
-            raise NotDone(f"{message.name} was not sent: {failed.result.name}") from failed
+            self._port.send(self.system_id, message)
+        except NotSentError as failed:
+            raise NotDone(f"{message.name} was not sent: {failed}") from failed
 
     async def command(self, number: int, *params: float | None) -> None:
         """Send COMMAND_LONG with up to seven parameters (None: NaN), repeated until it is answered.
@@ -255,14 +250,7 @@ class Vehicle:
     def _address(self) -> dict[str, int]:
         return {"target_system": self.system_id, "target_component": AUTOPILOT}
 
-    def _receive(self, message: MavlinkMessage, _user_data: object) -> None:
-        """Keep only what this autopilot itself sent, stamp it, and hand it to the loop; runs on MAVSDK's thread."""
-        if message.system_id == self.system_id and message.component_id == AUTOPILOT:
-            heard_s = self._clock.now()
-            self._loop.call_soon_threadsafe(self._take_in, message.message_name, message.fields_json, heard_s)
-
-    def _take_in(self, name: str, fields_json: str, heard_s: float) -> None:
-        fields = json.loads(fields_json)
+    def _take_in(self, name: str, fields: dict[str, Any], heard_s: float) -> None:
         now_s = self._loop.time()
         if heard_s - self._heard_s > DEAD_S:
             self._commands.heard_again(now_s)

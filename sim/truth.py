@@ -74,7 +74,8 @@ class TruthLog:
     """Samples every 0.1 s of fleet time, events and messages, oldest first.
 
     `sent` counts frames by (system id, message id). `sink` gets every entry as a plain row at once, e.g. a file that
-    outlives what is kept here; `tlog` gets every frame. Extra `rows` (a plan's rates) may be added by `note`.
+    outlives what is kept here; `tlog` gets every frame; `on_received` is called with fleet second, system id and
+    message of everything that a vehicle receives. Extra `rows` (a plan's rates) may be added by `note`.
     """
 
     def __init__(self, max_samples: int = MAX_SAMPLES) -> None:
@@ -85,6 +86,7 @@ class TruthLog:
         self.sent: Counter[tuple[int, int]] = Counter()
         self.sink: Callable[[Row], None] | None = None
         self.tlog: TlogWriter | None = None
+        self.on_received: Callable[[float, int, Any], None] | None = None
 
     def record(self, t_s: float, vehicle: Vehicle) -> None:
         """Add a sample of a vehicle."""
@@ -125,6 +127,8 @@ class TruthLog:
     def message_received(self, t_s: float, system_id: int, message: Any) -> None:
         """Log a message that a vehicle receives."""
         self._message(LoggedMessage(t_s, system_id, "in", message.get_type(), getattr(message, "command", None)))
+        if self.on_received is not None:
+            self.on_received(t_s, system_id, message)
         if self.tlog is not None:
             self.tlog.write(t_s, bytes(message.get_msgbuf()))
 

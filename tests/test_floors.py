@@ -28,7 +28,7 @@ ROOMS = {
     "client": {"common", "plans", "fleet", "flights", "store"},
     "dashboard": {"common", "client"},
     "cli": {"common", "store", "access", "plans", "fleet", "flights", "http", "client", "lab"},
-    "lab": {"common", "store", "plans", "fleet", "flights", "http", "client"},
+    "lab": {"common", "store", "plans", "fleet", "flights", "service", "http", "client"},
 }
 """What each room of `api` may import. `dashboard` sees the service as a client does, and no room of the service knows
 `lab`."""

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hmac
 import secrets
-import time
 from dataclasses import dataclass
 from enum import StrEnum
 from hashlib import sha256
@@ -18,6 +17,7 @@ from pydantic import BaseModel
 from sqlalchemy import delete, insert, select, update
 
 from skyfolio.api.common.errors import ConflictError, NotFoundError
+from skyfolio.api.common.surroundings import monotonic_s, utc_s
 from skyfolio.api.store import Database
 from skyfolio.api.store.tables import api_keys as table
 
@@ -75,7 +75,7 @@ class KeyRing:
         """Create a key and return it; it is shown only this once."""
         key_id, secret = secrets.token_hex(6), secrets.token_urlsafe(32)
         key = f"sky_{key_id}_{secret}"
-        row = {"id": key_id, "name": name, "role": role.value, "digest": _digest(key), "created_at": time.time()}
+        row = {"id": key_id, "name": name, "role": role.value, "digest": _digest(key), "created_at": utc_s()}
         await self._database.write((insert(table), row))
         return key
 
@@ -83,7 +83,7 @@ class KeyRing:
         """Revoke a key. Raises NotFoundError."""
         if not await self._database.rows(select(table.c.id).where(table.c.id == key_id)):
             raise NotFoundError(f"key {key_id!r} does not exist")
-        await self._database.write(update(table).where(table.c.id == key_id).values(revoked_at=time.time()))
+        await self._database.write(update(table).where(table.c.id == key_id).values(revoked_at=utc_s()))
         self._known.clear()
 
     async def reset(self) -> int:
@@ -106,22 +106,22 @@ class KeyRing:
     async def in_use(self) -> bool:
         """Return whether there ever was a key, even a revoked one: then every request needs a valid key."""
         known_s, answer = self._in_use
-        if time.monotonic() - known_s >= REMEMBER_S:
+        if monotonic_s() - known_s >= REMEMBER_S:
             rows = await self._database.rows(select(table.c.id).limit(1))
             answer = bool(rows)
-            self._in_use = (time.monotonic(), answer)
+            self._in_use = (monotonic_s(), answer)
         return answer
 
     async def identify(self, key: str) -> Principal | None:
         """Return whose key this is, None for one that is unknown or revoked."""
         digest = _digest(key)
         known_s, principal = self._known.get(digest, (-REMEMBER_S, None))
-        if time.monotonic() - known_s < REMEMBER_S:
+        if monotonic_s() - known_s < REMEMBER_S:
             return principal
         principal = await self._look_up(key, digest)
         if len(self._known) >= MOST_REMEMBERED:
             self._known.clear()
-        self._known[digest] = (time.monotonic(), principal)
+        self._known[digest] = (monotonic_s(), principal)
         return principal
 
     async def _look_up(self, key: str, digest: str) -> Principal | None:

@@ -5,7 +5,6 @@ Beyond some per minute, refusals of one kind and address are counted, not listed
 
 from __future__ import annotations
 
-import time
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ from typing import Any
 
 from sqlalchemy import insert
 
+from skyfolio.api.common.surroundings import monotonic_s
 from skyfolio.api.store import Database
 from skyfolio.api.store.tables import audit as table
 
@@ -33,7 +33,7 @@ class _Minute:
 class AuditLog:
     """Writes rows of the audit log. `now_s`: monotonic seconds."""
 
-    def __init__(self, database: Database, *, now_s: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, database: Database, *, now_s: Callable[[], float] = monotonic_s) -> None:
         self._database, self._now_s = database, now_s
         self._minutes: OrderedDict[str, _Minute] = OrderedDict()
 

@@ -60,6 +60,11 @@ COMMANDS = {
         f"{CLI}.simulate:simulate", "Fly a software-only fleet that speaks MAVLink, until interrupted."
     ),
     "status": LazyCommand(f"{CLI}.remote:status", "Show the state of an operation and of each of its UAVs."),
+    "torture": LazyCommand(
+        f"{CLI}.torture:torture",
+        "Fly random drills in virtual time, and look at what must hold whatever happens.",
+        solves=True,
+    ),
     "tune-mu": LazyCommand(
         f"{CLI}.reproduce:tune_mu",
         "Find the mu that meets limits on sum rate, fluctuation and fairness, in the worst of the given losses.",

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-import time
 from collections.abc import Callable
+
+from skyfolio.api.common.surroundings import monotonic_s, utc_s
 
 
 class FleetClock:
@@ -18,8 +19,8 @@ class FleetClock:
         self,
         scale: float = 1.0,
         *,
-        seconds: Callable[[], float] = time.monotonic,
-        utc: Callable[[], float] = time.time,
+        seconds: Callable[[], float] = monotonic_s,
+        utc: Callable[[], float] = utc_s,
     ) -> None:
         self.scale = scale
         self._seconds, self._utc = seconds, utc

@@ -6,11 +6,11 @@ the request: both are stored in one step, and no crash can fall between the two.
 
 from __future__ import annotations
 
-import secrets
 from dataclasses import dataclass
 from hashlib import sha256
 
 from skyfolio.api.common.errors import InvalidError
+from skyfolio.api.common.surroundings import new_token
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,7 +29,7 @@ class NewResource:
 
 def fresh(prefix: str, owner: str = "service") -> NewResource:
     """Return the identity of a resource that is new in any case."""
-    return NewResource(id=f"{prefix}-{secrets.token_hex(6)}", owner=owner)
+    return NewResource(id=f"{prefix}-{new_token(6)}", owner=owner)
 
 
 def keyed(prefix: str, owner: str, key: str, path: str, request: bytes) -> NewResource:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-import time
 from typing import Any
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
+
+from skyfolio.api.common.surroundings import monotonic_s
 
 FAST = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0)
 BLOCKED = (0.001, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0)
@@ -66,8 +67,8 @@ class Metrics:
     async def watch_loop(self) -> None:
         """Measure, for ever, how long a single callback blocks the event loop."""
         while True:
-            slept_from_s = time.monotonic()
+            slept_from_s = monotonic_s()
             await asyncio.sleep(TICK_S)
-            late = max(0.0, time.monotonic() - slept_from_s - TICK_S)
+            late = max(0.0, monotonic_s() - slept_from_s - TICK_S)
             self.loop_lag.observe(late)
             self.worst_lag_s = max(self.worst_lag_s, late)

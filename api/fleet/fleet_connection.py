@@ -12,6 +12,7 @@ from skyfolio.api.common.settings import Settings
 from skyfolio.api.common.supervision import Supervisor
 from skyfolio.api.fleet.vehicle_news import FleetNews
 from skyfolio.mavlink_bridge import FleetLink, HeartbeatMonitor, LinkOptions, Signing
+from skyfolio.mavlink_bridge.ports import LinkPorts
 
 MOVE_MARGIN_S = 1.0
 """Wall seconds after a loss would be declared, from when on a vehicle may be heard from another address."""
@@ -21,7 +22,7 @@ class FleetConnection:
     """Opens and closes the link, and lets `news` follow it.
 
     monitor: judges the heartbeats. healthy: returns whether vehicles may rely on us; our HEARTBEAT is only sent while
-    it does.
+    it does. ports: what the link is made of.
     """
 
     def __init__(
@@ -31,6 +32,7 @@ class FleetConnection:
         news: FleetNews,
         background: Supervisor,
         healthy: Callable[[], bool],
+        ports: LinkPorts,
     ) -> None:
         self.monitor = HeartbeatMonitor(
             stale_after_s=settings.heartbeat_stale_s,
@@ -38,7 +40,7 @@ class FleetConnection:
             recovered_after_s=settings.timing.recovered_after_s,
         )
         self._settings, self._clock, self._news = settings, clock, news
-        self._background, self._healthy = background, healthy
+        self._background, self._healthy, self._ports = background, healthy, ports
         self._link: FleetLink | None = None
         self._followers: list[asyncio.Task[None]] = []
         self._opening = asyncio.Lock()
@@ -69,6 +71,7 @@ class FleetConnection:
                             monitor=self.monitor,
                             options=self._options(),
                             timing=self._settings.timing,
+                            ports=self._ports,
                         )
                     )
                     for url in self.urls:

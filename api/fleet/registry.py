@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
@@ -14,8 +13,10 @@ from skyfolio.api.common.errors import ConflictError, InvalidError, NotFoundErro
 from skyfolio.api.common.fleet_clock import FleetClock
 from skyfolio.api.common.settings import Settings
 from skyfolio.api.common.supervision import Supervisor
+from skyfolio.api.common.surroundings import utc_s
 from skyfolio.api.fleet.commander import Commander
 from skyfolio.api.fleet.fleet_connection import FleetConnection
+from skyfolio.api.fleet.fleet_ports import FleetPorts
 from skyfolio.api.fleet.own_link import Heard, OwnLink
 from skyfolio.api.fleet.vehicle_news import FleetNews
 from skyfolio.api.fleet.vehicle_view import VehicleView, view_of
@@ -36,7 +37,8 @@ PORT_FREE_WITHIN_S = 20.0
 class Fleet:
     """The registry, and what is known of each registered vehicle.
 
-    healthy: returns whether vehicles may rely on us; our HEARTBEAT is only sent while it does.
+    healthy: returns whether vehicles may rely on us; our HEARTBEAT is only sent while it does. ports: what it reaches
+    vehicles through.
     """
 
     def __init__(
@@ -47,6 +49,7 @@ class Fleet:
         database: Database,
         background: Supervisor,
         healthy: Callable[[], bool] = lambda: True,
+        ports: FleetPorts | None = None,
     ) -> None:
         self._settings, self._clock, self._events = settings, clock, events
         self._database = database
@@ -54,7 +57,10 @@ class Fleet:
         self._systems: dict[str, int] = {}
         self.news = FleetNews(self._systems, events)
         """What the link reports of them."""
-        self._connection = FleetConnection(settings, clock, self.news, background, healthy)
+        ports = ports or FleetPorts()
+        self.new_guard = ports.guard
+        """Makes a guard of setpoint streams."""
+        self._connection = FleetConnection(settings, clock, self.news, background, healthy, ports.link)
         self.commander = Commander(lambda: self.link)
         """Through which every command to a vehicle goes."""
         self._finding: asyncio.Task[None] | None = None
@@ -97,7 +103,7 @@ class Fleet:
             self._systems[uav_id] = system_id
             self.link.expect({system_id})
             self.link.classifier.watch(system_id, self._clock.now())
-            row = {"uav_id": uav_id, "system_id": system_id, "simulated": simulated, "registered_at": time.time()}
+            row = {"uav_id": uav_id, "system_id": system_id, "simulated": simulated, "registered_at": utc_s()}
             await self._database.write((insert(table), row))
             self._events.add("vehicle_registered", uav_id=uav_id, system_id=system_id, simulated=simulated)
         if simulated:

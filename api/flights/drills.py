@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import time
 from enum import StrEnum
 from typing import Any, TypeAlias
 
@@ -16,6 +15,7 @@ from sqlalchemy import Row, func, insert, select, update
 
 from skyfolio.api.common.errors import ConflictError, InvalidError, NotFoundError
 from skyfolio.api.common.idempotency import NewResource
+from skyfolio.api.common.surroundings import utc_s
 from skyfolio.api.fleet.registry import Fleet
 from skyfolio.api.fleet.simulated_fleet import SimulatedFleet, fault_of
 from skyfolio.api.flights.operation import Operation
@@ -154,7 +154,7 @@ class Drills:
 
 def new_drill(creation: NewResource, **fields: Any) -> DrillView:
     """Return a drill that is not stored yet."""
-    return DrillView(id=creation.id, state=DrillState.SCHEDULED, created_at=time.time(), **fields)
+    return DrillView(id=creation.id, state=DrillState.SCHEDULED, created_at=utc_s(), **fields)
 
 
 def _due(drill: DrillView, operation: Operation) -> bool:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-import time
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
 from typing import Any
 
 from skyfolio.api.common.fleet_clock import FleetClock
+from skyfolio.api.common.surroundings import monotonic_s
 from skyfolio.api.fleet.commander import Action, OvertakenError
 from skyfolio.api.fleet.registry import HEARD_WITHIN_S, Fleet
 from skyfolio.api.flights.flight_timeline import FlightTimeline
@@ -159,8 +159,8 @@ class Flight(FlightTimeline):
         with suppress(VehiclesMissing):
             await self._fleet.link.wait_for({self.systems[uav] for uav in self.surviving()}, timeout_s=HEARD_WITHIN_S)
         self.guidance.suspect_speeds()
-        until = time.monotonic() + REPORTED_WITHIN_S
-        while time.monotonic() < until and not all(map(self._has_reported_mission, self.surviving())):  # noqa: ASYNC110
+        until = monotonic_s() + REPORTED_WITHIN_S
+        while monotonic_s() < until and not all(map(self._has_reported_mission, self.surviving())):  # noqa: ASYNC110
             await asyncio.sleep(LOOK_EVERY_S)
 
     def _has_reported_mission(self, uav: str) -> bool:

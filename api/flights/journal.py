@@ -10,7 +10,6 @@ which commands are in doubt. Commands in doubt are never sent again: the vehicle
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from enum import StrEnum
@@ -19,6 +18,7 @@ from typing import Any
 from pydantic import BaseModel
 from sqlalchemy import insert, select
 
+from skyfolio.api.common.surroundings import monotonic_s, utc_now
 from skyfolio.api.store import Database
 from skyfolio.api.store.tables import journal as table
 
@@ -79,7 +79,7 @@ class Journal:
     async def of(self, operation_id: str) -> list[Entry]:
         """Return every entry of one operation, the oldest first."""
         query = select(table).where(table.c.operation_id == operation_id).order_by(table.c.id)
-        return [_entry(row) for row in await self._database.rows(query)]
+        return [entry_of(row) for row in await self._database.rows(query)]
 
     def _call_listeners(self, entry: Entry, *, stored: bool) -> None:
         for listener in self.listeners:
@@ -96,7 +96,7 @@ class IncidentLog:
         self.closed = False
         """Whether the last step is written, or is being written."""
         self.timings_s: dict[str, float] = {}
-        self._last = (Step.DETECTED, time.monotonic())
+        self._last = (Step.DETECTED, monotonic_s())
 
     async def step(self, step: Step, **data: Any) -> None:
         """Store that `step` is about to be taken."""
@@ -116,7 +116,7 @@ class IncidentLog:
             incident=self.number,
             step=step,
             uav_id=uav_id,
-            at=datetime.now(UTC),
+            at=utc_now(),
             elapsed_s=round(self._elapsed_s(), 3),
             data=data,
         )
@@ -125,7 +125,7 @@ class IncidentLog:
         """Add up the wall seconds from each step to the next one of another kind."""
         last, began_s = self._last
         if step is not last:
-            now_s = time.monotonic()
+            now_s = monotonic_s()
             self.timings_s[last.value] = round(self.timings_s.get(last.value, 0.0) + now_s - began_s, 4)
             self._last = (step, now_s)
 
@@ -148,7 +148,8 @@ def _row(entry: Entry) -> dict[str, Any]:
     }
 
 
-def _entry(row: Any) -> Entry:
+def entry_of(row: Any) -> Entry:
+    """Return the entry in a row of the table."""
     return Entry(
         operation_id=row.operation_id,
         incident=row.incident,

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import json
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from sqlalchemy import bindparam, insert, update
 
+from skyfolio.api.common.surroundings import monotonic_s, utc_s
 from skyfolio.api.flights.journal import Journal
 from skyfolio.api.flights.operation_views import ENDED, Policy, State
 from skyfolio.api.flights.rates import Point
@@ -45,7 +45,7 @@ class OperationIdentity:
     id: str
     number: int
     policy: Policy
-    created_at: float = field(default_factory=time.time)
+    created_at: float = field(default_factory=utc_s)
     fingerprint: str | None = None
     launch_itself: bool = True
     disruption_weight: float = 0.0
@@ -97,11 +97,11 @@ class OperationRows:
     @property
     def track_is_due(self) -> bool:
         """Return whether TRACK_EVERY_S wall seconds have passed since the track was last stored."""
-        return time.monotonic() - self._tracked_at >= TRACK_EVERY_S
+        return monotonic_s() - self._tracked_at >= TRACK_EVERY_S
 
     def write_track(self, record: Sequence[tuple[float, dict[str, Point]]]) -> None:
         """Store what is new of the record, which is the whole of it, the oldest sample first."""
-        self._tracked_at = time.monotonic()
+        self._tracked_at = monotonic_s()
         new = record[self._tracked :]
         self.has_track_of(record)
         if new:
@@ -121,5 +121,5 @@ def _values(state: State, version: int, document: dict[str, Any]) -> dict[str, A
         "state": state.value,
         "version": version,
         "document": json.dumps(document),
-        "ended_at": time.time() if state in ENDED else None,
+        "ended_at": utc_s() if state in ENDED else None,
     }

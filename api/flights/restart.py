@@ -9,12 +9,12 @@ from __future__ import annotations
 import asyncio
 import json
 from collections.abc import Iterable
-from datetime import UTC, datetime
 from typing import Any, TypeAlias
 
 import structlog
 from sqlalchemy import Row, select
 
+from skyfolio.api.common.surroundings import utc_now
 from skyfolio.api.fleet.registry import Fleet
 from skyfolio.api.flights.flight import Flight
 from skyfolio.api.flights.guidance_options import GuidanceOptions
@@ -184,7 +184,7 @@ async def _write(operation: Operation, incident: int, step: Step, data: dict[str
         incident=incident,
         step=step,
         uav_id=uav,
-        at=datetime.now(UTC),
+        at=utc_now(),
         elapsed_s=operation.flight.elapsed_s(),
         data=data,
     )

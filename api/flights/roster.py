@@ -269,9 +269,12 @@ class Roster:
     def is_ours(self, uav: str) -> bool:
         """Return whether the UAV counts.
 
-        A human, a failsafe or a crash is never overruled, even before the loss is declared.
+        A human, a failsafe or a crash is never overruled, even before the loss is declared: a verdict takes seconds, a
+        command that overrules a human does not.
         """
-        return uav not in self.lost and self._loss_seen(uav) is None
+        if uav in self.lost or self._loss_seen(uav) is not None:
+            return False
+        return self._fleet.taken(self._systems[uav]) is None
 
     def _loss_seen(self, uav: str) -> Loss | None:
         """Return the loss that a UAV's condition means; None if it still counts.

@@ -6,10 +6,11 @@ import asyncio
 from collections.abc import Callable, Collection, Mapping
 
 from skyfolio.api.common.fleet_clock import FleetClock
+from skyfolio.api.fleet.fleet_ports import GuardPort
 from skyfolio.api.fleet.registry import Fleet
 from skyfolio.api.flights.assigned_missions import AssignedMission
 from skyfolio.mavlink_bridge import GuardFailed, east_north_to_geodetic
-from skyfolio.mavlink_bridge.guard import Guard, Orders
+from skyfolio.mavlink_bridge.guard import Orders
 from skyfolio.mavlink_bridge.guidance import FallBack, Stream, Streamed
 from skyfolio.mavlink_bridge.stream import Streamer
 
@@ -40,7 +41,7 @@ class SetpointStreams:
         self._task: asyncio.Task[None] | None = None
         self._hand_overs: Mapping[int, asyncio.Task[str | None]] = {}
         self._closing: set[asyncio.Task[None]] = set()
-        self._guard: Guard | None = None
+        self._guard: GuardPort | None = None
         self._slot0_at = 0.0
 
     @property
@@ -125,7 +126,7 @@ class SetpointStreams:
         """Start the guard. Without one vehicles hold if this process dies, which is worth a warning and no failure."""
         if self._fall_back is FallBack.HOLD or all(map(self._fleet.is_simulated, self._streamed)):
             return  # a hold needs no order, and a fleet simulated in this process dies with it
-        guard = Guard()
+        guard = self._fleet.new_guard()
         try:
             await guard.start()
         except GuardFailed as error:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-import time
 from collections.abc import Iterable, Mapping
 from typing import Any
 
 from skyfolio.api.common.metrics import Metrics
+from skyfolio.api.common.surroundings import monotonic_s
 from skyfolio.api.flights.flight import Flight
 from skyfolio.api.flights.journal import IncidentLog, Step
 from skyfolio.api.flights.transition import Present, require_separated
@@ -32,7 +32,7 @@ class Swap:
         A UAV that does not take the new plan is tried again from where it then is, if that keeps it apart from the
         others; then it is sent the last good plan; if that fails too it holds.
         """
-        began = time.monotonic()
+        began = monotonic_s()
         last_good = self._flight.plan
         self._new_plan = plan
         results = await self._try(plan, plan.scenario.uav_ids, attempt=1)
@@ -50,7 +50,7 @@ class Swap:
         failed = self._failed(results)
         if failed:
             await self._return_to(last_good, plan, failed)
-        self.seconds = time.monotonic() - began
+        self.seconds = monotonic_s() - began
         return results
 
     def _failed(self, results: Mapping[str, str | None]) -> list[str]:

@@ -6,13 +6,13 @@ If a UAV crashes, is taken over, falls silent or goes into failsafe before slot 
 from __future__ import annotations
 
 import asyncio
-import time
 from collections.abc import Collection, Coroutine, Mapping
 from contextlib import suppress
 from dataclasses import asdict
 from typing import Any, TypeVar
 
 from skyfolio.api.common.fleet_clock import FleetClock
+from skyfolio.api.common.surroundings import monotonic_s
 from skyfolio.api.fleet.registry import HEARD_WITHIN_S, Fleet
 from skyfolio.api.flights.guidance import FlightGuidance
 from skyfolio.api.flights.losses import Loss, seen, silent
@@ -111,12 +111,12 @@ class TakeOff:
         except_for: UAVs that have other orders.
         """
         commanded = set(except_for)
-        until = time.monotonic() + (ONE_MORE_HEARTBEAT_S if self._launched else 0.0)
+        until = monotonic_s() + (ONE_MORE_HEARTBEAT_S if self._launched else 0.0)
         while True:
             up = {
                 uav: up_m for uav in self._systems if uav not in commanded and (up_m := self._height_m(uav)) is not None
             }
-            if not up and time.monotonic() >= until:
+            if not up and monotonic_s() >= until:
                 return
             commanded |= up.keys()
             link, commander = self._fleet.link, self._fleet.commander

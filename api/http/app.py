@@ -27,8 +27,8 @@ from skyfolio.api.http.routes import (
     scenarios,
     service,
 )
-from skyfolio.api.plans.solver import Lane
-from skyfolio.api.service import Service
+from skyfolio.api.plans.solver import Lane, solver_of_processes
+from skyfolio.api.service import Ports, Service
 
 DESCRIPTION = """
 Plans where a fleet of flying base stations goes and which users each one serves, flies that plan over MAVLink, and
@@ -61,7 +61,8 @@ def create_app(
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        app.state.service = await Service.open(settings, flight, clock)
+        begun = Ports(solver=lambda chosen: solver_of_processes(chosen.workers, chosen.queue_limit, flight))
+        app.state.service = await Service.open(settings, clock, begun)
         try:
             yield
         finally:

@@ -8,7 +8,6 @@ far as they hold, and changes must be worth the `disruption_weight` of the opera
 from __future__ import annotations
 
 import asyncio
-import time
 from collections.abc import Mapping
 from contextlib import suppress
 from typing import NamedTuple
@@ -19,6 +18,7 @@ from pydantic import BaseModel
 from sqlalchemy import select
 from sqlalchemy.dialects import postgresql, sqlite
 
+from skyfolio.api.common.surroundings import utc_s
 from skyfolio.api.plans.jobs import Job
 from skyfolio.api.plans.solver import LaneName, SolveError, Solver
 from skyfolio.api.store import Database, StoreError
@@ -171,7 +171,7 @@ class Contingencies:
         plan = outcome if isinstance(outcome, Plan) else None
         row = {
             **key._asdict(),
-            "created_at": time.time(),
+            "created_at": utc_s(),
             "result": plan.model_dump_json() if plan else None,
             "error": None if plan else outcome,
         }

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import time
 from collections import OrderedDict
 from collections.abc import Callable
 from typing import Any
@@ -13,6 +12,7 @@ import structlog
 from skyfolio.api.common.errors import ConflictError, NotFoundError
 from skyfolio.api.common.idempotency import NewResource
 from skyfolio.api.common.settings import Settings
+from skyfolio.api.common.surroundings import utc_s
 from skyfolio.api.plans.jobs import Job
 from skyfolio.api.plans.plan_records import Asked, PlanRecord, UnfinishedPlan
 from skyfolio.api.plans.plan_store import PlanStore
@@ -215,7 +215,7 @@ class PlanBook:
         return PlanRecord(
             id=creation.id,
             number=self._number,
-            created_at=time.time(),
+            created_at=utc_s(),
             owner=creation.owner,
             fingerprint=creation.fingerprint,
             **fields,

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-import time
 from typing import Any
 
 from sqlalchemy import Row, bindparam, delete, func, select, update
 
+from skyfolio.api.common.surroundings import utc_s
 from skyfolio.api.plans.plan_records import Asked, PlanRecord
 from skyfolio.api.plans.solver import LaneName
 from skyfolio.api.store import Database
@@ -48,20 +48,20 @@ class PlanStore:
 
     async def add_ended(self, record: PlanRecord, summary: str) -> None:
         """Store a plan that a flight takes over, with its result; held while the database does not answer."""
-        ended = {"ended_at": time.time(), "summary": summary, "result": record.result}
+        ended = {"ended_at": utc_s(), "summary": summary, "result": record.result}
         await self._database.keep((_INSERT, _row(record) | ended))
 
     async def interrupt(self, plan_id: str, error: str) -> None:
         """Store that a plan was not finished, and why. Raises StoreError."""
         row = {**dict.fromkeys(("new_summary", "new_result")), "new_status": PlanStatus.INTERRUPTED.value}
-        await self._database.write((_END, {**row, "plan_id": plan_id, "new_ended_at": time.time(), "new_error": error}))
+        await self._database.write((_END, {**row, "plan_id": plan_id, "new_ended_at": utc_s(), "new_error": error}))
 
     async def end(self, record: PlanRecord, summary: str | None) -> None:
         """Store how a plan ended; held while the database does not answer."""
         row = {
             "plan_id": record.id,
             "new_status": record.status.value,
-            "new_ended_at": time.time(),
+            "new_ended_at": utc_s(),
             "new_summary": summary,
             "new_result": record.result,
             "new_error": record.error,

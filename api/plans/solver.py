@@ -15,6 +15,7 @@ import os
 import signal
 import tempfile
 import time
+from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
@@ -24,6 +25,7 @@ from pathlib import Path
 from skyfolio.api.common.errors import BusyError
 from skyfolio.api.plans.job_board import JobBoard, Progress
 from skyfolio.api.plans.jobs import Job, Solved
+from skyfolio.api.plans.lane_port import SolveLane
 from skyfolio.api.plans.liveness import WorkerHeartbeats
 from skyfolio.api.plans.worker import begin_worker, ready, run
 from skyfolio.planner import PlanStatus
@@ -222,16 +224,12 @@ def flight_lane() -> Lane:
 
 
 class Solver:
-    """All lanes. `flight`: the lane of flights, if it was started before the rest of the service was imported."""
+    """All lanes."""
 
-    def __init__(self, workers: int, queue_limit: int, flight: Lane | None = None) -> None:
-        self.lanes = {
-            LaneName.FLIGHT: flight or flight_lane(),
-            LaneName.REQUESTS: Lane(workers, queue_limit),
-            LaneName.AHEAD: Lane(1, 256, AHEAD_NICENESS),
-        }
+    def __init__(self, lanes: Mapping[LaneName, SolveLane]) -> None:
+        self.lanes = lanes
 
-    def __getitem__(self, name: LaneName) -> Lane:
+    def __getitem__(self, name: LaneName) -> SolveLane:
         return self.lanes[name]
 
     @property
@@ -254,4 +252,18 @@ class Solver:
     def close(self) -> None:
         """End all workers at once."""
         with ThreadPoolExecutor(len(self.lanes)) as closing:
-            list(closing.map(Lane.close, self.lanes.values()))
+            list(closing.map(lambda lane: lane.close(), self.lanes.values()))
+
+
+def solver_of_processes(workers: int, queue_limit: int, flight: Lane | None = None) -> Solver:
+    """Return all lanes with processes of their own, so many for clients.
+
+    flight: the lane of flights, if it was started before the rest of the service was imported.
+    """
+    return Solver(
+        {
+            LaneName.FLIGHT: flight or flight_lane(),
+            LaneName.REQUESTS: Lane(workers, queue_limit),
+            LaneName.AHEAD: Lane(1, 256, AHEAD_NICENESS),
+        }
+    )

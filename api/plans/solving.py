@@ -1,22 +1,26 @@
-"""How a planner process solves a job, and shows how far it is. Imported by workers alone (`worker`)."""
+"""How a planner process solves a job, and shows how far it is. The service itself never imports it."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 from math import sqrt
+from typing import Protocol
 
-from skyfolio.api.plans.job_board import JobBoard
 from skyfolio.api.plans.jobs import Job, Solved
 from skyfolio.planner import (
     AnyOf,
     Budget,
     Cause,
     Deadline,
+    Iteration,
+    PinError,
     Plan,
     PlanStatus,
+    ReplanError,
     Scenario,
     StopToken,
+    UnreachableEndError,
     converged,
     explain,
     plan,
@@ -34,6 +38,23 @@ RESOLVE_S = 10.0
 """An explanation begins no further resolve after so long; what it says besides takes seconds for the largest fleets."""
 STARTS_PER_ROOT = 2.0
 """Starts per square root of UAVs x users x slots: 11 for two UAVs, four users and four slots, 24 from size 144 on."""
+
+Clock = Callable[[], float]
+"""Returns monotonic seconds."""
+
+
+class Board(Protocol):
+    """Where a job shows how far it is (`job_board.JobBoard`)."""
+
+    def stopped(self, token: int) -> bool:
+        """Return whether the job has been asked to stop."""
+        ...
+
+    def note(self, token: int, iteration: Iteration) -> None:
+        """Note how far the job is."""
+
+    def show(self, token: int, plan: str) -> None:
+        """Publish the best plan so far, as JSON."""
 
 
 class BestSoFar:
@@ -59,22 +80,32 @@ class BestSoFar:
         self._due_s = now + max(SHOW_EVERY_S, SOLVING_PER_SHOWING * (now - began))
 
 
-def work(job: Job, board: JobBoard, token: int) -> Solved:
+def attempt(job: Job, board: Board, token: int, clock: Clock = time.monotonic) -> Solved:
+    """Do one job, showing on the board how far it is. Every failure is part of the result."""
+    try:
+        return work(job, board, token, clock)
+    except (UnreachableEndError, ReplanError, PinError) as error:
+        return Solved(status=PlanStatus.INFEASIBLE, error=str(error))
+    except Exception as error:  # noqa: BLE001 - whatever it is, it must not break the pool
+        return Solved(status=PlanStatus.FAILED, error=f"{type(error).__name__}: {error}")
+
+
+def work(job: Job, board: Board, token: int, clock: Clock = time.monotonic) -> Solved:
     """Do one job, showing on the board how far it is. Raises ValueError when the problem has no solution."""
-    return {"plan": _planned, "explain": _explained, "preview": _previewed}[job.task](job, board, token)
+    return {"plan": _planned, "explain": _explained, "preview": _previewed}[job.task](job, board, token, clock)
 
 
-def solve(job: Job, board: JobBoard, token: int) -> Plan:
+def solve(job: Job, board: Board, token: int, clock: Clock = time.monotonic) -> Plan:
     """Plan or replan, showing on the board how far it is. Raises ValueError when the problem has no solution."""
-    best = BestSoFar(lambda text: board.show(token, text), time.monotonic)
+    best = BestSoFar(lambda text: board.show(token, text), clock)
 
     def asked_to_stop() -> bool:
         best.show_if_due()
         return board.stopped(token)
 
     options = {
-        "stop": AnyOf(converged(), StopToken(asked_to_stop), Deadline(job.deadline_s, clock=time.monotonic)),
-        "clock": time.perf_counter,
+        "stop": AnyOf(converged(), StopToken(asked_to_stop), Deadline(job.deadline_s, clock=clock)),
+        "clock": clock,
         "observer": lambda iteration: board.note(token, iteration),
         "offer": best.offer,
         **job.identity,
@@ -87,8 +118,8 @@ def solve(job: Job, board: JobBoard, token: int) -> Plan:
     return plan(scenario, **job.request, n_starts=job.starts or starts_of(scenario, job.most_starts), **options)
 
 
-def _planned(job: Job, board: JobBoard, token: int) -> Solved:
-    made = solve(job, board, token)
+def _planned(job: Job, board: Board, token: int, clock: Clock) -> Solved:
+    made = solve(job, board, token, clock)
     return Solved(
         status=made.status,
         plan=made.model_dump_json(),
@@ -98,15 +129,15 @@ def _planned(job: Job, board: JobBoard, token: int) -> Solved:
     )
 
 
-def _explained(job: Job, board: JobBoard, token: int) -> Solved:
-    until = Deadline(min(RESOLVE_S, job.deadline_s), clock=time.monotonic)
+def _explained(job: Job, board: Board, token: int, clock: Clock) -> Solved:
+    until = Deadline(min(RESOLVE_S, job.deadline_s), clock=clock)
     found = explain(_previous(job), budget=Budget(**job.request), stop=lambda: board.stopped(token) or until([]))
     return Solved(status=PlanStatus.SUCCEEDED, report=found.model_dump_json(), complete=found.complete)
 
 
-def _previewed(job: Job, board: JobBoard, token: int) -> Solved:
+def _previewed(job: Job, board: Board, token: int, clock: Clock) -> Solved:
     asked_to_stop = StopToken(lambda: board.stopped(token))
-    stop = AnyOf(converged(), asked_to_stop, Deadline(job.deadline_s, clock=time.monotonic))
+    stop = AnyOf(converged(), asked_to_stop, Deadline(job.deadline_s, clock=clock))
     scenario = None if job.scenario is None else Scenario.model_validate_json(job.scenario)
     starts = job.starts if scenario is None else job.starts or starts_of(scenario, job.most_starts)
     seen = preview(_previous(job), scenario=scenario, n_starts=starts, stop=stop, **job.request)

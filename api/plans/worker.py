@@ -17,7 +17,6 @@ from skyfolio.api.common import kernels
 from skyfolio.api.plans.job_board import JobBoard
 from skyfolio.api.plans.jobs import Job, Solved
 from skyfolio.api.plans.liveness import WorkerHeartbeat
-from skyfolio.planner import PinError, PlanStatus, ReplanError, UnreachableEndError
 
 
 class _WorkerState:
@@ -61,14 +60,10 @@ def _end_with_parent() -> None:
 
 def run(job: Job, token: int) -> Solved:
     """Solve one job. Every failure is part of the result."""
-    from skyfolio.api.plans.solving import work  # noqa: PLC0415 - the parent process never loads it
+    from skyfolio.api.plans.solving import attempt  # noqa: PLC0415 - the parent process never loads it
 
     _WorkerState.board.begin(token)
     try:
-        return work(job, _WorkerState.board, token)
-    except (UnreachableEndError, ReplanError, PinError) as error:
-        return Solved(status=PlanStatus.INFEASIBLE, error=str(error))
-    except Exception as error:  # noqa: BLE001 - whatever it is, it must not break the pool
-        return Solved(status=PlanStatus.FAILED, error=f"{type(error).__name__}: {error}")
+        return attempt(job, _WorkerState.board, token)
     finally:
         _WorkerState.board.end(token)

@@ -2,6 +2,7 @@
 
     tables, migrations/, migrate  what is stored, and how a database gets there (Alembic, run at start)
     database                     opens, claims and reads it
+    backend                      the engines behind it
     writer, spill                writes: durable on return, grouped commits, held in a file while the database is down
     event_log                    numbered events and their streams
     retention                    what is deleted, and when

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import time
 from collections import deque
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import suppress
@@ -22,6 +21,7 @@ from fastapi.sse import format_sse_event
 from pydantic import BaseModel
 from sqlalchemy import func, select
 
+from skyfolio.api.common.surroundings import monotonic_s, utc_now
 from skyfolio.api.store import Database
 from skyfolio.api.store.tables import events as table
 
@@ -90,7 +90,7 @@ class EventLog:
     def add(self, kind: str, **data: Any) -> Event:
         """Append an event; subscribers receive it once it is stored, which is right after."""
         self._last_id += 1
-        event = Event(id=self._last_id, at=datetime.fromtimestamp(time.time(), UTC), kind=kind, data=data)
+        event = Event(id=self._last_id, at=utc_now(), kind=kind, data=data)
         row = {"id": event.id, "at": event.at.timestamp(), "kind": kind, "data": json.dumps(data)}
         stored = self._database.write_soon((_INSERT, row), keep=True)
         frame = Frame(number=event.id, wire=_encoded(event))
@@ -138,10 +138,10 @@ class EventLog:
         """
         self._followers += 1
         seen, announced = self._snapshot, self._announced
-        asked_s = said_s = time.monotonic()
+        asked_s = said_s = monotonic_s()
         try:
             while True:
-                now_s = time.monotonic()
+                now_s = monotonic_s()
                 if allowed is not None and now_s - asked_s >= ASK_AGAIN_S:
                     if not await allowed():
                         return

@@ -5,13 +5,13 @@ Rows are selected by column and deleted in small steps, so that neither the even
 
 from __future__ import annotations
 
-import time
 from collections.abc import Awaitable, Callable
 
 import structlog
 from sqlalchemy import Table, delete, func, select
 
 from skyfolio.api.common.settings import Settings
+from skyfolio.api.common.surroundings import utc_s
 from skyfolio.api.store import Database
 from skyfolio.api.store.tables import audit, drills, events, operations, plans
 
@@ -23,7 +23,7 @@ AT_ONCE = 2_000
 class Retention:
     """Keeps the database from growing without end. `wall_s`: UTC seconds."""
 
-    def __init__(self, database: Database, settings: Settings, *, wall_s: Callable[[], float] = time.time) -> None:
+    def __init__(self, database: Database, settings: Settings, *, wall_s: Callable[[], float] = utc_s) -> None:
         self._database, self._settings, self._wall_s = database, settings, wall_s
 
     async def tidy(self, forget_plans: Callable[[float], Awaitable[int]]) -> dict[str, int]:

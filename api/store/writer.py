@@ -8,7 +8,6 @@ continue. Writes of clients are refused at once in that state: nothing is half d
 from __future__ import annotations
 
 import asyncio
-import time
 from collections.abc import Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -20,6 +19,7 @@ from sqlalchemy import Engine, Executable
 from sqlalchemy.exc import DataError, DBAPIError, IntegrityError, ProgrammingError
 from sqlalchemy.ext.asyncio import AsyncEngine
 
+from skyfolio.api.common.surroundings import monotonic_s
 from skyfolio.api.store.errors import StoreError
 
 log = structlog.get_logger()
@@ -73,7 +73,7 @@ class Writer:
         """Return why nothing can be stored at present, None while the database answers."""
         if self._trouble is not None:
             return self._trouble
-        stuck = self._began_s is not None and time.monotonic() - self._began_s > STUCK_AFTER_S
+        stuck = self._began_s is not None and monotonic_s() - self._began_s > STUCK_AFTER_S
         return f"no answer for more than {STUCK_AFTER_S:g} s" if stuck else None
 
     @property
@@ -152,7 +152,7 @@ class Writer:
         return []
 
     async def _error_of(self, rows: list[Statement]) -> Exception | None:
-        self._began_s = time.monotonic()
+        self._began_s = monotonic_s()
         try:
             await self._commit_all(_runs(rows))
         except Exception as error:  # noqa: BLE001 - a row that cannot be stored must not end the writer
@@ -180,8 +180,8 @@ class Writer:
 
     async def _pause(self, seconds: float) -> None:
         """Wait before the next try; the end of the service ends the wait."""
-        until = time.monotonic() + seconds
-        while not self._ending and (left_s := until - time.monotonic()) > 0:
+        until = monotonic_s() + seconds
+        while not self._ending and (left_s := until - monotonic_s()) > 0:
             self._news.clear()
             with suppress(TimeoutError):
                 async with asyncio.timeout(left_s):

@@ -6,8 +6,8 @@ what places are worth; `settling.py`: a local search by that), who goes where (`
 (`ascent.py`: projected gradient; `rates.py`: rates, utility and slope, of few links by `links_narrow.py`, of many by
 `links_wide.py`, averaged over draws of the fading by `links_drawn.py`) and links anew at the new paths (`matching.py`:
 exact assignment for `sum`; `shares.py`, `exchange.py` and `market.py`: water-filling for the other utilities and
-minimum rates, which `floors.py` keeps while UAVs move). Every path goes through `flight.py`, which keeps speed, area, ends,
-separation and no-fly zones (`zones.py`) slot by slot. Replans that change little climb with `priced.py` instead
+minimum rates, which `floors.py` keeps while UAVs move). Every path goes through `flight.py`, which keeps speed, area,
+ends, separation and no-fly zones (`zones.py`) slot by slot. Replans that change little climb with `priced.py` instead
 (`tolls.py`: metres off the old paths; `assigning.py` and `trading.py`: users that change UAVs at a toll). The kernels
 see an `Arena`, the problem as plain arrays; nothing here keeps state between calls.
 """

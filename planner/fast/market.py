@@ -148,7 +148,7 @@ def _share(arena: Arena, market: Market, u: int, left: float, khz: Array) -> flo
 
 @smooth
 def _next_worth(decay: Array, first: Array, count: int) -> None:
-    """From the logarithms of the weights to those of what the first kHz is worth: nothing where no signal is received."""
+    """From the logarithms of the weights to those of what the first kHz is worth: nothing without a signal."""
     for i in range(count):
         first[i] = first[i] + log(decay[i]) if decay[i] > 0.0 else -np.inf
 

@@ -26,8 +26,8 @@ AT_ONCE = 8
 class Guess(NamedTuple):
     """What is known while one UAV looks for a user; the other UAVs' entries are of the users that they hover over.
 
-    quiet: (K,), 1 + SNR at every user from all others. hope: (K,), kbit/s that all would come to without
-    interference. east, north, gain: (U,), where those users are, metres, and the gain of the UAV that looks to them, m^2.
+    quiet: (K,), 1 + SNR at every user from all others. hope: (K,), kbit/s that all would come to without interference.
+    east, north, gain: (U,), where those users are, metres, and the gain of the UAV that looks to them, m^2.
     khz, own, others, alone: (U,), band, SNR and interference without that UAV, and what that comes to; 0 for itself.
     even: whether all bands are equal; even_khz: then that band, per nat. who, value, x, y, loud, silent: (K,), scratch.
     """

@@ -14,6 +14,7 @@ from sqlalchemy.exc import IntegrityError, OperationalError
 
 from skyfolio.api.flights.journal import Entry, Journal, Step
 from skyfolio.api.store import Database, StoreError
+from skyfolio.api.store.backend import EngineBackend
 from skyfolio.api.store.event_log import EventLog
 from skyfolio.api.store.spill import Spill
 from skyfolio.api.store.tables import events, journal, operations
@@ -127,7 +128,8 @@ async def test_a_killed_service_leaves_what_it_held_to_the_next_one(url: str, tm
     await until(lambda: len(held_in(tmp_path)) == 2)
     assert modes_in(tmp_path) == [0o600]
     first._writer._task.cancel()  # killed: nothing is finished
-    await first._engine.dispose()
+    assert isinstance(first._backend, EngineBackend)
+    await first._backend.engine.dispose()
     second = await Database.open(url)
     assert second.taken_up == 2
     assert await numbers(second) == [1, 2]
@@ -158,7 +160,7 @@ async def test_an_orderly_end_on_a_full_disk_loses_nothing(url: str) -> None:
 
 async def test_what_had_reached_the_database_is_not_stored_twice(url: str, tmp_path: Path) -> None:
     database = await Database.open(url)
-    spill = Spill(database._engine.url, [tmp_path])
+    spill = Spill(database._backend.url, [tmp_path])
     await spill.add([[(INSERT, row(1))], [(INSERT, row(2))]])
     await database.write((INSERT, row(1)))
     await database.close()
@@ -169,7 +171,7 @@ async def test_what_had_reached_the_database_is_not_stored_twice(url: str, tmp_p
 
 async def test_the_spill_goes_to_the_next_folder_where_the_first_takes_nothing(url: str, tmp_path: Path) -> None:
     database = await Database.open(url)
-    spill = Spill(database._engine.url, [Path("/dev/null/no"), tmp_path / "b"])
+    spill = Spill(database._backend.url, [Path("/dev/null/no"), tmp_path / "b"])
     await spill.add([[(INSERT, row(1))]])
     assert str(spill.error).endswith("No such file or directory")  # neither folder is there
     (tmp_path / "b").mkdir()

@@ -230,7 +230,9 @@ def watched() -> Iterator[tuple[TestClient, Lane, Listener]]:
         try:
             flown = Flight(http, fleet, SCENARIO)
             wait(lambda: http.get("/ready").status_code == 200)
-            yield http, flown.service.solver[LaneName.FLIGHT], Listener(fleet)
+            lane = flown.service.solver[LaneName.FLIGHT]
+            assert isinstance(lane, Lane)
+            yield http, lane, Listener(fleet)
         finally:
             fleet.stop()
 

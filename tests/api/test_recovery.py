@@ -9,8 +9,8 @@ from typing import Any
 from skyfolio.api.flights.journal import Step
 from skyfolio.api.flights.recovery import Incident, Recovery
 from skyfolio.api.flights.recovery_report import RecoveryReport
+from skyfolio.api.lab.virtual.loop import run
 from skyfolio.planner import Plan, ReplanError
-from tests.virtual_loop import run
 
 SLOT_S, SLOTS = 5.0, 20
 FOUND_S = 12.0

@@ -27,6 +27,7 @@ class Sky:
         self.told: dict[int, dict[str, Any]] = {system: {"armed": True, "relative_alt_m": 60.0} for system in (1, 2)}
         self.warnings: dict[int, str] = {}
         self.aloft: set[int] = set()
+        self.flown_by: dict[int, str] = {}
         self.notes: list[tuple[str, dict[str, Any]]] = []
         self.reserved: set[str] = set()
         self.slots_s = 30.0
@@ -75,6 +76,9 @@ class Sky:
 
     def warning(self, system_id: int) -> str | None:
         return self.warnings.get(system_id)
+
+    def taken(self, system_id: int) -> str | None:
+        return self.flown_by.get(system_id)
 
     def note(self, kind: str, **data: Any) -> None:
         self.notes.append((kind, data))
@@ -219,3 +223,14 @@ def test_who_was_sent_home_by_order_stays_so_when_it_has_landed() -> None:
     assert sky.roster.retired == {"a"}
     sky.roster.readmit("a")
     assert sky.roster.retired == set()
+
+
+def test_a_uav_that_a_human_has_just_taken_is_not_commanded_even_before_that_counts_as_a_loss() -> None:
+    sky = Sky()
+    assert sky.roster.may_command("a")
+    sky.flown_by[1] = "somebody else flies it: in mode 'position', which was not commanded"
+    assert sky.look() == {}
+    assert not sky.roster.may_command("a")
+    assert sky.roster.may_command("b")
+    sky.flown_by.clear()
+    assert sky.roster.may_command("a")

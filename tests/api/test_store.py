@@ -14,6 +14,7 @@ from sqlalchemy import Connection, insert, select
 from sqlalchemy.ext.asyncio import create_async_engine
 
 from skyfolio.api.store import Database, StoreError, metadata, migrate
+from skyfolio.api.store.backend import EngineBackend
 from skyfolio.api.store.tables import events
 
 INSERT = insert(events)
@@ -63,8 +64,9 @@ async def test_a_database_that_is_closed_is_free_though_a_forked_process_holds_i
     url = f"sqlite+aiosqlite:///{tmp_path}/service.db"
     first = await Database.open(url)
     await first.claim()
-    assert first._lock is not None
-    with os.fdopen(os.dup(first._lock.fileno())):  # as between fork and exec of a worker
+    assert isinstance(first._backend, EngineBackend)
+    assert first._backend.lock is not None
+    with os.fdopen(os.dup(first._backend.lock.fileno())):  # as between fork and exec of a worker
         await first.close()
         second = await Database.open(url)
         await second.claim()

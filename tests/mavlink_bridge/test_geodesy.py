@@ -5,6 +5,7 @@ from math import hypot
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pymap3d import geodetic2enu
 from pymap3d.vincenty import vdist
 
 from skyfolio.mavlink_bridge.geodesy import (
@@ -65,3 +66,9 @@ def test_east_raises_longitude_and_north_raises_latitude() -> None:
 @given(e7=st.integers(-1_800_000_000, 1_800_000_000))
 def test_e7_integers_survive_degrees(e7: int) -> None:
     assert to_e7(from_e7(e7)) == e7
+
+
+@given(origin=origins, lat_deg=st.floats(-85, 85), lon_deg=st.floats(-180, 180))
+def test_metres_of_a_point_are_those_of_pymap3d(origin: Origin, lat_deg: float, lon_deg: float) -> None:
+    east, north, _ = geodetic2enu(lat_deg, lon_deg, 0.0, origin.lat_deg, origin.lon_deg, 0.0)
+    assert geodetic_to_east_north(origin, lat_deg, lon_deg) == pytest.approx((east, north), abs=1e-6)

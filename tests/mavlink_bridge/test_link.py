@@ -182,7 +182,7 @@ async def test_qgroundcontrols_plan_reader_of_mavsdk_reads_our_plan_files(airfie
 
     async with airfield(line_and_hover) as field:
         mission = compile_mission(line_and_hover, "uav-1")
-        raw = MissionRaw(field.link._mavsdk.get_systems()[0])
+        raw = MissionRaw(field.link._port.mavsdk.get_systems()[0])
         read = raw.import_qgroundcontrol_mission_from_string(json.dumps(to_qgc_plan(mission))).mission_items
         assert [(item.seq, item.command, item.x, item.y) for item in read] == [
             (item.seq, item.command, item.x, item.y) for item in mission.items

@@ -8,12 +8,12 @@ from typing import Any
 
 import pytest
 
+from skyfolio.api.lab.virtual.loop import run
 from skyfolio.mavlink_bridge import FlightMode, departure, readiness
 from skyfolio.mavlink_bridge.ardupilot import ARDUCOPTER
 from skyfolio.mavlink_bridge.status_texts import StatusTexts
 from skyfolio.mavlink_bridge.telemetry import TelemetryState
 from skyfolio.mavlink_bridge.vehicle import NotDone
-from tests.virtual_loop import run
 
 ARM, TAKEOFF, REQUEST_MESSAGE = 400, 22, 512
 POSITION = {"time_boot_ms": 1, "lat": 473977420, "lon": 85455940, "alt": 0, "relative_alt": 0, "vx": 0, "vy": 0}

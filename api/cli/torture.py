@@ -1,0 +1,87 @@
+"""`skyfolio torture`: drills by the thousand in virtual time."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from skyfolio.api.cli.files import Json, UsageError
+
+
+def torture(
+    drills: Annotated[int, typer.Option(min=1, help="How many.")] = 100,
+    seed: Annotated[int, typer.Option(min=0, help="Of the first drill; the next ones count on.")] = 1,
+    jobs: Annotated[int, typer.Option(min=1, help="How many at a time, each on a core of its own.")] = 1,
+    out: Annotated[Path, typer.Option(help="Write failing drills here, each a file to replay.")] = Path("out/torture"),
+    shrink: Annotated[bool, typer.Option(help="Make failing drills smaller first.")] = True,
+    replay: Annotated[Path | None, typer.Option(help="Fly the drill in this file instead, and show each step.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Fly random drills in virtual time, and look at what must hold whatever happens.
+
+    Each drill is a service with a fleet, struck at the moments that hurt. Exit status 1 if anything was broken.
+    """
+    if replay is not None:
+        broken = _replay(replay, as_json=as_json)
+    else:
+        broken = _campaign(range(seed, seed + drills), jobs, out, shrink=shrink, as_json=as_json)
+    if broken:
+        raise typer.Exit(1)
+
+
+def _campaign(seeds: range, jobs: int, out: Path, *, shrink: bool, as_json: bool) -> bool:
+    from skyfolio.api.lab.torture.campaign import Result, campaign, table_of, write_case  # noqa: PLC0415
+
+    done = 0
+
+    def told(result: Result) -> None:
+        nonlocal done
+        done += 1
+        for name, detail in result.broken.items():
+            typer.echo(f"drill {result.seed}: {name}: {detail}", err=True)
+        if result.broken:
+            typer.echo(f"drill {result.seed}: skyfolio torture --replay {write_case(out, result)}", err=True)
+        if done % 50 == 0:
+            typer.echo(f"{done} of {len(seeds)} drills", err=True)
+
+    tally = campaign(seeds, jobs=jobs, shrink=shrink, told=told)
+    report = tally.report()
+    if as_json:
+        typer.echo(json.dumps(report))
+        return bool(tally.failures)
+    for row in table_of(tally.coverage):
+        typer.echo(f"{row[0]:16}" + "".join(f"{cell:>17}" for cell in row[1:]))
+    typer.echo(
+        f"\n{report['drills']} drills, {report['failed']} failed; {report['flown_s']:.0f} s flown, "
+        f"{report['wall_p50_s']:.2f} s each (median)"
+    )
+    for name, count in report["broken"].items():
+        typer.echo(f"{count:6}  {name}")
+    return bool(tally.failures)
+
+
+def _replay(file: Path, *, as_json: bool) -> bool:
+    from skyfolio.api.lab.torture.campaign import flown, quiet, read_case  # noqa: PLC0415
+
+    try:
+        drill = read_case(file)
+    except (OSError, ValueError, KeyError) as error:
+        raise UsageError(f"{file}: is no drill: {error}") from error
+    with quiet():
+        outcome = flown(drill)
+    if as_json:
+        document = {"broken": outcome.broken, "state": outcome.state, "blows": outcome.blows}
+        events = [event.model_dump(mode="json") for event in outcome.events]
+        typer.echo(json.dumps({**document, "events": events}))
+        return bool(outcome.broken)
+    for event in outcome.events:
+        typer.echo(f"{event.at:%H:%M:%S.%f} {event.kind} {json.dumps(event.data)[:200]}")
+    for blow in outcome.blows:
+        typer.echo(f"struck at {blow}")
+    typer.echo(f"{outcome.state} after {outcome.virtual_s:.0f} s, flown in {outcome.wall_s:.2f} s")
+    for name, detail in outcome.broken.items():
+        typer.echo(f"broken: {name}: {detail}")
+    return bool(outcome.broken)

@@ -1,0 +1,196 @@
+"""Many drills on several cores: progress, what was broken, and the coverage of states and blows."""
+
+from __future__ import annotations
+
+import json
+import logging
+import multiprocessing
+import signal
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, MutableMapping
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import structlog
+
+from skyfolio.api.lab.torture.drill import Drill
+from skyfolio.api.lab.torture.flight import Outcome, fly
+from skyfolio.api.lab.torture.generator import drill_of
+from skyfolio.api.lab.torture.shrink import smaller
+
+LONGEST_S = 180
+"""Wall seconds after which a drill hangs: virtual time no longer passes."""
+HANGS = "a drill comes to its end"
+UNLIKELY = "the ground itself works"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Result:
+    """What is kept of one drill. small: the shrunk drill, if it broke something."""
+
+    seed: int
+    state: str
+    broken: dict[str, str]
+    coverage: Counter[tuple[str, str]]
+    virtual_s: float
+    wall_s: float
+    small: Drill | None = None
+
+
+@dataclass
+class Tally:
+    """What came of a campaign so far."""
+
+    drills: int = 0
+    states: Counter[str] = field(default_factory=Counter)
+    broken: Counter[str] = field(default_factory=Counter)
+    coverage: Counter[tuple[str, str]] = field(default_factory=Counter)
+    walls_s: list[float] = field(default_factory=list)
+    virtual_s: float = 0.0
+    failures: list[Result] = field(default_factory=list)
+
+    def add(self, result: Result) -> None:
+        """Take in one drill."""
+        self.drills += 1
+        self.states[result.state] += 1
+        self.coverage.update(result.coverage)
+        self.broken.update(result.broken.keys())
+        self.walls_s.append(result.wall_s)
+        self.virtual_s += result.virtual_s
+        if result.broken:
+            self.failures.append(result)
+
+    def report(self) -> dict[str, Any]:
+        """Return all of it as plain data."""
+        return {
+            "drills": self.drills,
+            "failed": len(self.failures),
+            "states": dict(sorted(self.states.items())),
+            "broken": dict(self.broken.most_common()),
+            "wall_p50_s": round(median(self.walls_s), 3) if self.walls_s else None,
+            "flown_s": round(self.virtual_s, 1),
+            "coverage": {f"{state}/{blow}": count for (state, blow), count in sorted(self.coverage.items())},
+            "failures": [{"seed": one.seed, "state": one.state, "broken": one.broken} for one in self.failures],
+        }
+
+
+def campaign(seeds: Iterable[int], *, jobs: int, shrink: bool, told: Callable[[Result], None]) -> Tally:
+    """Fly the drill of each seed; `told` gets each result as it comes."""
+    tally = Tally()
+    for result in _results(seeds, jobs, shrink=shrink):
+        tally.add(result)
+        told(result)
+    return tally
+
+
+def _results(seeds: Iterable[int], jobs: int, *, shrink: bool) -> Iterator[Result]:
+    if jobs == 1:
+        with quiet():
+            yield from (one(seed, shrink=shrink) for seed in seeds)
+        return
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(jobs, mp_context=context, initializer=quieten) as pool:
+        yield from pool.map(_one_shrunk if shrink else one, seeds, chunksize=1)
+
+
+def _one_shrunk(seed: int) -> Result:
+    return one(seed, shrink=True)
+
+
+def quieten() -> None:
+    """Log nothing from now on: a drill provokes errors by the dozen, and invariants judge them."""
+    structlog.configure(processors=[_drop])
+    logging.disable(logging.CRITICAL)
+
+
+def _drop(_logger: object, _method: str, _event: MutableMapping[str, Any]) -> MutableMapping[str, Any]:
+    raise structlog.DropEvent
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Log nothing meanwhile."""
+    before, level = structlog.get_config(), logging.root.manager.disable
+    quieten()
+    try:
+        yield
+    finally:
+        structlog.configure(**before)
+        logging.disable(level)
+
+
+def one(seed: int, *, shrink: bool = False) -> Result:
+    """Fly the drill of one seed, in this process."""
+    outcome = flown(drill_of(seed))
+    small = None
+    if outcome.broken and shrink:
+        first = next(iter(outcome.broken))
+        small = smaller(outcome.drill, lambda drill: first in flown(drill).broken)
+    return Result(
+        seed=seed,
+        state=outcome.state,
+        broken=outcome.broken,
+        coverage=outcome.coverage,
+        virtual_s=outcome.virtual_s,
+        wall_s=outcome.wall_s,
+        small=small or (outcome.drill if outcome.broken else None),
+    )
+
+
+def flown(drill: Drill) -> Outcome:
+    """Fly a drill; one that hangs or breaks the ground is an outcome as well."""
+    try:
+        with _at_most(LONGEST_S):
+            return fly(drill)
+    except _HangsError:
+        broken = {HANGS: f"not within {LONGEST_S} wall seconds"}
+    except Exception as error:  # noqa: BLE001 - reported as what this drill has broken
+        broken = {UNLIKELY: f"{type(error).__name__}: {error}"}
+    return Outcome(drill=drill, broken=broken, state="none", coverage=Counter(), virtual_s=0.0, wall_s=0.0)
+
+
+class _HangsError(KeyboardInterrupt):
+    """Virtual time no longer passes. Nothing that catches exceptions may catch this one."""
+
+
+@contextmanager
+def _at_most(seconds: int) -> Iterator[None]:
+    """End what hangs in the main thread after so many wall seconds."""
+
+    def too_long(_number: int, _frame: object) -> None:
+        raise _HangsError
+
+    before = signal.signal(signal.SIGALRM, too_long)
+    signal.alarm(seconds)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def write_case(folder: Path, result: Result) -> Path:
+    """Write a failing drill and what it breaks into a file that `read_case` reads; return its path."""
+    assert result.small is not None  # noqa: S101 - it has failed
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / f"drill-{result.seed}.json"
+    document = {"breaks": result.broken, "drill": result.small.model_dump(mode="json", exclude_defaults=True)}
+    file.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    return file
+
+
+def read_case(file: Path) -> Drill:
+    """Return the drill in a file. Raises ValueError or OSError."""
+    return Drill.model_validate(json.loads(file.read_text(encoding="utf-8"))["drill"])
+
+
+def table_of(coverage: Counter[tuple[str, str]]) -> list[list[str]]:
+    """Return how often each blow struck in each state, as rows of text with a heading."""
+    states = sorted({state for state, _ in coverage})
+    blows = sorted({blow for _, blow in coverage})
+    rows = [["", *states]]
+    return rows + [[blow, *(str(coverage[state, blow] or "·") for state in states)] for blow in blows]

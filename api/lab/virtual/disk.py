@@ -1,0 +1,120 @@
+"""A disk in memory with the database of a service on it. It outlives the service, and is slow or full on demand."""
+
+from __future__ import annotations
+
+import asyncio
+import sqlite3
+import tempfile
+from collections.abc import Callable, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeVar
+
+from sqlalchemy import Connection, Engine, Executable, Row, create_engine
+from sqlalchemy.engine import URL, make_url
+from sqlalchemy.exc import OperationalError
+from sqlalchemy.pool import StaticPool
+
+from skyfolio.api.store.migrate import upgrade
+from skyfolio.api.store.writer import Statement
+
+Result = TypeVar("Result")
+COMMIT_S, READ_S = 0.002, 0.0005
+"""Virtual seconds that a commit and a read take on a healthy disk."""
+
+
+class Disk:
+    """An SQLite database with all tables, and a folder for what the database does not accept."""
+
+    def __init__(self) -> None:
+        self.commit_s = COMMIT_S
+        """Virtual seconds that a commit takes."""
+        self.refuses: str | None = None
+        """Why nothing can be written, as SQLite words it; None while the disk works."""
+        self.commits = 0
+        self.engine = _engine()
+        raw = self.engine.raw_connection()
+        try:
+            driver = raw.driver_connection
+            assert isinstance(driver, sqlite3.Connection)  # noqa: S101
+            driver.deserialize(_empty())
+            driver.execute("PRAGMA foreign_keys=ON")
+        finally:
+            raw.close()
+        self._folder = tempfile.TemporaryDirectory(prefix="skyfolio-virtual-")
+        self.folder = Path(self._folder.name)
+
+    def close(self) -> None:
+        """Forget everything."""
+        self.engine.dispose()
+        self._folder.cleanup()
+
+
+class MemoryBackend:
+    """The database on a disk, as one service has it open; nothing is answered once that service is dead.
+
+    A commit happens in the middle of the time that it takes, so that a service may die on either side of it.
+    """
+
+    def __init__(self, disk: Disk, alive: Callable[[], bool]) -> None:
+        self._disk, self._alive = disk, alive
+        self.url: URL = make_url("sqlite+aiosqlite:///in-memory")
+
+    async def in_transaction(self, work: Callable[[Connection], Result]) -> Result:
+        """Do some work on a connection, and commit it."""
+        await self._pass(READ_S)
+        with self._disk.engine.begin() as connection:
+            return work(connection)
+
+    async def rows(self, statement: Executable, params: dict[str, Any] | None) -> Sequence[Row[Any]]:
+        """Read committed rows."""
+        await self._pass(READ_S)
+        with self._disk.engine.connect() as connection:
+            return connection.execute(statement, params).all()
+
+    async def commit(self, statements: list[Statement]) -> None:
+        """Execute in one transaction."""
+        half_s = self._disk.commit_s / 2
+        await self._pass(half_s)
+        if self._disk.refuses is not None:
+            raise OperationalError("COMMIT", {}, sqlite3.OperationalError(self._disk.refuses))
+        self._disk.commits += 1
+        with self._disk.engine.begin() as connection:
+            for statement, params in statements:
+                connection.execute(statement, params or None)
+        await self._pass(half_s)
+
+    async def shrink(self) -> None:
+        """Do nothing: memory has no file to shrink."""
+
+    async def claim(self) -> bool:
+        """Return true: two services never live at once here."""
+        return True
+
+    async def close(self) -> None:
+        """Do nothing: the disk stays."""
+
+    async def _pass(self, seconds: float) -> None:
+        await asyncio.sleep(seconds)
+        if not self._alive():
+            await asyncio.get_running_loop().create_future()  # a dead process is never answered
+
+
+def _engine() -> Engine:
+    return create_engine("sqlite://", poolclass=StaticPool, connect_args={"check_same_thread": False})
+
+
+@cache
+def _empty() -> bytes:
+    """Return a database with all tables and no rows; migrated once for all disks."""
+    engine = _engine()
+    with engine.begin() as connection:
+        upgrade(connection)
+    raw = engine.raw_connection()
+    try:
+        driver = raw.driver_connection
+        assert isinstance(driver, sqlite3.Connection)  # noqa: S101
+        return driver.serialize()
+    finally:
+        raw.close()
+        engine.dispose()

@@ -1,0 +1,153 @@
+"""An event loop in virtual time: it jumps to the next timer instead of waiting for it, and never runs beside itself.
+
+Tasks and futures are numbered in the order in which they are made, and hash by that number: whoever keeps them in sets
+goes through them in the same order each time.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from asyncio.base_events import BaseEventLoop
+from collections.abc import Callable, Coroutine
+from contextvars import Context, ContextVar
+from typing import Any, TypeVar
+
+Result = TypeVar("Result")
+
+TURN_S = 1e-6
+"""Virtual seconds that each turn takes: time passes for whoever looks again and again, as it does on a wall."""
+
+
+class DeadlockError(RuntimeError):
+    """Everybody waits for something that never comes."""
+
+
+class Life:
+    """What was begun in one context: the tasks that are still alive, by number."""
+
+    def __init__(self) -> None:
+        self.tasks: dict[int, NumberedTask] = {}
+        self.over = False
+
+
+life_here: ContextVar[Life | None] = ContextVar("life", default=None)
+"""The life to which new tasks belong; they hand it on."""
+
+
+class NumberedTask(asyncio.Task[Any]):
+    """A task that hashes by the order of creation, and is known to the life it belongs to."""
+
+    def __init__(
+        self, coroutine: Coroutine[Any, Any, Any], *, loop: VirtualLoop, name: str | None, context: Context | None
+    ) -> None:
+        self.number = loop.next_number()  # before the task is made: that already puts it into a set
+        self._life = life_here.get() if context is None else context.get(life_here)
+        super().__init__(coroutine, loop=loop, name=name or f"task-{self.number}", context=context)
+        if self._life is not None:
+            self._life.tasks[self.number] = self
+            self.add_done_callback(self._leave)
+
+    def __hash__(self) -> int:
+        return self.number
+
+    def _leave(self, _done: object) -> None:
+        if self._life is not None:
+            self._life.tasks.pop(self.number, None)
+
+
+class NumberedFuture(asyncio.Future[Any]):
+    """A future that hashes by the order of creation."""
+
+    def __init__(self, *, loop: VirtualLoop) -> None:
+        self.number = loop.next_number()
+        super().__init__(loop=loop)
+
+    def __hash__(self) -> int:
+        return self.number
+
+
+class _Jumping:
+    """Stands in for a selector: lets time pass at once."""
+
+    def __init__(self) -> None:
+        self.now_s = 0.0
+
+    def select(self, timeout: float | None) -> list[Any]:
+        if timeout is None:
+            raise DeadlockError("everybody waits for something that never comes")
+        self.now_s += max(timeout, 0.0) + TURN_S
+        return []
+
+    def close(self) -> None:
+        """Do nothing."""
+
+
+class VirtualLoop(BaseEventLoop):
+    """For what waits for timers and other tasks, and for nothing outside; `time` counts seconds from 0.
+
+    Work for another thread is done at once. DeadlockError when nothing is left to wait for.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._selector = _Jumping()
+        self._clock_resolution = 1e-9
+        self._number = 0
+        self.set_task_factory(_numbered)
+
+    def next_number(self) -> int:
+        """Return the number of the next task or future."""
+        self._number += 1
+        return self._number
+
+    def time(self) -> float:
+        """Return virtual seconds."""
+        return self._selector.now_s
+
+    def create_future(self) -> asyncio.Future[Any]:
+        """Return a new future."""
+        return NumberedFuture(loop=self)
+
+    def run_in_executor(  # type: ignore[override]
+        self, executor: Any, func: Callable[..., Result], *args: Any
+    ) -> asyncio.Future[Result]:
+        """Do it now; the result is there in the next turn."""
+        del executor
+        done: asyncio.Future[Result] = self.create_future()
+        try:
+            result = func(*args)
+        except Exception as error:  # noqa: BLE001 - handed on, as an executor does
+            self.call_soon(_fail, done, error)
+        else:
+            self.call_soon(_end, done, result)
+        return done
+
+    def _process_events(self, event_list: list[Any]) -> None:
+        del event_list
+
+    def _write_to_self(self) -> None:
+        """Do nothing: nobody else wakes this loop."""
+
+
+def _numbered(
+    loop: asyncio.AbstractEventLoop, coroutine: Any, *, name: str | None = None, context: Context | None = None
+) -> NumberedTask:
+    assert isinstance(loop, VirtualLoop)  # noqa: S101
+    return NumberedTask(coroutine, loop=loop, name=name, context=context)
+
+
+def _end(done: asyncio.Future[Result], result: Result) -> None:
+    if not done.done():
+        done.set_result(result)
+
+
+def _fail(done: asyncio.Future[Any], error: Exception) -> None:
+    if not done.done():
+        done.set_exception(error)
+
+
+def run(work: Coroutine[Any, Any, Result]) -> tuple[Result, float]:
+    """Do some work in virtual time; return its result, and the virtual seconds that it took."""
+    with asyncio.Runner(loop_factory=VirtualLoop) as runner:
+        result = runner.run(work)
+        return result, runner.get_loop().time()
