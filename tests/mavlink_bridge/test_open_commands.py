@@ -7,7 +7,7 @@ import asyncio
 from skyfolio.mavlink_bridge.mission_messages import Message
 from skyfolio.mavlink_bridge.open_commands import OpenCommands
 from skyfolio.mavlink_bridge.round_trip import RoundTrip
-from tests.virtual_loop import run
+from skyfolio.api.lab.virtual.loop import run
 
 REQUEST = 512
 THERE_AND_BACK_S = 0.01

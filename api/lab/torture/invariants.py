@@ -28,7 +28,7 @@ LOW_M = 2.0
 NOTICED_S = 6.0
 """A vehicle that a human or a failsafe flies may be commanded for so long: heartbeats come at 1 Hz, and get lost."""
 RECOVERED_S = 45.0
-"""An incident may be open for so long while vehicles are heard and nobody is asked."""
+"""An incident may be open for so long while vehicles are heard and no operator is asked."""
 COMMANDS = frozenset({"COMMAND_INT", "MISSION_COUNT", "MISSION_SET_CURRENT", "SET_POSITION_TARGET_GLOBAL_INT"})
 HARMLESS = frozenset({178, 511, 512, 521})
 """Commands that change no way: an own speed given back, and questions."""
@@ -99,7 +99,7 @@ def _every_operation_ends(seen: Seen) -> Iterator[str]:
 
 @at_end
 def _every_incident_is_closed_once(seen: Seen) -> Iterator[str]:
-    """Close every incident once: an open one is dealt with by nobody, and a second end contradicts the first."""
+    """Close every incident once: an open one is not dealt with, and a second end contradicts the first."""
     closed = Counter(entry.incident for entry in seen.journal if entry.step is Step.CLOSED)
     for incident in sorted({entry.incident for entry in seen.journal}):
         if closed[incident] != 1:
@@ -146,7 +146,7 @@ def _nothing_is_sent_twice(seen: Seen) -> Iterator[str]:
 
 @at_end
 def _nobody_healthy_is_lost(seen: Seen) -> Iterator[str]:
-    """Lose nobody on a link that loses a tenth: a false loss takes a good UAV from its users."""
+    """Lose no vehicle on a link that loses a tenth: a false loss takes a good UAV from its users."""
     if seen.drill.loss > 0.1:
         return
     ids = seen.ground.scenario.uav_ids
@@ -159,7 +159,7 @@ def _nobody_healthy_is_lost(seen: Seen) -> Iterator[str]:
 
 @at_end
 def _nothing_fails_unforeseen(seen: Seen) -> Iterator[str]:
-    """Foresee every failure: a failed task, or the text of a Python error, is a case that nobody thought of."""
+    """Foresee every failure: a failed task, or the text of a Python error, is an unforeseen case."""
     for event in seen.events:
         if event.kind == "task_failed":
             yield f"task {event.data['task']}: {event.data['error']}"

@@ -243,7 +243,7 @@ class _LoopClock:
 
 
 async def _bury(life: Life) -> None:
-    """End the tasks of a dead service; what they do as they end reaches nobody. RuntimeError if one does not end."""
+    """End the tasks of a dead service; what they do as they end has no effect. RuntimeError if one does not end."""
     for _ in range(BURIAL_TURNS):
         if not life.tasks:
             return

@@ -1,6 +1,6 @@
 """An event loop in virtual time: it jumps to the next timer instead of waiting for it, and never runs beside itself.
 
-Tasks and futures are numbered in the order in which they are made, and hash by that number: whoever keeps them in sets
+Tasks and futures are numbered in the order in which they are made, and hash by that number: code that keeps them in sets
 goes through them in the same order each time.
 """
 
@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 Result = TypeVar("Result")
 
 TURN_S = 1e-6
-"""Virtual seconds that each turn takes: time passes for whoever looks again and again, as it does on a wall."""
+"""Virtual seconds that each turn takes: time passes for a loop that looks again and again, as it does on a wall."""
 
 
 class DeadlockError(RuntimeError):
@@ -126,7 +126,7 @@ class VirtualLoop(BaseEventLoop):
         del event_list
 
     def _write_to_self(self) -> None:
-        """Do nothing: nobody else wakes this loop."""
+        """Do nothing: no other thread wakes this loop."""
 
 
 def _numbered(

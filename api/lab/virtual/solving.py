@@ -125,7 +125,7 @@ class ModelledLane:
 
 
 class _Blank:
-    """A board that nobody reads."""
+    """A board that is never read."""
 
     def stopped(self, token: int) -> bool:
         """Return false: how long a job takes is modelled."""

@@ -31,8 +31,8 @@ _GROUND_STATION = {
 class MemoryEndpoint:
     """One end of a link to all vehicles of a fleet in this process; an `Endpoint` of the bridge.
 
-    alive: returns whether the service at this end still runs. Vehicles send to whoever opened such an end last, as to
-    whoever has bound the port.
+    alive: returns whether the service at this end still runs. Vehicles send to the end that was opened last, as to
+    the socket that has bound the port.
     """
 
     def __init__(self, fleet: sim.Fleet, url: str, on_frames: OnFrames, *, alive: Callable[[], bool]) -> None:
