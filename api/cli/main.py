@@ -60,6 +60,9 @@ COMMANDS = {
         f"{CLI}.simulate:simulate", "Fly a software-only fleet that speaks MAVLink, until interrupted."
     ),
     "status": LazyCommand(f"{CLI}.remote:status", "Show the state of an operation and of each of its UAVs."),
+    "sweep": LazyCommand(
+        f"{CLI}.sweep:sweep", "Plan thousands of scenarios, as a TOML file asks, on all cores or on a Dask cluster."
+    ),
     "tune-mu": LazyCommand(
         f"{CLI}.reproduce:tune_mu",
         "Find the mu that meets limits on sum rate, fluctuation and fairness, in the worst of the given losses.",

@@ -1,0 +1,95 @@
+"""Connections to Dask: a cluster of worker processes that is started here, or a scheduler that runs elsewhere.
+
+Dask executes what it is sent. So the cluster that is started here listens on loopback alone, and speaks TLS with
+certificates that are made for it and never leave this process and its workers: another user of the machine cannot hand
+work to it. A scheduler that runs elsewhere is protected by whoever runs it (`docs/scaling.md`). Nothing of Dask is
+imported before it is needed: it is an extra.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Any
+
+from skyfolio.api.common import extras
+from skyfolio.api.common.errors import ServiceError
+
+CONNECT_S = 10.0
+"""A scheduler has so long to answer at first."""
+END_S = 0.4
+"""Workers of our own cluster have so long to end by themselves; then they are killed."""
+OWN: dict[str, Any] = {
+    "distributed.scheduler.http.routes": [],
+    "distributed.worker.http.routes": [],
+    "distributed.scheduler.worker-saturation": 1.0,  # what waits does so at the scheduler, and dies with no worker
+}
+PRELOAD = "skyfolio.api.common.dask_worker"
+LOOPBACK = "127.0.0.1"
+SCHEMES = ("tcp://", "tls://")
+
+
+class SchedulerError(ServiceError):
+    """The Dask scheduler cannot be reached, or went away."""
+
+
+@asynccontextmanager
+async def own_cluster(workers: int, purpose: str) -> AsyncIterator[Any]:
+    """Start `workers` processes of one thread each, and give their client; end them all within a second at the end.
+
+    purpose: what needs it, for the message of MissingExtraError.
+    """
+    extras.require_all("sweep", purpose)
+    import dask  # noqa: PLC0415 - an extra
+    from distributed import Client, LocalCluster  # noqa: PLC0415
+
+    with dask.config.set(OWN):
+        cluster = await LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            processes=True,
+            host=LOOPBACK,
+            protocol="tls",
+            security=True,
+            dashboard_address=f"{LOOPBACK}:0",
+            worker_dashboard_address=f"{LOOPBACK}:0",
+            scheduler_kwargs={"dashboard": False},
+            preload=[PRELOAD],
+            silence_logs=logging.ERROR,
+            asynchronous=True,
+        )
+        try:
+            async with Client(cluster, asynchronous=True, set_as_default=False) as client:
+                yield client
+        finally:
+            # closing the cluster alone would wait for what its workers compute
+            await asyncio.gather(*(nanny.close(timeout=END_S) for nanny in cluster.workers.values()))
+            await cluster.close()
+
+
+@asynccontextmanager
+async def joined_cluster(address: str, purpose: str) -> AsyncIterator[Any]:
+    """Give a client of the scheduler at this address (`tcp://HOST:PORT`, `tls://HOST:PORT`).
+
+    Raises SchedulerError when it does not answer or the address is none.
+    """
+    extras.require_all("sweep", purpose)
+    require_address(address)
+    from distributed import Client  # noqa: PLC0415
+
+    try:
+        client = await Client(address, asynchronous=True, set_as_default=False, timeout=CONNECT_S)
+    except (OSError, TimeoutError) as error:
+        raise SchedulerError(f"scheduler: nobody answers at {address} ({error})") from error
+    try:
+        yield client
+    finally:
+        await client.close()
+
+
+def require_address(address: str, field: str = "scheduler") -> None:
+    """Check that an address may be a scheduler's. Raises SchedulerError naming the field."""
+    if not address.startswith(SCHEMES):
+        raise SchedulerError(f"{field}: {address!r} must begin with {' or '.join(SCHEMES)}")
