@@ -29,6 +29,10 @@ if TYPE_CHECKING:
     from skyfolio.planner.problem import Past
     from skyfolio.planner.remainder import cause_of, remaining, rest_of_paths_m
     from skyfolio.planner.replanning import replan
+    from skyfolio.planner.robustness.assess import assess
+    from skyfolio.planner.robustness.disturbances import Disturbances
+    from skyfolio.planner.robustness.findings import Robustness, RobustnessError
+    from skyfolio.planner.robustness.losses import Losses
     from skyfolio.planner.scenario import Channel, Origin, Scenario, Uav, User, Utility
     from skyfolio.planner.separation import closest_approach
     from skyfolio.planner.solve import converged, plan
@@ -46,9 +50,11 @@ __all__ = [
     "Comparison",
     "Deadline",
     "Disruption",
+    "Disturbances",
     "Explanation",
     "InfeasiblePlanError",
     "Iteration",
+    "Losses",
     "MaxIterations",
     "Origin",
     "Past",
@@ -58,6 +64,8 @@ __all__ = [
     "PlanStatus",
     "RelativeGain",
     "ReplanError",
+    "Robustness",
+    "RobustnessError",
     "Scenario",
     "StopToken",
     "Summary",
@@ -66,6 +74,7 @@ __all__ = [
     "User",
     "Utility",
     "Violation",
+    "assess",
     "cause_of",
     "closest_approach",
     "converged",
@@ -122,6 +131,13 @@ _HOMES = {
         "rest_of_paths_m",
     ),
     "replanning": ("replan",),
+    "robustness.assess": ("assess",),
+    "robustness.disturbances": ("Disturbances",),
+    "robustness.findings": (
+        "Robustness",
+        "RobustnessError",
+    ),
+    "robustness.losses": ("Losses",),
     "scenario": (
         "Channel",
         "Origin",

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, contextmanager
 from typing import Any
 
 from skyfolio.api.common import extras
@@ -19,6 +19,8 @@ from skyfolio.api.common.errors import ServiceError
 
 CONNECT_S = 10.0
 """A scheduler has so long to answer at first."""
+WORKER_S = 60.0
+"""Its first worker may come so much later."""
 END_S = 0.4
 """Workers of our own cluster have so long to end by themselves; then they are killed."""
 OWN: dict[str, Any] = {
@@ -27,6 +29,7 @@ OWN: dict[str, Any] = {
     "distributed.scheduler.worker-saturation": 1.0,  # what waits does so at the scheduler, and dies with no worker
 }
 PRELOAD = "skyfolio.api.common.dask_worker"
+LOGGERS = ("distributed", "distributed.client", "distributed.scheduler", "tornado.application")
 LOOPBACK = "127.0.0.1"
 SCHEMES = ("tcp://", "tls://")
 
@@ -45,7 +48,7 @@ async def own_cluster(workers: int, purpose: str) -> AsyncIterator[Any]:
     import dask  # noqa: PLC0415 - an extra
     from distributed import Client, LocalCluster  # noqa: PLC0415
 
-    with dask.config.set(OWN):
+    with dask.config.set(OWN), _quiet():
         cluster = await LocalCluster(
             n_workers=workers,
             threads_per_worker=1,
@@ -57,7 +60,7 @@ async def own_cluster(workers: int, purpose: str) -> AsyncIterator[Any]:
             worker_dashboard_address=f"{LOOPBACK}:0",
             scheduler_kwargs={"dashboard": False},
             preload=[PRELOAD],
-            silence_logs=logging.ERROR,
+            silence_logs=False,
             asynchronous=True,
         )
         try:
@@ -79,14 +82,38 @@ async def joined_cluster(address: str, purpose: str) -> AsyncIterator[Any]:
     require_address(address)
     from distributed import Client  # noqa: PLC0415
 
+    with _quiet():
+        try:
+            client = await Client(address, asynchronous=True, set_as_default=False, timeout=CONNECT_S)
+        except (OSError, TimeoutError) as error:
+            raise SchedulerError(f"scheduler: nobody answers at {address} ({error})") from error
+        try:
+            await _has_workers(client, address)
+            yield client
+        finally:
+            await client.close()
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep Dask's own log to what is critical: what goes wrong is raised here, and said in our words."""
+    loggers = [logging.getLogger(name) for name in LOGGERS]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL)
     try:
-        client = await Client(address, asynchronous=True, set_as_default=False, timeout=CONNECT_S)
-    except (OSError, TimeoutError) as error:
-        raise SchedulerError(f"scheduler: nobody answers at {address} ({error})") from error
-    try:
-        yield client
+        yield
     finally:
-        await client.close()
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)
+
+
+async def _has_workers(client: Any, address: str) -> None:
+    """Wait for the first worker. Raises SchedulerError when none comes."""
+    try:
+        await client.wait_for_workers(1, timeout=WORKER_S)
+    except TimeoutError as error:
+        raise SchedulerError(f"scheduler: {address} has had no worker for {WORKER_S:g} s") from error
 
 
 def require_address(address: str, field: str = "scheduler") -> None:

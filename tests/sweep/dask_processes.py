@@ -3,6 +3,7 @@
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,12 +18,16 @@ class Cluster:
 
     def __init__(self) -> None:
         self.address = f"tcp://127.0.0.1:{free_port(socket.SOCK_STREAM)}"
-        self.scheduler = self._process("scheduler", "--port", self.address.rpartition(":")[2])
+        port = int(self.address.rpartition(":")[2])
+        self.scheduler = self._process("scheduler", "--port", str(port))
+        while not _listens(port):
+            assert self.scheduler.poll() is None, "the scheduler has ended"
+            time.sleep(0.1)
         self.workers: list[subprocess.Popen[bytes]] = []
 
     def add_worker(self) -> None:
         """Start a worker of one thread."""
-        self.workers.append(self._process("worker", self.address, "--nthreads", "1", "--no-nanny", "--no-reconnect"))
+        self.workers.append(self._process("worker", self.address, "--nthreads", "1", "--no-nanny"))
 
     def kill_worker(self) -> None:
         """Kill the oldest worker, as the kernel does that runs out of memory."""
@@ -49,6 +54,11 @@ class Cluster:
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )
+
+
+def _listens(port: int) -> bool:
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0
 
 
 @contextmanager

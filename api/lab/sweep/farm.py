@@ -63,7 +63,11 @@ async def farmed(client: Any, work: Work, batches: Sequence[Batch], stop: asynci
     finally:
         for left in (*running, stopping):
             left.cancel()
-        await asyncio.gather(*running, stopping, return_exceptions=True)
+        await asyncio.gather(*running, stopping, *_all_in(ended), return_exceptions=True)
+
+
+def _all_in(queue: asyncio.Queue[Any]) -> list[Any]:
+    return [queue.get_nowait() for _ in range(queue.qsize())]
 
 
 def _submitted(client: Any, work: Work, batches: Sequence[Batch]) -> Sequence[Any]:
@@ -82,12 +86,12 @@ async def _one(future: Any, batch: Batch) -> Done:
     from distributed.client import FutureCancelledError  # noqa: PLC0415 - an extra
 
     try:
-        return Done(batch=batch, part=await future)
-    except FutureCancelledError as error:
+        done = Done(batch=batch, part=await future)
+    except FutureCancelledError as error:  # there is nobody who could be asked to forget it
         raise SchedulerError("scheduler: it went away; start the sweep again to compute the rest") from error
     except OtherPlannerError as error:
         raise SweepError(f"a worker of the cluster cannot take part: {error}") from error
     except Exception as error:  # noqa: BLE001 - whatever broke this batch, the others go on, and it is reported
-        return Done(batch=batch, error=f"{type(error).__name__}: {error}")
-    finally:
-        future.release()
+        done = Done(batch=batch, error=f"{type(error).__name__}: {error}")
+    future.release()
+    return done
