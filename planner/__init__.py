@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from skyfolio.planner.robustness.assess import assess
     from skyfolio.planner.robustness.disturbances import Disturbances
     from skyfolio.planner.robustness.findings import Robustness, RobustnessError
-    from skyfolio.planner.robustness.losses import Losses
+    from skyfolio.planner.robustness.trial import Losses, Trial, require_possible
     from skyfolio.planner.scenario import Channel, Origin, Scenario, Uav, User, Utility
     from skyfolio.planner.separation import closest_approach
     from skyfolio.planner.solve import converged, plan
@@ -69,6 +69,7 @@ __all__ = [
     "Scenario",
     "StopToken",
     "Summary",
+    "Trial",
     "Uav",
     "UnreachableEndError",
     "User",
@@ -86,6 +87,7 @@ __all__ = [
     "preview",
     "remaining",
     "replan",
+    "require_possible",
     "rest_of_paths_m",
     "violations",
 ]
@@ -137,7 +139,11 @@ _HOMES = {
         "Robustness",
         "RobustnessError",
     ),
-    "robustness.losses": ("Losses",),
+    "robustness.trial": (
+        "Losses",
+        "Trial",
+        "require_possible",
+    ),
     "scenario": (
         "Channel",
         "Origin",

@@ -53,6 +53,11 @@ COMMANDS = {
         "Compute the letter's figures and numbers and set them beside the printed ones.",
         solves=True,
     ),
+    "robustness": LazyCommand(
+        f"{CLI}.robustness:robustness",
+        "Assess a plan: rates and outages under fading, wind and errors of position, and after every loss.",
+        solves=True,
+    ),
     "serve": LazyCommand(
         f"{CLI}.serve:serve", "Run the service. Settings also come from SKYFOLIO_* environment variables."
     ),
@@ -79,6 +84,7 @@ USER_ERRORS = {
     "skyfolio.mavlink_bridge.errors": "BridgeError",
     "skyfolio.planner.changes": "ReplanError",
     "skyfolio.planner.pinning": "PinError",
+    "skyfolio.planner.robustness.findings": "RobustnessError",
     "skyfolio.planner.unreachable": "UnreachableEndError",
 }
 """Errors that a user can act on, by the module that defines them: a module that is not loaded has raised none."""

@@ -31,7 +31,7 @@ from skyfolio.api.flights.orders import OrderResult
 from skyfolio.api.plans.contingencies import ContingencyTable
 from skyfolio.api.plans.plan_records import PlanRow, UnfinishedPlan
 from skyfolio.api.store.event_log import PROVISIONAL, Event
-from skyfolio.planner import Changes, Comparison, Explanation, Pins, Plan, Scenario
+from skyfolio.planner import Changes, Comparison, Explanation, Pins, Plan, Robustness, Scenario, Trial
 
 Model = TypeVar("Model", bound=BaseModel)
 PAGE = 100
@@ -168,6 +168,12 @@ class Client:
             body["changes"] = {**(changes or Changes()).model_dump(mode="json"), "at_slot": at_slot}
         params = {} if deadline_s is None else {"deadline_s": deadline_s}
         return Comparison.model_validate_json(self._call("POST", "/v1/plans:preview", json=body, params=params).content)
+
+    def robustness(self, plan_id: str, trial: Trial | None = None, *, deadline_s: float | None = None) -> Robustness:
+        """Put a plan through disturbances and losses; what there was no time for is in its `notes`."""
+        params = {} if deadline_s is None else {"deadline_s": deadline_s}
+        path, body = f"/v1/plans/{plan_id}/robustness", (trial or Trial()).model_dump(mode="json")
+        return Robustness.model_validate_json(self._call("POST", path, json=body, params=params).content)
 
     # -- flying ---------------------------------------------------------------------------------------------------
 

@@ -17,6 +17,8 @@ from skyfolio.planner import (
     PlanStatus,
     Scenario,
     StopToken,
+    Trial,
+    assess,
     converged,
     explain,
     plan,
@@ -61,7 +63,8 @@ class BestSoFar:
 
 def work(job: Job, board: JobBoard, token: int) -> Solved:
     """Do one job, showing on the board how far it is. Raises ValueError when the problem has no solution."""
-    return {"plan": _planned, "explain": _explained, "preview": _previewed}[job.task](job, board, token)
+    tasks = {"plan": _planned, "explain": _explained, "preview": _previewed, "assess": _assessed}
+    return tasks[job.task](job, board, token)
 
 
 def solve(job: Job, board: JobBoard, token: int) -> Plan:
@@ -111,6 +114,13 @@ def _previewed(job: Job, board: JobBoard, token: int) -> Solved:
     starts = job.starts if scenario is None else job.starts or starts_of(scenario, job.most_starts)
     seen = preview(_previous(job), scenario=scenario, n_starts=starts, stop=stop, **job.request)
     return Solved(status=PlanStatus.SUCCEEDED, report=seen.model_dump_json())
+
+
+def _assessed(job: Job, board: JobBoard, token: int) -> Solved:
+    until = Deadline(job.deadline_s, clock=time.monotonic)
+    trial = Trial.model_validate(job.request)
+    found = assess(_previous(job), trial, stop=lambda: board.stopped(token) or until([]))
+    return Solved(status=PlanStatus.SUCCEEDED, report=found.model_dump_json(), complete=found.complete)
 
 
 def _previous(job: Job) -> Plan:

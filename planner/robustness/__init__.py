@@ -1,7 +1,9 @@
 """How a plan stands up to what it does not know: fading, wind, errors of position, and losses.
 
+    trial         what is asked: disturbances, losses, what counts as an outage
     disturbances  what is drawn: fading of every pair and slot, wind, errors of position
     flown         who flies where and serves whom, as planned, and after losses with a replan and without one
+    losses        every single and double loss, replanned
     findings      the result
     tallies       percentiles and outages of many draws
     assess        all of it: `assess()`

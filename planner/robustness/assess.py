@@ -10,41 +10,31 @@ import numpy as np
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.plans import Plan, PlanStatus
 from skyfolio.planner.robustness.disturbances import Disturbances
-from skyfolio.planner.robustness.findings import LossOutcome, Robustness, RobustnessError, UserUnderDraws, Worst
+from skyfolio.planner.robustness.findings import LossOutcome, Robustness, UserUnderDraws, Worst
 from skyfolio.planner.robustness.flown import flown_as_planned, planned_gains
-from skyfolio.planner.robustness.losses import Loss, Losses, asked_losses, tried
+from skyfolio.planner.robustness.losses import Loss, tried
 from skyfolio.planner.robustness.tallies import DUST_BPS, Tally, percentiles, thresholds_bps
-
-MOST_CELL_DRAWS = 1_000_000_000
-"""Draws x UAVs x users x slots that may be asked for: some 30 s of processor time for the draws alone."""
+from skyfolio.planner.robustness.trial import Trial, asked_losses, require_possible
 
 
 def _never() -> bool:
     return False
 
 
-def assess(
-    plan: Plan,
-    *,
-    disturbances: Disturbances | None = None,
-    losses: Losses | None = None,
-    outage_share: float = 0.5,
-    outage_bps: float | None = None,
-    stop: Callable[[], bool] = _never,
-) -> Robustness:
-    """Assess a finished plan: rates and outages under `disturbances`, and after every loss that `losses` asks for.
+def assess(plan: Plan, trial: Trial | None = None, *, stop: Callable[[], bool] = _never) -> Robustness:
+    """Assess a finished plan: rates and outages under the disturbances of `trial`, and after every loss it asks for.
 
-    outage_bps: a user that gets less in a slot is in outage; without it, one that gets less than its `min_rate_bps`, or
-    where it has none, less than `outage_share` of what the plan gives it in that slot. stop: polled between draws, and
-    between and within replans; once it says so, what is left out is in `notes`, and `complete` is false. The same
-    inputs give the same result unless `stop` speaks. Raises RobustnessError that names what makes no sense.
+    stop: polled between draws, and between and within replans; once it says so, what is left out is in `notes`, and
+    `complete` is false. The same inputs give the same result unless `stop` speaks. Raises RobustnessError that names
+    what makes no sense for this plan.
     """
-    disturbances, losses = disturbances or Disturbances(), losses or Losses()
-    _check(plan, disturbances, outage_share, outage_bps)
+    trial = trial or Trial()
+    disturbances, losses = trial.disturbances, trial.losses
+    require_possible(plan, trial)
     asked = asked_losses(plan, losses)
     flown, gains = flown_as_planned(plan), planned_gains(plan)
     planned_bps = flown.rates_bps(gains)
-    thresholds = thresholds_bps(plan.scenario, planned_bps, outage_share, outage_bps)
+    thresholds = thresholds_bps(plan.scenario, planned_bps, trial.outage_share, trial.outage_bps)
     whole = Tally(thresholds)
     for draw in range(disturbances.draws):
         whole.add(flown.rates_bps(*_drawn(plan, disturbances, draw)))
@@ -65,7 +55,7 @@ def assess(
         plan_id=plan.id,
         disturbances=disturbances,
         draws=whole.draws,
-        outage=_in_words(outage_share, outage_bps),
+        outage=trial.outage,
         planned_sum_rate_bps=float(planned_bps.sum(axis=0).mean()),
         sum_rate_bps=percentiles(whole.sums()),
         outage_probability=whole.outage(),
@@ -75,19 +65,6 @@ def assess(
         complete=not notes,
         notes=notes,
     )
-
-
-def _check(plan: Plan, disturbances: Disturbances, share: float, outage_bps: float | None) -> None:
-    cells = len(plan.scenario.uavs) * len(plan.scenario.users) * plan.scenario.slots
-    if disturbances.draws * cells > MOST_CELL_DRAWS:
-        raise RobustnessError(
-            f"draws: {disturbances.draws} draws of {cells} cells (UAVs x users x slots) are too many; at most "
-            f"{max(1, MOST_CELL_DRAWS // cells)}"
-        )
-    if not 0.0 < share <= 1.0:
-        raise RobustnessError(f"outage_share: {share:g} must be above 0 and at most 1")
-    if outage_bps is not None and not 0.0 < outage_bps < np.inf:
-        raise RobustnessError(f"outage_bps: {outage_bps:g} must be above 0")
 
 
 def _drawn(plan: Plan, disturbances: Disturbances, draw: int) -> tuple[Array, Array]:
@@ -150,12 +127,6 @@ def _worst(whole: Tally, users: Sequence[UserUnderDraws], outcomes: Sequence[Los
         user_id=max(likely, key=lambda one: one[0])[1] if likely else None,
         draw=int(whole.sums().argmin()),
     )
-
-
-def _in_words(share: float, outage_bps: float | None) -> str:
-    if outage_bps is not None:
-        return f"less than {outage_bps:g} bit/s in a slot"
-    return f"less than its min_rate_bps in a slot; without one, less than {share:.0%} of what is planned in that slot"
 
 
 def _notes(

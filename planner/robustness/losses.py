@@ -4,36 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import combinations
 from math import ceil
-from typing import Annotated
-
-from pydantic import Field
 
 from skyfolio.planner.changes import ReplanError
 from skyfolio.planner.plans import Plan
 from skyfolio.planner.replanning import replan
-from skyfolio.planner.robustness.findings import RobustnessError
 from skyfolio.planner.robustness.flown import Flown, flown_as_planned, planned_gains, replanned, without
-from skyfolio.planner.scenario import Frozen
+from skyfolio.planner.robustness.trial import Losses
 from skyfolio.planner.solve import converged
 from skyfolio.planner.stopping import AnyOf, StopToken
 from skyfolio.planner.unreachable import UnreachableEndError
-
-
-class Losses(Frozen):
-    """Which losses are tried. at_once: up to how many UAVs are lost together, 0 to 2.
-
-    at_slots: when, on the operation's grid (default: half way). recovery_s: seconds from a loss until the new plan is
-    flown: until then survivors keep to the old one. starts: of each replan. most: losses that are tried at most,
-    single ones first.
-    """
-
-    at_once: Annotated[int, Field(strict=True, ge=0, le=2)] = 2
-    at_slots: Annotated[tuple[Annotated[int, Field(strict=True, ge=0)], ...], Field(max_length=16)] = ()
-    recovery_s: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=600)] = 8.0
-    starts: Annotated[int, Field(strict=True, ge=1, le=64)] = 4
-    most: Annotated[int, Field(strict=True, ge=0, le=10_000)] = 200
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,21 +28,6 @@ class Loss:
     new: Plan | None = None
     new_from: int | None = None
     reason: str = ""
-
-
-def asked_losses(plan: Plan, losses: Losses) -> list[tuple[tuple[str, ...], int]]:
-    """Return (lost UAVs, slot on the plan's own grid) of every loss that is asked for. Raises RobustnessError."""
-    scenario, first = plan.scenario, plan.first_slot
-    slots = losses.at_slots or (first + scenario.slots // 2,)
-    for slot in slots:
-        if not 0 <= slot - first < scenario.slots:
-            raise RobustnessError(f"at_slots: {slot} must lie in {first}..{first + scenario.slots - 1}")
-    asked = []
-    for together in range(1, losses.at_once + 1):
-        for slot in dict.fromkeys(slots):
-            flying = [uav.id for uav in scenario.uavs if scenario.last_slot(uav) >= slot - first]
-            asked += [(lost, slot - first) for lost in combinations(flying, together)]
-    return asked
 
 
 def tried(

@@ -1,6 +1,7 @@
 """Parts: addressed by what was asked, written whole or not at all, and only those of one sweep are read."""
 
 import os
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,8 +10,10 @@ import numpy as np
 import pytest
 
 import skyfolio.sweep
+from skyfolio.api.common import planner_identity
+from skyfolio.api.common.planner_identity import OtherPlannerError
 from skyfolio.api.lab.sweep import parts
-from skyfolio.api.lab.sweep.parts import OtherPlannerError, Parts, SweepError, batches_of, compute
+from skyfolio.api.lab.sweep.parts import Parts, SweepError, batches_of, compute
 from skyfolio.api.lab.sweep.results import pictures, summary_of
 from skyfolio.api.lab.sweep.spec import Spec, spec_of
 
@@ -43,7 +46,7 @@ def test_a_part_is_named_by_everything_that_was_asked(monkeypatch: pytest.Monkey
     assert addresses(STUDY) == first
     assert not set(addresses({**STUDY, "set": {"starts": 2}})) & set(first)
     assert not set(addresses({**STUDY, "base": {"example": "paper"}})) & set(first)
-    monkeypatch.setattr(parts, "planner_identity", lambda: "another")
+    monkeypatch.setattr(parts, "rows_identity", lambda: "another")
     assert not set(addresses(STUDY)) & set(first), "another planner may answer otherwise"
 
 
@@ -53,16 +56,17 @@ def test_values_appended_to_the_first_axis_leave_the_parts_before_as_they_are() 
 
 
 def test_the_identity_of_the_planner_is_of_all_its_sources(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    real = parts.planner_identity()
-    changed = tmp_path / "planner"
-    changed.mkdir()
-    (changed / "__init__.py").write_text("")
-    monkeypatch.setattr(parts, "_homes", lambda: (changed, Path(parts.__file__).parent))
-    parts.planner_identity.cache_clear()
-    try:
-        assert parts.planner_identity() != real
-    finally:
-        parts.planner_identity.cache_clear()
+    real = planner_identity.planner_identity()
+    shutil.copytree(planner_identity.planner_home(), tmp_path / "planner", ignore=shutil.ignore_patterns("__pycache__"))
+    monkeypatch.setattr(planner_identity, "planner_home", lambda: tmp_path / "planner")
+    found = []
+    for _ in range(2):
+        planner_identity.planner_identity.cache_clear()
+        found.append(planner_identity.planner_identity())
+        (tmp_path / "planner" / "explanation" / "users.py").write_text("")
+    planner_identity.planner_identity.cache_clear()
+    assert found[0] == real
+    assert found[1] != real
 
 
 def test_a_worker_with_another_planner_refuses() -> None:

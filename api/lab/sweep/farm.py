@@ -14,7 +14,8 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from skyfolio.api.common.dask_cluster import SchedulerError
-from skyfolio.api.lab.sweep.parts import Batch, OtherPlannerError, SweepError
+from skyfolio.api.common.planner_identity import OtherPlannerError
+from skyfolio.api.lab.sweep.parts import Batch, SweepError
 
 AHEAD = 1024
 """At most so many batches are with the cluster at a time, most of them waiting."""

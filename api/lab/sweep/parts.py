@@ -18,14 +18,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from hashlib import sha256
-from importlib.metadata import version
-from importlib.util import find_spec
 from pathlib import Path
 from tempfile import NamedTemporaryFile
 from typing import Any
 
 from skyfolio.api.common import kernels
 from skyfolio.api.common.errors import ServiceError
+from skyfolio.api.common.planner_identity import planner_identity, require_planner
 from skyfolio.api.lab.sweep.case import MEASURES, row_of
 from skyfolio.api.lab.sweep.spec import Base, Settings, Spec
 
@@ -41,24 +40,13 @@ class SweepError(ServiceError):
     """A sweep cannot be computed or read here."""
 
 
-class OtherPlannerError(Exception):
-    """A worker has another planner than the process that asks."""
-
-
 @cache
-def planner_identity() -> str:
-    """Return what tells planners apart: the version, and a digest of the sources of the planner and of rows."""
-    planner, rows = _homes()
+def rows_identity() -> str:
+    """Return what tells rows apart that are made of the same settings: the planner, and the code that measures."""
     digest = sha256(str(FORMAT).encode())
-    for source in (*sorted(planner.rglob("*.py")), *(rows / name for name in ("case.py", "settings.py"))):
-        digest.update(source.name.encode() + b"\0" + source.read_bytes())
-    return f"{version('skyfolio')}-{digest.hexdigest()[:16]}"
-
-
-def _homes() -> tuple[Path, Path]:
-    """Return the folders of the planner and of what makes rows of it."""
-    planner = Path(str(getattr(find_spec("skyfolio.planner"), "origin", None))).parent
-    return planner, Path(__file__).parent
+    for name in ("case.py", "settings.py"):
+        digest.update(Path(__file__).with_name(name).read_bytes())
+    return f"{planner_identity()}-{digest.hexdigest()[:8]}"
 
 
 @cache
@@ -85,7 +73,7 @@ def batches_of(spec: Spec) -> list[Batch]:
     made = []
     for first in range(0, len(cases), spec.batch):
         chunk = tuple(cases[first : first + spec.batch])
-        asked = json.dumps([planner, base, spec.fixed, first, chunk], sort_keys=True)
+        asked = json.dumps([rows_identity(), base, spec.fixed, first, chunk], sort_keys=True)
         address = sha256(asked.encode()).hexdigest()[:24]
         made.append(Batch(address=address, planner=planner, first=first, base=base, fixed=spec.fixed, cases=chunk))
     return made
@@ -93,8 +81,7 @@ def batches_of(spec: Spec) -> list[Batch]:
 
 def compute(batch: Batch) -> bytes:
     """Return the part of a batch, Parquet; runs in a worker. Raises OtherPlannerError."""
-    if batch.planner != planner_identity():
-        raise OtherPlannerError(f"it has the planner {planner_identity()}, but {batch.planner} is asked for")
+    require_planner(batch.planner)
     _load_kernels()
     base = Base.model_validate_json(batch.base)
     return part_of(batch, [row_of(base, {**batch.fixed, **varied}) for varied in batch.cases])
