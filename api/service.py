@@ -27,6 +27,8 @@ from skyfolio.api.flights.operations import Operations
 from skyfolio.api.flights.orders import Orders
 from skyfolio.api.flights.shared_services import SharedServices
 from skyfolio.api.plans.contingencies import Contingencies
+from skyfolio.api.plans.dask_lane import solver_with
+from skyfolio.api.plans.dask_link import DaskLink
 from skyfolio.api.plans.explanations import Explanations
 from skyfolio.api.plans.jobs import Job
 from skyfolio.api.plans.plan_book import PlanBook
@@ -49,7 +51,13 @@ class Service:
     """Everything that a route may use. Made by `open`, ended by `close`."""
 
     def __init__(
-        self, settings: Settings, database: Database, events: EventLog, solver: Solver, clock: FleetClock | None = None
+        self,
+        settings: Settings,
+        database: Database,
+        events: EventLog,
+        solver: Solver,
+        clock: FleetClock | None = None,
+        link: DaskLink | None = None,
     ) -> None:
         self.settings, self.database, self.events = settings, database, events
         self.clock = clock or FleetClock(settings.time_scale)
@@ -58,7 +66,7 @@ class Service:
         self.audit = AuditLog(database)
         self.authenticator = KeyAuthenticator(self.keys, settings.failed_keys_per_minute)
         self.background = Supervisor(events.add)
-        self.solver = solver
+        self.solver, self.link = solver, link
         self.plans = PlanBook(self.solver, events, PlanStore(database), settings)
         self.contingencies = Contingencies(self.solver, database)
         self.explanations = Explanations(self.solver, settings)
@@ -83,14 +91,14 @@ class Service:
         Workers load while the rest starts: the sooner the lane of flights is warm, the sooner a loss is dealt with.
         flight: that lane, if it was begun before. clock: the fleet's time, when it is a simulated fleet's own.
         """
-        solver = Solver(settings.workers, settings.queue_limit, flight)
+        solver, link = _solver(settings, flight)
         if settings.warm_up:
             solver.begin()
         database = None
         try:
             database = await Database.open(settings.database_url)
             await database.claim()
-            service = cls(settings, database, await EventLog.open(database), solver, clock)
+            service = cls(settings, database, await EventLog.open(database), solver, clock, link)
         except BaseException:
             if database is not None:
                 await database.close()
@@ -110,6 +118,9 @@ class Service:
         self.background.start("telemetry", self._show_telemetry)
         self.background.start("tidy", self._tidy)
         self.background.start("tend-solver", self._tend_solver)
+        if self.link is not None:
+            self.link.tell = self.events.add
+            self.background.start("dask", self.link.keep)
         if self.settings.warm_up:
             self.background.start("warm-up", self.solver.warm_up)
         await self.plans.start()
@@ -177,7 +188,7 @@ class Service:
         return self.solver[LaneName.FLIGHT].answers
 
     async def readiness(self) -> dict[str, str]:
-        """Return what is needed to serve requests, each 'ok' or what is wrong."""
+        """Return what is needed to serve requests, each 'ok', 'ok: ' and what is to be known, or what is wrong."""
         checks = {"service": "ok" if self.ready else "starting"}
         try:
             await self.keys.all()
@@ -187,6 +198,8 @@ class Service:
         except StoreError as error:
             checks["database"] = str(error)[:200]
         checks["solver"] = self._solver_check()
+        if self.link is not None and not self.link.up:
+            checks["cluster"] = f"ok: local workers solve instead; {self.link.trouble}"
         troubles = self.background.troubles
         checks["tasks"] = "; ".join(f"{name} failed ({error})" for name, error in troubles.items()) or "ok"
         checks["heartbeat"] = "ok" if self.can_replan() else "not sent to vehicles: no worker can replan"
@@ -252,6 +265,14 @@ class Service:
             await asyncio.sleep(min(TIDY_S, self.settings.keep_ended_s))
             with suppress(StoreError):
                 await retention.tidy(self.plans.forget_ended)
+
+
+def _solver(settings: Settings, flight: Lane | None) -> tuple[Solver, DaskLink | None]:
+    """Return the solver that the settings ask for, and its link to a cluster."""
+    if settings.scheduler is None:
+        return Solver(settings.workers, settings.queue_limit, flight), None
+    link = DaskLink(settings.scheduler)
+    return solver_with(link, settings.workers, settings.queue_limit, flight), link
 
 
 async def _ended(name: str, ending: Coroutine[Any, Any, None], until_s: float) -> None:

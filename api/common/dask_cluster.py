@@ -2,7 +2,7 @@
 
 Dask executes what it is sent. So the cluster that is started here listens on loopback alone, and speaks TLS with
 certificates that are made for it and never leave this process and its workers: another user of the machine cannot hand
-work to it. A scheduler that runs elsewhere is protected by whoever runs it (`docs/scaling.md`). Nothing of Dask is
+work to it. A scheduler that runs elsewhere must be protected there (`docs/scaling.md`). Nothing of Dask is
 imported before it is needed: it is an extra.
 """
 
@@ -60,7 +60,7 @@ async def own_cluster(workers: int, purpose: str) -> AsyncIterator[Any]:
             worker_dashboard_address=f"{LOOPBACK}:0",
             scheduler_kwargs={"dashboard": False},
             preload=[PRELOAD],
-            silence_logs=False,
+            silence_logs=logging.CRITICAL,
             asynchronous=True,
         )
         try:

@@ -1,4 +1,4 @@
-"""What tells one planner from another: workers on other machines must have the planner of the process that asks them."""
+"""What tells one planner from another: a worker on another machine must have that of the process that asks it."""
 
 from __future__ import annotations
 

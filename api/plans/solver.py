@@ -15,6 +15,7 @@ import os
 import signal
 import tempfile
 import time
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
@@ -125,6 +126,10 @@ class Lane:
         self._board.clear(token)
         return token
 
+    def release(self, token: int) -> None:
+        """Give a token back whose job ran elsewhere."""
+        self._free.append(token)
+
     def stop(self, token: int) -> None:
         """Ask the job with this token to return the best plan it has."""
         self._board.stop(token)
@@ -221,14 +226,27 @@ def flight_lane() -> Lane:
     return Lane(1, 256)
 
 
-class Solver:
-    """All lanes. `flight`: the lane of flights, if it was started before the rest of the service was imported."""
+LaneFactory = Callable[[LaneName, int, int, int], Lane]
+"""Makes a lane from its name, workers, queue limit and niceness."""
 
-    def __init__(self, workers: int, queue_limit: int, flight: Lane | None = None) -> None:
+
+def _own_workers(name: LaneName, workers: int, queue_limit: int, niceness: int) -> Lane:  # noqa: ARG001
+    return Lane(workers, queue_limit, niceness)
+
+
+class Solver:
+    """All lanes. `flight`: the lane of flights, if it was started before the rest of the service was imported.
+
+    make: makes the lanes of requests and contingencies; the lane of flights always has a worker of its own.
+    """
+
+    def __init__(
+        self, workers: int, queue_limit: int, flight: Lane | None = None, make: LaneFactory = _own_workers
+    ) -> None:
         self.lanes = {
             LaneName.FLIGHT: flight or flight_lane(),
-            LaneName.REQUESTS: Lane(workers, queue_limit),
-            LaneName.AHEAD: Lane(1, 256, AHEAD_NICENESS),
+            LaneName.REQUESTS: make(LaneName.REQUESTS, workers, queue_limit, 0),
+            LaneName.AHEAD: make(LaneName.AHEAD, 1, 256, AHEAD_NICENESS),
         }
 
     def __getitem__(self, name: LaneName) -> Lane:

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from math import sqrt
 
-from skyfolio.api.plans.job_board import JobBoard
+from skyfolio.api.plans.job_board import Board
 from skyfolio.api.plans.jobs import Job, Solved
 from skyfolio.planner import (
     AnyOf,
@@ -61,13 +61,13 @@ class BestSoFar:
         self._due_s = now + max(SHOW_EVERY_S, SOLVING_PER_SHOWING * (now - began))
 
 
-def work(job: Job, board: JobBoard, token: int) -> Solved:
+def work(job: Job, board: Board, token: int) -> Solved:
     """Do one job, showing on the board how far it is. Raises ValueError when the problem has no solution."""
     tasks = {"plan": _planned, "explain": _explained, "preview": _previewed, "assess": _assessed}
     return tasks[job.task](job, board, token)
 
 
-def solve(job: Job, board: JobBoard, token: int) -> Plan:
+def solve(job: Job, board: Board, token: int) -> Plan:
     """Plan or replan, showing on the board how far it is. Raises ValueError when the problem has no solution."""
     best = BestSoFar(lambda text: board.show(token, text), time.monotonic)
 
@@ -90,7 +90,7 @@ def solve(job: Job, board: JobBoard, token: int) -> Plan:
     return plan(scenario, **job.request, n_starts=job.starts or starts_of(scenario, job.most_starts), **options)
 
 
-def _planned(job: Job, board: JobBoard, token: int) -> Solved:
+def _planned(job: Job, board: Board, token: int) -> Solved:
     made = solve(job, board, token)
     return Solved(
         status=made.status,
@@ -101,13 +101,13 @@ def _planned(job: Job, board: JobBoard, token: int) -> Solved:
     )
 
 
-def _explained(job: Job, board: JobBoard, token: int) -> Solved:
+def _explained(job: Job, board: Board, token: int) -> Solved:
     until = Deadline(min(RESOLVE_S, job.deadline_s), clock=time.monotonic)
     found = explain(_previous(job), budget=Budget(**job.request), stop=lambda: board.stopped(token) or until([]))
     return Solved(status=PlanStatus.SUCCEEDED, report=found.model_dump_json(), complete=found.complete)
 
 
-def _previewed(job: Job, board: JobBoard, token: int) -> Solved:
+def _previewed(job: Job, board: Board, token: int) -> Solved:
     asked_to_stop = StopToken(lambda: board.stopped(token))
     stop = AnyOf(converged(), asked_to_stop, Deadline(job.deadline_s, clock=time.monotonic))
     scenario = None if job.scenario is None else Scenario.model_validate_json(job.scenario)
@@ -116,7 +116,7 @@ def _previewed(job: Job, board: JobBoard, token: int) -> Solved:
     return Solved(status=PlanStatus.SUCCEEDED, report=seen.model_dump_json())
 
 
-def _assessed(job: Job, board: JobBoard, token: int) -> Solved:
+def _assessed(job: Job, board: Board, token: int) -> Solved:
     until = Deadline(job.deadline_s, clock=time.monotonic)
     trial = Trial.model_validate(job.request)
     found = assess(_previous(job), trial, stop=lambda: board.stopped(token) or until([]))

@@ -14,10 +14,10 @@ from multiprocessing import connection, parent_process
 from typing import Any
 
 from skyfolio.api.common import kernels
-from skyfolio.api.plans.job_board import JobBoard
+from skyfolio.api.plans.job_board import Board, JobBoard
 from skyfolio.api.plans.jobs import Job, Solved
 from skyfolio.api.plans.liveness import WorkerHeartbeat
-from skyfolio.planner import PinError, PlanStatus, ReplanError, UnreachableEndError
+from skyfolio.planner import PinError, PlanStatus, ReplanError, RobustnessError, UnreachableEndError
 
 
 class _WorkerState:
@@ -61,14 +61,20 @@ def _end_with_parent() -> None:
 
 def run(job: Job, token: int) -> Solved:
     """Solve one job. Every failure is part of the result."""
-    from skyfolio.api.plans.solving import work  # noqa: PLC0415 - the parent process never loads it
-
     _WorkerState.board.begin(token)
     try:
-        return work(job, _WorkerState.board, token)
-    except (UnreachableEndError, ReplanError, PinError) as error:
+        return solved(job, _WorkerState.board, token)
+    finally:
+        _WorkerState.board.end(token)
+
+
+def solved(job: Job, board: Board, token: int) -> Solved:
+    """Solve one job, showing on a board how far it is. Every failure is part of the result."""
+    from skyfolio.api.plans.solving import work  # noqa: PLC0415 - the parent process never loads it
+
+    try:
+        return work(job, board, token)
+    except (UnreachableEndError, ReplanError, PinError, RobustnessError) as error:
         return Solved(status=PlanStatus.INFEASIBLE, error=str(error))
     except Exception as error:  # noqa: BLE001 - whatever it is, it must not break the pool
         return Solved(status=PlanStatus.FAILED, error=f"{type(error).__name__}: {error}")
-    finally:
-        _WorkerState.board.end(token)

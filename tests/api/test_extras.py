@@ -45,6 +45,19 @@ def test_what_needs_a_missing_extra_ends_at_once_with_its_name(
     assert f"{message}, which is not installed: pip install 'skyfolio[{extra}]'" in error
 
 
+@pytest.mark.usefixtures("without_extras")
+def test_a_service_that_is_to_solve_on_dask_without_it_does_not_start(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("SKYFOLIO_SOLVER", "dask+tcp://127.0.0.1:9")
+    monkeypatch.setattr(sys, "argv", ["skyfolio", "serve", "--port", "0", "--database-url", "temporary"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    error = capsys.readouterr().err
+    assert "solver: Dask needs cryptography, which is not installed: pip install 'skyfolio[sweep]'" in error
+
+
 def test_every_extra_installs_its_module_and_development_installs_all() -> None:
     declared: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     assert {extra for extra in declared if extra != "dev"} == set(extras.EXTRAS.values())

@@ -18,12 +18,8 @@ class Cluster:
 
     def __init__(self) -> None:
         self.address = f"tcp://127.0.0.1:{free_port(socket.SOCK_STREAM)}"
-        port = int(self.address.rpartition(":")[2])
-        self.scheduler = self._process("scheduler", "--port", str(port))
-        while not _listens(port):
-            assert self.scheduler.poll() is None, "the scheduler has ended"
-            time.sleep(0.1)
         self.workers: list[subprocess.Popen[bytes]] = []
+        self.scheduler = self._scheduler()
 
     def add_worker(self) -> None:
         """Start a worker of one thread."""
@@ -39,6 +35,19 @@ class Cluster:
         """Kill the scheduler."""
         self.scheduler.kill()
         self.scheduler.wait()
+
+    def start_again(self) -> None:
+        """Start another scheduler at the same address, and a worker."""
+        self.scheduler = self._scheduler()
+        self.add_worker()
+
+    def _scheduler(self) -> subprocess.Popen[bytes]:
+        port = int(self.address.rpartition(":")[2])
+        scheduler = self._process("scheduler", "--port", str(port))
+        while not _listens(port):
+            assert scheduler.poll() is None, "the scheduler has ended"
+            time.sleep(0.1)
+        return scheduler
 
     def close(self) -> None:
         """End everything."""

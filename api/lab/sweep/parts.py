@@ -4,7 +4,7 @@
     FOLDER/sweep.json                    what was asked: the spec, and the addresses of all its parts
     FOLDER/lock                          held by the process that computes
 
-ADDRESS is a digest of the base, the settings of the batch's cases and the planner: whoever asks for the same finds it.
+ADDRESS is a digest of the base, the settings of the batch's cases and the planner: the same request finds it again.
 """
 
 from __future__ import annotations
@@ -148,7 +148,7 @@ class Parts:
         _write_whole(self.path(address), part)
 
     def describe(self, spec: Spec, batches: Sequence[Batch]) -> None:
-        """Write down what this sweep is, so that its parts can be told from those of others."""
+        """Write down what this sweep is, so that its parts are known among those of others."""
         told = {
             "format": FORMAT,
             "planner": batches[0].planner,
