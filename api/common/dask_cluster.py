@@ -10,8 +10,10 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import os
+import signal
 from collections.abc import AsyncIterator, Iterator
-from contextlib import asynccontextmanager, contextmanager
+from contextlib import asynccontextmanager, contextmanager, suppress
 from typing import Any
 
 from skyfolio.api.common import extras
@@ -21,8 +23,8 @@ CONNECT_S = 10.0
 """A scheduler has so long to answer at first."""
 WORKER_S = 60.0
 """Its first worker may come so much later."""
-END_S = 0.4
-"""Workers of our own cluster have so long to end by themselves; then they are killed."""
+REAP_S = 30.0
+"""A worker that was killed is gone at once; on a machine that is busy with other things it may take so long."""
 OWN: dict[str, Any] = {
     "distributed.scheduler.http.routes": [],
     "distributed.worker.http.routes": [],
@@ -67,9 +69,17 @@ async def own_cluster(workers: int, purpose: str) -> AsyncIterator[Any]:
             async with Client(cluster, asynchronous=True, set_as_default=False) as client:
                 yield client
         finally:
-            # closing the cluster alone would wait for what its workers compute
-            await asyncio.gather(*(nanny.close(timeout=END_S) for nanny in cluster.workers.values()))
+            await asyncio.gather(*(_ended(nanny) for nanny in cluster.workers.values()))
             await cluster.close()
+
+
+async def _ended(nanny: Any) -> None:
+    """Kill a worker, which holds nothing; closing the cluster alone would wait for what it computes."""
+    nanny.close_gracefully()  # it is not to be started again
+    if nanny.pid:
+        with suppress(ProcessLookupError):  # it has just died by itself
+            os.kill(nanny.pid, signal.SIGKILL)
+    await nanny.close(timeout=REAP_S)
 
 
 @asynccontextmanager
@@ -83,12 +93,9 @@ async def joined_cluster(address: str, purpose: str) -> AsyncIterator[Any]:
     from distributed import Client  # noqa: PLC0415
 
     with _quiet():
+        client = Client(address, asynchronous=True, set_as_default=False, timeout=CONNECT_S)
         try:
-            client = await Client(address, asynchronous=True, set_as_default=False, timeout=CONNECT_S)
-        except (OSError, TimeoutError) as error:
-            raise SchedulerError(f"scheduler: nobody answers at {address} ({error})") from error
-        try:
-            await _has_workers(client, address)
+            await _connected(client, address)
             yield client
         finally:
             await client.close()
@@ -108,8 +115,12 @@ def _quiet() -> Iterator[None]:
             logger.setLevel(level)
 
 
-async def _has_workers(client: Any, address: str) -> None:
-    """Wait for the first worker. Raises SchedulerError when none comes."""
+async def _connected(client: Any, address: str) -> None:
+    """Wait for the scheduler, and for its first worker. Raises SchedulerError when one of them does not come."""
+    try:
+        await client
+    except (OSError, TimeoutError) as error:
+        raise SchedulerError(f"scheduler: nobody answers at {address} ({error})") from error
     try:
         await client.wait_for_workers(1, timeout=WORKER_S)
     except TimeoutError as error:

@@ -2,7 +2,7 @@
 
     trial         what is asked: disturbances, losses, what counts as an outage
     disturbances  what is drawn: fading of every pair and slot, wind, errors of position
-    flown         who flies where and serves whom, as planned, and after losses with a replan and without one
+    flown         where each UAV flies and which users it serves: as planned, and after a loss
     losses        every single and double loss, replanned
     findings      the result
     tallies       percentiles and outages of many draws

@@ -1,4 +1,4 @@
-"""Who flies where and serves whom: as planned, and after a loss."""
+"""Where each UAV flies and which users it serves: as planned, and after a loss."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Flown:
     """An operation as it is flown, on the grid of the plan that is assessed; U UAVs, K users, N slots in its order.
 
     paths_m: (U, N, 2) metres. serving: (K, N), which UAV serves. bandwidth_hz: (K, N). on: (U, N), whether a UAV is
-    there: one that is not serves nobody and does not interfere.
+    there: one that is not serves no user and does not interfere.
     """
 
     scenario: Scenario

@@ -12,7 +12,7 @@ from skyfolio.api.client import Client
 from skyfolio.api.common.settings import Settings
 from skyfolio.api.http.app import create_app
 from skyfolio.api.plans.solver import LaneName
-from skyfolio.planner import EXAMPLES, Losses, Plan, Trial, assess, plan
+from skyfolio.planner import EXAMPLES, Disturbances, Losses, Plan, Trial, assess, plan
 from tests.sweep.dask_processes import Cluster, dask_cluster
 
 LONG = EXAMPLES["paper"]().with_changes(slots=400).model_dump(mode="json")
@@ -55,8 +55,8 @@ def test_plans_and_assessments_are_made_in_the_cluster_and_are_those_of_the_plan
         answer = http.post("/v1/plans", params={"starts": 4, "wait_s": 60}, json=minimal.model_dump(mode="json"))
         made = Plan.model_validate_json(answer.content)
         assert made.trajectories_m == plan(minimal, n_starts=4).trajectories_m
-        trial = Trial(losses=Losses(at_once=1))
-        assert Client(http=http).robustness(made.id, trial) == assess(made, trial)
+        trial = Trial(disturbances=Disturbances(draws=5), losses=Losses(at_once=1))
+        assert Client(http=http).robustness(made.id, trial, deadline_s=60) == assess(made, trial)
         assert not own_workers_begun(http)
         assert http.get("/health").status_code == 200
         assert "cluster" not in http.get("/ready").json()["checks"]

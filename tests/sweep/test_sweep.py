@@ -4,6 +4,7 @@ import asyncio
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -17,10 +18,12 @@ import psutil
 import pytest
 
 import skyfolio.sweep
+from skyfolio.api.common import dask_cluster as dask_cluster_module
 from skyfolio.api.common.dask_cluster import SchedulerError
 from skyfolio.api.lab.sweep.parts import Parts, SweepError
 from skyfolio.api.lab.sweep.run import Outcome, cluster, sweep
 from skyfolio.api.lab.sweep.spec import Spec, spec_of
+from tests.ports import free_port
 from tests.sweep import work
 from tests.sweep.dask_processes import ROOT, dask_cluster
 
@@ -96,7 +99,11 @@ def _soon_set(stop: asyncio.Event) -> asyncio.Event:
     return stop
 
 
-async def test_nobody_at_the_address_is_an_error_that_names_it(tmp_path: Path) -> None:
+async def test_nobody_at_the_address_is_an_error_that_names_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dask_cluster_module, "CONNECT_S", 0.5)
+    address = f"tcp://127.0.0.1:{free_port(socket.SOCK_STREAM)}"
+    with pytest.raises(SchedulerError, match=f"scheduler: nobody answers at {address}"):
+        await swept(cases(1, batch=1), tmp_path, address)
     with pytest.raises(SchedulerError, match=r"scheduler: 'localhost:1' must begin with tcp:// or tls://"):
         await swept(cases(1, batch=1), tmp_path, "localhost:1")
 

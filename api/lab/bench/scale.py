@@ -28,6 +28,8 @@ WEAK = ((1, 1), (2, 2))
 """(cores, workers) of cases in proportion to the workers."""
 AREA = (50, 200, 20)
 """UAVs, users and slots of one area in the calculation for many."""
+MANY = 100
+"""Areas in that calculation."""
 
 
 def scale_figures(cases: int) -> dict[str, Any]:
@@ -188,6 +190,10 @@ def _rows(figures: dict[str, Any]) -> list[tuple[str, list[str], list[list[str]]
         ["from Ctrl-C in mid-solve until all workers have ended, s", f"{figures['stop_s']:.2f}"],
         [f"robustness: {robust['draws']} draws and {robust['losses']} losses of 3x9x20, s", f"{robust['seconds']:.2f}"],
         [f"plan of one area, {area['uavs']}x{area['users']}x{area['slots']}, one core, s", f"{area['seconds']:.2f}"],
+        [
+            f"{MANY} such areas, {MANY * area['uavs']:,} UAVs, planned once, core seconds",
+            f"{MANY * area['seconds']:.0f}",
+        ],
         ["peak memory of this process, MB", f"{area['peak_mb']:.0f}"],
     ]
     same = f"Strong scaling: the same {figures['cases']} cases"
