@@ -34,7 +34,8 @@ from skyfolio.api.plans.jobs import Job
 from skyfolio.api.plans.lane_port import SolveLane
 from skyfolio.api.plans.plan_book import PlanBook
 from skyfolio.api.plans.plan_store import PlanStore
-from skyfolio.api.plans.solver import LaneName, Solver, solver_of_processes
+from skyfolio.api.plans.solver import LaneName, Solver
+from skyfolio.api.plans.solver_choice import solver_for
 from skyfolio.api.store import Database, StoreError
 from skyfolio.api.store.event_log import Event, EventLog
 from skyfolio.api.store.retention import Retention
@@ -56,7 +57,7 @@ class Ports:
     worth measuring how late the event loop wakes.
     """
 
-    solver: Callable[[Settings], Solver] = lambda settings: solver_of_processes(settings.workers, settings.queue_limit)
+    solver: Callable[[Settings], Solver] = solver_for
     database: Callable[[Settings], Awaitable[Database]] = lambda settings: Database.open(settings.database_url)
     fleet: FleetPorts = field(default_factory=FleetPorts)
     watch_loop: bool = True
@@ -144,6 +145,9 @@ class Service:
         self.background.start("telemetry", self._show_telemetry)
         self.background.start("tidy", self._tidy)
         self.background.start("tend-solver", self._tend_solver)
+        if self.solver.link is not None:
+            self.solver.link.tell = self.events.add
+            self.background.start("dask", self.solver.link.keep)
         if self.settings.warm_up:
             self.background.start("warm-up", self.solver.warm_up)
         await self.plans.start()
@@ -211,7 +215,7 @@ class Service:
         return self.solver[LaneName.FLIGHT].answers
 
     async def readiness(self) -> dict[str, str]:
-        """Return what is needed to serve requests, each 'ok' or what is wrong."""
+        """Return what is needed to serve requests, each 'ok', 'ok: ' and what is to be known, or what is wrong."""
         checks = {"service": "ok" if self.ready else "starting"}
         try:
             await self.keys.all()
@@ -221,6 +225,8 @@ class Service:
         except StoreError as error:
             checks["database"] = str(error)[:200]
         checks["solver"] = self._solver_check()
+        if (link := self.solver.link) is not None and not link.up:
+            checks["cluster"] = f"ok: local workers solve instead; {link.trouble}"
         troubles = self.background.troubles
         checks["tasks"] = "; ".join(f"{name} failed ({error})" for name, error in troubles.items()) or "ok"
         checks["heartbeat"] = "ok" if self.can_replan() else "not sent to vehicles: no worker can replan"

@@ -29,6 +29,10 @@ if TYPE_CHECKING:
     from skyfolio.planner.problem import Past
     from skyfolio.planner.remainder import cause_of, remaining, rest_of_paths_m
     from skyfolio.planner.replanning import replan
+    from skyfolio.planner.robustness.assess import assess
+    from skyfolio.planner.robustness.disturbances import Disturbances
+    from skyfolio.planner.robustness.findings import Robustness, RobustnessError
+    from skyfolio.planner.robustness.trial import Losses, Trial, require_possible
     from skyfolio.planner.scenario import Channel, Origin, Scenario, Uav, User, Utility
     from skyfolio.planner.separation import closest_approach
     from skyfolio.planner.solve import converged, plan
@@ -46,10 +50,12 @@ __all__ = [
     "Comparison",
     "Deadline",
     "Disruption",
+    "Disturbances",
     "DroppedPin",
     "Explanation",
     "InfeasiblePlanError",
     "Iteration",
+    "Losses",
     "MaxIterations",
     "Origin",
     "Past",
@@ -59,14 +65,18 @@ __all__ = [
     "PlanStatus",
     "RelativeGain",
     "ReplanError",
+    "Robustness",
+    "RobustnessError",
     "Scenario",
     "StopToken",
     "Summary",
+    "Trial",
     "Uav",
     "UnreachableEndError",
     "User",
     "Utility",
     "Violation",
+    "assess",
     "cause_of",
     "closest_approach",
     "converged",
@@ -78,6 +88,7 @@ __all__ = [
     "preview",
     "remaining",
     "replan",
+    "require_possible",
     "rest_of_paths_m",
     "violations",
 ]
@@ -126,6 +137,17 @@ _HOMES = {
         "rest_of_paths_m",
     ),
     "replanning": ("replan",),
+    "robustness.assess": ("assess",),
+    "robustness.disturbances": ("Disturbances",),
+    "robustness.findings": (
+        "Robustness",
+        "RobustnessError",
+    ),
+    "robustness.trial": (
+        "Losses",
+        "Trial",
+        "require_possible",
+    ),
     "scenario": (
         "Channel",
         "Origin",

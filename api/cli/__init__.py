@@ -2,7 +2,8 @@
 
     main       registers all commands, and reports the user's mistakes with exit status 2
     lazy       commands that are imported when they are called
-    planning, check, keys, remote, serve, simulate, demo, bench, reproduce, warm_up    the commands
+    planning, explain, robustness, check, keys, remote, serve, simulate, demo, bench, reproduce, sweep, warm_up
+                       the commands
     files, terminal    files that commands read and write, plans as tables
 
 It may import every room but `dashboard`. `skyfolio --help` takes a tenth of a second because `main` and `lazy` import

@@ -73,6 +73,28 @@ def service(
 
 
 @bench.command()
+def scale(
+    cases: Annotated[int, typer.Option(min=8, help="Cases of the sweep that is measured.")] = 320,
+    out: Out = None,
+    page: Annotated[Path | None, typer.Option(help="Write the figures as Markdown here, too.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Measure how sweeps scale with workers and cores, and how fast one stops; some minutes."""
+    from skyfolio.api.common import extras  # noqa: PLC0415 - each command loads what it measures
+
+    extras.require_all("sweep", "bench scale")
+    from skyfolio.api.lab.bench.scale import markdown, scale_figures, tables  # noqa: PLC0415
+
+    figures = scale_figures(cases)
+    if page is not None:
+        write(markdown(figures), page)
+    if as_json or out is not None:
+        write(json.dumps(figures, indent=2), out)
+    if not as_json:
+        _print_tables(*tables(figures))
+
+
+@bench.command()
 def start(
     runs: Annotated[int, typer.Option(min=1, help="Starts of each; the median is reported.")] = 5,
     as_json: Json = False,

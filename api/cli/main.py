@@ -53,6 +53,11 @@ COMMANDS = {
         "Compute the letter's figures and numbers and set them beside the printed ones.",
         solves=True,
     ),
+    "robustness": LazyCommand(
+        f"{CLI}.robustness:robustness",
+        "Assess a plan: rates and outages under fading, wind and errors of position, and after every loss.",
+        solves=True,
+    ),
     "serve": LazyCommand(
         f"{CLI}.serve:serve", "Run the service. Settings also come from SKYFOLIO_* environment variables."
     ),
@@ -60,6 +65,9 @@ COMMANDS = {
         f"{CLI}.simulate:simulate", "Fly a software-only fleet that speaks MAVLink, until interrupted."
     ),
     "status": LazyCommand(f"{CLI}.remote:status", "Show the state of an operation and of each of its UAVs."),
+    "sweep": LazyCommand(
+        f"{CLI}.sweep:sweep", "Plan thousands of scenarios, as a TOML file asks, on all cores or on a Dask cluster."
+    ),
     "torture": LazyCommand(
         f"{CLI}.torture:torture",
         "Fly random drills in virtual time, and look at what must hold whatever happens.",
@@ -81,6 +89,7 @@ USER_ERRORS = {
     "skyfolio.mavlink_bridge.errors": "BridgeError",
     "skyfolio.planner.changes": "ReplanError",
     "skyfolio.planner.pinning": "PinError",
+    "skyfolio.planner.robustness.findings": "RobustnessError",
     "skyfolio.planner.unreachable": "UnreachableEndError",
 }
 """Errors that a user can act on, by the module that defines them: a module that is not loaded has raised none."""

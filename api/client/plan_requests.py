@@ -1,4 +1,4 @@
-"""Requests about plans: make, replan, explain, preview."""
+"""Requests about plans: make, replan, explain, preview, put through disturbances."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from skyfolio.api.client.transport import ApiError, Transport
 from skyfolio.api.common.problem import Problem
 from skyfolio.api.plans.contingencies import ContingencyTable
 from skyfolio.api.plans.plan_records import PlanRow, UnfinishedPlan
-from skyfolio.planner import Changes, Comparison, Explanation, Pins, Plan, Scenario
+from skyfolio.planner import Changes, Comparison, Explanation, Pins, Plan, Robustness, Scenario, Trial
 
 
 class PlanRequests(Transport):
@@ -110,6 +110,12 @@ class PlanRequests(Transport):
             body["changes"] = {**(changes or Changes()).model_dump(mode="json"), "at_slot": at_slot}
         params = {} if deadline_s is None else {"deadline_s": deadline_s}
         return Comparison.model_validate_json(self.call("POST", "/v1/plans:preview", json=body, params=params).content)
+
+    def robustness(self, plan_id: str, trial: Trial | None = None, *, deadline_s: float | None = None) -> Robustness:
+        """Put a plan through disturbances and losses; what there was no time for is in its `notes`."""
+        params = {} if deadline_s is None else {"deadline_s": deadline_s}
+        path, body = f"/v1/plans/{plan_id}/robustness", (trial or Trial()).model_dump(mode="json")
+        return Robustness.model_validate_json(self.call("POST", path, json=body, params=params).content)
 
     def _finished(self, plan: Plan | UnfinishedPlan) -> Plan:
         if isinstance(plan, Plan):

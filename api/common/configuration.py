@@ -13,6 +13,7 @@ from typing import Any
 
 from pydantic_settings import SettingsError
 
+from skyfolio.api.common import extras
 from skyfolio.api.common.errors import InvalidError
 from skyfolio.api.common.settings import NESTED, PREFIX, SET_ELSEWHERE, Settings
 from skyfolio.mavlink_bridge import Signing
@@ -40,7 +41,10 @@ def require_known(environment: Mapping[str, str]) -> None:
 
 
 def require_usable(settings: Settings) -> None:
-    """Refuse what cannot work: key file, folder of logs, example. Raises InvalidError naming the setting."""
+    """Refuse what cannot work: key file, folder of logs, example, Dask that is not installed.
+
+    Raises InvalidError and MissingExtraError naming the setting.
+    """
     if settings.signing_key_file is not None:
         try:
             Signing.from_file(settings.signing_key_file)
@@ -48,6 +52,8 @@ def require_usable(settings: Settings) -> None:
             raise InvalidError(f"signing_key_file: {error}") from error
     if settings.telemetry_log_dir is not None:
         _require_writable("telemetry_log_dir", settings.telemetry_log_dir)
+    if settings.scheduler is not None:
+        extras.require_all("sweep", "solver: Dask")
     if settings.simulate is not None:
         from skyfolio.planner import EXAMPLES  # noqa: PLC0415 - other commands do without it
 

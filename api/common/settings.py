@@ -41,6 +41,7 @@ class Settings(BaseSettings):
     heartbeat_stale_s, heartbeat_lost_s: fleet seconds of silence. timing: when everything else about a vehicle counts
     (`mavlink_bridge.conditions.Timing`), as JSON: `{"takeover_after_s": 2, "proof_s": 4}`, or one by one:
     `SKYFOLIO_TIMING__PROOF_S=4`.
+    solver: `processes`, or `dask+tcp://HOST:PORT` (`dask+tls://`) of a Dask scheduler, for requests and contingencies.
     solve_deadline_s, replan_deadline_s: wall seconds a solve may take. warm_up: begin to serve when the workers have
     started; else they start with the first solve. plan_starts: starts to climb from at most when a request for a plan
     does not say `starts`; by size, fewer.
@@ -74,6 +75,7 @@ class Settings(BaseSettings):
     time_scale: Annotated[float, Field(gt=0, le=100)] = 1.0
     workers: Annotated[int, Field(ge=1, le=64)] = 1
     warm_up: bool = True
+    solver: Annotated[str, Field(pattern=r"^(processes|dask\+(tcp|tls)://.+)$")] = "processes"
     queue_limit: Annotated[int, Field(ge=1, le=1024)] = 32
     solve_deadline_s: Annotated[float, Field(gt=0, le=3600)] = 60.0
     heartbeat_stale_s: Seconds = 3.0
@@ -125,6 +127,11 @@ class Settings(BaseSettings):
         for address in listed(value):
             ipaddress.ip_network(address, strict=False)
         return value
+
+    @property
+    def scheduler(self) -> str | None:
+        """Return the address of the Dask scheduler, if there is one."""
+        return self.solver.removeprefix("dask+") if self.solver.startswith("dask+") else None
 
     @property
     def on_loopback(self) -> bool:

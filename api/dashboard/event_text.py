@@ -95,6 +95,11 @@ def _gcs_heartbeat(data: Data) -> tuple[str, str]:
     return f"the service no longer sends its HEARTBEAT: {data.get('because')}", "alarm"
 
 
+def _solver_moved(data: Data) -> tuple[str, str]:
+    because = data.get("because")
+    return f"solves go to {data.get('to')}" + (f": {because}" if because else ""), "warn" if because else "ok"
+
+
 def _condition(data: Data) -> tuple[str, str]:
     after = str(data.get("after"))
     level = {"live": "ok", "low_battery": "warn", "landed": "", "rebooted": "warn", "stale": "warn"}.get(after, "alarm")
@@ -238,6 +243,7 @@ DESCRIPTIONS: Mapping[str, Callable[[Data], tuple[str, str]]] = {
     "uav_warning": _warning,
     "verdict_withdrawn": _withdrawn,
     "gcs_heartbeat": _gcs_heartbeat,
+    "solver_moved": _solver_moved,
     "recovery": _recovery,
     "plan_ended": _plan_ended,
     "missions_uploaded": _uploaded,

@@ -27,7 +27,8 @@ from skyfolio.api.http.routes import (
     scenarios,
     service,
 )
-from skyfolio.api.plans.solver import Lane, solver_of_processes
+from skyfolio.api.plans.solver import Lane
+from skyfolio.api.plans.solver_choice import solver_for
 from skyfolio.api.service import Ports, Service
 
 DESCRIPTION = """
@@ -61,7 +62,7 @@ def create_app(
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        begun = Ports(solver=lambda chosen: solver_of_processes(chosen.workers, chosen.queue_limit, flight))
+        begun = Ports(solver=lambda chosen: solver_for(chosen, flight))
         app.state.service = await Service.open(settings, clock, begun)
         try:
             yield

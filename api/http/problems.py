@@ -31,7 +31,7 @@ from skyfolio.api.common.problem import Problem
 from skyfolio.api.common.validation import broken_rules
 from skyfolio.api.store.errors import StoreError
 from skyfolio.mavlink_bridge import BridgeError
-from skyfolio.planner import InfeasiblePlanError, PinError, ReplanError
+from skyfolio.planner import InfeasiblePlanError, PinError, ReplanError, RobustnessError
 
 TABLE: Mapping[type[Exception], tuple[int, str, str]] = {
     NotFoundError: (404, "not-found", "Not found"),
@@ -39,6 +39,7 @@ TABLE: Mapping[type[Exception], tuple[int, str, str]] = {
     InvalidError: (422, "invalid-request", "The request breaks a rule"),
     ReplanError: (422, "invalid-request", "The request breaks a rule"),
     PinError: (422, "invalid-request", "The request breaks a rule"),
+    RobustnessError: (422, "invalid-request", "The request breaks a rule"),
     BusyError: (503, "busy", "The queue is full"),
     PreconditionError: (412, "precondition", "The resource has changed"),
     UnauthorizedError: (401, "unauthorized", "An API key is needed"),

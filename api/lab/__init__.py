@@ -3,6 +3,7 @@
     simulate, radio              `skyfolio simulate`, and the true rates of users while a plan is flown
     demo/                        `skyfolio demo`: a drill whose every claim is checked against the ground truth
     bench/                       `skyfolio bench`: planner, bridge, service, simulator, start
+    sweep/                       `skyfolio sweep`: many cases on the workers of a Dask cluster
     reproduce/                   `skyfolio reproduce` and `tune-mu`: the letter's figures and numbers
     plots                        figures by matplotlib, an extra
     virtual_flight, virtual_wire  the bridge against simulated autopilots in virtual time; tests use them too

@@ -11,6 +11,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#999999")
+MARKERS = "osD^vPX*"
+
+
 def new_figure(width_inches: float, height_inches: float) -> Figure:
     """Return an empty figure. Raises MissingExtraError without matplotlib."""
     extras.require("matplotlib", "drawing")

@@ -1,4 +1,4 @@
-"""Explanations of plans and previews of changes: solved in the lane of requests, never stored.
+"""Explanations of plans, previews of changes and assessments: solved in the lane of requests, never stored.
 
 A plan does not change once it has ended, so its explanation is kept in memory and made once, however many clients ask.
 """
@@ -19,6 +19,8 @@ from skyfolio.api.plans.solver import LaneName, SolveError, Solver
 from skyfolio.planner import PlanStatus
 
 KEEP_IN_MEMORY = 64
+ASSESS_S = 20.0
+"""At most so long is computed for an assessment by default; the setting `solve_deadline_s` may be shorter."""
 PREVIEW_S = 10.0
 """At most so long is solved for a preview by default; the setting `solve_deadline_s` may be shorter."""
 Key = tuple[str, int]
@@ -83,6 +85,18 @@ class Explanations:
             return (await self._lane.solve(job)).report
         except SolveError as error:
             raise _as_service_error("scenario" if scenario else "changes", error) from error
+
+    async def assess(self, plan: str, trial: dict[str, Any], deadline_s: float | None = None) -> str:
+        """Return the robustness (JSON) of a plan (JSON) under a trial; what there is no time for is left out of it.
+
+        Raises BusyError when the queue is full or the solver broke.
+        """
+        deadline_s = deadline_s or min(ASSESS_S, self._deadline_s)
+        job = Job(task="assess", previous=plan, request=trial, deadline_s=deadline_s)
+        try:
+            return (await self._lane.solve(job)).report
+        except SolveError as error:
+            raise _as_service_error("plan_id", error) from error
 
     async def close(self) -> None:
         """Cancel the solves that are running."""

@@ -7,7 +7,7 @@ import time
 from contextlib import suppress
 from multiprocessing.context import SpawnContext
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from pydantic import BaseModel
 
@@ -29,6 +29,22 @@ class Worker(NamedTuple):
 
     pid: int
     began_s: float
+
+
+class Board(Protocol):
+    """What a job writes while it is solved, wherever it runs, and asks whether it should stop."""
+
+    def stopped(self, token: int) -> bool:
+        """Return whether the job has been asked to stop."""
+        ...
+
+    def note(self, token: int, iteration: Iteration) -> None:
+        """Note how far the job is."""
+        ...
+
+    def show(self, token: int, plan: str) -> None:
+        """Publish the best plan so far, as JSON."""
+        ...
 
 
 class JobBoard:

@@ -15,11 +15,12 @@ class Job:
     `request`: further arguments of `planner.plan` or `planner.replan`, as pins.
 
     `task`: beside `plan`, which is both of these, `explain` explains the previous plan with `request` (a
-    `planner.Budget`), and `preview` compares it with a scenario or, without one, with a replan by `request`.
+    `planner.Budget`), `preview` compares it with a scenario or, without one, with a replan by `request`, and `assess`
+    puts it through `request` (a `planner.Trial`).
     `starts`: how many the optimiser climbs from; None lets it choose by size, a plan's then at most `most_starts`.
     """
 
-    task: Literal["plan", "explain", "preview"] = "plan"
+    task: Literal["plan", "explain", "preview", "assess"] = "plan"
     scenario: str | None = None
     previous: str | None = None
     request: dict[str, Any] = field(default_factory=dict)
@@ -33,7 +34,7 @@ class Job:
 class Solved:
     """What a worker returns: a plan as JSON with its status, or the reason why there is none.
 
-    `report`: what an explanation or a preview says, as JSON. `complete`: whether there was time for all of it.
+    `report`: what an explanation, a preview or an assessment says, as JSON. `complete`: whether there was time for all.
     """
 
     status: PlanStatus

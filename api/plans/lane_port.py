@@ -1,8 +1,12 @@
-"""What the service needs of a lane of solves; `solver.Lane` is the one with worker processes."""
+"""What the service needs of a lane of solves, and of the link to a cluster where jobs may be solved.
+
+`solver.Lane` is the lane with worker processes, `dask_link.DaskLink` the link to a Dask scheduler.
+"""
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Callable
+from typing import Any, Protocol
 
 from skyfolio.api.plans.job_board import Progress
 from skyfolio.api.plans.jobs import Job, Solved
@@ -62,3 +66,17 @@ class SolveLane(Protocol):
     def close(self) -> None:
         """End it, and what runs."""
         ...
+
+
+class ClusterLink(Protocol):
+    """The connection to a cluster. `tell` receives each change of it, and `trouble` says why it is not up."""
+
+    tell: Callable[..., Any]
+    trouble: str
+
+    @property
+    def up(self) -> bool:
+        """Return whether jobs can be sent."""
+
+    async def keep(self) -> None:
+        """Connect, and connect again whenever the connection is lost, for ever."""

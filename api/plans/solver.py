@@ -25,7 +25,7 @@ from pathlib import Path
 from skyfolio.api.common.errors import BusyError
 from skyfolio.api.plans.job_board import JobBoard, Progress
 from skyfolio.api.plans.jobs import Job, Solved
-from skyfolio.api.plans.lane_port import SolveLane
+from skyfolio.api.plans.lane_port import ClusterLink, SolveLane
 from skyfolio.api.plans.liveness import WorkerHeartbeats
 from skyfolio.api.plans.worker import begin_worker, ready, run
 from skyfolio.planner import PlanStatus
@@ -39,7 +39,7 @@ CLOSE_S = 0.5
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.5, 30.0
 """Pauses between two attempts to start workers that end before they are warm."""
 MOST_PATIENCE = 16.0
-AHEAD_NICENESS = 5
+AHEAD_LIMIT, AHEAD_NICENESS = 256, 5
 
 
 class LaneName(StrEnum):
@@ -126,6 +126,10 @@ class Lane:
         token = self._free.pop()
         self._board.clear(token)
         return token
+
+    def release(self, token: int) -> None:
+        """Give a token back whose job ran elsewhere."""
+        self._free.append(token)
 
     def stop(self, token: int) -> None:
         """Ask the job with this token to return the best plan it has."""
@@ -224,10 +228,10 @@ def flight_lane() -> Lane:
 
 
 class Solver:
-    """All lanes."""
+    """All lanes. `link`: the connection to a cluster in which some of them solve, if there is one."""
 
-    def __init__(self, lanes: Mapping[LaneName, SolveLane]) -> None:
-        self.lanes = lanes
+    def __init__(self, lanes: Mapping[LaneName, SolveLane], link: ClusterLink | None = None) -> None:
+        self.lanes, self.link = lanes, link
 
     def __getitem__(self, name: LaneName) -> SolveLane:
         return self.lanes[name]
@@ -264,6 +268,6 @@ def solver_of_processes(workers: int, queue_limit: int, flight: Lane | None = No
         {
             LaneName.FLIGHT: flight or flight_lane(),
             LaneName.REQUESTS: Lane(workers, queue_limit),
-            LaneName.AHEAD: Lane(1, 256, AHEAD_NICENESS),
+            LaneName.AHEAD: Lane(1, AHEAD_LIMIT, AHEAD_NICENESS),
         }
     )

@@ -5,22 +5,24 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from math import sqrt
-from typing import Protocol
 
+from skyfolio.api.plans.job_board import Board
 from skyfolio.api.plans.jobs import Job, Solved
 from skyfolio.planner import (
     AnyOf,
     Budget,
     Cause,
     Deadline,
-    Iteration,
     PinError,
     Plan,
     PlanStatus,
     ReplanError,
+    RobustnessError,
     Scenario,
     StopToken,
+    Trial,
     UnreachableEndError,
+    assess,
     converged,
     explain,
     plan,
@@ -41,20 +43,6 @@ STARTS_PER_ROOT = 2.0
 
 Clock = Callable[[], float]
 """Returns monotonic seconds."""
-
-
-class Board(Protocol):
-    """Where a job shows how far it is (`job_board.JobBoard`)."""
-
-    def stopped(self, token: int) -> bool:
-        """Return whether the job has been asked to stop."""
-        ...
-
-    def note(self, token: int, iteration: Iteration) -> None:
-        """Note how far the job is."""
-
-    def show(self, token: int, plan: str) -> None:
-        """Publish the best plan so far, as JSON."""
 
 
 class BestSoFar:
@@ -84,7 +72,7 @@ def attempt(job: Job, board: Board, token: int, clock: Clock = time.monotonic) -
     """Do one job, showing on the board how far it is. Every failure is part of the result."""
     try:
         return work(job, board, token, clock)
-    except (UnreachableEndError, ReplanError, PinError) as error:
+    except (UnreachableEndError, ReplanError, PinError, RobustnessError) as error:
         return Solved(status=PlanStatus.INFEASIBLE, error=str(error))
     except Exception as error:  # noqa: BLE001 - whatever it is, it must not break the pool
         return Solved(status=PlanStatus.FAILED, error=f"{type(error).__name__}: {error}")
@@ -92,7 +80,8 @@ def attempt(job: Job, board: Board, token: int, clock: Clock = time.monotonic) -
 
 def work(job: Job, board: Board, token: int, clock: Clock = time.monotonic) -> Solved:
     """Do one job, showing on the board how far it is. Raises ValueError when the problem has no solution."""
-    return {"plan": _planned, "explain": _explained, "preview": _previewed}[job.task](job, board, token, clock)
+    tasks = {"plan": _planned, "explain": _explained, "preview": _previewed, "assess": _assessed}
+    return tasks[job.task](job, board, token, clock)
 
 
 def solve(job: Job, board: Board, token: int, clock: Clock = time.monotonic) -> Plan:
@@ -142,6 +131,13 @@ def _previewed(job: Job, board: Board, token: int, clock: Clock) -> Solved:
     starts = job.starts if scenario is None else job.starts or starts_of(scenario, job.most_starts)
     seen = preview(_previous(job), scenario=scenario, n_starts=starts, stop=stop, **job.request)
     return Solved(status=PlanStatus.SUCCEEDED, report=seen.model_dump_json())
+
+
+def _assessed(job: Job, board: Board, token: int, clock: Clock) -> Solved:
+    until = Deadline(job.deadline_s, clock=clock)
+    trial = Trial.model_validate(job.request)
+    found = assess(_previous(job), trial, stop=lambda: board.stopped(token) or until([]))
+    return Solved(status=PlanStatus.SUCCEEDED, report=found.model_dump_json(), complete=found.complete)
 
 
 def _previous(job: Job) -> Plan:

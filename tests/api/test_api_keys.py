@@ -23,6 +23,7 @@ NEEDED = {
     ("GET", "/v1/plans/{plan_id}/contingencies"): Role.PLANNER,
     ("GET", "/v1/plans/{plan_id}/explanation"): Role.PLANNER,
     ("POST", "/v1/plans:preview"): Role.PLANNER,
+    ("POST", "/v1/plans/{plan_id}/robustness"): Role.PLANNER,
     ("POST", "/v1/plans"): Role.PLANNER,
     ("POST", "/v1/plans/{plan_id}/replans"): Role.PLANNER,
     ("POST", "/v1/plans/{plan_id}:cancel"): Role.PLANNER,

@@ -19,11 +19,16 @@ from skyfolio.api.flights.recovery_report import HeldPins, RecoveryReport
 from skyfolio.planner import (
     EXAMPLES,
     Disruption,
+    Disturbances,
     DroppedPin,
     Explanation,
+    Losses,
     Pins,
     Plan,
+    Robustness,
     Scenario,
+    Trial,
+    assess,
     explain,
     plan,
     violations,
@@ -72,6 +77,27 @@ def test_replan_and_export_take_the_file_that_plan_wrote(
     assert capsys.readouterr().out.startswith("QGC WPL 110")
     assert run(monkeypatch, "export", str(again), "--autopilot", "ardupilot") == 0
     assert json.loads(capsys.readouterr().out)["mission"]["firmwareType"] == 3
+
+
+def test_robustness_is_that_of_the_planner_and_shows_users_losses_and_the_worst(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    file, out = tmp_path / "plan.json", tmp_path / "robustness.json"
+    assert run(monkeypatch, "plan", "--example", "minimal", "--json", "--out", str(file)) == 0
+    capsys.readouterr()
+    asked = ["--draws", "20", "--wind-mps", "9", "--at-slot", "1", "--at-slot", "2", "--outage-kbps", "1"]
+    assert run(monkeypatch, "robustness", str(file), *asked, "--json") == 0
+    found = Robustness.model_validate_json(capsys.readouterr().out)
+    trial = Trial(disturbances=Disturbances(draws=20, wind_mps=9.0), losses=Losses(at_slots=(1, 2)), outage_bps=1000.0)
+    assert found == assess(Plan.model_validate_json(file.read_text()), trial)
+    assert run(monkeypatch, "robustness", str(file), *asked, "--out", str(out)) == 0
+    assert Robustness.model_validate_json(out.read_text()) == found
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "From a loss on" in shown
+    assert "20 draws; an outage is less than 1000 bit/s in a slot" in shown
+    assert "worst double loss: uav-1, uav-2" in shown
+    assert run(monkeypatch, "robustness", str(file), "--at-slot", "9") == 2
+    assert "losses.at_slots: 9 must lie in 0..3" in capsys.readouterr().err
 
 
 def test_explain_tells_why_from_the_file_that_plan_wrote(

@@ -60,6 +60,7 @@ def test_the_session_of_the_api_page_works(api: str, tmp_path: Path) -> None:
     for line in ("3", "8", "QGC WPL 110", "succeeded", "live", "scheduled", "flying", "4", "aborted"):
         assert line in said, (line, said)
     assert {"bound derivative resolve", "True", "12"} <= set(said)
+    assert any(line.startswith("6 losses user-") for line in said)
     steps = "detected classified replanned checked uploading uploading verified verified flying closed"
     assert steps in said
     assert 'skyfolio_replans_total{cause="heartbeat_lost",outcome="flying"} 1.0' in said

@@ -9,7 +9,7 @@ from fastapi.testclient import TestClient
 from skyfolio.api.client import ApiError, Client
 from skyfolio.api.common.errors import BusyError, InvalidError
 from skyfolio.api.common.settings import Settings
-from skyfolio.api.http.routes.examples import PREVIEW_EXAMPLES
+from skyfolio.api.http.routes.examples import PREVIEW_EXAMPLES, ROBUSTNESS_EXAMPLES
 from skyfolio.api.plans.explanations import Explanations
 from skyfolio.api.plans.jobs import Job, Solved
 from skyfolio.api.plans.solver import LaneName, SolveError
@@ -17,13 +17,19 @@ from skyfolio.planner import (
     EXAMPLES,
     Changes,
     Comparison,
+    Disturbances,
     Explanation,
+    Losses,
     Plan,
     PlanStatus,
+    Robustness,
+    Trial,
     Uav,
+    assess,
     explain,
     preview,
 )
+from skyfolio.planner.robustness import trial
 
 
 @pytest.fixture
@@ -42,6 +48,59 @@ def test_the_service_explains_a_plan_as_the_planner_does(service: Client, made: 
     assert found.complete
     assert found.resolves > 0
     assert {row.method for row in found.worth} == {"bound", "resolve", "derivative"}
+
+
+def test_the_service_assesses_a_plan_as_the_planner_does(service: Client, made: Plan) -> None:
+    asked = Trial(disturbances=Disturbances(draws=20, seed=3), losses=Losses(at_slots=(1,)))
+    found = service.robustness(made.id, asked)
+    assert found == assess(made, asked)
+    assert found.complete
+    assert [loss.lost for loss in found.losses] == [("uav-1",), ("uav-2",), ("uav-1", "uav-2")]
+
+
+def test_an_assessment_ends_in_time_and_says_what_is_left_out(service: Client) -> None:
+    made = service.plan(EXAMPLES["paper"]())
+    found = service.robustness(made.id, Trial(disturbances=Disturbances(draws=10_000)), deadline_s=0.3)
+    assert not found.complete
+    assert 0 < found.draws < 10_000
+    assert found.notes
+
+
+@pytest.mark.parametrize(
+    ("body", "field"),
+    [
+        ({"disturbances": {"draws": 0}}, "disturbances.draws"),
+        ({"disturbances": {"wind_mps": -1}}, "disturbances.wind_mps"),
+        ({"losses": {"at_once": 3}}, "losses.at_once"),
+        ({"losses": {"at_slots": [4]}}, "losses.at_slots"),
+        ({"outage_share": 0}, "outage_share"),
+        ({"surprise": 1}, "surprise"),
+    ],
+)
+def test_a_trial_that_makes_no_sense_is_refused_by_field(
+    client: TestClient, made: Plan, body: dict[str, Any], field: str
+) -> None:
+    answer = client.post(f"/v1/plans/{made.id}/robustness", json=body)
+    assert answer.status_code == 422
+    assert field in answer.text
+
+
+def test_more_draws_than_can_be_computed_are_refused_at_the_edge(
+    client: TestClient, made: Plan, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(trial, "MOST_CELL_DRAWS", 32 * 100)
+    answer = client.post(f"/v1/plans/{made.id}/robustness", json={"disturbances": {"draws": 101}})
+    assert answer.status_code == 422
+    assert "disturbances.draws: 101 draws of 32 cells" in answer.text
+
+
+@pytest.mark.parametrize(
+    "example", ROBUSTNESS_EXAMPLES["requestBody"]["content"]["application/json"]["examples"].values()
+)
+def test_every_example_of_a_trial_is_one(client: TestClient, made: Plan, example: dict[str, Any]) -> None:
+    answer = client.post(f"/v1/plans/{made.id}/robustness", json=example["value"])
+    assert answer.status_code == 200, answer.text
+    assert Robustness.model_validate_json(answer.content).plan_id == made.id
 
 
 def test_an_explanation_without_resolves_has_bounds_and_derivatives_only(service: Client, made: Plan) -> None:

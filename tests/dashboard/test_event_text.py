@@ -16,6 +16,13 @@ from skyfolio.api.dashboard.views import ServiceEvent
             "uav-3 declared LOST: human took over (in mode 'position')",
             "alarm",
         ),
+        ("solver_moved", {"to": "tcp://10.0.0.2:8786", "because": ""}, "solves go to tcp://10.0.0.2:8786", "ok"),
+        (
+            "solver_moved",
+            {"to": "local workers", "because": "the scheduler went away"},
+            "solves go to local workers: the scheduler went away",
+            "warn",
+        ),
         (
             "fleet_order",
             {

@@ -68,6 +68,17 @@ PREVIEW_EXAMPLES = _bodies(
         },
     ),
 )
+ROBUSTNESS_EXAMPLES = _bodies(
+    default=("Default disturbances, every single and double loss half way", {}),
+    windy=(
+        "A windy day, single losses at two slots, and an outage below 1 kbit/s",
+        {
+            "disturbances": {"draws": 100, "wind_mps": 10.0, "gust_mps": 3.0},
+            "losses": {"at_once": 1, "at_slots": [1, 2]},
+            "outage_bps": 1000.0,
+        },
+    ),
+)
 VEHICLE_EXAMPLES = _bodies(first=("UAV 'uav-1' is MAVLink system 1", {"uav_id": "uav-1", "system_id": 1}))
 OPERATION_EXAMPLES = _bodies(
     auto=("Recover from losses automatically", {"plan_id": "plan-5b0c4e9a7d21", "replanning": "auto"}),

@@ -1,4 +1,4 @@
-"""Why a plan is as it is, and what a change would bring."""
+"""Why a plan is as it is, what a change would bring, and what the plan stands up to."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from skyfolio.api.access.api_keys import Role
 from skyfolio.api.http.routes.deps import KNOWN, ServiceDep, require_within_limits, requires
-from skyfolio.api.http.routes.examples import PREVIEW_EXAMPLES
+from skyfolio.api.http.routes.examples import PREVIEW_EXAMPLES, ROBUSTNESS_EXAMPLES
 from skyfolio.api.http.routes.plans import ReplanRequest
 from skyfolio.api.plans.explanations import UnfinishedExplanation
-from skyfolio.planner import Comparison, Explanation, Scenario, remaining
+from skyfolio.planner import Comparison, Explanation, Robustness, Scenario, Trial, remaining, require_possible
 from skyfolio.planner.scenario import Identifier
 
 router = APIRouter(prefix="/v1", tags=["plans"], dependencies=[*KNOWN, requires(Role.PLANNER)])
@@ -20,6 +20,7 @@ ANSWERS: dict[int | str, dict[str, Any]] = {
     200: {"description": "The explanation.", "model": Explanation},
     202: {"description": "It is being made; try again after `Retry-After`.", "model": UnfinishedExplanation},
 }
+ASSESSED: dict[int | str, dict[str, Any]] = {200: {"description": "The robustness.", "model": Robustness}}
 PREVIEW_ANSWERS: dict[int | str, dict[str, Any]] = {200: {"description": "The comparison.", "model": Comparison}}
 
 
@@ -88,3 +89,23 @@ async def preview_change(
         deadline_s=deadline_s,
     )
     return Response(seen, media_type="application/json")
+
+
+@router.post("/plans/{plan_id}/robustness", responses=ASSESSED, response_model=None, openapi_extra=ROBUSTNESS_EXAMPLES)
+async def assess_plan(
+    plan_id: str,
+    body: Trial,
+    service: ServiceDep,
+    deadline_s: Annotated[
+        float | None, Query(gt=0, le=60, description="Leave out what is not computed after this many seconds.")
+    ] = None,
+) -> Response:
+    """Assess a plan under fading, wind and errors of position, and after every single and double loss with a replan.
+
+    Percentiles of each user's rate, probabilities of an outage, and the worst cases by name. The same request gives
+    the same numbers; `complete` is false when there was no time for all of it. Nothing is stored.
+    """
+    require_possible(await service.plans.finished(plan_id), body)  # refuse now what makes no sense
+    plan = await service.plans.result(plan_id)
+    found = await service.explanations.assess(plan, body.model_dump(mode="json"), deadline_s)
+    return Response(found, media_type="application/json")

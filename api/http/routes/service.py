@@ -74,7 +74,7 @@ async def ready(service: ServiceDep) -> Response:
     The database answers, the workers are warm, and what was in the air is followed again.
     """
     checks = await service.readiness()
-    well = all(state == "ok" for state in checks.values())
+    well = all(state.partition(":")[0] == "ok" for state in checks.values())
     body = Readiness(ready=well, checks=checks).model_dump()
     return JSONResponse(body, status_code=200 if well else 503, headers={} if well else {"Retry-After": "1"})
 

@@ -7,15 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from skyfolio.api.lab.plots import new_figure
+from skyfolio.api.lab.plots import COLOURS, MARKERS, new_figure
 from skyfolio.api.lab.reproduce.courses import FAILURE_SLOT
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#999999")
-MARKERS = "osD^vPX*"
 
 
 def convergence(histories: Mapping[str, Mapping[str, Sequence[float]]]) -> Figure:

@@ -1,0 +1,133 @@
+"""Connections to Dask: a cluster of worker processes that is started here, or a scheduler that runs elsewhere.
+
+Dask executes what it is sent. So the cluster that is started here listens on loopback alone, and speaks TLS with
+certificates that are made for it and never leave this process and its workers: another user of the machine cannot hand
+work to it. A scheduler that runs elsewhere must be protected there (`docs/scaling.md`). Nothing of Dask is
+imported before it is needed: it is an extra.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import os
+import signal
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, contextmanager, suppress
+from typing import Any
+
+from skyfolio.api.common import extras
+from skyfolio.api.common.errors import ServiceError
+
+CONNECT_S = 10.0
+"""A scheduler has so long to answer at first."""
+WORKER_S = 60.0
+"""Its first worker may come so much later."""
+REAP_S = 30.0
+"""A worker that was killed is gone at once; on a machine that is busy with other things it may take so long."""
+OWN: dict[str, Any] = {
+    "distributed.scheduler.http.routes": [],
+    "distributed.worker.http.routes": [],
+    "distributed.scheduler.worker-saturation": 1.0,  # what waits does so at the scheduler, and dies with no worker
+}
+PRELOAD = "skyfolio.api.common.dask_worker"
+LOGGERS = ("distributed", "distributed.client", "distributed.scheduler", "tornado.application")
+LOOPBACK = "127.0.0.1"
+SCHEMES = ("tcp://", "tls://")
+
+
+class SchedulerError(ServiceError):
+    """The Dask scheduler cannot be reached, or went away."""
+
+
+@asynccontextmanager
+async def own_cluster(workers: int, purpose: str) -> AsyncIterator[Any]:
+    """Start `workers` processes of one thread each, and give their client; end them all within a second at the end.
+
+    purpose: what needs it, for the message of MissingExtraError.
+    """
+    extras.require_all("sweep", purpose)
+    import dask  # noqa: PLC0415 - an extra
+    from distributed import Client, LocalCluster  # noqa: PLC0415
+
+    with dask.config.set(OWN), _quiet():
+        cluster = await LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            processes=True,
+            host=LOOPBACK,
+            protocol="tls",
+            security=True,
+            dashboard_address=f"{LOOPBACK}:0",
+            worker_dashboard_address=f"{LOOPBACK}:0",
+            scheduler_kwargs={"dashboard": False},
+            preload=[PRELOAD],
+            silence_logs=logging.CRITICAL,
+            asynchronous=True,
+        )
+        try:
+            async with Client(cluster, asynchronous=True, set_as_default=False) as client:
+                yield client
+        finally:
+            await asyncio.gather(*(_ended(nanny) for nanny in cluster.workers.values()))
+            await cluster.close()
+
+
+async def _ended(nanny: Any) -> None:
+    """Kill a worker, which holds nothing; closing the cluster alone would wait for what it computes."""
+    nanny.close_gracefully()  # it is not to be started again
+    if nanny.pid:
+        with suppress(ProcessLookupError):  # it has just died by itself
+            os.kill(nanny.pid, signal.SIGKILL)
+    await nanny.close(timeout=REAP_S)
+
+
+@asynccontextmanager
+async def joined_cluster(address: str, purpose: str) -> AsyncIterator[Any]:
+    """Give a client of the scheduler at this address (`tcp://HOST:PORT`, `tls://HOST:PORT`).
+
+    Raises SchedulerError when it does not answer or the address is none.
+    """
+    extras.require_all("sweep", purpose)
+    require_address(address)
+    from distributed import Client  # noqa: PLC0415
+
+    with _quiet():
+        client = Client(address, asynchronous=True, set_as_default=False, timeout=CONNECT_S)
+        try:
+            await _connected(client, address)
+            yield client
+        finally:
+            await client.close()
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep Dask's own log to what is critical: what goes wrong is raised here, and said in our words."""
+    loggers = [logging.getLogger(name) for name in LOGGERS]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)
+
+
+async def _connected(client: Any, address: str) -> None:
+    """Wait for the scheduler, and for its first worker. Raises SchedulerError when one of them does not come."""
+    try:
+        await client
+    except (OSError, TimeoutError) as error:
+        raise SchedulerError(f"scheduler: nobody answers at {address} ({error})") from error
+    try:
+        await client.wait_for_workers(1, timeout=WORKER_S)
+    except TimeoutError as error:
+        raise SchedulerError(f"scheduler: {address} has had no worker for {WORKER_S:g} s") from error
+
+
+def require_address(address: str, field: str = "scheduler") -> None:
+    """Check that an address may be a scheduler's. Raises SchedulerError naming the field."""
+    if not address.startswith(SCHEMES):
+        raise SchedulerError(f"{field}: {address!r} must begin with {' or '.join(SCHEMES)}")

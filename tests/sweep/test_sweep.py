@@ -1,0 +1,230 @@
+"""Sweeps on real clusters: workers and schedulers die, it is interrupted, and no row is lost or doubled."""
+
+import asyncio
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+
+import skyfolio.sweep
+from skyfolio.api.common import dask_cluster as dask_cluster_module
+from skyfolio.api.common.dask_cluster import SchedulerError
+from skyfolio.api.lab.sweep.parts import Parts, SweepError
+from skyfolio.api.lab.sweep.run import Outcome, cluster, sweep
+from skyfolio.api.lab.sweep.spec import Spec, spec_of
+from tests.ports import free_port
+from tests.sweep import work
+from tests.sweep.dask_processes import ROOT, dask_cluster
+
+KILL_EVERY_S = 30.0
+
+
+@pytest.fixture(autouse=True)
+def log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the workers of this test write down which cases they have finished."""
+    monkeypatch.setenv(work.LOG, str(tmp_path / "finished"))
+
+
+def cases(count: int, batch: int) -> Spec:
+    vary = {"seed": {"range": [0, count - 1]}}
+    return spec_of({"batch": batch, "base": {"example": "minimal"}, "set": {"starts": 1}, "vary": vary})
+
+
+async def swept(spec: Spec, out: Path, scheduler: str | None, **options: Any) -> Outcome:
+    return await sweep(spec, out, cluster(scheduler, 2), options.pop("stop", asyncio.Event()), **options)
+
+
+def assert_complete(spec: Spec, out: Path) -> None:
+    assert list(skyfolio.sweep.load(out)["case"]) == list(range(spec.n_cases))
+
+
+async def test_an_own_cluster_computes_a_sweep_and_a_second_run_finds_it(tmp_path: Path) -> None:
+    spec = cases(40, batch=4)
+    seen: list[tuple[int, int]] = []
+    outcome = await swept(spec, tmp_path, None, work=work.waiting, advance=lambda *at: seen.append(at))
+    assert (outcome.stored, outcome.found, outcome.complete, outcome.broken) == (40, 0, True, 0)
+    assert seen == [(stored, 40) for stored in range(0, 41, 4)]
+    assert_complete(spec, tmp_path)
+    assert Counter(work.logged()) == Counter(range(40))
+    again = await swept(spec, tmp_path, None, work=work.waiting)
+    assert (again.stored, again.found) == (40, 40)
+    assert len(work.logged()) == 40
+
+
+@pytest.mark.e2e
+@pytest.mark.parametrize(
+    ("how", "said"), [(work.broken, "ZeroDivisionError: for a test"), (work.deadly, "KilledWorker")]
+)
+async def test_a_batch_that_breaks_is_reported_and_left_out_and_the_others_are_computed(
+    tmp_path: Path, how: Callable[[Any], bytes], said: str
+) -> None:
+    spec = cases(40, batch=4)
+    outcome = await swept(spec, tmp_path, None, work=how)
+    assert (outcome.stored, outcome.broken, outcome.complete) == (36, 1, False)
+    assert outcome.errors[0].startswith(f"cases 0 to 3: {said}")
+    assert (await swept(spec, tmp_path, None, work=work.waiting)).complete, "it is tried again"
+    assert_complete(spec, tmp_path)
+
+
+@pytest.mark.e2e
+async def test_a_stopped_sweep_keeps_what_is_finished_and_goes_on_later(tmp_path: Path) -> None:
+    spec, stop = cases(400, batch=4), asyncio.Event()
+
+    def advance(stored: int, _: int) -> None:
+        if stored >= 16:
+            stop.set()
+
+    outcome = await swept(spec, tmp_path, None, work=work.waiting, stop=stop, advance=advance)
+    assert outcome.stopped
+    assert 16 <= outcome.stored < 400
+    assert outcome.stored == len(skyfolio.sweep.load(tmp_path))
+    rest = await swept(cases(400, batch=4), tmp_path, None, work=work.waiting, stop=_soon_set(stop))
+    assert rest.found == outcome.stored
+
+
+def _soon_set(stop: asyncio.Event) -> asyncio.Event:
+    """The event that is set already: what is there is listed, and nothing is computed."""
+    assert stop.is_set()
+    return stop
+
+
+async def test_nobody_at_the_address_is_an_error_that_names_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dask_cluster_module, "CONNECT_S", 0.5)
+    address = f"tcp://127.0.0.1:{free_port(socket.SOCK_STREAM)}"
+    with pytest.raises(SchedulerError, match=f"scheduler: nobody answers at {address}"):
+        await swept(cases(1, batch=1), tmp_path, address)
+    with pytest.raises(SchedulerError, match=r"scheduler: 'localhost:1' must begin with tcp:// or tls://"):
+        await swept(cases(1, batch=1), tmp_path, "localhost:1")
+
+
+@pytest.mark.e2e
+async def test_a_worker_that_is_killed_in_mid_run_costs_what_it_was_computing(tmp_path: Path) -> None:
+    spec = cases(200, batch=5)
+    with dask_cluster(2) as real:
+        killed = 0
+
+        def advance(stored: int, _: int) -> None:
+            nonlocal killed
+            if stored >= 40 * (killed + 1) and killed < 3:
+                killed += 1
+                real.kill_worker()
+                real.add_worker()
+
+        outcome = await swept(spec, tmp_path, real.address, work=work.planned, advance=advance)
+    assert outcome.complete
+    assert killed == 3
+    assert_complete(spec, tmp_path)
+    finished = Counter(work.logged())
+    assert set(finished) == set(range(200))
+    assert len(work.logged()) - 200 <= 3 * 2 * spec.batch, (
+        "at most what it was computing, and what it had just finished"
+    )
+
+
+@pytest.mark.e2e
+async def test_the_scheduler_going_away_ends_the_sweep_and_another_computes_the_rest(tmp_path: Path) -> None:
+    spec = cases(100, batch=5)
+    with dask_cluster(2) as real:
+
+        def advance(stored: int, _: int) -> None:
+            if stored == 20:
+                real.kill_scheduler()
+
+        with pytest.raises(SchedulerError, match="it went away; start the sweep again"):
+            await swept(spec, tmp_path, real.address, work=work.waiting, advance=advance)
+    there = len(skyfolio.sweep.load(tmp_path))
+    assert 20 <= there < 100
+    outcome = await swept(spec, tmp_path, None, work=work.waiting)
+    assert (outcome.found, outcome.complete) == (there, True)
+    assert_complete(spec, tmp_path)
+
+
+@pytest.mark.e2e
+async def test_a_worker_of_another_version_ends_the_sweep_with_an_error(tmp_path: Path) -> None:
+    with pytest.raises(SweepError, match="a worker of the cluster cannot take part"):
+        await swept(cases(8, batch=2), tmp_path, None, work=work.of_another_version)
+    assert Parts(tmp_path).there() == set()
+
+
+@pytest.mark.e2e
+@pytest.mark.beside
+async def test_with_a_worker_killed_every_30_s_at_most_2_percent_is_computed_again(tmp_path: Path) -> None:
+    spec = cases(2400, batch=8)  # two minutes for two workers that wait
+    with dask_cluster(2) as real:
+
+        async def killing() -> None:
+            while True:
+                await asyncio.sleep(KILL_EVERY_S)
+                real.kill_worker()
+                real.add_worker()
+
+        killer = asyncio.create_task(killing())
+        outcome = await swept(spec, tmp_path, real.address, work=work.waiting)
+        killer.cancel()
+    assert outcome.complete
+    assert outcome.seconds > 3 * KILL_EVERY_S
+    assert_complete(spec, tmp_path)
+    finished = work.logged()
+    assert set(finished) == set(range(2400))
+    assert len(finished) <= 1.02 * 2400
+
+
+LONG = """
+batch = 1
+[base]
+layout = {kind = "uniform", uavs = 8, users = 60, slots = 400}
+[vary]
+starts = [1, 64]
+seed = {range = [0, 30]}
+"""
+"""First one start each: a second; then 64, which takes longer than any test waits."""
+
+
+@contextmanager
+def commanded(spec: Path, out: Path) -> Iterator[subprocess.Popen[str]]:
+    """`skyfolio sweep` in a process group of its own, as a terminal starts it."""
+    command = [sys.executable, "-m", "skyfolio", "sweep", str(spec), "--out", str(out), "--workers", "2", "--json"]
+    with subprocess.Popen(
+        command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    ) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+@pytest.mark.e2e
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_ends_all_processes_at_once_and_nothing_finished_is_lost(tmp_path: Path, number: signal.Signals) -> None:
+    (tmp_path / "long.toml").write_text(LONG)
+    out = tmp_path / "out"
+    parts = Parts(out)
+    with commanded(tmp_path / "long.toml", out) as process:
+        while len(there := parts.there()) < 4:
+            assert process.poll() is None, process.stderr and process.stderr.read()
+            time.sleep(0.05)
+        family = psutil.Process(process.pid).children(recursive=True)
+        assert len(family) >= 2
+        os.killpg(process.pid, number) if number == signal.SIGINT else process.send_signal(number)
+        began_s = time.monotonic()
+        printed, said = process.communicate(timeout=60)
+        took_s = time.monotonic() - began_s
+    assert process.returncode == 1
+    assert "Traceback" not in said
+    told = json.loads(printed)
+    assert told["stopped"]
+    assert there <= parts.there()
+    assert told["stored"] == len(parts.there()) == len(skyfolio.sweep.load(out))
+    assert took_s < 8, "far less than what the workers were computing"
+    assert not [child for child in family if child.is_running() and child.status() != psutil.STATUS_ZOMBIE]
