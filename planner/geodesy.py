@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from pymap3d import enu2geodetic, geodetic2enu
 
-from skyfolio.planner.scenario import Origin
+from skyfolio.planner.parts import Origin
 
 _PASSES = 6
 """Each pass shrinks the height error by about (distance / Earth radius)^2; six reach nanometres at 100 km."""
@@ -37,13 +37,3 @@ def geodetic_to_east_north(origin: Origin, lat_deg: float, lon_deg: float) -> tu
     """Return (east, north) metres from `origin` of a point on the ellipsoid, given in degrees."""
     east_m, north_m, _ = geodetic2enu(lat_deg, lon_deg, 0.0, origin.lat_deg, origin.lon_deg, 0.0)
     return float(east_m), float(north_m)
-
-
-def to_e7(degrees: float) -> int:
-    """Return degrees as MAVLink sends them: integer 1e-7 degrees (1.1 cm), rounded to nearest."""
-    return round(degrees * 1e7)
-
-
-def from_e7(e7: int) -> float:
-    """Return integer 1e-7 degrees as degrees."""
-    return e7 / 1e7
