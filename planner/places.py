@@ -21,7 +21,10 @@ from skyfolio.planner.arrays import Array
 from skyfolio.planner.parts import Origin, Point, PositionDeg
 
 AGREE_M = 0.01
-"""The two forms of one place may be this far apart; parts of an area that are twice as thin are not closed off."""
+"""The two forms of one place may be this far apart."""
+SLIVER_M = 0.25
+"""Parts of `area_m` outside of a polygon that are at most twice as wide are not closed off: no UAV flies so exactly,
+and a rectangle that was drawn along another meridian would get four such zones."""
 LARGEST_M = 100_000.0
 """A flat frame is no longer honest beyond: places may lie this far from the origin, and apart in either direction."""
 _SUNKEN_M = -10_000.0
@@ -130,7 +133,7 @@ def require_closed_off(
 
     outlines_m: of the no-fly polygons, metres. Raises ValueError naming the field.
     """
-    corners = in_metres(origin, _four_corners(area_deg) if len(area_deg) == 2 else area_deg, "area_deg")
+    corners = in_metres(origin, four_corners(area_deg) if len(area_deg) == 2 else area_deg, "area_deg")
     bounds = _inner_box(corners) if len(area_deg) == 2 else _around(corners)
     if np.abs(np.array(bounds) - np.array(area_m)).max() > AGREE_M:
         raise ValueError(f"area_m: {area_m} is not the area of area_deg, which is {bounds}; give one of them")
@@ -140,6 +143,11 @@ def require_closed_off(
             raise ValueError(
                 "no_fly: it must close off what is in area_m and outside of area_deg; leave area_m out, and it is done"
             )
+
+
+def closings_m(origin: Origin, area_deg: Sequence[PositionDeg]) -> list[list[Metres]]:
+    """Return the outlines, metres, of what has to be closed off around the area within the rectangle `area_m`."""
+    return [] if len(area_deg) == 2 else _usable(in_metres(origin, area_deg, "area_deg"), corners=False)[1]
 
 
 def in_metres(origin: Origin, places: Sequence[PositionDeg], field: str) -> Array:
@@ -165,7 +173,7 @@ def _found(given: Mapping[str, Any]) -> Iterator[_Given]:
     """Yield what a raw scenario has in degrees, as far as it is well-formed."""
     for part, names in _PARTS.items():
         rows = given.get(part)
-        for index, row in enumerate(rows if _is_list(rows) else ()):
+        for index, row in enumerate(rows if isinstance(rows, list | tuple) else ()):
             if isinstance(row, Mapping):
                 for name in names:
                     yield from _parsed((part, index, name), row)
@@ -229,10 +237,11 @@ def _corners_or_outline(area: _Given) -> Sequence[PositionDeg]:
     low, high = area.places
     if not (low.lat < high.lat and low.lon < high.lon):
         raise ValueError("area_deg: two corners must be the south-western one and the north-eastern one")
-    return _four_corners(area.places)
+    return four_corners(area.places)
 
 
-def _four_corners(corners: Sequence[PositionDeg]) -> list[PositionDeg]:
+def four_corners(corners: Sequence[PositionDeg]) -> list[PositionDeg]:
+    """Return all corners of a box from the south-western one against the clock; corners: SW and NE."""
     low, high = corners
     between = PositionDeg(lat=low.lat, lon=high.lon), PositionDeg(lat=high.lat, lon=low.lon)
     return [low, between[0], high, between[1]]
@@ -265,7 +274,7 @@ def _outside(outline_m: Array) -> BaseGeometry:
 
 def _thick_parts(rest: BaseGeometry) -> list[Polygon]:
     parts = getattr(rest, "geoms", [rest])
-    return [part for part in parts if isinstance(part, Polygon) and not part.buffer(-AGREE_M).is_empty]
+    return [part for part in parts if isinstance(part, Polygon) and not part.buffer(-SLIVER_M).is_empty]
 
 
 def _apart_km(a: PositionDeg, b: PositionDeg) -> float:

@@ -12,6 +12,7 @@ Methods return the service's own models. An answer that is an error raises `ApiE
 from __future__ import annotations
 
 import json
+from base64 import b64encode
 from collections.abc import Iterator, Mapping, Sequence
 from types import TracebackType
 from typing import Any, Literal, Self, TypeVar
@@ -168,6 +169,17 @@ class Client:
             body["changes"] = {**(changes or Changes()).model_dump(mode="json"), "at_slot": at_slot}
         params = {} if deadline_s is None else {"deadline_s": deadline_s}
         return Comparison.model_validate_json(self._call("POST", "/v1/plans:preview", json=body, params=params).content)
+
+    def import_files(self, files: Mapping[str, bytes], *, base: Scenario | None = None, **settings: Any) -> Scenario:
+        """Return the scenario that files describe, by name; base: what the rest is taken from; settings: slots..."""
+        sent = [{"name": name, "content_base64": b64encode(content).decode()} for name, content in files.items()]
+        body = {"files": sent, "base": base and base.model_dump(mode="json"), "settings": settings}
+        answer = self._call("POST", "/v1/scenarios:import", json=body)
+        return Scenario.model_validate(answer.json()["scenario"])
+
+    def export(self, plan_id: str, form: Literal["geojson", "kml", "csv"] = "geojson") -> str:
+        """Return a plan as a file for maps and spreadsheets."""
+        return self._call("GET", f"/v1/plans/{plan_id}/export", params={"format": form}).text
 
     # -- flying ---------------------------------------------------------------------------------------------------
 

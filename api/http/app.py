@@ -22,6 +22,7 @@ from skyfolio.api.http.routes import (
     fleet,
     login,
     operations,
+    places,
     plans,
     scenarios,
     service,
@@ -76,7 +77,19 @@ def create_app(
         docs_url=None,
         redoc_url=None,
     )
-    for routes in (plans, contingencies, explanations, scenarios, fleet, operations, drills, events, service, login):
+    for routes in (
+        plans,
+        contingencies,
+        explanations,
+        scenarios,
+        places,
+        fleet,
+        operations,
+        drills,
+        events,
+        service,
+        login,
+    ):
         app.include_router(routes.router)
     reference.install(app)
     problems.install(app)

@@ -19,6 +19,7 @@ from skyfolio.api.dashboard.watch import Watch
 from skyfolio.planner import Plan, Scenario
 
 TRADE_OFF_MUS = (0.0, -0.02, -0.05, -0.1, -0.2, -0.5, -1.0, -2.0)
+FORMS = {"GeoJSON": "geojson", "KML": "kml", "CSV": "csv"}
 
 
 @dataclass(frozen=True)
@@ -65,6 +66,10 @@ class Results:
                 self._fly_button = ui.button("Fly it", on_click=self._open_fly).props("unelevated")
                 self._export_uav = ui.select([], label="UAV").props("dense outlined").classes("sf-short")
                 self._export = ui.button("Export .plan", on_click=self._export_plan).props("outline")
+            with ui.element("div").classes("sf-row"):
+                self._form = ui.select(list(FORMS), label="Format", value=next(iter(FORMS))).props("dense outlined")
+                self._export_all = ui.button("Export map", on_click=self._export_map).props("outline")
+                self._export_all.props('title="Paths and positions in each slot, users and zones in degrees"')
             self._metrics = ui.element("div").props('aria-live="polite"')
             self._sums = ui.echart(charts.sums({}, 1)).classes("sf-chart sf-sums")
 
@@ -157,7 +162,7 @@ class Results:
         uavs = list(plan.scenario.uav_ids) if plan else []
         for select in (self._export_uav, self._lose):
             select.set_options(uavs, value=select.value if select.value in uavs else (uavs[0] if uavs else None))
-        for button in (self._export, self._ask, self._ask_all, self._sweep):
+        for button in (self._export, self._export_all, self._ask, self._ask_all, self._sweep):
             button.set_enabled(plan is not None)
         self._fly_button.set_enabled(plan is not None and plan.parent is None)
         self._show()
@@ -261,6 +266,16 @@ class Results:
         async def export() -> None:
             document = await self._feed.mission_file(plan_id, str(uav))
             ui.download.content(json.dumps(document, indent=4), f"{plan_id}-{uav}.plan", "application/json")
+
+        await attempt(export)
+
+    async def _export_map(self) -> None:
+        plan_id, form = self._current, FORMS[str(self._form.value)]
+        if plan_id is None:
+            return
+
+        async def export() -> None:
+            ui.download.content(await self._feed.plan_file(plan_id, form), f"{plan_id}.{form}")
 
         await attempt(export)
 
