@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, cast
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 from rich.console import Console
@@ -104,7 +104,7 @@ def export(
     CSV is a row for each slot and UAV. A scenario instead of a plan is written so that `skyfolio import` reads it back.
     """
     if format in {"geojson", "kml", "csv"} and not as_json:
-        write(_places(file, cast("Format", format)), out)
+        write(_places(file, format), out)
         return
     from skyfolio.api.plans.mission_files import Missions  # noqa: PLC0415 - MAVSDK is only loaded where it is used
     from skyfolio.mavlink_bridge import Autopilot  # noqa: PLC0415

@@ -85,19 +85,23 @@ def _serves(plan: Plan, uav: str, user: str, n: int) -> bool:
     return plan.association[user][n] == uav and plan.bandwidth_hz[user][n] > 0
 
 
-def _flown(plan: Plan) -> Iterator[Outlined]:
+def _flown(plan: Plan) -> list[Outlined]:
+    """Return all paths, then all positions."""
     rows = list(positions(plan))
+    paths, slots = [], []
     for uav in plan.scenario.uavs:
         own = [row for row in rows if row["uav_id"] == uav.id]
         height_m = plan.scenario.altitude_of(uav)
         places = [(row["lon_deg"], row["lat_deg"]) for row in own]
         told = {"uav_id": uav.id, "first_slot": plan.first_slot, "altitude_m": height_m}
         path = LineString(places if len(places) > 1 else places * 2)
-        yield Outlined(kind="path", name=f"{uav.id}-path", geometry=path, properties=told, height_m=height_m)
+        paths.append(Outlined(kind="path", name=f"{uav.id}-path", geometry=path, properties=told, height_m=height_m))
         for row, place in zip(own, places, strict=True):
             told = {name: value for name, value in row.items() if name not in {"lat_deg", "lon_deg"}}
             name = f"{uav.id}-slot-{row['slot']}"
-            yield Outlined(kind="position", name=name, geometry=Point(place), properties=told, height_m=height_m)
+            at = Point(place)
+            slots.append(Outlined(kind="position", name=name, geometry=at, properties=told, height_m=height_m))
+    return [*paths, *slots]
 
 
 def _area(scenario: Scenario) -> Outlined:
