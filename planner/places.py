@@ -31,7 +31,9 @@ _SUNKEN_M = -10_000.0
 """A place this far below the plane at the origin is on another side of the Earth: 350 km away or more."""
 _DECIMALS_M, _DECIMALS_DEG = 6, 7
 _EARTH_KM = 6371.0
-_PARTS = {"users": ("position",), "uavs": ("start", "end"), "no_fly": ("center", "vertices")}
+Parts = Mapping[str, tuple[str, ...]]
+OF_SCENARIO: Parts = {"users": ("position",), "uavs": ("start", "end"), "no_fly": ("center", "vertices")}
+"""Lists of parts that have places, and what these are called without their unit."""
 _DEGREES = TypeAdapter(tuple[PositionDeg, ...])
 
 Metres = tuple[float, float]
@@ -58,22 +60,22 @@ class _Given(NamedTuple):
         return ".".join(map(str, self.path)) + "_deg"
 
 
-def with_metres(given: Any) -> Any:
-    """Return a raw scenario with metres for each place that has degrees alone, and with an origin.
+def with_metres(given: Any, parts: Parts = OF_SCENARIO) -> Any:
+    """Return a raw scenario, or other raw parts, with metres for each place that has degrees alone, and with an origin.
 
     What has no place in degrees is returned as it is; so is what is malformed: its own rule says what is wrong.
     Raises ValueError, the message naming the field, for places too far apart or across the 180th meridian.
     """
     if not isinstance(given, Mapping):
         return given
-    found = list(_found(given))
+    found = list(_found(given, parts))
     if not found:
         return given
     named = [(one.field, place) for one in found for place in one.places]
     require_one_region(named)
-    raw = {**given, **{part: [_copied(row) for row in given[part]] for part in _PARTS if _is_list(given.get(part))}}
+    raw = {**given, **{part: [_copied(row) for row in given[part]] for part in parts if _is_list(given.get(part))}}
     if raw.get("origin") is None:
-        _require_no_metres(raw)
+        _require_no_metres(raw, parts)
         raw["origin"] = chosen_origin(place for _, place in named)
     try:
         origin = Origin.model_validate(raw["origin"])
@@ -169,9 +171,9 @@ def in_metres(origin: Origin, places: Sequence[PositionDeg], field: str) -> Arra
 # --- finding and filling in ---
 
 
-def _found(given: Mapping[str, Any]) -> Iterator[_Given]:
+def _found(given: Mapping[str, Any], parts: Parts) -> Iterator[_Given]:
     """Yield what a raw scenario has in degrees, as far as it is well-formed."""
-    for part, names in _PARTS.items():
+    for part, names in parts.items():
         rows = given.get(part)
         for index, row in enumerate(rows if isinstance(rows, list | tuple) else ()):
             if isinstance(row, Mapping):
@@ -209,8 +211,8 @@ def _put(raw: dict[str, Any], one: _Given, places: Sequence[PositionDeg], origin
     raw[part][index][f"{name}_m"] = points[0] if one.single else points
 
 
-def _require_no_metres(raw: Mapping[str, Any]) -> None:
-    for part, names in _PARTS.items():
+def _require_no_metres(raw: Mapping[str, Any], parts: Parts) -> None:
+    for part, names in parts.items():
         for index, row in enumerate(raw.get(part) or ()):
             for name in names:
                 held = row.get(f"{name}_m") if isinstance(row, Mapping) else getattr(row, f"{name}_m", None)

@@ -111,5 +111,14 @@ def test_a_plan_in_degrees_is_planned_replanned_and_explained(client: TestClient
     assert replanned.scenario.uavs[0].start_deg is None
     assert replanned.scenario.uavs[0].end_deg is not None
     assert replanned.scenario.area_deg == plan.scenario.area_deg
+    joined = {"id": "kiosk", "position_deg": {"lat": 47.3978, "lon": 8.5471}}
+    path, origin = f"/v1/plans/{plan.id}/replans?wait_s=30", plan.scenario.origin.model_dump()
+    later = client.post(path, json={"at_slot": 2, "users_joined": [joined], "origin": origin}).json()["scenario"]
+    assert later["users"][-1]["position_deg"] == joined["position_deg"]
+    refused = client.post(path, json={"at_slot": 2, "users_joined": [joined]}).json()["errors"]
+    assert [row["field"] for row in refused] == ["users_joined.0.position_m"]
+    elsewhere = {**origin, "lat_deg": origin["lat_deg"] + 0.001}
+    refused = client.post(path, json={"at_slot": 2, "users_joined": [joined], "origin": elsewhere}).json()["errors"]
+    assert [row["field"] for row in refused] == ["origin"]
     assert service.explanation(plan.id).users
     assert Plan.model_validate_json(plan.model_dump_json()) == plan
