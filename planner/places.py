@@ -81,9 +81,10 @@ def with_metres(given: Any, parts: Parts = OF_SCENARIO) -> Any:
         origin = Origin.model_validate(raw["origin"])
     except ValidationError:
         return raw  # the same rule is broken, and told, where the scenario's own fields are validated
-    for one in found:
-        if one.alone:
-            _put(raw, one, _corners_or_outline(one) if one.path == ("area",) else one.places, origin)
+    alone = [one for one in found if one.alone]
+    places = [_corners_or_outline(one) if one.path == ("area",) else one.places for one in alone]
+    for one, metres in zip(alone, _all_in_metres(origin, [one.field for one in alone], places), strict=True):
+        _put(raw, one, metres)
     return raw
 
 
@@ -114,14 +115,14 @@ def require_one_region(named: Sequence[tuple[str, PositionDeg]]) -> None:
 
 def require_agreement(origin: Origin, twins: Iterable[Twin]) -> None:
     """Check that what has metres and degrees is the same place within 1 cm. Raises ValueError naming the field."""
-    for twin in twins:
-        if twin.degrees is None:
-            continue
-        degrees = [twin.degrees] if isinstance(twin.degrees, PositionDeg) else list(twin.degrees)
+    both = [(twin, twin.degrees) for twin in twins if twin.degrees is not None]
+    fields = [f"{twin.field}_deg" for twin, _ in both]
+    degrees = [(given,) if isinstance(given, PositionDeg) else given for _, given in both]
+    for (twin, _), found in zip(both, _all_in_metres(origin, fields, degrees), strict=True):
         metres = np.array(twin.metres if twin.metres is not None else [], dtype=float).reshape(-1, 2)
-        if len(metres) != len(degrees):
+        if len(metres) != len(found):
             raise ValueError(f"{twin.field}_m: it must hold the same places as {twin.field}_deg, or be left out")
-        apart = np.hypot(*(in_metres(origin, degrees, f"{twin.field}_deg") - metres).T)
+        apart = np.hypot(*(found - metres).T)
         if apart.max() > AGREE_M:
             raise ValueError(
                 f"{twin.field}_m: it is {apart.max():.3g} m from {twin.field}_deg; give one of them, or the same place"
@@ -152,20 +153,33 @@ def closings_m(origin: Origin, area_deg: Sequence[PositionDeg]) -> list[list[Met
     return [] if len(area_deg) == 2 else _usable(in_metres(origin, area_deg, "area_deg"), corners=False)[1]
 
 
-def in_metres(origin: Origin, places: Sequence[PositionDeg], field: str) -> Array:
+def in_metres(origin: Origin, places: Sequence[PositionDeg], fields: str | Sequence[str]) -> Array:
     """Return places as (n, 2) metres east/north of the origin, to a micrometre. Raises ValueError if too far."""
-    lat_deg, lon_deg = np.array([(place.lat, place.lon) for place in places], dtype=float).T
-    if np.abs(lon_deg - origin.lon_deg).max() > 180:
+    named = [fields] * len(places) if isinstance(fields, str) else fields
+    lat_deg, lon_deg = np.array([(place.lat, place.lon) for place in places], dtype=float).reshape(-1, 2).T
+    across = np.abs(lon_deg - origin.lon_deg) > 180
+    if across.any():
+        field = named[int(across.argmax())]
         raise ValueError(f"{field}: it lies on the other side of the 180th meridian from the origin")
     east, north, up = geodetic2enu(lat_deg, lon_deg, np.zeros(len(places)), origin.lat_deg, origin.lon_deg, 0.0)
     far = (np.maximum(np.abs(east), np.abs(north)) > LARGEST_M) | (up < _SUNKEN_M)
     if far.any():
+        field = named[int(far.argmax())]
         away_km = _apart_km(places[int(far.argmax())], PositionDeg(lat=origin.lat_deg, lon=origin.lon_deg))
         raise ValueError(
             f"{field}: it is {away_km:,.0f} km from the origin; at most {LARGEST_M / 1000:.0f} km are planned"
         )
     metres: Array = np.round(np.stack([east, north], axis=-1), _DECIMALS_M) + 0.0  # no minus zero
     return metres
+
+
+def _all_in_metres(origin: Origin, fields: Sequence[str], groups: Sequence[Sequence[PositionDeg]]) -> list[Array]:
+    """Return the metres of groups of places, each of one field, in about the time of one."""
+    if not groups:
+        return []
+    named = [field for field, group in zip(fields, groups, strict=True) for _ in group]
+    metres = in_metres(origin, [place for group in groups for place in group], named)
+    return np.split(metres, np.cumsum([len(group) for group in groups])[:-1])
 
 
 # --- finding and filling in ---
@@ -196,8 +210,7 @@ def _parsed(path: tuple[str, int, str] | tuple[str], row: Mapping[str, Any]) -> 
         yield _Given(path, places, single, row.get(f"{name}_m") is None)
 
 
-def _put(raw: dict[str, Any], one: _Given, places: Sequence[PositionDeg], origin: Origin) -> None:
-    metres = in_metres(origin, places, one.field)
+def _put(raw: dict[str, Any], one: _Given, metres: Array) -> None:
     if len(one.path) == 1:
         box_m, closed = _usable(metres, corners=len(one.places) == 2)
         raw["area_m"] = box_m
