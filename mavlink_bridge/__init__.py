@@ -1,6 +1,6 @@
 """The bridge between plans and vehicles: missions out, telemetry and heartbeats in. Built on MAVSDK.
 
-    plan -> mission    compiler, schedule, pace, reach, items, writer, fence; formats, plan_extras; plane, geodesy
+    plan -> mission    compiler, schedule, pace, reach, items, writer, fence; formats, plan_extras; plane, e7
     one autopilot      autopilots (names), profile (what there is to know), px4, ardupilot, profiles (rows), speaker
     protocols          mission_protocol, command_protocol, parameters; proof: verified, compare, readback
     ports              message_port (what MAVSDK is to the link), mavsdk_port, ports (sockets and MAVSDK by default)
@@ -37,7 +37,6 @@ from skyfolio.mavlink_bridge.errors import (
     VehiclesMissing,
 )
 from skyfolio.mavlink_bridge.formats import from_qgc_plan, from_waypoints, to_qgc_plan, to_waypoints
-from skyfolio.mavlink_bridge.geodesy import east_north_to_geodetic, geodetic_to_east_north
 from skyfolio.mavlink_bridge.heartbeat import AUTOPILOT, HeartbeatMonitor, LinkEvent, LinkState
 from skyfolio.mavlink_bridge.hub import LinkOptions
 from skyfolio.mavlink_bridge.items import MAX_ITEMS, Command, Frame, Mission, MissionItem
@@ -50,6 +49,7 @@ from skyfolio.mavlink_bridge.returns import check_return_paths
 from skyfolio.mavlink_bridge.signing import Signing
 from skyfolio.mavlink_bridge.telemetry import LandedState, Telemetry
 from skyfolio.mavlink_bridge.writer import OnEnd
+from skyfolio.planner.geodesy import east_north_to_geodetic, geodetic_to_east_north
 
 __all__ = [
     "AUTOPILOT",

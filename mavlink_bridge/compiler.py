@@ -6,12 +6,12 @@ from math import isfinite
 
 from skyfolio.mavlink_bridge.autopilots import DEFAULT_AUTOPILOT, Autopilot
 from skyfolio.mavlink_bridge.errors import TooManyItems, UnknownUav
-from skyfolio.mavlink_bridge.geodesy import points_to_geodetic
 from skyfolio.mavlink_bridge.items import MAX_ITEMS, Mission
 from skyfolio.mavlink_bridge.pace import VehicleModel
 from skyfolio.mavlink_bridge.profiles import profile_of
 from skyfolio.mavlink_bridge.schedule import Schedule, airborne_schedule, ground_schedule
 from skyfolio.mavlink_bridge.writer import OnEnd
+from skyfolio.planner.geodesy import points_to_geodetic
 from skyfolio.planner.plans import Plan
 
 

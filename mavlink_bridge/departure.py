@@ -11,11 +11,12 @@ from math import hypot, nan
 
 from skyfolio.mavlink_bridge.autopilots import FlightMode
 from skyfolio.mavlink_bridge.confirming import ask_until, confirm_s, heartbeat_until, is_ours, seen_of
+from skyfolio.mavlink_bridge.e7 import to_e7
 from skyfolio.mavlink_bridge.flight import CUSTOM_MODE, SET_MODE, set_mode
-from skyfolio.mavlink_bridge.geodesy import geodetic_to_east_north, to_e7
 from skyfolio.mavlink_bridge.items import Frame
 from skyfolio.mavlink_bridge.readiness import ARMABLE_WITHIN_S, OnRefused, arm_when_ready
 from skyfolio.mavlink_bridge.vehicle import NotDone, Vehicle
+from skyfolio.planner.geodesy import geodetic_to_east_north
 from skyfolio.planner.scenario import Origin
 
 ALTITUDE_TOLERANCE_M = 1.0

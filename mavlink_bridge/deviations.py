@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from math import hypot
 
 from skyfolio.mavlink_bridge.conditions import Lasting
-from skyfolio.mavlink_bridge.geodesy import geodetic_to_east_north
+from skyfolio.planner.geodesy import geodetic_to_east_north
 from skyfolio.planner.scenario import Origin
 
 OFF_M, BACK_M = 5.0, 2.0

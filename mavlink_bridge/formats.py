@@ -13,8 +13,8 @@ from math import isinf, isnan, nan
 from typing import Any
 
 from skyfolio.mavlink_bridge.autopilots import MavAutopilot
+from skyfolio.mavlink_bridge.e7 import from_e7, to_e7
 from skyfolio.mavlink_bridge.errors import FormatError
-from skyfolio.mavlink_bridge.geodesy import from_e7, to_e7
 from skyfolio.mavlink_bridge.items import Command, Frame, Mission, MissionItem
 from skyfolio.mavlink_bridge.plan_extras import fence_to_json, rally_to_json
 from skyfolio.mavlink_bridge.profiles import KNOWN, profile_in_heartbeat, profile_of

@@ -18,13 +18,13 @@ from skyfolio.mavlink_bridge.confirming import error_of, is_ours, not_ours
 from skyfolio.mavlink_bridge.departure import start
 from skyfolio.mavlink_bridge.deviations import AltitudeWatch, Deviation, HomeWatch
 from skyfolio.mavlink_bridge.flight import hold, set_current, set_mode
-from skyfolio.mavlink_bridge.geodesy import geodetic_to_east_north
 from skyfolio.mavlink_bridge.items import Mission
 from skyfolio.mavlink_bridge.keeper import Keeper, Order, Slip
 from skyfolio.mavlink_bridge.speeds import order_speed, require_in_mission, restore_speed
 from skyfolio.mavlink_bridge.stream import RATE_HZ, Streamer
 from skyfolio.mavlink_bridge.telemetry import Telemetry
 from skyfolio.mavlink_bridge.vehicle import NotDone, Vehicle
+from skyfolio.planner.geodesy import geodetic_to_east_north
 from skyfolio.planner.scenario import Origin
 
 LOOK_S = 0.1

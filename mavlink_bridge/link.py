@@ -11,7 +11,6 @@ from typing import TypeVar
 import skyfolio.mavlink_bridge.departure as departure
 import skyfolio.mavlink_bridge.flight as flight
 from skyfolio.mavlink_bridge.findings import START_WITHIN_M, Facts, Needs
-from skyfolio.mavlink_bridge.geodesy import geodetic_to_east_north
 from skyfolio.mavlink_bridge.heartbeat import LinkState
 from skyfolio.mavlink_bridge.items import MAX_ITEMS, Mission, MissionItem
 from skyfolio.mavlink_bridge.listening import ListeningLink
@@ -27,6 +26,7 @@ from skyfolio.mavlink_bridge.transfer import (
     upload_verified,
 )
 from skyfolio.mavlink_bridge.vehicle import NotDone, Vehicle
+from skyfolio.planner.geodesy import geodetic_to_east_north
 from skyfolio.planner.plans import Plan
 
 SET_ITEM_TIMES = 2

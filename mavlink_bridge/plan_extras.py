@@ -10,8 +10,8 @@ from collections.abc import Mapping, Sequence
 from math import isfinite
 from typing import Any
 
+from skyfolio.mavlink_bridge.e7 import from_e7, to_e7
 from skyfolio.mavlink_bridge.errors import FormatError
-from skyfolio.mavlink_bridge.geodesy import from_e7, to_e7
 from skyfolio.mavlink_bridge.items import Command, Frame, MissionItem
 
 _POLYGON = {

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from skyfolio.mavlink_bridge.geodesy import to_e7
+from skyfolio.mavlink_bridge.e7 import to_e7
 from skyfolio.mavlink_bridge.items import Frame
 from skyfolio.mavlink_bridge.mission_messages import AUTOPILOT_COMPONENT, Message
 from skyfolio.mavlink_bridge.pace import Point

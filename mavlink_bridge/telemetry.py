@@ -9,7 +9,7 @@ from math import isfinite
 from typing import Any, TypeAlias
 
 from skyfolio.mavlink_bridge.autopilots import Autopilot, FlightMode
-from skyfolio.mavlink_bridge.geodesy import from_e7
+from skyfolio.mavlink_bridge.e7 import from_e7
 from skyfolio.mavlink_bridge.profile import AutopilotProfile
 from skyfolio.mavlink_bridge.speaker import Speaker
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from math import isclose
 
-from skyfolio.mavlink_bridge.geodesy import to_e7
+from skyfolio.mavlink_bridge.e7 import to_e7
 from skyfolio.mavlink_bridge.items import Command, Frame, MissionItem
 from skyfolio.mavlink_bridge.pace import Point
 from skyfolio.mavlink_bridge.schedule import Schedule, Stop

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
-from pydantic import Field
+from collections.abc import Mapping
+from typing import Any
 
-from skyfolio.planner.scenario import Frozen, Hertz, Identifier, Scenario, Uav, User, Utility
+from pydantic import Field, model_validator
+
+from skyfolio.planner.places import Parts, with_metres
+from skyfolio.planner.scenario import Frozen, Hertz, Identifier, Origin, Scenario, Uav, User, Utility
+
+_PLACED: Parts = {"users_joined": ("position",), "returned": ("start", "end")}
 
 
 class ReplanError(ValueError):
@@ -17,7 +23,8 @@ class Changes(Frozen):
     failed: UAVs that are gone. returned: UAVs that join or come back, whole, with `start_m` where they are then.
     users_joined, users_left: users by value and by id. A user that joins has no past: the slots before are not in its
     expectation, which counts by the share of the slots in which the user was there. One that leaves no longer counts,
-    nor does what it got. utility: the new one. bandwidth_hz: the new band of some UAVs, by id.
+    nor does what it got. utility: the new one. bandwidth_hz: the new band of some UAVs, by id. origin: the plan's; it
+    is needed, and only used, where users or UAVs are given in degrees alone.
     """
 
     failed: tuple[Identifier, ...] = ()
@@ -26,6 +33,18 @@ class Changes(Frozen):
     users_left: tuple[Identifier, ...] = ()
     utility: Utility | None = None
     bandwidth_hz: dict[Identifier, Hertz] = Field(default_factory=dict)
+    origin: Origin | None = Field(
+        default=None,
+        exclude_if=lambda value: value is None,
+        description="That of the plan; needed where places are given in degrees alone.",
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _in_metres(cls, given: Any) -> Any:
+        if isinstance(given, Mapping) and given.get("origin") is None:
+            return given  # metres that are missing are told by the parts themselves
+        return with_metres(given, _PLACED)
 
 
 def users_after(scenario: Scenario, changes: Changes) -> tuple[User, ...]:

@@ -51,6 +51,8 @@ def remaining(
     gone = {*failed, *changes.failed}
     begin = at_slot - previous.first_slot
     _check_request(previous, gone, begin, positions_m)
+    if changes.origin not in {None, previous.scenario.origin}:
+        raise ReplanError(f"origin: {changes.origin} is not that of plan {previous.id}, {previous.scenario.origin}")
     planned = {uav.id: previous.trajectories_m[uav.id][begin] for uav in previous.scenario.uavs}
     now = {**planned, **(positions_m or {})}
     survivors = tuple(

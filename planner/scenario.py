@@ -2,6 +2,7 @@
 
 Positions are east/north metres from `Scenario.origin`; altitude is metres above each vehicle's own home.
 Every rule is checked when the object is created, and the message names the field, its value and the rule.
+Where a field ends in `_m`, its twin in `_deg` may be given instead, in degrees: a scenario keeps both (`places.py`).
 """
 
 from __future__ import annotations
@@ -11,19 +12,50 @@ from itertools import combinations
 from math import dist
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 from shapely import Point as GeoPoint
 from shapely import Polygon
 
-Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
-Coordinate = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-100_000, le=100_000)]
+from skyfolio.planner.parts import (
+    MAX_VERTICES,
+    Coordinate,
+    Frozen,
+    Origin,
+    Placed,
+    Point,
+    PositionDeg,
+    either,
+    in_degrees,
+    without_stale_degrees,
+)
+from skyfolio.planner.places import Twin, require_agreement, require_closed_off, with_metres
+
+__all__ = [
+    "Altitude",
+    "BitsPerSecond",
+    "Channel",
+    "Coordinate",
+    "Frozen",
+    "Hertz",
+    "Identifier",
+    "NoFlyDisc",
+    "NoFlyPolygon",
+    "NoFlyZone",
+    "Origin",
+    "Point",
+    "PositionDeg",
+    "Scenario",
+    "Uav",
+    "User",
+    "Utility",
+    "Watts",
+    "zone_holds",
+]
+
 Altitude = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0.1, le=20_000)]
 Hertz = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=1, le=1e11)]
 Watts = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=1e-12, le=1e6)]
 BitsPerSecond = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=1e15)]
-Point = tuple[Coordinate, Coordinate]
-"""East, north in metres from the origin; beyond 100 km a flat local frame is no longer honest."""
-
 REACH_ROUNDING_M = 1e-10
 """An end position this little further away than a UAV can fly is in reach: what adding up its steps is off by."""
 
@@ -33,25 +65,14 @@ Fading = Literal["mean", "sampled", "held", "expected"]
 Identifier = Annotated[str, Field(strict=True, pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$")]
 
 
-class Frozen(BaseModel):
-    """The base of all parts: immutable, keyword-only, and strict about unknown fields."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class Origin(Frozen):
-    """Where (0, 0) of the local east/north frame lies on the WGS-84 ellipsoid, degrees."""
-
-    lat_deg: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-85, le=85)]
-    lon_deg: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-180, le=180)]
-
-
-class Uav(Frozen):
+class Uav(Placed):
     """One flying base station: `q_0u`, `D_max`, `B_u` and `p_u` of the letter.
 
     Beyond the letter, each optional: `altitude_m` of its own, metres above its home; `end_m`, where it must be in its
     last slot; `leaves_at_slot`, the slot (counted from 0) from which on it is gone, a battery's end known beforehand.
     """
+
+    model_config = ConfigDict(json_schema_extra=either(("start_m",), ("start_deg",)))
 
     id: Identifier
     start_m: Point
@@ -61,17 +82,22 @@ class Uav(Frozen):
     altitude_m: Altitude | None = None
     end_m: Point | None = None
     leaves_at_slot: Annotated[int, Field(strict=True, ge=1)] | None = None
+    start_deg: PositionDeg | None = in_degrees("Where it starts, degrees; may be given instead of `start_m`.")
+    end_deg: PositionDeg | None = in_degrees("Where it must end, degrees; may be given instead of `end_m`.")
 
 
-class User(Frozen):
+class User(Placed):
     """One quasi-static user on the ground: `c_k` of the letter. It may stand outside the flying area.
 
     `min_rate_bps` is what it must get in every slot, bit/s.
     """
 
+    model_config = ConfigDict(json_schema_extra=either(("position_m",), ("position_deg",)))
+
     id: Identifier
     position_m: Point
     min_rate_bps: BitsPerSecond = 0.0
+    position_deg: PositionDeg | None = in_degrees("Where it is, degrees; may be given instead of `position_m`.")
 
 
 class Channel(Frozen):
@@ -90,19 +116,27 @@ class Channel(Frozen):
     seed: Annotated[int, Field(strict=True, ge=0, lt=2**63)] = 0
 
 
-class NoFlyDisc(Frozen):
+class NoFlyDisc(Placed):
     """A round area over which no UAV may fly; its edge may be touched. Metres."""
+
+    model_config = ConfigDict(json_schema_extra=either(("center_m",), ("center_deg",)))
 
     kind: Literal["disc"] = "disc"
     center_m: Point
     radius_m: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=1_000_000)]
+    center_deg: PositionDeg | None = in_degrees("Its centre, degrees; may be given instead of `center_m`.")
 
 
-class NoFlyPolygon(Frozen):
+class NoFlyPolygon(Placed):
     """A simple polygon over which no UAV may fly; its edge may be touched. Metres, in either order of rotation."""
 
+    model_config = ConfigDict(json_schema_extra=either(("vertices_m",), ("vertices_deg",)))
+
     kind: Literal["polygon"] = "polygon"
-    vertices_m: Annotated[tuple[Point, ...], Field(min_length=3, max_length=200)]
+    vertices_m: Annotated[tuple[Point, ...], Field(min_length=3, max_length=MAX_VERTICES)]
+    vertices_deg: Annotated[tuple[PositionDeg, ...], Field(min_length=3, max_length=MAX_VERTICES)] | None = in_degrees(
+        "Its outline, degrees; may be given instead of `vertices_m`."
+    )
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -131,7 +165,12 @@ class Scenario(Frozen):
     """A planning problem, constraints (6a)-(6g) of the letter.
 
     `D_max` of eq. (6d) is `max_speed_mps * slot_duration_s` of each UAV; `D_min` of eq. (6e) is `min_separation_m`.
+    `area_deg` is two corners, south-west and north-east, or a polygon. What UAVs may use is `area_m`: inside the
+    corners, or around the polygon, where no-fly zones close off what is outside of it. Without an origin, one is chosen
+    amid all places that are given in degrees.
     """
+
+    model_config = ConfigDict(json_schema_extra=either(("area_m", "origin"), ("area_deg",)))
 
     origin: Origin
     area_m: tuple[Point, Point]
@@ -144,6 +183,14 @@ class Scenario(Frozen):
     channel: Channel = Channel()
     utility: Utility = Utility()
     no_fly: Annotated[tuple[NoFlyZone, ...], Field(max_length=100)] = ()
+    area_deg: Annotated[tuple[PositionDeg, ...], Field(min_length=2, max_length=MAX_VERTICES)] | None = in_degrees(
+        "Corners south-west and north-east, or a polygon, degrees; may be given instead of `area_m`."
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _in_metres(cls, given: Any) -> Any:
+        return with_metres(given)
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -152,6 +199,7 @@ class Scenario(Frozen):
             raise ValueError(
                 f"area_m: {self.area_m} must be [[west, south], [east, north]] with west < east and south < north"
             )
+        self._check_degrees()
         _require_unique("uavs", [uav.id for uav in self.uavs])
         _require_unique("users", [user.id for user in self.users])
         for index, uav in enumerate(self.uavs):
@@ -166,6 +214,23 @@ class Scenario(Frozen):
             if a.end_m is not None and b.end_m is not None and self.last_slot(a) == self.last_slot(b):
                 self._check_apart("end_m", a, b, a.end_m, b.end_m)
         return self
+
+    def _check_degrees(self) -> None:
+        twins = [
+            *(Twin(f"users.{k}.position", user.position_m, user.position_deg) for k, user in enumerate(self.users)),
+            *(Twin(f"uavs.{u}.start", uav.start_m, uav.start_deg) for u, uav in enumerate(self.uavs)),
+            *(Twin(f"uavs.{u}.end", uav.end_m, uav.end_deg) for u, uav in enumerate(self.uavs)),
+            *(
+                Twin(f"no_fly.{z}.center", zone.center_m, zone.center_deg)
+                if isinstance(zone, NoFlyDisc)
+                else Twin(f"no_fly.{z}.vertices", zone.vertices_m, zone.vertices_deg)
+                for z, zone in enumerate(self.no_fly)
+            ),
+        ]
+        require_agreement(self.origin, twins)
+        if self.area_deg is not None:
+            outlines = [zone.vertices_m for zone in self.no_fly if isinstance(zone, NoFlyPolygon)]
+            require_closed_off(self.origin, self.area_deg, self.area_m, outlines)
 
     def _check_point(self, field: str, point: Point, uav: str) -> None:
         (west, south), (east, north) = self.area_m
@@ -218,7 +283,9 @@ class Scenario(Frozen):
     def with_changes(self, **changes: Any) -> Self:
         """Return a validated copy with some fields replaced."""
         fields = {name: getattr(self, name) for name in type(self).model_fields}
-        return type(self)(**{**fields, **changes})
+        if "no_fly" in changes:  # zones close off what is outside of a polygon
+            changes = {"area_deg": None, **changes}
+        return type(self)(**{**fields, **without_stale_degrees(type(self), changes)})
 
 
 def zone_holds(zone: NoFlyDisc | NoFlyPolygon, point: Point) -> bool:

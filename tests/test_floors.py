@@ -21,13 +21,14 @@ ROOMS = {
     "store": {"common"},
     "access": {"common", "store"},
     "plans": {"common", "store"},
+    "places": {"common"},
     "fleet": {"common", "store"},
     "flights": {"common", "store", "plans", "fleet"},
     "service": {"common", "store", "access", "plans", "fleet", "flights"},
-    "http": {"common", "store", "access", "plans", "fleet", "flights", "service", "dashboard"},
+    "http": {"common", "store", "access", "places", "plans", "fleet", "flights", "service", "dashboard"},
     "client": {"common", "plans", "fleet", "flights", "store"},
     "dashboard": {"common", "client"},
-    "cli": {"common", "store", "access", "plans", "fleet", "flights", "http", "client", "lab"},
+    "cli": {"common", "store", "access", "places", "plans", "fleet", "flights", "http", "client", "lab"},
     "lab": {"common", "store", "plans", "fleet", "flights", "service", "http", "client"},
 }
 """What each room of `api` may import. `dashboard` sees the service as a client does, and no room of the service knows

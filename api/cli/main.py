@@ -35,11 +35,15 @@ COMMANDS = {
     ),
     "export": LazyCommand(
         f"{CLI}.planning:export",
-        "Write the MAVLink missions of a plan as QGroundControl `.plan`, `.waypoints` text or JSON.",
+        "Write a plan as QGroundControl `.plan`, `.waypoints` or JSON missions, or as GeoJSON, KML or CSV.",
     ),
     "fleet": LazyCommand(f"{CLI}.remote:fleet", "Order vehicles of a service to hold, return or land now."),
     "fly": LazyCommand(
         f"{CLI}.remote:fly", "Plan a scenario at the service and fly it with the vehicles registered there."
+    ),
+    "import": LazyCommand(
+        f"{CLI}.importing:import_command",
+        "Make a scenario of users, UAVs, no-fly zones and areas in GeoJSON, CSV or KML files.",
     ),
     "keys": LazyCommand(f"{CLI}.keys:keys", "Create, list and revoke the API keys of the service."),
     "plan": LazyCommand(f"{CLI}.planning:plan_command", "Plan a scenario.", solves=True),

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 from rich.console import Console
@@ -15,8 +15,11 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from skyfolio.api.cli import terminal as show
 from skyfolio.api.cli.autopilots import DEFAULT, AutopilotOfMission
-from skyfolio.api.cli.files import Json, Out, PinsFile, UsageError, read_as, read_scenario, write
-from skyfolio.planner import EXAMPLES, AnyOf, Changes, Deadline, Pins, Plan, converged, plan, replan
+from skyfolio.api.cli.files import Json, Out, PinsFile, UsageError, read, read_as, read_scenario, write
+from skyfolio.planner import EXAMPLES, AnyOf, Changes, Deadline, Pins, Plan, Scenario, converged, plan, replan
+
+if TYPE_CHECKING:
+    from skyfolio.api.places.writing import Format
 
 UNMET_STATUS = 3
 """Exit status of a plan that could not give every user its minimum rate: it was written, and flies."""
@@ -83,14 +86,25 @@ def replan_command(
 
 
 def export(
-    file: Annotated[Path, typer.Argument(help="Plan as JSON.")],
-    uav_id: Annotated[str | None, typer.Option(help="Which UAV; not needed for --format json.")] = None,
-    format: Annotated[Literal["plan", "waypoints", "json"], typer.Option(help="File format.")] = "plan",  # noqa: A002
+    file: Annotated[Path, typer.Argument(help="Plan as JSON; for geojson, kml and csv a scenario too.")],
+    uav_id: Annotated[str | None, typer.Option(help="Which UAV; for --format plan and waypoints.")] = None,
+    format: Annotated[  # noqa: A002
+        Literal["plan", "waypoints", "json", "geojson", "kml", "csv"],
+        typer.Option(
+            help="File format: a mission of one UAV (plan, waypoints), all missions (json), or a map or table."
+        ),
+    ] = "plan",
     autopilot: AutopilotOfMission = DEFAULT,
     out: Out = None,
     as_json: Json = False,
 ) -> None:
-    """Write the MAVLink missions of a plan as QGroundControl `.plan`, `.waypoints` text or JSON."""
+    """Write a plan as QGroundControl `.plan`, `.waypoints` or JSON missions, or as GeoJSON, KML or CSV.
+
+    CSV is a row for each slot and UAV. A scenario instead of a plan is written so that `skyfolio import` reads it back.
+    """
+    if format in {"geojson", "kml", "csv"} and not as_json:
+        write(_places(file, format), out)
+        return
     from skyfolio.api.plans.mission_files import Missions  # noqa: PLC0415 - MAVSDK is only loaded where it is used
     from skyfolio.mavlink_bridge import Autopilot  # noqa: PLC0415
 
@@ -102,6 +116,13 @@ def export(
     else:
         text = missions.waypoints(uav_id)
     write(text, out)
+
+
+def _places(file: Path, form: Format) -> str:
+    from skyfolio.api.places.writing import write_plan, write_scenario  # noqa: PLC0415 - not part of planning
+
+    is_plan = '"trajectories_m"' in read(file)
+    return write_plan(read_as(Plan, file), form) if is_plan else write_scenario(read_as(Scenario, file), form)
 
 
 def bound(

@@ -1,9 +1,10 @@
-"""Requests about plans: make, replan, explain, preview, put through disturbances."""
+"""Requests about plans: import what is planned, make, replan, explain, preview, put through disturbances, export."""
 
 from __future__ import annotations
 
+from base64 import b64encode
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import httpx2
 
@@ -116,6 +117,17 @@ class PlanRequests(Transport):
         params = {} if deadline_s is None else {"deadline_s": deadline_s}
         path, body = f"/v1/plans/{plan_id}/robustness", (trial or Trial()).model_dump(mode="json")
         return Robustness.model_validate_json(self.call("POST", path, json=body, params=params).content)
+
+    def import_files(self, files: Mapping[str, bytes], *, base: Scenario | None = None, **settings: Any) -> Scenario:
+        """Return the scenario that files describe, by name; base: what the rest is taken from; settings: slots..."""
+        sent = [{"name": name, "content_base64": b64encode(content).decode()} for name, content in files.items()]
+        body = {"files": sent, "base": base and base.model_dump(mode="json"), "settings": settings}
+        answer = self.call("POST", "/v1/scenarios:import", json=body)
+        return Scenario.model_validate(answer.json()["scenario"])
+
+    def export(self, plan_id: str, form: Literal["geojson", "kml", "csv"] = "geojson") -> str:
+        """Return a plan as a file for maps and spreadsheets."""
+        return self.call("GET", f"/v1/plans/{plan_id}/export", params={"format": form}).text
 
     def _finished(self, plan: Plan | UnfinishedPlan) -> Plan:
         if isinstance(plan, Plan):

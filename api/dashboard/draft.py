@@ -81,15 +81,17 @@ class Draft:
         """Add a UAV or a user with the properties of the last one, and return its id."""
         rows = self.data[LISTS[kind]]
         number = 1 + max((int(tail) for entry in rows if (tail := entry["id"].rpartition("-")[2]).isdigit()), default=0)
-        new = {**deepcopy(rows[-1]), "id": f"{kind}-{number}", _where(kind): [east_m, north_m]}
+        new = {**deepcopy(rows[-1]), "id": f"{kind}-{number}"}
         if kind == "uav":
             new.update(end_m=None, leaves_at_slot=None)
+            new.pop("end_deg", None)
+        _put(new, kind, east_m, north_m)
         rows.append(new)
         return str(new["id"])
 
     def move(self, kind: Kind, entry_id: str, east_m: float, north_m: float) -> None:
         """Move a UAV or a user. Raises KeyError."""
-        self._entry(kind, entry_id)[_where(kind)] = [east_m, north_m]
+        _put(self._entry(kind, entry_id), kind, east_m, north_m)
         if kind == "uav":
             self.pins.release_path(entry_id)
 
@@ -126,6 +128,12 @@ def broken(error: ValidationError) -> str:
         message = str(problem["msg"]).removeprefix("Value error, ")
         rows.append(f"{field}: {message}" if field else message)
     return "; ".join(rows[:5])
+
+
+def _put(entry: dict[str, Any], kind: Kind, east_m: float, north_m: float) -> None:
+    """Set the position; where it was in degrees is no longer so."""
+    entry[_where(kind)] = [east_m, north_m]
+    entry.pop(_where(kind).replace("_m", "_deg"), None)
 
 
 def _where(kind: Kind) -> str:

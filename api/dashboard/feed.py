@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from base64 import b64encode
 from collections.abc import AsyncIterator, Mapping, Sequence
 from typing import Any
 
@@ -81,6 +82,20 @@ class Feed:
         if known.status is not None:
             raise RestError(202, "Not finished", f"the explanation of {plan_id} is still {known.status}")
         return Explanation.model_validate_json(text)
+
+    async def imported(self, files: Mapping[str, bytes], base: Scenario | None) -> tuple[Scenario, list[str]]:
+        """Return the scenario that GeoJSON, CSV and KML files describe, by name, and what was chosen for it.
+
+        base: the scenario from which the rest is taken.
+        """
+        sent = [{"name": name, "content_base64": b64encode(content).decode()} for name, content in files.items()]
+        body = {"files": sent, "base": base and base.model_dump(mode="json")}
+        made = await self._rest.call("POST", "/v1/scenarios:import", json=body)
+        return Scenario.model_validate(made["scenario"]), list(made["notes"])
+
+    async def plan_file(self, plan_id: str, form: str) -> str:
+        """Return a plan as GeoJSON, KML or CSV."""
+        return await self._rest.text("GET", f"/v1/plans/{plan_id}/export", format=form)
 
     async def mission_file(self, plan_id: str, uav_id: str) -> Any:
         """Return one UAV's mission as a QGroundControl `.plan` document."""

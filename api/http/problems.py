@@ -117,6 +117,7 @@ def answer_to(error: Exception) -> JSONResponse:
     status, kind, title = next(row for cls, row in TABLE.items() if isinstance(error, cls))
     field, colon, message = str(error).partition(": ")
     errors = [{"field": field, "rule": kind, "message": message}] if status == 422 and colon else None
+    errors = getattr(error, "rows", errors)
     return problem(status, kind, title, str(error), errors, getattr(error, "retry_after_s", 1.0))
 
 

@@ -231,6 +231,24 @@ def test_a_scenario_file_is_loaded_and_a_bad_one_refused(page: Page, idle: Servi
     page.see(".sf-sub", "2 UAVs, 4 users")
 
 
+def test_a_spreadsheet_of_users_is_loaded_and_a_plan_exported_as_a_map(page: Page, idle: Service, folder: Path) -> None:
+    users, comma = folder / "users.csv", folder / "comma.csv"
+    users.write_text("kind,id,lat,lon\nuser,kiosk,47.3990,8.5473\nuser,school,47.4008,8.5502\n")
+    comma.write_text("kind;id;lat;lon\nuser;kiosk;47,3990;8.5473\n")
+    page.open(idle.url, "/ui/plan")
+    page.see(".sf-sub", "3 UAVs, 9 users")
+    page.upload(comma)
+    page.see(".sf-fail", "comma.csv: row 2: lat: '47,3990' has a decimal comma; write 47.3990")
+    page.upload(users)
+    page.see(".sf-sub", "3 UAVs, 2 users")
+    page.press("Plan it")
+    page.see(".sf-figures th", "Jain index")
+    page.press("Export map")
+    saved = page.until(lambda: next(iter(folder.glob("*.geojson")), None), "the download")
+    kinds = {one["properties"]["kind"] for one in json.loads(saved.read_text())["features"]}
+    assert {"user", "uav", "path", "position"} <= kinds
+
+
 def test_a_reload_loses_no_scenario_and_no_plan(page: Page, idle: Service) -> None:
     page.open(idle.url, "/ui/plan")
     page.see(".sf-sub", "3 UAVs, 9 users")

@@ -63,3 +63,20 @@ def test_files_may_hold_a_scenario_or_a_plan(minimal: Scenario, small_plan: Plan
 def test_files_that_hold_neither_are_refused(content: bytes, complaint: str) -> None:
     with pytest.raises(DraftError, match=complaint):
         Draft.from_file(content)
+
+
+def test_what_is_moved_is_no_longer_where_its_degrees_say(minimal: Scenario) -> None:
+    raw = minimal.model_dump(mode="json")
+    raw["users"] = [{"id": "user-1", "position_deg": {"lat": 47.398, "lon": 8.546}}]
+    raw["uavs"] = [
+        {"id": "uav-1", "start_deg": {"lat": 47.398, "lon": 8.546}, "end_deg": {"lat": 47.398, "lon": 8.546}}
+    ]
+    draft = Draft(Scenario.model_validate(raw))
+    draft.move("user", "user-1", 33.0, 44.0)
+    draft.place("user", 10.0, 20.0)
+    draft.place("uav", 100.0, 90.0)
+    made = draft.scenario()
+    assert [user.position_m for user in made.users] == [(33.0, 44.0), (10.0, 20.0)]
+    assert [uav.end_m is None for uav in made.uavs] == [False, True]
+    assert made.users[0].position_deg is None
+    assert made.uavs[0].start_deg is not None

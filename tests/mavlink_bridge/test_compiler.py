@@ -19,9 +19,9 @@ from skyfolio.mavlink_bridge import (
     TooManyItems,
     UnknownUav,
     compile_mission,
-    geodesy,
     geodetic_to_east_north,
 )
+from skyfolio.planner import geodesy
 from skyfolio.planner.plans import Plan
 
 coordinate = st.one_of(st.sampled_from([0.0, 10.0, 25.0]), st.floats(-300, 300))

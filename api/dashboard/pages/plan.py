@@ -13,9 +13,10 @@ from skyfolio.api.dashboard.elements import MapView, attempt, panel, text
 from skyfolio.api.dashboard.pages.desk import Desk
 from skyfolio.api.dashboard.pages.pins_panel import PinsPanel
 from skyfolio.api.dashboard.pages.results import Results
+from skyfolio.api.dashboard.rest import RestError
 from skyfolio.api.dashboard.shell import Shell
 from skyfolio.api.dashboard.watch import Watch
-from skyfolio.planner import Plan
+from skyfolio.planner import Plan, Scenario
 
 TOOLS = {None: "Look", "user": "+ User", "uav": "+ UAV", "remove": "Remove"}
 FIELDS = (
@@ -25,6 +26,8 @@ FIELDS = (
     ("min_separation_m", "Separation, m", 0.0, 1.0),
 )
 START_WITH = "paper"
+PLACES = (".geojson", ".csv", ".tsv", ".kml")
+"""Endings of files that are imported; a `.json` file is a scenario or a plan."""
 
 
 class PlanPage:
@@ -55,10 +58,10 @@ class PlanPage:
         with panel("Scenario", "sf-noshrink"), ui.element("div").classes("sf-body"):
             with ui.element("div").classes("sf-row"):
                 self._example = ui.select({}, label="Example", on_change=self._example_chosen).props("dense outlined")
-                upload = ui.upload(auto_upload=True, on_upload=self._uploaded)
-                upload.props('accept=".json" max-files=1').classes("sf-upload")
+                upload = ui.upload(multiple=True, auto_upload=True, on_multi_upload=self._uploaded)
+                upload.props(f'accept=".json,{",".join(PLACES)}" max-files=20').classes("sf-upload")
                 load = ui.button("Load file", on_click=lambda: upload.run_method("pickFiles")).props("outline")
-                load.props('title="A scenario or a plan as JSON"')
+                load.props('title="A scenario or a plan as JSON; or users, UAVs and zones as GeoJSON, CSV or KML"')
             with ui.element("div").classes("sf-row"):
                 self._fields = {
                     name: ui.number(label, min=least, step=step, on_change=self._fields_changed).props("dense outlined")
@@ -110,16 +113,37 @@ class PlanPage:
 
             await attempt(read)
 
-    async def _uploaded(self, event: events.UploadEventArguments) -> None:
+    async def _uploaded(self, event: events.MultiUploadEventArguments) -> None:
         event.sender.run_method("reset")
+        names = ", ".join(file.name for file in event.files)
         try:
-            draft = Draft.from_file(await event.file.read())
+            draft, notes = await self._read({file.name: await file.read() for file in event.files})
         except DraftError as error:
-            self._complaint.set_text(f"{event.file.name}: {error}")
+            self._complaint.set_text(f"{names}: {error}")
+            return
+        except RestError as error:
+            self._complaint.set_text(error.detail)
             return
         self._example.set_value(None)
         self._use(draft)
-        ui.notify(f"{event.file.name} loaded", type="positive", position="bottom-left", timeout=2500)
+        said = "; ".join([f"{names} loaded", *notes])
+        ui.notify(said, type="positive", position="bottom-left", timeout=8000 if notes else 2500)
+
+    async def _read(self, files: dict[str, bytes]) -> tuple[Draft, list[str]]:
+        """Return the draft that the files hold. Raises DraftError and RestError."""
+        if not any(name.lower().endswith(PLACES) for name in files):
+            if len(files) > 1:
+                raise DraftError("a scenario or a plan in JSON is loaded alone")
+            return Draft.from_file(*files.values()), []
+        scenario, notes = await self._feed.imported(files, self._base())
+        return Draft(scenario), notes
+
+    def _base(self) -> Scenario | None:
+        """Return the scenario on the page, if it is a valid one: what the files do not have is taken from it."""
+        try:
+            return None if self._draft is None else self._draft.scenario()
+        except DraftError:
+            return None  # its broken rules are shown on the page already
 
     def _use(self, draft: Draft) -> None:
         self._draft = draft

@@ -20,6 +20,7 @@ from skyfolio.api.dashboard.watch import Watch
 from skyfolio.planner import Pins, Plan, Scenario
 
 TRADE_OFF_MUS = (0.0, -0.02, -0.05, -0.1, -0.2, -0.5, -1.0, -2.0)
+FORMS = {"GeoJSON": "geojson", "KML": "kml", "CSV": "csv"}
 
 
 @dataclass(frozen=True)
@@ -69,6 +70,10 @@ class Results:
                 self._explain.props('title="Why users get little, what more would be worth, which constraint binds"')
                 self._export_uav = ui.select([], label="UAV").props("dense outlined").classes("sf-short")
                 self._export = ui.button("Export .plan", on_click=self._export_plan).props("outline")
+            with ui.element("div").classes("sf-row"):
+                self._form = ui.select(list(FORMS), label="Format", value=next(iter(FORMS))).props("dense outlined")
+                self._export_all = ui.button("Export map", on_click=self._export_map).props("outline")
+                self._export_all.props('title="Paths and positions in each slot, users and zones in degrees"')
             self._metrics = ui.element("div").props('aria-live="polite"')
             self._sums = ui.echart(charts.sums({}, 1)).classes("sf-chart sf-sums")
 
@@ -162,7 +167,7 @@ class Results:
         uavs = list(plan.scenario.uav_ids) if plan else []
         for select in (self._export_uav, self._lose):
             select.set_options(uavs, value=select.value if select.value in uavs else (uavs[0] if uavs else None))
-        for button in (self._export, self._explain, self._ask, self._ask_all, self._sweep):
+        for button in (self._export, self._export_all, self._explain, self._ask, self._ask_all, self._sweep):
             button.set_enabled(plan is not None)
         self._fly_button.set_enabled(plan is not None and plan.parent is None)
         self._show()
@@ -277,6 +282,16 @@ class Results:
             self._explain.props("loading")
             await self._reasons.open(self._current)
             self._explain.props(remove="loading")
+
+    async def _export_map(self) -> None:
+        plan_id, form = self._current, FORMS[str(self._form.value)]
+        if plan_id is None:
+            return
+
+        async def export() -> None:
+            ui.download.content(await self._feed.plan_file(plan_id, form), f"{plan_id}.{form}")
+
+        await attempt(export)
 
     def _open_fly(self) -> None:
         if self._current is not None:

@@ -79,6 +79,17 @@ ROBUSTNESS_EXAMPLES = _bodies(
         },
     ),
 )
+IMPORT_EXAMPLES = _bodies(
+    users=(
+        "Users from a spreadsheet, UAVs and settings of an example",
+        {
+            "files": [
+                {"name": "users.csv", "content": "id,lat_deg,lon_deg\nkiosk,47.3981,8.5463\nschool,47.3984,8.5471\n"}
+            ],
+            "base": EXAMPLES["minimal"]().model_dump(mode="json", exclude_defaults=True),
+        },
+    ),
+)
 VEHICLE_EXAMPLES = _bodies(first=("UAV 'uav-1' is MAVLink system 1", {"uav_id": "uav-1", "system_id": 1}))
 OPERATION_EXAMPLES = _bodies(
     auto=("Recover from losses automatically", {"plan_id": "plan-5b0c4e9a7d21", "replanning": "auto"}),

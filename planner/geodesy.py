@@ -13,7 +13,7 @@ from math import cos, radians, sin, sqrt
 import numpy as np
 from pymap3d import enu2geodetic
 
-from skyfolio.planner.scenario import Origin
+from skyfolio.planner.parts import Origin
 
 _PASSES = 6
 """Each pass shrinks the height error by about (distance / Earth radius)^2; six reach nanometres at 100 km."""
@@ -58,13 +58,3 @@ def _ecef_of(lat_deg: float, lon_deg: float) -> tuple[float, float, float]:
     lat, lon = radians(lat_deg), radians(lon_deg)
     normal_m = _EQUATOR_M / sqrt(1.0 - _E2 * sin(lat) ** 2)
     return normal_m * cos(lat) * cos(lon), normal_m * cos(lat) * sin(lon), normal_m * (1.0 - _E2) * sin(lat)
-
-
-def to_e7(degrees: float) -> int:
-    """Return degrees as MAVLink sends them: integer 1e-7 degrees (1.1 cm), rounded to nearest."""
-    return round(degrees * 1e7)
-
-
-def from_e7(e7: int) -> float:
-    """Return integer 1e-7 degrees as degrees."""
-    return e7 / 1e7

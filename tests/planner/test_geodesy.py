@@ -8,12 +8,11 @@ from hypothesis import strategies as st
 from pymap3d import geodetic2enu
 from pymap3d.vincenty import vdist
 
-from skyfolio.mavlink_bridge.geodesy import (
+from skyfolio.mavlink_bridge.e7 import from_e7, to_e7
+from skyfolio.planner.geodesy import (
     east_north_to_geodetic,
-    from_e7,
     geodetic_to_east_north,
     points_to_geodetic,
-    to_e7,
 )
 from skyfolio.planner.scenario import Origin
 

@@ -1,0 +1,93 @@
+"""The files that are given, and what each of them holds."""
+
+from __future__ import annotations
+
+from codecs import BOM_UTF8, BOM_UTF16_BE, BOM_UTF16_LE
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import PurePath
+from typing import Any, Literal
+
+from shapely.geometry.base import BaseGeometry
+
+from skyfolio.api.places.faults import Fault, FaultyFilesError
+
+MAX_BYTES = 10_000_000
+MAX_FEATURES = 20_000
+Kind = Literal["user", "uav", "no_fly", "area"]
+Encoding = Literal["utf-8", "utf-16", "windows-1252", "iso-8859-1"]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SourceFile:
+    """A file as it was given. kind: what is in it, if that is said outside of it; encoding: of its text, if known."""
+
+    name: str
+    content: bytes
+    kind: Kind | None = None
+    encoding: Encoding | None = None
+
+    def __post_init__(self) -> None:
+        if len(self.content) > MAX_BYTES:
+            raise FaultyFilesError([self.fault("size", f"it has {len(self.content)} bytes; at most are {MAX_BYTES}")])
+
+    @property
+    def suffix(self) -> str:
+        """Return the end of the name, `.csv` for instance, in lower case."""
+        return PurePath(self.name).suffix.lower()
+
+    def fault(self, rule: str, message: str, row: str = "", column: str = "") -> Fault:
+        """Return a fault of this file."""
+        return Fault(file=self.name, rule=rule, message=message, row=row, column=column)
+
+    def text(self) -> str:
+        """Return the text, without a byte order mark. Raises FaultyFilesError if it is in another encoding."""
+        encoding = self.encoding or _encoding_by_mark(self.content)
+        try:
+            return self.content.decode(encoding).removeprefix("\ufeff")
+        except UnicodeDecodeError as error:
+            line = self.content[: error.start].count(b"\n") + 1
+            message = f"byte {error.start} is not {encoding.upper()}; save the file as UTF-8, or name its encoding"
+            raise FaultyFilesError([self.fault("encoding", message, f"line {line}")]) from error
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Feature:
+    """One user, UAV, zone or area of a file.
+
+    geometry: longitude and latitude, degrees; None if the file has none. values: what is said of it, by the names of
+    the scenario's fields. columns: what these fields are called in the file.
+    """
+
+    file: SourceFile
+    row: str
+    kind: Kind
+    geometry: BaseGeometry
+    values: Mapping[str, Any] = field(default_factory=dict)
+    columns: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def label(self) -> str:
+        """Return where it is: file and row."""
+        return f"{self.file.name}: {self.row}"
+
+    def fault(self, rule: str, message: str, name: str = "") -> Fault:
+        """Return a fault of this feature; name: the field of the scenario that it is about."""
+        place = self.columns.get("lat", name) if name.endswith("_deg") and name not in self.values else name
+        return self.file.fault(rule, message, self.row, self.columns.get(name, place))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Holding:
+    """What a file holds. settings: those of a scenario, if it has any. ignored: columns that mean nothing here."""
+
+    features: list[Feature]
+    faults: list[Fault]
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    ignored: frozenset[str] = frozenset()
+
+
+def _encoding_by_mark(content: bytes) -> str:
+    if content.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
+        return "utf-16"
+    return "utf-8-sig" if content.startswith(BOM_UTF8) else "utf-8"
