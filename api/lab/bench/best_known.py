@@ -23,7 +23,7 @@ from skyfolio.planner.problem import problem_of
 from skyfolio.planner.rehearsal import rehearse
 
 Table: TypeAlias = dict[str, dict[str, Any]]
-FILE = Path(__file__).parents[3] / "docs" / "benchmarks" / "best-known.json"
+FILE = Path(__file__).resolve().parents[3] / "docs" / "benchmarks" / "best-known.json"
 MARGIN = 1e-9
 """Relative: less is rounding."""
 
