@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import asyncio
 
+from skyfolio.api.lab.virtual.loop import run
 from skyfolio.mavlink_bridge.mission_messages import Message
 from skyfolio.mavlink_bridge.open_commands import OpenCommands
 from skyfolio.mavlink_bridge.round_trip import RoundTrip
-from skyfolio.api.lab.virtual.loop import run
 
 REQUEST = 512
 THERE_AND_BACK_S = 0.01
