@@ -8,12 +8,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from skyfolio.api.cli import bench
 from skyfolio.api.cli import main as cli
 from skyfolio.api.lab.bench import loop, markdown, planner_figures, radio, table
 from skyfolio.api.lab.bench.best_known import improve, instances, load, note_search, searched
 from skyfolio.api.lab.bench.cases import CASES, SIZES, instance, stop
+from skyfolio.api.lab.bench.checked import broken
 from skyfolio.api.lab.bench.ipopt import Trajectories, alternate, utility_of
 from skyfolio.api.lab.bench.peers import peers, value_kbps
 from skyfolio.api.lab.bench.planner import in_a_process
@@ -200,6 +203,12 @@ def test_best_known_values_are_improved_when_beaten_and_never_lowered(tmp_path: 
     assert not improve(one, 10.0, "the same", 1.0, file)
     assert improve(one, 11.0, "better", 2.0, file)
     assert load(file) == {one.name: {"utility_kbps": 11.0, "found_by": "better", "seconds": 2.0}}
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 100_000))
+def test_random_plans_and_replans_pass_the_independent_check(seed: int) -> None:
+    assert broken(seed) == []
 
 
 def test_a_search_for_best_known_values_that_was_interrupted_goes_on_where_it_was(tmp_path: Path) -> None:

@@ -1,6 +1,6 @@
 """An event loop in virtual time: it jumps to the next timer instead of waiting for it, and never runs beside itself.
 
-Tasks and futures are numbered in the order in which they are made, and hash by that number: code that keeps them in sets
+Tasks and futures are numbered in the order in which they are made, and hash by that number: what keeps them in sets
 goes through them in the same order each time.
 """
 

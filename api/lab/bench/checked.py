@@ -1,0 +1,73 @@
+"""The independent check on many random plans and replans: `python -m skyfolio.api.lab.bench.checked [--count 500]`.
+
+Every plan passes it before it leaves the planner; here it is asked again of what came out, and plans that were refused
+as not feasible, which would be defects, are counted too.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+import numpy as np
+
+from skyfolio.planner import Channel, InfeasiblePlanError, MaxIterations, Scenario, Utility, plan, replan, violations
+from skyfolio.planner.layouts import laid_out
+from skyfolio.planner.scenario import NoFlyDisc
+
+LAYOUTS = ("uniform", "clustered", "stadium", "corridor", "two_towns")
+UTILITIES = (("sum", 0.0), ("sum", -0.05), ("per_user", -0.1), ("pooled", -0.5))
+MOST_UAVS, MOST_USERS, MOST_SLOTS = 8, 30, 12
+
+
+def random_scenario(seed: int) -> Scenario:
+    """Return a scenario with some of: ends, a UAV that leaves, a no-fly disc, a minimum rate, drawn fading, heights."""
+    rng = np.random.default_rng(seed)
+    n_uavs, n_users = int(rng.integers(2, MOST_UAVS + 1)), int(rng.integers(2, MOST_USERS + 1))
+    n_slots = int(rng.integers(4, MOST_SLOTS + 1))
+    kind, mu = UTILITIES[seed % len(UTILITIES)]
+    utility = Utility.model_validate({"kind": kind, "mu_per_kbps": mu})
+    easy = laid_out(LAYOUTS[seed % len(LAYOUTS)], n_uavs, n_users, n_slots, seed=seed, utility=utility)
+    ends, leaves, heights, zone, floor, fading = rng.random(6) < 0.4
+    uavs = tuple(
+        uav.model_copy(
+            update={
+                **({"end_m": uav.start_m} if ends and u % 2 == 0 else {}),
+                **({"leaves_at_slot": n_slots // 2 + 1} if leaves and u == n_uavs - 1 > 1 else {}),
+                **({"altitude_m": 60.0 + 10.0 * u} if heights else {}),
+            }
+        )
+        for u, uav in enumerate(easy.uavs)
+    )
+    least = {"min_rate_bps": 200.0} if floor else {}
+    users = (easy.users[0].model_copy(update=least), *easy.users[1:])
+    east, north = np.mean([uav.start_m for uav in uavs[:2]], axis=0)
+    discs = (NoFlyDisc(center_m=(float(east), float(north)), radius_m=20.0),) if zone else ()
+    noise_dbm = float(rng.choice([-80.0, -70.0, -60.0, -50.0]))
+    channel = Channel(noise_dbm=noise_dbm, fading="sampled", seed=seed) if fading else Channel(noise_dbm=noise_dbm)
+    return easy.with_changes(uavs=uavs, users=users, no_fly=discs, channel=channel)
+
+
+def broken(seed: int) -> list[str]:
+    """Return what is wrong with a plan of a random scenario, and with a replan after a loss half-way."""
+    scenario = random_scenario(seed)
+    try:
+        made = plan(scenario, n_starts=4, stop=MaxIterations(4))
+        rest = replan(made, failed=[scenario.uav_ids[0]], at_slot=scenario.slots // 2, stop=MaxIterations(4))
+    except InfeasiblePlanError as error:
+        return [str(error)]
+    return [violation.message for one in (made, rest) for violation in violations(one)]
+
+
+def main() -> None:
+    """Check, and say what was found."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--count", type=int, default=500, help="scenarios; each is planned, and replanned after a loss")
+    parser.add_argument("--seed", type=int, default=1)
+    given = parser.parse_args()
+    found = {seed: wrong for seed in range(given.seed, given.seed + given.count) if (wrong := broken(seed))}
+    print(f"{given.count} plans and {given.count} replans, {len(found)} with violations", *found.items(), sep="\n")  # noqa: T201
+    raise SystemExit(bool(found))
+
+
+if __name__ == "__main__":
+    main()
