@@ -21,6 +21,7 @@ from skyfolio.api.lab.torture.flight import Outcome, fly
 from skyfolio.api.lab.torture.generator import drill_of
 from skyfolio.api.lab.torture.invariants import AT_END, MEANWHILE
 from skyfolio.api.lab.torture.shrink import smaller
+from skyfolio.mavlink_bridge import Autopilot
 from skyfolio.mavlink_bridge.classifier import Classifier
 
 DRILLS = Path(__file__).parent / "drills"
@@ -145,7 +146,7 @@ def test_a_failing_drill_is_made_as_small_as_it_still_fails() -> None:
     drill = Drill(
         seed=9,
         slots=16,
-        autopilots=("ardupilot", "px4"),
+        autopilots=(Autopilot.ARDUPILOT, Autopilot.PX4),
         loss=0.1,
         blows=(TAKE_OVER, KILL, Blow(when=Moment(), kind="full_disk")),
     )

@@ -10,9 +10,8 @@ from skyfolio import sim
 from skyfolio.api.flights.journal import Step
 from skyfolio.api.flights.operation_views import Policy, State
 from skyfolio.api.lab.virtual.ground import Ground
+from skyfolio.mavlink_bridge.autopilots import DEFAULT_AUTOPILOT, Autopilot
 from skyfolio.planner import EXAMPLES, Scenario
-
-AutopilotName = Literal["px4", "ardupilot"]
 
 
 class _Document(BaseModel):
@@ -65,7 +64,7 @@ class Drill(_Document):
     example: Literal["paper", "minimal"] = "paper"
     slots: int = Field(default=12, ge=4, le=60)
     altitude_m: float = Field(default=10.0, gt=0)
-    autopilots: tuple[AutopilotName, ...] = ("px4",)
+    autopilots: tuple[Autopilot, ...] = (DEFAULT_AUTOPILOT,)
     policy: Policy = "auto"
     loss: float = Field(default=0.0, ge=0.0, le=1.0)
     gust_mps: float = Field(default=0.0, ge=0.0)

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable
+from itertools import permutations
 from typing import Any
 
 from skyfolio.api.flights.journal import Step
 from skyfolio.api.flights.operation_views import State
 from skyfolio.api.lab.torture.drill import Blow, Drill, Moment
+from skyfolio.mavlink_bridge import Autopilot
 
 Options = dict[str, Any]
 STEPS = [step for step in Step if step is not Step.WAITING]
 STATES = [State.UPLOADING, State.LAUNCHING, State.STARTING, State.FLYING, State.LANDING, State.LINK_LOST, State.PAUSED]
 UAVS = {"paper": 3, "minimal": 2}
+FLEETS = [(one,) for one in Autopilot] + list(permutations(Autopilot, 2))
+"""Autopilots that take turns in a fleet."""
 _IMPAIRED = ({"loss": 0.3}, {"loss": 0.1, "burst": 4.0}, {"latency_s": 0.4}, {"cut": True}, {"duplication": 0.3})
 
 
@@ -31,7 +35,7 @@ def drill_of(seed: int) -> Drill:
         seed=seed,
         example=example,
         slots=slots,
-        autopilots=chance.choice((("px4",), ("ardupilot",), ("px4", "ardupilot"), ("ardupilot", "px4"))),
+        autopilots=chance.choice(FLEETS),
         policy=policy,
         loss=chance.choice((0.0, 0.0, 0.0, 0.05, 0.1)),
         gust_mps=chance.choice((0.0, 0.0, 1.0)),

@@ -42,6 +42,7 @@ from skyfolio.api.store import Database
 from skyfolio.api.store.event_log import Event
 from skyfolio.api.store.spill import Spill
 from skyfolio.api.store.tables import events as events_table
+from skyfolio.mavlink_bridge.autopilots import DEFAULT_AUTOPILOT
 from skyfolio.mavlink_bridge.links import OnFrames
 from skyfolio.mavlink_bridge.ports import LinkPorts
 from skyfolio.planner import Scenario
@@ -128,8 +129,8 @@ class Ground:
 
     @staticmethod
     def specs_of(scenario: Scenario, autopilots: Iterable[str] = ()) -> list[sim.VehicleSpec]:
-        """Return a vehicle at each UAV's start with one of the autopilots in turn; by default all are PX4."""
-        chosen = [*autopilots] or ["px4"]
+        """Return a vehicle at each UAV's start with one of the autopilots in turn; without any, the default one."""
+        chosen = [*autopilots] or [DEFAULT_AUTOPILOT.value]
         specs = specs_at_starts(scenario)
         return [replace(spec, autopilot=chosen[place % len(chosen)]) for place, spec in enumerate(specs)]
 
