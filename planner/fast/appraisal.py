@@ -160,9 +160,10 @@ def _levels(inverse: Array, first: Array, serving: Ints, left: Array, width: Arr
     """Improve log lambda of each UAV in `level` (U,) until it is right: water-filling for all UAVs at once.
 
     That is Newton's method on a convex function: whatever the level before, the next is none too high, and then it
-    rises, while users that would get less than nothing drop out.
+    rises, while users that would get less than nothing drop out. A level at which no user is left is too high at
+    first; later it is reached, as where minimum rates leave no band.
     """
-    changed = True
+    changed, rising = True, False
     while changed:
         for u in range(level.shape[0]):
             width[u] = top[u] = 0.0
@@ -173,6 +174,7 @@ def _levels(inverse: Array, first: Array, serving: Ints, left: Array, width: Arr
                 top[u] += first[k] * inverse[k]
         changed = False
         for u in range(level.shape[0]):
-            risen = (top[u] - left[u]) / width[u] if width[u] > 0.0 else -np.inf
+            risen = (top[u] - left[u]) / width[u] if width[u] > 0.0 else (level[u] if rising else -np.inf)
             if not abs(risen - level[u]) <= SAME and risen != level[u]:
                 level[u], changed = risen, True
+        rising = True
