@@ -18,6 +18,7 @@ from skyfolio.api.common import extras
 from skyfolio.api.lab.reproduce import figures
 from skyfolio.api.lab.reproduce.batch import Advance, Batch
 from skyfolio.api.lab.reproduce.calibration import calibrate
+from skyfolio.api.lab.reproduce.cluster import ClusterBatch
 from skyfolio.api.lab.reproduce.courses import Choices
 from skyfolio.api.lab.reproduce.document import document
 from skyfolio.api.lab.reproduce.study import StudyConfig, run_study
@@ -37,6 +38,9 @@ def reproduce(
     search: Annotated[
         bool, typer.Option("--calibrate", help="Instead, search for the values that the letter omits.")
     ] = False,
+    scheduler: Annotated[
+        str | None, typer.Option(help="Compute on this Dask scheduler (tcp://HOST:PORT), not on all cores here.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Compute the letter's figures and numbers and set them beside the printed ones.
@@ -45,13 +49,13 @@ def reproduce(
     """
     kept = out / "reproduction" / "calibration.json"
     if search:
-        _calibrate(kept, layouts or CALIBRATION_LAYOUTS, as_json=as_json)
+        _calibrate(kept, layouts or CALIBRATION_LAYOUTS, scheduler, as_json=as_json)
         return
     extras.require("matplotlib", "drawing the figures")
     config = StudyConfig(figure=figure, layouts=layouts or StudyConfig.layouts, draws=draws)
     calibration = json.loads(kept.read_text(encoding="utf-8")) if kept.exists() else None
-    with progress(f"figure {figure}", quiet=as_json) as advance:
-        study = run_study(config, advance, calibration)
+    with progress(f"figure {figure}", quiet=as_json) as advance, _computing(advance, scheduler) as runs:
+        study = run_study(config, runs, calibration)
     files = write_study(study, out, document)
     if as_json:
         _print(study)
@@ -61,8 +65,13 @@ def reproduce(
     console.print("written: " + ", ".join(str(path) for path in files), highlight=False)
 
 
-def _calibrate(kept: Path, layouts: int, *, as_json: bool) -> None:
-    with progress("calibrating", quiet=as_json) as advance, Batch(advance) as batch:
+def _computing(advance: Advance, scheduler: str | None) -> Batch | ClusterBatch:
+    """Return what computes the jobs: the workers of a cluster, or processes of this machine."""
+    return Batch(advance) if scheduler is None else ClusterBatch(advance, scheduler)
+
+
+def _calibrate(kept: Path, layouts: int, scheduler: str | None, *, as_json: bool) -> None:
+    with progress("calibrating", quiet=as_json) as advance, _computing(advance, scheduler) as batch:
         found = calibrate(batch, layouts)
     kept.parent.mkdir(parents=True, exist_ok=True)
     kept.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")

@@ -91,7 +91,7 @@ class OneByOne:
 
 def test_a_study_runs_on_whatever_maps_its_jobs() -> None:
     runs = OneByOne()
-    study = run_study(StudyConfig(figure="3", layouts=2, draws=1), runs=runs)
+    study = run_study(StudyConfig(figure="3", layouts=2, draws=1), runs)
     assert runs.jobs == 2 * len(study["headline"])
     alone = compute(Job(replace(Choices(), layout_seed=100, draws=1), COMPARED[0]))
     both = compute(Job(replace(Choices(), layout_seed=101, draws=1), COMPARED[0]))

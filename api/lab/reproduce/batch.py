@@ -1,11 +1,12 @@
-"""Many jobs on all cores, each computed once; `Runs` is what the study asks of whatever computes them."""
+"""Many jobs, each computed once, on all cores; `Runs` is what the study asks of whatever computes them."""
 
 from __future__ import annotations
 
 import multiprocessing
 import os
 import time
-from collections.abc import Callable, Hashable, Iterable
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Hashable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from types import TracebackType
 from typing import Any, Protocol, Self, TypeVar
@@ -43,18 +44,39 @@ class Runs(Protocol):
         ...
 
 
-class Batch:
-    """A pool of worker processes that remembers what it has computed. Use as a context manager.
+class Remembering(ABC):
+    """Computes each job once, and counts what is done. `core_seconds`: processor time, whatever else runs meanwhile."""
 
-    `core_seconds` is the processor time spent so far, which other programs on the machine do not lengthen.
-    """
-
-    def __init__(self, advance: Advance, workers: int | None = None) -> None:
+    def __init__(self, advance: Advance) -> None:
         self.core_seconds = 0.0
         self._advance = advance
-        self._workers = workers or os.cpu_count() or 1
         self._known: dict[tuple[str, Hashable], Any] = {}
         self._done = self._asked = 0
+
+    def run(self, work: Callable[[J], R], jobs: Iterable[J]) -> dict[J, R]:
+        """Return `work(job)` of every job; earlier results are not computed again. Raises what `work` raises."""
+        jobs = list(dict.fromkeys(jobs))
+        new = [job for job in jobs if (work.__qualname__, job) not in self._known]
+        self._asked += len(new)
+        self._advance(self._done, self._asked)
+        for job, (result, spent) in self._computed(work, new):
+            self._known[work.__qualname__, job] = result
+            self.core_seconds += spent
+            self._done += 1
+            self._advance(self._done, self._asked)
+        return {job: self._known[work.__qualname__, job] for job in jobs}
+
+    @abstractmethod
+    def _computed(self, work: Callable[[J], R], jobs: list[J]) -> Iterator[tuple[J, tuple[R, float]]]:
+        """Yield each job with what `measured` gives, in any order."""
+
+
+class Batch(Remembering):
+    """A pool of worker processes of this machine. Use as a context manager."""
+
+    def __init__(self, advance: Advance, workers: int | None = None) -> None:
+        super().__init__(advance)
+        self._workers = workers or os.cpu_count() or 1
 
     def __enter__(self) -> Self:
         self._pool = ProcessPoolExecutor(self._workers, mp_context=multiprocessing.get_context("spawn"))
@@ -63,16 +85,7 @@ class Batch:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         self._pool.shutdown(wait=True, cancel_futures=True)
 
-    def run(self, work: Callable[[J], R], jobs: Iterable[J]) -> dict[J, R]:
-        """Return `work(job)` of every job; earlier results are not computed again. Raises what `work` raises."""
-        jobs = list(dict.fromkeys(jobs))
-        new = [job for job in jobs if (work.__qualname__, job) not in self._known]
-        self._asked += len(new)
-        self._advance(self._done, self._asked)
-        futures = {self._pool.submit(measured, work, job): job for job in new}
+    def _computed(self, work: Callable[[J], R], jobs: list[J]) -> Iterator[tuple[J, tuple[R, float]]]:
+        futures = {self._pool.submit(measured, work, job): job for job in jobs}
         for future in as_completed(futures):
-            self._known[work.__qualname__, futures[future]], spent = future.result()
-            self.core_seconds += spent
-            self._done += 1
-            self._advance(self._done, self._asked)
-        return {job: self._known[work.__qualname__, job] for job in jobs}
+            yield futures[future], future.result()

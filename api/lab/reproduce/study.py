@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable
-from contextlib import nullcontext
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ import numpy as np
 
 from skyfolio.api.lab.bench.measure import machine
 from skyfolio.api.lab.reproduce import ablation, figures
-from skyfolio.api.lab.reproduce.batch import Advance, Batch, Runs, silent
+from skyfolio.api.lab.reproduce.batch import Runs
 from skyfolio.api.lab.reproduce.claims import KINDS, MUS, along_mu, judged
 from skyfolio.api.lab.reproduce.courses import COMPARED, FAILED, FIRST_LAYOUT, Choices, Job, Scheme, compute, pro_alg
 from skyfolio.api.lab.reproduce.estimates import Measured, measured_of
@@ -43,33 +42,25 @@ class StudyConfig:
     figure: str = "all"
     layouts: int = 18
     draws: int = Choices.draws
-    workers: int | None = None
 
 
-def run_study(
-    config: StudyConfig,
-    advance: Advance = silent,
-    calibration: dict[str, Any] | None = None,
-    runs: Runs | None = None,
-) -> Study:
-    """Compute everything that `config.figure` needs, as plain JSON data. Takes minutes; `advance` counts the jobs.
+def run_study(config: StudyConfig, runs: Runs, calibration: dict[str, Any] | None = None) -> Study:
+    """Compute everything that `config.figure` needs, as plain JSON data. Takes minutes.
 
-    calibration: what `calibrate` has found, if it is to be in the write-up. runs: what computes the jobs (default: all
-    cores of this machine).
+    runs: what computes the jobs. calibration: what `calibrate` has found, if it is to be in the write-up.
     """
     began = time.monotonic()
     everything = config.figure == "all"
     study: Study = {"figure": config.figure, "choices": asdict(_choices(config)), "machine": machine()}
-    with Batch(advance, config.workers) if runs is None else nullcontext(runs) as batch:
-        if everything or config.figure == "2":
-            study["convergence"] = _convergence(batch)
-        if everything or config.figure != "2":
-            measured = _headline(batch, config, study)
-        if everything:
-            study["claims"] = [one.model_dump(mode="json") for one in claims(study, measured)]
-            study["ablation"] = _ablation(batch, config)
-            study["calibration"] = calibration
-        study["core_seconds"] = round(batch.core_seconds, 1)
+    if everything or config.figure == "2":
+        study["convergence"] = _convergence(runs)
+    if everything or config.figure != "2":
+        measured = _headline(runs, config, study)
+    if everything:
+        study["claims"] = [one.model_dump(mode="json") for one in claims(study, measured)]
+        study["ablation"] = _ablation(runs, config)
+        study["calibration"] = calibration
+    study["core_seconds"] = round(runs.core_seconds, 1)
     study["seconds"] = round(time.monotonic() - began, 1)
     return study
 
