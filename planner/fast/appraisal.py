@@ -6,8 +6,7 @@ import numpy as np
 
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.fast.arena import PER_USER, SUM, Arena, Ints, entry, kernel, smooth
-from skyfolio.planner.fast.elementary import exp, log
-from skyfolio.planner.fast.rates import PER_LN
+from skyfolio.planner.fast.elementary import PER_LN2, exp, log
 from skyfolio.planner.fast.snapshots import Snapshots, gather, keep
 
 UNMET = 1e3
@@ -87,13 +86,13 @@ def _sum_rate(arena: Arena, shots: Snapshots, m: int) -> float:
             best[serving[k]] = sinr[k]
     for k in range(serving.shape[0] if arena.has_minimum else 0):
         if arena.min_kbps[k] > 0.0:
-            left[serving[k]] -= arena.min_kbps[k] / max(PER_LN * log(1.0 + sinr[k]), 1e-12)
+            left[serving[k]] -= arena.min_kbps[k] / max(PER_LN2 * log(1.0 + sinr[k]), 1e-12)
             rate += arena.min_kbps[k]
     for u in range(best.shape[0]):
         if left[u] < 0.0:
             rate -= UNMET * min(1.0 - left[u] / arena.khz[u], 1e6)
         elif best[u] > 0.0:
-            rate += left[u] * PER_LN * log(1.0 + best[u])
+            rate += left[u] * PER_LN2 * log(1.0 + best[u])
     return float(rate)
 
 
@@ -129,7 +128,7 @@ def _demands(decay_per_rate: float, log_weight: Array, own: Array, total: Array,
     """Write 1 / decay, and the logarithm of what the first kHz is worth to each user, into `inverse` and `first`."""
     for k in range(first.shape[0]):
         others = max(total[k] - own[k], 1.0)
-        decay = decay_per_rate * max(PER_LN * log((own[k] + others) / others), 1e-12)
+        decay = decay_per_rate * max(PER_LN2 * log((own[k] + others) / others), 1e-12)
         inverse[k] = 1.0 / decay
         first[k] = log_weight[k] + log(decay)
 

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.fast.arena import SUM, Arena, Links, arena_of, entry, plain
+from skyfolio.planner.fast.arena import SUM, Arena, Links, arena_of, entry, links_of, plain
 from skyfolio.planner.fast.ascent import ascend, ascent_of
 from skyfolio.planner.fast.assigning import Tolls, Users, assigned, settled
 from skyfolio.planner.fast.routes import with_routes
@@ -96,19 +96,9 @@ class PricedClimb:
 
 def _links(arena: Arena, serving: Users, bandwidth_hz: Array) -> Links:
     """Return links as the ascent takes them: all users, or under `sum` those that have bandwidth."""
-    n_users, n_slots = serving.shape
-    width = arena.khz.shape[0] if arena.kind == SUM and not arena.has_minimum else n_users
-    shape = (n_slots, max(1, width))
-    links = Links(
-        used=np.zeros(n_slots, dtype=np.int64),
-        user=np.zeros(shape, dtype=np.int64),
-        uav=np.zeros(shape, dtype=np.int64),
-        khz=np.zeros(shape),
-        floor=np.zeros(shape),
-        log_weight=np.zeros(n_users),
-    )
-    for n in range(n_slots):
-        users = np.flatnonzero(bandwidth_hz[:, n] > 0.0) if width < n_users or arena.kind == SUM else np.arange(n_users)
+    links = links_of(arena)
+    for n in range(links.used.shape[0]):
+        users = np.flatnonzero(bandwidth_hz[:, n] > 0.0) if arena.kind == SUM else np.arange(len(serving))
         links.used[n] = len(users)
         links.user[n, : len(users)], links.uav[n, : len(users)] = users, serving[users, n]
         links.khz[n, : len(users)] = bandwidth_hz[users, n] / 1e3

@@ -12,7 +12,6 @@ from skyfolio.planner.fast.links_drawn import gradient_by_draw, rates_by_draw
 from skyfolio.planner.fast.links_narrow import gradient_by_link, rates_by_link
 from skyfolio.planner.fast.links_wide import gradient_by_uav, rates_by_uav
 
-PER_LN = 1.0 / np.log(2.0)
 WIDE = 30
 """From so many links in a slot on, the rates of all are computed at once for one UAV after the other."""
 

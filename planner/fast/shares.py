@@ -13,10 +13,10 @@ import numpy as np
 
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.fast.arena import Arena, Ints, Links, kernel, smooth
-from skyfolio.planner.fast.elementary import log
+from skyfolio.planner.fast.elementary import PER_LN2, log
 from skyfolio.planner.fast.exchange import THOROUGH, exchange, share_slot
 from skyfolio.planner.fast.market import market_of
-from skyfolio.planner.fast.rates import PER_LN, keep_pins, slot_signals, user_sums
+from skyfolio.planner.fast.rates import keep_pins, slot_signals, user_sums
 
 
 @kernel
@@ -86,7 +86,7 @@ def candidates(signal: Array, total: Array, serving: Ints, fresh: bool, best: Ar
 def _efficiencies(signal: Array, total: Array, efficiency: Array) -> None:
     for k in range(signal.shape[0]):
         others = max(total[k] - signal[k], 1.0)
-        efficiency[k] = PER_LN * log((others + signal[k]) / others)
+        efficiency[k] = PER_LN2 * log((others + signal[k]) / others)
 
 
 @kernel

@@ -12,8 +12,7 @@ import numpy as np
 
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.fast.arena import Ints, entry, kernel, smooth
-from skyfolio.planner.fast.elementary import log
-from skyfolio.planner.fast.rates import PER_LN
+from skyfolio.planner.fast.elementary import PER_LN2, log
 
 SWEEPS = 20
 LEAST_GAIN = 1e-6
@@ -97,7 +96,7 @@ def exchange_users(
     for u in range(n_uavs):
         k = chosen[u]
         signal = _own(sites_m, user_m, gain, height2, u, k)
-        total += khz[u] * PER_LN * np.log(1.0 + signal / max(heard[k] - signal, 1.0)) - cost[u, k]
+        total += khz[u] * PER_LN2 * np.log(1.0 + signal / max(heard[k] - signal, 1.0)) - cost[u, k]
     return float(total)
 
 
@@ -133,7 +132,7 @@ def _guess_of(khz: Array, n_users: int) -> Guess:
         np.empty(n_uavs),
         np.empty(n_uavs),
         even,
-        khz[0] * PER_LN,
+        khz[0] * PER_LN2,
         np.empty(max(2, n_users), dtype=np.int64),
         np.empty(max(2, n_users)),
         np.empty(max(2, n_users)),
@@ -171,7 +170,7 @@ def _look_around(
         guess.gain[v] = gain[u, j if gain.shape[1] == n_users else 0]
         guess.khz[v], guess.own[v], guess.others[v], guess.alone[v] = 0.0, 0.0, 1.0, 0.0
         if v != u:
-            guess.khz[v], guess.own[v] = khz[v] * PER_LN, _own(sites_m, user_m, gain, height2, v, j)
+            guess.khz[v], guess.own[v] = khz[v] * PER_LN2, _own(sites_m, user_m, gain, height2, v, j)
             guess.others[v] = max(guess.quiet[j] - guess.own[v], 1.0)
             guess.alone[v] = guess.khz[v] * log(1.0 + guess.own[v] / guess.others[v])
             top += guess.alone[v]
@@ -187,7 +186,7 @@ def _hope(
     for k in range(hope.shape[0]):
         de, dn = sites_m[0, k] - user_m[0, k], sites_m[1, k] - user_m[1, k]
         own = (same if shared else gain[k]) / (de * de + dn * dn + height2)
-        hope[k] = khz * PER_LN * log(1.0 + own / quiet[k]) - cost[k] + top
+        hope[k] = khz * PER_LN2 * log(1.0 + own / quiet[k]) - cost[k] + top
 
 
 @kernel
