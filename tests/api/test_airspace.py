@@ -233,7 +233,7 @@ def test_an_operation_into_the_air_of_another_or_of_a_hovering_one_is_refused(se
         flown.until(second, lambda view: view.state == State.FLYING)
         flown.client.order("land", ["uav-2"])
         flown.client.order("hold", ["uav-1"])
-        fleet.pace.until(lambda: not flown.client.vehicles()[1].armed)
+        flown.wait(lambda: not flown.client.vehicles()[1].armed)
         with pytest.raises(ApiError, match="of 'uav-1' of no operation"):
             flown.client.fly(into.id)
         flown.client.order("land")

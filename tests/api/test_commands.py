@@ -13,7 +13,7 @@ SHORT = EXAMPLES["minimal"]().with_changes(slots=30, altitude_m=8.0)
 AT_ONCE = 50
 
 
-def at_once(flown: Flight, operation_id: str, verb: str, etag: str | None) -> Counter[int]:
+def at_once(flown: Sky, operation_id: str, verb: str, etag: str | None) -> Counter[int]:
     """Statuses of many clients that command the same thing."""
     headers = {} if etag is None else {"If-Match": etag}
 

@@ -150,12 +150,12 @@ def test_an_operation_waits_for_one_that_returns_and_is_completed_in_part_only(
 ) -> None:
     with flight(*served, SCENARIO, SPEEDUP) as flown:
         operation_id = flown.take_off(replanning="off")
-        flown.fleet.pace.let_pass(4 * SCENARIO.slot_duration_s)  # in the air when the others are down
-        flown.fleet.fleet.vehicles[2].autopilot.parameters["MPC_Z_V_AUTO_DN"] = 0.5
-        flown.fleet.inject(sim.ModeChange(2, "RTL"))
+        flown.let_pass(4 * SCENARIO.slot_duration_s)  # in the air when the others are down
+        flown.fleet.vehicles[2].autopilot.parameters["MPC_Z_V_AUTO_DN"] = 0.5
+        flown.inject(sim.ModeChange(2, "RTL"))
         view = flown.until(operation_id, lambda view: view.state in {State.COMPLETED, State.COMPLETED_PARTLY})
-        assert [event.system_id for event in flown.fleet.fleet.truth.happened("landed")] == [1, 2]
-        assert not flown.fleet.fleet.vehicles[2].armed
+        assert [event.system_id for event in flown.fleet.truth.happened("landed")] == [1, 2]
+        assert not flown.fleet.vehicles[2].armed
         assert {uav: one.end for uav, one in view.uavs.items()} == {"uav-1": "flown", "uav-2": "returned"}
         assert view.state is State.COMPLETED_PARTLY
         assert view.error is not None

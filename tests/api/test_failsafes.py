@@ -58,28 +58,28 @@ def flying(served: Served, autopilot: Autopilot, **options: Any) -> Iterator[tup
     gone(flown.client, fleet)
 
 
-def answered(flown: Flight, operation_id: str) -> OperationView:
+def answered(flown: Sky, operation_id: str) -> OperationView:
     return flown.until(operation_id, lambda view: view.recoveries)
 
 
-def events_of(flown: Flight, operation_id: str, kind: str) -> list[dict[str, Any]]:
+def events_of(flown: Sky, operation_id: str, kind: str) -> list[dict[str, Any]]:
     """Data of the events of a kind since this operation was made."""
     found = flown.events()
     first = next(event["id"] for event in found if event["data"].get("operation_id") == operation_id)
     return [event["data"] for event in found if event["kind"] == kind and event["id"] >= first]
 
 
-def orders_to(flown: Flight, system_id: int, since_s: float) -> set[str | int]:
+def orders_to(flown: Sky, system_id: int, since_s: float) -> set[str | int]:
     """Commands by their numbers, however often each was repeated, and other orders by their names."""
     return {
         one.command or one.name
-        for one in list(flown.fleet.fleet.truth.messages)
+        for one in list(flown.fleet.truth.messages)
         if one.system_id == system_id and one.t_s > since_s and one.direction == "in" and one.name.startswith(ORDERS)
     }
 
 
 def assert_left_alone_and_planned_around(
-    flown: Flight, operation_id: str, view: OperationView, kind: str, seen_s: float
+    flown: Sky, operation_id: str, view: OperationView, kind: str, seen_s: float
 ) -> None:
     """UAV 3 is lost for that reason; the others fly a new plan, nobody commands it, and its air is kept.
 
@@ -91,7 +91,7 @@ def assert_left_alone_and_planned_around(
     operation = flown.service.operations.active(operation_id)
     assert operation is not None
     assert "uav-3" in operation.flight.guidance.airspace.ghosts
-    flown.fleet.pace.let_pass(4.0)
+    flown.let_pass(4.0)
     orders = orders_to(flown, 3, seen_s)
     restored = [one for one in events_of(flown, operation_id, "speed_restored") if one["uav_id"] == "uav-3"]
     assert orders <= ({CHANGE_SPEED} if restored else set())
@@ -100,9 +100,9 @@ def assert_left_alone_and_planned_around(
 def test_a_battery_failsafe_in_flight_is_told_with_its_words_and_numbers_and_left_alone(served: Served) -> None:
     def check(autopilot: Autopilot) -> None:
         with flying(served, autopilot) as (flown, operation_id):
-            flown.fleet.inject(sim.LowBattery(3, 0.06))
+            flown.inject(sim.LowBattery(3, 0.06))
             view = answered(flown, operation_id)
-            seen_s = flown.fleet.fleet.now_s
+            seen_s = flown.fleet.now_s
             (lost,) = events_of(flown, operation_id, "uav_lost")
             mode = "hold" if autopilot is Autopilot.PX4 else "return"  # PX4 holds for COM_FAIL_ACT_T first
             assert lost["cause"] == "in_failsafe"
@@ -116,13 +116,13 @@ def test_a_battery_failsafe_in_flight_is_told_with_its_words_and_numbers_and_lef
 def test_a_uav_that_hears_us_no_more_and_saves_itself_is_seen_and_left_alone(served: Served) -> None:
     def check(autopilot: Autopilot) -> None:
         with flying(served, autopilot) as (flown, operation_id):
-            flown.fleet.inject(sim.Impair(3, up=sim.Impairments(cut=True)))
+            flown.inject(sim.Impair(3, up=sim.Impairments(cut=True)))
             view = answered(flown, operation_id)
-            seen_s = flown.fleet.fleet.now_s
+            seen_s = flown.fleet.now_s
             (lost,) = events_of(flown, operation_id, "uav_lost")
             assert (lost["cause"], "system status 5" in lost["detail"]) == ("in_failsafe", True), lost
-            flown.fleet.inject(sim.Impair(3, up=sim.Impairments()))  # it hears us again, and returns on
-            flown.fleet.pace.let_pass(6.0)
+            flown.inject(sim.Impair(3, up=sim.Impairments()))  # it hears us again, and returns on
+            flown.let_pass(6.0)
             assert_left_alone_and_planned_around(flown, operation_id, view, "in_failsafe", seen_s)
 
     side_by_side(check)
@@ -131,25 +131,25 @@ def test_a_uav_that_hears_us_no_more_and_saves_itself_is_seen_and_left_alone(ser
 def test_a_px4_that_somebody_else_holds_is_seen_and_left_alone(served: Served) -> None:
     with flying(served, Autopilot.PX4) as (flown, operation_id):
         flown.client.command(operation_id, "pause")
-        flown.fleet.pace.let_pass(8.0)
+        flown.let_pass(8.0)
         assert flown.client.operation(operation_id).lost == []  # our own hold is nobody else's
         flown.client.command(operation_id, "resume")
-        flown.fleet.pace.let_pass(4.0)
-        flown.fleet.inject(sim.ModeChange(3, "HOLD"))
+        flown.let_pass(4.0)
+        flown.inject(sim.ModeChange(3, "HOLD"))
         view = answered(flown, operation_id)
-        seen_s = flown.fleet.fleet.now_s
+        seen_s = flown.fleet.now_s
         (lost,) = events_of(flown, operation_id, "uav_lost")
         assert lost["cause"] == "human_took_over"
         assert "held by somebody else, not by this service: its last order was 'mission'" in lost["detail"]
         assert_left_alone_and_planned_around(flown, operation_id, view, "human_took_over", seen_s)
-        assert flown.fleet.fleet.vehicles[3].mode is sim.Mode.HOLD
+        assert flown.fleet.vehicles[3].mode is sim.Mode.HOLD
 
 
 def test_a_low_battery_is_offered_and_only_the_operator_sends_the_uav_home(served: Served) -> None:
     with flying(served, Autopilot.PX4) as (flown, operation_id):
-        flown.fleet.inject(sim.LowBattery(3, 0.18))
+        flown.inject(sim.LowBattery(3, 0.18))
         view = flown.until(operation_id, lambda view: view.low_on_battery)
-        flown.fleet.pace.let_pass(4.0)
+        flown.let_pass(4.0)
         assert (view.low_on_battery, view.lost) == (["uav-3"], [])
         assert flown.client.operation(operation_id).recoveries == []  # nobody is grabbed
         (offer,) = events_of(flown, operation_id, "uav_low_on_battery")
@@ -158,10 +158,10 @@ def test_a_low_battery_is_offered_and_only_the_operator_sends_the_uav_home(serve
         with pytest.raises(ApiError, match="409"):
             flown.client.command(operation_id, "retire", uav_id="uav-9")
         flown.client.command(operation_id, "retire", uav_id="uav-3")
-        sent_s = flown.fleet.fleet.now_s
+        sent_s = flown.fleet.now_s
         view = answered(flown, operation_id)
         assert_left_alone_and_planned_around(flown, operation_id, view, "battery", sent_s)
-        assert flown.fleet.fleet.vehicles[3].mode is sim.Mode.RTL
+        assert flown.fleet.vehicles[3].mode is sim.Mode.RTL
         with pytest.raises(ApiError, match="409"):
             flown.client.command(operation_id, "retire", uav_id="uav-3")
         flown.until(operation_id, lambda _: events_of(flown, operation_id, "ghost_released"))
@@ -170,7 +170,7 @@ def test_a_low_battery_is_offered_and_only_the_operator_sends_the_uav_home(serve
 def test_a_reboot_in_flight_is_a_loss(served: Served) -> None:
     def check(autopilot: Autopilot) -> None:
         with flying(served, autopilot) as (flown, operation_id):
-            flown.fleet.inject(sim.Reboot(3, for_s=1.0))
+            flown.inject(sim.Reboot(3, for_s=1.0))
             view = answered(flown, operation_id)
             assert view.lost == ["uav-3"]
             assert view.recoveries[0].cause in {
@@ -186,12 +186,12 @@ def test_a_uav_that_restarts_and_proves_that_it_flies_on_is_an_event_and_no_loss
     served: Served,
 ) -> None:
     with flying(served, Autopilot.PX4) as (flown, operation_id):
-        flown.fleet.inject(sim.ClockJump(3, -flown.fleet.fleet.now_s - sim.BOOTED_S_AGO))
+        flown.inject(sim.ClockJump(3, -flown.fleet.now_s - sim.BOOTED_S_AGO))
         flown.until(
             operation_id,
             lambda _: [one for one in events_of(flown, operation_id, "condition") if one["after"] == "rebooted"],
         )
-        flown.fleet.pace.let_pass(4.0)
+        flown.let_pass(4.0)
         view = flown.client.operation(operation_id)
         assert (view.lost, view.recoveries) == ([], [])
         (event,) = [one for one in events_of(flown, operation_id, "condition") if one["after"] == "rebooted"]

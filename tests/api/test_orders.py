@@ -31,7 +31,7 @@ def served() -> Iterator[tuple[TestClient, str]]:
 
 
 @pytest.fixture
-def flown(served: tuple[TestClient, str]) -> Iterator[Flight]:
+def flown(served: tuple[TestClient, str]) -> Iterator[Sky]:
     with flight(*served, SCENARIO, SPEEDUP) as made:
         yield made
 
@@ -76,11 +76,11 @@ def test_hold_and_land_reach_the_vehicles_of_every_operation_and_of_those_that_a
         assert [(one.outcome, one.operation_id) for one in landed] == [("ok", None), ("ok", None)]
         for system_id in (1, 2):
             assert modes(flown.fleet, system_id)[-2:] == ["HOLD", "LAND"]
-        flown.fleet.pace.until(lambda: not any(vehicle.armed for vehicle in flown.client.vehicles()))
+        flown.wait(lambda: not any(vehicle.armed for vehicle in flown.client.vehicles()))
         assert {one.reason for one in flown.client.order("return")} == {"it is on the ground"}
 
 
-def test_one_vehicle_of_several_leaves_its_operation_and_the_others_get_a_new_plan(flown: Flight) -> None:
+def test_one_vehicle_of_several_leaves_its_operation_and_the_others_get_a_new_plan(flown: Sky) -> None:
     operation_id = flown.take_off()
     (given,) = flown.client.order("return", ["uav-3"])
     assert (given.outcome, given.operation_id) == ("ok", operation_id)
@@ -95,10 +95,10 @@ def test_one_vehicle_of_several_leaves_its_operation_and_the_others_get_a_new_pl
     assert modes(flown.fleet, 3)[-1] == "RTL"
 
 
-def test_an_order_while_missions_are_swapped_is_not_undone_by_the_swap(flown: Flight) -> None:
+def test_an_order_while_missions_are_swapped_is_not_undone_by_the_swap(flown: Sky) -> None:
     operation_id = flown.take_off()
-    flown.fleet.inject(sim.MotorFailure(3))
-    flown.fleet.pace.until(lambda: any(entry.step is Step.UPLOADING for entry in flown.client.journal(operation_id)))
+    flown.inject(sim.MotorFailure(3))
+    flown.wait(lambda: any(entry.step is Step.UPLOADING for entry in flown.client.journal(operation_id)))
     assert flown.client.order("hold", ["uav-1"])[0].outcome == "ok"
     view = flown.until(operation_id, lambda view: len(view.recoveries) == 2)
     assert set(view.lost) == {"uav-1", "uav-3"}
@@ -108,10 +108,10 @@ def test_an_order_while_missions_are_swapped_is_not_undone_by_the_swap(flown: Fl
     flown.client.order("land")
 
 
-def test_a_human_is_never_overruled_by_hold_and_by_land_only_with_force(flown: Flight) -> None:
+def test_a_human_is_never_overruled_by_hold_and_by_land_only_with_force(flown: Sky) -> None:
     operation_id = flown.take_off(replanning="off")
-    flown.fleet.inject(sim.ModeChange(3, "POSITION"))
-    flown.fleet.pace.until(lambda: flown.client.vehicles()[2].mode == "position")
+    flown.inject(sim.ModeChange(3, "POSITION"))
+    flown.wait(lambda: flown.client.vehicles()[2].mode == "position")
     given = {one.uav_id: one for one in flown.client.order("hold")}
     assert given["uav-3"].outcome == "left_alone"
     assert "somebody else flies it" in (given["uav-3"].reason or "")
@@ -123,31 +123,31 @@ def test_a_human_is_never_overruled_by_hold_and_by_land_only_with_force(flown: F
     flown.until(operation_id, lambda view: view.state in {State.ABORTED, State.COMPLETED_PARTLY})
 
 
-def test_an_order_during_the_climb_ends_the_launch_and_nobody_is_sent_on(flown: Flight) -> None:
+def test_an_order_during_the_climb_ends_the_launch_and_nobody_is_sent_on(flown: Sky) -> None:
     operation_id = flown.client.fly(flown.plan.id).id
-    flown.fleet.pace.until(lambda: flown.fleet.fleet.vehicles[1].position[2] > 4.0)
+    flown.wait(lambda: flown.fleet.vehicles[1].position[2] > 4.0)
     assert {one.outcome for one in flown.client.order("land")} == {"ok"}
     assert flown.client.operation(operation_id).state == State.ABORTED
     for system_id in (1, 2, 3):
         assert set(modes(flown.fleet, system_id)[-2:]) <= {"TAKEOFF", "LAND", "HOLD"}  # HOLD: it has landed
         assert "LAND" in modes(flown.fleet, system_id)
-    flown.fleet.pace.until(lambda: not any(vehicle.armed for vehicle in flown.client.vehicles()))
+    flown.wait(lambda: not any(vehicle.armed for vehicle in flown.client.vehicles()))
     assert not any("MISSION" in modes(flown.fleet, system_id) for system_id in (1, 2, 3))
 
 
-def test_one_that_is_ordered_down_during_the_climb_ends_it_for_all(flown: Flight) -> None:
+def test_one_that_is_ordered_down_during_the_climb_ends_it_for_all(flown: Sky) -> None:
     operation_id = flown.client.fly(flown.plan.id).id
-    flown.fleet.pace.until(lambda: flown.fleet.fleet.vehicles[1].position[2] > 4.0)
+    flown.wait(lambda: flown.fleet.vehicles[1].position[2] > 4.0)
     flown.client.order("land", ["uav-1"])
     view = flown.client.operation(operation_id)
     assert view.state == State.ABORTED
     assert "land was ordered for uav-1" in (view.error or "")
-    flown.fleet.pace.let_pass(8.0)
+    flown.let_pass(8.0)
     assert {modes(flown.fleet, system_id)[-1] for system_id in (2, 3)} <= {"HOLD", "LAND"}
     flown.client.order("land")
 
 
-def test_fifty_aborts_at_once_are_one_and_another_action_is_carried_out_after_the_end(flown: Flight) -> None:
+def test_fifty_aborts_at_once_are_one_and_another_action_is_carried_out_after_the_end(flown: Sky) -> None:
     operation_id = flown.take_off()
     path = f"/v1/operations/{operation_id}:abort"
 
@@ -164,10 +164,10 @@ def test_fifty_aborts_at_once_are_one_and_another_action_is_carried_out_after_th
     assert landing.abort is not None
     assert (landing.abort.action, landing.abort.error) == ("land", None)
     assert landing.version == held.version + 1
-    flown.fleet.pace.until(lambda: not any(vehicle.armed for vehicle in flown.client.vehicles()))
+    flown.wait(lambda: not any(vehicle.armed for vehicle in flown.client.vehicles()))
 
 
-def test_of_aborts_that_contradict_each_other_none_breaks_and_all_vehicles_obey_one(flown: Flight) -> None:
+def test_of_aborts_that_contradict_each_other_none_breaks_and_all_vehicles_obey_one(flown: Sky) -> None:
     operation_id = flown.take_off()
 
     def abort(number: int) -> int:
@@ -184,7 +184,7 @@ def test_of_aborts_that_contradict_each_other_none_breaks_and_all_vehicles_obey_
     flown.client.order("land")
 
 
-def test_a_pause_that_waits_behind_a_retire_finds_the_abort_and_holds_nobody(flown: Flight) -> None:
+def test_a_pause_that_waits_behind_a_retire_finds_the_abort_and_holds_nobody(flown: Sky) -> None:
     operation_id = flown.take_off()
 
     def command(verb: str) -> int:
@@ -197,11 +197,11 @@ def test_a_pause_that_waits_behind_a_retire_finds_the_abort_and_holds_nobody(flo
         statuses = {one.result() for one in waiting}
     assert ended == 200
     assert statuses <= {200, 409, 502}
-    flown.fleet.pace.let_pass(4.0)
+    flown.let_pass(4.0)
     assert {modes(flown.fleet, system_id)[-1] for system_id in (1, 2, 3)} == {"RTL"}
 
 
-def test_an_order_to_a_vehicle_that_does_not_exist_is_refused_before_anybody_is_told(flown: Flight) -> None:
+def test_an_order_to_a_vehicle_that_does_not_exist_is_refused_before_anybody_is_told(flown: Sky) -> None:
     operation_id = flown.take_off()
     with pytest.raises(ApiError, match="404"):
         flown.client.order("land", ["uav-1", "uav-9"])

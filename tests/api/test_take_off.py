@@ -32,7 +32,7 @@ def served() -> Iterator[Served]:
 
 
 @contextmanager
-def standing(served: Served, autopilot: Autopilot) -> Iterator[Flight]:
+def standing(served: Served, autopilot: Autopilot) -> Iterator[Sky]:
     """A fleet on the ground whose second vehicle returns when its battery is low."""
     http, endpoint = served[autopilot]
     fleet = FleetThread(SCENARIO, endpoint, SPEEDUP, autopilot=autopilot.value)
@@ -40,14 +40,14 @@ def standing(served: Served, autopilot: Autopilot) -> Iterator[Flight]:
         fleet.fleet.vehicles[2].autopilot.parameters[name] = value
     try:
         flown = Flight(http, fleet, SCENARIO)
-        fleet.pace.let_pass(4.0)  # until what the vehicles before were in is over
+        flown.let_pass(4.0)  # until what the vehicles before were in is over
         yield flown
     finally:
         fleet.stop()
     gone(flown.client, fleet)
 
 
-def ended(flown: Flight, operation_id: str) -> tuple[OperationView, float]:
+def ended(flown: Sky, operation_id: str) -> tuple[OperationView, float]:
     """The operation when it is over, and the seconds that took."""
     pace = flown.fleet.pace
     began_s = pace()
@@ -55,21 +55,21 @@ def ended(flown: Flight, operation_id: str) -> tuple[OperationView, float]:
     return flown.client.operation(operation_id), pace() - began_s
 
 
-def launched_to(flown: Flight, up_m: float) -> str:
+def launched_to(flown: Sky, up_m: float) -> str:
     """An operation whose second vehicle has just climbed so high."""
     operation = flown.client.fly(flown.plan.id)
-    flown.fleet.pace.until(lambda: flown.fleet.fleet.vehicles[2].position[2] > up_m or is_over(flown, operation.id))
+    flown.wait(lambda: flown.fleet.vehicles[2].position[2] > up_m or is_over(flown, operation.id))
     return operation.id
 
 
-def is_over(flown: Flight, operation_id: str) -> bool:
+def is_over(flown: Sky, operation_id: str) -> bool:
     view = flown.client.operation(operation_id)
     assert view.state is not State.FAILED, view.error
     return False
 
 
-def commands_to(flown: Flight, system_id: int, since_s: float) -> list[str]:
-    heard = list(flown.fleet.fleet.truth.messages)
+def commands_to(flown: Sky, system_id: int, since_s: float) -> list[str]:
+    heard = list(flown.fleet.truth.messages)
     return [
         one.name
         for one in heard
@@ -96,9 +96,9 @@ def test_whoever_falls_out_of_the_climb_ends_it_at_once_by_name_and_the_other_ho
     def check(autopilot: Autopilot) -> None:
         with standing(served, autopilot) as flown:
             operation_id = launched_to(flown, 6.0)
-            flown.fleet.inject(fault)
+            flown.inject(fault)
             view, seconds = ended(flown, operation_id)
-            struck_s = flown.fleet.fleet.now_s
+            struck_s = flown.fleet.now_s
             assert view.state is State.FAILED
             assert view.error is not None
             assert "'uav-2'" in view.error
@@ -106,9 +106,9 @@ def test_whoever_falls_out_of_the_climb_ends_it_at_once_by_name_and_the_other_ho
             assert any(one in view.error for one in cause), view.error
             assert seconds < AT_ONCE_S
             hold = "HOLD" if autopilot is Autopilot.PX4 else "GUIDED"
-            other = flown.fleet.fleet.vehicles[1]
-            flown.fleet.pace.until(lambda: other.mode.name == hold)
-            flown.fleet.pace.let_pass(4.0)  # it would be at 40 m
+            other = flown.fleet.vehicles[1]
+            flown.wait(lambda: other.mode.name == hold)
+            flown.let_pass(4.0)  # it would be at 40 m
             assert other.armed
             assert 4.0 < other.position[2] < 36.0
             assert commands_to(flown, 2, struck_s) == []
@@ -119,17 +119,17 @@ def test_whoever_falls_out_of_the_climb_ends_it_at_once_by_name_and_the_other_ho
 def test_who_is_still_low_when_another_falls_out_lands(served: Served) -> None:
     def check(autopilot: Autopilot) -> None:
         with standing(served, autopilot) as flown:
-            first = flown.fleet.fleet.vehicles[1].autopilot
+            first = flown.fleet.vehicles[1].autopilot
             first.parameters["MPC_Z_V_AUTO_UP" if autopilot is Autopilot.PX4 else "WPNAV_SPEED_UP"] = (
                 0.3 if autopilot is Autopilot.PX4 else 30.0
             )
             operation_id = launched_to(flown, 3.0)
-            assert flown.fleet.fleet.vehicles[1].position[2] < 2.0
-            flown.fleet.inject(sim.ModeChange(2, "POSITION"))
+            assert flown.fleet.vehicles[1].position[2] < 2.0
+            flown.inject(sim.ModeChange(2, "POSITION"))
             view, _ = ended(flown, operation_id)
             assert view.state is State.FAILED
-            flown.fleet.pace.until(lambda: bool(flown.fleet.fleet.truth.happened("disarmed", 1)))
-            modes = [event.detail["mode"] for event in flown.fleet.fleet.truth.happened("mode", 1)]
+            flown.wait(lambda: bool(flown.fleet.truth.happened("disarmed", 1)))
+            modes = [event.detail["mode"] for event in flown.fleet.truth.happened("mode", 1)]
             assert "LAND" in modes[-2:]  # a disarmed PX4 goes on to the pilot's mode
 
     side_by_side(check)
@@ -137,12 +137,12 @@ def test_who_is_still_low_when_another_falls_out_lands(served: Served) -> None:
 
 def test_a_human_who_takes_one_that_waits_at_its_altitude_ends_the_launch(served: Served) -> None:
     with standing(served, Autopilot.PX4) as flown:
-        slow = flown.fleet.fleet.vehicles[1].autopilot
+        slow = flown.fleet.vehicles[1].autopilot
         slow.parameters["MPC_Z_V_AUTO_UP"] = 0.5
         operation_id = launched_to(flown, 39.5)
         flown.until(operation_id, lambda view: view.state is State.LAUNCHING)
-        flown.fleet.pace.until(lambda: flown.fleet.fleet.vehicles[2].mode.name == "HOLD")
-        flown.fleet.inject(sim.ModeChange(2, "POSITION"))
+        flown.wait(lambda: flown.fleet.vehicles[2].mode.name == "HOLD")
+        flown.inject(sim.ModeChange(2, "POSITION"))
         view, seconds = ended(flown, operation_id)
         assert view.error is not None
         assert view.error.startswith("lost before slot 0: 'uav-2': human took over: in mode 'position'")
@@ -154,21 +154,21 @@ def test_how_the_flight_before_ended_does_not_keep_a_uav_on_the_ground(
 ) -> None:
     with standing(served, Autopilot.PX4) as flown:
         operation_id = launched_to(flown, 6.0)
-        flown.fleet.inject(sim.ModeChange(2, "LAND"))
+        flown.inject(sim.ModeChange(2, "LAND"))
         view, _ = ended(flown, operation_id)
         assert view.state is State.FAILED
         for number in (1, 2):
-            flown.fleet.inject(sim.ModeChange(number, "LAND"))
-            flown.fleet.pace.until(lambda number=number: bool(flown.fleet.fleet.truth.happened("disarmed", number)))  # type: ignore[misc]
-        flown.fleet.pace.until(lambda: not any(vehicle.armed for vehicle in flown.client.vehicles()))
+            flown.inject(sim.ModeChange(number, "LAND"))
+            flown.wait(lambda number=number: bool(flown.fleet.truth.happened("disarmed", number)))  # type: ignore[misc]
+        flown.wait(lambda: not any(vehicle.armed for vehicle in flown.client.vehicles()))
         again = flown.client.fly(flown.plan.id)
         flown.until(again.id, lambda view: view.state is State.FLYING)
         flown.client.command(again.id, "abort", action="land")
 
 
-def not_yet(flown: Flight, system_id: int, for_s: float) -> None:
+def not_yet(flown: Sky, system_id: int, for_s: float) -> None:
     """This vehicle refuses to be armed for a while, as an ArduCopter does that has just booted."""
-    autopilot, pace = flown.fleet.fleet.vehicles[system_id].autopilot, flown.fleet.pace
+    autopilot, pace = flown.fleet.vehicles[system_id].autopilot, flown.fleet.pace
     arm, refused_s = autopilot.arm, []
 
     def refuse(*, force: bool = False) -> bool:
@@ -181,7 +181,7 @@ def not_yet(flown: Flight, system_id: int, for_s: float) -> None:
     autopilot.arm = refuse  # type: ignore[method-assign]
 
 
-def events_of(flown: Flight, kind: str) -> list[dict[str, Any]]:
+def events_of(flown: Sky, kind: str) -> list[dict[str, Any]]:
     return [event["data"] for event in flown.events(kind)]
 
 
@@ -191,11 +191,11 @@ def test_one_that_cannot_be_armed_yet_is_waited_for_by_all_on_the_ground_and_its
             not_yet(flown, 2, for_s=4.0)
             operation = flown.client.fly(flown.plan.id)
             flown.until(operation.id, lambda _: events_of(flown, "arming_refused"))
-            assert flown.fleet.fleet.vehicles[1].position[2] < 0.5
+            assert flown.fleet.vehicles[1].position[2] < 0.5
             flown.until(operation.id, lambda view: view.state is State.FLYING)
             refusals = [event for event in events_of(flown, "arming_refused") if event["uav_id"] == "uav-2"]
             assert "Need Position Estimate" in refusals[0]["because"]
-            truth = flown.fleet.fleet.truth
+            truth = flown.fleet.truth
             armed_s = max(event.t_s for event in truth.happened("armed", 2))
             assert min(event.t_s for event in truth.happened("takeoff")) >= armed_s
             flown.client.command(operation.id, "abort", action="land")
@@ -205,8 +205,8 @@ def test_one_that_cannot_be_armed_yet_is_waited_for_by_all_on_the_ground_and_its
 
 def test_one_that_has_no_fix_yet_is_waited_for_before_it_is_audited(served: Served) -> None:
     with standing(served, Autopilot.PX4) as flown:
-        flown.fleet.inject(sim.GpsLoss(2, for_s=20.0))
-        flown.fleet.pace.until(lambda: flown.client.vehicles()[1].lat_deg is None)
+        flown.inject(sim.GpsLoss(2, for_s=20.0))
+        flown.wait(lambda: flown.client.vehicles()[1].lat_deg is None)
         before = len(events_of(flown, "preflight"))
         operation = flown.client.fly(flown.plan.id)
         flown.until(operation.id, lambda view: view.state in {State.LAUNCHING, State.FLYING})

@@ -1,0 +1,52 @@
+"""Drills of the service's own simulated fleet: real MAVLink on a real socket, in a thread of the service."""
+
+import time
+
+import pytest
+from fastapi.testclient import TestClient
+
+from skyfolio.api.client import ApiError, Client
+from skyfolio.api.common.settings import Settings
+from skyfolio.api.flights.operation_views import OperationView, State
+from skyfolio.api.http.app import create_app
+from skyfolio.planner import EXAMPLES
+
+SPEEDUP = 8.0
+
+
+def wait_for(client: Client, operation_id: str, state: State) -> OperationView:
+    deadline = time.monotonic() + 90
+    while time.monotonic() < deadline:
+        view = client.operation(operation_id)
+        if view.state == state:
+            return view
+        assert view.state != State.FAILED, view.error
+        time.sleep(0.05)
+    raise AssertionError(f"still {view.state}")
+
+
+@pytest.mark.e2e
+@pytest.mark.beside
+def test_a_drill_strikes_only_what_the_service_simulates_and_a_plan_made_ahead_answers_it() -> None:
+    settings = Settings(simulate="minimal", time_scale=SPEEDUP, plan_ahead=False)
+    with TestClient(create_app(settings)) as http:
+        client = Client(http=http)
+        assert {vehicle.simulated for vehicle in client.vehicles()} == {True}
+        plan = client.plan(EXAMPLES["minimal"]().with_changes(slots=14))
+        for slot in range(1, 13):
+            assert client.contingencies(plan.id, at_slot=slot).complete
+        operation = client.fly(plan.id, launch="manual")
+        wait_for(client, operation.id, State.READY)
+        assert client.drill(operation.id, "uav-2", at_slot=2).state == "scheduled"
+        for refused in ({"fault": "earthquake"}, {"at_slot": 99}, {"strength": 9}):
+            with pytest.raises(ApiError, match="422"):
+                client.drill(operation.id, "uav-2", **refused)
+        client.command(operation.id, "start")
+        ended = wait_for(client, operation.id, State.COMPLETED)
+        assert [report.outcome for report in ended.recoveries] == ["flying"]
+        assert ended.recoveries[0].source == "planned_ahead"
+        assert http.get("/v1/drills").json()["items"][0]["state"] == "struck"
+        track = http.get(f"/v1/operations/{operation.id}/track").json()
+        assert len(track) > 50
+        with pytest.raises(ApiError, match="409"):
+            client.drill(operation.id, "uav-1")
