@@ -2,30 +2,24 @@
 
 from __future__ import annotations
 
-import socket
-from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from fastapi.testclient import TestClient
 
 from skyfolio import sim
-from skyfolio.api.common.settings import Settings
 from skyfolio.api.flights.ends import LastSeen, UavEnd, end_of, shortfall
 from skyfolio.api.flights.losses import Loss
 from skyfolio.api.flights.operation_views import State
 from skyfolio.mavlink_bridge import FlightMode
 from skyfolio.planner import EXAMPLES
-from tests.api.flying import flight, serving
-from tests.ports import free_port
+from tests.api.sky import flight
 
 HOME = (10.0, 20.0)
 FAILSAFE = Loss("in_failsafe", "in mode 'return'")
 SILENT = Loss("heartbeat_lost", "silent for 5.0 s", 5.0)
 CRASHED = Loss("crashed", "sinking at 9 m/s")
 RETIRED = Loss("battery", "sent home by the operator: no low battery")
-SPEEDUP = 5.0
 SCENARIO = EXAMPLES["minimal"]().with_changes(slots=6, altitude_m=20.0)
 
 
@@ -135,20 +129,8 @@ def test_whoever_is_in_the_air_is_named_although_no_plan_counts_on_it() -> None:
     )
 
 
-@pytest.fixture
-def served() -> Iterator[tuple[TestClient, str]]:
-    port = free_port(socket.SOCK_DGRAM)
-    settings = Settings(fleet_url=f"udpin://127.0.0.1:{port}", time_scale=SPEEDUP, heartbeat_lost_s=15.0)
-    with serving(settings) as client:
-        yield client, f"udpout://127.0.0.1:{port}"
-
-
-@pytest.mark.e2e
-@pytest.mark.beside
-def test_an_operation_waits_for_one_that_returns_and_is_completed_in_part_only(
-    served: tuple[TestClient, str],
-) -> None:
-    with flight(*served, SCENARIO, SPEEDUP) as flown:
+def test_an_operation_waits_for_one_that_returns_and_is_completed_in_part_only() -> None:
+    with flight(SCENARIO, heartbeat_lost_s=15.0) as flown:
         operation_id = flown.take_off(replanning="off")
         flown.let_pass(4 * SCENARIO.slot_duration_s)  # in the air when the others are down
         flown.fleet.vehicles[2].autopilot.parameters["MPC_Z_V_AUTO_DN"] = 0.5

@@ -2,22 +2,18 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any, TypeAlias
+from typing import Any
 
 import pytest
-from fastapi.testclient import TestClient
 
 from skyfolio import sim
 from skyfolio.api.client import ApiError
-from skyfolio.api.flights.operation_views import OperationView, State
+from skyfolio.api.flights.operation_views import OperationView
 from skyfolio.mavlink_bridge import Autopilot
 from skyfolio.planner import EXAMPLES
-from tests.api.flying import FleetThread, Flight, gone, side_by_side, two_services
+from tests.api.sky import Sky, flight
 
-pytestmark = [pytest.mark.e2e, pytest.mark.beside]
 SCENARIO = EXAMPLES["paper"]().with_changes(slots=40, altitude_m=8.0)
-Served: TypeAlias = dict[Autopilot, tuple[TestClient, str]]
-SPEEDUP = 4.0
 PARAMETERS = {
     Autopilot.PX4: {"COM_LOW_BAT_ACT": 3.0, "NAV_DLL_ACT": 2.0, "COM_DL_LOSS_T": 5.0, "COM_FAIL_ACT_T": 1.0},
     Autopilot.ARDUPILOT: {
@@ -32,48 +28,28 @@ ORDERS = ("COMMAND", "MISSION", "SET_")
 CHANGE_SPEED = 178
 
 
-@pytest.fixture(scope="module")
-def served() -> Iterator[Served]:
-    patient = {"heartbeat_stale_s": 8.0, "heartbeat_lost_s": 16.0}  # what counts here is what is said
-    with two_services(SPEEDUP, **patient) as made:
-        yield made
+PATIENT = {"heartbeat_stale_s": 8.0, "heartbeat_lost_s": 16.0}
+"""What counts here is what vehicles say, not that they are silent."""
+BOTH = pytest.mark.parametrize("autopilot", list(Autopilot))
 
 
 @contextmanager
-def flying(served: Served, autopilot: Autopilot, **options: Any) -> Iterator[tuple[Flight, str]]:
-    """A fleet whose failsafes are set, in slot 0; it lands at the end."""
-    http, endpoint = served[autopilot]
-    fleet = FleetThread(SCENARIO, endpoint, SPEEDUP, autopilot=autopilot.value)
-    for vehicle in fleet.fleet.vehicles.values():
-        for name, value in PARAMETERS[autopilot].items():
-            vehicle.autopilot.parameters[name] = value
-    try:
-        flown = Flight(http, fleet, SCENARIO)
-        operation_id = flown.take_off(**options)
-        yield flown, operation_id
-        if flown.client.operation(operation_id).state in {State.FLYING, State.PAUSED}:
-            flown.client.command(operation_id, "abort", action="hold")
-    finally:
-        fleet.stop()
-    gone(flown.client, fleet)
+def flying(autopilot: Autopilot = Autopilot.PX4, **options: Any) -> Iterator[tuple[Sky, str]]:
+    """A fleet whose failsafes are set, in slot 0."""
+    with flight(SCENARIO, autopilots=[autopilot.value], **PATIENT) as flown:
+        flown.set_parameters(PARAMETERS[autopilot])
+        yield flown, flown.take_off(**options)
 
 
 def answered(flown: Sky, operation_id: str) -> OperationView:
     return flown.until(operation_id, lambda view: view.recoveries)
 
 
-def events_of(flown: Sky, operation_id: str, kind: str) -> list[dict[str, Any]]:
-    """Data of the events of a kind since this operation was made."""
-    found = flown.events()
-    first = next(event["id"] for event in found if event["data"].get("operation_id") == operation_id)
-    return [event["data"] for event in found if event["kind"] == kind and event["id"] >= first]
-
-
 def orders_to(flown: Sky, system_id: int, since_s: float) -> set[str | int]:
     """Commands by their numbers, however often each was repeated, and other orders by their names."""
     return {
         one.command or one.name
-        for one in list(flown.fleet.truth.messages)
+        for one in flown.fleet.truth.messages
         if one.system_id == system_id and one.t_s > since_s and one.direction == "in" and one.name.startswith(ORDERS)
     }
 
@@ -93,43 +69,39 @@ def assert_left_alone_and_planned_around(
     assert "uav-3" in operation.flight.guidance.airspace.ghosts
     flown.let_pass(4.0)
     orders = orders_to(flown, 3, seen_s)
-    restored = [one for one in events_of(flown, operation_id, "speed_restored") if one["uav_id"] == "uav-3"]
+    restored = [one for one in flown.told(operation_id, "speed_restored") if one["uav_id"] == "uav-3"]
     assert orders <= ({CHANGE_SPEED} if restored else set())
 
 
-def test_a_battery_failsafe_in_flight_is_told_with_its_words_and_numbers_and_left_alone(served: Served) -> None:
-    def check(autopilot: Autopilot) -> None:
-        with flying(served, autopilot) as (flown, operation_id):
-            flown.inject(sim.LowBattery(3, 0.06))
-            view = answered(flown, operation_id)
-            seen_s = flown.fleet.now_s
-            (lost,) = events_of(flown, operation_id, "uav_lost")
-            mode = "hold" if autopilot is Autopilot.PX4 else "return"  # PX4 holds for COM_FAIL_ACT_T first
-            assert lost["cause"] == "in_failsafe"
-            assert f"in mode '{mode}', system status 5" in lost["detail"]
-            assert "% of charge left" in lost["detail"]
-            assert_left_alone_and_planned_around(flown, operation_id, view, "in_failsafe", seen_s)
-
-    side_by_side(check)
+@BOTH
+def test_a_battery_failsafe_in_flight_is_told_with_its_words_and_numbers_and_left_alone(autopilot: Autopilot) -> None:
+    with flying(autopilot) as (flown, operation_id):
+        flown.inject(sim.LowBattery(3, 0.06))
+        view = answered(flown, operation_id)
+        seen_s = flown.fleet.now_s
+        (lost,) = flown.told(operation_id, "uav_lost")
+        mode = "hold" if autopilot is Autopilot.PX4 else "return"  # PX4 holds for COM_FAIL_ACT_T first
+        assert lost["cause"] == "in_failsafe"
+        assert f"in mode '{mode}', system status 5" in lost["detail"]
+        assert "% of charge left" in lost["detail"]
+        assert_left_alone_and_planned_around(flown, operation_id, view, "in_failsafe", seen_s)
 
 
-def test_a_uav_that_hears_us_no_more_and_saves_itself_is_seen_and_left_alone(served: Served) -> None:
-    def check(autopilot: Autopilot) -> None:
-        with flying(served, autopilot) as (flown, operation_id):
-            flown.inject(sim.Impair(3, up=sim.Impairments(cut=True)))
-            view = answered(flown, operation_id)
-            seen_s = flown.fleet.now_s
-            (lost,) = events_of(flown, operation_id, "uav_lost")
-            assert (lost["cause"], "system status 5" in lost["detail"]) == ("in_failsafe", True), lost
-            flown.inject(sim.Impair(3, up=sim.Impairments()))  # it hears us again, and returns on
-            flown.let_pass(6.0)
-            assert_left_alone_and_planned_around(flown, operation_id, view, "in_failsafe", seen_s)
-
-    side_by_side(check)
+@BOTH
+def test_a_uav_that_hears_us_no_more_and_saves_itself_is_seen_and_left_alone(autopilot: Autopilot) -> None:
+    with flying(autopilot) as (flown, operation_id):
+        flown.inject(sim.Impair(3, up=sim.Impairments(cut=True)))
+        view = answered(flown, operation_id)
+        seen_s = flown.fleet.now_s
+        (lost,) = flown.told(operation_id, "uav_lost")
+        assert (lost["cause"], "system status 5" in lost["detail"]) == ("in_failsafe", True), lost
+        flown.inject(sim.Impair(3, up=sim.Impairments()))  # it hears us again, and returns on
+        flown.let_pass(6.0)
+        assert_left_alone_and_planned_around(flown, operation_id, view, "in_failsafe", seen_s)
 
 
-def test_a_px4_that_somebody_else_holds_is_seen_and_left_alone(served: Served) -> None:
-    with flying(served, Autopilot.PX4) as (flown, operation_id):
+def test_a_px4_that_somebody_else_holds_is_seen_and_left_alone() -> None:
+    with flying() as (flown, operation_id):
         flown.client.command(operation_id, "pause")
         flown.let_pass(8.0)
         assert flown.client.operation(operation_id).lost == []  # our own hold is nobody else's
@@ -138,21 +110,21 @@ def test_a_px4_that_somebody_else_holds_is_seen_and_left_alone(served: Served) -
         flown.inject(sim.ModeChange(3, "HOLD"))
         view = answered(flown, operation_id)
         seen_s = flown.fleet.now_s
-        (lost,) = events_of(flown, operation_id, "uav_lost")
+        (lost,) = flown.told(operation_id, "uav_lost")
         assert lost["cause"] == "human_took_over"
         assert "held by somebody else, not by this service: its last order was 'mission'" in lost["detail"]
         assert_left_alone_and_planned_around(flown, operation_id, view, "human_took_over", seen_s)
         assert flown.fleet.vehicles[3].mode is sim.Mode.HOLD
 
 
-def test_a_low_battery_is_offered_and_only_the_operator_sends_the_uav_home(served: Served) -> None:
-    with flying(served, Autopilot.PX4) as (flown, operation_id):
+def test_a_low_battery_is_offered_and_only_the_operator_sends_the_uav_home() -> None:
+    with flying() as (flown, operation_id):
         flown.inject(sim.LowBattery(3, 0.18))
         view = flown.until(operation_id, lambda view: view.low_on_battery)
         flown.let_pass(4.0)
         assert (view.low_on_battery, view.lost) == (["uav-3"], [])
         assert flown.client.operation(operation_id).recoveries == []  # nobody is grabbed
-        (offer,) = events_of(flown, operation_id, "uav_low_on_battery")
+        (offer,) = flown.told(operation_id, "uav_low_on_battery")
         assert (offer["uav_id"], offer["offer"]) == ("uav-3", "retire")
         assert "18% of charge left" in offer["detail"]
         with pytest.raises(ApiError, match="409"):
@@ -164,35 +136,31 @@ def test_a_low_battery_is_offered_and_only_the_operator_sends_the_uav_home(serve
         assert flown.fleet.vehicles[3].mode is sim.Mode.RTL
         with pytest.raises(ApiError, match="409"):
             flown.client.command(operation_id, "retire", uav_id="uav-3")
-        flown.until(operation_id, lambda _: events_of(flown, operation_id, "ghost_released"))
+        flown.until(operation_id, lambda _: flown.told(operation_id, "ghost_released"))
 
 
-def test_a_reboot_in_flight_is_a_loss(served: Served) -> None:
-    def check(autopilot: Autopilot) -> None:
-        with flying(served, autopilot) as (flown, operation_id):
-            flown.inject(sim.Reboot(3, for_s=1.0))
-            view = answered(flown, operation_id)
-            assert view.lost == ["uav-3"]
-            assert view.recoveries[0].cause in {
-                "rebooted",
-                "crashed",
-                "disarmed_in_air",
-            }  # never landed: its motors have stopped
-
-    side_by_side(check)
+@BOTH
+def test_a_reboot_in_flight_is_a_loss(autopilot: Autopilot) -> None:
+    with flying(autopilot) as (flown, operation_id):
+        flown.inject(sim.Reboot(3, for_s=1.0))
+        view = answered(flown, operation_id)
+        assert view.lost == ["uav-3"]
+        assert view.recoveries[0].cause in {
+            "rebooted",
+            "crashed",
+            "disarmed_in_air",
+        }  # never landed: its motors have stopped
 
 
-def test_a_uav_that_restarts_and_proves_that_it_flies_on_is_an_event_and_no_loss(
-    served: Served,
-) -> None:
-    with flying(served, Autopilot.PX4) as (flown, operation_id):
+def test_a_uav_that_restarts_and_proves_that_it_flies_on_is_an_event_and_no_loss() -> None:
+    with flying() as (flown, operation_id):
         flown.inject(sim.ClockJump(3, -flown.fleet.now_s - sim.BOOTED_S_AGO))
         flown.until(
             operation_id,
-            lambda _: [one for one in events_of(flown, operation_id, "condition") if one["after"] == "rebooted"],
+            lambda _: [one for one in flown.told(operation_id, "condition") if one["after"] == "rebooted"],
         )
         flown.let_pass(4.0)
         view = flown.client.operation(operation_id)
         assert (view.lost, view.recoveries) == ([], [])
-        (event,) = [one for one in events_of(flown, operation_id, "condition") if one["after"] == "rebooted"]
+        (event,) = [one for one in flown.told(operation_id, "condition") if one["after"] == "rebooted"]
         assert "it flies its mission on" in event["cause"]

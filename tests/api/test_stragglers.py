@@ -9,10 +9,9 @@ from skyfolio.api.flights.operation_views import State
 from skyfolio.api.flights.stragglers import STILL_S, Stillness
 from skyfolio.mavlink_bridge import Autopilot
 from skyfolio.planner import EXAMPLES
-from tests.api.flying import FleetThread, Flight, gone, service
+from tests.api.sky import flight
 
 SCENARIO = EXAMPLES["paper"]().with_changes(slots=8, altitude_m=8.0)
-SPEEDUP = 8.0
 
 
 def test_who_does_not_move_for_a_while_is_told_once_for_each_while() -> None:
@@ -29,23 +28,14 @@ def test_who_descends_or_was_forgotten_is_not_still() -> None:
     assert not stillness.seen("uav-2", 2 * STILL_S, (0.0, 0.0, 20.0))
 
 
-@pytest.mark.e2e
 @pytest.mark.parametrize("autopilot", list(Autopilot))
 def test_one_that_was_left_hovering_lands_after_the_plan_and_an_event_says_so(autopilot: Autopilot) -> None:
-    with service(SPEEDUP) as (http, endpoint):
-        fleet = FleetThread(SCENARIO, endpoint, SPEEDUP, autopilot=autopilot.value)
-        try:
-            flown = Flight(http, fleet, SCENARIO)
-            operation_id = flown.take_off(replanning="off")
-            link = flown.service.fleet.link
-            assert http.portal is not None
-            (held,) = http.portal.call(link.hold, [2]).values()
-            assert held.ok, held
-            view = flown.ended(operation_id)
-            told = [one for one in flown.client.events(follow=False) if one.kind == "brought_down"]
-        finally:
-            fleet.stop()
-        gone(flown.client, fleet)
+    with flight(SCENARIO, autopilots=[autopilot.value]) as flown:
+        operation_id = flown.take_off(replanning="off")
+        (held,) = flown.run(flown.ground.ask(flown.service.fleet.link.hold([2]))).values()
+        assert held.ok, held
+        view = flown.ended(operation_id)
+        told = [event["data"] for event in flown.events("brought_down")]
     assert (view.state, view.uavs["uav-2"].end) == (State.COMPLETED_PARTLY, UavEnd.RETURNED), view.error
     assert view.uavs["uav-1"].end == UavEnd.FLOWN
-    assert [(one.data["uav_id"], one.data["action"], one.data["error"]) for one in told] == [("uav-2", "land", None)]
+    assert [(one["uav_id"], one["action"], one["error"]) for one in told] == [("uav-2", "land", None)]
