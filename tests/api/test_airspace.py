@@ -1,12 +1,10 @@
 """Operations of one service keep out of each other's air, and know each other's ghosts."""
 
 import asyncio
-from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
-from fastapi.testclient import TestClient
 
 from skyfolio.api.client import ApiError
 from skyfolio.api.common.errors import ConflictError
@@ -23,7 +21,7 @@ from skyfolio.mavlink_bridge.ghosts import Airspace, Ghost
 from skyfolio.mavlink_bridge.ghosts import Way as GhostWay
 from skyfolio.mavlink_bridge.route import Route
 from skyfolio.planner import EXAMPLES, Origin, Plan, ReplanError, Scenario, plan
-from tests.api.flying import FleetThread, Flight, gone, service
+from tests.api.sky import flight
 
 MINIMAL = EXAMPLES["minimal"]().with_changes(slots=30, altitude_m=8.0)
 ORIGIN = MINIMAL.origin
@@ -208,18 +206,8 @@ def test_a_change_in_flight_keeps_out_of_the_air_of_others_unless_the_plan_in_fo
     require_separated({"uav-1": enters}, Present(1.0, live, enters, Airspace(), traffic))
 
 
-@pytest.fixture(scope="module")
-def served() -> Iterator[tuple[TestClient, str]]:
-    with service(8.0, heartbeat_stale_s=6.0, heartbeat_lost_s=10.0) as made:
-        yield made
-
-
-@pytest.mark.e2e
-def test_an_operation_into_the_air_of_another_or_of_a_hovering_one_is_refused(served: tuple[TestClient, str]) -> None:
-    http, endpoint = served
-    fleet = FleetThread(MINIMAL, endpoint, 8.0)
-    try:
-        flown = Flight(http, fleet, MINIMAL)
+def test_an_operation_into_the_air_of_another_or_of_a_hovering_one_is_refused() -> None:
+    with flight(MINIMAL) as flown:
         mine = flown.client.plan(one(0))
         into = flown.client.plan(one(1, "user-1", "user-2"))
         beside = flown.client.plan(one(1, "user-3", "user-4"))
@@ -237,6 +225,3 @@ def test_an_operation_into_the_air_of_another_or_of_a_hovering_one_is_refused(se
         with pytest.raises(ApiError, match="of 'uav-1' of no operation"):
             flown.client.fly(into.id)
         flown.client.order("land")
-    finally:
-        fleet.stop()
-    gone(flown.client, fleet)
