@@ -107,11 +107,6 @@ class Pace:
                     raise AssertionError(what if isinstance(what, str) else what())
                 time.sleep(min(LOOK_S, LOOKS_AHEAD_S / self.speedup / 4))
 
-    def let_pass(self, fleet_s: float) -> None:
-        """Wait that many fleet seconds."""
-        until_s = self() + fleet_s / self.speedup
-        self.until(lambda: self() >= until_s, within_s=fleet_s + 60.0)
-
 
 @cache
 def pace(speedup: float) -> Pace:

@@ -6,9 +6,8 @@ Both live at one pace (`tests.pacing`): seconds, here and in what tests wait for
 import asyncio
 import socket
 import threading
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from fastapi import FastAPI
@@ -18,10 +17,8 @@ from skyfolio import sim
 from skyfolio.api.client import Client
 from skyfolio.api.common.settings import Settings
 from skyfolio.api.fleet.simulated_fleet import specs_at_starts
-from skyfolio.api.flights.operation_views import ENDED, OperationView, State
 from skyfolio.api.http.app import create_app
 from skyfolio.api.service import Service
-from skyfolio.mavlink_bridge import Autopilot
 from skyfolio.planner import Plan, Scenario
 from tests.pacing import PacedLoop, loop_options, pace
 from tests.ports import free_port
@@ -65,45 +62,12 @@ class Flight:
             self.client.register(uav, number)
         fleet.pace.until(lambda: all(vehicle.link == "live" for vehicle in self.client.vehicles()), "all are heard")
 
-    def reached_by(self, http: TestClient) -> None:
-        """Another service has taken over."""
-        self.http, self.client = http, Client(http=http)
-
     @property
     def service(self) -> Service:
         app = self.http.app
         assert isinstance(app, FastAPI)
         made: Service = app.state.service
         return made
-
-    def take_off(self, **options: Any) -> str:
-        """Start the operation; its id once slot 0 has begun."""
-        operation = self.client.fly(self.plan.id, **options)
-        self.until(operation.id, lambda view: view.state == State.FLYING)
-        return operation.id
-
-    def until(self, operation_id: str, is_so: Callable[[OperationView], object], limit_s: float = 90) -> OperationView:
-        """The operation once it is so; fails when it ended as failed, or after so many seconds."""
-        views: list[OperationView] = []
-
-        def now_so() -> bool:
-            view = self.client.operation(operation_id)
-            views[:] = [view]
-            if is_so(view):
-                return True
-            assert view.state != State.FAILED, view.error
-            return False
-
-        self.fleet.pace.until(now_so, lambda: f"not so after {limit_s:g} s: {views}", within_s=limit_s)
-        return views[0]
-
-    def events(self, kind: str | None = None) -> list[dict[str, Any]]:
-        """Every event of the service so far, or those of one kind."""
-        return [event for event in events_of(self.http) if kind in (None, event["kind"])]
-
-    def ended(self, operation_id: str) -> OperationView:
-        """The operation when it is over."""
-        return self.until(operation_id, lambda view: view.state in ENDED)
 
 
 def events_of(http: TestClient) -> list[dict[str, Any]]:
@@ -116,11 +80,6 @@ def events_of(http: TestClient) -> list[dict[str, Any]]:
         page = answer.json()
         found, after = found + page["items"], page["next"]
     return found
-
-
-def gone(client: Client, fleet: FleetThread) -> None:
-    """Wait until the service misses the vehicles of a fleet that was stopped: those of the next test have their ids."""
-    fleet.pace.until(lambda: all(vehicle.link == "lost" for vehicle in client.vehicles()), "all are missed")
 
 
 @contextmanager
@@ -138,43 +97,3 @@ def service(speedup: float, **settings: Any) -> Iterator[tuple[TestClient, str]]
     chosen = Settings(fleet_url=f"udpin://127.0.0.1:{port}", time_scale=speedup, **settings)
     with serving(chosen) as http:
         yield http, f"udpout://127.0.0.1:{port}"
-
-
-@contextmanager
-def two_services(speedup: float, **settings: Any) -> Iterator[dict[Autopilot, tuple[TestClient, str]]]:
-    """One for each autopilot, so that both can be flown side by side."""
-    with ExitStack() as stack:
-        made = {autopilot: stack.enter_context(service(speedup, **settings)) for autopilot in Autopilot}
-        for http, _ in made.values():  # routes are built by the first request, which two threads must not make at once
-            assert http.get("/openapi.json").status_code == 200
-        yield made
-
-
-def side_by_side(check: Callable[[Autopilot], None]) -> None:
-    """Fly it with both autopilots at once, each in a thread: a flight mostly waits. Raises what went wrong."""
-    with ThreadPoolExecutor(len(Autopilot)) as pool:
-        flown = {autopilot: pool.submit(check, autopilot) for autopilot in Autopilot}
-    errors = []
-    for autopilot, one in flown.items():
-        error = one.exception()
-        if error is not None:
-            error.add_note(f"on {autopilot.value}")
-            errors.append(error)
-    if errors:
-        raise BaseExceptionGroup("side by side", errors)
-
-
-@contextmanager
-def flight(http: TestClient, endpoint: str, scenario: Scenario, speedup: float) -> Iterator[Flight]:
-    """A fleet at the scenario's starts, a plan, and registered vehicles; what still flies is aborted at the end."""
-    fleet, client = FleetThread(scenario, endpoint, speedup), Client(http=http)
-    try:
-        flown = Flight(http, fleet, scenario)
-        yield flown
-        client = flown.client  # of the service that has them now
-        for row in flown.client.operations():
-            if row.ended_at is None:
-                flown.client.command(row.id, "abort")
-    finally:
-        fleet.stop()
-        gone(client, fleet)

@@ -7,11 +7,11 @@ machine computes, so that no test depends on how loaded it is. All seconds are t
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Coroutine, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, TypeVar
 
 import httpx2
 from fastapi import FastAPI
@@ -26,6 +26,7 @@ from skyfolio.api.lab.virtual.loop import VirtualLoop
 from skyfolio.api.service import Service
 from skyfolio.planner import Plan, Scenario
 
+Result = TypeVar("Result")
 LOOK_S = 0.25
 """Seconds between two looks of a test at what it waits for."""
 LIMIT_S = 600.0
@@ -70,7 +71,7 @@ class Sky:
 
     # -- time -----------------------------------------------------------------------------------------------------
 
-    def run(self, work: Any) -> Any:
+    def run(self, work: Coroutine[Any, Any, Result]) -> Result:
         """Let time pass until some work is done; its result."""
         return self._runner.run(work)
 
@@ -131,8 +132,7 @@ class Sky:
         async def all_of_them() -> list[httpx2.Response]:
             return await asyncio.gather(*map(self.carry, requests))
 
-        answers: list[httpx2.Response] = self.run(all_of_them())
-        return answers
+        return self.run(all_of_them())
 
     # -- the fleet ------------------------------------------------------------------------------------------------
 
