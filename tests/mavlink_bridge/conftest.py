@@ -8,16 +8,20 @@ from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass
 from functools import partial
-from typing import Self
+from typing import Any, Self
 
 import pytest
 
+from skyfolio.api.lab.virtual.wire import MemoryEndpoint, MemoryMessages
 from skyfolio.mavlink_bridge import Autopilot, FleetLink, HeartbeatMonitor, LinkOptions, east_north_to_geodetic
+from skyfolio.mavlink_bridge.ports import LinkPorts
 from skyfolio.planner.plans import Plan, Summary
 from skyfolio.planner.scenario import Origin, Scenario, Uav, User
 from skyfolio.sim import Fleet, ScaledClock, VehicleSpec
+from skyfolio.sim.fleet import STEP_S
 from tests.pacing import paced
 from tests.ports import free_port
+from tests.virtual_time import time_is_virtual
 
 Path = Sequence[tuple[float, float]]
 PlanOf = Callable[..., Plan]
@@ -141,39 +145,74 @@ OpenAirfield = Callable[..., AbstractAsyncContextManager[Airfield]]
 def airfield() -> OpenAirfield:
     """Opens `airfield(plan, speedup=..., endpoint=None, port=None)`: a vehicle for each UAV, found by the link.
 
-    Meanwhile the running loop is paced: what sleeps in it, and every time-out, waits with the fleet (`tests.pacing`).
+    On sockets and with MAVSDK the running loop is paced meanwhile: what sleeps in it, and every time-out, waits with
+    the fleet (`tests.pacing`). In virtual time (`tests.virtual_time`) the link is in memory, and needs no port.
     """
 
     @asynccontextmanager
     async def opened(
-        plan: Plan,
-        *,
-        speedup: float = 10.0,
-        endpoint: str | None = None,
-        port: int | None = None,
-        autopilot: Autopilot = Autopilot.PX4,
-        options: LinkOptions | None = None,
-        signing_key: bytes | None = None,
-        wait_s: float = 10.0,
+        plan: Plan, *, autopilot: Autopilot = Autopilot.PX4, wait_s: float = 10.0, **options: Any
     ) -> AsyncIterator[Airfield]:
-        port = port or free_port(socket.SOCK_DGRAM)
-        with paced(speedup) as pace:
-            clock = pace.fleet_clock()
-            fleet = Fleet(
-                specs_at(plan, autopilot),
-                clock=clock,
-                endpoint=endpoint or f"udpout://127.0.0.1:{port}",
-                protocol_clock=pace,
-                signing_key=signing_key,
-            )
-            async with fleet, FleetLink(clock=clock, monitor=HeartbeatMonitor(), options=options) as link:
-                await link.connect(f"udpin://127.0.0.1:{port}")
-                await link.wait_for(set(fleet.vehicles), timeout_s=wait_s)
-                if autopilot is Autopilot.ARDUPILOT:  # it streams no position unasked
-                    await link.prepare(fleet.vehicles)
-                yield Airfield(fleet, link, clock, port)
+        how = in_memory if time_is_virtual() else on_sockets
+        async with how(plan, autopilot, **options) as field:
+            await field.link.wait_for(set(field.fleet.vehicles), timeout_s=wait_s)
+            if autopilot is Autopilot.ARDUPILOT:  # it streams no position unasked
+                await field.link.prepare(field.fleet.vehicles)
+            yield field
 
     return opened
+
+
+@asynccontextmanager
+async def on_sockets(
+    plan: Plan,
+    autopilot: Autopilot,
+    *,
+    speedup: float = 10.0,
+    endpoint: str | None = None,
+    port: int | None = None,
+    options: LinkOptions | None = None,
+    signing_key: bytes | None = None,
+) -> AsyncIterator[Airfield]:
+    port = port or free_port(socket.SOCK_DGRAM)
+    with paced(speedup) as pace:
+        clock = pace.fleet_clock()
+        fleet = Fleet(
+            specs_at(plan, autopilot),
+            clock=clock,
+            endpoint=endpoint or f"udpout://127.0.0.1:{port}",
+            protocol_clock=pace,
+            signing_key=signing_key,
+        )
+        async with fleet, FleetLink(clock=clock, monitor=HeartbeatMonitor(), options=options) as link:
+            await link.connect(f"udpin://127.0.0.1:{port}")
+            yield Airfield(fleet, link, clock, port)
+
+
+@asynccontextmanager
+async def in_memory(plan: Plan, autopilot: Autopilot, *, speedup: float = 10.0) -> AsyncIterator[Airfield]:
+    loop = asyncio.get_running_loop()
+    clock = ScaledClock(speedup, source=loop.time)
+    fleet = Fleet(specs_at(plan, autopilot), clock=clock, protocol_clock=loop.time)
+    ports = LinkPorts(
+        endpoint=lambda url, on_frames: MemoryEndpoint(fleet, url, on_frames, alive=lambda: True),
+        messages=MemoryMessages,
+    )
+    stepping = loop.create_task(step(fleet, clock))
+    try:
+        async with FleetLink(clock=clock, monitor=HeartbeatMonitor(), ports=ports) as link:
+            await link.connect("udpin://in-memory:1")
+            yield Airfield(fleet, link, clock, 0)
+    finally:
+        stepping.cancel()
+        await asyncio.gather(stepping, return_exceptions=True)
+
+
+async def step(fleet: Fleet, clock: ScaledClock) -> None:
+    """Let the fleet live, until cancelled."""
+    while True:
+        await asyncio.sleep(STEP_S / clock.speedup)
+        fleet.step_to(clock.now())
 
 
 @pytest.fixture

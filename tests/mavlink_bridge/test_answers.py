@@ -13,6 +13,7 @@ from skyfolio.mavlink_bridge import Autopilot, Mission, compile_mission, mission
 from skyfolio.mavlink_bridge.profiles import profile_of
 from skyfolio.planner.plans import Plan
 from skyfolio.sim import Impair, Impairments, Mode
+from tests.virtual_time import in_virtual_time
 
 Open = Callable[..., Any]
 PlanOf = Callable[..., Plan]
@@ -56,6 +57,7 @@ def has(field: Any, mission: Mission) -> bool:
 
 
 @pytest.mark.parametrize(("number", "name"), [(7, "COMMAND_LONG_ONLY"), (8, "COMMAND_INT_ONLY"), (99, "UNKNOWN_99")])
+@in_virtual_time
 async def test_one_odd_answer_is_that_vehicles_error_and_the_others_do_as_they_are_told(
     airfield: Open, plan_of: PlanOf, number: int, name: str
 ) -> None:
@@ -73,6 +75,7 @@ async def test_one_odd_answer_is_that_vehicles_error_and_the_others_do_as_they_a
         }
 
 
+@in_virtual_time
 async def test_a_request_that_breaks_for_one_vehicle_does_not_take_the_others_results(
     airfield: Open, plan_of: PlanOf, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -103,6 +106,7 @@ def test_an_order_to_begin_with_a_speed_is_told_as_the_item_that_is_flown(
 
 
 @BOTH
+@in_virtual_time
 async def test_a_vehicle_in_flight_is_told_to_go_on_with_a_speed(
     airfield: Open, plan_of: PlanOf, autopilot: Autopilot
 ) -> None:
@@ -143,6 +147,7 @@ async def test_a_vehicle_that_refuses_to_be_asked_is_asked_once(
 
 
 @BOTH
+@in_virtual_time
 async def test_after_a_refused_swap_the_mission_from_before_goes_on(
     airfield: Open, plan_of: PlanOf, autopilot: Autopilot
 ) -> None:
@@ -161,8 +166,8 @@ async def test_after_a_refused_swap_the_mission_from_before_goes_on(
         assert field.link.telemetry(1).mission_current >= at_item
 
 
-@pytest.mark.e2e
 @BOTH
+@in_virtual_time
 async def test_a_swap_over_a_second_each_way_ends_flying_the_new_mission(
     airfield: Open, plan_of: PlanOf, autopilot: Autopilot
 ) -> None:

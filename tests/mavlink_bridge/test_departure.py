@@ -11,6 +11,7 @@ import pytest
 from skyfolio.mavlink_bridge import Autopilot, compile_mission
 from skyfolio.planner.plans import Plan
 from skyfolio.sim import Impair, Impairments, ModeChange, MotorFailure
+from tests.virtual_time import in_virtual_time
 
 Open = Callable[..., Any]
 PlanOf = Callable[..., Plan]
@@ -73,9 +74,8 @@ async def test_a_start_whose_first_orders_are_lost_is_not_half_a_second_late(
         assert go.late_s()[1] < 0.3  # the acknowledged order is repeated after half a second
 
 
-@pytest.mark.e2e
-@pytest.mark.beside
 @BOTH
+@in_virtual_time
 async def test_eight_start_within_a_quarter_second_where_a_tenth_is_lost_each_way(
     airfield: Open, plan_of: PlanOf, autopilot: Autopilot
 ) -> None:
@@ -99,6 +99,7 @@ async def test_eight_start_within_a_quarter_second_where_a_tenth_is_lost_each_wa
 
 @BOTH
 @pytest.mark.parametrize(("fault", "why"), [(ModeChange(1, "POSITION"), "mode 'position'"), (MotorFailure(1), "armed")])
+@in_virtual_time
 async def test_a_climb_that_will_not_arrive_ends_at_once(
     airfield: Open, line_and_hover: Plan, autopilot: Autopilot, fault: Any, why: str
 ) -> None:

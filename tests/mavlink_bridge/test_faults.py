@@ -14,9 +14,9 @@ from skyfolio.mavlink_bridge.conditions import Condition
 from skyfolio.planner.plans import Plan
 from skyfolio.sim import Kill
 from skyfolio.sim.faults import ClockJump, ModeChange, Reboot
+from tests.virtual_time import in_virtual_time
 
 Open = Callable[..., Any]
-pytestmark = pytest.mark.e2e
 BOTH = pytest.mark.parametrize("autopilot", list(Autopilot))
 
 
@@ -53,6 +53,7 @@ def low(line_and_hover: Plan) -> Plan:
 
 
 @BOTH
+@in_virtual_time
 async def test_a_human_who_takes_over_is_seen_and_nothing_else_is(
     airfield: Open, low: Plan, autopilot: Autopilot
 ) -> None:
@@ -62,6 +63,7 @@ async def test_a_human_who_takes_over_is_seen_and_nothing_else_is(
         assert await conditions(field, 5.0) == [Condition.HUMAN]
 
 
+@in_virtual_time
 async def test_a_reboot_on_the_ground_is_seen_and_passes(airfield: Open, low: Plan) -> None:
     async with airfield(low, speedup=5.0) as field:
         await field.fly_for(10.0)
@@ -72,6 +74,7 @@ async def test_a_reboot_on_the_ground_is_seen_and_passes(airfield: Open, low: Pl
         assert found[-1] is Condition.LIVE
 
 
+@in_virtual_time
 async def test_a_vehicle_whose_clock_jumps_is_neither_lost_nor_rebooted(airfield: Open, low: Plan) -> None:
     async with airfield(low, speedup=5.0) as field:
         await field.fly_for(10.0)
@@ -79,6 +82,8 @@ async def test_a_vehicle_whose_clock_jumps_is_neither_lost_nor_rebooted(airfield
         assert await conditions(field, 8.0) == []
 
 
+@pytest.mark.e2e
+@pytest.mark.beside
 async def test_a_ghost_with_a_living_companion_is_a_silent_autopilot(airfield: Open, low: Plan, free_port: int) -> None:
     async with airfield(low, speedup=5.0, port=free_port) as field:
         await field.fly_for(2.0)
@@ -97,6 +102,8 @@ async def test_a_ghost_with_a_living_companion_is_a_silent_autopilot(airfield: O
         assert Condition.AUTOPILOT_SILENT in await watching
 
 
+@pytest.mark.e2e
+@pytest.mark.beside
 @BOTH
 async def test_a_foreign_station_that_transfers_too_does_not_harm_an_upload(
     airfield: Open, low: Plan, autopilot: Autopilot

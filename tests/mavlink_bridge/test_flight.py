@@ -20,6 +20,7 @@ from skyfolio.mavlink_bridge import (
 )
 from skyfolio.planner.plans import Plan
 from skyfolio.sim import Kill, Mode, Mute
+from tests.virtual_time import in_virtual_time
 
 Open = Callable[..., Any]
 PlanOf = Callable[..., Plan]
@@ -70,6 +71,7 @@ def mission_id_of(field: Any, system_id: int) -> int:
 
 
 @BOTH
+@in_virtual_time
 async def test_a_fleet_is_launched_and_starts_its_missions_together(
     airfield: Open, trio: Plan, autopilot: Autopilot
 ) -> None:
@@ -85,6 +87,7 @@ async def test_a_fleet_is_launched_and_starts_its_missions_together(
         assert max(entered) - min(entered) < 1.0
 
 
+@in_virtual_time
 async def test_a_vehicle_that_cannot_climb_in_time_says_how_far_it_got(airfield: Open, line_and_hover: Plan) -> None:
     async with airfield(line_and_hover, speedup=2.0) as field:
         (result,) = (await field.link.launch({1: 60.0}, timeout_s=0.5)).values()
@@ -93,6 +96,7 @@ async def test_a_vehicle_that_cannot_climb_in_time_says_how_far_it_got(airfield:
         assert result.error.endswith("of 60 m after 0.5 s")
 
 
+@in_virtual_time
 async def test_starting_without_a_mission_fails_by_name_and_the_rest_fly(airfield: Open, trio: Plan) -> None:
     plan = low(trio)
     async with airfield(plan) as field:
@@ -103,6 +107,7 @@ async def test_starting_without_a_mission_fails_by_name_and_the_rest_fly(airfiel
         assert {system_id: result.ok for system_id, result in results.items()} == {1: True, 2: False, 3: True}
 
 
+@in_virtual_time
 async def test_a_vehicle_goes_to_a_place_and_waits_there(airfield: Open, line_and_hover: Plan) -> None:
     plan = low(line_and_hover)
     async with airfield(plan) as field:
@@ -117,8 +122,8 @@ async def test_a_vehicle_goes_to_a_place_and_waits_there(airfield: Open, line_an
         assert now.relative_alt_m == pytest.approx(12.0, abs=1.0)
 
 
-@pytest.mark.e2e
 @BOTH
+@in_virtual_time
 async def test_a_swap_in_flight_ends_flying_the_new_mission_without_a_stop(
     airfield: Open, trio: Plan, autopilot: Autopilot
 ) -> None:
@@ -140,6 +145,7 @@ async def test_a_swap_in_flight_ends_flying_the_new_mission_without_a_stop(
             assert min(sample.relative_alt_m for sample in samples) > 9.0
 
 
+@in_virtual_time
 async def test_a_vehicle_that_hovers_is_swapped_into_its_mission(airfield: Open, line_and_hover: Plan) -> None:
     plan = low(line_and_hover)
     async with airfield(plan) as field:
@@ -151,6 +157,7 @@ async def test_a_vehicle_that_hovers_is_swapped_into_its_mission(airfield: Open,
         assert mode_of(field, 1) is Mode.MISSION
 
 
+@in_virtual_time
 async def test_a_silent_vehicle_is_not_swapped_and_not_said_to_hold(airfield: Open, trio: Plan) -> None:
     plan = low(trio)
     async with airfield(plan) as field:
@@ -181,6 +188,7 @@ async def test_a_vehicle_whose_new_mission_cannot_be_proven_holds(
 MISSION_COUNT = 44
 
 
+@in_virtual_time
 async def test_a_vehicle_somebody_else_took_over_is_left_alone(airfield: Open, line_and_hover: Plan) -> None:
     plan = low(line_and_hover)
     async with airfield(plan) as field:
@@ -213,6 +221,7 @@ async def test_a_human_who_takes_over_in_the_middle_of_a_swap_is_not_overruled(
         assert mode_of(field, 1) is Mode.POSITION
 
 
+@in_virtual_time
 async def test_vehicles_hold_and_land_on_command(airfield: Open, trio: Plan) -> None:
     plan = low(trio)
     async with airfield(plan) as field:
@@ -227,7 +236,7 @@ async def test_vehicles_hold_and_land_on_command(airfield: Open, trio: Plan) -> 
         assert mode_of(field, 2) is Mode.MISSION
 
 
-@pytest.mark.e2e
+@in_virtual_time
 async def test_a_fleet_flies_its_plan_is_swapped_after_a_loss_and_lands_at_the_new_end(
     airfield: Open, trio: Plan
 ) -> None:

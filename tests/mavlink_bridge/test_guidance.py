@@ -20,10 +20,10 @@ from skyfolio.mavlink_bridge.stream import Streamer
 from skyfolio.planner.plans import Plan
 from skyfolio.sim import Fleet, Mode, ScaledClock
 from tests.ports import free_port
+from tests.virtual_time import in_virtual_time
 
 Open = Callable[..., Any]
 PlanOf = Callable[..., Plan]
-pytestmark = pytest.mark.e2e
 BOTH = pytest.mark.parametrize("autopilot", list(Autopilot))
 PATH = [(0.0, 0.0), (0.0, 12.0), (0.0, 30.0), (0.0, 30.0), (10.0, 40.0), (25.0, 40.0)]
 HOLD_ON_LOSS = 5
@@ -61,6 +61,7 @@ def stream_of(field: Any, plan: Plan, mission: Any, fall_back: FallBack) -> Stre
 
 
 @BOTH
+@in_virtual_time
 async def test_the_keeper_gives_orders_and_tells_of_every_slot(
     airfield: Open, plan_of: PlanOf, autopilot: Autopilot
 ) -> None:
@@ -93,6 +94,7 @@ async def test_the_keeper_gives_orders_and_tells_of_every_slot(
 
 @BOTH
 @pytest.mark.parametrize("fall_back", list(FallBack))
+@in_virtual_time
 async def test_when_the_stream_ends_the_vehicle_goes_on_from_its_mission_or_holds(
     airfield: Open, plan_of: PlanOf, autopilot: Autopilot, fall_back: FallBack
 ) -> None:
@@ -114,6 +116,7 @@ async def test_when_the_stream_ends_the_vehicle_goes_on_from_its_mission_or_hold
 
 
 @BOTH
+@in_virtual_time
 async def test_a_vehicle_a_human_took_from_the_stream_is_left_to_the_human(
     airfield: Open, plan_of: PlanOf, autopilot: Autopilot
 ) -> None:
@@ -131,6 +134,8 @@ async def test_a_vehicle_a_human_took_from_the_stream_is_left_to_the_human(
         assert field.fleet.vehicles[1].autopilot.mode is Mode.POSITION
 
 
+@pytest.mark.e2e
+@pytest.mark.beside
 async def test_vehicles_whose_service_is_killed_go_on_from_their_mission_or_hold_by_policy() -> None:
     await asyncio.gather(*(stream_until_killed(autopilot) for autopilot in Autopilot))
 
