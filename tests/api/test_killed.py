@@ -166,7 +166,6 @@ def kill_at(case: Case, flown: Sky) -> None:
 
 
 @pytest.mark.e2e
-@pytest.mark.beside
 async def test_a_process_that_is_killed_with_uavs_in_the_air_is_followed_by_one_that_sees_the_flight_through(
     tmp_path: Path,
 ) -> None:
@@ -178,7 +177,6 @@ async def test_a_process_that_is_killed_with_uavs_in_the_air_is_followed_by_one_
 
 
 @pytest.mark.e2e
-@pytest.mark.beside
 async def test_commands_in_doubt_before_the_flight_are_left_to_the_operator(tmp_path: Path) -> None:
     field = Field(tmp_path / "field")
     async with field:

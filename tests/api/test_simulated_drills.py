@@ -26,7 +26,6 @@ def wait_for(client: Client, operation_id: str, state: State) -> OperationView:
 
 
 @pytest.mark.e2e
-@pytest.mark.beside
 def test_a_drill_strikes_only_what_the_service_simulates_and_a_plan_made_ahead_answers_it() -> None:
     settings = Settings(simulate="minimal", time_scale=SPEEDUP, plan_ahead=False)
     with TestClient(create_app(settings)) as http:

@@ -83,7 +83,6 @@ async def test_a_vehicle_whose_clock_jumps_is_neither_lost_nor_rebooted(airfield
 
 
 @pytest.mark.e2e
-@pytest.mark.beside
 async def test_a_ghost_with_a_living_companion_is_a_silent_autopilot(airfield: Open, low: Plan, free_port: int) -> None:
     async with airfield(low, speedup=5.0, port=free_port) as field:
         await field.fly_for(2.0)
@@ -103,7 +102,6 @@ async def test_a_ghost_with_a_living_companion_is_a_silent_autopilot(airfield: O
 
 
 @pytest.mark.e2e
-@pytest.mark.beside
 @BOTH
 async def test_a_foreign_station_that_transfers_too_does_not_harm_an_upload(
     airfield: Open, low: Plan, autopilot: Autopilot

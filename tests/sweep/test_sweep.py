@@ -158,7 +158,6 @@ async def test_a_worker_of_another_version_ends_the_sweep_with_an_error(tmp_path
 
 
 @pytest.mark.e2e
-@pytest.mark.beside
 async def test_with_a_worker_killed_every_30_s_at_most_2_percent_is_computed_again(tmp_path: Path) -> None:
     spec = cases(2400, batch=8)  # two minutes for two workers that wait
     with dask_cluster(2) as real:
