@@ -16,7 +16,7 @@ from skyfolio.mavlink_bridge.autopilots import Autopilot, FlightMode, MavAutopil
 from skyfolio.mavlink_bridge.findings import Facts, Finding, Level, Needs, warning
 from skyfolio.mavlink_bridge.items import Command, Frame
 from skyfolio.mavlink_bridge.mission_messages import GROUND, MissionType
-from skyfolio.mavlink_bridge.pace import Point, VehicleModel
+from skyfolio.mavlink_bridge.pace import VehicleModel
 from skyfolio.mavlink_bridge.parameter_rules import (
     BREACH,
     Rule,
@@ -41,6 +41,7 @@ from skyfolio.mavlink_bridge.readback import (
 )
 from skyfolio.mavlink_bridge.schedule import Stop
 from skyfolio.mavlink_bridge.writer import MissionWriter
+from skyfolio.planner.geometry import Point
 
 
 class ArduPilotWriter(MissionWriter):

@@ -13,7 +13,7 @@ from typing import Any
 
 import shapely
 
-from skyfolio.mavlink_bridge.pace import Point
+from skyfolio.planner.geometry import Point
 
 Mapped = Callable[[Point], Point]
 

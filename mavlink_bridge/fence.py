@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 
 from skyfolio.mavlink_bridge.e7 import to_e7
 from skyfolio.mavlink_bridge.items import Command, Frame, MissionItem
-from skyfolio.mavlink_bridge.pace import Point
 from skyfolio.planner.geodesy import east_north_to_geodetic
+from skyfolio.planner.geometry import Point
 from skyfolio.planner.scenario import Scenario
 
 MARGIN_M = 20.0

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from skyfolio.mavlink_bridge.autopilots import Autopilot
-from skyfolio.mavlink_bridge.pace import Point, VehicleModel
+from skyfolio.mavlink_bridge.pace import VehicleModel
+from skyfolio.planner.geometry import Point
 
 START_WITHIN_M = 15.0
 """A UAV that stands further from its first point flies through air that the plan has given to others."""

@@ -13,9 +13,9 @@ from itertools import pairwise
 from math import dist
 from typing import Any
 
-from skyfolio.mavlink_bridge.pace import Point
-from skyfolio.mavlink_bridge.plane import Segment, between, segment_distances_m
+from skyfolio.mavlink_bridge.plane import Segment, segment_distances_m
 from skyfolio.mavlink_bridge.route import Route
+from skyfolio.planner.geometry import Point, between
 
 DEADLINE_S = 30 * 60.0
 """No battery of the class that is flown lasts longer than this in the air: after it the air is free again."""

@@ -13,11 +13,12 @@ from dataclasses import dataclass
 from math import dist, inf
 
 from skyfolio.mavlink_bridge.items import Command, Mission
-from skyfolio.mavlink_bridge.pace import Point, VehicleModel, cruise_speed, lateness
+from skyfolio.mavlink_bridge.pace import VehicleModel, cruise_speed, lateness
 from skyfolio.mavlink_bridge.profiles import profile_of
 from skyfolio.mavlink_bridge.reach import head_start_s
 from skyfolio.mavlink_bridge.route import Route
 from skyfolio.mavlink_bridge.schedule import SAME_PLACE_M
+from skyfolio.planner.geometry import Point
 
 EVERY_S = 0.5
 """Fleet seconds between two orders to one vehicle: a command takes a while to show."""

@@ -12,8 +12,7 @@ from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 from math import acos, dist, hypot, inf, isfinite, pi, sqrt, tan
 
-Point = tuple[float, float]
-"""East, north in metres from the scenario's origin."""
+from skyfolio.planner.geometry import Point
 
 _PASSES = 8
 """Speeds and the speeds at the corners between them depend on each other; this many passes settle them."""

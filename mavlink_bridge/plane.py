@@ -9,16 +9,11 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from skyfolio.mavlink_bridge.pace import Point
+from skyfolio.planner.geometry import Point
 
 _GRID_DECIMALS = 9
 """Nanometres. GEOS divides by the square of a length, which is 0 for a segment shorter than 1e-162 m."""
 Segment: TypeAlias = tuple[Point, Point]
-
-
-def between(start_m: Point, end_m: Point, share: float) -> Point:
-    """Return the point at this share (0: start, 1: end) of the straight line from `start_m` to `end_m`."""
-    return (start_m[0] + share * (end_m[0] - start_m[0]), start_m[1] + share * (end_m[1] - start_m[1]))
 
 
 def segment_distances_m(first_m: Sequence[Segment], second_m: Sequence[Segment]) -> NDArray[np.float64]:

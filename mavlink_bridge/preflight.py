@@ -11,10 +11,11 @@ from collections.abc import Iterable
 from math import hypot
 
 from skyfolio.mavlink_bridge.findings import Facts, Finding, Level, Needs, blocker, warning
-from skyfolio.mavlink_bridge.pace import Point, mean_acceleration
+from skyfolio.mavlink_bridge.pace import mean_acceleration
 from skyfolio.mavlink_bridge.profiles import profile_of
 from skyfolio.mavlink_bridge.reach import first_leg_miss
 from skyfolio.mavlink_bridge.telemetry import FIX_3D
+from skyfolio.planner.geometry import Point
 
 
 def audit(facts: Facts, needs: Needs) -> list[Finding]:

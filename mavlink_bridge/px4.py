@@ -17,7 +17,7 @@ from skyfolio.mavlink_bridge.autopilots import Autopilot, FlightMode, MavAutopil
 from skyfolio.mavlink_bridge.findings import Facts, Finding, Level, Needs
 from skyfolio.mavlink_bridge.items import Command
 from skyfolio.mavlink_bridge.mission_messages import MissionType
-from skyfolio.mavlink_bridge.pace import Point, VehicleModel
+from skyfolio.mavlink_bridge.pace import VehicleModel
 from skyfolio.mavlink_bridge.parameter_rules import (
     BREACH,
     Rule,
@@ -32,6 +32,7 @@ from skyfolio.mavlink_bridge.profile import AutopilotProfile, Parameters, Takeof
 from skyfolio.mavlink_bridge.readback import DEGREES, DROPPED, FLAG, NEAREST, NO_PARAMS, SAME, WHOLE, Kept
 from skyfolio.mavlink_bridge.schedule import Stop
 from skyfolio.mavlink_bridge.writer import MissionWriter
+from skyfolio.planner.geometry import Point
 
 
 class Px4Writer(MissionWriter):

@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import dist, sqrt
 
-from skyfolio.mavlink_bridge.pace import Point, VehicleModel, fastest_on_leg, way_from_rest_m
+from skyfolio.mavlink_bridge.pace import VehicleModel, fastest_on_leg, way_from_rest_m
 from skyfolio.mavlink_bridge.route import Route
 from skyfolio.mavlink_bridge.schedule import SAME_PLACE_M, ground_schedule
+from skyfolio.planner.geometry import Point
 
 UNDER_WAY_S = 0.3
 """Seconds until an order to start shows as acceleration."""

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from itertools import combinations
 
 from skyfolio.mavlink_bridge.errors import ReturnPathsTooClose
-from skyfolio.mavlink_bridge.pace import Point
 from skyfolio.mavlink_bridge.plane import segment_distances_m
+from skyfolio.planner.geometry import Point
 from skyfolio.planner.plans import Plan
 
 

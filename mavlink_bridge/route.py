@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 from math import dist
 
-from skyfolio.mavlink_bridge.pace import Point
-from skyfolio.mavlink_bridge.plane import between
 from skyfolio.mavlink_bridge.schedule import SAME_PLACE_M
+from skyfolio.planner.geometry import Point, between
 
 
 @dataclass(frozen=True, slots=True)

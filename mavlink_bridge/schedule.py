@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import dist, floor, isclose
 
-from skyfolio.mavlink_bridge.pace import Pacer, Point, VehicleModel, acceptance_radii
+from skyfolio.mavlink_bridge.pace import Pacer, VehicleModel, acceptance_radii
+from skyfolio.planner.geometry import Point
 
 SAME_PLACE_M = 0.1
 """Points closer than this are one place: well below what GPS navigation resolves."""

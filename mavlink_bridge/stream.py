@@ -11,8 +11,8 @@ from collections.abc import Callable
 from skyfolio.mavlink_bridge.e7 import to_e7
 from skyfolio.mavlink_bridge.items import Frame
 from skyfolio.mavlink_bridge.mission_messages import AUTOPILOT_COMPONENT, Message
-from skyfolio.mavlink_bridge.pace import Point
 from skyfolio.mavlink_bridge.route import Route
+from skyfolio.planner.geometry import Point
 
 RATE_HZ = 10.0
 """ArduCopter followed within 2 m at 5 Hz and within 4.4 m at 2 Hz; 10 leaves room for lost messages."""

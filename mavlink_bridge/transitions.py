@@ -8,8 +8,8 @@ import numpy as np
 
 from skyfolio.mavlink_bridge.errors import TransitionTooClose
 from skyfolio.mavlink_bridge.ghosts import Airspace
-from skyfolio.mavlink_bridge.pace import Point
 from skyfolio.planner.arrays import Array
+from skyfolio.planner.geometry import Point
 
 
 def check_transition(

@@ -9,8 +9,8 @@ from math import isclose
 
 from skyfolio.mavlink_bridge.e7 import to_e7
 from skyfolio.mavlink_bridge.items import Command, Frame, MissionItem
-from skyfolio.mavlink_bridge.pace import Point
 from skyfolio.mavlink_bridge.schedule import Schedule, Stop
+from skyfolio.planner.geometry import Point
 
 _GROUND_SPEED = 1.0
 _THROTTLE_UNCHANGED = -1.0

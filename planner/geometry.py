@@ -10,6 +10,7 @@ import numpy as np
 from skyfolio.planner.arrays import Array
 
 Point = tuple[float, float]
+"""East, north in metres from the origin."""
 
 
 def point_at(path: Sequence[Point], slots: float) -> Point:
@@ -19,8 +20,12 @@ def point_at(path: Sequence[Point], slots: float) -> Point:
     """
     at = min(max(slots, 0.0), len(path) - 1.0)
     low = min(int(at), max(len(path) - 2, 0))
-    (e1, n1), (e2, n2) = path[low], path[min(low + 1, len(path) - 1)]
-    return e1 + (at - low) * (e2 - e1), n1 + (at - low) * (n2 - n1)
+    return between(path[low], path[min(low + 1, len(path) - 1)], at - low)
+
+
+def between(start: Point, end: Point, share: float) -> Point:
+    """Return the point at this share (0: start, 1: end) of the straight way from `start` to `end`."""
+    return start[0] + share * (end[0] - start[0]), start[1] + share * (end[1] - start[1])
 
 
 def distance_to_segment_m(point: Point, start: Point, end: Point) -> float:

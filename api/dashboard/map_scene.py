@@ -10,10 +10,9 @@ from typing import Any
 from skyfolio.api.dashboard.schedule import slip_s
 from skyfolio.api.dashboard.views import Operation, Vehicle
 from skyfolio.planner import Pins, Plan, Scenario
-from skyfolio.planner.geometry import point_at
+from skyfolio.planner.geometry import Point, point_at
 
 Json = dict[str, Any]
-Point = tuple[float, float]
 
 PALETTE = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00")
 """Okabe and Ito's colours, which colour-blind people can distinguish; every UAV is also named."""

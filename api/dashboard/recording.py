@@ -11,10 +11,10 @@ from math import atan2, degrees
 from skyfolio.api.dashboard import map_scene
 from skyfolio.api.dashboard.views import Operation, ServiceEvent, TrackPoint
 from skyfolio.planner import Plan
+from skyfolio.planner.geometry import Point
 
 COURSE_OVER_S = 1.5
 STILL_M = 0.4
-Point = tuple[float, float]
 
 
 @dataclass(frozen=True)

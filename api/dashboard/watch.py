@@ -18,6 +18,7 @@ from skyfolio.api.dashboard.rest import RestError
 from skyfolio.api.dashboard.views import Operation, ServiceEvent, Vehicle
 from skyfolio.mavlink_bridge import geodetic_to_east_north
 from skyfolio.planner import Origin, Plan
+from skyfolio.planner.geometry import Point
 
 log = structlog.get_logger()
 PERIOD_S = 0.2
@@ -25,7 +26,6 @@ OPERATION_EVERY = 3
 """The operation, with its table of rates, is read on every third poll."""
 KEEP_EVENTS = 300
 MOVED_M = 0.4
-Point = tuple[float, float]
 
 
 @dataclass

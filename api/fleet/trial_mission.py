@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from skyfolio.mavlink_bridge.pace import Point
 from skyfolio.planner import Origin, Plan, Scenario
+from skyfolio.planner.geometry import Point
 from skyfolio.planner.plans import Summary
 from skyfolio.planner.scenario import Uav, User
 

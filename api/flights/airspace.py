@@ -14,13 +14,13 @@ from skyfolio.api.common.errors import ConflictError
 from skyfolio.api.fleet.registry import Fleet
 from skyfolio.api.flights.flight import Flight
 from skyfolio.api.flights.guidance_options import GuidanceOptions
-from skyfolio.api.flights.rates import Point
 from skyfolio.mavlink_bridge import OnEnd, east_north_to_geodetic, geodetic_to_east_north
 from skyfolio.mavlink_bridge.corridors import Corridor, Mapped, meetings
 from skyfolio.mavlink_bridge.ghosts import Ghost
 from skyfolio.mavlink_bridge.ghosts import Way as GhostWay
 from skyfolio.mavlink_bridge.route import Route
 from skyfolio.planner import Origin, Plan
+from skyfolio.planner.geometry import Point
 
 NO_OPERATION = "no operation"
 ROUNDING_M = 0.01

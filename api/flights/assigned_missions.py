@@ -11,11 +11,11 @@ from typing import Any
 
 from sqlalchemy import Row, insert, select
 
-from skyfolio.api.flights.rates import Point
 from skyfolio.api.store import Database
 from skyfolio.api.store.tables import assigned_missions as table
 from skyfolio.mavlink_bridge import Autopilot, Mission, MissionItem
 from skyfolio.planner import Origin
+from skyfolio.planner.geometry import Point
 
 _INSERT = insert(table)
 

@@ -12,7 +12,7 @@ from math import dist
 
 from skyfolio.api.flights.flight import Flight
 from skyfolio.api.flights.losses import Loss
-from skyfolio.api.flights.rates import Point
+from skyfolio.planner.geometry import Point
 
 NEAR_M = 15.0
 """Metres from a place within which a UAV has landed there: autopilots land within a few metres, and GPS drifts."""

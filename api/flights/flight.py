@@ -15,7 +15,6 @@ from skyfolio.api.flights.flight_timeline import FlightTimeline
 from skyfolio.api.flights.flown_rates import FlownRates
 from skyfolio.api.flights.guidance import FlightGuidance
 from skyfolio.api.flights.guidance_options import GuidanceOptions
-from skyfolio.api.flights.rates import Point
 from skyfolio.api.flights.roster import Roster
 from skyfolio.api.flights.take_off import LOOK_EVERY_S, FlightError, TakeOff, in_words
 from skyfolio.api.flights.track import Seen, Track
@@ -24,6 +23,7 @@ from skyfolio.mavlink_bridge import Mission, OnEnd, Telemetry, VehiclesMissing, 
 from skyfolio.mavlink_bridge.results import CommandResult, SwapResult
 from skyfolio.mavlink_bridge.verified import OnBoard
 from skyfolio.planner import Plan
+from skyfolio.planner.geometry import Point
 
 SAMPLE_EVERY_S = 0.5
 REPORTED_WITHIN_S = 3.0

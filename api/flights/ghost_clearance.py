@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from skyfolio.mavlink_bridge.ghosts import Airspace
-from skyfolio.mavlink_bridge.pace import Point
 from skyfolio.planner import Plan
+from skyfolio.planner.geometry import Point
 
 GHOST_CLEARANCE_M = 5.0
 """A UAV that must cross the air of a ghost flies at least this much higher: heights are less certain than positions."""

@@ -18,12 +18,12 @@ from skyfolio.mavlink_bridge import Mission, OnEnd, ReturnPathsTooClose, check_r
 from skyfolio.mavlink_bridge.findings import Finding
 from skyfolio.mavlink_bridge.ghosts import DEADLINE_S, Airspace, Ghost
 from skyfolio.mavlink_bridge.ghosts import Way as GhostWay
-from skyfolio.mavlink_bridge.pace import Point
 from skyfolio.mavlink_bridge.preflight import audit
 from skyfolio.mavlink_bridge.reach import head_start_s
 from skyfolio.mavlink_bridge.route import Route
 from skyfolio.mavlink_bridge.verified import OnBoard
 from skyfolio.planner import Plan
+from skyfolio.planner.geometry import Point
 
 
 class FlightGuidance:

@@ -13,13 +13,13 @@ from sqlalchemy import bindparam, insert, update
 from skyfolio.api.common.surroundings import monotonic_s, utc_s
 from skyfolio.api.flights.journal import Journal
 from skyfolio.api.flights.operation_views import ENDED, Policy, State
-from skyfolio.api.flights.rates import Point
 from skyfolio.api.store import Database
 from skyfolio.api.store.event_log import EventLog
 from skyfolio.api.store.tables import operations as table
 from skyfolio.api.store.tables import plans as plans_table
 from skyfolio.api.store.tables import track as track_table
 from skyfolio.api.store.writer import Statement
+from skyfolio.planner.geometry import Point
 
 TRACK_EVERY_S = 0.5
 _INSERT = insert(table)

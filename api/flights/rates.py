@@ -10,8 +10,8 @@ import numpy as np
 
 from skyfolio.planner import Plan, delivered_rates_bps
 from skyfolio.planner.arrays import Array
+from skyfolio.planner.geometry import Point
 
-Point = tuple[float, float]
 AT_ONCE = 64
 """Samples that are evaluated together: arrays of (samples, UAVs, users) are what takes the memory."""
 

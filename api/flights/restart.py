@@ -23,12 +23,13 @@ from skyfolio.api.flights.losses import Loss
 from skyfolio.api.flights.operation import Operation
 from skyfolio.api.flights.operation_store import OperationIdentity, Stores
 from skyfolio.api.flights.operation_views import IN_THE_AIR, State
-from skyfolio.api.flights.rates import InForce, Point
+from skyfolio.api.flights.rates import InForce
 from skyfolio.api.flights.recovery_report import Outcome, RecoveryReport, changes_of
 from skyfolio.api.flights.shared_services import SharedServices
 from skyfolio.api.store.tables import track as track_table
 from skyfolio.mavlink_bridge import OnEnd
 from skyfolio.planner import Plan
+from skyfolio.planner.geometry import Point
 
 log = structlog.get_logger()
 Record: TypeAlias = list[tuple[float, dict[str, Point]]]

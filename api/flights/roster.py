@@ -11,10 +11,10 @@ from skyfolio.api.fleet.own_link import Heard
 from skyfolio.api.fleet.registry import Fleet
 from skyfolio.api.flights.guidance import FlightGuidance
 from skyfolio.api.flights.losses import Loss, seen, silent
-from skyfolio.api.flights.rates import Point
 from skyfolio.mavlink_bridge import FlightMode, LinkEvent, LinkState, geodetic_to_east_north
 from skyfolio.mavlink_bridge.conditions import Condition
 from skyfolio.planner import Origin
+from skyfolio.planner.geometry import Point
 
 LOW_M = 2.0
 """Metres above home; a UAV that is armed and higher than this is in the air."""

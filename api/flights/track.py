@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from math import isnan, nan
 from typing import overload
 
-from skyfolio.api.flights.rates import Point
+from skyfolio.planner.geometry import Point
 
 Seen = tuple[float, dict[str, Point]]
 """Fleet seconds since slot 0, and metres east/north of each UAV that was heard."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
-from skyfolio.api.flights.rates import Point
 from skyfolio.mavlink_bridge.corridors import Corridor
+from skyfolio.planner.geometry import Point
 
 
 class Traffic(Protocol):

@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from math import hypot
 
 from skyfolio.api.flights.flight import Flight
-from skyfolio.api.flights.rates import Point
 from skyfolio.api.flights.traffic import Traffic
 from skyfolio.mavlink_bridge.corridors import Meeting, meetings
 from skyfolio.mavlink_bridge.errors import TransitionTooClose
 from skyfolio.mavlink_bridge.ghosts import Airspace, Conflict
 from skyfolio.mavlink_bridge.transitions import check_transition
 from skyfolio.planner import Plan, ReplanError
-from skyfolio.planner.geometry import point_at
+from skyfolio.planner.geometry import Point, point_at
 
 SPEED_TOLERANCE = 1.25
 """Share of the maximum speed that a first leg may ask for before it is out of reach: it begins in mid-slot."""

@@ -26,11 +26,11 @@ from skyfolio.mavlink_bridge.autopilots import FlightMode
 from skyfolio.mavlink_bridge.keeper import Keeper, Order
 from skyfolio.mavlink_bridge.mission_messages import Message
 from skyfolio.mavlink_bridge.mission_protocol import Upload
-from skyfolio.mavlink_bridge.pace import Point
 from skyfolio.mavlink_bridge.profiles import profile_of
 from skyfolio.mavlink_bridge.reach import head_start_s
 from skyfolio.mavlink_bridge.stream import RATE_HZ, Streamer
 from skyfolio.planner import Plan
+from skyfolio.planner.geometry import Point
 
 Guidance = Literal["naive", "mission", "keeper", "stream"]
 STEP_S = 0.05

@@ -16,7 +16,6 @@ from skyfolio.api.dashboard.watch import Watch
 from skyfolio.planner import Plan
 
 TABLE_EVERY = 2
-Point = tuple[float, float]
 
 
 class FlyPage:

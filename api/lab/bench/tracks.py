@@ -5,8 +5,8 @@ from __future__ import annotations
 import random
 from math import cos, sin
 
-from skyfolio.mavlink_bridge.pace import Point
 from skyfolio.planner import EXAMPLES, Plan, Scenario, Uav, User, plan
+from skyfolio.planner.geometry import Point
 
 
 def moving_plan(uavs: int = 3, slots: int = 12, slot_s: float = 5.0) -> Plan:

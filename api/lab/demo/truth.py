@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 
 from skyfolio import sim
-from skyfolio.api.flights.rates import InForce, Point, Sample, rates_by_sample, rates_by_slot
+from skyfolio.api.flights.rates import InForce, Sample, rates_by_sample, rates_by_slot
 from skyfolio.api.lab.demo.orders import DemoConfig, Outcome
 from skyfolio.api.lab.demo.report import UNSERVED_BPS, Check, DemoReport, Rates, Tracking
 from skyfolio.mavlink_bridge import geodetic_to_east_north
 from skyfolio.planner import Plan, Scenario, plan
 from skyfolio.planner.arrays import Array
+from skyfolio.planner.geometry import Point
 from skyfolio.planner.utility import jain_index, utility_kbps
 
 PASSED_WITHIN_M = 3.0
