@@ -5,13 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.fast.arena import SUM, Arena, Ints, kernel
+from skyfolio.planner.fast.arena import SUM, Arena, Ints, kernel, smooth
 from skyfolio.planner.fast.elementary import exp, log
 from skyfolio.planner.fast.market import Market, fill, join, leave
 
 SWEEPS = 4
 THOROUGH = 16
-"""Up to so many users, every move and exchange is tried."""
+"""Up to so many users, every move and exchange that can help is tried."""
+LEAST_GAIN = 1e-12
+"""Relative: what costs less by no more than this is the same."""
 
 
 @kernel
@@ -43,10 +45,12 @@ def share_slot(arena: Arena, market: Market, serving: Ints, khz: Array) -> None:
 
 @kernel
 def exchange(arena: Arena, market: Market, serving: Ints, khz: Array) -> None:
-    """After `share_slot`: moves of one user and exchanges of two, whatever the prices, until none helps.
+    """After `share_slot`: moves of one user and exchanges of two until none helps.
 
-    Prices describe small changes: where few users share a UAV, one of them is no small change.
+    Beside the one that the prices promise most of, `share_slot` tries no other.
     """
+    for u in range(market.eff.shape[1]):
+        _charge(arena, market, u)
     for _ in range(SWEEPS):
         if not _thorough_sweep(arena, market, serving, khz):
             return
@@ -54,17 +58,69 @@ def exchange(arena: Arena, market: Market, serving: Ints, khz: Array) -> None:
 
 @kernel
 def _thorough_sweep(arena: Arena, market: Market, serving: Ints, khz: Array) -> bool:
-    """Try every move and every exchange once; whether any was kept."""
+    """Try every move and every exchange that can help; whether any was kept."""
     n_users, n_uavs = market.eff.shape
-    changed = False
+    blind, changed = arena.kind == SUM or arena.has_minimum, False
     for k in range(n_users):
         for to in range(n_uavs):
-            if to != serving[k] and market.eff[k, to] > 0.0 and _try_move(arena, market, k, to, serving, khz):
-                changed = True
+            u = serving[k]
+            if to != u and market.eff[k, to] > 0.0 and (blind or _can_move(market, k, u, to)):
+                changed = _recharged(arena, market, u, to, _try_move(arena, market, k, to, serving, khz)) or changed
         for other in range(k):
-            if serving[other] != serving[k] and _try_exchange(arena, market, k, other, serving, khz):
-                changed = True
+            u, to = serving[k], serving[other]
+            if to != u and (blind or _can_exchange(market, k, u, other, to)):
+                kept = _try_exchange(arena, market, k, other, serving, khz)
+                changed = _recharged(arena, market, u, to, kept) or changed
     return changed
+
+
+@kernel
+def _charge(arena: Arena, market: Market, u: int) -> None:
+    """Write what each user would add to the minimised sum at UAV u into `market.charge`, at the present price.
+
+    Whatever the price, what the users of a UAV cost is no less than the sum of these less the price of the band: that
+    is its Lagrangian bound, which is reached at the price of those whom it serves. So with other users it costs more by
+    no less than the difference of their charges. Without users there is no price, and the first one takes the band.
+    """
+    decay, price, band = -arena.mu, market.price[u], arena.khz[u]
+    if market.size[u] > 0:
+        _charge_by_price(decay, market.weight, market.eff, price, u, market.charge)
+        return
+    for k in range(market.weight.shape[0]):
+        market.charge[k, u] = market.weight[k] * exp(-decay * market.eff[k, u] * band)
+
+
+@smooth
+def _charge_by_price(decay: float, weight: Array, eff: Array, price: float, u: int, charge: Array) -> None:
+    for k in range(weight.shape[0]):
+        slope = decay * eff[k, u]
+        worth = max(weight[k] * slope, price)
+        taken = price * (1.0 + log(worth / price)) / slope if price > 0.0 and slope > 0.0 else 0.0
+        charge[k, u] = taken if weight[k] * slope > price else weight[k]
+
+
+@kernel
+def _recharged(arena: Arena, market: Market, u: int, to: int, changed: bool) -> bool:
+    """Return whether the users of two UAVs have `changed`, after charging what they cost now."""
+    if changed:
+        _charge(arena, market, u)
+        _charge(arena, market, to)
+    return changed
+
+
+@kernel
+def _can_move(market: Market, k: int, u: int, to: int) -> bool:
+    """Return whether the slot may cost less with user k at UAV `to` instead of u."""
+    more = market.charge[k, to] - market.charge[k, u]
+    return bool(more < -LEAST_GAIN * abs(market.cost[u] + market.cost[to]))
+
+
+@kernel
+def _can_exchange(market: Market, k: int, u: int, other: int, to: int) -> bool:
+    """Return whether the slot may cost less when user k of UAV u and the other one of UAV `to` change places."""
+    charge = market.charge
+    more = charge[k, to] - charge[k, u] + charge[other, u] - charge[other, to]
+    return bool(more < -LEAST_GAIN * abs(market.cost[u] + market.cost[to]))
 
 
 @kernel
@@ -91,10 +147,12 @@ def _promising(
 @kernel
 def _cost(decay: float, log_weight: float, price: float, band: float, least_khz: float) -> float:
     """Return what a user adds to the minimised sum, and its band to the price, when it takes what suits it."""
-    wanted = band  # of a UAV without users
-    if price > 0.0:
-        wanted = max(least_khz, (log_weight + log(decay / price)) / decay)
-    return float(exp(log_weight - decay * wanted) + price * wanted)
+    if price == 0.0:  # of a UAV without users
+        return float(exp(log_weight - decay * band))
+    wanted = (log_weight + log(decay / price)) / decay
+    if wanted >= least_khz:
+        return price / decay + price * wanted  # what its exponential has come down to
+    return float(exp(log_weight - decay * least_khz) + price * least_khz)
 
 
 @kernel
@@ -151,7 +209,7 @@ def _try(arena: Arena, market: Market, k: int, to: int, other: int, serving: Int
     fill(arena, market, u, khz)
     fill(arena, market, to, khz)
     before = cost_u + cost_to
-    if market.cost[u] + market.cost[to] < before - 1e-12 * abs(before):
+    if market.cost[u] + market.cost[to] < before - LEAST_GAIN * abs(before):
         serving[k] = to
         if other >= 0:
             serving[other] = u

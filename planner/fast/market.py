@@ -21,7 +21,8 @@ class Market(NamedTuple):
 
     member: (U, K), the users of each UAV, the first size[u] (U,) of them. cost, price: (U,), what the users of each
     UAV add to the minimised sum, and what a kHz is worth there, lambda (for `sum` its rate). decay, first, given,
-    place: (K,), scratch of the members of one UAV; was: (K,), bands before a trial.
+    place: (K,), scratch of the members of one UAV; was: (K,), bands before a trial. charge: (K, U), what each would
+    add at the present prices (`exchange.py`).
     """
 
     eff: Array
@@ -36,6 +37,7 @@ class Market(NamedTuple):
     given: Array
     place: Ints
     was: Array
+    charge: Array
 
 
 @kernel
@@ -55,6 +57,7 @@ def market_of(n_uavs: int, log_weight: Array) -> Market:
         np.empty(n_users),
         np.empty(n_users, dtype=np.int64),
         np.empty(n_users),
+        np.empty((n_users, n_uavs)),
     )
 
 
