@@ -13,9 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.fast.arena import entry, kernel
+from skyfolio.planner.fast.arena import entry, kernel, smooth
 
 Ints: TypeAlias = NDArray[np.int64]
+AT_ONCE = 16
+"""Intervals of x that are looked at before it is asked whether the next ones can be better."""
 
 
 class Medium(NamedTuple):
@@ -51,6 +53,24 @@ class Links(NamedTuple):
     scale: Array
     least: Array
     height2: Array
+
+
+class Column(NamedTuple):
+    """A user served from a ring: what does not depend on x.
+
+    fainter, louder: weighted kbit/s for each nat of log(1 + S/x) at the grid's next lower and next higher S. power,
+    share, at_zero, lowest: what the UAV interferes with at least, s of the ring, kappa(0), and the least of the field.
+    repelled, strength: what the price of an interval is made of.
+    """
+
+    fainter: float
+    louder: float
+    repelled: float
+    strength: float
+    power: float
+    share: float
+    at_zero: float
+    lowest: float
 
 
 @entry
@@ -89,7 +109,7 @@ def worth_of_serving(
     field: as `spread` made it, at the users. nearest: only ring 0 of the result is wanted. worth: (C, K, R),
     weighted kbit/s; feature, bare: of the column that has it, and what it is worth without repulsion.
     """
-    n_rings = len(medium.share)
+    n_rings, value = len(medium.share), np.empty(AT_ONCE)
     for c in range(len(links.gain)):
         for k in range(links.gain.shape[1]):
             slope = sqrt(field[1, k] ** 2 + field[2, k] ** 2) + medium.slope_error
@@ -99,11 +119,11 @@ def worth_of_serving(
                 i = step if nearest else n_rings - 1 - step
                 lowest = _lowest(medium, field, k, i, slope, medium.rings[i + 1])
                 snr = links.gain[c, k] / (medium.rings[i] ** 2 + links.height2[c])
-                value, f, alone, most = _best_column(
-                    medium, first, snr, links.scale[c, k], links.power[c, k], medium.share[i], lowest, best
+                won, f, alone, most = _best_column(
+                    medium, first, snr, links.scale[c, k], links.power[c, k], medium.share[i], lowest, best, value
                 )
-                if value > best:
-                    best, best_feature, best_bare = value, f, alone
+                if won > best:
+                    best, best_feature, best_bare = won, f, alone
                 worth[c, k, i] = best
                 feature[c, k, i] = best_feature
                 bare[c, k, i] = best_bare
@@ -138,8 +158,7 @@ def worth_of_reaching(
     """
     n_rings = len(medium.share)
     n_near = n_rings - len(medium.low)
-    local = np.empty((4 + len(medium.low), 1))
-    point = np.empty((1, 2))
+    local, point, value = np.empty((4, 1)), np.empty((1, 2)), np.empty(AT_ONCE)
     for u in range(len(candidates)):
         c = classes[u]
         for m in range(candidates.shape[1]):
@@ -159,16 +178,16 @@ def worth_of_reaching(
                     ahead = 0.5 * along / away if away > 0.0 else 0.0
                     point[0, 0], point[0, 1] = user[k, 0] + ahead * east, user[k, 1] + ahead * north
                     local[:] = 0.0
-                    spread(user, sources, weights, point, medium.step, medium.tables, medium.low, local)
+                    spread(user, sources, weights, point, medium.step, medium.tables, medium.low[:0], local)
                     there = sqrt(local[1, 0] ** 2 + local[2, 0] ** 2) + medium.slope_error
                     about = _sloping(local[0, 0], there, local[3, 0], radius / 2) - medium.value_error
                     lowest = max(lowest, about)
                 snr = links.gain[c, k] / (inner**2 + links.height2[c])
-                value, f, alone, most = _best_column(
-                    medium, first, snr, links.scale[c, k], links.power[c, k], medium.share[i], lowest, best
+                won, f, alone, most = _best_column(
+                    medium, first, snr, links.scale[c, k], links.power[c, k], medium.share[i], lowest, best, value
                 )
-                if value > best:
-                    best, best_feature, best_bare = value, f, alone
+                if won > best:
+                    best, best_feature, best_bare = won, f, alone
                 if most <= best:
                     break
             if best < worth[u, k]:
@@ -214,34 +233,79 @@ def _first_level(levels: Array, least: float) -> int:
 
 @kernel
 def _best_column(
-    medium: Medium, first: int, snr: float, scale: float, power: float, share: float, lowest: float, before: float
+    medium: Medium,
+    first: int,
+    snr: float,
+    scale: float,
+    power: float,
+    share: float,
+    lowest: float,
+    before: float,
+    value: Array,
 ) -> tuple[float, float, float, float]:
     """Return the greatest worth over the intervals of x if it is more than `before`, and what belongs to it.
 
-    That is its feature, what it is worth without repulsion, and the rate at the least x.
+    That is its feature, what it is worth without repulsion, and the rate at the least x. value: (AT_ONCE,), scratch.
 
     Each interval gets the price b that makes its worth least.
     """
     levels, logs = medium.levels, medium.logs
     place = max(0.0, (log(snr) - medium.least_log) / medium.log_step) if snr > 0.0 else 0.0
     n = min(int(place), len(logs) - 2)
-    part = place - n
-    upper = scale * ((1.0 - part) * logs[n, first] + part * logs[n + 1, first])
-    most, best, best_feature, best_bare = upper, before, 0.0, 0.0
-    repelled = power * share * share * medium.at_zero - 1.0
-    strength = share * max(lowest, 0.0)
-    for x in range(first, len(levels) - 1):
-        at_low = upper
-        if at_low <= best:
+    column = Column(
+        fainter=scale * (1.0 - (place - n)),
+        louder=scale * (place - n),
+        repelled=power * share * share * medium.at_zero - 1.0,
+        strength=share * max(lowest, 0.0),
+        power=power,
+        share=share,
+        at_zero=medium.at_zero,
+        lowest=lowest,
+    )
+    low, high = logs[n], logs[n + 1]
+    most, best, at = column.fainter * low[first] + column.louder * high[first], before, -1
+    for begin in range(first, len(levels) - 1, AT_ONCE):
+        if column.fainter * low[begin] + column.louder * high[begin] <= best:
             break
-        upper = scale * ((1.0 - part) * logs[n, x + 1] + part * logs[n + 1, x + 1])
+        end = min(begin + AT_ONCE, len(levels) - 1)
+        won = _worth_of_intervals(column, levels, low, high, begin, end, value)
+        if won > best:
+            best, at = won, begin + _where(value, won)
+    if at < 0:
+        return best, 0.0, 0.0, most
+    rate = column.fainter * low[at] + column.louder * high[at]
+    after = column.fainter * low[at + 1] + column.louder * high[at + 1]
+    pull = column.strength / (levels[at + 1] + column.repelled)
+    price, feature = 0.5 * power * pull * pull, share * power * pull
+    bare = max(rate + price * levels[at], after + price * levels[at + 1]) - price
+    if bare + 0.5 * feature * feature * medium.at_zero - feature * lowest > rate:
+        return best, 0.0, rate, most
+    return best, feature, bare, most
+
+
+@smooth
+def _worth_of_intervals(
+    column: Column, levels: Array, low: Array, high: Array, begin: int, end: int, value: Array
+) -> float:
+    """Write what the intervals [begin, end) of x are worth at most into `value`, and return the greatest."""
+    fainter, louder, repelled, strength = column.fainter, column.louder, column.repelled, column.strength
+    half_power, of_pull = 0.5 * column.power, column.share * column.power
+    half_zero, lowest, best = 0.5 * column.at_zero, column.lowest, -1.0
+    for i in range(end - begin):
+        x = begin + i
+        at_low, at_high = fainter * low[x] + louder * high[x], fainter * low[x + 1] + louder * high[x + 1]
         pull = strength / (levels[x + 1] + repelled)
-        price = 0.5 * power * pull * pull
-        f = share * power * pull
-        worth = max(at_low + price * levels[x], upper + price * levels[x + 1]) - price
-        value = worth + 0.5 * f * f * medium.at_zero - f * lowest
-        if value > at_low:
-            value, f, worth = at_low, 0.0, at_low
-        if value > best:
-            best, best_feature, best_bare = value, f, worth
-    return best, best_feature, best_bare, most
+        price, feature = half_power * pull * pull, of_pull * pull
+        bare = max(at_low + price * levels[x], at_high + price * levels[x + 1]) - price
+        value[i] = min(at_low, bare + feature * (half_zero * feature - lowest))
+        best = max(best, value[i])
+    return best
+
+
+@kernel
+def _where(value: Array, wanted: float) -> int:
+    """Return the place of a number that is there."""
+    i = 0
+    while i < len(value) - 1 and value[i] != wanted:
+        i += 1
+    return i
