@@ -11,6 +11,7 @@ from scipy.optimize import linear_sum_assignment
 
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.problem import Problem
+from skyfolio.planner.sinr import spectral_efficiency
 from skyfolio.planner.solution import Solution
 from skyfolio.planner.utility import rate_weights, utility_kbps
 
@@ -118,10 +119,7 @@ def _slot(problem: Problem, tolls: Tolls, rates: Array, slope: float, n: int) ->
 
 def _whole_band_kbps(problem: Problem, paths_m: Array) -> Array:
     """Return what each UAV's whole band gives each user, 0 where pins or its end forbid it: (U, K, N)."""
-    east, north = (paths_m[:, None, :, axis] - problem.user_m[None, :, None, axis] for axis in (0, 1))
-    signal = problem.snr_gain / (east * east + north * north + problem.altitude_m[:, None, None] ** 2)
-    others = 1.0 + np.maximum(signal.sum(axis=0) - signal, 0.0)
-    rates: Array = problem.bandwidth_hz[:, None, None] / 1e3 * np.log2(1.0 + signal / others)
+    rates: Array = problem.bandwidth_hz[:, None, None] / 1e3 * spectral_efficiency(problem, paths_m)
     if problem.pinned_to.size:
         uavs = np.arange(problem.n_uavs)[:, None, None]
         rates = np.where((problem.pinned_to < 0) | (problem.pinned_to == uavs), rates, 0.0)

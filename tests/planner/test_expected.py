@@ -16,8 +16,9 @@ from skyfolio.planner.bound import upper_bound_kbps
 from skyfolio.planner.certificate import prove
 from skyfolio.planner.channel import expected_gains, fading_gains
 from skyfolio.planner.delivered import delivered_rates_bps
-from skyfolio.planner.fast import linked, served_rates_bps
+from skyfolio.planner.fast import Tolls, linked, served_rates_bps
 from skyfolio.planner.fast.arena import Arena, Links, arena_of, links_of
+from skyfolio.planner.fast.assigning import assigned
 from skyfolio.planner.fast.climb import climb
 from skyfolio.planner.fast.rates import gradient, link_rates
 from skyfolio.planner.layouts import scattered
@@ -239,3 +240,20 @@ def test_baselines_take_expected_rates_too() -> None:
         method: plan(scenario, method=method).summary.mean_sum_rate_bps for method in ("sr_max", "static", "baseline1")
     }
     assert rates["sr_max"] >= rates["static"] >= rates["baseline1"]
+
+
+def test_bands_assigned_at_a_toll_are_worth_what_they_give_over_all_draws() -> None:
+    problem = problem_of(small(n_users=12))
+    paths = np.repeat(problem.start_m[:, None], problem.n_slots, axis=1)
+    best = linked(problem, paths)
+    nobody = replace(best, serving=np.zeros_like(best.serving), bandwidth_hz=np.zeros_like(best.bandwidth_hz))
+    free = Tolls(
+        former_m=paths,
+        serving=np.full_like(best.serving, -1),
+        served=np.zeros(best.serving.shape, dtype=bool),
+        per_metre=0.0,
+        per_user=0.0,
+    )
+    serving, hertz = assigned(problem, free, nobody)
+    got = served_rates_bps(problem, replace(best, serving=serving, bandwidth_hz=hertz)).sum(axis=0)
+    assert got == pytest.approx(served_rates_bps(problem, best).sum(axis=0), rel=1e-9)
