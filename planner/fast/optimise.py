@@ -28,7 +28,8 @@ TOLERANCE = 3e-6
 HOPELESS = 3.0
 """A further climb is given up when so many passes as good as its last one would not reach the best."""
 WORK_OF_ALL_STARTS = 3.0e5
-"""By default as many starts as keep `starts x U K N` below this, at least 2 and at most 32."""
+MOST_STARTS, MOST_STARTS_OF_SUMS = 32, 26
+"""By default as many starts as keep `starts x U K N` below the first number, at least 2 and at most so many."""
 SCATTERED = 4
 """Small fleets also begin at so many places drawn at random."""
 VARIATIONS, FEWER_VARIATIONS = 26, 4
@@ -119,11 +120,12 @@ class Search:
 
 
 def default_starts(problem: Problem, *, warm: bool = False) -> int:
-    """32 at the letter's size, fewer for larger fleets, and few for a `warm` start of a fleet: by size and utility."""
+    """32 at the letter's size, 26 under `sum`, fewer for larger fleets, and few for a `warm` start of a fleet."""
     work = problem.n_uavs * problem.n_users * problem.n_slots
+    is_sum = problem.kind == "sum" or problem.mu == 0.0
     if warm and problem.n_uavs > FEW:
-        return 4 if problem.kind == "sum" or problem.mu == 0.0 else 2
-    return int(np.clip(WORK_OF_ALL_STARTS / work, 2, 32))
+        return 4 if is_sum else 2
+    return int(np.clip(WORK_OF_ALL_STARTS / work, 2, MOST_STARTS_OF_SUMS if is_sum else MOST_STARTS))
 
 
 def optimise(

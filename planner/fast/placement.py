@@ -28,9 +28,9 @@ MATCHING_PRICE = 1.0
 """The same, at least, when UAVs are matched to users."""
 NO_WAY = 1e6
 """kbit/s: the price of a user from whom the UAV would not reach its end in time."""
-SKETCHES = 24
+SKETCHES, FEWER_SKETCHES = 24, 8
 FEW = 4
-"""Up to so many UAVs climbs are so cheap that they are the better search."""
+"""Up to so many UAVs climbs are so cheap that they are the better search: fewer sketches are made then."""
 CLEARLY = 5e-4
 """Relative: by how much places must be worth more than those that UAVs are bound for."""
 TRIES_AT_ONCE = 500
@@ -69,13 +69,16 @@ def effort_of(arena: Arena, number: int = 0, *, warm: bool = False) -> Effort:
 
     By size and utility, twice as far as the last up to a limit, less in a replan.
     """
-    n_uavs = arena.gain.shape[1]
+    n_uavs, is_sum = arena.gain.shape[1], arena.kind == SUM
+    if warm and n_uavs <= FEW and is_sum:
+        return Effort(0, 0, 0)  # under `sum` variations of what such a fleet does find as much as places do
     more = 2 ** min(number, 4)
     tries = min(200 * n_uavs, 5000) if n_uavs > FEW else 60 * n_uavs
     if warm:
-        tries = 60 * n_uavs if arena.kind == SUM else min(80 * n_uavs, 1000)
+        tries = 60 * n_uavs if is_sum else min(80 * n_uavs, 1000)
         return Effort(6 * more, 1, tries * more, HEAT if number else 0.0)
-    return Effort(SKETCHES * more, 3 if arena.kind == SUM else 2, tries * more, HEAT if number else 0.0)
+    sketches = SKETCHES if n_uavs > FEW else FEWER_SKETCHES
+    return Effort(sketches * more, 3 if is_sum else 2, tries * more, HEAT if number else 0.0)
 
 
 def places(
@@ -91,7 +94,7 @@ def places(
     given_m: (2, U), points to begin from beside the sketches, as where UAVs are bound for when a replan begins; then
     only places that are clearly worth more than these come back.
     """
-    if arena.gain.shape[0] < 2:
+    if arena.gain.shape[0] < 2 or effort.sketches == 0:
         return []
     shots, grounds = snapshots_of(arena), grounds_of(arena)
     wanted = [] if given_m is None else [given_m]
