@@ -9,11 +9,11 @@ import numpy as np
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.bound import best_tables, lifted_kbps, optimistic_rates_kbps, upper_bound_kbps
 from skyfolio.planner.branch_and_bound import MAX_UAVS, Certificate, certificate
-from skyfolio.planner.crowding.proof import ROUNDS, Proof
+from skyfolio.planner.crowding.proof import VISITS, Proof, Visit
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.utility import rate_weights, utility_kbps
 
-FEW_ROUNDS = ROUNDS[:1]
+FEW_VISITS = VISITS[:1]
 """For the first of two proofs, so that time is left for the second."""
 
 
@@ -42,8 +42,8 @@ def prove(
     root = upper_bound_kbps(problem, rates_kbps)
     told(root)
     if problem.kind == "sum" or problem.mu == 0.0:
-        return _by_slots(problem, rates_kbps, root, ROUNDS, stop, told)
-    first = _by_slots(problem, rates_kbps, root, FEW_ROUNDS, stop, told)
+        return _by_slots(problem, rates_kbps, root, VISITS, stop, told)
+    first = _by_slots(problem, rates_kbps, root, FEW_VISITS, stop, told)
     return _by_tangent_plane(problem, rates_kbps, first, stop, told)
 
 
@@ -51,7 +51,7 @@ def _by_slots(
     problem: Problem,
     rates_kbps: Array,
     root: float,
-    rounds: tuple[int, ...],
+    visits: tuple[Visit, ...],
     stop: Callable[[], bool],
     told: Callable[[float], None],
 ) -> Certificate:
@@ -59,7 +59,7 @@ def _by_slots(
     optimistic = optimistic_rates_kbps(problem)
     bounds = best_tables(optimistic)(np.ones(rates_kbps.shape)).sum(axis=0)
     proof = Proof(
-        problem, rates_kbps, bounds, None, stop, lambda: told(min(root, lifted_kbps(problem, bounds))), rounds=rounds
+        problem, rates_kbps, bounds, None, stop, lambda: told(min(root, lifted_kbps(problem, bounds))), visits=visits
     )
     finished = proof.run()
     bound = min(root, lifted_kbps(problem, bounds))
