@@ -22,8 +22,8 @@ from skyfolio.api.lab.torture.flight import Outcome, fly
 from skyfolio.api.lab.torture.generator import drill_of
 from skyfolio.api.lab.torture.shrink import smaller
 
-LONGEST_S = 180
-"""Wall seconds after which a drill hangs: virtual time no longer passes."""
+LONGEST_S = 60
+"""Seconds of its process after which a drill hangs: virtual time no longer passes."""
 HANGS = "a drill comes to its end"
 UNLIKELY = "the ground itself works"
 
@@ -147,7 +147,7 @@ def flown(drill: Drill) -> Outcome:
         with _at_most(LONGEST_S):
             return fly(drill)
     except _HangsError:
-        broken = {HANGS: f"not within {LONGEST_S} wall seconds"}
+        broken = {HANGS: f"not within {LONGEST_S} seconds of computing"}
     except Exception as error:  # noqa: BLE001 - reported as what this drill has broken
         broken = {UNLIKELY: f"{type(error).__name__}: {error}"}
     return Outcome(drill=drill, broken=broken, state="none", coverage=Counter(), virtual_s=0.0, wall_s=0.0)
@@ -159,18 +159,18 @@ class _HangsError(KeyboardInterrupt):
 
 @contextmanager
 def _at_most(seconds: int) -> Iterator[None]:
-    """End what hangs in the main thread after so many wall seconds."""
+    """End what hangs in the main thread once its process has computed for so many seconds."""
 
     def too_long(_number: int, _frame: object) -> None:
         raise _HangsError
 
-    before = signal.signal(signal.SIGALRM, too_long)
-    signal.alarm(seconds)
+    before = signal.signal(signal.SIGPROF, too_long)
+    signal.setitimer(signal.ITIMER_PROF, seconds)
     try:
         yield
     finally:
-        signal.alarm(0)
-        signal.signal(signal.SIGALRM, before)
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        signal.signal(signal.SIGPROF, before)
 
 
 def write_case(folder: Path, result: Result) -> Path:

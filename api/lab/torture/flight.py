@@ -14,9 +14,9 @@ from skyfolio.api.flights.journal import Entry, entry_of
 from skyfolio.api.flights.operation_views import ENDED, OperationView, State
 from skyfolio.api.lab.torture.blows import Arena
 from skyfolio.api.lab.torture.drill import Drill
-from skyfolio.api.lab.torture.invariants import AT_END, MEANWHILE, look
+from skyfolio.api.lab.torture.invariants import AFTERWARDS, AT_END, MEANWHILE, look
 from skyfolio.api.lab.torture.triggers import Triggers
-from skyfolio.api.lab.torture.watch import Seen
+from skyfolio.api.lab.torture.watch import Seen, files_open_now
 from skyfolio.api.lab.virtual.ground import Ground
 from skyfolio.api.lab.virtual.loop import run
 from skyfolio.api.service import Service
@@ -62,8 +62,9 @@ def fly(drill: Drill) -> Outcome:
 
 
 async def _fly(drill: Drill) -> Seen:
+    files_open = files_open_now()
     async with drill.ground() as ground:
-        seen = Seen(drill, ground)
+        seen = Seen(drill, ground, files_open=[files_open])
         arena = Arena(seen)
         triggers = Triggers(arena, drill.blows)
         ground.on_event = triggers.note
@@ -77,9 +78,13 @@ async def _fly(drill: Drill) -> Seen:
         await asyncio.sleep(AFTERMATH_S)
         while arena.tasks:
             await asyncio.wait(list(arena.tasks))
+        seen.look_into_memory()
         await ground.stop()
         seen.events, seen.journal = ground.stored_events(), _journal(ground)
+        seen.note_reports(seen.end.recoveries if seen.end is not None else ())
         look(seen, AT_END)
+    seen.files_open.append(files_open_now())
+    look(seen, AFTERWARDS)
     return seen
 
 
@@ -103,7 +108,11 @@ async def _until_ended(seen: Seen, arena: Arena) -> None:
     while ground.now_s < limit_s:
         await asyncio.sleep(LOOK_S)
         seen.follow_truth()
+        seen.excuse(LOOK_S, down=arena.down)
+        seen.follow_operation()
         look(seen, MEANWHILE)
+        seen.received.clear()
+        seen.news.clear()
         view = await _view(seen, arena)
         if view is None:
             continue

@@ -26,15 +26,24 @@ def on_board_of(vehicle: Vehicle) -> tuple[MissionItem, ...]:
 
 def strangers(seen: Seen, vehicle: Vehicle, items: Sequence[MissionItem]) -> bool:
     """Return whether no mission that the service has assigned to this vehicle has these items."""
+    return _found(seen, vehicle, items) is None
+
+
+def assigned_mission(seen: Seen, vehicle: Vehicle) -> AssignedMission | None:
+    """Return the assigned mission that a vehicle has on board; None if there is none, or it is none of the service."""
+    items = on_board_of(vehicle)
+    return _found(seen, vehicle, items) if items else None
+
+
+def _found(seen: Seen, vehicle: Vehicle, items: Sequence[MissionItem]) -> AssignedMission | None:
     key = (vehicle.system_id, vehicle.mission.mission_id, len(items))
-    if key in seen.known_missions:
-        return False
-    autopilot = Autopilot(vehicle.spec.autopilot)
-    for mission in _assigned(seen, seen.ground.scenario.uav_ids[vehicle.system_id - 1]):
-        if not mission_differences(mission.mission.items, items, autopilot=autopilot):
-            seen.known_missions.add(key)
-            return False
-    return True
+    if key not in seen.known_missions:
+        autopilot = Autopilot(vehicle.spec.autopilot)
+        for mission in reversed(_assigned(seen, seen.uav_of(vehicle.system_id))):
+            if not mission_differences(mission.mission.items, items, autopilot=autopilot):
+                seen.known_missions[key] = mission
+                break
+    return seen.known_missions.get(key)
 
 
 def _assigned(seen: Seen, uav: str) -> list[AssignedMission]:
@@ -42,7 +51,6 @@ def _assigned(seen: Seen, uav: str) -> list[AssignedMission]:
     query = select(table.c.document).where(table.c.operation_id == seen.operation_id, table.c.uav_id == uav)
     with seen.ground.disk.engine.connect() as connection:
         stored = [AssignedMission.of_document(row.document) for row in connection.execute(query)]
-    service = seen.ground.service
-    operation = None if service is None else service.operations.active(seen.operation_id)
+    operation = seen.operation()
     held = () if operation is None else operation.flight.guidance.may_fly(uav)
     return [*stored, *held]

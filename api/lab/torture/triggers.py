@@ -29,6 +29,7 @@ class Triggers:
 
     def follow(self, service: Service) -> None:
         """Follow the journal of a service that was just started."""
+        self._seen.note_start()
         ground = self._arena.ground
         service.journal.listeners.append(
             lambda entry, stored: self._step(entry, stored) if ground.service in (service, None) else None
@@ -36,6 +37,7 @@ class Triggers:
 
     def note(self, event: Event) -> None:
         """Take in an event as it is stored."""
+        self._seen.note_event(event)
         if event.kind != "operation" or event.data.get("operation_id") != self._seen.operation_id:
             return
         self._seen.state = state = event.data["state"]
@@ -45,6 +47,8 @@ class Triggers:
                 self._due(blow)
 
     def _step(self, entry: Entry, stored: bool) -> None:
+        if stored:
+            self._seen.note_step(entry)
         self._steps[entry.step.value, stored] += 1
         for blow in [one for one in self._waiting if one.when.step is entry.step and one.when.stored is stored]:
             if blow.when.nth == self._steps[entry.step.value, stored]:

@@ -1,0 +1,245 @@
+"""What must hold of losses and of what is done about them: noticed, dealt with once and soon, by what is said."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+
+from skyfolio.api.flights.journal import Step
+from skyfolio.api.flights.losses import LOSS_KINDS
+from skyfolio.api.lab.torture.checks import at_end, meanwhile
+from skyfolio.api.lab.torture.missions import assigned_mission
+from skyfolio.api.lab.torture.watch import Noted, Reported, Seen
+from skyfolio.sim import Mode
+
+RECOVERED_S = 20.0
+"""Seconds from a verdict to the end of what is done about it, while nothing excuses a delay."""
+INSISTING_S = 45.0
+"""The same where vehicles refuse uploads, or store them wrongly: each is tried again."""
+VERDICT_S = 12.0
+"""Seconds from the death of a vehicle, or from when a human takes it, to the verdict."""
+LEAST_SILENCE_S = 4.5
+"""No UAV is lost that was heard more recently than this."""
+LATE_S = 1.0
+"""An incident is closed at most so long before its last upload arrives."""
+STEPS_S = 0.1
+"""What a vehicle receives is dated by the step of the fleet before."""
+UNANSWERED = frozenset({"superseded", "interrupted"})
+"""Outcomes of recoveries whose losses the next one deals with."""
+_FLIES = frozenset({"flying", "partly_flying"})
+_BY_ORDER = frozenset({"ordered", "battery"})
+"""Losses by order of the operator."""
+
+
+# -- losses ------------------------------------------------------------------------------------------------------------
+
+
+@at_end
+def _nobody_healthy_is_lost(seen: Seen) -> Iterator[str]:
+    """Lose no vehicle on a link that loses a tenth: a false loss takes a good UAV from its users."""
+    for event in seen.events:
+        if event.kind != "uav_lost" or event.data["cause"] in _BY_ORDER:
+            continue
+        uav, cause, silent_s = event.data["uav_id"], event.data["cause"], event.data["silent_for_s"]
+        system_id = seen.system_of(uav)
+        if seen.drill.loss <= 0.1 and system_id not in seen.harmed and system_id not in seen.ordered:
+            yield f"{uav} was declared lost ({event.data['detail']}) and nothing had happened to it"
+        if cause == "heartbeat_lost" and silent_s < LEAST_SILENCE_S:
+            yield f"{uav} was declared lost after a silence of {silent_s:.1f} s"
+
+
+@at_end
+def _who_is_gone_is_declared_lost(seen: Seen) -> Iterator[str]:
+    """Notice that a vehicle is dead, or flown by a human: nobody else replaces it."""
+    for system_id, gone in seen.gone.items():
+        uav = seen.uav_of(system_id)
+        verdict = next((one for one in seen.noted if _is_verdict(one, uav) and one.at_s >= gone.at_s), None)
+        until = verdict or _first_end(seen, gone.at_s)
+        if until is None or any(_is_verdict(one, uav) and one.at_s < gone.at_s for one in seen.noted):
+            continue
+        took_s = until.at_s - gone.at_s - (until.excused_s - gone.excused_s)
+        if took_s > VERDICT_S:
+            yield f"{uav} was gone at {gone.at_s:.1f} s, and not declared lost within {took_s:.0f} s"
+
+
+def _is_verdict(noted: Noted, uav: str) -> bool:
+    return noted.event.kind == "uav_lost" and noted.event.data["uav_id"] == uav
+
+
+def _first_end(seen: Seen, after_s: float) -> Noted | None:
+    """Return the event with which the operation stopped flying slots after that; None if it had stopped before."""
+    states = [noted for noted in seen.noted if noted.event.kind == "operation"]
+    before = [noted.event.data["state"] for noted in states if noted.at_s <= after_s]
+    if not before or before[-1] != "flying":
+        return None
+    return next((noted for noted in states if noted.at_s > after_s and noted.event.data["state"] != "flying"), None)
+
+
+# -- what is done about them -------------------------------------------------------------------------------------------
+
+
+@at_end
+def _every_incident_is_closed_once(seen: Seen) -> Iterator[str]:
+    """Close every incident once: an open one is not dealt with, and a second end contradicts the first."""
+    closed = Counter(entry.incident for entry in seen.journal if entry.step is Step.CLOSED)
+    for incident in sorted({entry.incident for entry in seen.journal}):
+        if closed[incident] != 1:
+            yield f"incident {incident} is closed {closed[incident]} times"
+
+
+@at_end
+def _every_incident_is_reported(seen: Seen) -> Iterator[str]:
+    """Report every incident once: clients see reports, and nobody reads the journal."""
+    if seen.end is None:
+        return
+    reported = Counter(report.incident for report in seen.end.recoveries)
+    for incident in sorted({entry.incident for entry in seen.journal} | set(reported)):
+        if reported[incident] != 1:
+            yield f"incident {incident} is reported {reported[incident]} times"
+
+
+@at_end
+def _every_loss_is_dealt_with_once(seen: Seen) -> Iterator[str]:
+    """Deal with each loss once: one that is never taken off the list is planned for again at every restart."""
+    losses = Counter(event.data["uav_id"] for event in seen.events if event.kind == "uav_lost")
+    dealt = Counter(uav for one in seen.reports.values() if one.ends_it for uav in one.report.lost)
+    for uav, times in dealt.items():
+        if times > losses[uav]:
+            yield f"{uav} was lost {losses[uav]} times, and that was dealt with {times} times"
+
+
+@at_end
+def _survivors_are_on_a_plan_soon_after_a_verdict(seen: Seen) -> Iterator[str]:
+    """Deal with every loss, and soon: the users of a lost UAV have nothing until the others fly a new plan.
+
+    Time does not count while the service is dead or settles, the disk or the workers do not work, nothing is planned
+    because the operation is paused or hears nobody, or a vehicle that counts is not heard well.
+    """
+    if seen.drill.policy != "auto":
+        return
+    limit_s = INSISTING_S if seen.refusing else RECOVERED_S
+    for number, noted in enumerate(seen.noted):
+        if noted.event.kind != "uav_lost":
+            continue
+        uav = noted.event.data["uav_id"]
+        report = next((one for one in seen.reports.values() if _deals_with(one, uav, noted)), None)
+        until = report or _no_longer_matters(seen, number)
+        took_s = until.at_s - noted.at_s - (until.excused_s - noted.excused_s)
+        if took_s > limit_s:
+            what = "nothing was done about it" if report is None else f"it was {report.report.outcome}"
+            yield f"{uav} was lost at {noted.at_s:.1f} s: {what} after {took_s:.0f} s"
+
+
+def _deals_with(one: Reported, uav: str, loss: Noted) -> bool:
+    return one.ends_it and uav in one.report.lost and one.at_s >= loss.at_s
+
+
+def _no_longer_matters(seen: Seen, loss: int) -> Noted:
+    """Return the event after which nobody plans any more: the last slot, an end, or the loss of the last UAV."""
+    lost = {one.event.data["uav_id"] for one in seen.noted[:loss] if one.event.kind == "uav_lost"}
+    for noted in seen.noted[loss:]:
+        event = noted.event
+        if event.kind == "operation" and event.data["state"] not in {"flying", "paused", "link_lost"}:
+            return noted
+        if event.kind == "uav_lost":
+            lost.add(event.data["uav_id"])
+            if lost == set(seen.ground.scenario.uav_ids):
+                return noted
+    return seen.noted[-1]
+
+
+@at_end
+def _nothing_is_flown_that_the_operator_has_not_approved(seen: Seen) -> Iterator[str]:
+    """Ask where the policy says so: the operator who declined a plan does not expect to see it flown."""
+    if seen.drill.policy == "auto":
+        return
+    causes = {one.entry.incident: one.entry.data.get("cause") for one in seen.taken if one.entry.step is Step.DETECTED}
+    approved: set[int] = set()
+    for one in seen.taken:
+        incident = one.entry.incident
+        if one.entry.step is Step.APPROVED:
+            approved.add(incident)
+        if one.entry.step is Step.UPLOADING and causes.get(incident) in LOSS_KINDS and incident not in approved:
+            yield f"incident {incident} sends a plan to {one.entry.uav_id} that was not approved"
+
+
+@at_end
+def _nothing_is_sent_to_who_is_lost(seen: Seen) -> Iterator[str]:
+    """Plan without a UAV that is lost: it is not ours to command, and users would wait for it."""
+    if any(blow.blow.kind == "readmit" for blow in seen.struck):
+        return
+    for one in seen.taken:
+        began_s = seen.incident(one.entry.incident, Step.REPLANNED)
+        if one.entry.step is Step.UPLOADING and began_s is not None:
+            uav = str(one.entry.uav_id)
+            if any(_is_verdict(noted, uav) and noted.at_s < began_s for noted in seen.noted):
+                yield f"incident {one.entry.incident} sends to {uav}, which was lost before"
+
+
+@at_end
+def _nothing_is_sent_twice(seen: Seen) -> Iterator[str]:
+    """Send nothing twice: a command in doubt is closed, never sent again, as it may have taken effect."""
+    sent = Counter(
+        (entry.incident, entry.uav_id, entry.data.get("plan_id"), entry.data.get("attempt"))
+        for entry in seen.journal
+        if entry.step is Step.UPLOADING
+    )
+    for (incident, uav, plan_id, attempt), times in sent.items():
+        if times > 1:
+            yield f"incident {incident}: attempt {attempt} to send {plan_id} to {uav} was made {times} times"
+
+
+@at_end
+def _nothing_is_sent_again_after_a_restart(seen: Seen) -> Iterator[str]:
+    """Begin a new incident after a restart: what the last service was sending is in doubt, and not to be repeated."""
+    for start_s in seen.starts_s[1:]:
+        before = max((one.entry.incident for one in seen.taken if one.at_s < start_s), default=0)
+        for one in seen.taken:
+            if one.at_s >= start_s and one.entry.step is Step.UPLOADING and one.entry.incident <= before:
+                yield f"incident {one.entry.incident} sends to {one.entry.uav_id} after the restart at {start_s:.1f} s"
+
+
+@meanwhile
+def _missions_are_sent_after_the_journal_has_them(seen: Seen) -> Iterator[str]:
+    """Write into the journal first: a restart knows of a command only from there."""
+    for at_s, system_id, message in seen.received:
+        is_upload = message.get_type() == "MISSION_COUNT" and message.mission_type == 0
+        if not is_upload or not seen.is_aloft(seen.ground.fleet.vehicles[system_id]):
+            continue
+        taken = seen.last_taken(Step.UPLOADING, seen.uav_of(system_id), until_s=at_s + STEPS_S)
+        closed_s = None if taken is None else seen.incident(taken.entry.incident, Step.CLOSED)
+        if taken is None or (closed_s is not None and closed_s < at_s - LATE_S):
+            yield f"vehicle {system_id} is sent {message.count} items, and no step of the journal says so"
+
+
+# -- what is said of it ------------------------------------------------------------------------------------------------
+
+
+@meanwhile
+def _who_is_said_to_fly_a_new_plan_does(seen: Seen) -> Iterator[str]:
+    """Say that a UAV flies a new plan when it does: operators and users rely on it, and so does the next replan."""
+    for one in seen.new_reports:
+        report = one.report
+        if report.outcome not in _FLIES or seen.state != "flying":
+            continue
+        failed = [uav for uav, error in report.vehicles.items() if error is not None]
+        if failed and report.outcome == "flying":
+            yield f"incident {report.incident} is flying, and {', '.join(failed)} is not"
+        for uav in report.vehicles.keys() - set(failed):
+            vehicle = seen.ground.fleet.vehicles[seen.system_of(uav)]
+            if not seen.is_ours(uav) or not seen.is_aloft(vehicle):
+                continue
+            assigned = assigned_mission(seen, vehicle)
+            if assigned is None or assigned.first_slot != report.at_slot or vehicle.mode is not Mode.MISSION:
+                flown = "none of its missions" if assigned is None else f"the plan from slot {assigned.first_slot} on"
+                yield f"{uav} has {flown} in mode {vehicle.mode.name}, not the plan from slot {report.at_slot} on"
+
+
+@at_end
+def _the_plan_that_is_flown_is_in_force(seen: Seen) -> Iterator[str]:
+    """Put the plan into force that is flown: rates, slips and the next plan are counted by it."""
+    if seen.end is None:
+        return
+    for report in seen.end.recoveries:
+        if report.outcome in _FLIES and report.plan_id not in seen.end.plan_ids:
+            yield f"{report.plan_id} is flown, and in force were {', '.join(seen.end.plan_ids)}"

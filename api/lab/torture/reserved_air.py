@@ -1,0 +1,104 @@
+"""What must hold of the air in which a lost UAV may still be, judged from where vehicles truly are.
+
+The geometry is this file's own, so that a service whose ghosts are wrong does not judge itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import dist, hypot
+
+from skyfolio.api.flights.journal import Step
+from skyfolio.api.flights.rates import Point
+from skyfolio.api.lab.torture.checks import meanwhile
+from skyfolio.api.lab.torture.missions import assigned_mission
+from skyfolio.api.lab.torture.watch import LOW_M, LostUav, Seen
+from skyfolio.sim import Mode
+from skyfolio.sim.station import Vehicle
+
+OFF_LINE_M = 1.0
+"""How far off its straight legs a vehicle may be."""
+OFF_SCHEDULE_M = 2.5
+"""How much nearer two vehicles may come because neither is where its schedule has it."""
+RAISED_M = 4.0
+"""A mission that is this much higher than the plan crosses reserved air above it."""
+SETTLES_S = 3.0
+"""Seconds after its first leg in which a vehicle may still climb."""
+
+
+@meanwhile
+def _separation_from_reserved_air(seen: Seen) -> Iterator[str]:
+    """Keep out of the air of a UAV that is lost, or fly above it: it may still be there, and nobody commands it."""
+    operation = seen.operation()
+    elapsed_s = None if operation is None else operation.flight.elapsed_s()
+    if operation is None or elapsed_s is None or seen.state != "flying":
+        return
+    for uav in [uav for uav in seen.lost if uav not in operation.flight.lost]:
+        del seen.lost[uav]  # it was readmitted
+    for lost in seen.lost.values():
+        for vehicle in seen.ground.fleet.vehicles.values():
+            if _is_to_stay_out(seen, vehicle, lost, elapsed_s):
+                yield from _too_close(seen, vehicle, lost)
+
+
+def _is_to_stay_out(seen: Seen, vehicle: Vehicle, lost: LostUav, elapsed_s: float) -> bool:
+    """Return whether a vehicle flies a mission, at the height of its plan, that was made after the loss."""
+    system_id = vehicle.system_id
+    if system_id == lost.system_id or system_id in seen.harmed or system_id in seen.ordered:
+        return False
+    if vehicle.mode is not Mode.MISSION or not seen.is_aloft(vehicle):
+        return False
+    sent = seen.last_taken(Step.UPLOADING, seen.uav_of(system_id))
+    began_s = None if sent is None else seen.incident(sent.entry.incident, Step.DETECTED)
+    if began_s is None or began_s < lost.lost_at_s:
+        return False
+    assigned = assigned_mission(seen, vehicle)
+    if assigned is None or assigned.altitude_m >= seen.drill.altitude_m + RAISED_M:
+        return False
+    first_leg_ends_s = (assigned.first_slot + 1) * assigned.slot_s
+    last_slot_s = (seen.drill.slots - 1) * assigned.slot_s
+    return first_leg_ends_s + SETTLES_S < elapsed_s < last_slot_s
+
+
+def _too_close(seen: Seen, vehicle: Vehicle, lost: LostUav) -> Iterator[str]:
+    at_m = seen.place_m(vehicle)
+    required_m = seen.ground.scenario.min_separation_m
+    if lost.stood_m is not None:
+        home_m = seen.ground.scenario.uav(lost.uav).start_m
+        apart_m = _to_line_m(at_m[:2], lost.stood_m, home_m)
+        if apart_m < required_m - OFF_LINE_M:
+            yield f"vehicle {vehicle.system_id} is {apart_m:.1f} m from where {lost.uav} was, or its way home"
+    ghost = seen.ground.fleet.vehicles[lost.system_id]
+    ghost_m = seen.place_m(ghost)
+    if seen.is_aloft(ghost) and dist(at_m, ghost_m) < required_m - OFF_SCHEDULE_M:
+        yield f"vehicle {vehicle.system_id} is {dist(at_m, ghost_m):.1f} m from {lost.uav}, which was lost"
+
+
+@meanwhile
+def _air_is_freed_when_nobody_is_in_it(seen: Seen) -> Iterator[str]:
+    """Free reserved air when the UAV is seen on the ground, not before: others are sent there next."""
+    for noted in seen.news:
+        if noted.event.kind == "ghost_released":
+            uav = noted.event.data["uav_id"]
+            vehicle = seen.ground.fleet.vehicles[seen.system_of(uav)]
+            if vehicle.alive and vehicle.armed and vehicle.position[2] > 2 * LOW_M:
+                yield f"that of {uav}, which is {vehicle.position[2]:.0f} m up"
+            seen.lost.pop(uav, None)
+
+
+@meanwhile
+def _air_is_reserved_for_who_is_lost(seen: Seen) -> Iterator[str]:
+    """Reserve no air for a UAV that counts: others would fly around it for nothing."""
+    operation = seen.operation()
+    if operation is not None:
+        for uav in operation.flight.guidance.airspace.ghosts.keys() - operation.flight.lost.keys():
+            yield f"that of {uav}, which is not lost"
+
+
+def _to_line_m(point_m: Point, from_m: Point, to_m: Point) -> float:
+    """Return the metres from a point to the nearest of a straight line."""
+    east, north = to_m[0] - from_m[0], to_m[1] - from_m[1]
+    length2 = east**2 + north**2
+    along = (point_m[0] - from_m[0]) * east + (point_m[1] - from_m[1]) * north
+    share = min(max(along / length2, 0.0), 1.0) if length2 else 0.0
+    return hypot(point_m[0] - from_m[0] - share * east, point_m[1] - from_m[1] - share * north)

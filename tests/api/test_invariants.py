@@ -1,0 +1,451 @@
+"""What must hold in drills: silent on a history in which it holds, and heard on one in which it is broken."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from skyfolio.api.flights.journal import Entry, Step
+from skyfolio.api.flights.operation_views import Abort, OperationView, State, UavView
+from skyfolio.api.flights.recovery_report import RecoveryReport
+from skyfolio.api.lab.torture import missions
+from skyfolio.api.lab.torture.drill import Blow, Drill, Moment
+from skyfolio.api.lab.torture.invariants import AFTERWARDS, AT_END, MEANWHILE, look
+from skyfolio.api.lab.torture.watch import Gone, LostUav, Noted, Reported, Seen, Struck, Taken
+from skyfolio.api.lab.virtual.disk import COMMIT_S
+from skyfolio.api.lab.virtual.ground import EPOCH_S
+from skyfolio.api.store.event_log import Event
+from skyfolio.sim import Mode
+from skyfolio.sim.geo import LocalFrame
+
+DRILL = Drill(seed=1)
+SCENARIO = DRILL.scenario()
+FRAME = LocalFrame(SCENARIO.origin.lat_deg, SCENARIO.origin.lon_deg)
+OPERATION = "operation-1"
+INVARIANTS = {**MEANWHILE, **AT_END, **AFTERWARDS}
+
+
+@dataclass
+class Uav:
+    """A vehicle as the simulator has it, metres east, north and up."""
+
+    system_id: int
+    at_m: tuple[float, float, float]
+    mode: Mode = Mode.MISSION
+    armed: bool = True
+    alive: bool = True
+    transmitting: bool = True
+    mission_id: int = 1
+    spec: Any = field(default_factory=lambda: SimpleNamespace(autopilot="px4"))
+
+    @property
+    def position(self) -> tuple[float, float, float]:
+        east, north, up = self.at_m
+        return (*FRAME.to_geodetic(east, north), up)
+
+    @property
+    def mission(self) -> Any:
+        values = dict.fromkeys(("param1", "param2", "param3", "param4", "z"), 0.0)
+        whole = {"seq": 0, "frame": 6, "command": 16, "current": 0, "autocontinue": 1, "x": 0, "y": 0}
+        return SimpleNamespace(mission_id=self.mission_id, items=[SimpleNamespace(**values, **whole)])
+
+
+class Truth:
+    """What the simulator logs."""
+
+    def __init__(self) -> None:
+        self.events: list[Any] = []
+        self.samples: list[Any] = []
+
+    def happened(self, kind: str) -> list[Any]:
+        return [event for event in self.events if event.kind == kind]
+
+
+def event(number: int, kind: str, **data: Any) -> Event:
+    return Event(id=number, at=datetime.fromtimestamp(EPOCH_S + number, UTC), kind=kind, data=data)
+
+
+def entry(step: Step, uav: str | None = None, incident: int = 1, **data: Any) -> Entry:
+    at = datetime.fromtimestamp(EPOCH_S, UTC)
+    return Entry(operation_id=OPERATION, incident=incident, step=step, uav_id=uav, at=at, data=data)
+
+
+REPORT = RecoveryReport(
+    outcome="flying",
+    incident=1,
+    lost={"uav-3": 5.0},
+    declared_at_s=25.0,
+    at_slot=6,
+    plan_id="plan-2",
+    vehicles={"uav-1": None, "uav-2": None},
+)
+STEPS = (
+    (20.0, entry(Step.DETECTED, cause="heartbeat_lost", lost={"uav-3": 5.0})),
+    (20.1, entry(Step.REPLANNED, at_slot=6)),
+    (20.2, entry(Step.UPLOADING, "uav-1", plan_id="plan-2", attempt=1)),
+    (20.2, entry(Step.UPLOADING, "uav-2", plan_id="plan-2", attempt=1)),
+    (21.0, entry(Step.CLOSED, outcome="flying")),
+)
+EVENTS = (
+    event(1, "operation", state="uploading", error=None),
+    event(2, "operation", state="launching", error=None),
+    event(3, "operation", state="starting", error=None),
+    event(4, "operation", state="flying", error=None),
+    event(19, "uav_lost", uav_id="uav-3", cause="heartbeat_lost", detail="silent", silent_for_s=5.0),
+    event(21, "recovery", **REPORT.model_dump(mode="json")),
+    event(70, "operation", state="landing", error=None),
+    event(80, "operation", state="completed", error=None),
+)
+"""Their numbers are their seconds, until they are numbered in order below."""
+
+
+def history() -> Seen:
+    """A flight in which the third UAV was lost and all went well, seen as the second report comes in."""
+    fleet = SimpleNamespace(vehicles={n: Uav(n, (100.0 * n, 0.0, 10.0)) for n in (1, 2)}, truth=Truth())
+    fleet.vehicles[3] = Uav(3, (300.0, 0.0, 0.0), mode=Mode.HOLD, armed=False, alive=False)
+    flight = SimpleNamespace(
+        lost={"uav-3": 15.0},
+        elapsed_s=lambda: 45.0,
+        guidance=SimpleNamespace(airspace=SimpleNamespace(ghosts={"uav-3": object()})),
+    )
+    operation = SimpleNamespace(flight=flight)
+    ground = SimpleNamespace(
+        scenario=SCENARIO,
+        fleet=fleet,
+        service=SimpleNamespace(operations=SimpleNamespace(active=lambda _id: operation)),
+        now_s=90.0,
+        alive_tasks=[],
+        clock_ahead_s=0.0,
+        disk=SimpleNamespace(refuses=None, commit_s=COMMIT_S),
+        workers=SimpleNamespace(dead=False),
+    )
+    seen = Seen(DRILL, ground, operation_id=OPERATION, state="flying")  # type: ignore[arg-type]
+    seen.noted = [
+        Noted(at_s=float(one.id), excused_s=0.0, event=one.model_copy(update={"id": number}))
+        for number, one in enumerate(EVENTS, start=1)
+    ]
+    seen.events = [noted.event for noted in seen.noted]
+    seen.taken = [Taken(at_s=at_s, entry=step) for at_s, step in STEPS]
+    seen.journal = [one.entry for one in seen.taken]
+    seen.starts_s = [0.0]
+    one = Reported(at_s=21.5, excused_s=0.0, report=REPORT)
+    seen.reports, seen.new_reports = {1: one}, [one]
+    seen.lost = {
+        "uav-3": LostUav(uav="uav-3", system_id=3, kind="heartbeat_lost", lost_at_s=19.0, stood_m=(300.0, 0.0))
+    }
+    seen.harmed, seen.harms = {3: 14.0}, {3: {"kill"}}
+    seen.gone = {3: Gone(at_s=14.0, excused_s=0.0)}
+    assigned = SimpleNamespace(first_slot=6, altitude_m=10.0, slot_s=5.0)
+    seen.known_missions = {(n, 1, 1): assigned for n in (1, 2, 3)}  # type: ignore[misc]
+    seen.received = [(20.5, 1, message("MISSION_COUNT", mission_type=0, count=5))]
+    seen.files_open = [10, 10]
+    seen.end = view()
+    return seen
+
+
+def message(name: str, **fields: Any) -> Any:
+    return SimpleNamespace(get_type=lambda: name, **fields)
+
+
+def view(state: State = State.COMPLETED, **changes: Any) -> OperationView:
+    ends = {"uav-1": "flown", "uav-2": "flown", "uav-3": "lost"}
+    documents = {
+        "uavs": {uav: UavView(system_id=n, state="flying", end=end) for n, (uav, end) in enumerate(ends.items(), 1)},
+        "vehicles": {uav: n for n, uav in enumerate(ends, 1)},
+        "recoveries": [REPORT],
+        "plan_ids": ["plan-1", "plan-2"],
+        "lost": ["uav-3"],
+        **changes,
+    }
+    return OperationView.model_construct(id=OPERATION, state=state, **documents)
+
+
+def broken_in(seen: Seen, *, meanwhile: bool) -> set[str]:
+    """What is broken; the vehicles are on the ground when all is over."""
+    if not meanwhile:
+        for vehicle in seen.ground.fleet.vehicles.values():
+            if vehicle.mode is Mode.MISSION and vehicle.system_id in (1, 2):
+                vehicle.armed, vehicle.at_m = False, (*vehicle.at_m[:2], 0.0)  # type: ignore[attr-defined,misc]
+    look(seen, MEANWHILE if meanwhile else AT_END | AFTERWARDS)
+    return set(seen.broken)
+
+
+def test_a_flight_in_which_all_went_well_breaks_nothing() -> None:
+    assert broken_in(history(), meanwhile=True) == set()
+    assert broken_in(history(), meanwhile=False) == set()
+
+
+# -- one thing is wrong ------------------------------------------------------------------------------------------------
+
+DOCTORS: dict[str, Callable[[Seen], None]] = {}
+
+
+def breaks(name: str) -> Callable[[Callable[[Seen], None]], Callable[[Seen], None]]:
+    """Say which invariant a change of the history breaks."""
+
+    def keep(doctor: Callable[[Seen], None]) -> Callable[[Seen], None]:
+        DOCTORS[name] = doctor
+        return doctor
+
+    return keep
+
+
+def vehicle_of(seen: Seen, number: int) -> Any:
+    return seen.ground.fleet.vehicles[number]
+
+
+def strike(seen: Seen, kind: str) -> None:
+    blow = Blow(when=Moment(), kind=kind)
+    seen.struck.append(Struck(at_s=1.0, state="flying", blow=blow))
+
+
+def policy(seen: Seen, name: str) -> None:
+    seen.drill = seen.drill.model_copy(update={"policy": name})
+
+
+def happens(seen: Seen, kind: str, system_id: int) -> None:
+    happened: Any = SimpleNamespace(kind=kind, system_id=system_id, t_s=30.0)
+    seen.ground.fleet.truth.events.append(happened)
+
+
+@breaks("separation")
+def _two_too_near(seen: Seen) -> None:
+    vehicle_of(seen, 2).at_m = (101.0, 0.0, 10.0)
+
+
+@breaks("whole missions")
+def _a_hybrid(seen: Seen) -> None:
+    vehicle_of(seen, 1).mission_id = 99
+
+
+@breaks("nobody commands a vehicle that a human or a failsafe flies")
+def _a_human_overruled(seen: Seen) -> None:
+    seen.foreign[2] = 10.0
+    seen.received.append((30.0, 2, message("COMMAND_LONG", command=176)))
+
+
+@breaks("missions are sent after the journal has them")
+def _sent_before_it_is_written(seen: Seen) -> None:
+    seen.received.append((19.5, 2, message("MISSION_COUNT", mission_type=0, count=5)))
+
+
+@breaks("who is said to fly a new plan does")
+def _hovers_instead(seen: Seen) -> None:
+    vehicle_of(seen, 1).mode = Mode.HOLD
+
+
+@breaks("separation from reserved air")
+def _where_the_lost_one_was(seen: Seen) -> None:
+    vehicle_of(seen, 1).at_m = (301.0, 1.0, 10.0)
+
+
+@breaks("air is freed when nobody is in it")
+def _freed_in_flight(seen: Seen) -> None:
+    seen.ground.fleet.vehicles[3] = Uav(3, (300.0, 0.0, 10.0), mode=Mode.HOLD)  # type: ignore[assignment]
+    seen.news.append(Noted(at_s=40.0, excused_s=0.0, event=event(9, "ghost_released", uav_id="uav-3")))
+
+
+@breaks("air is reserved for who is lost")
+def _reserved_for_one_that_counts(seen: Seen) -> None:
+    operation = seen.operation()
+    assert operation is not None
+    operation.flight.guidance.airspace.ghosts["uav-1"] = object()  # type: ignore[index]
+
+
+@breaks("every operation ends")
+def _never_ends(seen: Seen) -> None:
+    seen.end = view(State.LANDING)
+
+
+@breaks("states follow each other")
+def _flies_after_its_end(seen: Seen) -> None:
+    seen.events.append(event(9, "operation", state="flying", error=None))
+
+
+@breaks("ends are as they are said to be")
+def _crashed_and_said_to_have_flown(seen: Seen) -> None:
+    vehicle_of(seen, 2).alive = False
+
+
+@breaks("event ids have no gaps")
+def _a_gap(seen: Seen) -> None:
+    seen.events[-1] = seen.events[-1].model_copy(update={"id": 20})
+    seen.noted[-1] = replace(seen.noted[-1], event=seen.events[-1])
+
+
+@breaks("events are announced once in order")
+def _announced_again(seen: Seen) -> None:
+    seen.noted.append(seen.noted[2])
+
+
+@breaks("events are stored as they were announced")
+def _another_under_its_number(seen: Seen) -> None:
+    seen.events[-1] = event(seen.events[-1].id, "operation", state="completed", error="another")
+
+
+@breaks("steps outlive the service")
+def _a_step_is_gone(seen: Seen) -> None:
+    seen.taken.append(Taken(at_s=22.0, entry=entry(Step.VERIFIED, "uav-1")))
+
+
+@breaks("nothing fails unforeseen")
+def _a_task_failed(seen: Seen) -> None:
+    seen.events.append(event(9, "task_failed", task="watch", error="KeyError: 3"))
+
+
+@breaks("no task is left")
+def _a_task_is_left(seen: Seen) -> None:
+    seen.ground.alive_tasks.append("keep-uav-1")
+
+
+@breaks("no operation is left in memory")
+def _an_operation_is_left(seen: Seen) -> None:
+    seen.remembered = [OPERATION]
+
+
+@breaks("no file is left open")
+def _a_file_is_left(seen: Seen) -> None:
+    seen.files_open = [10, 11]
+
+
+@breaks("nobody healthy is lost")
+def _lost_in_the_best_of_health(seen: Seen) -> None:
+    seen.harmed.clear()
+
+
+@breaks("who is gone is declared lost")
+def _nobody_noticed(seen: Seen) -> None:
+    seen.gone[2] = Gone(at_s=40.0, excused_s=0.0)
+
+
+@breaks("every incident is closed once")
+def _closed_again(seen: Seen) -> None:
+    seen.journal.append(entry(Step.CLOSED))
+
+
+@breaks("every incident is reported")
+def _not_reported(seen: Seen) -> None:
+    seen.journal += [entry(Step.DETECTED, incident=2), entry(Step.CLOSED, incident=2)]
+
+
+@breaks("every loss is dealt with once")
+def _dealt_with_again(seen: Seen) -> None:
+    seen.reports[2] = replace(seen.reports[1], report=REPORT.model_copy(update={"incident": 2}))
+
+
+@breaks("survivors are on a plan soon after a verdict")
+def _nothing_was_done(seen: Seen) -> None:
+    seen.reports.clear()
+
+
+@breaks("nothing is flown that the operator has not approved")
+def _not_approved(seen: Seen) -> None:
+    policy(seen, "approve")
+
+
+@breaks("nothing is sent to who is lost")
+def _sent_to_the_lost_one(seen: Seen) -> None:
+    seen.taken.append(Taken(at_s=20.3, entry=entry(Step.UPLOADING, "uav-3")))
+
+
+@breaks("nothing is sent twice")
+def _sent_twice(seen: Seen) -> None:
+    seen.journal.append(entry(Step.UPLOADING, "uav-1", plan_id="plan-2", attempt=1))
+
+
+@breaks("nothing is sent again after a restart")
+def _sent_again(seen: Seen) -> None:
+    seen.starts_s.append(20.15)
+
+
+@breaks("the plan that is flown is in force")
+def _the_old_plan_in_force(seen: Seen) -> None:
+    seen.end = view(plan_ids=["plan-1"])
+
+
+@breaks("nobody healthy crashes")
+def _a_crash(seen: Seen) -> None:
+    happens(seen, "crashed", 1)
+
+
+@breaks("who flew to the end is on the ground")
+def _left_in_the_air(seen: Seen) -> None:
+    vehicle_of(seen, 1).mode = Mode.HOLD
+
+
+@breaks("vehicles are left as they were ordered")
+def _flies_on_after_an_order_to_land(seen: Seen) -> None:
+    seen.end = view(State.ABORTED, abort=Abort(action="land", vehicles={"uav-1": None}))
+    vehicle_of(seen, 1).mode = Mode.RTL
+
+
+@pytest.mark.parametrize("name", sorted(INVARIANTS))
+def test_each_invariant_is_heard_where_it_is_broken(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(missions, "_assigned", lambda _seen, _uav: [])
+    seen = history()
+    DOCTORS[name](seen)
+    assert name in broken_in(seen, meanwhile=name in MEANWHILE)
+
+
+# -- what is no fault --------------------------------------------------------------------------------------------------
+
+
+def excused(seen: Seen) -> None:
+    seen.reports.clear()
+    seen.noted[-2:] = [replace(noted, excused_s=60.0) for noted in seen.noted[-2:]]
+
+
+def superseded(seen: Seen) -> None:
+    first = REPORT.model_copy(update={"outcome": "superseded"})
+    again = Reported(at_s=30.0, excused_s=0.0, report=REPORT.model_copy(update={"incident": 2}))
+    seen.reports = {1: replace(seen.reports[1], report=first), 2: again}
+
+
+def flies_above(seen: Seen) -> None:
+    _where_the_lost_one_was(seen)
+    seen.known_missions[1, 1, 1] = SimpleNamespace(first_slot=6, altitude_m=15.0, slot_s=5.0)  # type: ignore[assignment]
+
+
+def on_its_first_leg(seen: Seen) -> None:
+    _where_the_lost_one_was(seen)
+    seen.operation().flight.elapsed_s = lambda: 36.0  # type: ignore[union-attr,method-assign]
+
+
+def sent_before_the_loss(seen: Seen) -> None:
+    _where_the_lost_one_was(seen)
+    seen.lost["uav-3"].lost_at_s = 40.0
+
+
+def on_a_disk_that_hangs(seen: Seen) -> None:
+    seen.taken.append(Taken(at_s=22.0, entry=entry(Step.VERIFIED, "uav-1"), on_slow_disk=True))
+
+
+def ordered_by_the_operator(seen: Seen) -> None:
+    seen.harmed.clear()
+    seen.ordered[3] = 10.0
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        excused,
+        superseded,
+        flies_above,
+        on_its_first_leg,
+        sent_before_the_loss,
+        on_a_disk_that_hangs,
+        ordered_by_the_operator,
+    ],
+    ids=lambda change: change.__name__,
+)
+def test_what_is_no_fault_breaks_nothing(change: Callable[[Seen], None]) -> None:
+    for meanwhile in (True, False):
+        seen = history()
+        change(seen)
+        seen.new_reports.clear()
+        assert broken_in(seen, meanwhile=meanwhile) == set()
