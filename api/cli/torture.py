@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -18,13 +19,21 @@ def torture(
     out: Annotated[Path, typer.Option(help="Write failing drills here, each a file to replay.")] = Path("out/torture"),
     shrink: Annotated[bool, typer.Option(help="Make failing drills smaller first.")] = True,
     replay: Annotated[Path | None, typer.Option(help="Fly the drill in this file instead, and show each step.")] = None,
+    mutations: Annotated[
+        Path | None,
+        typer.Option(help="Plant each bug of this folder in a copy of the package instead, and see which are found."),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Fly random drills in virtual time, and look at what must hold whatever happens.
 
-    Each drill is a service with a fleet, struck at the moments that hurt. Exit status 1 if anything was broken.
+    Each drill is a service with a fleet, struck at the moments that hurt. Exit status 1 if anything was broken, or with
+    --mutations if a planted bug was not found in that many drills. Results of those are kept in OUT/mutations.json, and
+    a hunt that was stopped goes on from there.
     """
-    if replay is not None:
+    if mutations is not None:
+        broken = _hunt(mutations, seed, drills, out / "mutations.json", as_json=as_json)
+    elif replay is not None:
         broken = _replay(replay, as_json=as_json)
     else:
         broken = _campaign(range(seed, seed + drills), jobs, out, shrink=shrink, as_json=as_json)
@@ -61,6 +70,27 @@ def _campaign(seeds: range, jobs: int, out: Path, *, shrink: bool, as_json: bool
     for name, count in report["broken"].items():
         typer.echo(f"{count:6}  {name}")
     return bool(tally.failures)
+
+
+def _hunt(folder: Path, seed: int, drills: int, results: Path, *, as_json: bool) -> bool:
+    from skyfolio.api.lab.torture.mutations import Hunt, hunt_all, read_mutations  # noqa: PLC0415
+
+    try:
+        planted = read_mutations(folder)
+    except (OSError, ValueError) as error:
+        raise UsageError(f"{folder}: {error}") from error
+
+    def told(hunt: Hunt) -> None:
+        what = ", ".join(hunt.broken or ()) or "not found"
+        typer.echo(f"{hunt.name}: {what} ({hunt.drills} drills)", err=True)
+
+    hunts = hunt_all(planted, results, seed=seed, drills=drills, told=told)
+    missed = [hunt.name for hunt in hunts if not hunt.found]
+    if as_json:
+        typer.echo(json.dumps({"mutations": [asdict(hunt) for hunt in hunts], "missed": missed}))
+    else:
+        typer.echo(f"{len(hunts) - len(missed)} of {len(hunts)} found; not found: {', '.join(missed) or 'none'}")
+    return bool(missed)
 
 
 def _replay(file: Path, *, as_json: bool) -> bool:

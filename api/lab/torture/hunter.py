@@ -1,0 +1,29 @@
+"""Flies the drills of some seeds until one breaks something, and prints which: one line of JSON, `null` if none does.
+
+    python -m skyfolio.api.lab.torture.hunter FIRST LAST        the seeds from FIRST to LAST - 1
+
+A process of its own, so that it may run with a copy of the package.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+
+from skyfolio.api.lab.torture.campaign import one, quieten
+
+
+def main() -> None:
+    """Fly, and print."""
+    quieten()
+    first, last = map(int, sys.argv[1:])
+    for seed in range(first, last):
+        result = one(seed)
+        if result.broken:
+            print(json.dumps({"seed": seed, "broken": result.broken}))  # noqa: T201
+            return
+    print("null")  # noqa: T201
+
+
+if __name__ == "__main__":
+    main()

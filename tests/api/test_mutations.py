@@ -1,0 +1,88 @@
+"""Planted bugs: each fits the sources as they are, and drills find them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from skyfolio.api.cli.main import cli
+from skyfolio.api.lab.torture.mutations import Mutation, copy_with, hunt_all, read_mutations, source_of
+
+FOLDER = Path(__file__).parent / "mutations"
+PLANTED = read_mutations(FOLDER)
+EASY = ("never-in-force", "operations-are-not-forgotten")
+"""Bugs that the first drills find."""
+
+
+def test_at_least_fifty_bugs_are_planted() -> None:
+    assert len(PLANTED) >= 50
+
+
+@pytest.mark.parametrize("mutation", PLANTED, ids=lambda mutation: mutation.name)
+def test_a_planted_bug_fits_the_source(mutation: Mutation) -> None:
+    source = source_of(mutation)
+    assert mutation.applied(source) != source
+
+
+def mutation(**changes: str) -> Mutation:
+    given = {"name": "one", "file": "api/store/errors.py", "why": "because", "before": "class", "after": "class"}
+    return Mutation(**{**given, **changes})
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"before": "no such text"}, "is 0 times in"),
+        ({"before": "e"}, "times in api/store/errors.py, not once"),
+        ({"after": "class class"}, "does not compile"),
+    ],
+)
+def test_a_bug_that_does_not_fit_is_refused(changed: dict[str, str], message: str) -> None:
+    planted = mutation(**changed)
+    with pytest.raises(ValueError, match=message):
+        planted.applied(source_of(planted))
+
+
+def test_only_what_is_copied_is_changed() -> None:
+    with pytest.raises(ValueError, match="is not in api or mavlink_bridge"):
+        source_of(mutation(file="planner/plans.py"))
+
+
+def test_a_copy_has_the_bug_and_the_package_has_not() -> None:
+    planted = mutation(after="# a bug\nclass")
+    before = source_of(planted)
+    with copy_with(planted) as folder:
+        assert (folder / "skyfolio" / planted.file).read_text() == planted.applied(before)
+    assert source_of(planted) == before
+    assert not folder.exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[[mutation]]\nname = 'one'\n", "missing 4 required"),
+        ("[[mutation]]\nname = 'one'\nfile = ''\nwhy = ''\nbefore = ''\nafter = ''\n" * 2, "given twice"),
+    ],
+)
+def test_a_file_that_makes_no_sense_is_refused(tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / "some.toml").write_text(text)
+    with pytest.raises(ValueError, match=message):
+        read_mutations(tmp_path)
+    refused = CliRunner().invoke(cli, ["torture", "--mutations", str(tmp_path)])
+    assert refused.exit_code != 0
+
+
+@pytest.mark.e2e
+def test_drills_find_planted_bugs_and_a_hunt_goes_on_where_it_was_stopped(tmp_path: Path) -> None:
+    easy = [planted for planted in PLANTED if planted.name in EASY]
+    results = tmp_path / "mutations.json"
+    first = hunt_all(easy[:1], results, seed=1, drills=10, told=lambda _hunt: None)
+    hunted = []
+    both = hunt_all(easy, results, seed=1, drills=10, told=hunted.append)
+    assert both[0] == first[0]
+    assert [hunt.found for hunt in both] == [True, True]
+    assert [hunt.name for hunt in hunted] == [planted.name for planted in easy]
+    assert {row["name"] for row in json.loads(results.read_text())["mutations"]} == set(EASY)
