@@ -48,7 +48,7 @@ def _states_follow_each_other(seen: Seen) -> Iterator[str]:
 def _ends_are_as_they_are_said_to_be(seen: Seen) -> Iterator[str]:
     """Say of each UAV how it ended: who is said to stand on the ground is not searched for.
 
-    A vehicle that reboots in the air falls unheard, and reports to be disarmed on the ground: nobody can know.
+    A vehicle that reboots in the air falls unheard, and reports to be disarmed on the ground: a service cannot know.
     """
     if seen.end is None or seen.end.state is State.ABORTED:
         return

@@ -50,7 +50,7 @@ def _nobody_healthy_is_lost(seen: Seen) -> Iterator[str]:
 
 @at_end
 def _who_is_gone_is_declared_lost(seen: Seen) -> Iterator[str]:
-    """Notice that a vehicle is dead, or flown by a human: nobody else replaces it."""
+    """Notice that a vehicle is dead, or flown by a human: otherwise it is not replaced."""
     for system_id, gone in seen.gone.items():
         uav = seen.uav_of(system_id)
         verdict = next((one for one in seen.noted if _is_verdict(one, uav) and one.at_s >= gone.at_s), None)
@@ -89,7 +89,7 @@ def _every_incident_is_closed_once(seen: Seen) -> Iterator[str]:
 
 @at_end
 def _every_incident_is_reported(seen: Seen) -> Iterator[str]:
-    """Report every incident once: clients see reports, and nobody reads the journal."""
+    """Report every incident once: clients see reports, and not the journal."""
     if seen.end is None:
         return
     reported = Counter(report.incident for report in seen.end.recoveries)
@@ -113,7 +113,7 @@ def _survivors_are_on_a_plan_soon_after_a_verdict(seen: Seen) -> Iterator[str]:
     """Deal with every loss, and soon: the users of a lost UAV have nothing until the others fly a new plan.
 
     Time does not count while the service is dead or settles, the disk or the workers do not work, nothing is planned
-    because the operation is paused or hears nobody, or a vehicle that counts is not heard well.
+    because the operation is paused or no vehicle is heard, or one that counts is not heard well.
     """
     if seen.drill.policy != "auto":
         return
@@ -135,7 +135,7 @@ def _deals_with(one: Reported, uav: str, loss: Noted) -> bool:
 
 
 def _no_longer_matters(seen: Seen, loss: int) -> Noted:
-    """Return the event after which nobody plans any more: the last slot, an end, or the loss of the last UAV."""
+    """Return the event after which nothing is planned any more: the last slot, an end, or the loss of the last UAV."""
     lost = {one.event.data["uav_id"] for one in seen.noted[:loss] if one.event.kind == "uav_lost"}
     for noted in seen.noted[loss:]:
         event = noted.event

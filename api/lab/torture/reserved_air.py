@@ -28,7 +28,7 @@ SETTLES_S = 3.0
 
 @meanwhile
 def _separation_from_reserved_air(seen: Seen) -> Iterator[str]:
-    """Keep out of the air of a UAV that is lost, or fly above it: it may still be there, and nobody commands it."""
+    """Keep out of the air of a UAV that is lost, or fly above it: it may still be there, and is not commanded."""
     operation = seen.operation()
     elapsed_s = None if operation is None else operation.flight.elapsed_s()
     if operation is None or elapsed_s is None or seen.state != "flying":

@@ -103,7 +103,7 @@ REFUSALS = frozenset({"reject_mission", "corrupt_upload"})
 NOT_IN_THE_AIR = frozenset({"crashed", "landed"})
 """Losses of UAVs that are on the ground, whose air is free."""
 SETTLED_S = 15.0
-"""Seconds in which a service that was just started hears its vehicles, and asks them what they fly."""
+"""Seconds in which a service that was just started waits for its vehicles, and asks them what they fly."""
 _WAITS = frozenset({"paused", "link_lost", "interrupted"})
 """States of an operation in which nothing is planned."""
 
