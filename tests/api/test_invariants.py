@@ -363,6 +363,11 @@ def _sent_again(seen: Seen) -> None:
     seen.starts_s.append(20.15)
 
 
+@breaks("nothing is broken off once it is sent")
+def _broken_off(seen: Seen) -> None:
+    seen.reports[1] = replace(seen.reports[1], report=REPORT.model_copy(update={"outcome": "superseded"}))
+
+
 @breaks("the plan that is flown is in force")
 def _the_old_plan_in_force(seen: Seen) -> None:
     seen.end = view(plan_ids=["plan-1"])
@@ -404,6 +409,8 @@ def superseded(seen: Seen) -> None:
     first = REPORT.model_copy(update={"outcome": "superseded"})
     again = Reported(at_s=30.0, excused_s=0.0, report=REPORT.model_copy(update={"incident": 2}))
     seen.reports = {1: replace(seen.reports[1], report=first), 2: again}
+    seen.taken = [one for one in seen.taken if one.entry.step is not Step.UPLOADING]
+    seen.received = []
 
 
 def flies_above(seen: Seen) -> None:

@@ -212,6 +212,15 @@ def _missions_are_sent_after_the_journal_has_them(seen: Seen) -> Iterator[str]:
             yield f"vehicle {system_id} is sent {message.count} items, and no step of the journal says so"
 
 
+@at_end
+def _nothing_is_broken_off_once_it_is_sent(seen: Seen) -> Iterator[str]:
+    """Finish a recovery that sends: one that is broken off leaves some UAVs in the new plan and some in the old."""
+    sent = {one.entry.incident for one in seen.taken if one.entry.step is Step.UPLOADING}
+    for one in seen.reports.values():
+        if one.report.outcome == "superseded" and one.report.incident in sent:
+            yield f"incident {one.report.incident} has sent missions, and is {one.report.error}"
+
+
 # -- what is said of it ------------------------------------------------------------------------------------------------
 
 
