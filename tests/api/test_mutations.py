@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from skyfolio.api.cli.main import cli
-from skyfolio.api.lab.torture.mutations import Mutation, copy_with, hunt_all, read_mutations, source_of
+from skyfolio.api.lab.torture.mutations import Hunt, Mutation, copy_with, hunt_all, read_mutations, source_of
 
 FOLDER = Path(__file__).parent / "mutations"
 PLANTED = read_mutations(FOLDER)
@@ -80,7 +80,7 @@ def test_drills_find_planted_bugs_and_a_hunt_goes_on_where_it_was_stopped(tmp_pa
     easy = [planted for planted in PLANTED if planted.name in EASY]
     results = tmp_path / "mutations.json"
     first = hunt_all(easy[:1], results, seed=1, drills=10, told=lambda _hunt: None)
-    hunted = []
+    hunted: list[Hunt] = []
     both = hunt_all(easy, results, seed=1, drills=10, told=hunted.append)
     assert both[0] == first[0]
     assert [hunt.found for hunt in both] == [True, True]
