@@ -16,7 +16,8 @@ from skyfolio.api.flights.recovery_report import RecoveryReport
 from skyfolio.api.lab.torture import missions
 from skyfolio.api.lab.torture.drill import Blow, Drill, Moment
 from skyfolio.api.lab.torture.invariants import AFTERWARDS, AT_END, MEANWHILE, look
-from skyfolio.api.lab.torture.watch import Gone, LostUav, Noted, Reported, Seen, Struck, Taken
+from skyfolio.api.lab.torture.sightings import Gone, LostUav, Noted, Reported, SlotClock, Struck, Taken
+from skyfolio.api.lab.torture.watch import Seen
 from skyfolio.api.lab.virtual.disk import COMMIT_S
 from skyfolio.api.lab.virtual.ground import EPOCH_S
 from skyfolio.api.store.event_log import Event
@@ -111,6 +112,7 @@ def history() -> Seen:
     flight = SimpleNamespace(
         lost={"uav-3": 15.0},
         elapsed_s=lambda: 45.0,
+        paused=False,
         guidance=SimpleNamespace(airspace=SimpleNamespace(ghosts={"uav-3": object()})),
     )
     operation = SimpleNamespace(flight=flight)
@@ -144,6 +146,7 @@ def history() -> Seen:
     seen.known_missions = {(n, 1, 1): assigned for n in (1, 2, 3)}  # type: ignore[misc]
     seen.received = [(20.5, 1, message("MISSION_COUNT", mission_type=0, count=5))]
     seen.files_open = [10, 10]
+    seen.slot_clock = SlotClock(at_s=89.5, elapsed_s=44.5, paused=False)
     seen.end = view()
     return seen
 
@@ -265,6 +268,11 @@ def _never_ends(seen: Seen) -> None:
 @breaks("states follow each other")
 def _flies_after_its_end(seen: Seen) -> None:
     seen.events.append(event(9, "operation", state="flying", error=None))
+
+
+@breaks("the slot clock keeps time")
+def _begun_anew(seen: Seen) -> None:
+    seen.slot_clock = SlotClock(at_s=85.0, elapsed_s=30.0, paused=False)
 
 
 @breaks("ends are as they are said to be")
@@ -421,6 +429,7 @@ def flies_above(seen: Seen) -> None:
 def on_its_first_leg(seen: Seen) -> None:
     _where_the_lost_one_was(seen)
     seen.operation().flight.elapsed_s = lambda: 36.0  # type: ignore[union-attr,method-assign]
+    seen.slot_clock = None
 
 
 def sent_before_the_loss(seen: Seen) -> None:

@@ -4,7 +4,7 @@
     generator    draws a drill from a seed
     triggers     strikes at a moment: before or after a journal step, at a state, or so long after the start
     blows        what strikes: vehicles, the service, its disk, its workers and clock, and the operator's commands
-    watch        what is seen meanwhile, ground truth included
+    watch        what is seen meanwhile, ground truth included, as `sightings`
     invariants   what must hold, each a function with its reason: of the vehicles, and in `recoveries` of what is done
                  about losses, in `records` of what is written, in `reserved_air` of ghosts; `checks` says when
     flight       flies one drill and returns what was broken

@@ -8,9 +8,12 @@ from collections.abc import Iterator
 from itertools import pairwise
 
 from skyfolio.api.flights.operation_views import ENDED, State
-from skyfolio.api.lab.torture.checks import afterwards, at_end
+from skyfolio.api.lab.torture.checks import afterwards, at_end, meanwhile
+from skyfolio.api.lab.torture.sightings import SlotClock
 from skyfolio.api.lab.torture.watch import Seen
 
+SLOT_CLOCK_S = 0.3
+"""How far the slot clock may be from the fleet's."""
 FOLLOWS = {
     "uploading": {"ready", "launching", "failed", "aborting"},
     "ready": {"launching", "failed", "aborting"},
@@ -42,6 +45,31 @@ def _states_follow_each_other(seen: Seen) -> Iterator[str]:
     for before, after in pairwise(states):
         if after != before and after not in FOLLOWS.get(before, set()):
             yield f"{before} is followed by {after}"
+
+
+@meanwhile
+def _the_slot_clock_keeps_time(seen: Seen) -> Iterator[str]:
+    """Let slots pass with the fleet's clock, also over a restart, and stand still in a pause: missions are timed by it.
+
+    A clock of the service that jumps may be taken for time that has passed while it was dead.
+    """
+    before, seen.slot_clock = seen.slot_clock, _slot_clock(seen)
+    after = seen.slot_clock
+    if before is None or after is None or before.paused is not after.paused or seen.ground.clock_ahead_s:
+        return
+    if any(noted.event.kind == "operation" and noted.at_s >= before.at_s for noted in seen.noted):
+        return
+    passed_s = 0.0 if after.paused else after.at_s - before.at_s
+    if abs(after.elapsed_s - before.elapsed_s - passed_s) > SLOT_CLOCK_S:
+        yield f"{after.elapsed_s - before.elapsed_s:.1f} s of slots passed in {passed_s:.1f} s"
+
+
+def _slot_clock(seen: Seen) -> SlotClock | None:
+    operation = seen.operation()
+    elapsed_s = None if operation is None else operation.flight.elapsed_s()
+    if operation is None or elapsed_s is None:
+        return seen.slot_clock
+    return SlotClock(at_s=seen.ground.now_s, elapsed_s=elapsed_s, paused=operation.flight.paused)
 
 
 @at_end

@@ -9,7 +9,8 @@ from skyfolio.api.flights.journal import Step
 from skyfolio.api.flights.losses import LOSS_KINDS
 from skyfolio.api.lab.torture.checks import at_end, meanwhile
 from skyfolio.api.lab.torture.missions import assigned_mission
-from skyfolio.api.lab.torture.watch import Noted, Reported, Seen
+from skyfolio.api.lab.torture.sightings import Noted, Reported
+from skyfolio.api.lab.torture.watch import Seen
 from skyfolio.sim import Mode
 
 RECOVERED_S = 20.0

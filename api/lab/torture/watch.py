@@ -19,6 +19,7 @@ from skyfolio.api.flights.operation_views import OperationView
 from skyfolio.api.flights.rates import Point
 from skyfolio.api.flights.recovery_report import RecoveryReport
 from skyfolio.api.lab.torture.drill import Blow, Drill
+from skyfolio.api.lab.torture.sightings import Gone, LostUav, Noted, Reported, SlotClock, Struck, Taken
 from skyfolio.api.lab.virtual.disk import COMMIT_S
 from skyfolio.api.lab.virtual.ground import EPOCH_S, Ground
 from skyfolio.api.store.event_log import Event
@@ -29,73 +30,6 @@ LOW_M = 2.0
 """Metres above home; a vehicle that is higher is in the air."""
 TAKES_OVER = frozenset({"HOLD", "RETURN", "LAND", "DISARM"})
 """Actions of a failsafe that end the mission."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Struck:
-    """A blow, when it struck (virtual seconds), and the state of the operation then."""
-
-    at_s: float
-    state: str
-    blow: Blow
-
-
-@dataclass(frozen=True, kw_only=True)
-class Noted:
-    """An event as its service announced it: when, and how much time was excused by then (virtual seconds)."""
-
-    at_s: float
-    excused_s: float
-    event: Event
-
-
-@dataclass(frozen=True, kw_only=True)
-class Reported:
-    """A report of a recovery, when it was seen first, and how much time was excused by then (virtual seconds)."""
-
-    at_s: float
-    excused_s: float
-    report: RecoveryReport
-
-    @property
-    def ends_it(self) -> bool:
-        """Return whether its losses are dealt with: the next recovery deals with those of one that was broken off."""
-        return self.report.outcome not in {"superseded", "interrupted"}
-
-
-@dataclass(frozen=True, kw_only=True)
-class Gone:
-    """When a vehicle died, or a human took it, and how much time was excused by then (virtual seconds)."""
-
-    at_s: float
-    excused_s: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class Taken:
-    """A step of the journal, once it was stored or held, and when (virtual seconds).
-
-    on_slow_disk: a commit took longer than a flight waits for, so that the step was neither stored nor refused yet.
-    """
-
-    at_s: float
-    entry: Entry
-    on_slow_disk: bool = False
-
-
-@dataclass(kw_only=True)
-class LostUav:
-    """A UAV that was declared lost and may fly on, so that its air is reserved.
-
-    stood_m: metres east/north where it was when it was last heard, None once it is heard again. lost_at_s: virtual
-    seconds.
-    """
-
-    uav: str
-    system_id: int
-    kind: LossKind
-    lost_at_s: float
-    stood_m: Point | None
 
 
 REFUSALS = frozenset({"reject_mission", "corrupt_upload"})
@@ -164,6 +98,8 @@ class Seen:
     """How many files this process has open: before the drill, and after it."""
     remembered: list[str] = field(default_factory=list)
     """Ended operations that their service still holds."""
+    slot_clock: SlotClock | None = None
+    """The slot clock at the last look."""
     _operations: WeakSet[Operation] = field(default_factory=WeakSet)
     _impaired_until_s: dict[int, float] = field(default_factory=dict)
     _blind: set[int] = field(default_factory=set)

@@ -1,0 +1,88 @@
+"""What is seen of one drill, each with its time: virtual seconds, and what of them was excused by then."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from skyfolio.api.flights.journal import Entry
+from skyfolio.api.flights.losses import LossKind
+from skyfolio.api.flights.rates import Point
+from skyfolio.api.flights.recovery_report import RecoveryReport
+from skyfolio.api.lab.torture.drill import Blow
+from skyfolio.api.store.event_log import Event
+
+
+@dataclass(frozen=True, kw_only=True)
+class Struck:
+    """A blow, when it struck (virtual seconds), and the state of the operation then."""
+
+    at_s: float
+    state: str
+    blow: Blow
+
+
+@dataclass(frozen=True, kw_only=True)
+class Noted:
+    """An event as its service announced it: when, and how much time was excused by then (virtual seconds)."""
+
+    at_s: float
+    excused_s: float
+    event: Event
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reported:
+    """A report of a recovery, when it was seen first, and how much time was excused by then (virtual seconds)."""
+
+    at_s: float
+    excused_s: float
+    report: RecoveryReport
+
+    @property
+    def ends_it(self) -> bool:
+        """Return whether its losses are dealt with: the next recovery deals with those of one that was broken off."""
+        return self.report.outcome not in {"superseded", "interrupted"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gone:
+    """When a vehicle died, or a human took it, and how much time was excused by then (virtual seconds)."""
+
+    at_s: float
+    excused_s: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class SlotClock:
+    """Seconds since slot 0 as an operation had them at some virtual second, and whether it was paused."""
+
+    at_s: float
+    elapsed_s: float
+    paused: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class Taken:
+    """A step of the journal, once it was stored or held, and when (virtual seconds).
+
+    on_slow_disk: a commit took longer than a flight waits for, so that the step was neither stored nor refused yet.
+    """
+
+    at_s: float
+    entry: Entry
+    on_slow_disk: bool = False
+
+
+@dataclass(kw_only=True)
+class LostUav:
+    """A UAV that was declared lost and may fly on, so that its air is reserved.
+
+    stood_m: metres east/north where it was when it was last heard, None once it is heard again. lost_at_s: virtual
+    seconds.
+    """
+
+    uav: str
+    system_id: int
+    kind: LossKind
+    lost_at_s: float
+    stood_m: Point | None
