@@ -12,8 +12,10 @@ import asyncio
 import logging
 import os
 import signal
+import threading
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
+from multiprocessing import resource_tracker
 from typing import Any
 
 from skyfolio.api.common import extras
@@ -25,13 +27,21 @@ WORKER_S = 60.0
 """Its first worker may come so much later."""
 REAP_S = 30.0
 """A worker that was killed is gone at once; on a machine that is busy with other things it may take so long."""
+LOOK_S = 0.05
 OWN: dict[str, Any] = {
     "distributed.scheduler.http.routes": [],
     "distributed.worker.http.routes": [],
     "distributed.scheduler.worker-saturation": 1.0,  # what waits does so at the scheduler, and dies with no worker
 }
-PRELOAD = "skyfolio.api.common.dask_worker"
-LOGGERS = ("distributed", "distributed.client", "distributed.scheduler", "tornado.application")
+LOGGERS = (
+    "distributed",
+    "distributed.client",
+    "distributed.comm.tcp",
+    "distributed.core",
+    "distributed.nanny",
+    "distributed.scheduler",
+    "tornado.application",
+)
 LOOPBACK = "127.0.0.1"
 SCHEMES = ("tcp://", "tls://")
 
@@ -48,10 +58,19 @@ async def own_cluster(workers: int, purpose: str) -> AsyncIterator[Any]:
     """
     extras.require_all("sweep", purpose)
     import dask  # noqa: PLC0415 - an extra
-    from distributed import Client, LocalCluster  # noqa: PLC0415
+    from distributed import Client, LocalCluster, Nanny  # noqa: PLC0415
 
-    with dask.config.set(OWN), _quiet():
-        cluster = await LocalCluster(
+    nannies: list[Any] = []
+
+    class Known(Nanny):  # type: ignore[misc] - Dask has no types
+        """One that can be ended before the cluster has started."""
+
+        def __init__(self, *args: Any, **options: Any) -> None:
+            super().__init__(*args, **options)
+            nannies.append(self)
+
+    with dask.config.set(OWN), _quiet(), _without_ctrl_c():
+        cluster = LocalCluster(
             n_workers=workers,
             threads_per_worker=1,
             processes=True,
@@ -61,25 +80,61 @@ async def own_cluster(workers: int, purpose: str) -> AsyncIterator[Any]:
             dashboard_address=f"{LOOPBACK}:0",
             worker_dashboard_address=f"{LOOPBACK}:0",
             scheduler_kwargs={"dashboard": False},
-            preload=[PRELOAD],
             silence_logs=logging.CRITICAL,
             asynchronous=True,
+            worker_class=Known,
         )
         try:
+            await cluster
             async with Client(cluster, asynchronous=True, set_as_default=False) as client:
                 yield client
         finally:
-            await asyncio.gather(*(_ended(nanny) for nanny in cluster.workers.values()))
-            await cluster.close()
+            await _ended(cluster, nannies)
 
 
-async def _ended(nanny: Any) -> None:
-    """Kill a worker, which holds nothing; closing the cluster alone would wait for what it computes."""
-    nanny.close_gracefully()  # it is not to be started again
-    if nanny.pid:
-        with suppress(ProcessLookupError):  # it has just died by itself
-            os.kill(nanny.pid, signal.SIGKILL)
-    await nanny.close(timeout=REAP_S)
+async def _ended(cluster: Any, nannies: list[Any]) -> None:
+    """Close a cluster, whether or not it has started."""
+    unfinished = asyncio.all_tasks()
+    killing = asyncio.create_task(_killed(nannies), name="end workers")
+    await asyncio.gather(*(nanny.close(timeout=REAP_S) for nanny in nannies))
+    await cluster.close()
+    killing.cancel()
+    for task in unfinished:
+        if task.done() and not task.cancelled():
+            task.exception()  # that of a start which was broken off here; asyncio would report it otherwise
+
+
+async def _killed(nannies: list[Any]) -> None:
+    """Kill all workers, which hold nothing, and those that are just starting as soon as they have a process.
+
+    Closing the cluster alone would wait for what they compute.
+    """
+    for nanny in nannies:
+        nanny.close_gracefully()  # it is not to be started again
+    while True:
+        for nanny in nannies:
+            if nanny.pid:
+                with suppress(ProcessLookupError):  # it has just died by itself
+                    os.kill(nanny.pid, signal.SIGKILL)
+        await asyncio.sleep(LOOK_S)
+
+
+@contextmanager
+def _without_ctrl_c() -> Iterator[None]:
+    """Have the processes that are started meanwhile never see Ctrl-C, from their first moment on.
+
+    A terminal sends it to the whole group, and the process that started them ends them. They inherit which signals
+    their parent's thread holds back; another thread receives it here.
+    """
+    resource_tracker.ensure_running()  # it lets Ctrl-C through again when it is started later
+    over = threading.Event()
+    threading.Thread(target=over.wait, name="receives Ctrl-C", daemon=True).start()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        over.set()
 
 
 @asynccontextmanager

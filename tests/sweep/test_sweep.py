@@ -227,3 +227,28 @@ def test_ctrl_c_ends_all_processes_at_once_and_nothing_finished_is_lost(tmp_path
     assert told["stored"] == len(parts.there()) == len(skyfolio.sweep.load(out))
     assert took_s < 8, "far less than what the workers were computing"
     assert not [child for child in family if child.is_running() and child.status() != psutil.STATUS_ZOMBIE]
+
+
+@pytest.mark.e2e
+def test_ctrl_c_while_the_cluster_starts_ends_it_without_a_word_of_its_workers(tmp_path: Path) -> None:
+    (tmp_path / "long.toml").write_text(LONG)
+    with commanded(tmp_path / "long.toml", tmp_path / "out") as process:
+        while not (family := psutil.Process(process.pid).children(recursive=True)):
+            assert process.poll() is None
+            time.sleep(0.01)
+        os.killpg(process.pid, signal.SIGINT)
+        printed, said = process.communicate(timeout=60)
+    assert process.returncode == 1
+    assert "Traceback" not in said
+    told = json.loads(printed)
+    assert (told["stopped"], told["stored"]) == (True, 0)
+    assert not [child for child in family if child.is_running() and child.status() != psutil.STATUS_ZOMBIE]
+
+
+@pytest.mark.e2e
+async def test_a_sweep_that_waits_for_the_first_worker_of_a_cluster_can_be_stopped(tmp_path: Path) -> None:
+    stop = asyncio.Event()
+    asyncio.get_running_loop().call_later(0.5, stop.set)
+    with dask_cluster(0) as real:
+        outcome = await swept(cases(8, batch=2), tmp_path, real.address, stop=stop)
+    assert (outcome.stopped, outcome.stored) == (True, 0)

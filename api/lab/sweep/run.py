@@ -6,8 +6,8 @@ import asyncio
 import os
 import signal
 import time
-from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import asynccontextmanager, contextmanager, suppress
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
+from contextlib import AsyncExitStack, asynccontextmanager, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -77,7 +77,8 @@ async def sweep(
         show = advance or (lambda stored, of: None)  # noqa: ARG005
         show(outcome.stored, outcome.cases)
         if missing:
-            async with engine as client:
+            async with AsyncExitStack() as stack:
+                client = await _unless(stop, stack.enter_async_context(engine))
                 async for done in farmed(client, work, missing, stop):
                     if done.error is not None:
                         _note_broken(outcome, done.batch, done.error)
@@ -88,6 +89,21 @@ async def sweep(
     outcome.stopped = stop.is_set() and not outcome.complete
     outcome.seconds = time.monotonic() - began_s
     return outcome
+
+
+async def _unless(stop: asyncio.Event, starting: Coroutine[Any, Any, Any]) -> Any:
+    """Return what starts, or None when `stop` is set before: a start may wait for a scheduler or its first worker."""
+    started = asyncio.create_task(starting, name="engine")
+    stopping = asyncio.create_task(stop.wait(), name="stop")
+    try:
+        await asyncio.wait((started, stopping), return_when=asyncio.FIRST_COMPLETED)
+        if not started.done():
+            return None
+        return started.result()
+    finally:
+        for task in (started, stopping):
+            task.cancel()
+        await asyncio.gather(started, stopping, return_exceptions=True)
 
 
 @asynccontextmanager
