@@ -74,18 +74,27 @@ def service(
 
 @bench.command()
 def scale(
-    cases: Annotated[int, typer.Option(min=8, help="Cases of the sweep that is measured.")] = 320,
+    cases: Annotated[int, typer.Option(min=8, help="Cases of the sweep that is measured.")] = 160,
+    kills: Annotated[int, typer.Option(min=1, help="Workers that are killed, one every 30 s.")] = 4,
+    quick: Annotated[bool, typer.Option("--quick", help="Every part once, at the smallest sizes; for tests.")] = False,
+    database_url: Annotated[
+        str | None, typer.Option(help="An empty PostgreSQL database: how many events a second it stores, too.")
+    ] = None,
     out: Out = None,
     page: Annotated[Path | None, typer.Option(help="Write the figures as Markdown here, too.")] = None,
     as_json: Json = False,
 ) -> None:
-    """Measure how sweeps scale with workers and cores, and how fast one stops; some minutes."""
+    """Measure how sweeps scale, how far one service goes, and calculate what many areas need; 15 minutes."""
     from skyfolio.api.common import extras  # noqa: PLC0415 - each command loads what it measures
 
     extras.require_all("sweep", "bench scale")
-    from skyfolio.api.lab.bench.scale import markdown, scale_figures, tables  # noqa: PLC0415
+    from skyfolio.api.lab.bench.scale import QUICK, Extent, scale_figures  # noqa: PLC0415
+    from skyfolio.api.lab.bench.scale_page import markdown, tables  # noqa: PLC0415
 
-    figures = scale_figures(cases)
+    def note(part: str) -> None:
+        typer.echo(f"measuring: {part}", err=True)
+
+    figures = scale_figures(QUICK if quick else Extent(cases=cases, kills=kills), database_url, note)
     if page is not None:
         write(markdown(figures), page)
     if as_json or out is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from typing import Any
 
-from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
+from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, ProcessCollector, generate_latest
 
 from skyfolio.api.common.surroundings import monotonic_s
 
@@ -21,6 +21,7 @@ class Metrics:
 
     def __init__(self) -> None:
         self.registry = CollectorRegistry()
+        ProcessCollector(registry=self.registry)
         common: dict[str, Any] = {"namespace": "skyfolio", "registry": self.registry}
         self.requests = Histogram(
             "request_seconds", "Time to answer", ["method", "route", "status"], buckets=FAST, **common

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from math import ceil
+from pathlib import Path
 from typing import Any
 
 from skyfolio import sim
@@ -18,6 +21,7 @@ from skyfolio.api.lab.bench.measure import quantile
 from skyfolio.api.lab.bench.tracks import moving_plan
 from skyfolio.api.lab.demo.client import free_port
 from skyfolio.mavlink_bridge import Autopilot, FleetLink, HeartbeatMonitor, SwapResult, compile_mission
+from skyfolio.mavlink_bridge.framing import Framer
 from skyfolio.planner import Plan
 
 
@@ -70,31 +74,50 @@ def _from_slot(flown: Plan, first: int) -> Plan:
 
 
 async def load_row(seconds: float, vehicles: int = 50) -> dict[str, Any]:
-    """Measure the processor time of this process while it follows 50 vehicles of another one, in real time."""
+    """Measure the processor time of this process while it follows vehicles of another one, in real time.
+
+    fleet_share: of the process that simulates them. bytes_per_s, messages_per_s: of each vehicle's link, both ways
+    together, frames alone.
+    """
     port, clock = free_port(socket.SOCK_DGRAM), sim.ScaledClock(1.0)
-    command = [
-        sys.executable,
-        "-m",
-        "skyfolio",
-        "simulate",
-        "--vehicles",
-        str(vehicles),
-        "--booted-s-ago",
-        "60",
-        "--json",
-    ]
     fleet = subprocess.Popen(  # noqa: S603, ASYNC220
-        [*command, "--endpoint", f"udpout://127.0.0.1:{port}"], stdout=subprocess.DEVNULL
+        [*_SIMULATE, "--vehicles", str(vehicles), "--endpoint", f"udpout://127.0.0.1:{port}"], stdout=subprocess.DEVNULL
     )
     try:
         async with FleetLink(clock=clock, monitor=HeartbeatMonitor()) as link:
             await link.connect(f"udpin://127.0.0.1:{port}")
             await link.wait_for(range(1, vehicles + 1), timeout_s=60)
-            began, used = time.perf_counter(), time.process_time()
+            began, used, theirs = time.perf_counter(), time.process_time(), _cpu_s(fleet.pid)
             await asyncio.sleep(seconds)
-            share = (time.process_time() - used) / (time.perf_counter() - began)
+            took_s = time.perf_counter() - began
+            share, fleet_share = (time.process_time() - used) / took_s, (_cpu_s(fleet.pid) - theirs) / took_s
             heard = sum(link.telemetry(n) is not None for n in range(1, vehicles + 1))
+            traffic = await _traffic(link, min(seconds, 3.0), vehicles)
     finally:
         fleet.terminate()
         fleet.wait()
-    return {"vehicles": vehicles, "heard": heard, "seconds": seconds, "share_of_one_core": round(share, 3)}
+    shares = {"share_of_one_core": round(share, 4), "fleet_share": round(fleet_share, 4)}
+    return {"vehicles": vehicles, "heard": heard, "seconds": seconds, **shares, **traffic}
+
+
+_SIMULATE = [sys.executable, "-m", "skyfolio", "simulate", "--booted-s-ago", "60", "--json"]
+
+
+def _cpu_s(pid: int) -> float:
+    """Return the processor seconds of another process so far, from /proc."""
+    fields = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+async def _traffic(link: FleetLink, seconds: float, vehicles: int) -> dict[str, float]:
+    """Count what passes the link, for each vehicle."""
+    with tempfile.TemporaryDirectory() as folder:
+        log = link.record(Path(folder) / "all.tlog")
+        began = time.perf_counter()
+        await asyncio.sleep(seconds)
+        took_s = time.perf_counter() - began
+        link.stop_recording(log)
+        await asyncio.to_thread(log.wait, 10.0)
+        frames = Framer(None).feed(log.path.read_bytes())
+    each = took_s * vehicles
+    return {"bytes_per_s": sum(len(frame.data) for frame in frames) / each, "messages_per_s": len(frames) / each}

@@ -1,117 +1,111 @@
-"""How sweeps scale with workers and cores, what a cluster costs, and how fast a sweep stops."""
+"""`skyfolio bench scale`: how far one machine and one service go, and what many areas need.
+
+Sweeps on 1 to 4 workers and what limits them (`scale_sweep.py`), sweeps whose workers are killed and that are stopped
+(`scale_faults.py`), one service (`scale_service.py`), and the calculation for many areas (`many_areas.py`). Every
+figure says how busy the machine was with other things.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import os
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from rich.table import Table
-
 from skyfolio.api.common import kernels
-from skyfolio.api.common.dask_cluster import own_cluster
+from skyfolio.api.lab.bench.many_areas import Assumed, demand_of, measured_of
 from skyfolio.api.lab.bench.measure import machine, peak_mb
-from skyfolio.api.lab.sweep.case import row_of
-from skyfolio.api.lab.sweep.farm import farmed
-from skyfolio.api.lab.sweep.parts import Batch, batches_of, compute
-from skyfolio.api.lab.sweep.spec import Spec, spec_of
-from skyfolio.planner import assess, plan
+from skyfolio.api.lab.bench.scale_faults import killed_row, stop_row
+from skyfolio.api.lab.bench.scale_limits import with_limits
+from skyfolio.api.lab.bench.scale_service import Sizes, service_rows
+from skyfolio.api.lab.bench.scale_sweep import Size, alone_row, copied, engine_rows, on_cores, pool_row, swept_row
+from skyfolio.planner import assess, plan, replan
 from skyfolio.planner.layouts import laid_out
 
-PURPOSE = "bench scale"
-STRONG = ((1, 1), (1, 2), (2, 1), (2, 2), (2, 3), (2, 4))
-"""(cores, workers) of the same cases."""
-WEAK = ((1, 1), (2, 2))
-"""(cores, workers) of cases in proportion to the workers."""
+STRONG = (Size(1, 1), Size(1, 2), Size(2, 1), Size(2, 2), Size(2, 3), Size(2, 4))
+WEAK = (Size(1, 1), Size(2, 2))
 AREA = (50, 200, 20)
 """UAVs, users and slots of one area in the calculation for many."""
-MANY = 100
-"""Areas in that calculation."""
 
 
-def scale_figures(cases: int) -> dict[str, Any]:
-    """Return all figures, as plain JSON data. cases: how many one worker computes; takes some minutes."""
+@dataclass(frozen=True, kw_only=True)
+class Extent:
+    """How much is measured.
+
+    cases: of the sweep; kill_every_s, kills: of workers; stops: how often a sweep is stopped; pools: sizes of plain
+    pools of processes; area: UAVs, users, slots of one area; rounds: batches without work, for what a batch costs.
+    """
+
+    cases: int = 160
+    strong: tuple[Size, ...] = STRONG
+    weak: tuple[Size, ...] = WEAK
+    kill_every_s: float = 30.0
+    kills: int = 4
+    stops: int = 3
+    area: tuple[int, int, int] = AREA
+    rounds: int = 400
+    service: Sizes = field(default_factory=Sizes)
+    pools: tuple[Size, ...] = (Size(1, 1), Size(2, 2))
+
+
+QUICK = Extent(
+    cases=8,
+    strong=(Size(1, 2),),
+    weak=(Size(1, 1),),
+    pools=(Size(1, 1),),
+    kill_every_s=0.2,
+    kills=1,
+    stops=1,
+    area=(4, 12, 8),
+    rounds=20,
+    service=Sizes.quick(),
+)
+"""Every part once, on the smallest sizes: figures of this are worth nothing, but it takes seconds."""
+
+
+def scale_figures(
+    extent: Extent, database_url: str | None = None, note: Callable[[str], None] = lambda _part: None
+) -> dict[str, Any]:
+    """Return all figures, as plain JSON data. database_url: an empty PostgreSQL database to measure, too.
+
+    note: is told which part begins.
+    """
     begun = machine()
     kernels.load_all()
-    alone = _alone(cases)
-    cores = os.cpu_count() or 1
-    strong = [_swept(cases, *size) for size in STRONG if size[0] <= cores]
-    weak = [_swept(cases * workers, cores_, workers) for cores_, workers in WEAK if cores_ <= cores]
+    parts: dict[str, Callable[[], dict[str, Any]]] = {
+        "sweep": lambda: _sweep(extent),
+        "killed": lambda: asyncio.run(killed_row(extent.kill_every_s, extent.kills)),
+        "stopped": lambda: stop_row(extent.stops),
+        "robustness": _robustness,
+        "area": lambda: _area(extent.area),
+        "service": lambda: asyncio.run(service_rows(extent.service, database_url)),
+    }
+    figures: dict[str, Any] = {"machine": begun, "extent": asdict(extent)}
+    for name, measure in parts.items():
+        note(name)
+        figures[name] = measure()
+    figures["load_after"] = os.getloadavg()[0]
+    assumed = Assumed()
+    demand = demand_of(measured_of(figures), assumed)
+    return {**figures, "many": {"assumed": asdict(assumed), "needed": asdict(demand)}}
+
+
+def _sweep(extent: Extent) -> dict[str, Any]:
+    """Measure sweeps of the same cases, and of cases in proportion to the workers, beside what they could reach."""
+    cores = len(os.sched_getaffinity(0))
+    strong = [swept_row(extent.cases, size) for size in extent.strong if size.cores <= cores]
+    weak = [swept_row(extent.cases * size.workers, size) for size in extent.weak if size.cores <= cores]
     return {
-        "machine": begun,
-        "cases": cases,
-        "alone": alone,
-        "strong": [{**row, "speedup": row["cases_per_s"] / strong[0]["cases_per_s"]} for row in strong],
+        "cases": extent.cases,
+        "alone": alone_row(extent.cases),
+        "pool": [pool_row(extent.cases, size) for size in extent.pools if size.cores <= cores],
+        "strong": with_limits(strong),
         "weak": [{**row, "efficiency": weak[0]["seconds"] / row["seconds"]} for row in weak],
-        "stop_s": asyncio.run(_stopped()),
-        "robustness": _robustness(),
-        "area": _area(),
-        "load_after": os.getloadavg()[0],
+        "engine": engine_rows(extent.rounds),
+        "memory": [copied(size.workers) for size in extent.pools if size.cores <= cores],
     }
-
-
-def study(cases: int) -> Spec:
-    """Return the sweep that is measured: the letter's layouts at random, each planned and replanned after a loss."""
-    vary = {"layout.seed": {"range": [0, cases - 1]}}
-    fixed = {"failed": ["uav-1"], "utility.mu_per_kbps": -0.1}
-    return spec_of({"batch": 8, "base": {"layout": {"kind": "letter"}}, "set": fixed, "vary": vary})
-
-
-def _alone(cases: int) -> dict[str, Any]:
-    """Compute the cases in this process, without a cluster."""
-    spec = study(cases)
-    began, cpu_s = time.perf_counter(), time.process_time()
-    with _on_cores(1):
-        for varied in spec.cases():
-            row_of(spec.base, {**spec.fixed, **varied})
-    seconds = time.perf_counter() - began
-    cpu_ms = (time.process_time() - cpu_s) / cases * 1e3
-    return {"seconds": seconds, "cases_per_s": cases / seconds, "cpu_ms_per_case": cpu_ms}
-
-
-def _swept(cases: int, cores: int, workers: int) -> dict[str, Any]:
-    with _on_cores(cores):
-        seconds, cpu_s = asyncio.run(_computed(batches_of(study(cases)), workers))
-    load = os.getloadavg()[0]
-    return {
-        "cores": cores,
-        "workers": workers,
-        "cases": cases,
-        "seconds": seconds,
-        "cases_per_s": cases / seconds,
-        "cpu_ms_per_case": cpu_s / cases * 1e3,
-        "load": load,
-    }
-
-
-async def _computed(batches: Sequence[Batch], workers: int) -> tuple[float, float]:
-    """Return the seconds from the first batch to the last result, and the processor seconds of all workers.
-
-    Workers have loaded their kernels before.
-    """
-    async with own_cluster(workers, PURPOSE) as client:
-        await client.run(kernels.load_all)
-        spent = sum((await client.run(time.process_time)).values())
-        began = time.perf_counter()
-        async for done in farmed(client, compute, batches, asyncio.Event()):
-            assert done.error is None, done.error  # noqa: S101 - a figure of broken batches would be none
-        seconds = time.perf_counter() - began
-        return seconds, sum((await client.run(time.process_time)).values()) - spent
-
-
-async def _stopped() -> float:
-    """Return the seconds from Ctrl-C until all workers have ended, while each computes something that takes minutes."""
-    long = {"base": {"layout": {"kind": "uniform", "uavs": 8, "users": 60, "slots": 400}}, "set": {"starts": 64}}
-    stop = asyncio.Event()
-    async with own_cluster(2, PURPOSE) as client:
-        asyncio.get_running_loop().call_later(8.0, stop.set)
-        async for _ in farmed(client, compute, batches_of(spec_of({**long, "vary": {"seed": [1, 2, 3]}})), stop):
-            pass
-        began = time.perf_counter()
-    return time.perf_counter() - began
 
 
 def _robustness() -> dict[str, Any]:
@@ -122,83 +116,17 @@ def _robustness() -> dict[str, Any]:
     return {"seconds": time.perf_counter() - began, "draws": found.draws, "losses": len(found.losses)}
 
 
-def _area() -> dict[str, Any]:
-    """Plan one area of a large operation on one core."""
-    uavs, users, slots = AREA
+def _area(size: tuple[int, int, int]) -> dict[str, Any]:
+    """Plan one area of a large operation on one core, and replan it after a loss half-way; in processor seconds."""
+    uavs, users, slots = size
     scenario = laid_out("uniform", uavs, users, slots, seed=1)
-    with _on_cores(1):
-        began = time.perf_counter()
+    with on_cores(1):
+        began, cpu = time.perf_counter(), time.process_time()
         made = plan(scenario)
-        seconds = time.perf_counter() - began
-    size = {"uavs": uavs, "users": users, "slots": slots}
-    return {**size, "seconds": seconds, "gap": made.summary.gap, "peak_mb": peak_mb()}
-
-
-@contextmanager
-def _on_cores(count: int) -> Iterator[None]:
-    """Run this process, and those that it starts meanwhile, on so many cores."""
-    before = os.sched_getaffinity(0)
-    os.sched_setaffinity(0, set(sorted(before)[-count:]))
-    try:
-        yield
-    finally:
-        os.sched_setaffinity(0, before)
-
-
-def tables(figures: dict[str, Any]) -> list[Table]:
-    """Return the figures as tables for a terminal."""
-    found = []
-    for title, columns, rows in _rows(figures):
-        table = Table(*columns, title=title)
-        for row in rows:
-            table.add_row(*row)
-        found.append(table)
-    return found
-
-
-def markdown(figures: dict[str, Any]) -> str:
-    """Return the figures as Markdown."""
-    machine_ = figures["machine"]
-    where = f"{machine_['cpu']}, {machine_['cores']} cores, Python {machine_['python']}"
-    loads = f"load of the last minute {machine_['load']:.1f} before and {figures['load_after']:.1f} after"
-    lines = [
-        "# How sweeps scale",
-        "",
-        "Written by `skyfolio bench scale`; [scaling.md](../scaling.md) says what follows from it.",
-        f"{where}; {loads}.",
-    ]
-    for title, columns, rows in _rows(figures):
-        lines += ["", f"## {title}", "", f"| {' | '.join(columns)} |", f"|{'---|' * len(columns)}"]
-        lines += [f"| {' | '.join(row)} |" for row in rows]
-    return "\n".join(lines) + "\n"
-
-
-def _rows(figures: dict[str, Any]) -> list[tuple[str, list[str], list[list[str]]]]:
-    alone, area = figures["alone"], figures["area"]
-    in_process = [f"{alone['seconds']:.1f}", f"{alone['cases_per_s']:.1f}", f"{alone['cpu_ms_per_case']:.0f}", "-", "-"]
-    strong = [["1", "none, in process", *in_process]]
-    for row in figures["strong"]:
-        sizes, cpu_ms = [str(row["cores"]), str(row["workers"])], f"{row['cpu_ms_per_case']:.0f}"
-        paces = [f"{row['seconds']:.1f}", f"{row['cases_per_s']:.1f}", cpu_ms]
-        strong.append([*sizes, *paces, f"{row['speedup']:.2f}", f"{row['load']:.1f}"])
-    weak = []
-    for row in figures["weak"]:
-        sizes = [str(row[name]) for name in ("cores", "workers", "cases")]
-        weak.append([*sizes, f"{row['seconds']:.1f}", f"{row['efficiency']:.0%}", f"{row['load']:.1f}"])
-    robust = figures["robustness"]
-    others = [
-        ["from Ctrl-C in mid-solve until all workers have ended, s", f"{figures['stop_s']:.2f}"],
-        [f"robustness: {robust['draws']} draws and {robust['losses']} losses of 3x9x20, s", f"{robust['seconds']:.2f}"],
-        [f"plan of one area, {area['uavs']}x{area['users']}x{area['slots']}, one core, s", f"{area['seconds']:.2f}"],
-        [
-            f"{MANY} such areas, {MANY * area['uavs']:,} UAVs, planned once, core seconds",
-            f"{MANY * area['seconds']:.0f}",
-        ],
-        ["peak memory of this process, MB", f"{area['peak_mb']:.0f}"],
-    ]
-    same = f"Strong scaling: the same {figures['cases']} cases"
-    return [
-        (same, ["cores", "workers", "seconds", "cases a second", "CPU ms a case", "speed-up", "load"], strong),
-        ("Weak scaling", ["cores", "workers", "cases", "seconds", "efficiency", "load"], weak),
-        ("Others", ["what", "figure"], others),
-    ]
+        seconds, plan_cpu_s = time.perf_counter() - began, time.process_time() - cpu
+        cpu = time.process_time()
+        replan(made, failed=[scenario.uav_ids[-1]], at_slot=slots // 2)
+        replan_cpu_s = time.process_time() - cpu
+    figures = {"seconds": seconds, "plan_cpu_s": plan_cpu_s, "replan_cpu_s": replan_cpu_s, "peak_mb": peak_mb()}
+    slot_s = scenario.slot_duration_s
+    return {"uavs": uavs, "users": users, "slots": slots, "slot_s": slot_s, "gap": made.summary.gap, **figures}

@@ -13,8 +13,8 @@ import platform
 import socket
 import tempfile
 import time
-from collections.abc import Awaitable, Callable
-from contextlib import AsyncExitStack
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
 from statistics import median, quantiles
 from typing import Any
@@ -46,7 +46,7 @@ def service_figures(runs: int, only: set[str] | None = None) -> dict[str, Any]:
 async def _figures(runs: int, topics: set[str]) -> dict[str, Any]:
     parts: dict[str, Callable[[], Awaitable[dict[str, Any]]]] = {
         "plans": lambda: _with_service(lambda client: _plans(client, runs)),
-        "rate": lambda: _with_service(_rate),
+        "rate": rate_figures,
         "streams": streams_figures,
         "recovery": _recoveries,
         "loop": loop_figures,
@@ -90,12 +90,17 @@ async def _plans(client: httpx2.AsyncClient, runs: int) -> dict[str, Any]:
     return figures
 
 
-async def _rate(client: httpx2.AsyncClient) -> dict[str, Any]:
+async def rate_figures(seconds: float = RATE_FOR_S) -> dict[str, Any]:
+    """Submit small plans to a service of its own at a fixed rate for so long; every result is checked."""
+    return await _with_service(lambda client: _rate(client, seconds))
+
+
+async def _rate(client: httpx2.AsyncClient, for_s: float) -> dict[str, Any]:
     """Submit small plans at a fixed rate, whether or not earlier ones are done; every result is checked."""
     body = EXAMPLES["minimal"]().model_dump_json()
     for _ in range(WARM_UP):
         await _post_plan(client, body)
-    total = int(RATE_PER_S * RATE_FOR_S)
+    total = int(RATE_PER_S * for_s)
     took_ms: list[float] = []
     errors: dict[str, int] = {}
     turns = asyncio.Semaphore(CLIENTS)
@@ -152,6 +157,16 @@ async def _recovery(scenario: Scenario, runs: int) -> dict[str, Any]:
 
 
 async def _one_loss(scenario: Scenario) -> dict[str, Any]:
+    async with airborne(scenario) as (client, fleet, path):
+        fleet.inject(sim.Kill(len(scenario.uavs)))
+        operation = await _until(client, path, lambda operation: operation["recoveries"] or operation["error"])
+        report: dict[str, Any] = operation["recoveries"][0]
+        return report
+
+
+@asynccontextmanager
+async def airborne(scenario: Scenario) -> AsyncIterator[tuple[httpx2.AsyncClient, sim.Fleet, str]]:
+    """Have a service of its own fly a plan of this scenario in real time; give client, fleet, path from slot 1 on."""
     endpoint = f"127.0.0.1:{free_port(socket.SOCK_DGRAM)}"
     fleet = sim.Fleet(specs_at_starts(scenario), clock=sim.ScaledClock(1.0), endpoint=f"udpout://{endpoint}")
     async with AsyncExitStack() as stack:
@@ -165,10 +180,7 @@ async def _one_loss(scenario: Scenario) -> dict[str, Any]:
             await call(client, "POST", "/v1/fleet/vehicles", json={"uav_id": uav, "system_id": number})
         path = f"/v1/operations/{(await call(client, 'POST', '/v1/operations', json={'plan_id': plan['id']}))['id']}"
         await _until(client, path, lambda operation: operation["slot"] == 1 or operation["error"])
-        fleet.inject(sim.Kill(len(scenario.uavs)))
-        operation = await _until(client, path, lambda operation: operation["recoveries"] or operation["error"])
-        report: dict[str, Any] = operation["recoveries"][0]
-        return report
+        yield client, fleet, path
 
 
 async def _until(client: httpx2.AsyncClient, path: str, is_so: Callable[[dict[str, Any]], Any]) -> dict[str, Any]:
@@ -209,7 +221,7 @@ async def _warm(client: httpx2.AsyncClient) -> None:
 
 
 async def _post_plan(client: httpx2.AsyncClient, body: str, **params: int) -> httpx2.Response:
-    answer = await client.post("/v1/plans", params={"wait_s": 5, **params}, content=body, headers=_JSON)
+    answer = await client.post("/v1/plans", params={"wait_s": 60, **params}, content=body, headers=_JSON)
     if answer.status_code != 200:
         raise RuntimeError(f"POST /v1/plans: {answer.status_code} {answer.text[:200]}")
     return answer

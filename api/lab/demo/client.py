@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import socket
 import sys
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import httpx2
@@ -28,14 +30,19 @@ def free_port(kind: socket.SocketKind) -> int:
 
 
 @asynccontextmanager
-async def service_process(time_scale: float, fleet_url: str, log: Path) -> AsyncIterator[httpx2.AsyncClient]:
-    """Run `skyfolio serve` on loopback until it is ready; it logs to a file. Raises DemoError if it does not start."""
+async def service_process(
+    time_scale: float, fleet_url: str, log: Path, settings: Mapping[str, str] = MappingProxyType({})
+) -> AsyncIterator[httpx2.AsyncClient]:
+    """Run `skyfolio serve` on loopback until it is ready; it logs to a file. Raises DemoError if it does not start.
+
+    settings: further `SKYFOLIO_*` variables.
+    """
     port = free_port(socket.SOCK_STREAM)
     command = ["serve", "--port", str(port), "--fleet-url", fleet_url, "--time-scale", str(time_scale)]
     command += ["--database-url", "temporary"]
     with log.open("wb") as sink:
         process = await asyncio.create_subprocess_exec(
-            sys.executable, "-m", "skyfolio", *command, stdout=sink, stderr=sink
+            sys.executable, "-m", "skyfolio", *command, stdout=sink, stderr=sink, env={**os.environ, **settings}
         )
         try:
             async with httpx2.AsyncClient(base_url=f"http://127.0.0.1:{port}", timeout=70.0) as client:
