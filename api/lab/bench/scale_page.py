@@ -64,8 +64,8 @@ def _grids(figures: dict[str, Any]) -> list[Grid]:
 def _strong(sweep: dict[str, Any]) -> Grid:
     said = (
         "`used`: the share of the cores' time that the cases would need as they run in the first row on Dask. What is "
-        "lost: `slower` is the same cases taking longer, because cores share caches and memory and workers share cores; "
-        "`engine` is scheduler and client; `others` are other programs of the machine; `idle` is nobody."
+        "lost: `slower` is the same cases taking longer, because cores share caches and memory and workers share "
+        "cores; `engine` is scheduler and client; `others` are other programs of the machine; `idle` is nobody."
     )
     columns = [
         "cores",
@@ -160,8 +160,8 @@ def _service(service: dict[str, Any]) -> Grid:
 def _streams(service: dict[str, Any]) -> Grid:
     first = service["streams"][0]
     said = (
-        f"Each receives telemetry of {first['vehicles']} vehicles, up to 10 pictures a second, and all events. Pictures "
-        "are left out for those who cannot keep up, events never. Subscribers and vehicles are on the same cores."
+        f"Each receives telemetry of {first['vehicles']} vehicles, up to 10 pictures a second, and all events. "
+        "Pictures are left out for those who cannot keep up, events never. All share the cores with the vehicles."
     )
     columns = ["subscribers", "events", "lost", "delay p99, s", "pictures/s, least", "mean", "share of a core", "MB"]
     rows = [

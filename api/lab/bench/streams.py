@@ -47,6 +47,7 @@ class Heard:
     pictures: int = 0
     largest_gap_s: float = 0.0
     delays_s: list[float] = field(default_factory=list)
+    """Of events that happened while it listened."""
 
 
 async def streams_figures(listening: Listening = Listening(), subscribers: int = SUBSCRIBERS) -> dict[str, Any]:
@@ -147,7 +148,8 @@ async def _opened(port: int) -> Stream:
 async def _listen(stream: Stream, heard: Heard) -> None:
     """Run a subscriber as lean as can be, until it is cancelled: this process has to feed hundreds of them."""
     reader, writer = stream
-    last, rest = time.monotonic(), b""
+    began = last = time.monotonic()
+    rest = b""
     try:
         while chunk := await reader.read(READ_BYTES):
             *whole, rest = (rest + chunk).split(b"\n\n")
@@ -155,7 +157,7 @@ async def _listen(stream: Stream, heard: Heard) -> None:
             numbered = [block for block in whole if b"\nid: " in block]
             heard.events += [_id_of(block) for block in numbered]
             if heard.timed:
-                heard.delays_s += [_delay_s(block) for block in numbered]
+                heard.delays_s += [delay for block in numbered if (delay := _delay_s(block)) < time.monotonic() - began]
             if pictures:
                 now = time.monotonic()
                 heard.pictures += pictures
