@@ -13,7 +13,7 @@ from rich.table import Table
 from skyfolio.api.cli.files import Json, Out, read_as, write
 from skyfolio.planner import Deadline, Disturbances, Losses, Plan, Robustness, Trial, assess
 
-DEFAULT, LOSSES = Disturbances(), Losses()
+DEFAULT, LOSSES, TRIAL = Disturbances(), Losses(), Trial()
 
 
 def robustness(
@@ -26,12 +26,24 @@ def robustness(
     noise_m: Annotated[
         float, typer.Option(min=0, max=1000, help="Spread of errors of position, each axis.")
     ] = DEFAULT.position_noise_m,
+    noise_s: Annotated[
+        float, typer.Option(min=0.001, max=100_000, help="How long an error of position lasts (time constant).")
+    ] = DEFAULT.position_noise_s,
+    pushed_s: Annotated[
+        float, typer.Option(min=0, max=10, help="Metres off its path that each m/s of wind pushes a UAV.")
+    ] = DEFAULT.pushed_s,
     at_once: Annotated[int, typer.Option(min=0, max=2, help="Lose up to so many UAVs together.")] = LOSSES.at_once,
     at_slot: Annotated[list[int] | None, typer.Option(min=0, help="When they are lost; default: half way.")] = None,
     recovery_s: Annotated[
         float, typer.Option(min=0, max=600, help="From a loss until the new plan is flown.")
     ] = LOSSES.recovery_s,
     starts: Annotated[int, typer.Option(min=1, max=64, help="Starts of each replan.")] = LOSSES.starts,
+    most: Annotated[
+        int, typer.Option(min=0, max=10_000, help="Losses that are tried at most, single ones first.")
+    ] = LOSSES.most,
+    outage_share: Annotated[
+        float, typer.Option(min=0.001, max=1, help="Less than this share of what is planned is an outage.")
+    ] = TRIAL.outage_share,
     outage_kbps: Annotated[
         float | None, typer.Option(help="Less in a slot is an outage; default: by minimum or planned rates.")
     ] = None,
@@ -42,9 +54,17 @@ def robustness(
     """Assess a plan: rates and outages under fading, wind and errors of position, and after every loss."""
     trial = Trial(
         disturbances=Disturbances(
-            draws=draws, seed=seed, fading=fading, wind_mps=wind_mps, gust_mps=gust_mps, position_noise_m=noise_m
+            draws=draws,
+            seed=seed,
+            fading=fading,
+            wind_mps=wind_mps,
+            gust_mps=gust_mps,
+            pushed_s=pushed_s,
+            position_noise_m=noise_m,
+            position_noise_s=noise_s,
         ),
-        losses=Losses(at_once=at_once, at_slots=tuple(at_slot or ()), recovery_s=recovery_s, starts=starts),
+        losses=Losses(at_once=at_once, at_slots=tuple(at_slot or ()), recovery_s=recovery_s, starts=starts, most=most),
+        outage_share=outage_share,
         outage_bps=None if outage_kbps is None else outage_kbps * 1e3,
     )
     until = Deadline(deadline_s, clock=time.monotonic)

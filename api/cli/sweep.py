@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
+from rich.measure import Measurement
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -19,7 +20,7 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
-from rich.table import Table
+from rich.table import Column, Table
 
 from skyfolio.api.cli.files import Json, write
 from skyfolio.api.lab.sweep.results import summary_of, write_results
@@ -31,6 +32,10 @@ if TYPE_CHECKING:
 
 console = Console(stderr=True)
 MOST_ROWS = 40
+ENDLESS = 10_000
+"""Columns of a terminal in which everything has room."""
+PACE_OF_S = 600.0
+"""The time left is estimated from the last so many seconds, in which even slow batches end."""
 SHOWN = {
     "mean_sum_rate_bps_mean": ("sum rate, kbit/s", 1e-3, ".2f"),
     "sum_rate_variance_kbps2_mean": ("variance, (kbit/s)²", 1.0, ".2f"),
@@ -75,7 +80,7 @@ def _progress(*, quiet: bool) -> Iterator[Advance]:
     """Show a bar with the time left on standard error; what was stored before does not count in the pace."""
     left = TimeRemainingColumn(compact=True, elapsed_when_finished=True)
     columns = (TextColumn("cases"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left"), left)
-    with Progress(*columns, console=console, disable=quiet) as bar:
+    with Progress(*columns, console=console, disable=quiet, speed_estimate_period=PACE_OF_S) as bar:
         tasks: list[TaskID] = []
 
         def advance(stored: int, of: int) -> None:
@@ -95,7 +100,7 @@ def _as_data(outcome: Outcome, folder: Path, files: list[Path]) -> dict[str, Any
 
 def _show(outcome: Outcome, folder: Path, files: list[Path]) -> None:
     if files:
-        console.print(_table(summary_of(folder)))
+        console.print(_table(summary_of(folder), console.width))
     for error in outcome.errors:
         console.print(f"[red]not computed:[/] {error}", highlight=False)
     if outcome.broken > len(outcome.errors):
@@ -108,12 +113,26 @@ def _show(outcome: Outcome, folder: Path, files: list[Path]) -> None:
         console.print("the same command computes the rest")
 
 
-def _table(summary: pd.DataFrame) -> Table:
+def _table(summary: pd.DataFrame, width: int) -> Table:
+    """Return the summary with as many measures as there is room for, so that no number is cut off."""
     shown = [name for name in SHOWN if name in summary.columns]
+    endless = console.options.update(width=ENDLESS)
+    while shown and Measurement.get(console, endless, _with(summary, shown)).maximum > width:
+        shown.pop()
+    return _with(summary, shown)
+
+
+def _with(summary: pd.DataFrame, shown: list[str]) -> Table:
     by = list(summary.columns[: list(summary.columns).index("cases")])
     title = None if len(summary) <= MOST_ROWS else f"the first {MOST_ROWS} of {len(summary)} groups"
-    table = Table(*by, "cases", "planned", *(SHOWN[name][0] for name in shown), title=title)
+    headers = [name.replace(".", ".\n") for name in by]
+    headers += ["cases", "planned", *(SHOWN[name][0].replace(", ", ",\n") for name in shown)]
+    table = Table(*(Column(header, no_wrap=True) for header in headers), title=title)
     for row in summary.head(MOST_ROWS).to_dict("records"):
         measures = [format(row[name] * SHOWN[name][1], SHOWN[name][2]) for name in shown]
-        table.add_row(*(str(row[name]) for name in by), str(row["cases"]), str(row["planned"]), *measures)
+        table.add_row(*(_value(row[name]) for name in by), str(row["cases"]), str(row["planned"]), *measures)
     return table
+
+
+def _value(value: Any) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -86,9 +86,15 @@ def test_robustness_is_that_of_the_planner_and_shows_users_losses_and_the_worst(
     assert run(monkeypatch, "plan", "--example", "minimal", "--json", "--out", str(file)) == 0
     capsys.readouterr()
     asked = ["--draws", "20", "--wind-mps", "9", "--at-slot", "1", "--at-slot", "2", "--outage-kbps", "1"]
+    asked += ["--pushed-s", "0.4", "--noise-s", "60", "--most", "5", "--outage-share", "0.8"]
     assert run(monkeypatch, "robustness", str(file), *asked, "--json") == 0
     found = Robustness.model_validate_json(capsys.readouterr().out)
-    trial = Trial(disturbances=Disturbances(draws=20, wind_mps=9.0), losses=Losses(at_slots=(1, 2)), outage_bps=1000.0)
+    trial = Trial(
+        disturbances=Disturbances(draws=20, wind_mps=9.0, pushed_s=0.4, position_noise_s=60.0),
+        losses=Losses(at_slots=(1, 2), most=5),
+        outage_share=0.8,
+        outage_bps=1000.0,
+    )
     assert found == assess(Plan.model_validate_json(file.read_text()), trial)
     assert run(monkeypatch, "robustness", str(file), *asked, "--out", str(out)) == 0
     assert Robustness.model_validate_json(out.read_text()) == found

@@ -66,6 +66,18 @@ def test_it_prints_the_summary(
     assert "4 of 4 cases: 4 were there, 0 computed" in captured.err
 
 
+@pytest.mark.parametrize("columns", ["80", "200"])
+def test_no_value_of_the_summary_is_cut_off_however_narrow_the_terminal_is(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], study: Path, columns: str
+) -> None:
+    monkeypatch.setenv("COLUMNS", columns)
+    assert run(monkeypatch, str(study), "--out", str(study.parent / "out")) == 0
+    shown = capsys.readouterr().err
+    assert "…" not in shown
+    assert "baseline1" in shown
+    assert ("least user" in shown) == (columns == "200")
+
+
 def test_a_mistake_in_the_file_names_its_field_and_ends_with_status_2(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], study: Path
 ) -> None:

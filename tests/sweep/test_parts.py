@@ -113,6 +113,14 @@ def test_a_part_that_was_not_written_whole_is_not_there(tmp_path: Path, monkeypa
         assert list((tmp_path / "parts").iterdir()) == [], "what is left over is removed"
 
 
+def test_results_can_be_read_by_whom_the_user_lets_read_new_files(tmp_path: Path) -> None:
+    made = computed(spec_of({**STUDY, "vary": {"method": ["static"]}}), tmp_path)
+    (tmp_path / "plain").touch()
+    expected = (tmp_path / "plain").stat().st_mode
+    for file in (tmp_path / "sweep.json", *(made.path(address) for address in made.there())):
+        assert file.stat().st_mode == expected
+
+
 def test_two_processes_do_not_compute_into_one_folder(tmp_path: Path) -> None:
     with (
         Parts(tmp_path).held(),

@@ -32,6 +32,8 @@ FORMAT = 1
 MANIFEST = "sweep.json"
 NEW = ".new"
 """Suffix of what is being written; such a file that is left over is worth nothing."""
+READABLE = 0o666
+"""Permissions of results, as of any file that is written; temporary files are their owner's alone."""
 TEXT = (list, dict)
 """Settings of these types are stored as JSON text, so that they can be grouped by."""
 
@@ -170,10 +172,19 @@ class Parts:
         return told
 
 
+@cache
+def _umask() -> int:
+    """Return which permissions this user takes from new files; they can only be read by setting them."""
+    mask = os.umask(0o077)
+    os.umask(mask)
+    return mask
+
+
 def _write_whole(file: Path, content: bytes) -> None:
     """Replace a file: after a crash at any moment, even of the machine, it is the old one or the new one."""
     with NamedTemporaryFile(dir=file.parent, prefix=file.name, suffix=NEW, delete=False) as new:
         new.write(content)
         new.flush()
+        os.fchmod(new.fileno(), READABLE & ~_umask())
         os.fsync(new.fileno())
     Path(new.name).replace(file)
