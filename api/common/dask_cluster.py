@@ -62,7 +62,7 @@ async def own_cluster(workers: int, purpose: str) -> AsyncIterator[Any]:
 
     nannies: list[Any] = []
 
-    class Known(Nanny):  # type: ignore[misc] - Dask has no types
+    class Known(Nanny):  # type: ignore[misc]  # Dask has no types
         """One that can be ended before the cluster has started."""
 
         def __init__(self, *args: Any, **options: Any) -> None:
