@@ -22,7 +22,7 @@ HOUR_S, DAY_S = 3600.0, 86_400.0
 
 @dataclass(frozen=True, kw_only=True)
 class Assumed:
-    """What nobody has measured.
+    """What was not measured.
 
     uavs: of one area; areas do not interfere with each other. plans_per_hour: how often an area is planned anew.
     losses_per_uav_hour: in a normal hour. contingencies_every_s: how often the plans ahead of every single loss are

@@ -70,7 +70,7 @@ def scale_figures(
 ) -> dict[str, Any]:
     """Return all figures, as plain JSON data. database_url: an empty PostgreSQL database to measure, too.
 
-    note: is told which part begins.
+    note: called with the name of each part as it begins.
     """
     begun = machine()
     kernels.load_all()

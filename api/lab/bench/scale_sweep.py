@@ -213,4 +213,4 @@ def _busy_s() -> float:
     import psutil  # noqa: PLC0415 - Dask needs it, and Dask is an extra
 
     times = psutil.cpu_times(percpu=True)
-    return sum(sum(times[core]) - times[core].idle - times[core].iowait for core in os.sched_getaffinity(0))
+    return float(sum(sum(times[core]) - times[core].idle - times[core].iowait for core in os.sched_getaffinity(0)))
