@@ -182,6 +182,8 @@ def test_health_solves_and_metrics_tell_of_it(client: TestClient, minimal: dict[
         "skyfolio_replans_total",
         "skyfolio_replan_phase_seconds",
         "skyfolio_event_loop_lag_seconds_bucket",
+        "process_cpu_seconds_total",
+        "process_resident_memory_bytes",
         'skyfolio_request_seconds_count{method="POST",route="/v1/plans",status="200"}',
     ):
         assert name in text, name
