@@ -132,18 +132,44 @@ def test_the_quick_form_shows_every_part_and_nothing_is_lost(tmp_path: Path) -> 
     assert figures["many"] == {"assumed": asdict(Assumed()), "needed": asdict(needed)}
 
 
-def test_the_page_in_the_documentation_is_that_of_its_figures() -> None:
-    folder = ROOT / "docs" / "benchmarks"
-    figures = json.loads((folder / "scale.json").read_text())
-    assert (folder / "scale.md").read_text() == markdown(figures)
-    needed = demand_of(measured_of(figures), Assumed(**figures["many"]["assumed"]))
-    assert figures["many"]["needed"] == asdict(needed)
+FIGURES: dict[str, Any] = {
+    "area": {"plan_cpu_s": 1.2, "replan_cpu_s": 0.13, "slot_s": 5.0, "peak_mb": 824.0},
+    "service": {
+        "bridge": [
+            {"vehicles": 50, "share_of_one_core": 0.05, "bytes_per_s": 1.0, "messages_per_s": 1.0},
+            {"vehicles": 200, "share_of_one_core": 0.2, "bytes_per_s": 440.0, "messages_per_s": 20.0},
+        ],
+        "flying": [
+            {"vehicles": 10, "share_of_one_core": 0.12, "memory_mb": 150.0},
+            {"vehicles": 50, "share_of_one_core": 0.2, "memory_mb": 190.0},
+        ],
+        "streams": [{"vehicles": 50, "subscribers": 100, "share_of_one_core": 0.4, "memory_mb": 200.0}],
+        "flights": [{"commits_per_s": 3.0, "events_per_uav_hour": 720.0, "bytes_per_uav_hour": 2e6}],
+        "events": [{"per_s": 9000.0}, {"per_s": 4000.0}],
+    },
+}
+
+
+def test_what_the_calculation_needs_is_taken_from_the_figures_of_the_whole_service_in_flight() -> None:
+    assert asdict(measured_of(FIGURES)) == pytest.approx(asdict(MEASURED))
+    without = {**FIGURES, "service": {**FIGURES["service"], "flying": []}}
+    assert measured_of(without).share_each == pytest.approx(0.001), "of the link alone where no service was flown"
 
 
 def test_the_calculation_in_the_documentation_runs(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     (code,) = re.findall(r"^```python\n(import json.*?)^```$", (ROOT / "docs/scaling.md").read_text(), re.M | re.S)
-    monkeypatch.chdir(ROOT)
+    (tmp_path / "docs" / "benchmarks").mkdir(parents=True)
+    (tmp_path / "docs" / "benchmarks" / "scale.json").write_text(json.dumps(FIGURES))
+    monkeypatch.chdir(tmp_path)
     exec(code, {})  # noqa: S102 - our own page
     assert capsys.readouterr().out.startswith("Demand(uavs=1000, ")
+
+
+def test_the_page_in_the_documentation_is_that_of_its_figures() -> None:
+    for file in (ROOT / "docs" / "benchmarks").glob("scale.json"):
+        figures = json.loads(file.read_text())
+        assert file.with_suffix(".md").read_text() == markdown(figures)
+        needed = demand_of(measured_of(figures), Assumed(**figures["many"]["assumed"]))
+        assert figures["many"]["needed"] == asdict(needed)

@@ -10,7 +10,7 @@ import sys
 import tempfile
 import time
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from math import ceil
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from skyfolio.api.lab.bench.measure import quantile
 from skyfolio.api.lab.bench.tracks import moving_plan
 from skyfolio.api.lab.demo.client import free_port
 from skyfolio.mavlink_bridge import Autopilot, FleetLink, HeartbeatMonitor, SwapResult, compile_mission
+from skyfolio.mavlink_bridge.errors import VehiclesMissing
 from skyfolio.mavlink_bridge.framing import Framer
 from skyfolio.planner import Plan
 
@@ -76,7 +77,8 @@ def _from_slot(flown: Plan, first: int) -> Plan:
 async def load_row(seconds: float, vehicles: int = 50) -> dict[str, Any]:
     """Measure the processor time of this process while it follows vehicles of another one, in real time.
 
-    fleet_share: of the process that simulates them. bytes_per_s, messages_per_s: of each vehicle's link, both ways
+    heard: vehicles that the link has, fewer than asked for where the machine cannot simulate so many. fleet_share: of
+    the process that simulates them. bytes_per_s, messages_per_s: of each vehicle's link, both ways
     together, frames alone.
     """
     port, clock = free_port(socket.SOCK_DGRAM), sim.ScaledClock(1.0)
@@ -86,7 +88,8 @@ async def load_row(seconds: float, vehicles: int = 50) -> dict[str, Any]:
     try:
         async with FleetLink(clock=clock, monitor=HeartbeatMonitor()) as link:
             await link.connect(f"udpin://127.0.0.1:{port}")
-            await link.wait_for(range(1, vehicles + 1), timeout_s=60)
+            with suppress(VehiclesMissing):  # `heard` says how many there are
+                await link.wait_for(range(1, vehicles + 1), timeout_s=60 + vehicles)
             began, used, theirs = time.perf_counter(), time.process_time(), _cpu_s(fleet.pid)
             await asyncio.sleep(seconds)
             took_s = time.perf_counter() - began
