@@ -28,8 +28,9 @@ serve: $(READY)
 	$(BIN)/skyfolio serve $(ARGS)
 
 bench: $(READY)
-	$(BIN)/skyfolio bench planner --json --out docs/benchmarks/planner.json $(ARGS)
+	$(BIN)/skyfolio bench planner --out docs/benchmarks/planner.json $(ARGS)
 	$(BIN)/skyfolio bench report docs/benchmarks/planner.json --out docs/benchmarks/planner.md
+	$(BIN)/skyfolio bench report docs/benchmarks/planner.json --page quality --out docs/benchmarks/quality.md
 
 lint: $(READY)
 	$(BIN)/ruff check .

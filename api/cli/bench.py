@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
+from enum import StrEnum
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from skyfolio.api.cli.autopilots import DEFAULT, AutopilotOfFleet
-from skyfolio.api.cli.files import Json, Out, read, write
+from skyfolio.api.cli.files import Json, Out, UsageError, read, write
 from skyfolio.api.cli.lazy import application
 
 if TYPE_CHECKING:
@@ -20,29 +23,76 @@ bench = application("Measure this machine; figures as JSON.")
 
 @bench.command()
 def planner(
-    quick: Annotated[bool, typer.Option("--quick", help="Only the two smaller sizes, few runs: a minute.")] = False,
-    out: Out = None,
+    quick: Annotated[bool, typer.Option("--quick", help="Only the two smaller sizes, few runs: some minutes.")] = False,
+    full: Annotated[
+        bool, typer.Option("--full", help="More repetitions, layouts and peers: more than an hour.")
+    ] = False,
+    section: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Only this section (may be repeated): quality, fast, reference, ipopt, ablation, disruption, bound, "
+            "budgets, peers, proof, checked."
+        ),
+    ] = None,
+    size: Annotated[list[str] | None, typer.Option(help="Only this size, such as 10x100x50 (may be repeated).")] = None,
+    utility: Annotated[list[str] | None, typer.Option(help="Only this utility (may be repeated).")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Keep the figures here; those of parts that are not measured now stay.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
-    """Time the planner at four sizes and measure how good its plans are, beside other solvers; an hour."""
-    from skyfolio.api.lab.bench import planner_figures, table  # noqa: PLC0415 - each command loads what it measures
+    """Measure how good plans are, what they take, and other solvers beside them; 25 minutes on two idle cores."""
+    from skyfolio.api.lab.bench import best_known  # noqa: PLC0415 - each command loads what it measures
+    from skyfolio.api.lab.bench.effort import DEFAULT, FULL, QUICK  # noqa: PLC0415
+    from skyfolio.api.lab.bench.parts import chosen  # noqa: PLC0415
+    from skyfolio.api.lab.bench.planner import measure  # noqa: PLC0415
+    from skyfolio.api.lab.bench.quality_page import quality_table  # noqa: PLC0415
+    from skyfolio.api.lab.bench.report import table  # noqa: PLC0415
 
-    figures = planner_figures(quick=quick)
-    if as_json or out is not None:
-        write(json.dumps(figures, indent=2), out)
+    if quick and full:
+        raise UsageError("--quick, --full: give one of them")
+    effort = QUICK if quick else FULL if full else DEFAULT
+    known = best_known.FILE if not quick and best_known.FILE.parent.is_dir() else None
+    try:
+        parts = chosen(effort, sections=section or (), sizes=size or (), kinds=utility or ())
+        figures = measure(parts, effort, file=out, best_known=known, told=_progress(len(parts)))
+    except ValueError as error:
+        raise UsageError(str(error)) from error
+    if as_json and out is None:
+        write(json.dumps(figures, indent=1), None)
     if not as_json:
-        _print_tables(table(figures))
+        _print_tables(table(figures), quality_table(figures, best_known.load()))
+
+
+def _progress(total: int) -> Callable[[str], None]:
+    """Return what says on standard error how far the benchmark is."""
+    number = count(1)
+    return lambda text: typer.echo(f"[{next(number)}/{total}] {text}", err=True)
+
+
+class Page(StrEnum):
+    """The pages that are written from the figures of `skyfolio bench planner`."""
+
+    PLANNER = "planner"
+    QUALITY = "quality"
 
 
 @bench.command()
 def report(
-    file: Annotated[Path, typer.Argument(help="Figures, as `skyfolio bench planner --json` prints them.")],
+    file: Annotated[Path, typer.Argument(help="Figures, as `skyfolio bench planner --out` keeps them.")],
+    page: Annotated[Page, typer.Option(help="Beside other solvers, or how good plans of fleets are.")] = Page.PLANNER,
     out: Out = None,
 ) -> None:
-    """Write the figures of a benchmark as Markdown."""
-    from skyfolio.api.lab.bench import markdown  # noqa: PLC0415
+    """Write a page from the figures of a benchmark, as Markdown."""
+    from skyfolio.api.lab.bench import best_known, figures  # noqa: PLC0415 - each command loads what it measures
+    from skyfolio.api.lab.bench.quality_page import quality_markdown  # noqa: PLC0415
+    from skyfolio.api.lab.bench.report import markdown  # noqa: PLC0415
 
-    write(markdown(json.loads(read(file))), out)
+    try:
+        measured = figures.parsed(read(file), str(file))
+    except ValueError as error:
+        raise UsageError(str(error)) from error
+    write(markdown(measured) if page is Page.PLANNER else quality_markdown(measured, best_known.load()), out)
 
 
 @bench.command()

@@ -1,15 +1,13 @@
 """Benchmarks on this machine: `skyfolio bench planner`, `bridge`, `service`, `scale`, `simulator`.
 
-Planner: `cases.py` says what is measured, `measure.py` how; each case runs alone in a process pinned to one core
-(`child.py`). `planner.py` starts them and compares, `report.py` turns the figures into tables. `ipopt.py` and
-`ablation.py` hold the yardsticks; `quality.py` sets plans beside the best known values (`best_known.py`) and those
-of `peers.py`. Bridge: `bridge_virtual.py` in virtual time, `bridge_sockets.py` in real time, on `tracks.py`.
+Planner: `parts.py` says what there is to measure and `effort.py` how much of it, `planner.py` runs each part alone in a
+process pinned to a core (`child.py`) and `figures.py` keeps what came out. The sections: `quality.py` (plans, replans,
+budgets and replans that change little, on the instances of `instances.py`), `bounding.py` (what can be proven of them),
+`peers.py` (other searches), `cases.py` (the planner and other solvers from the same start, with `ipopt.py` and
+`ablation.py`), `checked.py` (the independent check). `shares.py` sets values beside the best known ones
+(`best_known.py`), `targets.py` beside what was asked for; `report.py` and `quality_page.py` write the pages.
+Bridge: `bridge_virtual.py` in virtual time, `bridge_sockets.py` in real time, on `tracks.py`.
 Service: `service.py` from outside, `streams.py` its event streams under load, `loop.py` what holds its event loop.
 `scale.py`: sweeps (`scale_sweep.py`, `scale_limits.py`, `scale_faults.py`), how far one service goes
 (`scale_service.py`), what many areas need (`many_areas.py`), and their page (`scale_page.py`).
 """
-
-from skyfolio.api.lab.bench.planner import planner_figures
-from skyfolio.api.lab.bench.report import markdown, table
-
-__all__ = ["markdown", "planner_figures", "table"]

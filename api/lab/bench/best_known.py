@@ -8,17 +8,18 @@ the same seed before is passed over (`--again` searches it anew).
 from __future__ import annotations
 
 import argparse
+import fcntl
 import json
 import os
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from skyfolio.planner import AnyOf, Deadline, MaxIterations, RelativeGain, Scenario, Utility
+from skyfolio.api.lab.bench.instances import FLEETS, Instance, instances, size_of, text_of
+from skyfolio.planner import AnyOf, Deadline, MaxIterations, RelativeGain
 from skyfolio.planner.fast import optimise
-from skyfolio.planner.layouts import laid_out
 from skyfolio.planner.problem import problem_of
 from skyfolio.planner.rehearsal import rehearse
 
@@ -27,47 +28,6 @@ FILE = Path(__file__).resolve().parents[3] / "docs" / "benchmarks" / "best-known
 MARGIN = 1e-9
 """Relative: less is rounding."""
 
-UTILITIES = (("sum", 0.0), ("per_user", -0.1), ("pooled", -0.5))
-STEADIER = (("sum", -0.05), ("pooled", -0.05))
-"""Further utilities, on the first two layouts."""
-LAYOUTS = (
-    *(("uniform", seed) for seed in (1, 2, 3)),
-    *(("clustered", seed) for seed in (1, 2)),
-    ("stadium", 1),
-    ("corridor", 1),
-    ("two_towns", 1),
-)
-
-
-@dataclass(frozen=True)
-class Instance:
-    """One problem of the quality benchmark; noise -60 dBm, area 500 m x sqrt(U/3) square."""
-
-    size: tuple[int, int, int]
-    layout: str
-    seed: int
-    kind: str
-    mu_per_kbps: float
-
-    @property
-    def name(self) -> str:
-        """As in the file: `10x100x50 uniform-1 sum 0`."""
-        return f"{'x'.join(map(str, self.size))} {self.layout}-{self.seed} {self.kind} {self.mu_per_kbps:g}"
-
-    def scenario(self) -> Scenario:
-        """Return the scenario itself."""
-        utility = Utility.model_validate({"kind": self.kind, "mu_per_kbps": self.mu_per_kbps})
-        return laid_out(self.layout, *self.size, seed=self.seed, utility=utility)
-
-
-def instances(size: tuple[int, int, int]) -> list[Instance]:
-    """Return all instances of one size: every utility on every layout, and steadier ones on the first two."""
-    return [
-        Instance(size, layout, seed, kind, mu)
-        for index, (layout, seed) in enumerate(LAYOUTS)
-        for kind, mu in (*UTILITIES, *(STEADIER if index < 2 else ()))
-    ]
-
 
 def load(path: Path = FILE) -> Table:
     """Return the table: by instance, `utility_kbps`, `found_by`, `seconds`."""
@@ -75,19 +35,18 @@ def load(path: Path = FILE) -> Table:
     return table
 
 
-def improve(instance: Instance, utility_kbps: float, found_by: str, seconds: float, path: Path = FILE) -> bool:
-    """Note a value if it beats what is known; whether it did. The file is read anew, so that several may write."""
-    table = load(path)
-    known = table.get(instance.name)
-    if known is not None and utility_kbps <= known["utility_kbps"] * (1.0 + MARGIN):
-        return False
-    table[instance.name] = {
-        **({"searched": known["searched"]} if known and "searched" in known else {}),
-        "utility_kbps": round(utility_kbps, 6),
-        "found_by": found_by,
-        "seconds": round(seconds, 1),
-    }
-    _write(table, path)
+def improve(name: str, utility_kbps: float, found_by: str, seconds: float, path: Path = FILE) -> bool:
+    """Note a value of an instance if it beats what is known; whether it did."""
+    with _changing(path) as table:
+        known = table.get(name)
+        if known is not None and utility_kbps <= known["utility_kbps"] * (1.0 + MARGIN):
+            return False
+        table[name] = {
+            **({"searched": known["searched"]} if known and "searched" in known else {}),
+            "utility_kbps": round(utility_kbps, 6),
+            "found_by": found_by,
+            "seconds": round(seconds, 1),
+        }
     return True
 
 
@@ -99,14 +58,25 @@ def searched(instance: Instance, seconds: float, seed: int, path: Path = FILE) -
 
 def note_search(instance: Instance, seconds: float, seed: int, path: Path = FILE) -> None:
     """Note that a search has come to its end, so that it need not be run again."""
-    table = load(path)
-    done = table[instance.name].setdefault("searched", {})
-    done[str(seed)] = max(seconds, done.get(str(seed), 0.0))
-    _write(table, path)
+    with _changing(path) as table:
+        done = table[instance.name].setdefault("searched", {})
+        done[str(seed)] = max(seconds, done.get(str(seed), 0.0))
+
+
+@contextmanager
+def _changing(path: Path) -> Iterator[Table]:
+    """Give the table as it is now and replace the file, whole or not at all; one process at a time, so none is lost."""
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        fcntl.flock(folder, fcntl.LOCK_EX)
+        table = load(path)
+        yield table
+        _write(table, path)
+    finally:
+        os.close(folder)
 
 
 def _write(table: Table, path: Path) -> None:
-    """Replace the file, whole or not at all."""
     written = path.with_suffix(f".{os.getpid()}.new")
     written.write_text(json.dumps(dict(sorted(table.items())), indent=1) + "\n", encoding="utf-8")
     written.replace(path)
@@ -124,21 +94,20 @@ def main() -> None:
     """Search on and say what was beaten."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=600.0, help="of processor time, for each instance")
-    parser.add_argument("--sizes", default="10x100x50,20x300x100,50x1000x100")
+    parser.add_argument("--sizes", default=",".join(map(text_of, FLEETS)))
     parser.add_argument("--only", default="", help="instances whose name contains this")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--again", action="store_true", help="search what was searched as long before, too")
     given = parser.parse_args()
     for text in given.sizes.split(","):
-        n_uavs, n_users, n_slots = (int(part) for part in text.split("x"))
-        for instance in instances((n_uavs, n_users, n_slots)):
+        for instance in instances(size_of(text)):
             if given.only not in instance.name:
                 continue
             if not given.again and searched(instance, given.seconds, given.seed):
                 print(f"{instance.name}: searched before", flush=True)  # noqa: T201
                 continue
             value = search(instance, given.seconds, given.seed)
-            better = improve(instance, value, f"planner, seed {given.seed}, {given.seconds:g} s", given.seconds)
+            better = improve(instance.name, value, f"planner, seed {given.seed}, {given.seconds:g} s", given.seconds)
             note_search(instance, given.seconds, given.seed)
             print(f"{instance.name}: {value:.3f} {'best so far' if better else ''}", flush=True)  # noqa: T201
 

@@ -1,4 +1,4 @@
-"""What is measured: sizes, utilities, instances, and the figures of one case."""
+"""The planner and other solvers from the same start: times, objectives, and what each part gains."""
 
 from __future__ import annotations
 
@@ -9,31 +9,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyfolio.api.lab.bench.ablation import variants
+from skyfolio.api.lab.bench.effort import Effort
+from skyfolio.api.lab.bench.instances import FLEETS, LETTER, Size
 from skyfolio.api.lab.bench.measure import peak_mb, timed
-from skyfolio.api.lab.bench.peers import value_kbps
-from skyfolio.api.lab.bench.quality import quality
-from skyfolio.planner import AnyOf, MaxIterations, Plan, RelativeGain, Scenario, Utility, plan, replan
+from skyfolio.api.lab.bench.setting import loss_half_way, stop, value_kbps
+from skyfolio.planner import Plan, Scenario, Utility, plan
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.bound import upper_bound_kbps
 from skyfolio.planner.branch_and_bound import MAX_UAVS, certificate
 from skyfolio.planner.fast import linked, optimise, served_rates_bps
 from skyfolio.planner.layouts import scattered
 from skyfolio.planner.problem import Problem, problem_of
-from skyfolio.planner.remainder import remaining
 
-SIZES = ((3, 9, 20), (10, 100, 50), (20, 300, 100), (50, 1000, 100))
+SIZES = (LETTER, *FLEETS)
 KINDS = ("sum", "per_user")
 SEED = 1
 STARTS = 32
-IPOPT_STARTS = 50
 
 
-def stop() -> AnyOf:
-    """Return a new instance of the planner's default stopping rule."""
-    return AnyOf(MaxIterations(50), RelativeGain(1e-4))
-
-
-def instance(size: tuple[int, int, int], kind: str, seed: int = SEED) -> Scenario:
+def instance(size: Size, kind: str, seed: int = SEED) -> Scenario:
     """Return the benchmark's scenario of this size.
 
     mu is -0.1 per kbit/s for `per_user`, and for `sum` -0.3/U, because the sum rate grows with the fleet: at the
@@ -43,13 +37,13 @@ def instance(size: tuple[int, int, int], kind: str, seed: int = SEED) -> Scenari
     return scattered(*size, seed=seed, utility=Utility(kind=kind, mu_per_kbps=mu))
 
 
-def fast(size: tuple[int, int, int], kind: str, *, quick: bool) -> dict[str, Any]:
+def fast(size: Size, kind: str, effort: Effort) -> dict[str, Any]:
     """Measure the product: a cold plan from one start, from several, and a replan after a loss half-way.
 
     `plan` and `replan` time the optimiser alone from one start, as the yardsticks are timed; `*_call` the whole
     `planner.plan` and `planner.replan` at their defaults, with arrays, certificate, feasibility check and plan object.
     """
-    runs, budget_s = (5, 2.0) if quick else (200, 6.0)
+    runs, budget_s = effort.runs, effort.budget_s
     scenario = instance(size, kind)
     problem = problem_of(scenario)
     before = peak_mb()
@@ -63,40 +57,36 @@ def fast(size: tuple[int, int, int], kind: str, *, quick: bool) -> dict[str, Any
     figures["plan_call"] = call
     figures["bound_kbps"] = upper_bound_kbps(problem)
     figures["gap"] = figures["bound_kbps"] / figures["plan"]["utility_kbps"] - 1
-    figures |= _replanned(scenario, first_plan, runs, budget_s)
+    figures |= _replanned(first_plan, runs, budget_s)
     return figures | {"peak_mb": peak_mb(), "peak_before_mb": before}
 
 
-def _replanned(scenario: Scenario, first_plan: Plan, runs: int, budget_s: float) -> dict[str, Any]:
-    half, lost = scenario.slots // 2, scenario.uav_ids[-1]
-    rest, past = remaining(first_plan, [lost], half)
-    problem = problem_of(rest, past)
-    warm = np.array([first_plan.trajectories_m[uav][half:] for uav in rest.uav_ids])
-    again, solution = timed(lambda: optimise(problem, stop(), warm, n_starts=1), runs=runs, budget_s=budget_s)
-    call, _ = timed(lambda: replan(first_plan, failed=[lost], at_slot=half), runs=runs, budget_s=budget_s / 3)
-    return {"replan": {**again, "utility_kbps": value_kbps(problem, solution)}, "replan_call": call}
+def _replanned(first_plan: Plan, runs: int, budget_s: float) -> dict[str, Any]:
+    loss = loss_half_way(first_plan)
+    again, solution = timed(
+        lambda: optimise(loss.problem, stop(), loss.warm_m, n_starts=1), runs=runs, budget_s=budget_s
+    )
+    call, _ = timed(loss.replan, runs=runs, budget_s=budget_s / 3)
+    return {"replan": {**again, "utility_kbps": value_kbps(loss.problem, solution)}, "replan_call": call}
 
 
-def reference(size: tuple[int, int, int], kind: str, *, quick: bool) -> dict[str, Any]:
+def reference(size: Size, kind: str, effort: Effort) -> dict[str, Any]:
     """Measure the letter's own method from the same start: Algorithm 1 on cvxpy and Clarabel, and its replan."""
     from skyfolio.planner.reference import algorithm_1  # noqa: PLC0415 - cvxpy takes a second to load
 
-    scenario = instance(size, kind)
+    scenario, runs = instance(size, kind), effort.runs_of_yardsticks
     problem = problem_of(scenario)
-    cold, solution = timed(lambda: algorithm_1(problem, stop()), runs=1 if quick else 3, budget_s=1.0)
-    first_plan = plan(scenario, n_starts=1)
-    rest, past = remaining(first_plan, [scenario.uav_ids[-1]], scenario.slots // 2)
-    remaining_problem = problem_of(rest, past)
-    warm = np.array([first_plan.trajectories_m[uav][scenario.slots // 2 :] for uav in rest.uav_ids])
-    again, replanned = timed(lambda: algorithm_1(remaining_problem, stop(), warm), runs=1 if quick else 3, budget_s=1.0)
+    cold, solution = timed(lambda: algorithm_1(problem, stop()), runs=runs, budget_s=1.0)
+    loss = loss_half_way(plan(scenario, n_starts=1))
+    again, replanned = timed(lambda: algorithm_1(loss.problem, stop(), loss.warm_m), runs=runs, budget_s=1.0)
     return {
         "plan": {**cold, "utility_kbps": value_kbps(problem, solution), "iterations": len(solution.history)},
-        "replan": {**again, "utility_kbps": value_kbps(remaining_problem, replanned)},
+        "replan": {**again, "utility_kbps": value_kbps(loss.problem, replanned)},
         "peak_mb": peak_mb(),
     }
 
 
-def ipopt(size: tuple[int, int, int], kind: str, *, quick: bool) -> dict[str, Any]:
+def ipopt(size: Size, kind: str, effort: Effort) -> dict[str, Any]:
     """Measure IPOPT for the trajectories, in turn with the fast path's association and bandwidth.
 
     `solve_ms` is what IPOPT's own calls took, all passes together; building the program (`build_ms`) is not in it.
@@ -111,7 +101,8 @@ def ipopt(size: tuple[int, int, int], kind: str, *, quick: bool) -> dict[str, An
         return links.serving, links.bandwidth_hz
 
     solved = [
-        alternate(problem, shares, problem.hover(), links) for _ in range(1 if quick or size[0] > MAX_UAVS else 3)
+        alternate(problem, shares, problem.hover(), links)
+        for _ in range(1 if size[0] > MAX_UAVS else effort.runs_of_yardsticks)
     ]
     median = {
         key: float(np.median([solution[key] for solution in solved])) * 1e3
@@ -123,29 +114,29 @@ def ipopt(size: tuple[int, int, int], kind: str, *, quick: bool) -> dict[str, An
         "peak_mb": peak_mb(),
     }
     figures["plan"] |= {"utility_kbps": solved[0]["utility_kbps"], "passes": solved[0]["passes"]}
-    if size[0] <= MAX_UAVS and kind == "sum" and not quick:
-        figures["best_of"] = _best_of(problem, shares, links)
+    if size[0] <= MAX_UAVS and kind == "sum" and effort.starts_of_ipopt:
+        figures["best_of"] = _best_of(problem, shares, links, effort.starts_of_ipopt)
     return figures
 
 
-def _best_of(problem: Problem, shares: Any, links: int) -> dict[str, Any]:
+def _best_of(problem: Problem, shares: Any, links: int, starts: int) -> dict[str, Any]:
     """Run IPOPT from many starts: hovering, and straight flights to points drawn uniformly in the area."""
     from skyfolio.api.lab.bench.ipopt import Trajectories, alternate  # noqa: PLC0415
     from skyfolio.planner.fast import flyable  # noqa: PLC0415
 
     rng = np.random.default_rng(SEED)
     program, values, began = Trajectories(problem, links), [], time.perf_counter()
-    for number in range(IPOPT_STARTS):
+    for number in range(starts):
         places = rng.uniform(problem.low_m, problem.high_m, (problem.n_uavs, 2))
         starts_m = np.repeat(places[:, None], problem.n_slots, axis=1)
         start = problem.hover() if number == 0 else flyable(problem, starts_m)
         values.append(alternate(problem, shares, start, links, program=program)["utility_kbps"])
-    return {"starts": IPOPT_STARTS, "utility_kbps": max(values), "total_ms": (time.perf_counter() - began) * 1e3}
+    return {"starts": starts, "utility_kbps": max(values), "total_ms": (time.perf_counter() - began) * 1e3}
 
 
-def ablation(size: tuple[int, int, int], kind: str, *, quick: bool) -> dict[str, Any]:
+def ablation(size: Size, kind: str, effort: Effort) -> dict[str, Any]:
     """Measure what each part gains, mean over layouts: alternation, joint step, one start, many starts."""
-    layouts = 2 if quick else 8
+    layouts = effort.small_layouts
     totals: dict[str, list[tuple[float, float]]] = {}
     for seed in range(layouts):
         problem = problem_of(instance(size, kind, seed))
@@ -160,10 +151,10 @@ def ablation(size: tuple[int, int, int], kind: str, *, quick: bool) -> dict[str,
     }
 
 
-def proof(size: tuple[int, int, int], kind: str, *, quick: bool) -> dict[str, Any]:
+def proof(size: Size, kind: str, effort: Effort) -> dict[str, Any]:
     """Measure the certificate at the letter's size: root and branch-and-bound gap, mean over layouts."""
     rows = []
-    for seed in range(2 if quick else 8):
+    for seed in range(effort.small_layouts):
         problem = problem_of(instance(size, kind, seed))
         solution = optimise(problem, stop(), n_starts=STARTS)
         worth = value_kbps(problem, solution)
@@ -182,6 +173,3 @@ def proof(size: tuple[int, int, int], kind: str, *, quick: bool) -> dict[str, An
         "nodes_mean": float(nodes.mean()),
         "seconds_mean": float(seconds.mean()),
     }
-
-
-CASES = {"quality": quality, "fast": fast, "reference": reference, "ipopt": ipopt, "ablation": ablation, "proof": proof}

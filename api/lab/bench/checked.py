@@ -1,4 +1,6 @@
-"""The independent check on many random plans and replans: `python -m skyfolio.api.lab.bench.checked [--count 500]`.
+"""The independent check on many random plans and replans.
+
+`python -m skyfolio.api.lab.bench.checked [--count 500] [--processes 2]`, or as a part of `skyfolio bench planner`.
 
 Every plan passes it before it leaves the planner; here it is asked again of what came out, and plans that were refused
 as not feasible, which would be defects, are counted too.
@@ -7,6 +9,12 @@ as not feasible, which would be defects, are counted too.
 from __future__ import annotations
 
 import argparse
+import sys
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import ExitStack
+from multiprocessing import get_context
+from typing import Any
 
 import numpy as np
 
@@ -58,15 +66,41 @@ def broken(seed: int) -> list[str]:
     return [violation.message for one in (made, rest) for violation in violations(one)]
 
 
+def checked(
+    seeds: range, processes: int = 1, told: Callable[[int, int], None] = lambda _done, _broken: None
+) -> dict[str, Any]:
+    """Check the plans and replans of these scenarios, and return how many there were and what is wrong, by seed.
+
+    told: called after each scenario with how many are done, and how many of those are broken.
+    """
+    found: dict[str, list[str]] = {}
+    with ExitStack() as stack:
+        mapped: Callable[..., Iterator[list[str]]] = map
+        if processes > 1:
+            mapped = stack.enter_context(ProcessPoolExecutor(processes, mp_context=get_context("spawn"))).map
+        for seed, wrong in zip(seeds, mapped(broken, seeds), strict=True):
+            if wrong:
+                found[str(seed)] = wrong
+            told(seed - seeds.start + 1, len(found))
+    return {"plans": len(seeds), "replans": len(seeds), "first_seed": seeds.start, "broken": found}
+
+
 def main() -> None:
     """Check, and say what was found."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=500, help="scenarios; each is planned, and replanned after a loss")
-    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--seed", type=int, default=1, help="of the first scenario: where an interrupted check goes on")
+    parser.add_argument("--processes", type=int, default=2)
     given = parser.parse_args()
-    found = {seed: wrong for seed in range(given.seed, given.seed + given.count) if (wrong := broken(seed))}
-    print(f"{given.count} plans and {given.count} replans, {len(found)} with violations", *found.items(), sep="\n")  # noqa: T201
-    raise SystemExit(bool(found))
+
+    def told(done: int, n_broken: int) -> None:
+        if done % 10 == 0:
+            print(f"{done} of {given.count}, {n_broken} broken; next seed {given.seed + done}", file=sys.stderr)  # noqa: T201
+
+    found = checked(range(given.seed, given.seed + given.count), given.processes, told)
+    wrong = found["broken"]
+    print(f"{given.count} plans and {given.count} replans, {len(wrong)} with violations", *wrong.items(), sep="\n")  # noqa: T201
+    raise SystemExit(bool(wrong))
 
 
 if __name__ == "__main__":

@@ -17,15 +17,19 @@ import numpy as np
 Result = TypeVar("Result")
 
 
-def timed(call: Callable[[], Result], *, runs: int, budget_s: float) -> tuple[dict[str, Any], Result]:
-    """Warm p50 and p99 in milliseconds of up to `runs` calls, fewer (but at least 3) once `budget_s` is spent.
+def timed(
+    call: Callable[[], Result], *, runs: int, budget_s: float, least: int = 3, warm: bool = True
+) -> tuple[dict[str, Any], Result]:
+    """Return p50 and p99 in milliseconds of up to `runs` calls, fewer (but `least`) once `budget_s` is spent.
 
-    `cpu_p50_ms` is processor time, which other programs on the machine do not lengthen.
+    warm: one more call comes first that is not timed. `cpu_p50_ms` is processor time, which other programs on the
+    machine do not lengthen; the budget is of processor time too, so that a busy machine measures as much.
     """
-    result = call()
+    if warm:
+        call()
     spent: list[float] = []
     busy: list[float] = []
-    while len(spent) < runs and (len(spent) < 3 or sum(spent) < budget_s):
+    while not spent or (len(spent) < runs and (len(spent) < least or sum(busy) < budget_s)):
         began, cpu = time.perf_counter(), time.process_time()
         result = call()
         busy.append(time.process_time() - cpu)
@@ -47,10 +51,17 @@ def peak_mb() -> float:
     return peak / 1024 if sys.platform != "darwin" else peak / 1024**2
 
 
-def pin_to_one_core() -> None:
-    """Run on one core from now on, where the system can do that."""
+def cores() -> list[int]:
+    """Return the numbers of the cores that this process may run on, or of all cores where the system does not tell."""
+    if hasattr(os, "sched_getaffinity"):
+        return sorted(os.sched_getaffinity(0))
+    return list(range(os.cpu_count() or 1))
+
+
+def pin_to_core(number: int) -> None:
+    """Run on this core from now on, where the system can do that."""
     if hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+        os.sched_setaffinity(0, {number})
 
 
 def machine() -> dict[str, Any]:

@@ -9,29 +9,35 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from math import prod
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import differential_evolution, linear_sum_assignment
 
+from skyfolio.api.lab.bench.effort import Effort
+from skyfolio.api.lab.bench.instances import Size, standard
+from skyfolio.api.lab.bench.setting import value_kbps
 from skyfolio.planner import MaxIterations
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.fast import flyable, linked, optimise, served_rates_bps
+from skyfolio.planner.fast import flyable, linked, optimise
 from skyfolio.planner.fast.arena import arena_of
 from skyfolio.planner.fast.placement import effort_of, places
-from skyfolio.planner.problem import Problem
-from skyfolio.planner.solution import Solution
-from skyfolio.planner.utility import utility_kbps
+from skyfolio.planner.problem import Problem, problem_of
 
 IPOPT_STARTS = 50
+IPOPT_CELLS = 50_000
+"""U K N up to which IPOPT ends in minutes under `sum`; the other utilities have K links a slot, and it does not."""
 KMEANS_RUNS, KMEANS_PASSES = 20, 30
 
 
-def value_kbps(problem: Problem, solution: Solution) -> float:
-    """Return the true utility of a solution."""
-    rates = served_rates_bps(problem, solution) / 1e3
-    return utility_kbps(problem.counted_kbps(rates), problem.kind, problem.mu)
+def on_first_layout(size: Size, kind: str, effort: Effort) -> dict[str, Any]:
+    """Return what each peer finds on the first layout of one size and utility."""
+    instance = standard(size, kind)[0]
+    with_ipopt = kind == "sum" and prod(size) <= IPOPT_CELLS
+    found = peers(problem_of(instance.scenario()), effort.peers_s, with_ipopt=with_ipopt)
+    return {"name": instance.name, "seconds_each": effort.peers_s, "peers": found}
 
 
 def peers(problem: Problem, seconds: float, *, with_ipopt: bool) -> dict[str, dict[str, Any]]:

@@ -1,4 +1,7 @@
-"""`skyfolio bench planner`: every case in a process of its own, then ratios, growth and targets."""
+"""`skyfolio bench planner`: runs parts, each in a process of its own, and keeps their figures together in one file.
+
+A run replaces the parts that it measured and leaves the others (`figures.py`).
+"""
 
 from __future__ import annotations
 
@@ -6,146 +9,96 @@ import json
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Sequence
-from math import prod
-from typing import Any, TypeAlias
+from concurrent.futures import ThreadPoolExecutor
+from datetime import UTC, datetime
+from pathlib import Path
+from threading import Lock
+from typing import TypeAlias
 
-import numpy as np
+from skyfolio.api.lab.bench.best_known import improve
+from skyfolio.api.lab.bench.effort import Effort
+from skyfolio.api.lab.bench.figures import Row, load, save
+from skyfolio.api.lab.bench.instances import text_of
+from skyfolio.api.lab.bench.measure import cores, machine
+from skyfolio.api.lab.bench.parts import SECTIONS, Part
+from skyfolio.api.lab.bench.shares import values_of
 
-from skyfolio.api.lab.bench.cases import KINDS, SIZES
-from skyfolio.api.lab.bench.measure import machine
-from skyfolio.api.lab.bench.quality import targets as quality_targets
-from skyfolio.planner.utilities import UTILITIES
-
-Row: TypeAlias = dict[str, Any]
-Size: TypeAlias = tuple[int, int, int]
-Runner: TypeAlias = Callable[[str, Size, str], Row]
-TIMEOUT_S, QUALITY_TIMEOUT_S = 150.0, 1800.0
-YARDSTICK_SIZES = {("reference", "sum"): 1, ("reference", "per_user"): 1, ("ipopt", "sum"): 3, ("ipopt", "per_user"): 1}
-"""On how many of the sizes, from the smallest, each yardstick can run at all in minutes."""
-COLD_MS = {"3x9x20": 1.0, "10x100x50": 10.0, "20x300x100": 40.0, "50x1000x100": 250.0}
-REPLAN_MS = {"3x9x20": 0.2, "10x100x50": 1.0, "20x300x100": 8.0, "50x1000x100": 30.0}
+Runner: TypeAlias = Callable[[Part, int], Row]
+TIMEOUT_S = 7200.0
 
 
-def planner_figures(*, quick: bool, run: Runner | None = None, sizes: Sequence[Size] = SIZES) -> Row:
-    """Return all figures of the planner's benchmark; `quick` keeps to the two smaller sizes and few runs.
+def measure(
+    parts: Sequence[Part],
+    effort: Effort,
+    *,
+    file: Path | None = None,
+    best_known: Path | None = None,
+    run: Runner | None = None,
+    told: Callable[[str], None] = lambda _: None,
+) -> Row:
+    """Measure these parts and return all figures: those in `file` and the new ones, which are written there one by one.
 
-    run: measures one case (name, size, kind); default: alone in a process of its own.
+    Two parts run at a time where there are two cores: those whose figures are times on one, the others on another.
+    best_known: the file of best known values, improved when beaten. run: measures one part on a core; default: alone in
+    a process of its own. told: called with progress.
     """
-    run = run or (lambda case, size, kind: in_a_process(case, size, kind, quick=quick))
-    rows = [
-        _row(index, size, kind, quick, run)
-        for index, size in enumerate(sizes[: 2 if quick else None])
-        for kind in KINDS
-    ]
-    figures: Row = {"machine": machine(), "quick": quick, "rows": rows, "growth": {k: _growth(rows, k) for k in KINDS}}
-    for case in ("ablation", "proof"):
-        figures[case] = {kind: run(case, sizes[0], kind) for kind in KINDS}
-    figures["quality"] = {
-        "x".join(map(str, size)): {kind: run("quality", size, kind) for kind in UTILITIES}
-        for size in sizes[1 : 2 if quick else None]
-    }
-    figures["targets"] = [*targets(figures), *quality_targets(figures)]
+    run = run or (lambda part, core: in_a_process(part, core, effort))
+    figures, lock = load(file), Lock()
+
+    def one_after_the_other(queue: Sequence[Part], core: int) -> None:
+        for part in queue:
+            began = time.perf_counter()
+            found = run(part, core)
+            seconds = time.perf_counter() - began
+            with lock:
+                figures["parts"][part.name] = _described(found, effort, seconds)
+                if file is not None:
+                    save(figures, file)
+                told(_told(part, found, seconds, _beaten(part, found, best_known)))
+
+    on = cores()
+    queues = [[part for part in parts if SECTIONS[part.section].timed is timed] for timed in (True, False)]
+    if len(on) < 2:
+        queues = [list(parts)]
+    with ThreadPoolExecutor(len(queues)) as lanes:
+        running = [lanes.submit(one_after_the_other, queue, on[-1 - i]) for i, queue in enumerate(queues)]
+        for lane in running:
+            lane.result()
     return figures
 
 
-def _row(index: int, size: Size, kind: str, quick: bool, run: Runner) -> Row:
-    """Measure the product and the yardsticks at one size."""
-    row: Row = {"size": "x".join(map(str, size)), "kind": kind, "ukn": prod(size), "fast": run("fast", size, kind)}
-    for yardstick in ("reference", "ipopt"):
-        within = 1 if quick else YARDSTICK_SIZES[yardstick, kind]
-        why = "left out by --quick" if quick else "takes longer than this benchmark may"
-        row[yardstick] = run(yardstick, size, kind) if index < within else {"skipped": why}
-    return row | {"ratios": _ratios(row)}
+def _beaten(part: Part, found: Row, best_known: Path | None) -> list[str]:
+    """Note values that beat what is known, and return of which instances."""
+    if best_known is None:
+        return []
+    values = values_of(part.section, found.get("figures", {}))
+    return [one.name for one in values if improve(one.name, one.utility_kbps, one.found_by, one.seconds, best_known)]
 
 
-def in_a_process(case: str, size: Size, kind: str, *, quick: bool) -> Row:
-    """Return the figures of one case, or the reason why there are none."""
-    name = "x".join(map(str, size))
-    command = [sys.executable, "-m", "skyfolio.api.lab.bench.child", case, name, kind, *(["--quick"] if quick else [])]
-    timeout_s = QUALITY_TIMEOUT_S if case == "quality" else TIMEOUT_S
+def _described(found: Row, effort: Effort, seconds: float) -> Row:
+    at = datetime.now(UTC).strftime("%Y-%m-%d %H:%M")
+    return {"effort": effort.name, "at": at, "seconds": round(seconds, 1), "machine": machine(), **found}
+
+
+def _told(part: Part, found: Row, seconds: float, better: Sequence[str]) -> str:
+    beaten = f"; better than what was known: {', '.join(better)}" if better else ""
+    return f"{part.name}: {found.get('skipped', 'measured')}, {seconds:.0f} s{beaten}"
+
+
+def in_a_process(part: Part, core: int, effort: Effort) -> Row:
+    """Return the figures of one part, or the reason why there are none."""
+    command = [sys.executable, "-m", "skyfolio.api.lab.bench.child", part.section, text_of(part.size), part.kind]
+    command += ["--effort", effort.name, "--core", str(core)]
     one_thread = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
     try:
         done = subprocess.run(  # noqa: S603 - our own module
-            command, capture_output=True, text=True, timeout=timeout_s, check=True, env={**os.environ, **one_thread}
+            command, capture_output=True, text=True, timeout=TIMEOUT_S, check=True, env={**os.environ, **one_thread}
         )
     except subprocess.TimeoutExpired:
-        return {"skipped": f"not done after {timeout_s:.0f} s"}
+        return {"skipped": f"not done after {TIMEOUT_S:.0f} s"}
     except subprocess.CalledProcessError as error:
         return {"skipped": (error.stderr.strip().splitlines() or ["failed"])[-1]}
-    figures: Row = json.loads(done.stdout)
-    return figures
-
-
-def _ratios(row: Row) -> Row:
-    """Return each yardstick's processor time over ours, and by how much our utility is above its."""
-    ratios: Row = {}
-    for yardstick in ("reference", "ipopt"):
-        for what in ("plan", "replan"):
-            theirs, ours = row[yardstick].get(what), row["fast"].get(what)
-            if theirs and ours:
-                ratios[f"{yardstick}_{what}_time"] = theirs["cpu_p50_ms"] / ours["cpu_p50_ms"]
-                ratios[f"{yardstick}_{what}_utility"] = ours["utility_kbps"] / theirs["utility_kbps"] - 1
-    return ratios
-
-
-def _growth(rows: list[Row], kind: str) -> Row:
-    """Return the exponent of time against U K N, by least squares over the sizes on logarithmic axes."""
-    mine = [row for row in rows if row["kind"] == kind and "plan" in row["fast"]]
-    if len(mine) < 2:
-        return {}
-    size = np.log([row["ukn"] for row in mine])
-    return {
-        f"{what}_exponent": float(np.polyfit(size, np.log([row["fast"][what]["cpu_p50_ms"] for row in mine]), 1)[0])
-        for what in ("plan", "replan")
-    }
-
-
-def targets(figures: Row) -> list[Row]:
-    """Return the targets beside the measurements; times as processor time, which on an idle core is the time."""
-    rows: list[Row] = []
-    for row in figures["rows"]:
-        if "plan" not in row["fast"]:
-            continue
-        slack = 1.0 if row["kind"] == "sum" else 10.0
-        name = f"{row['size']} {row['kind']}"
-        for what, key, limits in (("cold plan", "plan", COLD_MS), ("replan", "replan", REPLAN_MS)):
-            if row["size"] in limits:
-                measured, limit = row["fast"][key]["cpu_p50_ms"], slack * limits[row["size"]]
-                rows.append(_at_most(f"{name}: {what}, ms", measured, limit))
-        if row["kind"] == "sum":
-            rows += _against_yardsticks(name, row)
-    for kind, growth in figures["growth"].items():
-        if growth:
-            rows.append(_at_most(f"{kind}: exponent of cold plan time", growth["plan_exponent"], 1.1))
-    proven = figures["proof"]["sum"]
-    if "root_gap_mean" in proven:
-        rows.append(_at_most("sum: root gap at the letter's size", proven["root_gap_mean"], 0.25))
-        rows.append(_at_most("sum: gap after branch and bound", proven["gap_mean"], 0.05))
-    return rows
-
-
-def _against_yardsticks(name: str, row: Row) -> list[Row]:
-    rows, ratios = [], row["ratios"]
-    if "reference_plan_time" in ratios:
-        rows.append(_at_least(f"{name}: times faster than the reference path", ratios["reference_plan_time"], 1000.0))
-        rows.append(_at_least(f"{name}: utility over the reference path's", ratios["reference_plan_utility"], 0.0))
-    if "ipopt_plan_time" in ratios and row["size"] != "3x9x20":
-        rows.append(_at_least(f"{name}: times faster than IPOPT", ratios["ipopt_plan_time"], 50.0))
-        rows.append(_at_least(f"{name}: utility over IPOPT's", ratios["ipopt_plan_utility"], -0.001))
-    if "plan_starts" in row["fast"]:
-        starts = row["fast"]["plan_starts"]
-        rows.append(_at_most(f"{name}: {starts['starts']} starts, ms", starts["cpu_p50_ms"], 30.0))
-        if "best_of" in row["ipopt"]:
-            best = row["ipopt"]["best_of"]
-            over = starts["utility_kbps"] / best["utility_kbps"] - 1
-            rows.append(_at_least(f"{name}: multi-start over the best of {best['starts']} IPOPT starts", over, -0.005))
-    return rows
-
-
-def _at_most(what: str, measured: float, limit: float) -> Row:
-    return {"what": what, "measured": measured, "at_most": limit, "met": measured <= limit}
-
-
-def _at_least(what: str, measured: float, limit: float) -> Row:
-    return {"what": what, "measured": measured, "at_least": limit, "met": measured >= limit}
+    found: Row = json.loads(done.stdout)
+    return found
