@@ -51,6 +51,8 @@ def planner(
 
     if quick and full:
         raise UsageError("--quick, --full: give one of them")
+    if out is not None and not out.absolute().parent.is_dir():
+        raise UsageError(f"--out: there is no folder {out.absolute().parent}")
     effort = QUICK if quick else FULL if full else DEFAULT
     known = best_known.FILE if not quick and best_known.FILE.parent.is_dir() else None
     try:

@@ -2,6 +2,8 @@
 
 import asyncio
 import json
+import signal
+import subprocess
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -182,6 +184,38 @@ def test_figures_are_kept_as_soon_as_a_part_is_measured(tmp_path: Path) -> None:
     assert set(load_figures(file)["parts"]) == {first.name}
 
 
+def test_an_interrupted_part_is_no_figure_and_no_other_part_begins(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    started: list[str] = []
+
+    def interrupted(command: list[str], **_: Any) -> None:
+        started.append(command[3])
+        raise subprocess.CalledProcessError(-signal.SIGINT, command, stderr="")
+
+    monkeypatch.setattr(subprocess, "run", interrupted)
+    file = tmp_path / "planner.json"
+    timed = [Part("quality", size, "sum") for size in TINY]
+    with pytest.raises(KeyboardInterrupt):
+        measure(timed, LITTLE, file=file)
+    assert started == ["quality"]
+    assert load_figures(file) == {"parts": {}}
+
+
+def test_what_is_timed_has_a_core_for_itself_where_there_are_two(monkeypatch: pytest.MonkeyPatch) -> None:
+    timed, other = Part("quality", TINY[0], "sum"), Part("bound", TINY[0], "sum")
+    for there_are, lanes in (([0, 1, 2], {2: [timed], 1: [other]}), ([5], {5: [timed, other]})):
+        monkeypatch.setattr(planner, "cores", lambda given=there_are: given)
+        ran: set[tuple[int, Part]] = set()
+
+        def noted(part: Part, core: int, ran: set[tuple[int, Part]] = ran) -> dict[str, Any]:
+            ran.add((core, part))
+            return {}
+
+        measure([timed, other], LITTLE, run=noted)
+        assert ran == {(core, part) for core, queue in lanes.items() for part in queue}
+
+
 def test_a_file_of_something_else_is_refused_and_left_as_it_is(tmp_path: Path) -> None:
     file = tmp_path / "planner.json"
     file.write_text('{"rows": []}')
@@ -220,6 +254,8 @@ def test_the_command_names_what_is_wrong_and_says_how_far_it_is(
     assert len(load_figures(out)["parts"]) == 3
     with pytest.raises(UsageError, match="--quick, --full: give one of them"):
         bench.planner(quick=True, full=True)
+    with pytest.raises(UsageError, match="--out: there is no folder"):
+        bench.planner(quick=True, out=tmp_path / "nowhere" / "planner.json")
     with pytest.raises(UsageError, match="section: 'speed' must be one of"):
         bench.planner(section=["speed"])
 

@@ -7,14 +7,15 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from datetime import UTC, datetime
 from pathlib import Path
-from threading import Lock
+from threading import Event, Lock
 from typing import TypeAlias
 
 from skyfolio.api.lab.bench.best_known import improve
@@ -45,10 +46,12 @@ def measure(
     a process of its own. told: called with progress.
     """
     run = run or (lambda part, core: in_a_process(part, core, effort))
-    figures, lock = load(file), Lock()
+    figures, lock, halted = load(file), Lock(), Event()
 
     def one_after_the_other(queue: Sequence[Part], core: int) -> None:
         for part in queue:
+            if halted.is_set():
+                return
             began = time.perf_counter()
             found = run(part, core)
             seconds = time.perf_counter() - began
@@ -58,15 +61,22 @@ def measure(
                     save(figures, file)
                 told(_told(part, found, seconds, _beaten(part, found, best_known)))
 
-    on = cores()
-    queues = [[part for part in parts if SECTIONS[part.section].timed is timed] for timed in (True, False)]
-    if len(on) < 2:
-        queues = [list(parts)]
-    with ThreadPoolExecutor(len(queues)) as lanes:
-        running = [lanes.submit(one_after_the_other, queue, on[-1 - i]) for i, queue in enumerate(queues)]
-        for lane in running:
-            lane.result()
+    lanes = _lanes(parts)
+    with ThreadPoolExecutor(len(lanes)) as threads:
+        running = [threads.submit(one_after_the_other, queue, core) for core, queue in lanes.items()]
+        try:
+            for lane in as_completed(running):
+                lane.result()
+        finally:  # after an interruption no lane begins another part
+            halted.set()
     return figures
+
+
+def _lanes(parts: Sequence[Part]) -> dict[int, list[Part]]:
+    """Return by core what runs there, one part after the other; whatever is timed has a core for itself if it can."""
+    timed, others = ([part for part in parts if SECTIONS[part.section].timed is timed] for timed in (True, False))
+    *rest, last = cores()
+    return {last: timed, rest[-1]: others} if rest else {last: list(parts)}
 
 
 def _beaten(part: Part, found: Row, best_known: Path | None) -> list[str]:
@@ -88,7 +98,7 @@ def _told(part: Part, found: Row, seconds: float, better: Sequence[str]) -> str:
 
 
 def in_a_process(part: Part, core: int, effort: Effort) -> Row:
-    """Return the figures of one part, or the reason why there are none."""
+    """Return the figures of one part, or the reason why there are none. Raises KeyboardInterrupt as its process did."""
     command = [sys.executable, "-m", "skyfolio.api.lab.bench.child", part.section, text_of(part.size), part.kind]
     command += ["--effort", effort.name, "--core", str(core)]
     one_thread = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
@@ -99,6 +109,8 @@ def in_a_process(part: Part, core: int, effort: Effort) -> Row:
     except subprocess.TimeoutExpired:
         return {"skipped": f"not done after {TIMEOUT_S:.0f} s"}
     except subprocess.CalledProcessError as error:
+        if error.returncode == -signal.SIGINT:
+            raise KeyboardInterrupt from error
         return {"skipped": (error.stderr.strip().splitlines() or ["failed"])[-1]}
     found: Row = json.loads(done.stdout)
     return found

@@ -19,7 +19,7 @@ INTRODUCTION = (
     "500 m x sqrt(U/3), starts on a grid, noise -60 dBm where nothing else is said. Everything is at its defaults, on "
     "one core. Times are milliseconds of processor time, p50 of warm calls, mean over layouts: on an idle core that is "
     "the time. A *share* is that of the best value that is known for the instance ([best-known.json](best-known.json): "
-    "each with how it was found, improved when beaten, never lowered). It says that nobody has found better, not that "
+    "each with how it was found, improved when beaten, never lowered). It says that no better one was found, not that "
     "there is nothing better: *searched* is for how many seconds the planner was made to search the instance that was "
     "searched the least, 0 where the best known value is only that of some plan. What can be proven is the *gap*."
 )

@@ -1,4 +1,4 @@
-"""Shares of the best known values: what was measured beside what anybody has found, as far as that is known by now."""
+"""Shares of the best known values: what was measured beside the best that was ever found, as far as known by now."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ REPLAN_SHARE = 0.98
 
 
 def of_quality(figures: Row, known: Table) -> list[Row]:
-    """Return what is asked of plans of fleets, means over the standard layouts; what nobody measured is None."""
+    """Return what is asked of plans of fleets, means over the standard layouts; what was not measured is None."""
     found = [row for size in ASKED for kind in UTILITIES for row in _of_plans(figures, size, kind, known)]
     for size, asked in ASKED.items():
         if "proven" in asked:
