@@ -56,7 +56,10 @@ def quality_markdown(figures: Row, known: Known) -> str:
     """Return the page."""
     targets = of_quality(figures, known)
     missed, met, unknown = ([one for one in targets if one["met"] is judged] for judged in (False, True, None))
-    verdict = f"Of {len(targets)} targets {len(met)} are met, {len(missed)} missed and {len(unknown)} not measured."
+    verdict = (
+        f"Of {len(targets)} targets {len(met)} are met, {len(missed)} missed and {len(unknown)} open: not measured "
+    )
+    verdict += "yet, or with best known values of which some were not searched for (a plan is no yardstick for itself)."
     sections = [
         ("Targets", verdict, target_lines([*missed, *met, *unknown])),
         ("Plans and replans", PLANS, _plans(figures, known)),

@@ -33,7 +33,8 @@ def target_lines(targets: list[Row]) -> Lines:
     for one in targets:
         asked = f"<= {one['at_most']:g}" if "at_most" in one else f">= {one['at_least']:g}"
         found = "-" if one["measured"] is None else f"{one['measured']:.4g}"
-        lines.append([one["what"], found, asked, {None: "not measured", True: "yes", False: "**no**"}[one["met"]]])
+        unknown = "not measured" if one["measured"] is None else "not searched"
+        lines.append([one["what"], found, asked, {None: unknown, True: "yes", False: "**no**"}[one["met"]]])
     return lines
 
 
