@@ -383,7 +383,7 @@ def test_the_quality_page_shows_every_section_and_says_what_is_missed() -> None:
         "| 10x100x50 sum: share of best known | 0.9 | >= 0.99 | **no** |",
         "| 10x100x50 sum: `replan()` after a loss, ms | 31 | <= 30 | **no** |",
         "| 10x100x50 sum: gap with the plan | 0.1 | <= 0.2 | yes |",
-        "| 10x100x50 sum: gap of `skyfolio bound` in a minute | 0.07 | <= 0.08 | yes |",
+        "| 10x100x50 sum: gap of `skyfolio bound` in a minute, layouts: 1 | 0.07 | <= 0.08 | yes |",
         "| 10x100x50 | sum | 0 | -60 | 1 | 90.00% (90.00%) | 60 | 100 (100) | 10.0% (10.0%) | 31 (31) | 100.00% ",
         "| 10x100x50 | sum | 0 | -80 | 1 | 100.00% (100.00%) | 0 |",
         "| 10x100x50 | sum | 1 | 90.00% | 10x | 95.00% | 100 |",
