@@ -403,8 +403,10 @@ def test_best_known_values_are_improved_when_beaten_and_never_lowered(tmp_path: 
     assert improve(one.name, 10.0, "first", 1.0, file)
     assert not improve(one.name, 9.0, "worse", 1.0, file)
     assert not improve(one.name, 10.0, "the same", 1.0, file)
+    assert improve("another", 218.1234564, "first", 1.0, file)
+    assert not improve("another", 218.1234564, "the same, though the file has six decimals", 1.0, file)
     assert improve(one.name, 11.0, "better", 2.0, file)
-    assert load(file) == {one.name: {"utility_kbps": 11.0, "found_by": "better", "seconds": 2.0}}
+    assert load(file)[one.name] == {"utility_kbps": 11.0, "found_by": "better", "seconds": 2.0}
 
 
 def test_no_value_is_lost_when_several_note_them_at_once(tmp_path: Path) -> None:
