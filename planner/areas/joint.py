@@ -1,0 +1,161 @@
+"""The whole fleet: what its paths are worth, and what an area's problem is cut out of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from skyfolio.planner.areas.blocks import AreaProblem, Link, Outside, Task
+from skyfolio.planner.areas.partition import Area, cut
+from skyfolio.planner.arrays import Array
+from skyfolio.planner.fast import linked, served_rates_bps
+from skyfolio.planner.feasibility import MIN_RATE_ROUNDING
+from skyfolio.planner.problem import Problem
+from skyfolio.planner.solution import Solution
+from skyfolio.planner.utility import utility_kbps
+
+Ints: TypeAlias = NDArray[np.int64]
+Runner: TypeAlias = Callable[[Sequence[Task]], list[Solution | None]]
+"""Runs tasks anywhere, and returns what each found, in order: None for those that it had no time for."""
+LOOKS = (0.0, 0.15, 0.5, 1.0)
+"""When it is looked at who is near whom, as shares of the plan."""
+LATE = 0.9
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A plan of the whole fleet: its solution, rates (K, N), how many minimum rates it misses, and its utility."""
+
+    solution: Solution
+    rates_kbps: Array
+    unmet: int
+    utility_kbps: float
+
+    @property
+    def rank(self) -> tuple[int, float]:
+        """Greater is better."""
+        return -self.unmet, self.utility_kbps
+
+
+def joint_of(problem: Problem, paths_m: Array, run: Runner) -> Joint:
+    """Return what flyable paths (U, N, 2) are worth, with links made for the whole fleet.
+
+    For `sum` without minimum rates they are the best there are. Else each user belongs to one area, whose UAVs alone
+    can serve it, and areas make their links apart.
+    """
+    if is_assignment(problem):
+        solution = linked(problem, paths_m)
+    else:
+        solution = _linked_by_areas(problem, paths_m, run)
+    return worth(problem, solution)
+
+
+def is_assignment(problem: Problem) -> bool:
+    """Return whether links are a linear assignment in each slot."""
+    return (problem.kind == "sum" or problem.mu == 0.0) and not (problem.min_kbps > 0.0).any()
+
+
+def worth(problem: Problem, solution: Solution) -> Joint:
+    """Return the solution with its rates, eqs. (1)-(4), and what they are worth."""
+    rates_kbps = served_rates_bps(problem, solution) / 1e3
+    unmet = int((rates_kbps < problem.min_kbps[:, None] * (1.0 - MIN_RATE_ROUNDING)).sum())
+    utility = utility_kbps(problem.counted_kbps(rates_kbps), problem.kind, problem.mu)
+    return Joint(solution, rates_kbps, unmet, utility)
+
+
+def bound_for_m(problem: Problem, paths_m: Array) -> Array:
+    """Return where UAVs are late in their flights, (U, 2) metres."""
+    late = (LATE * (np.minimum(problem.n_flying, problem.n_slots) - 1)).astype(int)
+    return paths_m[np.arange(problem.n_uavs), late]
+
+
+def nearest_uavs(problem: Problem, paths_m: Array) -> Ints:
+    """Return which UAV is nearest to each user, at a few moments: (K, L)."""
+    moments = {int(share * (problem.n_slots - 1)) for share in LOOKS}
+    near = []
+    for n in sorted(moments):
+        flying = np.flatnonzero(problem.flying[:, n])
+        near.append(flying[KDTree(paths_m[flying, n]).query(problem.user_m)[1]])
+    return np.stack(near, axis=1)
+
+
+def users_around(problem: Problem, joint: Joint, near: Ints, area: Area) -> Ints:
+    """Return the users who matter to an area: those nearest to one of its UAVs at some moment, or served by one.
+
+    Who is served more by UAVs that are not in its problem is left to those.
+    """
+    inside = np.zeros(problem.n_uavs, dtype=bool)
+    inside[area.uavs] = True
+    hertz = joint.solution.bandwidth_hz
+    by_us = inside[joint.solution.serving]
+    ours, theirs = (hertz * by_us).sum(axis=1), (hertz * ~by_us).sum(axis=1)
+    wanted = ((ours > 0.0) | inside[near].any(axis=1)) & (ours >= theirs)
+    return np.flatnonzero(wanted)
+
+
+def area_problem(problem: Problem, joint: Joint, area: Area, users: Ints) -> AreaProblem:
+    """Return the problem of an area and these users, with the others on the paths of `joint`."""
+    uavs, paths_m = area.uavs, joint.solution.paths_m
+    others = np.setdiff1d(np.arange(problem.n_uavs), uavs)
+    alike = problem.snr_gain[:, 0]
+    pinned = paths_m[uavs].copy()
+    pinned[: len(area.own)] = np.nan
+    inner = replace(
+        problem,
+        start_m=problem.start_m[uavs],
+        user_m=problem.user_m[users],
+        step_m=problem.step_m[uavs],
+        altitude_m=problem.altitude_m[uavs],
+        bandwidth_hz=problem.bandwidth_hz[uavs],
+        snr_gain=alike[uavs][:, None],
+        past_kbps=_past(problem, users),
+        n_flying=problem.n_flying[uavs],
+        end_m=problem.end_m[uavs],
+        min_kbps=problem.min_kbps[users],
+        pinned_m=pinned if len(area.around) else np.zeros((0, 0, 2)),
+    )
+    rest = np.delete(joint.rates_kbps, users, axis=0)
+    counted = np.delete(problem.counted_kbps(joint.rates_kbps), users, axis=0)
+    decayed = float(np.nansum(np.exp(problem.mu * counted))) if problem.kind == "pooled" and problem.mu < 0.0 else 0.0
+    outside = Outside(
+        gain=alike[others],
+        paths_m=paths_m[others],
+        altitude_m=problem.altitude_m[others],
+        sum_kbps=rest.sum(axis=0),
+        decayed=decayed,
+    )
+    return AreaProblem(problem=inner, outside=outside)
+
+
+def _past(problem: Problem, users: Ints) -> Array:
+    """Return the past of these users; for `sum` past slots only add a constant inside the logarithm."""
+    return problem.past_kbps[users] if problem.kind != "sum" else np.zeros((len(users), 0))
+
+
+def _linked_by_areas(problem: Problem, paths_m: Array, run: Runner) -> Solution:
+    """Return the links of areas apart, put together; each user belongs to the area of the UAV that is nearest most."""
+    areas = [replace(area, around=np.zeros(0, dtype=np.int64)) for area in cut(bound_for_m(problem, paths_m))]
+    area_of = np.empty(problem.n_uavs, dtype=np.int64)
+    for number, area in enumerate(areas):
+        area_of[area.own] = number
+    near = area_of[nearest_uavs(problem, paths_m)]
+    owner = np.array([np.bincount(row).argmax() for row in near])
+    shape = (problem.n_users, problem.n_slots)
+    blank = Solution(paths_m, np.zeros(shape, dtype=np.int64), np.zeros(shape), [])
+    nobody = Joint(blank, np.zeros(shape), 0, 0.0)
+    members = [(area, np.flatnonzero(owner == number)) for number, area in enumerate(areas)]
+    members = [(area, users) for area, users in members if len(users)]
+    tasks = [
+        Link(area=area_problem(problem, nobody, area, users), paths_m=paths_m[area.own]) for area, users in members
+    ]
+    for (area, users), found in zip(members, run(tasks), strict=True):
+        if found is None:
+            raise RuntimeError("areas: links were not made")
+        blank.serving[users] = area.own[found.serving[: len(users)]]
+        blank.bandwidth_hz[users] = found.bandwidth_hz[: len(users)]
+    return blank

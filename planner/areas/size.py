@@ -1,0 +1,14 @@
+"""When a fleet is planned by areas, and what cannot be."""
+
+from __future__ import annotations
+
+from skyfolio.planner.scenario import Scenario
+
+MOST_AT_ONCE = 20_000_000
+"""U K N up to which a fleet is planned at once."""
+
+
+def is_large(scenario: Scenario) -> bool:
+    """Return whether the scenario is planned by areas unless another method is named."""
+    cells = len(scenario.uavs) * len(scenario.users) * scenario.slots
+    return cells > MOST_AT_ONCE and scenario.channel.fading == "mean"
