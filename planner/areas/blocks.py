@@ -12,8 +12,9 @@ the same.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,12 +36,14 @@ FAR_M = 1e7
 class Outside:
     """What flies outside an area: gain (V, N) m^2, paths_m (V, N, 2), altitude_m (V,).
 
-    sum_kbps: (N,), the sum rate of the users that are not in the area's problem. decayed: their sum of exp(mu rate).
+    serves: (K, N), when one of these serves the area's users, who cannot have another UAV then. sum_kbps: (N,), the sum
+    rate of all links that are not the area's. decayed: of the users not in its problem the sum of exp(mu rate).
     """
 
     gain: Array
     paths_m: Array
     altitude_m: Array
+    serves: NDArray[np.bool_]
     sum_kbps: Array
     decayed: float
 
@@ -56,7 +59,7 @@ class AreaProblem:
         """Return the problem with everything outside in it."""
         problem, outside = self.problem, self.outside
         noise = heard(outside.gain, outside.paths_m, outside.altitude_m, problem.user_m)
-        made = replace(problem, snr_gain=problem.snr_gain / noise[None])
+        made = replace(problem, snr_gain=problem.snr_gain / noise[None] * ~outside.serves[None])
         if problem.mu == 0.0 or problem.kind == "per_user":
             return made
         return _with_rest(made, outside.sum_kbps) if problem.kind == "sum" else _with_users(made, outside.decayed)
@@ -65,9 +68,13 @@ class AreaProblem:
 class Task(Protocol):
     """Something to do for an area, that needs nothing but itself, and can be sent to another process."""
 
-    def run(self, stop: StoppingRule) -> Solution | None:
+    def run(self, stop: StoppingRule) -> Any:
         """Return what comes of it; None for nothing better."""
         ...
+
+
+Runner: TypeAlias = Callable[[Sequence[Task]], list[Any]]
+"""Runs tasks anywhere, and returns what each found, in order: None for those that it had no time for."""
 
 
 @dataclass(frozen=True, kw_only=True)

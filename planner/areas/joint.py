@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
@@ -10,21 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from skyfolio.planner.areas.blocks import AreaProblem, Link, Outside, Task
+from skyfolio.planner.areas.blocks import AreaProblem, Link, Outside, Runner
+from skyfolio.planner.areas.matching import Match
 from skyfolio.planner.areas.partition import Area, cut
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.fast import linked, served_rates_bps
+from skyfolio.planner.fast import served_rates_bps
 from skyfolio.planner.feasibility import MIN_RATE_ROUNDING
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.solution import Solution
 from skyfolio.planner.utility import utility_kbps
 
 Ints: TypeAlias = NDArray[np.int64]
-Runner: TypeAlias = Callable[[Sequence[Task]], list[Solution | None]]
-"""Runs tasks anywhere, and returns what each found, in order: None for those that it had no time for."""
 LOOKS = (0.0, 0.15, 0.5, 1.0)
 """When it is looked at who is near whom, as shares of the plan."""
 LATE = 0.9
+PARTS = 8
+"""Tasks that links are made in."""
 
 
 @dataclass(frozen=True)
@@ -45,14 +45,11 @@ class Joint:
 def joint_of(problem: Problem, paths_m: Array, run: Runner) -> Joint:
     """Return what flyable paths (U, N, 2) are worth, with links made for the whole fleet.
 
-    For `sum` without minimum rates they are the best there are. Else each user belongs to one area, whose UAVs alone
-    can serve it, and areas make their links apart.
+    For `sum` without minimum rates they are the best there are to users near each UAV. Else each user belongs to one
+    area, whose UAVs alone can serve it, and areas make their links apart.
     """
-    if is_assignment(problem):
-        solution = linked(problem, paths_m)
-    else:
-        solution = _linked_by_areas(problem, paths_m, run)
-    return worth(problem, solution)
+    made = _matched if is_assignment(problem) else _linked_by_areas
+    return worth(problem, made(problem, paths_m, run))
 
 
 def is_assignment(problem: Problem) -> bool:
@@ -85,17 +82,17 @@ def nearest_uavs(problem: Problem, paths_m: Array) -> Ints:
 
 
 def users_around(problem: Problem, joint: Joint, near: Ints, area: Area) -> Ints:
-    """Return the users who matter to an area: those nearest to one of its UAVs at some moment, or served by one.
+    """Return the users who matter to an area: those nearest to one of its own UAVs at some moment, or served by one of its problem.
 
-    Who is served more by UAVs that are not in its problem is left to those.
+    Where links are no assignment, who is served more by UAVs that are not in its problem is left to those.
     """
-    inside = np.zeros(problem.n_uavs, dtype=bool)
-    inside[area.uavs] = True
+    inside, own = np.zeros(problem.n_uavs, dtype=bool), np.zeros(problem.n_uavs, dtype=bool)
+    inside[area.uavs] = own[area.own] = True
     hertz = joint.solution.bandwidth_hz
     by_us = inside[joint.solution.serving]
     ours, theirs = (hertz * by_us).sum(axis=1), (hertz * ~by_us).sum(axis=1)
-    wanted = ((ours > 0.0) | inside[near].any(axis=1)) & (ours >= theirs)
-    return np.flatnonzero(wanted)
+    wanted = (ours > 0.0) | own[near].any(axis=1)
+    return np.flatnonzero(wanted if is_assignment(problem) else wanted & (ours >= theirs))
 
 
 def area_problem(problem: Problem, joint: Joint, area: Area, users: Ints) -> AreaProblem:
@@ -119,14 +116,18 @@ def area_problem(problem: Problem, joint: Joint, area: Area, users: Ints) -> Are
         min_kbps=problem.min_kbps[users],
         pinned_m=pinned if len(area.around) else np.zeros((0, 0, 2)),
     )
-    rest = np.delete(joint.rates_kbps, users, axis=0)
+    serves = (joint.solution.bandwidth_hz[users] > 0.0) & np.isin(joint.solution.serving[users], others)
+    if not is_assignment(problem):
+        serves[:] = False
+    rest_kbps = joint.rates_kbps.sum(axis=0) - (joint.rates_kbps[users] * ~serves).sum(axis=0)
     counted = np.delete(problem.counted_kbps(joint.rates_kbps), users, axis=0)
     decayed = float(np.nansum(np.exp(problem.mu * counted))) if problem.kind == "pooled" and problem.mu < 0.0 else 0.0
     outside = Outside(
         gain=alike[others],
         paths_m=paths_m[others],
         altitude_m=problem.altitude_m[others],
-        sum_kbps=rest.sum(axis=0),
+        serves=serves,
+        sum_kbps=rest_kbps,
         decayed=decayed,
     )
     return AreaProblem(problem=inner, outside=outside)
@@ -135,6 +136,23 @@ def area_problem(problem: Problem, joint: Joint, area: Area, users: Ints) -> Are
 def _past(problem: Problem, users: Ints) -> Array:
     """Return the past of these users; for `sum` past slots only add a constant inside the logarithm."""
     return problem.past_kbps[users] if problem.kind != "sum" else np.zeros((len(users), 0))
+
+
+def _matched(problem: Problem, paths_m: Array, run: Runner) -> Solution:
+    """Return the links of all slots, some slots a task."""
+    slots = [part for part in np.array_split(np.arange(problem.n_slots), PARTS) if len(part)]
+    tasks = [
+        Match(
+            gain=problem.snr_gain[:, 0, part],
+            paths_m=paths_m[:, part],
+            altitude_m=problem.altitude_m,
+            bandwidth_hz=problem.bandwidth_hz,
+            user_m=problem.user_m,
+        )
+        for part in slots
+    ]
+    found = run(tasks)
+    return Solution(paths_m, *(np.concatenate(tables, axis=1) for tables in zip(*found, strict=True)), [])
 
 
 def _linked_by_areas(problem: Problem, paths_m: Array, run: Runner) -> Solution:

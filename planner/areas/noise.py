@@ -1,4 +1,4 @@
-"""What users hear from UAVs that are not in an area's problem: noise that differs from user to user and slot to slot."""
+"""What users hear from UAVs outside an area: noise that differs from user to user and from slot to slot."""
 
 from __future__ import annotations
 

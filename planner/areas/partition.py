@@ -14,7 +14,7 @@ from skyfolio.planner.arrays import Array
 Ints: TypeAlias = NDArray[np.int64]
 MOST = 16
 """UAVs in an area."""
-NEIGHBOURS = 1.0
+NEIGHBOURS = 1.5
 """UAVs around an area that are in its problem with pinned paths, for each of its own."""
 TURN = 0.6
 """Radians: each cut into areas is turned by so much against the last, so that borders lie elsewhere."""
@@ -34,21 +34,21 @@ class Area:
 
 
 def cut(places_m: Array, *, turn: int = 0, most: int = MOST) -> list[Area]:
-    """Return areas of at most `most` UAVs by where they hover, (U, 2) metres: halved along the longer side."""
+    """Return areas of at most `most` UAVs by where they hover, (U, 2) metres: as equal as can be."""
     angle = TURN * turn
     turned = places_m @ np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    owners = _halved(turned, np.arange(len(places_m)), most)
+    owners = _split(turned, np.arange(len(places_m)), -(-len(places_m) // most))
     tree = KDTree(places_m)
     return [Area(own, _around(tree, places_m, own)) for own in owners]
 
 
-def _halved(at: Array, uavs: Ints, most: int) -> list[Ints]:
-    if len(uavs) <= most:
+def _split(at: Array, uavs: Ints, parts: int) -> list[Ints]:
+    if parts == 1:
         return [np.sort(uavs)]
     axis = int(np.argmax(np.ptp(at[uavs], axis=0)))
     ranked = uavs[np.argsort(at[uavs, axis], kind="stable")]
-    half = len(ranked) // 2
-    return [*_halved(at, ranked[:half], most), *_halved(at, ranked[half:], most)]
+    first = len(ranked) * (parts // 2) // parts
+    return [*_split(at, ranked[:first], parts // 2), *_split(at, ranked[first:], parts - parts // 2)]
 
 
 def _around(tree: KDTree, places_m: Array, own: Ints) -> Ints:
@@ -67,17 +67,13 @@ def _around(tree: KDTree, places_m: Array, own: Ints) -> Ints:
 
 
 def waves(areas: list[Area]) -> list[list[Area]]:
-    """Return the areas in groups to be planned at the same time: nobody's own UAVs are in another's problem."""
+    """Return the areas in groups to be planned at the same time: no UAV is in two problems of a group."""
     groups: list[list[Area]] = []
     for area in areas:
         for group in groups:
-            if not any(_touch(area, other) for other in group):
+            if not any(np.isin(area.uavs, other.uavs).any() for other in group):
                 group.append(area)
                 break
         else:
             groups.append([area])
     return groups
-
-
-def _touch(a: Area, b: Area) -> bool:
-    return bool(np.isin(a.own, b.uavs).any() or np.isin(b.own, a.uavs).any())

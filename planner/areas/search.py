@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
-from skyfolio.planner.areas.blocks import Improve, Task
+from skyfolio.planner.areas.blocks import AreaProblem, Improve, Runner, Task
 from skyfolio.planner.areas.joint import (
     Ints,
     Joint,
-    Runner,
     area_problem,
     bound_for_m,
     joint_of,
@@ -21,26 +21,25 @@ from skyfolio.planner.areas.joint import (
     worth,
 )
 from skyfolio.planner.areas.partition import Area, cut, waves
-from skyfolio.planner.areas.sketch import sketched
-from skyfolio.planner.areas.together import clashing
+from skyfolio.planner.areas.sketch import REGION, Place, coarse_places
+from skyfolio.planner.areas.together import together
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.fast.arena import arena_of, plain
+from skyfolio.planner.fast.arena import Arena, arena_of, plain
 from skyfolio.planner.fast.blocked import who_is_blocked
 from skyfolio.planner.fast.routes import with_routes
 from skyfolio.planner.fast.seeds import bound_for, flown, hovering
 from skyfolio.planner.plans import Iteration
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.solution import Observer, Solution, ignore
-from skyfolio.planner.stopping import MaxIterations, StoppingRule
+from skyfolio.planner.stopping import StoppingRule
 from skyfolio.planner.unreachable import UnreachableEndError
 
 ROUNDS = 3
-LEAST_GAIN = 2e-3
+LEAST_GAIN = 1e-3
 """Relative: a round that gains less is the last one."""
 FIRST_STARTS, STARTS = 4, 2
 """Starts of each area in the first round and in each of the others, unless the caller says otherwise."""
-PASSES = 50
-"""Of a climb in an area, at most."""
+NOBODY = np.zeros(0, dtype=np.int64)
 
 
 @dataclass
@@ -63,7 +62,7 @@ class Search:
         """Keep a plan if it is better than the best; return whether it is."""
         if self.best is not None and joint.rank <= self.best.rank:
             return False
-        if self.best is not None and joint.unmet < self.best.unmet:
+        if self.best is not None and joint.utility_kbps < self.best.utility_kbps:
             self.history.clear()  # more minimum rates are met now: another count begins
         self.best = joint
         number = len(self.history) + 1
@@ -83,7 +82,7 @@ def optimise(
     *,
     n_starts: int | None = None,
     seed: int = 0,
-    run: Callable[[Sequence[Task]], list[Solution | None]] | None = None,
+    run: Runner | None = None,
 ) -> Solution:
     """Return the best plan that rounds over the areas find from a sketch, or from `start_m`, (U, N, 2) metres.
 
@@ -108,13 +107,8 @@ def _require_able(problem: Problem) -> None:
         raise ValueError("pins: the method 'areas' keeps no pins")
 
 
-def _one_by_one(stop: StoppingRule, tasks: Sequence[Task]) -> list[Solution | None]:
-    return [task.run(_within(stop)) for task in tasks]
-
-
-def _within(stop: StoppingRule) -> StoppingRule:
-    """Return the rule for the climbs of an area: the caller's."""
-    return stop
+def _one_by_one(stop: StoppingRule, tasks: Sequence[Task]) -> list[Any]:
+    return [task.run(stop) for task in tasks]
 
 
 def _first_paths(search: Search, start_m: Array | None) -> Array:
@@ -124,11 +118,37 @@ def _first_paths(search: Search, start_m: Array | None) -> Array:
     if start_m is not None:
         path = flown(arena, plain(start_m.transpose(1, 2, 0)), chase=True)
     else:
-        path = bound_for(arena, plain(sketched(problem, search.seed, search.interrupted).T))
+        path = _sketched(search, arena)
     path = hovering(arena) if path is None else path
     if path is None:
         raise UnreachableEndError(who_is_blocked(problem))
     return np.ascontiguousarray(path.transpose(2, 0, 1))
+
+
+def _sketched(search: Search, arena: Arena) -> Array | None:
+    """Return straight flights (N, 2, U) to places that are good for each region, None where they cannot be flown."""
+    problem = search.problem
+    places_m = coarse_places(problem, search.seed, search.interrupted)
+    path = bound_for(arena, plain(places_m.T))
+    if path is None or search.interrupted():
+        return path
+    blank = np.zeros((problem.n_users, problem.n_slots))
+    paths_m = np.ascontiguousarray(path.transpose(2, 0, 1))
+    coarse = Joint(Solution(paths_m, blank.astype(np.int64), blank, []), blank, 0, 0.0)
+    regions = [replace(area, around=NOBODY) for area in cut(places_m, most=REGION)]
+    near = nearest_uavs(problem, paths_m)
+    tasks, members = [], []
+    for region in regions:
+        users = np.flatnonzero(np.isin(near, region.own).any(axis=1))
+        if len(users):
+            inner = area_problem(problem, coarse, region, users)
+            tasks.append(Place(area=inner, given_m=places_m[region.own], seed=search.seed))
+            members.append(region)
+    for region, found in zip(members, search.run(tasks), strict=True):
+        if found is not None:
+            places_m[region.own] = found
+    finer = bound_for(arena, plain(places_m.T))
+    return path if finer is None else finer
 
 
 def _round(search: Search, number: int, n_starts: int) -> bool:
@@ -137,52 +157,45 @@ def _round(search: Search, number: int, n_starts: int) -> bool:
     before, problem = search.best, search.problem
     areas = cut(bound_for_m(problem, before.solution.paths_m), turn=number)
     near = nearest_uavs(problem, before.solution.paths_m)
-    now = before
     for wave in waves(areas):
         if search.interrupted():
-            break
-        now = _wave(search, now, wave, near, n_starts, seed=search.seed + number)
-    if now is before:
-        return False
-    after = joint_of(problem, now.solution.paths_m, search.run)
-    if not search.take(after):
-        return False
+            return False
+        _wave(search, wave, near, n_starts, search.seed + number)
+    after = search.best
+    if after is not before and not search.interrupted():
+        search.take(joint_of(problem, after.solution.paths_m, search.run))
+        after = search.best
     gain = after.utility_kbps - before.utility_kbps
     return after.unmet < before.unmet or gain > LEAST_GAIN * abs(before.utility_kbps)
 
 
-def _wave(search: Search, joint: Joint, wave: list[Area], near: Ints, n_starts: int, seed: int) -> Joint:
-    """Return the plan with new paths and links in these areas."""
-    problem, tasks, members = search.problem, [], []
+def _wave(search: Search, wave: list[Area], near: Ints, n_starts: int, seed: int) -> None:
+    """Plan these areas anew at the same time, and keep what makes the whole plan better, area by area."""
+    assert search.best is not None  # noqa: S101 - a round begins from a plan
+    problem, joint = search.problem, search.best
+    asked = []
     for area in wave:
         users = users_around(problem, joint, near, area)
         if len(users):
-            start_m = joint.solution.paths_m[area.uavs]
-            inner = area_problem(problem, joint, area, users)
-            tasks.append(Improve(area=inner, start_m=start_m, n_starts=n_starts, seed=seed))
-            members.append((area, users))
-    found = search.run(tasks)
-    paths_m = joint.solution.paths_m.copy()
-    for (area, _), solution in zip(members, found, strict=True):
-        if solution is not None:
-            paths_m[area.own] = solution.paths_m[: len(area.own)]
-    refused = clashing(problem, joint.solution.paths_m, paths_m, [area.own for area, _ in members])
-    serving, hertz = joint.solution.serving.copy(), joint.solution.bandwidth_hz.copy()
-    for number, ((area, users), solution) in enumerate(zip(members, found, strict=True)):
-        if solution is None:
-            continue
-        if number in refused:
-            paths_m[area.own] = joint.solution.paths_m[area.own]
-            continue
-        _relink(area, users, solution, serving, hertz)
-    return worth(problem, replace(joint.solution, paths_m=paths_m, serving=serving, bandwidth_hz=hertz))
+            asked.append((area, users, area_problem(problem, joint, area, users)))
+    paths_m = joint.solution.paths_m
+    tasks = [Improve(area=one, start_m=paths_m[area.uavs], n_starts=n_starts, seed=seed) for area, _, one in asked]
+    for (area, users, inner), found in zip(asked, search.run(tasks), strict=True):
+        if found is not None:
+            changed = _with_area(search.best.solution, area, users, inner, found)
+            if together(problem, changed.paths_m, area.own):
+                search.take(worth(problem, changed))
 
 
-def _relink(area: Area, users: Ints, solution: Solution, serving: Ints, hertz: Array) -> None:
-    """Write an area's links into those of all; they may clash with others until the whole fleet is linked anew."""
-    rows = slice(0, len(users))
-    serving[users] = area.uavs[np.minimum(solution.serving[rows], len(area.uavs) - 1)]
-    hertz[users] = solution.bandwidth_hz[rows]
+def _with_area(whole: Solution, area: Area, users: Ints, inner: AreaProblem, found: Solution) -> Solution:
+    """Return the plan of the whole fleet with an area's new paths and links."""
+    paths_m, serving, hertz = whole.paths_m.copy(), whole.serving.copy(), whole.bandwidth_hz.copy()
+    paths_m[area.own] = found.paths_m[: len(area.own)]
+    rows, ours = slice(0, len(users)), ~inner.outside.serves
+    by = area.uavs[np.minimum(found.serving[rows], len(area.uavs) - 1)]
+    serving[users] = np.where(ours, by, serving[users])
+    hertz[users] = np.where(ours, found.bandwidth_hz[rows], hertz[users])
+    return replace(whole, paths_m=paths_m, serving=serving, bandwidth_hz=hertz)
 
 
 def _solution(joint: Joint, history: list[Iteration]) -> Solution:

@@ -1,28 +1,62 @@
-"""Where the whole fleet hovers to begin with: the default method's sketches, for some of the users."""
+"""Where everybody hovers to begin with: coarsely for the whole fleet, then finely, region by region.
+
+Both are the default method's sketches. The coarse ones look at a few users and settle who goes to which part of the
+area; the fine ones look at many, with the other regions' UAVs on the flights of the coarse sketch.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from skyfolio.planner.areas.blocks import AreaProblem
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.fast.arena import arena_of
+from skyfolio.planner.fast.arena import arena_of, plain
 from skyfolio.planner.fast.placement import Effort, places
 from skyfolio.planner.problem import Problem
+from skyfolio.planner.stopping import StoppingRule
 
-USERS_PER_UAV = 20
-"""Whom sketches look at: which user in a neighbourhood is best is for the areas to find."""
-SKETCHES, TRIES_PER_UAV = 12, 100
+COARSE_USERS, USERS = 4, 20
+"""Users looked at for each UAV: which one in a neighbourhood is best is for the areas to find."""
+COARSE_SKETCHES, COARSE_TRIES = 4, 20
+SKETCHES, TRIES = 12, 100
+"""Tries to settle the best sketch are for each UAV."""
+REGION = 64
+"""UAVs in a region, at most."""
 
 
-def sketched(problem: Problem, seed: int, halted: Callable[[], bool]) -> Array:
+def coarse_places(problem: Problem, seed: int, halted: Callable[[], bool]) -> Array:
     """Return hover points for the whole fleet, (U, 2) metres; its starts when there was no time for any."""
-    arena = arena_of(with_some_users(problem, USERS_PER_UAV * problem.n_uavs, seed))
-    effort = Effort(SKETCHES, 1, TRIES_PER_UAV * problem.n_uavs)
+    arena = arena_of(with_some_users(problem, COARSE_USERS * problem.n_uavs, seed))
+    effort = Effort(COARSE_SKETCHES, 1, COARSE_TRIES * problem.n_uavs)
     found = places(arena, np.random.default_rng(seed), effort, halted=halted)
     return found[0].T.copy() if found else problem.start_m.copy()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Place:
+    """A region's task: hover points better than given_m, (U, 2) metres."""
+
+    area: AreaProblem
+    given_m: Array
+    seed: int
+
+    def run(self, stop: StoppingRule) -> Array | None:
+        """Return the hover points (U, 2); None where none are clearly better."""
+
+        def halted() -> bool:
+            return stop([]) and stop.interrupts
+
+        n_uavs = len(self.given_m)
+        inner = self.area.problem
+        drawn = replace(self.area, problem=with_some_users(inner, USERS * n_uavs, self.seed))
+        arena = arena_of(drawn.whole())
+        given = np.concatenate([self.given_m.T, arena.start_m[:, n_uavs:]], axis=1)
+        effort = Effort(SKETCHES, 1, TRIES * n_uavs)
+        found = places(arena, np.random.default_rng(self.seed), effort, plain(given), halted=halted)
+        return found[0].T[:n_uavs].copy() if found else None
 
 
 def with_some_users(problem: Problem, some: int, seed: int) -> Problem:
@@ -30,19 +64,11 @@ def with_some_users(problem: Problem, some: int, seed: int) -> Problem:
     if problem.n_users <= some:
         return problem
     drawn = np.sort(np.random.default_rng(seed).choice(problem.n_users, some, replace=False))
-    return of_users(problem, drawn)
-
-
-def of_users(problem: Problem, users: Array) -> Problem:
-    """Return the problem with these users alone."""
+    gain = problem.snr_gain
     return replace(
         problem,
-        snr_gain=problem.snr_gain[:, users] if problem.snr_gain.strides[1] else _alike(problem.snr_gain, len(users)),
-        user_m=problem.user_m[users],
-        past_kbps=problem.past_kbps[users],
-        min_kbps=problem.min_kbps[users],
+        snr_gain=gain if gain.shape[1] == 1 else np.broadcast_to(gain[:, :1], (len(gain), some, gain.shape[2])),
+        user_m=problem.user_m[drawn],
+        past_kbps=problem.past_kbps[drawn],
+        min_kbps=problem.min_kbps[drawn],
     )
-
-
-def _alike(snr_gain: Array, n_users: int) -> Array:
-    return np.broadcast_to(snr_gain[:, :1], (len(snr_gain), n_users, snr_gain.shape[2]))

@@ -1,4 +1,4 @@
-"""Whether areas that were planned at the same time can fly together: D_min across their borders."""
+"""Whether an area's new paths keep D_min from everybody who flies as before."""
 
 from __future__ import annotations
 
@@ -10,38 +10,18 @@ from skyfolio.planner.geometry import nearest_to_origin
 from skyfolio.planner.problem import Problem
 
 
-def clashing(problem: Problem, before_m: Array, after_m: Array, owners: list[Ints]) -> set[int]:
-    """Return which of these areas, by number, must keep their old paths, so that nobody comes closer than D_min.
-
-    before_m, after_m: (U, N, 2), feasible paths and those with the areas' new ones. owners: the UAVs of each.
-    """
-    area_of = np.full(problem.n_uavs, -1)
-    for number, own in enumerate(owners):
-        area_of[own] = number
-    paths_m, refused = after_m.copy(), set()
-    asked = [int(uav) for own in owners for uav in own]
-    while asked:
-        uav = asked.pop()
-        for other in _too_close(problem, paths_m, uav):
-            for one in (area_of[uav], area_of[other]):
-                if one >= 0 and one not in refused:
-                    refused.add(int(one))
-                    own = owners[one]
-                    paths_m[own] = before_m[own]
-                    asked += own.tolist()  # others may have moved into the way of the old paths
-                    break
-    return refused
+def together(problem: Problem, paths_m: Array, changed: Ints) -> bool:
+    """Return whether these UAVs keep D_min from all others while both fly, between slots too; paths_m: (U, N, 2)."""
+    return all(_clear(problem, paths_m, int(uav)) for uav in changed)
 
 
-def _too_close(problem: Problem, paths_m: Array, uav: int) -> Ints:
-    """Return the UAVs that come closer than D_min to this one while both fly."""
+def _clear(problem: Problem, paths_m: Array, uav: int) -> bool:
     flying = np.minimum(problem.n_flying, problem.n_flying[uav])
+    flying[uav] = 0
     apart = paths_m - paths_m[uav]
-    legs = nearest_to_origin(apart[:, :-1], np.diff(apart, axis=1)) if apart.shape[1] > 1 else apart
-    slot = np.arange(legs.shape[1])
-    least2 = np.where(slot < flying[:, None] - 1, (legs**2).sum(axis=-1), np.inf).min(axis=1)
-    last = np.minimum(flying, apart.shape[1]) - 1
-    at_last = apart[np.arange(len(apart)), last]
-    least2 = np.minimum(least2, (at_last**2).sum(axis=-1))
-    least2[uav] = np.inf
-    return np.flatnonzero(least2 < problem.separation_m**2)
+    slot = np.arange(apart.shape[1])
+    at_slots = (apart**2).sum(axis=-1)[slot < flying[:, None]]
+    legs = nearest_to_origin(apart[:, :-1], np.diff(apart, axis=1))
+    between = (legs**2).sum(axis=-1)[slot[:-1] < flying[:, None] - 1]
+    least2 = min(at_slots.min(initial=np.inf), between.min(initial=np.inf))
+    return bool(least2 >= problem.separation_m**2)
