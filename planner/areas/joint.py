@@ -82,9 +82,10 @@ def nearest_uavs(problem: Problem, paths_m: Array) -> Ints:
 
 
 def users_around(problem: Problem, joint: Joint, near: Ints, area: Area) -> Ints:
-    """Return the users who matter to an area: those nearest to one of its own UAVs at some moment, or served by one of its problem.
+    """Return the users who matter to an area.
 
-    Where links are no assignment, who is served more by UAVs that are not in its problem is left to those.
+    Those are nearest to one of its own UAVs at some moment, or served by a UAV in its problem. Where links are no
+    assignment, who is served more by UAVs that are not in its problem is left to those.
     """
     inside, own = np.zeros(problem.n_uavs, dtype=bool), np.zeros(problem.n_uavs, dtype=bool)
     inside[area.uavs] = own[area.own] = True

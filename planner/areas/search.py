@@ -21,7 +21,7 @@ from skyfolio.planner.areas.joint import (
     worth,
 )
 from skyfolio.planner.areas.partition import Area, cut, waves
-from skyfolio.planner.areas.sketch import REGION, Place, coarse_places
+from skyfolio.planner.areas.sketch import REGION, USERS, Place, coarse_places, drawn
 from skyfolio.planner.areas.together import together
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.fast.arena import Arena, arena_of, plain
@@ -140,6 +140,7 @@ def _sketched(search: Search, arena: Arena) -> Array | None:
     tasks, members = [], []
     for region in regions:
         users = np.flatnonzero(np.isin(near, region.own).any(axis=1))
+        users = users[drawn(len(users), USERS * len(region.own), search.seed)]
         if len(users):
             inner = area_problem(problem, coarse, region, users)
             tasks.append(Place(area=inner, given_m=places_m[region.own], seed=search.seed))

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from skyfolio.planner.areas.blocks import AreaProblem
+from skyfolio.planner.areas.partition import Ints
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.fast.arena import arena_of, plain
 from skyfolio.planner.fast.placement import Effort, places
@@ -29,7 +30,8 @@ REGION = 64
 
 def coarse_places(problem: Problem, seed: int, halted: Callable[[], bool]) -> Array:
     """Return hover points for the whole fleet, (U, 2) metres; its starts when there was no time for any."""
-    arena = arena_of(with_some_users(problem, COARSE_USERS * problem.n_uavs, seed))
+    users = drawn(problem.n_users, COARSE_USERS * problem.n_uavs, seed)
+    arena = arena_of(_with_users(problem, users))
     effort = Effort(COARSE_SKETCHES, 1, COARSE_TRIES * problem.n_uavs)
     found = places(arena, np.random.default_rng(seed), effort, halted=halted)
     return found[0].T.copy() if found else problem.start_m.copy()
@@ -50,25 +52,26 @@ class Place:
             return stop([]) and stop.interrupts
 
         n_uavs = len(self.given_m)
-        inner = self.area.problem
-        drawn = replace(self.area, problem=with_some_users(inner, USERS * n_uavs, self.seed))
-        arena = arena_of(drawn.whole())
+        arena = arena_of(self.area.whole())
         given = np.concatenate([self.given_m.T, arena.start_m[:, n_uavs:]], axis=1)
         effort = Effort(SKETCHES, 1, TRIES * n_uavs)
         found = places(arena, np.random.default_rng(self.seed), effort, plain(given), halted=halted)
         return found[0].T[:n_uavs].copy() if found else None
 
 
-def with_some_users(problem: Problem, some: int, seed: int) -> Problem:
-    """Return the problem with `some` of its users, drawn at random; all of them where they are no more."""
-    if problem.n_users <= some:
-        return problem
-    drawn = np.sort(np.random.default_rng(seed).choice(problem.n_users, some, replace=False))
+def drawn(n_users: int, some: int, seed: int) -> Ints:
+    """Return `some` of so many users, drawn at random; all of them where they are no more."""
+    if n_users <= some:
+        return np.arange(n_users)
+    return np.sort(np.random.default_rng(seed).choice(n_users, some, replace=False))
+
+
+def _with_users(problem: Problem, users: Ints) -> Problem:
     gain = problem.snr_gain
     return replace(
         problem,
-        snr_gain=gain if gain.shape[1] == 1 else np.broadcast_to(gain[:, :1], (len(gain), some, gain.shape[2])),
-        user_m=problem.user_m[drawn],
-        past_kbps=problem.past_kbps[drawn],
-        min_kbps=problem.min_kbps[drawn],
+        snr_gain=np.broadcast_to(gain[:, :1], (len(gain), len(users), gain.shape[2])),
+        user_m=problem.user_m[users],
+        past_kbps=problem.past_kbps[users],
+        min_kbps=problem.min_kbps[users],
     )
