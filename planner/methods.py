@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from skyfolio.planner import baselines, fast
+from skyfolio.planner import areas, baselines, fast
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.solution import Observer, Solution
@@ -53,8 +53,10 @@ def _paper(
     return algorithm_1(problem, stop, fast.flyable(problem, start_m), observer)
 
 
+DEFAULT_METHOD, AREAS = "fast", "areas"
 METHODS: dict[str, Method] = {
-    "fast": fast.optimise,
+    DEFAULT_METHOD: fast.optimise,
+    AREAS: areas.optimise,
     "paper": _paper,
     "sr_max": baselines.sr_max,
     "static": baselines.static,
@@ -62,7 +64,6 @@ METHODS: dict[str, Method] = {
     "baseline2": baselines.baseline2,
     "baseline2_fixed": baselines.baseline2_fixed,
 }
-DEFAULT_METHOD = "fast"
 
 
 def method_of(name: str) -> Method:

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from skyfolio.planner import areas
 from skyfolio.planner.branch_and_bound import certificate
 from skyfolio.planner.crowding.bound import first_field
 from skyfolio.planner.crowding.slots import ground_of, slot_of
@@ -29,6 +30,7 @@ def rehearse() -> None:
     zone = NoFlyDisc(center_m=(100.0, 20.0), radius_m=10.0)
     problem = problem_of(easy.with_changes(uavs=(home, *others), no_fly=(zone,)))
     solution = optimise(problem, MaxIterations(1), n_starts=3)  # hovering, and places that were looked for
+    areas.optimise(problem, MaxIterations(1), n_starts=1)
     rates_kbps = served_rates_bps(problem, solution) / 1e3
     free = Tolls(
         former_m=solution.paths_m,

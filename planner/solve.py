@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from skyfolio.planner import areas
+from skyfolio.planner.areas.blocks import Task
+from skyfolio.planner.areas.size import is_large
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.disruption import Former, disruption_of
 from skyfolio.planner.emit import emit
 from skyfolio.planner.little_change import least_disruptive
-from skyfolio.planner.methods import DEFAULT_METHOD, method_of
+from skyfolio.planner.methods import AREAS, DEFAULT_METHOD, Method, method_of
 from skyfolio.planner.pinning import PinError, Pinned, pinned
 from skyfolio.planner.pins import Pins
 from skyfolio.planner.plans import Iteration, Plan, PlanStatus
@@ -47,24 +51,29 @@ def plan(
     observer: Callable[[Iteration], None] = _ignore,
     offer: Callable[[Callable[[], Plan]], None] = _ignore,
     clock: Callable[[], float] | None = None,
+    run_areas: Callable[[Sequence[Task]], list[Any]] | None = None,
     **identity: Any,
 ) -> Plan:
     """Plan bandwidth, association and trajectories for `scenario`; always flyable, anytime.
 
-    method: a name in `METHODS`. n_starts: how many starts the fast path climbs from (default: by size, 32 at the
-    letter's), drawn from `seed`: the same inputs give the same plan. past: rates achieved before slot 0 (they count
-    in the utility). warm_start_m: (U, N, 2) paths to begin from, in metres. pins: parts that are fixed. current_m: the
+    method: a name in `METHODS`; a large fleet (`areas.size`) on the mean channel is planned by `areas` instead of the
+    default method, unless something is asked of it that only the default method does. n_starts: how many starts the
+    search climbs from, by areas in the first round (default: by size, 32 at the letter's), drawn from `seed`: the same
+    inputs give the same plan. past: rates achieved before slot 0 (they count in the utility).
+    warm_start_m: (U, N, 2) paths to begin from, in metres. pins: parts that are fixed. current_m: the
     paths that pinned UAVs are on (default: they hover). former: the plan that this one replaces, and the price of
     changing it. stop: when to return what has been found (default: converged). observer: called after each iteration
     that counts. offer: called then with what makes the plan reached so far, `running`, when it is wanted. clock: fills
-    `solve_ms`. identity: `id`, `revision`, `cause`, `parent` and `dropped_pins` of the plan; the id defaults to a
-    digest of the inputs.
+    `solve_ms`. run_areas: runs the tasks of `areas` at the same time, as in worker processes, and returns their results
+    in order (default: one after the other, here). identity: `id`, `revision`, `cause`, `parent` and `dropped_pins` of
+    the plan; the id defaults to a digest of the inputs.
     Raises UnreachableEndError, which names the UAVs, when no paths to all end positions are found, PinError for pins
     that cannot be kept, and ValueError for an unknown method and for shapes that do not fit the scenario.
     """
     began = clock() if clock else 0.0
     past, stop = past or Past(), stop or converged()
     held = pinned(scenario, pins or Pins(), current_m)
+    method = _suited(scenario, method, held, former)
     problem = _held(problem_of(scenario, past), held)
     _check(problem.hover().shape, n_starts, warm_start_m)
     _require_able(method, held, former)
@@ -77,13 +86,23 @@ def plan(
 
     told = _told(observer, offer, lambda solution: emitted(solution, PlanStatus.RUNNING))
     try:
-        solution = method_of(method)(problem, stop, warm_start_m, told, n_starts=n_starts, seed=seed)
+        solution = _solver(method, run_areas)(problem, stop, warm_start_m, told, n_starts=n_starts, seed=seed)
     except UnreachableEndError as error:
         raise _explained(error.named(scenario.uav_ids), held) from None
     if former is not None:
         solution = least_disruptive(problem, former, solution, stop, seed)
     made = emitted(solution, PlanStatus.CANCELLED if stop.interrupts else PlanStatus.SUCCEEDED)
     return made.model_copy(update={"solve_ms": (clock() - began) * 1e3}) if clock else made
+
+
+def _suited(scenario: Scenario, method: str, held: Pinned, former: Former | None) -> str:
+    """Return the method: by areas for large fleets where the default one was asked for and nothing else of it."""
+    wanted = method == DEFAULT_METHOD and not held.pins and not (former and former.weight_kbps > 0.0)
+    return AREAS if wanted and is_large(scenario) else method
+
+
+def _solver(method: str, run_areas: Callable[[Sequence[Task]], list[Any]] | None) -> Method:
+    return partial(areas.optimise, run=run_areas) if method == AREAS else method_of(method)
 
 
 def _held(problem: Problem, held: Pinned) -> Problem:
