@@ -68,7 +68,8 @@ def worth(problem: Problem, solution: Solution) -> Joint:
 def bound_for_m(problem: Problem, paths_m: Array) -> Array:
     """Return where UAVs are late in their flights, (U, 2) metres."""
     late = (LATE * (np.minimum(problem.n_flying, problem.n_slots) - 1)).astype(int)
-    return paths_m[np.arange(problem.n_uavs), late]
+    places_m: Array = paths_m[np.arange(problem.n_uavs), late]
+    return places_m
 
 
 def nearest_uavs(problem: Problem, paths_m: Array) -> Ints:
@@ -152,8 +153,9 @@ def _matched(problem: Problem, paths_m: Array, run: Runner) -> Solution:
         )
         for part in slots
     ]
-    found = run(tasks)
-    return Solution(paths_m, *(np.concatenate(tables, axis=1) for tables in zip(*found, strict=True)), [])
+    found: list[tuple[Ints, Array]] = run(tasks)
+    serving = np.concatenate([one for one, _ in found], axis=1)
+    return Solution(paths_m, serving, np.concatenate([hertz for _, hertz in found], axis=1), [])
 
 
 def _linked_by_areas(problem: Problem, paths_m: Array, run: Runner) -> Solution:
