@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment, minimize_scalar
 
-from skyfolio.planner.areas.size import MOST_AT_ONCE
+from skyfolio.planner.areas.size import is_large_problem
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.reach import squared_distance_range
@@ -39,7 +39,7 @@ def upper_bound_kbps(problem: Problem, rates_kbps: Array | None = None) -> float
     rates_kbps: (K, N) of a plan; what is proven about others is tighter for a good one, and true for any. Crowding
     speaks of one realisation of the channel: rates averaged over draws are bounded by reachability, draw by draw.
     """
-    if problem.snr_gain.size > MOST_AT_ONCE and problem.snr_gain.strides[1] == 0:
+    if is_large_problem(problem):
         from skyfolio.planner.areas.ceiling import slot_ceilings_kbps  # noqa: PLC0415 - small fleets go without
 
         return lifted_kbps(problem, slot_ceilings_kbps(problem, rates_kbps))

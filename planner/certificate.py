@@ -6,6 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from skyfolio.planner.areas.ceiling import lower_ceilings, slot_ceilings_kbps
+from skyfolio.planner.areas.size import is_large_problem
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.bound import best_tables, lifted_kbps, optimistic_rates_kbps, upper_bound_kbps
 from skyfolio.planner.branch_and_bound import MAX_UAVS, Certificate, certificate
@@ -39,12 +41,25 @@ def prove(
         )
     if problem.n_uavs <= MAX_UAVS:
         return certificate(problem, rates_kbps, tolerance=tolerance, max_nodes=10**9, stop=stop)
+    if is_large_problem(problem):
+        return _of_large(problem, rates_kbps, stop, told)
     root = upper_bound_kbps(problem, rates_kbps)
     told(root)
     if problem.kind == "sum" or problem.mu == 0.0:
         return _by_slots(problem, rates_kbps, root, VISITS, stop, told)
     first = _by_slots(problem, rates_kbps, root, FEW_VISITS, stop, told)
     return _by_tangent_plane(problem, rates_kbps, first, stop, told)
+
+
+def _of_large(
+    problem: Problem, rates_kbps: Array, stop: Callable[[], bool], told: Callable[[float], None]
+) -> Certificate:
+    """From bounds of the slots' sum rates without a table of all pairs and slots."""
+    bounds = slot_ceilings_kbps(problem, rates_kbps)
+    root = lifted_kbps(problem, bounds)
+    told(root)
+    looks, finished = lower_ceilings(problem, rates_kbps, bounds, stop, lambda: told(lifted_kbps(problem, bounds)))
+    return Certificate(lifted_kbps(problem, bounds), root, bounds, rates_kbps.sum(axis=0), looks, finished)
 
 
 def _by_slots(

@@ -84,6 +84,24 @@ def rest_of_paths_m(previous: Plan, at_slot: int, changes: Changes | None = None
     return {uav: path[begin:] for uav, path in previous.trajectories_m.items() if uav not in returned}
 
 
+def places_changed_m(
+    previous: Plan, at_slot: int, failed: Sequence[str] = (), changes: Changes | None = None
+) -> list[Point] | None:
+    """Return the places, in metres, at which something is different: None where that is everywhere or nowhere known.
+
+    Of UAVs: where they are at `at_slot` and where they were to end. Of users: where they are.
+    """
+    changes = changes or Changes()
+    if changes.utility is not None:
+        return None
+    begin = at_slot - previous.first_slot
+    uavs = {*failed, *changes.failed, *changes.bandwidth_hz} & set(previous.trajectories_m)
+    paths = [previous.trajectories_m[uav] for uav in sorted(uavs)]
+    gone = [user.position_m for user in previous.scenario.users if user.id in changes.users_left]
+    come = [uav.start_m for uav in changes.returned] + [user.position_m for user in changes.users_joined]
+    return [place for path in paths for place in (path[begin], path[-1])] + gone + come or None
+
+
 def _whose_fault(error: ValidationError, changes: Changes) -> str:
     """Return the broken rule of the remaining scenario, preceded by the field of the request that broke it."""
     said = str(error.errors()[0]["msg"]).removeprefix("Value error, ")

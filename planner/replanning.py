@@ -10,10 +10,11 @@ import numpy as np
 from skyfolio.planner.carrying import Carried, carried
 from skyfolio.planner.changes import Changes
 from skyfolio.planner.disruption import former_of
+from skyfolio.planner.methods import AREAS, DEFAULT_METHOD
 from skyfolio.planner.pinning import PinError
 from skyfolio.planner.pins import Pins
 from skyfolio.planner.plans import Cause, Plan
-from skyfolio.planner.remainder import cause_of, remaining, rest_of_paths_m
+from skyfolio.planner.remainder import cause_of, places_changed_m, remaining, rest_of_paths_m
 from skyfolio.planner.solve import plan
 
 
@@ -43,7 +44,8 @@ def replan(
     disruption_weight: kbit/s of utility that it must gain to let another UAV serve a user throughout, or to fly 100 m
     off the old paths (`disruption.py`). in_force: the plan that is being flown, by which changes are counted, where
     that is not `previous`: when a UAV returns to an operation whose first plan had it.
-    options: as for `plan`; the method is the previous plan's unless another is named.
+    options: as for `plan`; the method is the previous plan's unless another is named, or the default one, which chooses
+    `areas` by size, where the previous plan was made by areas. Then only areas around what is different are planned anew.
     Raises ReplanError as `remaining` does, and PinError for `pins`; the previous plan stays as it is.
     """
     changes, given = changes or Changes(), pins or Pins()
@@ -51,6 +53,8 @@ def replan(
     rest_m = rest_of_paths_m(previous, at_slot, changes)
     flown = in_force or previous
     kept_m = set(rest_m) & set(flown.trajectories_m)
+    method = DEFAULT_METHOD if previous.method == AREAS else previous.method
+    around_m = places_changed_m(previous, at_slot, failed, changes)
     warm = [rest_m.get(uav.id, [uav.start_m] * scenario.slots) for uav in scenario.uavs]
 
     def held_to(kept: Carried) -> Plan:
@@ -65,7 +69,7 @@ def replan(
             parent=previous.id,
             revision=previous.revision + 1,
             dropped_pins=kept.dropped,
-            **{"method": previous.method, **options},
+            **{"method": method, "around_m": around_m, **options},
         )
 
     if not (keep_pins and previous.pins):

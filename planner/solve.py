@@ -52,6 +52,7 @@ def plan(
     offer: Callable[[Callable[[], Plan]], None] = _ignore,
     clock: Callable[[], float] | None = None,
     run_areas: Callable[[Sequence[Task]], list[Any]] | None = None,
+    around_m: Sequence[Point] | None = None,
     **identity: Any,
 ) -> Plan:
     """Plan bandwidth, association and trajectories for `scenario`; always flyable, anytime.
@@ -65,7 +66,8 @@ def plan(
     changing it. stop: when to return what has been found (default: converged). observer: called after each iteration
     that counts. offer: called then with what makes the plan reached so far, `running`, when it is wanted. clock: fills
     `solve_ms`. run_areas: runs the tasks of `areas` at the same time, as in worker processes, and returns their results
-    in order (default: one after the other, here). identity: `id`, `revision`, `cause`, `parent` and `dropped_pins` of
+    in order (default: one after the other, here). around_m: the places at which something is different since the warm
+    start was planned; `areas` plans anew only around there, other methods everywhere. identity: `id`, `revision`, `cause`, `parent` and `dropped_pins` of
     the plan; the id defaults to a digest of the inputs.
     Raises UnreachableEndError, which names the UAVs, when no paths to all end positions are found, PinError for pins
     that cannot be kept, and ValueError for an unknown method and for shapes that do not fit the scenario.
@@ -86,7 +88,7 @@ def plan(
 
     told = _told(observer, offer, lambda solution: emitted(solution, PlanStatus.RUNNING))
     try:
-        solution = _solver(method, run_areas)(problem, stop, warm_start_m, told, n_starts=n_starts, seed=seed)
+        solution = _solver(method, run_areas, around_m)(problem, stop, warm_start_m, told, n_starts=n_starts, seed=seed)
     except UnreachableEndError as error:
         raise _explained(error.named(scenario.uav_ids), held) from None
     if former is not None:
@@ -101,8 +103,12 @@ def _suited(scenario: Scenario, method: str, held: Pinned, former: Former | None
     return AREAS if wanted and is_large(scenario) else method
 
 
-def _solver(method: str, run_areas: Callable[[Sequence[Task]], list[Any]] | None) -> Method:
-    return partial(areas.optimise, run=run_areas) if method == AREAS else method_of(method)
+def _solver(
+    method: str, run_areas: Callable[[Sequence[Task]], list[Any]] | None, around_m: Sequence[Point] | None
+) -> Method:
+    if method != AREAS:
+        return method_of(method)
+    return partial(areas.optimise, run=run_areas, around_m=None if around_m is None else np.array(around_m))
 
 
 def _held(problem: Problem, held: Pinned) -> Problem:

@@ -7,16 +7,28 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from skyfolio.api.cli import terminal as show
 from skyfolio.api.cli.autopilots import DEFAULT, AutopilotOfMission
 from skyfolio.api.cli.files import Json, Out, PinsFile, UsageError, read, read_as, read_scenario, write
-from skyfolio.planner import EXAMPLES, AnyOf, Changes, Deadline, Pins, Plan, Scenario, converged, plan, replan
+from skyfolio.planner import (
+    EXAMPLES,
+    AnyOf,
+    Changes,
+    Deadline,
+    Iteration,
+    Pins,
+    Plan,
+    Scenario,
+    converged,
+    plan,
+    replan,
+)
 
 if TYPE_CHECKING:
     from skyfolio.api.places.writing import Format
@@ -40,7 +52,10 @@ def plan_command(
     """Plan a scenario."""
     scenario = read_scenario(file, example)
     kept = read_as(Pins, pins) if pins else None
-    _deliver(plan(scenario, pins=kept, stop=_stop(deadline_s), clock=time.perf_counter), out, as_json)
+    stop = _stop(deadline_s)
+    with _planning(scenario, stop) as options:
+        made = plan(scenario, pins=kept, stop=stop, clock=time.perf_counter, **options)
+    _deliver(made, out, as_json)
 
 
 def replan_command(
@@ -71,17 +86,20 @@ def replan_command(
     changed = read_as(Changes, changes) if changes else None
     if not failed and changed is None and pins is None:
         raise UsageError("give --failed UAV or --changes FILE, or --pins FILE: what is different?")
-    replanned = replan(
-        previous,
-        failed=failed or (),
-        at_slot=at_slot,
-        changes=changed,
-        pins=read_as(Pins, pins) if pins else None,
-        keep_pins=keep_pins,
-        disruption_weight=disruption_weight,
-        stop=_stop(deadline_s),
-        clock=time.perf_counter,
-    )
+    stop = _stop(deadline_s)
+    with _planning(previous.scenario, stop) as options:
+        replanned = replan(
+            previous,
+            failed=failed or (),
+            at_slot=at_slot,
+            changes=changed,
+            pins=read_as(Pins, pins) if pins else None,
+            keep_pins=keep_pins,
+            disruption_weight=disruption_weight,
+            stop=stop,
+            clock=time.perf_counter,
+            **options,
+        )
     _deliver(replanned, out, as_json)
 
 
@@ -142,6 +160,32 @@ def bound(
         write(json.dumps(figures, indent=2), None)
     else:
         Console().print(shown(figures), highlight=False)
+
+
+@contextmanager
+def _planning(scenario: Scenario, stop: AnyOf) -> Iterator[dict[str, Any]]:
+    """Return options of `plan` that let areas of a large fleet use all cores, and tell on standard error how it goes."""
+    from skyfolio.api.plans.area_threads import AreaThreads, interrupting  # noqa: PLC0415 - loads the solver
+    from skyfolio.planner.areas.size import is_large  # noqa: PLC0415
+
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    large = is_large(scenario)
+    with Progress(*columns, console=Console(stderr=True), transient=True, disable=not large) as bar:
+        row = bar.add_task("planning by areas: looking for places")
+        worth, ended = "", 0
+
+        def told(tasks: int) -> None:
+            nonlocal ended
+            ended = tasks
+            bar.update(row, description=f"planning by areas: {ended} pieces of work done{worth}")
+
+        def observer(iteration: Iteration) -> None:
+            nonlocal worth
+            worth = f", utility {iteration.utility_bps / 1e3:.1f} kbit/s"
+            told(ended)
+
+        with AreaThreads(interrupting(stop), told=told) as run_areas:
+            yield {"run_areas": run_areas, "observer": observer}
 
 
 @contextmanager

@@ -38,7 +38,15 @@ SAY_EVERY_S = 5.0
 _OURS = "skyfolio-"
 """Prefix of our temporary folders; code that was installed in a temporary folder has its kernels beside it."""
 _PLANNER = Path(str(getattr(find_spec("skyfolio.planner"), "origin", None))).parent
-_STEMS = ("fast/*.py", "crowding/*.py", "areas/*.py", "utilities/kind.py", "cells.py", "repair.py")
+_STEMS = (
+    "fast/*.py",
+    "crowding/*.py",
+    "areas/noise.py",
+    "areas/matching.py",
+    "utilities/kind.py",
+    "cells.py",
+    "repair.py",
+)
 
 
 def choose_folder() -> None:

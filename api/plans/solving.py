@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from math import sqrt
 
+from skyfolio.api.plans.area_threads import AreaThreads, interrupting
 from skyfolio.api.plans.job_board import Board
 from skyfolio.api.plans.jobs import Job, Solved
 from skyfolio.planner import (
@@ -29,6 +30,7 @@ from skyfolio.planner import (
     preview,
     replan,
 )
+from skyfolio.planner.areas.size import is_large
 from skyfolio.planner.fast.optimise import default_starts
 from skyfolio.planner.problem import problem_of
 
@@ -92,19 +94,23 @@ def solve(job: Job, board: Board, token: int, clock: Clock = time.monotonic) -> 
         best.show_if_due()
         return board.stopped(token)
 
+    stop = AnyOf(converged(), StopToken(asked_to_stop), Deadline(job.deadline_s, clock=clock))
     options = {
-        "stop": AnyOf(converged(), StopToken(asked_to_stop), Deadline(job.deadline_s, clock=clock)),
+        "stop": stop,
         "clock": clock,
         "observer": lambda iteration: board.note(token, iteration),
         "offer": best.offer,
         **job.identity,
         "cause": Cause.model_validate(job.identity.get("cause", {})),
     }
-    if job.previous is not None:
-        return replan(Plan.model_validate_json(job.previous), **job.request, n_starts=job.starts, **options)
-    assert job.scenario is not None  # noqa: S101 - one of the two is always given
-    scenario = Scenario.model_validate_json(job.scenario)
-    return plan(scenario, **job.request, n_starts=job.starts or starts_of(scenario, job.most_starts), **options)
+    with AreaThreads(interrupting(stop)) as run_areas:
+        if job.previous is not None:
+            previous = Plan.model_validate_json(job.previous)
+            return replan(previous, **job.request, n_starts=job.starts, run_areas=run_areas, **options)
+        assert job.scenario is not None  # noqa: S101 - one of the two is always given
+        scenario = Scenario.model_validate_json(job.scenario)
+        starts = job.starts or starts_of(scenario, job.most_starts)
+        return plan(scenario, **job.request, n_starts=starts, run_areas=run_areas, **options)
 
 
 def _planned(job: Job, board: Board, token: int, clock: Clock) -> Solved:
@@ -129,7 +135,9 @@ def _previewed(job: Job, board: Board, token: int, clock: Clock) -> Solved:
     stop = AnyOf(converged(), asked_to_stop, Deadline(job.deadline_s, clock=clock))
     scenario = None if job.scenario is None else Scenario.model_validate_json(job.scenario)
     starts = job.starts if scenario is None else job.starts or starts_of(scenario, job.most_starts)
-    seen = preview(_previous(job), scenario=scenario, n_starts=starts, stop=stop, **job.request)
+    with AreaThreads(interrupting(stop)) as run_areas:
+        options = {"n_starts": starts, "stop": stop, "run_areas": run_areas, **job.request}
+        seen = preview(_previous(job), scenario=scenario, **options)
     return Solved(status=PlanStatus.SUCCEEDED, report=seen.model_dump_json())
 
 
@@ -145,7 +153,12 @@ def _previous(job: Job) -> Plan:
     return Plan.model_validate_json(job.previous)
 
 
-def starts_of(scenario: Scenario, most: int) -> int:
-    """Return how many starts a plan is climbed from by default: few where few already find the best, by size."""
+def starts_of(scenario: Scenario, most: int) -> int | None:
+    """Return how many starts a plan is climbed from by default: few where few already find the best, by size.
+
+    Large fleets are planned by areas, which know by themselves.
+    """
+    if is_large(scenario):
+        return None
     size = len(scenario.uavs) * len(scenario.users) * scenario.slots
     return max(1, min(most, int(STARTS_PER_ROOT * sqrt(size)), default_starts(problem_of(scenario))))

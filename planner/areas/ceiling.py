@@ -8,17 +8,23 @@ reach, all others as far away as they can be: without the rule that users are di
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+
 import numpy as np
 
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.bound import optimistic_rates_kbps
-from skyfolio.planner.crowding.bound import first_field, stretches_of
-from skyfolio.planner.crowding.slots import everywhere, ground_of, slot_of
+from skyfolio.planner.crowding.bound import Stretch, first_field, stretches_of
+from skyfolio.planner.crowding.field import Field
+from skyfolio.planner.crowding.fit import sharpened
+from skyfolio.planner.crowding.slots import Ground, Slot, everywhere, ground_of, slot_of
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.reach import squared_distance_range
 
 STEPS = 40
-"""Of the field, for each stretch in which the same UAVs fly."""
+"""Of the field, for each stretch in which the same UAVs fly, and under each further kappa."""
+KAPPAS, LAST_STEPS = 24, 120
+"""How many kappas more a proof tries, and steps under the best one."""
 MOST_STRETCHES = 4
 """UAVs that leave make a stretch of their own; with more than so many, the later ones are bounded by reach alone."""
 
@@ -29,8 +35,7 @@ def slot_ceilings_kbps(problem: Problem, rates_kbps: Array | None = None) -> Arr
     rates_kbps: (K, N) of a good plan; any will do. At most two tables of U K numbers are made at a time.
     """
     bounds = np.full(problem.n_slots, np.inf)
-    if problem.n_users >= 2:
-        _crowd(problem, rates_kbps, bounds)
+    _crowd(problem, rates_kbps, bounds)
     for n in range(problem.n_slots):
         reached = float(optimistic_rates_kbps(problem, np.array([n])).max(axis=1).sum())
         if reached > bounds[n]:
@@ -39,15 +44,41 @@ def slot_ceilings_kbps(problem: Problem, rates_kbps: Array | None = None) -> Arr
     return bounds
 
 
+def lower_ceilings(
+    problem: Problem, rates_kbps: Array, bounds: Array, stop: Callable[[], bool], told: Callable[[], None]
+) -> tuple[int, bool]:
+    """Lower bounds (N,) of the slots' sum rates in place by further kappas, until nothing is left to try.
+
+    stop: asked between two kappas. told: called after each stretch. Return how many assignments were looked at, and
+    whether there was time for all.
+    """
+    looks, ground = 0, ground_of(problem)
+    for stretch, slot, field in _stretches(problem, rates_kbps, ground):
+        if stop():
+            return looks, False
+        least, best = sharpened(field, slot, KAPPAS, STEPS, stop=stop)
+        if not stop():
+            least = min(least, best.improve(slot, LAST_STEPS))
+        looks += (KAPPAS + 1) * STEPS + LAST_STEPS
+        bounds[stretch.first : stretch.end] = np.minimum(bounds[stretch.first : stretch.end], least)
+        told()
+    return looks, not stop()
+
+
 def _crowd(problem: Problem, rates_kbps: Array | None, bounds: Array) -> None:
-    ground = ground_of(problem)
-    stretches = stretches_of(problem, ground)
-    for stretch in stretches[:MOST_STRETCHES]:
+    for stretch, slot, field in _stretches(problem, rates_kbps, ground_of(problem)):
+        bounds[stretch.first : stretch.end] = field.improve(slot, STEPS)
+
+
+def _stretches(problem: Problem, rates_kbps: Array | None, ground: Ground) -> Iterator[tuple[Stretch, Slot, Field]]:
+    """Yield the first stretches, each with its last slot as if everybody could be anywhere, and a field to begin with."""
+    if problem.n_users < 2:
+        return
+    for stretch in stretches_of(problem, ground)[:MOST_STRETCHES]:
         n = stretch.end - 1
         if problem.flying[:, n].sum() < 2:
             continue
         near2, far2 = squared_distance_range(problem, np.array([n]), ends=False)
         slot = everywhere(problem, ground, slot_of(problem, ground, n, near2[:, :, 0], far2[:, :, 0]), n)
         del near2, far2
-        field = first_field(problem, ground, slot, None if rates_kbps is None else rates_kbps[:, n])
-        bounds[stretch.first : stretch.end] = field.improve(slot, STEPS)
+        yield stretch, slot, first_field(problem, ground, slot, None if rates_kbps is None else rates_kbps[:, n])

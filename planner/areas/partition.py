@@ -16,6 +16,8 @@ MOST = 16
 """UAVs in an area."""
 NEIGHBOURS = 1.5
 """UAVs around an area that are in its problem with pinned paths, for each of its own."""
+TOUCHED = 2 * MOST
+"""UAVs that are planned anew around a place where something has changed: an area and its neighbours."""
 TURN = 0.6
 """Radians: each cut into areas is turned by so much against the last, so that borders lie elsewhere."""
 
@@ -33,13 +35,24 @@ class Area:
         return np.concatenate([self.own, self.around])
 
 
-def cut(places_m: Array, *, turn: int = 0, most: int = MOST) -> list[Area]:
-    """Return areas of at most `most` UAVs by where they hover, (U, 2) metres: as equal as can be."""
+def cut(places_m: Array, *, turn: int = 0, most: int = MOST, among: Ints | None = None) -> list[Area]:
+    """Return areas of at most `most` UAVs by where they hover, (U, 2) metres: as equal as can be.
+
+    among: the UAVs that belong to areas (default: all); the others are only around them.
+    """
     angle = TURN * turn
     turned = places_m @ np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    owners = _split(turned, np.arange(len(places_m)), -(-len(places_m) // most))
+    chosen = np.arange(len(places_m)) if among is None else among
+    owners = _split(turned, chosen, -(-len(chosen) // most)) if len(chosen) else []
     tree = KDTree(places_m)
     return [Area(own, _around(tree, places_m, own)) for own in owners]
+
+
+def nearby(places_m: Array, around_m: Array) -> Ints:
+    """Return the UAVs that hover nearest to each of these points, (P, 2) metres: two areas' worth for each."""
+    some = min(len(places_m), TOUCHED)
+    near = KDTree(places_m).query(around_m, k=some)[1]
+    return np.unique(near).astype(np.int64)
 
 
 def _split(at: Array, uavs: Ints, parts: int) -> list[Ints]:

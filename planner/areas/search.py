@@ -20,7 +20,7 @@ from skyfolio.planner.areas.joint import (
     users_around,
     worth,
 )
-from skyfolio.planner.areas.partition import Area, cut, waves
+from skyfolio.planner.areas.partition import Area, cut, nearby, waves
 from skyfolio.planner.areas.sketch import REGION, USERS, Place, coarse_places, drawn
 from skyfolio.planner.areas.together import together
 from skyfolio.planner.arrays import Array
@@ -51,6 +51,7 @@ class Search:
     observer: Observer
     run: Runner
     seed: int
+    around_m: Array | None = None
     best: Joint | None = None
     history: list[Iteration] = field(default_factory=list)
 
@@ -83,15 +84,18 @@ def optimise(
     n_starts: int | None = None,
     seed: int = 0,
     run: Runner | None = None,
+    around_m: Array | None = None,
 ) -> Solution:
     """Return the best plan that rounds over the areas find from a sketch, or from `start_m`, (U, N, 2) metres.
 
     n_starts: of each area in the first round. run: runs the tasks of areas that can be planned at the same time
-    (default: one after the other, here). The result does not depend on it, but for interruptions. Raises
-    UnreachableEndError when no paths to all ends are found, and ValueError for sampled fading and for pins.
+    (default: one after the other, here). The result does not depend on it, but for interruptions. around_m: (P, 2),
+    metres, with `start_m`: only areas around these points are planned anew, the other UAVs fly on as in `start_m`.
+    Raises UnreachableEndError when no paths to all ends are found, and ValueError for fading other than `mean`, and
+    for pins.
     """
     _require_able(problem)
-    search = Search(problem, stop, observer, run or partial(_one_by_one, stop), seed)
+    search = Search(problem, stop, observer, run or partial(_one_by_one, stop), seed, around_m)
     search.take(joint_of(problem, _first_paths(search, start_m), search.run))
     for number in range(ROUNDS):
         if search.interrupted() or not _round(search, number, n_starts or (STARTS if number else FIRST_STARTS)):
@@ -101,8 +105,8 @@ def optimise(
 
 
 def _require_able(problem: Problem) -> None:
-    if problem.n_users > 1 and problem.snr_gain.strides[1] != 0:
-        raise ValueError("channel.fading: the method 'areas' plans the mean channel, not a sampled one")
+    if problem.draws.size or (problem.n_users > 1 and problem.snr_gain.strides[1] != 0):
+        raise ValueError("channel.fading: the method 'areas' plans the 'mean' channel alone; use 'fast'")
     if problem.pinned_m.size or problem.pinned_to.size:
         raise ValueError("pins: the method 'areas' keeps no pins")
 
@@ -156,7 +160,9 @@ def _round(search: Search, number: int, n_starts: int) -> bool:
     """Plan every area anew once; return whether the joint utility grew enough for another round."""
     assert search.best is not None  # noqa: S101 - a round begins from a plan
     before, problem = search.best, search.problem
-    areas = cut(bound_for_m(problem, before.solution.paths_m), turn=number)
+    places_m = bound_for_m(problem, before.solution.paths_m)
+    among = None if search.around_m is None else nearby(places_m, search.around_m)
+    areas = cut(places_m, turn=number, among=among)
     near = nearest_uavs(problem, before.solution.paths_m)
     for wave in waves(areas):
         if search.interrupted():
@@ -189,13 +195,23 @@ def _wave(search: Search, wave: list[Area], near: Ints, n_starts: int, seed: int
 
 
 def _with_area(whole: Solution, area: Area, users: Ints, inner: AreaProblem, found: Solution) -> Solution:
-    """Return the plan of the whole fleet with an area's new paths and links."""
+    """Return the plan of the whole fleet with an area's new paths and links.
+
+    The bands of all UAVs in its problem are shared anew, so that nobody else keeps any of them. Who was given a band by
+    another UAV meanwhile keeps it, unless the area serves that user now.
+    """
     paths_m, serving, hertz = whole.paths_m.copy(), whole.serving.copy(), whole.bandwidth_hz.copy()
     paths_m[area.own] = found.paths_m[: len(area.own)]
-    rows, ours = slice(0, len(users)), ~inner.outside.serves
+    inside = np.zeros(len(paths_m), dtype=bool)
+    inside[area.uavs] = True
+    hertz[inside[serving]] = 0.0
+    rows = slice(0, len(users))
     by = area.uavs[np.minimum(found.serving[rows], len(area.uavs) - 1)]
+    real = found.serving[rows] < len(area.uavs)  # and not the UAV that stands for the others
+    given = np.where(real & ~inner.outside.serves, found.bandwidth_hz[rows], 0.0)
+    ours = (given > 0.0) | ((hertz[users] == 0.0) & ~inner.outside.serves)
     serving[users] = np.where(ours, by, serving[users])
-    hertz[users] = np.where(ours, found.bandwidth_hz[rows], hertz[users])
+    hertz[users] = np.where(ours, given, hertz[users])
     return replace(whole, paths_m=paths_m, serving=serving, bandwidth_hz=hertz)
 
 
