@@ -44,8 +44,8 @@ def replan(
     disruption_weight: kbit/s of utility that it must gain to let another UAV serve a user throughout, or to fly 100 m
     off the old paths (`disruption.py`). in_force: the plan that is being flown, by which changes are counted, where
     that is not `previous`: when a UAV returns to an operation whose first plan had it.
-    options: as for `plan`; the method is the previous plan's unless another is named, or the default one, which chooses
-    `areas` by size, where the previous plan was made by areas. Then only areas around what is different are planned anew.
+    options: as for `plan`; the method is the previous plan's unless another is named. After `areas` it is the default
+    one, which is `areas` as long as the fleet is large; then only areas around what is different are planned anew.
     Raises ReplanError as `remaining` does, and PinError for `pins`; the previous plan stays as it is.
     """
     changes, given = changes or Changes(), pins or Pins()

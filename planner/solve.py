@@ -65,10 +65,10 @@ def plan(
     paths that pinned UAVs are on (default: they hover). former: the plan that this one replaces, and the price of
     changing it. stop: when to return what has been found (default: converged). observer: called after each iteration
     that counts. offer: called then with what makes the plan reached so far, `running`, when it is wanted. clock: fills
-    `solve_ms`. run_areas: runs the tasks of `areas` at the same time, as in worker processes, and returns their results
-    in order (default: one after the other, here). around_m: the places at which something is different since the warm
-    start was planned; `areas` plans anew only around there, other methods everywhere. identity: `id`, `revision`, `cause`, `parent` and `dropped_pins` of
-    the plan; the id defaults to a digest of the inputs.
+    `solve_ms`. run_areas: runs the tasks of `areas` at the same time, and returns their results in order (default: one
+    after the other, here). around_m: the places at which something is different since the warm start was planned;
+    `areas` plans anew only around there, other methods everywhere. identity: `id`, `revision`, `cause`, `parent` and
+    `dropped_pins` of the plan; the id defaults to a digest of the inputs.
     Raises UnreachableEndError, which names the UAVs, when no paths to all end positions are found, PinError for pins
     that cannot be kept, and ValueError for an unknown method and for shapes that do not fit the scenario.
     """

@@ -164,7 +164,7 @@ def bound(
 
 @contextmanager
 def _planning(scenario: Scenario, stop: AnyOf) -> Iterator[dict[str, Any]]:
-    """Return options of `plan` that let areas of a large fleet use all cores, and tell on standard error how it goes."""
+    """Return options of `plan`: areas of a large fleet use all cores, and standard error tells how far they are."""
     from skyfolio.api.plans.area_threads import AreaThreads, interrupting  # noqa: PLC0415 - loads the solver
     from skyfolio.planner.areas.size import is_large  # noqa: PLC0415
 

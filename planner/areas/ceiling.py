@@ -71,7 +71,7 @@ def _crowd(problem: Problem, rates_kbps: Array | None, bounds: Array) -> None:
 
 
 def _stretches(problem: Problem, rates_kbps: Array | None, ground: Ground) -> Iterator[tuple[Stretch, Slot, Field]]:
-    """Yield the first stretches, each with its last slot as if everybody could be anywhere, and a field to begin with."""
+    """Yield the first stretches: each with its last slot, as if all could be anywhere, and a field to begin with."""
     if problem.n_users < 2:
         return
     for stretch in stretches_of(problem, ground)[:MOST_STRETCHES]:
