@@ -156,6 +156,26 @@ def scale(
 
 
 @bench.command()
+def areas(
+    uavs: Annotated[list[int] | None, typer.Option(min=2, help="UAVs; by default 100, 200 and 500.")] = None,
+    compare: Annotated[bool, typer.Option(help="Also plan smaller fleets both by areas and at once.")] = True,
+    out: Out = None,
+    page: Annotated[Path | None, typer.Option(help="Write the figures as Markdown here, too.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Measure plans of large fleets by areas, replans after a loss, and plans at once beside them; some minutes."""
+    from skyfolio.api.lab.bench.areas import COMPARED, SIZES, areas_figures, markdown, tables  # noqa: PLC0415
+
+    figures = areas_figures(uavs or SIZES, COMPARED if compare else ())
+    if page is not None:
+        write(markdown(figures), page)
+    if as_json or out is not None:
+        write(json.dumps(figures, indent=2), out)
+    if not as_json:
+        _print_tables(*tables(figures))
+
+
+@bench.command()
 def start(
     runs: Annotated[int, typer.Option(min=1, help="Starts of each; the median is reported.")] = 5,
     as_json: Json = False,

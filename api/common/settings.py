@@ -48,7 +48,7 @@ class Settings(BaseSettings):
     guidance_lead_s: wall seconds reserved for replan and upload; the new plan begins with the first slot after that.
     keep_ended_s: how long ended plans that no operation flew are kept; keep_operations_s: ended operations with their
     plans, journals and tracks; keep_events_s, keep_audit_s: events and audit rows, at most keep_events and keep_audit
-    of them. max_cells: UAVs times users times slots.
+    of them. max_cells: UAVs times users times slots; max_plan_cells: users times slots, which is how large a plan is.
     tile_url: of a map server for the dashboard, with {z}, {x} and {y}; without one it draws a grid and loads nothing.
     allowed_hosts: names under which browsers reach the service, separated by commas, beside loopback, the bound address
     and, when more than loopback is bound, IP addresses and this machine's name; `*.example.org` is all below it.
@@ -98,10 +98,11 @@ class Settings(BaseSettings):
     keep_audit_s: Seconds = 365 * 86_400.0
     keep_audit: Count = 200_000
     max_body_bytes: Count = 2_000_000
-    max_uavs: Count = 64
-    max_users: Count = 1_000
+    max_uavs: Count = 128
+    max_users: Count = 5_000
     max_slots: Count = 2_000
-    max_cells: Count = 10_000_000
+    max_cells: Count = 50_000_000
+    max_plan_cells: Count = 2_000_000
     max_subscribers: Count = 256
     rate_per_s: Seconds = 500.0
     rate_burst: Count = 1_000

@@ -62,7 +62,7 @@ class AreaThreads:
         waiting = set(futures)
         while waiting:
             done, waiting = wait(waiting, timeout=ASK_EVERY_S, return_when=FIRST_COMPLETED)
-            if self._asked():
+            if self._asked() or any(future.exception() for future in done):
                 self._halt.set()
             if done:
                 self._ended += len(done)

@@ -11,6 +11,7 @@ from skyfolio.api.common.errors import InvalidError
 from skyfolio.api.common.settings import Settings
 from skyfolio.api.http.routes.deps import require_within_limits
 from skyfolio.mavlink_bridge.conditions import Timing
+from skyfolio.planner.areas.size import is_large
 from skyfolio.planner.layouts import laid_out
 from tests.ports import free_port
 
@@ -166,5 +167,26 @@ def test_settings_survive_being_written_as_json() -> None:
 
 def test_fifty_uavs_a_thousand_users_and_a_hundred_slots_are_accepted_by_default() -> None:
     require_within_limits(laid_out("uniform", 50, 1000, 100, seed=1), Settings())
-    with pytest.raises(InvalidError, match="UAVs x users x slots"):
+    with pytest.raises(InvalidError, match="slots: 5,050,000 UAVs x users x slots are more than the 5,000,000"):
         require_within_limits(laid_out("uniform", 50, 1000, 101, seed=1), Settings(max_cells=5_000_000))
+
+
+def test_a_fleet_that_is_planned_by_areas_is_accepted_by_default() -> None:
+    large = laid_out("uniform", 100, 4000, 100, seed=1)
+    assert is_large(large)
+    require_within_limits(large, Settings())
+
+
+@pytest.mark.parametrize(
+    ("size", "message"),
+    [
+        ((129, 200, 2), "uavs: 129 UAVs are more than the 128"),
+        ((2, 5001, 2), "users: 5,001 users are more than the 5,000"),
+        ((2, 4, 2001), "slots: 2,001 slots are more than the 2,000"),
+        ((2, 4001, 500), "slots: 2,000,500 users x slots are more than the 2,000,000"),
+        ((120, 4200, 100), "slots: 50,400,000 UAVs x users x slots are more than the 50,000,000"),
+    ],
+)
+def test_what_is_too_large_is_named_with_its_limit(size: tuple[int, int, int], message: str) -> None:
+    with pytest.raises(InvalidError, match=f"{message} that this service plans at once; `skyfolio plan` has no limit"):
+        require_within_limits(laid_out("uniform", *size, seed=1), Settings())

@@ -84,15 +84,16 @@ def creates(prefix: str) -> Callable[..., Awaitable[NewResource]]:
 
 def require_within_limits(scenario: Scenario, settings: Settings) -> None:
     """Refuse what is too large for this service. Raises InvalidError naming field and limit."""
-    for field, size, limit in (
-        ("uavs", len(scenario.uavs), settings.max_uavs),
-        ("users", len(scenario.users), settings.max_users),
-        ("slots", scenario.slots, settings.max_slots),
+    n_uavs, n_users, slots = len(scenario.uavs), len(scenario.users), scenario.slots
+    for field, what, size, limit in (
+        ("uavs", "UAVs", n_uavs, settings.max_uavs),
+        ("users", "users", n_users, settings.max_users),
+        ("slots", "slots", slots, settings.max_slots),
+        ("slots", "users x slots", n_users * slots, settings.max_plan_cells),
+        ("slots", "UAVs x users x slots", n_uavs * n_users * slots, settings.max_cells),
     ):
         if size > limit:
-            raise InvalidError(f"{field}: {size} are more than the {limit} that this service plans")
-    cells = len(scenario.uavs) * len(scenario.users) * scenario.slots
-    if cells > settings.max_cells:
-        raise InvalidError(
-            f"slots: UAVs x users x slots is {cells}, more than the {settings.max_cells} of this service"
-        )
+            raise InvalidError(
+                f"{field}: {size:,} {what} are more than the {limit:,} that this service plans at once; "
+                "`skyfolio plan` has no limit"
+            )
