@@ -126,7 +126,7 @@ def markdown(figures: dict[str, Any]) -> str:
     lines = [
         "# Large fleets, by areas",
         "",
-        "Written by `skyfolio bench areas`; [the planner's page](../planner.md#large-fleets-by-areas) says how it works.",
+        "Written by `skyfolio bench areas`; [planner.md](../planner.md#large-fleets-by-areas) says how it works.",
         f"{where}; {loads}. CPU seconds are those of all threads, and what other programs do hardly changes them.",
         "A plan's time includes its certificate and the check of all constraints.",
     ]
