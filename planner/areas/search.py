@@ -44,14 +44,14 @@ NOBODY = np.zeros(0, dtype=np.int64)
 
 @dataclass
 class Search:
-    """The best plan so far of the whole fleet."""
+    """The best plan so far of the whole fleet. among: the UAVs that are planned anew, all of them if None."""
 
     problem: Problem
     stop: StoppingRule
     observer: Observer
     run: Runner
     seed: int
-    around_m: Array | None = None
+    among: Ints | None = None
     best: Joint | None = None
     history: list[Iteration] = field(default_factory=list)
 
@@ -95,8 +95,11 @@ def optimise(
     for pins.
     """
     _require_able(problem)
-    search = Search(problem, stop, observer, run or partial(_one_by_one, stop), seed, around_m)
-    search.take(joint_of(problem, _first_paths(search, start_m), search.run))
+    search = Search(problem, stop, observer, run or partial(_one_by_one, stop), seed)
+    first = joint_of(problem, _first_paths(search, start_m), search.run)
+    search.take(first)
+    if around_m is not None and start_m is not None:
+        search.among = nearby(bound_for_m(problem, first.solution.paths_m), around_m)
     for number in range(ROUNDS):
         if search.interrupted() or not _round(search, number, n_starts or (STARTS if number else FIRST_STARTS)):
             break
@@ -161,8 +164,7 @@ def _round(search: Search, number: int, n_starts: int) -> bool:
     assert search.best is not None  # noqa: S101 - a round begins from a plan
     before, problem = search.best, search.problem
     places_m = bound_for_m(problem, before.solution.paths_m)
-    among = None if search.around_m is None else nearby(places_m, search.around_m)
-    areas = cut(places_m, turn=number, among=among)
+    areas = cut(places_m, turn=number, among=search.among)
     near = nearest_uavs(problem, before.solution.paths_m)
     for wave in waves(areas):
         if search.interrupted():

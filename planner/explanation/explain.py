@@ -13,6 +13,9 @@ from skyfolio.planner.explanation.users import user_reasons
 from skyfolio.planner.explanation.worths import one_more, per_uav
 from skyfolio.planner.plans import Plan
 
+MOST_CELLS = 100_000_000
+"""UAVs x users x slots of a plan that can be explained: half a minute of processor time."""
+
 
 def _never() -> bool:
     return False
@@ -24,8 +27,11 @@ def explain(plan: Plan, *, budget: Budget | None = None, stop: Callable[[], bool
     budget: what may be solved (default: `Budget()`). stop: polled between and within resolves; once it says so, the
     rest is bounds and derivatives, and `complete` is false. The same inputs give the same explanation unless
     `stop` speaks. Raises ReplanError for a plan whose scenario cannot be planned from, and ValueError for one of
-    expected fading, whose rates no single gain explains.
+    expected fading, whose rates no single gain explains, and for one that is too large.
     """
+    cells = len(plan.scenario.uavs) * len(plan.scenario.users) * plan.scenario.slots
+    if cells > MOST_CELLS:
+        raise ValueError(f"slots: {cells:,} UAVs x users x slots are too many to be explained; at most {MOST_CELLS:,}")
     if plan.scenario.channel.fading == "expected":
         raise ValueError(
             "channel.fading: a plan of 'expected' rates cannot be explained: its reasons are those of one gain a link"
