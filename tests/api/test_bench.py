@@ -20,7 +20,7 @@ from skyfolio.api.cli import bench
 from skyfolio.api.cli import main as cli
 from skyfolio.api.cli.files import UsageError
 from skyfolio.api.lab.bench import checked as check
-from skyfolio.api.lab.bench import loop, planner, radio
+from skyfolio.api.lab.bench import areas, loop, planner, radio
 from skyfolio.api.lab.bench.best_known import improve, load, note_search, searched
 from skyfolio.api.lab.bench.cases import instance
 from skyfolio.api.lab.bench.checked import broken, checked
@@ -514,6 +514,27 @@ def test_the_bench_of_expected_rates_says_gain_and_price_of_each_number_of_draws
     assert figures["rows"][0]["rate_gain_percent"] == [0.0, 0.0]
     assert all(row["cpu_ms"] > 0 and row["promised_kbps"] > 0 for row in figures["rows"])
     assert radio.table(figures).row_count == 2
+
+
+def test_the_bench_of_areas_sets_plans_by_areas_beside_plans_at_once(monkeypatch: Any) -> None:
+    monkeypatch.setattr(areas, "_alone", lambda call, *arguments: call(*arguments))
+    monkeypatch.setattr(areas, "SLOTS", 6)
+    monkeypatch.setattr(areas, "USERS_A_UAV", 4)
+    monkeypatch.setattr(areas, "LAYOUTS", areas.LAYOUTS[:1])
+    figures = areas.areas_figures((18,), ((18, 40, 6),))
+    assert [row["kind"] for row in figures["grown"]] == ["sum", "per_user", "pooled"]
+    for row in figures["grown"]:
+        assert row["gap"] >= 0.0
+        assert row["cpu_s"] > 0.0
+        assert row["replan"]["utility_bps"] < row["utility_bps"], "a UAV was lost"
+    assert len(figures["compared"]) == len(areas.UTILITIES) * len(areas.LAYOUTS)
+    for row in figures["compared"]:
+        assert row["ratio"] == row["areas"]["utility_bps"] / row["at_once"]["utility_bps"]
+        assert 0.9 <= row["ratio"] <= 1.1
+    text = areas.markdown(figures)
+    assert "| 18x72x6 | `per_user` (-0.1) |" in text
+    assert "| 18x40x6 | clustered |" in text
+    assert [table.row_count for table in areas.tables(figures)] == [3, 4]
 
 
 def expecting(scenario: Scenario) -> Scenario:

@@ -374,3 +374,11 @@ def test_nothing_is_said_of_what_a_pinned_uav_may_not_do(held: Plan) -> None:
 def test_a_replan_that_was_to_change_little_says_that_resolves_were_not(letters_plan: Plan) -> None:
     again = replan(letters_plan, failed=["uav-3"], at_slot=10, disruption_weight=5.0, n_starts=2)
     assert "disruption_weight 5" in explain(again, budget=BOUNDS_ONLY).notes[-1]
+
+
+def test_a_plan_that_is_too_large_is_refused_with_the_limit(
+    letters_plan: Plan, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(explain.__globals__, "MOST_CELLS", 100)
+    with pytest.raises(ValueError, match=r"slots: .* UAVs x users x slots are too many to be explained; at most 100"):
+        explain(letters_plan)
