@@ -22,15 +22,16 @@ from skyfolio.planner.stopping import StoppingRule
 
 ASK_EVERY_S = 0.2
 """How often it is asked whether to stop, by the thread that planned: who is asked need not be safe for threads."""
-NICENESS = 5
-"""Threads of areas stand back that much: there are as many as cores, and replans in flight come first."""
+IN_WORKERS = 5
+"""How much the threads of the service's workers stand back: they fill all cores, and replans in flight come first."""
 
 
 class AreaThreads:
     """Runs the tasks of `planner.plan(run_areas=...)`; a context manager.
 
     asked_to_stop: whether tasks should return what they have; called by the caller's thread alone. at_once: how many
-    tasks (default: one for each core that this process may use). told: called with how many tasks have ended so far.
+    tasks (default: one for each core that this process may use). niceness: how much the threads stand back. told:
+    called with how many tasks have ended so far.
     """
 
     def __init__(
@@ -38,13 +39,16 @@ class AreaThreads:
         asked_to_stop: Callable[[], bool] = lambda: False,
         *,
         at_once: int | None = None,
+        niceness: int = 0,
         told: Callable[[int], None] = lambda _: None,
     ) -> None:
         self._asked, self._told = asked_to_stop, told
         self._halt = threading.Event()
         self._ended = 0
         self.at_once = at_once or cores()
-        self._pool = ThreadPoolExecutor(self.at_once, thread_name_prefix="area", initializer=_stand_back)
+        self._pool = ThreadPoolExecutor(
+            self.at_once, thread_name_prefix="area", initializer=_stand_back, initargs=(niceness,)
+        )
 
     def __enter__(self) -> Self:
         return self
@@ -80,8 +84,8 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _stand_back() -> None:
+def _stand_back(niceness: int) -> None:
     """Make this thread nicer, where threads have priorities of their own."""
-    if sys.platform == "linux":
+    if niceness and sys.platform == "linux":
         thread = threading.get_native_id()
-        os.setpriority(os.PRIO_PROCESS, thread, os.getpriority(os.PRIO_PROCESS, thread) + NICENESS)
+        os.setpriority(os.PRIO_PROCESS, thread, os.getpriority(os.PRIO_PROCESS, thread) + niceness)

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from math import sqrt
 
-from skyfolio.api.plans.area_threads import AreaThreads, interrupting
+from skyfolio.api.plans.area_threads import IN_WORKERS, AreaThreads, interrupting
 from skyfolio.api.plans.job_board import Board
 from skyfolio.api.plans.jobs import Job, Solved
 from skyfolio.planner import (
@@ -103,7 +103,7 @@ def solve(job: Job, board: Board, token: int, clock: Clock = time.monotonic) -> 
         **job.identity,
         "cause": Cause.model_validate(job.identity.get("cause", {})),
     }
-    with AreaThreads(interrupting(stop)) as run_areas:
+    with AreaThreads(interrupting(stop), niceness=IN_WORKERS) as run_areas:
         if job.previous is not None:
             previous = Plan.model_validate_json(job.previous)
             return replan(previous, **job.request, n_starts=job.starts, run_areas=run_areas, **options)
@@ -135,7 +135,7 @@ def _previewed(job: Job, board: Board, token: int, clock: Clock) -> Solved:
     stop = AnyOf(converged(), asked_to_stop, Deadline(job.deadline_s, clock=clock))
     scenario = None if job.scenario is None else Scenario.model_validate_json(job.scenario)
     starts = job.starts if scenario is None else job.starts or starts_of(scenario, job.most_starts)
-    with AreaThreads(interrupting(stop)) as run_areas:
+    with AreaThreads(interrupting(stop), niceness=IN_WORKERS) as run_areas:
         options = {"n_starts": starts, "stop": stop, "run_areas": run_areas, **job.request}
         seen = preview(_previous(job), scenario=scenario, **options)
     return Solved(status=PlanStatus.SUCCEEDED, report=seen.model_dump_json())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 import threading
 from dataclasses import dataclass, field
@@ -63,6 +64,22 @@ def test_tasks_are_asked_to_stop_when_the_plan_is() -> None:
 def test_what_a_task_raises_is_raised_to_who_plans_and_ends_the_others() -> None:
     with AreaThreads(at_once=2) as run_areas, pytest.raises(ValueError, match="no such place"):
         run_areas([Failing(), Waiting("b", after=threading.Event())])
+
+
+class Priority:
+    """A task that tells how nice its thread is."""
+
+    def run(self, stop: StoppingRule) -> int:  # noqa: ARG002
+        return os.getpriority(os.PRIO_PROCESS, threading.get_native_id())
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only there has each thread a priority of its own")
+def test_threads_stand_back_as_far_as_they_are_told_and_who_plans_does_not() -> None:
+    own = os.getpriority(os.PRIO_PROCESS, 0)
+    with AreaThreads(niceness=3) as nice, AreaThreads() as not_nice:
+        assert nice([Priority()]) == [min(own + 3, 19)]
+        assert not_nice([Priority()]) == [own]
+    assert os.getpriority(os.PRIO_PROCESS, 0) == own
 
 
 def test_only_rules_that_interrupt_stop_tasks() -> None:
