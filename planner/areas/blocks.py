@@ -2,7 +2,7 @@
 
 The default method knows nothing of areas. What is outside enters its problem exactly, by what it has already:
 
-*Interference.* A user that hears x (1 + everything outside, in units of the noise) has SINR s / (x + i) = (s / x) /
+*Interference.* A user at whom x arrives (1 + everything outside, in units of the noise) has SINR s / (x + i) = (s / x) /
 (1 + i / x): all gains to it are divided by x, slot by slot.
 *The sum rate of the others*, on which the weight of a slot depends under `sum` at mu < 0: one more UAV with one more
 user, out of everybody's earshot, whose link carries just that.
@@ -50,7 +50,7 @@ class Outside:
 
 @dataclass(frozen=True, kw_only=True)
 class AreaProblem:
-    """problem: of the area's UAVs and users, its `snr_gain` (U, 1, N) as nobody outside disturbed."""
+    """problem: of the area's UAVs and users, its `snr_gain` (U, 1, N) as without any UAV outside."""
 
     problem: Problem
     outside: Outside

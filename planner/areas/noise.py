@@ -1,4 +1,4 @@
-"""What users hear from UAVs outside an area: noise that differs from user to user and from slot to slot."""
+"""What arrives at users from UAVs outside an area: noise that differs from user to user and from slot to slot."""
 
 from __future__ import annotations
 

@@ -60,7 +60,7 @@ class Place:
 
 
 def drawn(n_users: int, some: int, seed: int) -> Ints:
-    """Return `some` of so many users, drawn at random; all of them where they are no more."""
+    """Return `some` of so many users, drawn at random; all of them where there are not that many."""
     if n_users <= some:
         return np.arange(n_users)
     return np.sort(np.random.default_rng(seed).choice(n_users, some, replace=False))

@@ -1,4 +1,4 @@
-"""Whether an area's new paths keep D_min from everybody who flies as before."""
+"""Whether an area's new paths keep D_min from all others, which fly as before."""
 
 from __future__ import annotations
 
