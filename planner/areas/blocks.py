@@ -2,8 +2,8 @@
 
 The default method knows nothing of areas. What is outside enters its problem exactly, by what it has already:
 
-*Interference.* A user at whom x arrives (1 + everything outside, in units of the noise) has SINR s / (x + i) = (s / x) /
-(1 + i / x): all gains to it are divided by x, slot by slot.
+*Interference.* A user at whom x arrives (1 + everything outside, in units of the noise) has the SINR s / (x + i) =
+(s / x) / (1 + i / x): all gains to it are divided by x, slot by slot.
 *The sum rate of the others*, on which the weight of a slot depends under `sum` at mu < 0: one more UAV with one more
 user, out of everybody's earshot, whose link carries just that.
 *The users of the others*, who weigh in the one expectation of `pooled`: one past slot with one rate that amounts to

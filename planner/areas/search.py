@@ -199,8 +199,8 @@ def _wave(search: Search, wave: list[Area], near: Ints, n_starts: int, seed: int
 def _with_area(whole: Solution, area: Area, users: Ints, inner: AreaProblem, found: Solution) -> Solution:
     """Return the plan of the whole fleet with an area's new paths and links.
 
-    The bands of all UAVs in its problem are shared anew, so that no user outside it keeps any of them. Who was given a band by
-    another UAV meanwhile keeps it, unless the area serves that user now.
+    The bands of all UAVs in its problem are shared anew, so that no user outside it keeps any of them. Who was given a
+    band by another UAV meanwhile keeps it, unless the area serves that user now.
     """
     paths_m, serving, hertz = whole.paths_m.copy(), whole.serving.copy(), whole.bandwidth_hz.copy()
     paths_m[area.own] = found.paths_m[: len(area.own)]

@@ -522,7 +522,7 @@ def test_the_bench_of_areas_sets_plans_by_areas_beside_plans_at_once(monkeypatch
     monkeypatch.setattr(areas, "USERS_A_UAV", 4)
     monkeypatch.setattr(areas, "LAYOUTS", areas.LAYOUTS[:1])
     figures = areas.areas_figures((18,), ((18, 40, 6),))
-    assert [row["kind"] for row in figures["grown"]] == ["sum", "per_user", "pooled"]
+    assert [row["kind"] for row in figures["grown"]] == ["sum", "sum", "per_user", "pooled"]
     for row in figures["grown"]:
         assert row["gap"] >= 0.0
         assert row["cpu_s"] > 0.0
@@ -534,7 +534,7 @@ def test_the_bench_of_areas_sets_plans_by_areas_beside_plans_at_once(monkeypatch
     text = areas.markdown(figures)
     assert "| 18x72x6 | `per_user` (-0.1) |" in text
     assert "| 18x40x6 | clustered |" in text
-    assert [table.row_count for table in areas.tables(figures)] == [3, 4]
+    assert [table.row_count for table in areas.tables(figures)] == [4, 4]
 
 
 def expecting(scenario: Scenario) -> Scenario:

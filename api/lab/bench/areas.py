@@ -32,9 +32,8 @@ def areas_figures(sizes: Sequence[int] = SIZES, compared: Sequence[tuple[int, in
     """Return all figures, as plain JSON data, each plan made in a process of its own; some minutes."""
     begun = machine()
     kernels.load_all()
-    largest = [utility for utility in UTILITIES if utility != UTILITIES[1]]
     grown = [_alone(_grown, n, *UTILITIES[0]) for n in sizes]
-    grown += [_alone(_grown, sizes[-1], *utility) for utility in largest[1:]]
+    grown += [_alone(_grown, sizes[0], *utility) for utility in UTILITIES[1:]]
     beside = [_alone(_beside, size, *one, *utility) for size in compared for utility in UTILITIES for one in LAYOUTS]
     return {
         "machine": begun,
@@ -58,8 +57,7 @@ def _grown(n_uavs: int, kind: str, mu: float) -> dict[str, Any]:
     with AreaThreads() as run_areas:
         row, made = _timed(lambda: plan(scenario, method=AREAS, run_areas=run_areas))
         lost = scenario.uav_ids[n_uavs // 2]
-        options = {"at_slot": SLOTS // 4, "method": AREAS, "run_areas": run_areas}
-        again, _ = _timed(lambda: replan(made, failed=[lost], **options))
+        again, _ = _timed(lambda: replan(made, failed=[lost], at_slot=SLOTS // 4, method=AREAS, run_areas=run_areas))
     return {
         "uavs": n_uavs,
         "users": len(scenario.users),
