@@ -166,7 +166,9 @@ def areas(
     """Measure plans of large fleets by areas, replans after a loss, and plans at once beside them; some minutes."""
     from skyfolio.api.lab.bench.areas import COMPARED, SIZES, areas_figures, markdown, tables  # noqa: PLC0415
 
-    figures = areas_figures(uavs or SIZES, COMPARED if compare else ())
+    figures = areas_figures(
+        uavs or SIZES, COMPARED if compare else (), told=lambda row: typer.echo(json.dumps(row), err=True)
+    )
     if page is not None:
         write(markdown(figures), page)
     if as_json or out is not None:

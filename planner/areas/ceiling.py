@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from skyfolio.planner.areas.sketch import of_users
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.bound import optimistic_rates_kbps
 from skyfolio.planner.crowding.bound import Stretch, first_field, stretches_of
@@ -25,6 +26,8 @@ STEPS = 40
 """Of the field, for each stretch in which the same UAVs fly, and under each further kappa."""
 KAPPAS, LAST_STEPS = 24, 120
 """How many kappas more a proof tries, and steps under the best one."""
+USERS_AT_ONCE = 500
+"""So that tables of all UAVs and these users stay in the processor's cache."""
 MOST_STRETCHES = 4
 """UAVs that leave make a stretch of their own; with more than so many, the later ones are bounded by reach alone."""
 
@@ -37,11 +40,20 @@ def slot_ceilings_kbps(problem: Problem, rates_kbps: Array | None = None) -> Arr
     bounds = np.full(problem.n_slots, np.inf)
     _crowd(problem, rates_kbps, bounds)
     for n in range(problem.n_slots):
-        reached = float(optimistic_rates_kbps(problem, np.array([n])).max(axis=1).sum())
+        reached = _reached_kbps(problem, n)
         if reached > bounds[n]:
             break
         bounds[n] = reached
     return bounds
+
+
+def _reached_kbps(problem: Problem, n: int) -> float:
+    """Return what all UAVs have at most in slot n, each with the best user in reach; some users at a time."""
+    best = np.zeros(problem.n_uavs)
+    for users in np.array_split(np.arange(problem.n_users), -(-problem.n_users // USERS_AT_ONCE)):
+        rates = optimistic_rates_kbps(of_users(problem, users), np.array([n]))
+        np.maximum(best, rates.max(axis=(1, 2)), out=best)
+    return float(best.sum())
 
 
 def lower_ceilings(

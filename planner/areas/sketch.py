@@ -31,7 +31,7 @@ REGION = 64
 def coarse_places(problem: Problem, seed: int, halted: Callable[[], bool]) -> Array:
     """Return hover points for the whole fleet, (U, 2) metres; its starts when there was no time for any."""
     users = drawn(problem.n_users, COARSE_USERS * problem.n_uavs, seed)
-    arena = arena_of(_with_users(problem, users))
+    arena = arena_of(of_users(problem, users))
     effort = Effort(COARSE_SKETCHES, 1, COARSE_TRIES * problem.n_uavs)
     found = places(arena, np.random.default_rng(seed), effort, halted=halted)
     return found[0].T.copy() if found else problem.start_m.copy()
@@ -66,7 +66,8 @@ def drawn(n_users: int, some: int, seed: int) -> Ints:
     return np.sort(np.random.default_rng(seed).choice(n_users, some, replace=False))
 
 
-def _with_users(problem: Problem, users: Ints) -> Problem:
+def of_users(problem: Problem, users: Ints) -> Problem:
+    """Return the problem of a fleet on the mean channel with only some of its users."""
     gain = problem.snr_gain
     return replace(
         problem,

@@ -28,13 +28,26 @@ UTILITIES = (("sum", 0.0), ("sum", -0.01), ("per_user", -0.1), ("pooled", -0.1))
 """Kind and mu, 1/(kbit/s)."""
 
 
-def areas_figures(sizes: Sequence[int] = SIZES, compared: Sequence[tuple[int, int, int]] = COMPARED) -> dict[str, Any]:
-    """Return all figures, as plain JSON data, each plan made in a process of its own; some minutes."""
+def areas_figures(
+    sizes: Sequence[int] = SIZES,
+    compared: Sequence[tuple[int, int, int]] = COMPARED,
+    told: Callable[[dict[str, Any]], None] = lambda _: None,
+) -> dict[str, Any]:
+    """Return all figures, as plain JSON data, each plan made in a process of its own; some minutes.
+
+    told: called with each row when it is there.
+    """
+
+    def alone(call: Callable[..., dict[str, Any]], *arguments: Any) -> dict[str, Any]:
+        row = _alone(call, *arguments)
+        told(row)
+        return row
+
     begun = machine()
     kernels.load_all()
-    grown = [_alone(_grown, n, *UTILITIES[0]) for n in sizes]
-    grown += [_alone(_grown, sizes[0], *utility) for utility in UTILITIES[1:]]
-    beside = [_alone(_beside, size, *one, *utility) for size in compared for utility in UTILITIES for one in LAYOUTS]
+    grown = [alone(_grown, n, *UTILITIES[0]) for n in sizes]
+    grown += [alone(_grown, sizes[0], *utility) for utility in UTILITIES[1:]]
+    beside = [alone(_beside, size, *one, *utility) for size in compared for utility in UTILITIES for one in LAYOUTS]
     return {
         "machine": begun,
         "cores": cores(),
