@@ -2,8 +2,9 @@
 
 Areas are how plans are found; the bound is of the whole fleet, and holds for plans that were found in any way. A slot
 is bounded as if everybody could be anywhere by then (`crowding`), with a field that begins at the users who are served
-in a good plan. In the first slots little can be reached, and each UAV gets at most what its best user can get within
-reach, all others as far away as they can be: without the rule that users are distinct, which hardly matters there.
+in a good plan; a few of the earlier ones with what can be reached by then. In the first slots little can be reached,
+and each UAV gets at most what its best user can get within reach, all others as far away as they can be: without the
+rule that users are distinct, which hardly matters there.
 """
 
 from __future__ import annotations
@@ -26,6 +27,8 @@ STEPS = 40
 """Of the field, for each stretch in which the same UAVs fly, and under each further kappa."""
 KAPPAS, LAST_STEPS = 24, 120
 """How many kappas more a proof tries, and steps under the best one."""
+STAGES, STAGE_STEPS = (20, 12, 7), 2
+"""Slots that are bounded with what can be reached by then, and steps of the field for each."""
 USERS_AT_ONCE = 500
 """So that tables of all UAVs and these users stay in the processor's cache."""
 MOST_STRETCHES = 4
@@ -78,8 +81,15 @@ def lower_ceilings(
 
 
 def _crowd(problem: Problem, rates_kbps: Array | None, bounds: Array) -> None:
-    for stretch, slot, field in _stretches(problem, rates_kbps, ground_of(problem)):
-        bounds[stretch.first : stretch.end] = field.improve(slot, STEPS)
+    ground = ground_of(problem)
+    for stretch, slot, field in _stretches(problem, rates_kbps, ground):
+        least = field.improve(slot, STEPS)
+        bounds[stretch.first : stretch.end] = least
+        for n in STAGES:  # what can be reached grows: what is true of a slot is true of those before
+            if stretch.first < n < stretch.end - 1:
+                field.renew()
+                least = min(least, field.improve(_reached_slot(problem, ground, n), STAGE_STEPS))
+                bounds[stretch.first : n + 1] = least
 
 
 def _stretches(problem: Problem, rates_kbps: Array | None, ground: Ground) -> Iterator[tuple[Stretch, Slot, Field]]:
@@ -90,7 +100,10 @@ def _stretches(problem: Problem, rates_kbps: Array | None, ground: Ground) -> It
         n = stretch.end - 1
         if problem.flying[:, n].sum() < 2:
             continue
-        near2, far2 = squared_distance_range(problem, np.array([n]), ends=False)
-        slot = everywhere(problem, ground, slot_of(problem, ground, n, near2[:, :, 0], far2[:, :, 0]), n)
-        del near2, far2
+        slot = everywhere(problem, ground, _reached_slot(problem, ground, n), n)
         yield stretch, slot, first_field(problem, ground, slot, None if rates_kbps is None else rates_kbps[:, n])
+
+
+def _reached_slot(problem: Problem, ground: Ground, n: int) -> Slot:
+    near2, far2 = squared_distance_range(problem, np.array([n]), ends=False)
+    return slot_of(problem, ground, n, near2[:, :, 0], far2[:, :, 0])

@@ -191,9 +191,9 @@ def test_no_round_makes_the_joint_utility_less_and_no_plan_exceeds_the_bound(
 @settings(max_examples=10)
 @given(seed=st.integers(0, 10_000), speed=st.floats(0.0, 1.0))
 def test_no_flight_exceeds_the_ceiling_of_a_slot(seed: int, speed: float) -> None:
-    problem = problem_of(laid_out("uniform", 6, 30, 6, seed=seed % 5))
+    problem = problem_of(laid_out("uniform", 6, 30, 24, seed=seed % 5))
     rng = np.random.default_rng(seed)
-    wish = problem.hover() + speed * np.cumsum(rng.normal(0.0, 20.0, (6, 6, 2)), axis=1)
+    wish = problem.hover() + speed * np.cumsum(rng.normal(0.0, 20.0, (6, 24, 2)), axis=1)
     solution = linked(problem, flyable(problem, wish))
     rates_kbps = served_rates_bps(problem, solution) / 1e3
     assert (rates_kbps.sum(axis=0) <= slot_ceilings_kbps(problem, rates_kbps) + 1e-9).all()
