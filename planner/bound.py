@@ -12,17 +12,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment, minimize_scalar
 
 from skyfolio.planner.areas.size import is_large_problem
 from skyfolio.planner.arrays import Array
+from skyfolio.planner.optimistic import optimistic_rates_kbps
 from skyfolio.planner.problem import Problem
-from skyfolio.planner.reach import squared_distance_range
-from skyfolio.planner.sinr import mean_efficiency
 from skyfolio.planner.utility import rate_weights, soft_mean, utility_kbps
 
-Ints = NDArray[np.intp]
 TANGENTS = 12
 """How many tangent planes are tried: each costs one assignment per slot."""
 STEP_ACCURACY = 0.003
@@ -136,18 +133,6 @@ def best_step(problem: Problem, point: Array, vertex: Array) -> float:
         return -utility_kbps(problem.counted_kbps(point + share * (vertex - point)), problem.kind, problem.mu)
 
     return float(minimize_scalar(loss_kbps, bounds=(0.0, 1.0), method="bounded", options={"xatol": STEP_ACCURACY}).x)
-
-
-def optimistic_rates_kbps(problem: Problem, slots: Ints | None = None) -> Array:
-    """Return the rate of each pair with a whole band, own UAV as near and the others as far as they can be.
-
-    slots: (S,), which ones; default all. (U, K, S) kbit/s.
-    """
-    near2, far2 = squared_distance_range(problem, slots)
-    gain = problem.snr_gain if slots is None else problem.snr_gain[:, :, slots]
-    rates = mean_efficiency(gain / near2, gain / far2, problem.draws)
-    rates *= (problem.bandwidth_hz / 1e3)[:, None, None]
-    return rates
 
 
 def best_tables(pair_kbps: Array) -> Callable[[Array], Array]:

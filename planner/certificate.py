@@ -9,9 +9,10 @@ import numpy as np
 from skyfolio.planner.areas.ceiling import lower_ceilings, slot_ceilings_kbps
 from skyfolio.planner.areas.size import is_large_problem
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.bound import best_tables, lifted_kbps, optimistic_rates_kbps, upper_bound_kbps
+from skyfolio.planner.bound import best_tables, lifted_kbps, upper_bound_kbps
 from skyfolio.planner.branch_and_bound import MAX_UAVS, Certificate, certificate
 from skyfolio.planner.crowding.proof import VISITS, Proof, Visit
+from skyfolio.planner.optimistic import optimistic_rates_kbps
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.utility import rate_weights, utility_kbps
 

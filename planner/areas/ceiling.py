@@ -15,11 +15,11 @@ import numpy as np
 
 from skyfolio.planner.areas.sketch import of_users
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.bound import optimistic_rates_kbps
 from skyfolio.planner.crowding.bound import Stretch, first_field, stretches_of
 from skyfolio.planner.crowding.field import Field
 from skyfolio.planner.crowding.fit import sharpened
 from skyfolio.planner.crowding.slots import Ground, Slot, everywhere, ground_of, slot_of
+from skyfolio.planner.optimistic import optimistic_rates_kbps
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.reach import squared_distance_range
 
