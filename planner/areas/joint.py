@@ -122,17 +122,23 @@ def area_problem(problem: Problem, joint: Joint, area: Area, users: Ints) -> Are
     if not is_assignment(problem):
         serves[:] = False
     rest_kbps = joint.rates_kbps.sum(axis=0) - (joint.rates_kbps[users] * ~serves).sum(axis=0)
-    counted = np.delete(problem.counted_kbps(joint.rates_kbps), users, axis=0)
-    decayed = float(np.nansum(np.exp(problem.mu * counted))) if problem.kind == "pooled" and problem.mu < 0.0 else 0.0
     outside = Outside(
         gain=alike[others],
         paths_m=paths_m[others],
         altitude_m=problem.altitude_m[others],
         serves=serves,
         sum_kbps=rest_kbps,
-        decayed=decayed,
+        decayed=_decayed(problem, joint, users),
     )
     return AreaProblem(problem=inner, outside=outside)
+
+
+def _decayed(problem: Problem, joint: Joint, users: Ints) -> float:
+    """Return the sum of exp(mu rate) of all but these users; only `pooled` needs it."""
+    if problem.kind != "pooled" or problem.mu == 0.0:
+        return 0.0
+    counted = np.delete(problem.counted_kbps(joint.rates_kbps), users, axis=0)
+    return float(np.nansum(np.exp(problem.mu * counted)))
 
 
 def _past(problem: Problem, users: Ints) -> Array:

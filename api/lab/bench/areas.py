@@ -179,10 +179,11 @@ def _rows(figures: dict[str, Any]) -> list[tuple[str, list[str], list[list[str]]
     size = ["UAVs x users x slots", "utility (mu)"]
     costs = ["seconds", "CPU s", "CPU ms a UAV", "peak GB", "kbit/s", "gap", "replan, s", "replan, CPU s"]
     values = ["at once, kbit/s", "by areas, kbit/s", "difference", "at once, CPU s", "by areas, CPU s"]
-    return [
+    found = [
         ("Plans, and replans after one loss", [*size, *costs], grown),
         ("Beside plans of the whole fleet at once", [size[0], "layout", size[1], *values], beside),
     ]
+    return [table for table in found if table[2]]
 
 
 def _utility(row: dict[str, Any]) -> str:
