@@ -19,8 +19,8 @@ from hypothesis import strategies as st
 from skyfolio.api.cli import bench
 from skyfolio.api.cli import main as cli
 from skyfolio.api.cli.files import UsageError
-from skyfolio.api.lab.bench import checked as check
 from skyfolio.api.lab.bench import areas, loop, planner, radio
+from skyfolio.api.lab.bench import checked as check
 from skyfolio.api.lab.bench.best_known import improve, load, note_search, searched
 from skyfolio.api.lab.bench.cases import instance
 from skyfolio.api.lab.bench.checked import broken, checked

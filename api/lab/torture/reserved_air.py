@@ -9,11 +9,11 @@ from collections.abc import Iterator
 from math import dist, hypot
 
 from skyfolio.api.flights.journal import Step
-from skyfolio.api.flights.rates import Point
 from skyfolio.api.lab.torture.checks import meanwhile
 from skyfolio.api.lab.torture.missions import assigned_mission
 from skyfolio.api.lab.torture.sightings import LostUav
 from skyfolio.api.lab.torture.watch import LOW_M, Seen
+from skyfolio.planner.geometry import Point
 from skyfolio.sim import Mode
 from skyfolio.sim.station import Vehicle
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 from skyfolio.api.flights.journal import Entry
 from skyfolio.api.flights.losses import LossKind
-from skyfolio.api.flights.rates import Point
 from skyfolio.api.flights.recovery_report import RecoveryReport
 from skyfolio.api.lab.torture.drill import Blow
 from skyfolio.api.store.event_log import Event
+from skyfolio.planner.geometry import Point
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,13 +16,13 @@ from skyfolio.api.flights.journal import Entry, Step
 from skyfolio.api.flights.losses import LossKind
 from skyfolio.api.flights.operation import Operation
 from skyfolio.api.flights.operation_views import OperationView
-from skyfolio.api.flights.rates import Point
 from skyfolio.api.flights.recovery_report import RecoveryReport
 from skyfolio.api.lab.torture.drill import Blow, Drill
 from skyfolio.api.lab.torture.sightings import Gone, LostUav, Noted, Reported, SlotClock, Struck, Taken
 from skyfolio.api.lab.virtual.disk import COMMIT_S
 from skyfolio.api.lab.virtual.ground import EPOCH_S, Ground
 from skyfolio.api.store.event_log import Event
+from skyfolio.planner.geometry import Point
 from skyfolio.sim.geo import LocalFrame
 from skyfolio.sim.station import Vehicle
 
