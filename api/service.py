@@ -38,6 +38,7 @@ from skyfolio.api.plans.solver import LaneName, Solver
 from skyfolio.api.plans.solver_choice import solver_for
 from skyfolio.api.store import Database, StoreError
 from skyfolio.api.store.event_log import Event, EventLog
+from skyfolio.api.store.leases import Leases
 from skyfolio.api.store.retention import Retention
 from skyfolio.planner import EXAMPLES
 
@@ -49,6 +50,10 @@ CLOSE_S = 1.5
 """Wall seconds that everything has to end when the service is stopped: vehicles fly on by themselves."""
 
 
+async def _open_database(settings: Settings) -> Database:
+    return await Database.open(settings.database_url, Leases.of(settings) if settings.several_services else None)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Ports:
     """What a service reaches the world through; by default what a process of its own has.
@@ -58,7 +63,7 @@ class Ports:
     """
 
     solver: Callable[[Settings], Solver] = solver_for
-    database: Callable[[Settings], Awaitable[Database]] = lambda settings: Database.open(settings.database_url)
+    database: Callable[[Settings], Awaitable[Database]] = _open_database
     fleet: FleetPorts = field(default_factory=FleetPorts)
     watch_loop: bool = True
 
@@ -97,6 +102,7 @@ class Service:
             background=self.background,
             healthy=self.can_replan,
             ports=self._ports.fleet,
+            leases=database.leases,
         )
         shared = SharedServices(settings, self.clock, self.plans, self.contingencies, self.metrics)
         self.operations = Operations(shared, Stores(database, self.journal, events), self.fleet)
@@ -153,12 +159,28 @@ class Service:
         await self.plans.start()
         await self.drills.start_up()
         await self.fleet.start()
+        await self._start_leases()
         await self.operations.start_up()  # before the solver is warm: vehicles in the air wait for nothing
         if self.simulated is not None:
             self.simulated.start()
             for system_id, uav_id in enumerate(scenario_of(str(self.settings.simulate)).uav_ids, start=1):
                 await self.fleet.register(uav_id, system_id, simulated=True)
         self.ready = True
+
+    async def _start_leases(self) -> None:
+        """Begin to hold leases, and to follow what other services do, if several share the database."""
+        leases = self.database.leases
+        if leases is None:
+            return
+        await leases.start()
+        for name, work in {
+            "leases": leases.run,
+            "lease-watch": leases.watch,
+            "events-of-others": self.events.follow_others,
+            "registry-of-others": self.fleet.follow_registry,
+            "operations-of-others": self.operations.follow_others,
+        }.items():
+            self.background.start(name, work)
 
     async def close(self) -> None:
         """End operations, the link, the workers and the database; vehicles go on with the missions on board.
@@ -172,6 +194,8 @@ class Service:
         await _ended("drills", self.drills.close(), until_s)
         await _ended("operations", self.operations.close(), until_s)
         await _ended("fleet", self.fleet.close(), until_s)
+        if self.database.leases is not None:  # nothing is sent any more
+            await _ended("leases", self.database.leases.close(), until_s)
         if self.simulated is not None:
             await _ended("simulated fleet", asyncio.to_thread(self.simulated.stop), until_s)
         await _ended("contingencies", self.contingencies.close(), until_s)
@@ -224,6 +248,9 @@ class Service:
             checks["database"] = "ok" if trouble is None else f"degraded: {trouble}{held}"
         except StoreError as error:
             checks["database"] = str(error)[:200]
+        if self.database.leases is not None:
+            trouble = self.database.leases.trouble
+            checks["leases"] = "ok" if trouble is None else f"not renewed: {trouble}"[:200]
         checks["solver"] = self._solver_check()
         if (link := self.solver.link) is not None and not link.up:
             checks["cluster"] = f"ok: local workers solve instead; {link.trouble}"

@@ -44,7 +44,8 @@ class Orders:
 
     links: URLs (see `endpoints`). slot0_at: UTC seconds when slot 0 began. slot_s: fleet seconds a slot; scale: fleet
     seconds a wall second. items: for each system id the seq of the waypoint at which it is when a slot begins, for
-    each slot (`Mission.item_of_slot`). signing_key_file: never the key itself.
+    each slot (`Mission.item_of_slot`). signing_key_file: never the key itself. until_s: the second of this machine's
+    CLOCK_BOOTTIME from which on another service may command the vehicles, and nothing more is sent; None: never.
     """
 
     links: tuple[str, ...]
@@ -53,6 +54,11 @@ class Orders:
     slot_s: float
     items: Mapping[int, tuple[int, ...]]
     signing_key_file: str | None = None
+    until_s: float | None = None
+
+    def may_send(self, _system_id: int) -> bool:
+        """Return whether the vehicles are still this machine's to command."""
+        return self.until_s is None or time.clock_gettime(time.CLOCK_BOOTTIME) < self.until_s
 
     def item_at(self, system_id: int, now: float) -> int:
         """Return the waypoint to fly to at UTC second `now`: that of the slot that begins next, at most the last."""
@@ -131,7 +137,10 @@ class _Wall:
 async def take_over(orders: Orders) -> dict[int, str | None]:
     """Start the mission of every vehicle; return for each what went wrong, or None. Raises ConnectionFailed."""
     key = orders.signing_key_file
-    options = LinkOptions(signing=Signing.from_file(Path(key)) if key is not None else None)
+    options = LinkOptions(
+        signing=Signing.from_file(Path(key)) if key is not None else None,
+        may_send=None if orders.until_s is None else orders.may_send,
+    )
     async with FleetLink(clock=_Wall(), monitor=HeartbeatMonitor(), options=options) as link:
         for url in orders.links:
             await link.connect(url, patience_s=LINKS_FREE_S)

@@ -7,6 +7,9 @@
 MAVSDK has one connection, `raw://`, and knows nothing of any of this. Lives on the event loop; `to_vehicles` may be
 called from MAVSDK's threads. Our heartbeat is a dead man's switch: MAVSDK makes it, but it passes through the event
 loop and only while `healthy()`; vehicles whose failsafe watches ground stations notice when we are not.
+
+Here is also the one place where frames leave for vehicles. Where several services command one fleet, each frame is
+checked here as it leaves (`LinkOptions.may_send`), whoever made it: no queue before it can outlive the permission.
 """
 
 from __future__ import annotations
@@ -18,7 +21,7 @@ from dataclasses import dataclass
 
 from skyfolio.mavlink_bridge.endpoints import endpoint_of
 from skyfolio.mavlink_bridge.framing import Frame, Framer
-from skyfolio.mavlink_bridge.links import Endpoint, MakeEndpoint
+from skyfolio.mavlink_bridge.links import Endpoint, MakeEndpoint, OneEnd
 from skyfolio.mavlink_bridge.routing import Routes
 from skyfolio.mavlink_bridge.senders import SenderNotice, Senders
 from skyfolio.mavlink_bridge.signing import Signing
@@ -26,6 +29,7 @@ from skyfolio.mavlink_bridge.tlog import TelemetryLog
 from skyfolio.mavlink_bridge.watchers import Watchers
 
 _HEARTBEAT = 0
+_EVERYBODY = 0
 _LOGGER = logging.getLogger(__name__)
 
 
@@ -34,7 +38,9 @@ class LinkOptions:
     """How the links work. `forward`: udpout:// URL of a watcher; `forward_commands`: whether it may command too.
 
     `signing`: keys on both ends; then MAVLink 1, unsigned and forged frames are dropped. `healthy`: whether vehicles
-    may count on this service; our heartbeat is only sent while it returns true. `on_sender`: called on the loop when a
+    may count on this service; our heartbeat is only sent while it returns true. `may_send`: whether a frame may leave
+    for this system id now, 0: for any at all; None where no other service commands the fleet. What addresses all
+    vehicles is then sent to each one that may be sent to. `on_sender`: called on the loop when a
     vehicle is heard from another address, from two places, or on a second link; `moves_after_s`: wall seconds of
     silence before it may be heard from another address, longer than a loss takes to be declared.
     """
@@ -43,6 +49,7 @@ class LinkOptions:
     forward: str | None = None
     forward_commands: bool = False
     healthy: Callable[[], bool] = lambda: True
+    may_send: Callable[[int], bool] | None = None
     on_sender: Callable[[SenderNotice], None] = lambda _notice: None
     moves_after_s: float = 6.0
 
@@ -152,6 +159,9 @@ class Hub:
                     self._send_frame(frame)
 
     def _send_frame(self, frame: Frame) -> None:
+        ways = self._ways_of(frame.target)
+        if not ways:
+            return
         self._log([frame.data])
         data = frame.data
         if self._options.signing is not None:
@@ -160,9 +170,21 @@ class Hub:
             except ValueError as error:
                 _LOGGER.warning("not sent: %s", error)
                 return
-        target = frame.target
-        for url in self._routes.links_of(target, self._loop.time()):
-            self._endpoints[url].send(data, target)
+        for url, system_id in ways:
+            self._endpoints[url].send(data, system_id)
+
+    def _ways_of(self, target: int) -> list[tuple[str, int]]:
+        """Return the links on which a frame leaves, and the system id it leaves for on each; none if it may not."""
+        now_s, may_send = self._loop.time(), self._options.may_send
+        if may_send is None or (target != _EVERYBODY and may_send(target)):
+            return [(url, target) for url in self._routes.links_of(target, now_s)]
+        if target != _EVERYBODY or not may_send(_EVERYBODY):
+            return []
+        ours = [system_id for system_id in self._routes.heard_systems if may_send(system_id)]
+        ways = [(url, system_id) for system_id in ours for url in self._routes.links_of(system_id, now_s)]
+        ways += [(url, _EVERYBODY) for url in self._routes.unheard_links]  # whoever is there learns where we are
+        one_end = {url: _EVERYBODY for url, _ in ways if isinstance(self._endpoints[url], OneEnd)}
+        return [way for way in ways if way[0] not in one_end] + list(one_end.items())
 
     def _from_watcher(self, frames: Iterable[Frame]) -> None:
         for frame in frames:

@@ -265,6 +265,10 @@ class FleetLink(ListeningLink):
                 return refuse(
                     system_id=system_id, seconds=0.0, error=f"system {system_id} was never heard on this link"
                 )
+            if self._options.may_send is not None and not self._options.may_send(system_id):
+                return refuse(
+                    system_id=system_id, seconds=0.0, error=f"system {system_id} is not this service's to command now"
+                )
             began_s = asyncio.get_running_loop().time()
             try:
                 return await act(vehicle, request)

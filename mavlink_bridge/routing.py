@@ -59,6 +59,16 @@ class Routes:
         self._used[system_id] = best
         return [best]
 
+    @property
+    def heard_systems(self) -> list[int]:
+        """Return every system id that was heard on any link."""
+        return list(self._ways)
+
+    @property
+    def unheard_links(self) -> list[str]:
+        """Return the links on which nobody was ever heard."""
+        return [url for url in self._order if not any(url in ways for ways in self._ways.values())]
+
     def silent_for_s(self, system_id: int, url: str, now_s: float) -> float | None:
         """Return the seconds since a vehicle was heard on a link, None if it never was."""
         way = self._ways.get(system_id, {}).get(url)

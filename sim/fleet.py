@@ -188,7 +188,7 @@ class Fleet:
         try:
             for system_id, vehicle in self.vehicles.items():
                 if vehicle.transmitting:
-                    vehicle.link = await open_link(*self._endpoints[system_id], vehicle.radio, vehicle.receive)
+                    vehicle.link = await open_link(self._endpoints[system_id], vehicle.radio, vehicle.receive)
         except BaseException:
             self._close_links()
             raise

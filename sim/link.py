@@ -9,7 +9,7 @@ import asyncio
 import re
 import socket
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, cast
 
 from skyfolio.sim.impairments import Channel, Impairments
@@ -22,12 +22,19 @@ MAX_PEERS = 8
 _ENDPOINT = re.compile(r"udpout://(?P<host>\[[0-9a-fA-F:]+\]|[^:/\s]+):(?P<first>\d+)(-(?P<last>\d+))?")
 
 
-def endpoints_of(url: str, count: int) -> list[tuple[str, int]]:
-    """Return (host, port) for each of `count` vehicles.
+def endpoints_of(urls: str, count: int) -> list[list[tuple[str, int]]]:
+    """Return for each of `count` vehicles every (host, port) it sends to; the URLs are separated by commas.
 
     `udpout://HOST:PORT` sends all of them to one port; `udpout://HOST:FIRST-LAST` gives each its own, in order.
     ValueError for anything else, and for a range with too few ports.
     """
+    ends = [_endpoints_of(url.strip(), count) for url in urls.split(",")]
+    if len(ends) > MAX_PEERS // 2:
+        raise ValueError(f"endpoint: a vehicle sends to at most {MAX_PEERS // 2}, got {len(ends)}")
+    return [list(each) for each in zip(*ends, strict=True)]
+
+
+def _endpoints_of(url: str, count: int) -> list[tuple[str, int]]:
     match = _ENDPOINT.fullmatch(url)
     if match is None:
         raise ValueError(f"endpoint must look like udpout://HOST:PORT or udpout://HOST:FIRST-LAST, got {url!r}")
@@ -58,10 +65,13 @@ class Radio:
 
 
 class Link(ABC):
-    """Sends datagrams, and passes each incoming message on as `on_message(message, sender)`."""
+    """Sends datagrams, and passes each incoming message on as `on_message(message, sender)`.
 
-    def __init__(self, remote: Address, radio: Radio, on_message: OnMessage) -> None:
-        self.remote = remote
+    remotes: the endpoints, to which it sends whether they are there or not.
+    """
+
+    def __init__(self, remotes: Sequence[Address], radio: Radio, on_message: OnMessage) -> None:
+        self.remotes = tuple(remotes)
         self._radio = radio
         self._on_message = on_message
         self._decoders: dict[Address, Decoder] = {}
@@ -91,11 +101,9 @@ class Link(ABC):
             self._leave()
 
     def broadcast(self, data: bytes) -> None:
-        """Send one datagram to the endpoint and to every other known peer."""
-        self.send(data, self.remote)
-        for address in self._decoders:
-            if address != self.remote:
-                self.send(data, address)
+        """Send one datagram to the endpoints and to every other known peer."""
+        for address in (*self.remotes, *(peer for peer in self._decoders if peer not in self.remotes)):
+            self.send(data, address)
 
     def pump(self) -> None:
         """Deliver the datagrams that were delayed until now."""
@@ -123,7 +131,7 @@ class Link(ABC):
 
     def _remember(self, address: Address, decoder: Decoder) -> None:
         if len(self._decoders) >= MAX_PEERS:
-            oldest = next(peer for peer in self._decoders if peer != self.remote)
+            oldest = next(peer for peer in self._decoders if peer not in self.remotes)
             del self._decoders[oldest]
         self._decoders[address] = decoder
 
@@ -131,8 +139,8 @@ class Link(ABC):
 class DatagramLink(Link, asyncio.DatagramProtocol):
     """A link over a UDP socket; `open_link` opens one."""
 
-    def __init__(self, remote: Address, radio: Radio, on_message: OnMessage) -> None:
-        super().__init__(remote, radio, on_message)
+    def __init__(self, remotes: Sequence[Address], radio: Radio, on_message: OnMessage) -> None:
+        super().__init__(remotes, radio, on_message)
         self._transport: asyncio.DatagramTransport | None = None
 
     @property
@@ -174,7 +182,7 @@ class MemoryLink(Link):
         system_id: int,
         stations: dict[Address, Callable[[bytes, int], None]],
     ) -> None:
-        super().__init__(remote, radio, on_message)
+        super().__init__([remote], radio, on_message)
         self._system_id = system_id
         self._stations = stations
         self._open = True
@@ -193,13 +201,18 @@ class MemoryLink(Link):
             self._stations[address](data, self._system_id)
 
 
-async def open_link(host: str, port: int, radio: Radio, on_message: OnMessage) -> DatagramLink:
-    """Open a socket on a free port that talks to (host, port); OSError if the host is unknown."""
+async def open_link(ends: Sequence[tuple[str, int]], radio: Radio, on_message: OnMessage) -> DatagramLink:
+    """Open a socket on a free port that talks to these (host, port), all of one family; OSError for an unknown host."""
     loop = asyncio.get_running_loop()
-    family, _, _, _, remote = (await loop.getaddrinfo(host, port, type=socket.SOCK_DGRAM))[0]
+    found = [(await loop.getaddrinfo(host, port, type=socket.SOCK_DGRAM))[0] for host, port in ends]
+    families, remotes = {entry[0] for entry in found}, [entry[4] for entry in found]
+    if len(families) > 1:
+        raise OSError(f"endpoints of one vehicle are all IPv4 or all IPv6, got {remotes}")
+    (family,) = families
     any_host = "::" if family == socket.AF_INET6 else "0.0.0.0"  # noqa: S104
-    local = remote[0] if remote[0] in ("127.0.0.1", "::1") else any_host
+    near = [remote[0] for remote in remotes if remote[0] in ("127.0.0.1", "::1")]
+    local = near[0] if len(near) == len(remotes) else any_host
     _, link = await loop.create_datagram_endpoint(
-        lambda: DatagramLink(remote, radio, on_message), local_addr=(local, 0), family=family
+        lambda: DatagramLink(remotes, radio, on_message), local_addr=(local, 0), family=family
     )
     return link

@@ -30,8 +30,8 @@ class Tap(Protocol):
     def frame_sent(self, t_s: float, system_id: int, frame: bytes) -> None:
         """Take a frame that a vehicle sends."""
 
-    def message_received(self, t_s: float, system_id: int, message: Any) -> None:
-        """Take a message that a vehicle receives."""
+    def message_received(self, t_s: float, system_id: int, message: Any, sender: Address) -> None:
+        """Take a message that a vehicle receives from this address."""
 
     def message_answered(self, t_s: float, system_id: int, name: str) -> None:
         """Take the name of a message that a vehicle sends as an answer."""
@@ -153,7 +153,7 @@ class Vehicle:
             self._unread.append((message, sender))
         if not self.transmitting or self.link is None:
             return
-        self._tap.message_received(self._now_s, self.system_id, message)
+        self._tap.message_received(self._now_s, self.system_id, message, sender)
         answers = self.autopilot.handle(message)
         for answer in answers:
             self._tap.message_answered(self._now_s, self.system_id, answer.get_type())

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field, is_dataclass
 from typing import Any
 
+from skyfolio.sim.link import Address
 from skyfolio.sim.station import Vehicle
 from skyfolio.sim.tlog import TlogWriter
 
@@ -57,7 +58,8 @@ class Event:
 class LoggedMessage:
     """A message that a vehicle received ("in") or sent as an answer ("out"); streams are only counted.
 
-    `command`: the MAV_CMD of a command or mission item that it received; None for other messages.
+    `command`: the MAV_CMD of a command or mission item that it received; None for other messages. `sender`: HOST:PORT
+    from which it was received over UDP; None otherwise.
     """
 
     t_s: float
@@ -65,6 +67,7 @@ class LoggedMessage:
     direction: str
     name: str
     command: int | None = None
+    sender: str | None = None
 
 
 Row = dict[str, Any]
@@ -124,9 +127,11 @@ class TruthLog:
         if self.tlog is not None:
             self.tlog.write(t_s, frame)
 
-    def message_received(self, t_s: float, system_id: int, message: Any) -> None:
+    def message_received(self, t_s: float, system_id: int, message: Any, sender: Address) -> None:
         """Log a message that a vehicle receives."""
-        self._message(LoggedMessage(t_s, system_id, "in", message.get_type(), getattr(message, "command", None)))
+        command = getattr(message, "command", None)
+        at = f"{sender[0]}:{sender[1]}" if len(sender) > 1 else None
+        self._message(LoggedMessage(t_s, system_id, "in", message.get_type(), command, at))
         if self.on_received is not None:
             self.on_received(t_s, system_id, message)
         if self.tlog is not None:

@@ -18,7 +18,8 @@ def simulate(
     speedup: Annotated[float, typer.Option(min=0.1, max=100, help="Times real time.")] = 1.0,
     autopilot: AutopilotOfFleet = DEFAULT,
     endpoint: Annotated[
-        str, typer.Option(help="Where they send to; HOST:FIRST-LAST gives each vehicle a port of its own.")
+        str,
+        typer.Option(help="Where they send to, or several such URLs; HOST:FIRST-LAST gives each a port of its own."),
     ] = "udpout://127.0.0.1:14540",
     example: Annotated[str | None, typer.Option(help="Start at the start positions of this example.")] = None,
     plan_file: Annotated[

@@ -6,9 +6,9 @@ import ipaddress
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from skyfolio.mavlink_bridge.conditions import Timing
@@ -32,6 +32,9 @@ class Settings(BaseSettings):
 
     database_url: `sqlite+aiosqlite:///FILE`, `postgresql+asyncpg://...`, or `temporary`, which is deleted at the end.
     time_scale: how much faster than real time the (simulated) fleet lives; leave it at 1 for real aircraft.
+    several_services: several services share the PostgreSQL database; each operation belongs to one by a lease.
+    lease_s: wall seconds after which a lease that could not be renewed has run out; all services need the same.
+    service_name: what others and operators call this service; by default this machine's name and the port.
     fleet_url: where vehicles are; several links, the preferred first, separated by commas. forward_url: udpout://HOST:PORT
     where a ground station watches the fleet; forward_commands: whether it may command too. signing_key_file: 32 bytes
     (or 64 hexadecimal digits); MAVLink is then signed both ways. telemetry_log_dir: one .tlog an operation.
@@ -64,6 +67,9 @@ class Settings(BaseSettings):
     host: str = "127.0.0.1"
     port: Annotated[int, Field(ge=0, le=65535)] = 8080
     database_url: str = TEMPORARY
+    several_services: bool = False
+    lease_s: Annotated[float, Field(ge=1, le=60)] = 2.5
+    service_name: Annotated[str, Field(max_length=64)] = ""
     fleet_url: str = "udpin://127.0.0.1:14540"
     forward_url: str | None = None
     forward_commands: bool = False
@@ -128,6 +134,14 @@ class Settings(BaseSettings):
         for address in listed(value):
             ipaddress.ip_network(address, strict=False)
         return value
+
+    @model_validator(mode="after")
+    def _shareable(self) -> Self:
+        if self.several_services and not self.database_url.startswith("postgresql"):
+            raise ValueError("several_services needs PostgreSQL (database_url)")
+        if self.several_services and self.simulate is not None:
+            raise ValueError("several_services: a simulated fleet inside one service (simulate) ends with it")
+        return self
 
     @property
     def scheduler(self) -> str | None:

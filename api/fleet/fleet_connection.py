@@ -22,7 +22,8 @@ class FleetConnection:
     """Opens and closes the link, and lets `news` follow it.
 
     monitor: judges the heartbeats. healthy: returns whether vehicles may rely on us; our HEARTBEAT is only sent while
-    it does. ports: what the link is made of.
+    it does. ports: what the link is made of. may_send: whether a frame may leave for a system id now
+    (`LinkOptions.may_send`).
     """
 
     def __init__(
@@ -33,6 +34,7 @@ class FleetConnection:
         background: Supervisor,
         healthy: Callable[[], bool],
         ports: LinkPorts,
+        may_send: Callable[[int], bool] | None = None,
     ) -> None:
         self.monitor = HeartbeatMonitor(
             stale_after_s=settings.heartbeat_stale_s,
@@ -41,6 +43,7 @@ class FleetConnection:
         )
         self._settings, self._clock, self._news = settings, clock, news
         self._background, self._healthy, self._ports = background, healthy, ports
+        self._may_send = may_send
         self._link: FleetLink | None = None
         self._followers: list[asyncio.Task[None]] = []
         self._opening = asyncio.Lock()
@@ -99,6 +102,7 @@ class FleetConnection:
             forward=settings.forward_url,
             forward_commands=settings.forward_commands,
             healthy=self._healthy,
+            may_send=self._may_send,
             on_sender=self._news.note_sender,
             moves_after_s=settings.heartbeat_lost_s / self._clock.scale + MOVE_MARGIN_S,
         )

@@ -1,4 +1,4 @@
-"""Which vehicles an order of the operator reaches: none that is on the ground, not heard, or flown by somebody else."""
+"""Which vehicles an order of the operator reaches: none on the ground, not heard, or flown by somebody else."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ def reason_to_leave_alone(fleet: Fleet, uav: str, action: Action, *, force: bool
 
     force: order a vehicle to land or return even if a human or a failsafe flies it.
     """
-    system = fleet.system_of(uav)
+    system, owner = fleet.system_of(uav), fleet.owner(uav)
+    if owner is not None:
+        return f"{owner}: order it there"
     if not fleet.is_heard(system):
         return "it is not heard"
     if fleet.is_down(system):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
@@ -20,8 +20,9 @@ from skyfolio.api.fleet.fleet_ports import FleetPorts
 from skyfolio.api.fleet.own_link import Heard, OwnLink
 from skyfolio.api.fleet.vehicle_news import FleetNews
 from skyfolio.api.fleet.vehicle_view import VehicleView, view_of
-from skyfolio.api.store import Database
+from skyfolio.api.store import Database, StoreError
 from skyfolio.api.store.event_log import EventLog
+from skyfolio.api.store.leases import Leases
 from skyfolio.api.store.tables import vehicles as table
 from skyfolio.mavlink_bridge import FleetLink, LinkState, VehiclesMissing
 from skyfolio.mavlink_bridge.conditions import Change
@@ -30,6 +31,8 @@ from skyfolio.mavlink_bridge.mission_messages import GROUND
 HEARD_WITHIN_S = 5.0
 """Wall seconds that a vehicle may take to be heard before an upload, or the watch of its heartbeats, goes on without
 it."""
+REGISTRY_EVERY_S = 1.0
+"""Wall seconds between looks at what other services registered."""
 PORT_FREE_WITHIN_S = 20.0
 """Wall seconds for which a restarted service waits until the guard of the last process lets go of its ports."""
 
@@ -38,7 +41,8 @@ class Fleet:
     """The registry, and what is known of each registered vehicle.
 
     healthy: returns whether vehicles may rely on us; our HEARTBEAT is only sent while it does. ports: what it reaches
-    vehicles through.
+    vehicles through. leases: which vehicles this service may send to, and until when; None where no other service
+    shares the database.
     """
 
     def __init__(
@@ -50,20 +54,23 @@ class Fleet:
         background: Supervisor,
         healthy: Callable[[], bool] = lambda: True,
         ports: FleetPorts | None = None,
+        leases: Leases | None = None,
     ) -> None:
         self._settings, self._clock, self._events = settings, clock, events
-        self._database = database
+        self._database, self._leases = database, leases
         self._simulated: set[str] = set()
         self._systems: dict[str, int] = {}
-        self.news = FleetNews(self._systems, events)
+        self.news = FleetNews(self._systems, events, self.is_of_another)
         """What the link reports of them."""
         ports = ports or FleetPorts()
         self.new_guard = ports.guard
         """Makes a guard of setpoint streams."""
-        self._connection = FleetConnection(settings, clock, self.news, background, healthy, ports.link)
+        may_send = None if leases is None else leases.may_send
+        self._connection = FleetConnection(settings, clock, self.news, background, healthy, ports.link, may_send)
         self.commander = Commander(lambda: self.link)
         """Through which every command to a vehicle goes."""
         self._finding: asyncio.Task[None] | None = None
+        self._changing = asyncio.Lock()
 
     @property
     def link(self) -> FleetLink:
@@ -73,12 +80,31 @@ class Fleet:
     async def start(self) -> None:
         """Take over the registry of the last process, without its simulated vehicles: they ended with it."""
         await self._database.write(delete(table).where(table.c.simulated.is_(True)))
-        for row in await self._database.rows(select(table)):
-            await self._connection.open(patience_s=PORT_FREE_WITHIN_S)
-            self._systems[row.uav_id] = row.system_id
-            self.link.expect({row.system_id})
+        await self.read_registry()
         if self._systems:
             self._finding = asyncio.create_task(self._find(), name="fleet-find")
+
+    async def read_registry(self) -> None:
+        """Follow the registry that other services change as well. Raises StoreError, ConnectionFailed."""
+        async with self._changing:
+            stored = {row.uav_id: row.system_id for row in await self._database.rows(select(table))}
+            for uav_id in [uav_id for uav_id, system_id in self._systems.items() if stored.get(uav_id) != system_id]:
+                self._forget(uav_id)
+            for uav_id, system_id in stored.items():
+                if uav_id not in self._systems:
+                    await self._connection.open(patience_s=PORT_FREE_WITHIN_S)
+                    self._systems[uav_id] = system_id
+                    self.link.expect({system_id})
+
+    async def follow_registry(self) -> None:
+        """Read the registry again and again, and expect to hear the vehicles that another service registered."""
+        while True:
+            await asyncio.sleep(REGISTRY_EVERY_S)
+            before = set(self._systems)
+            with suppress(StoreError):  # readiness reports a database that does not answer
+                await self.read_registry()
+            for uav_id in set(self._systems) - before:
+                self.link.classifier.watch(self._systems[uav_id], self._clock.now())
 
     async def _find(self) -> None:
         """Wait until vehicles are heard: discovery takes wall time, silence counts fleet time."""
@@ -98,14 +124,15 @@ class Fleet:
             )
         self._require_free(uav_id, system_id)
         await self._connection.open()
-        self._require_free(uav_id, system_id)  # others have registered while the link opened
-        if uav_id not in self._systems:
-            self._systems[uav_id] = system_id
-            self.link.expect({system_id})
-            self.link.classifier.watch(system_id, self._clock.now())
-            row = {"uav_id": uav_id, "system_id": system_id, "simulated": simulated, "registered_at": utc_s()}
-            await self._database.write((insert(table), row))
-            self._events.add("vehicle_registered", uav_id=uav_id, system_id=system_id, simulated=simulated)
+        async with self._changing:
+            self._require_free(uav_id, system_id)  # others have registered while the link opened
+            if uav_id not in self._systems:
+                self._systems[uav_id] = system_id
+                self.link.expect({system_id})
+                self.link.classifier.watch(system_id, self._clock.now())
+                row = {"uav_id": uav_id, "system_id": system_id, "simulated": simulated, "registered_at": utc_s()}
+                await self._database.write((insert(table), row))
+                self._events.add("vehicle_registered", uav_id=uav_id, system_id=system_id, simulated=simulated)
         if simulated:
             self._simulated.add(uav_id)
         return self.view(uav_id)
@@ -121,12 +148,35 @@ class Fleet:
         """Forget a vehicle, which the caller knows to fly in no operation. Raises NotFoundError."""
         if uav_id not in self._systems:
             raise NotFoundError(f"vehicle {uav_id!r} does not exist")
+        async with self._changing:
+            self._forget(uav_id)
+            await self._database.write(delete(table).where(table.c.uav_id == uav_id))
+            self._events.add("vehicle_removed", uav_id=uav_id)
+
+    def _forget(self, uav_id: str) -> None:
         system_id = self._systems.pop(uav_id)
         self.link.classifier.unwatch(system_id)
         self.news.forget(system_id)
         self._simulated.discard(uav_id)
-        await self._database.write(delete(table).where(table.c.uav_id == uav_id))
-        self._events.add("vehicle_removed", uav_id=uav_id)
+
+    # -- other services -----------------------------------------------------------------------------------------------
+
+    def is_of_another(self, system_id: int) -> bool:
+        """Return whether another service has this vehicle."""
+        return self._leases is not None and self._leases.book.having(system_id) is not None
+
+    def owner(self, uav_id: str) -> str | None:
+        """Return, in words, which operation of which other service has this vehicle; None if none has."""
+        lease = None if self._leases is None else self._leases.book.having(self.system_of(uav_id))
+        return None if lease is None else f"it flies operation {lease.operation_id} of service {lease.name!r}"
+
+    def until_s(self, system_ids: Iterable[int]) -> float | None:
+        """Return until which second of CLOCK_BOOTTIME we may send to these; None: no other service ever may."""
+        return None if self._leases is None else self._leases.until_s(system_ids)
+
+    def hears_any(self, system_ids: Iterable[int]) -> bool:
+        """Return whether any of these vehicles is heard."""
+        return not self.empty and any(self.link.is_heard(system_id) for system_id in system_ids)
 
     def is_simulated(self, uav_id: str) -> bool:
         """Return whether this service itself simulates the vehicle."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from skyfolio.api.common.supervision import Supervisor
 from skyfolio.api.store.event_log import EventLog
@@ -24,10 +24,16 @@ class FleetNews:
     """Follows one link.
 
     systems: the registry, system ids by UAV id, which may change; vehicles that are not in it are not reported.
+    is_of_another: whether another service has a vehicle, and reports it.
     """
 
-    def __init__(self, systems: Mapping[str, int], events: EventLog) -> None:
-        self._systems, self._events = systems, events
+    def __init__(
+        self,
+        systems: Mapping[str, int],
+        events: EventLog,
+        is_of_another: Callable[[int], bool] = lambda _system_id: False,
+    ) -> None:
+        self._systems, self._events, self._is_of_another = systems, events, is_of_another
         self.changes: dict[int, Change] = {}
         """The newest condition of each system; none while it has always been live."""
         self._doubts: dict[int, SenderNotice] = {}
@@ -114,6 +120,16 @@ class FleetNews:
             if condition.after in _FORGETS_STREAMS:
                 self._asked.discard(change.system_id)
         for step in change.link:
+            if step.after is LinkState.LOST:
+                self._asked.discard(change.system_id)
+            for queue in self._followers:
+                queue.put_nowait(step)
+        if not self._is_of_another(change.system_id):
+            self._report(uav_id, change)
+
+    def _report(self, uav_id: str, change: VehicleChange) -> None:
+        condition = change.condition
+        for step in change.link:
             is_newest = step is change.link[-1]
             self._events.add(
                 "link",
@@ -123,10 +139,6 @@ class FleetNews:
                 silent_for_s=round(step.silent_for_s, 3),
                 cause=condition.cause if is_newest and condition is not None and change.is_of_link_only else None,
             )
-            if step.after is LinkState.LOST:
-                self._asked.discard(change.system_id)
-            for queue in self._followers:
-                queue.put_nowait(step)
         if condition is not None and not change.is_of_link_only:
             self._events.add(
                 "condition",
@@ -142,7 +154,10 @@ class FleetNews:
     async def _ask(self, link: FleetLink) -> None:
         """Ask each vehicle for its telemetry once it is heard: ArduCopter sends none unasked."""
         while True:
-            unasked = {system for system in self._systems.values() if link.is_heard(system)} - self._asked
+            heard = {system for system in self._systems.values() if link.is_heard(system)}
+            others = set(filter(self._is_of_another, heard))  # they are asked anew once they are ours
+            self._asked -= others
+            unasked = heard - others - self._asked
             self._asked |= unasked
             await link.ask_for_streams(unasked)
             await asyncio.sleep(ASK_EVERY_S)

@@ -78,7 +78,8 @@ class AssignedMissionStore:
     async def write(self, missions: Mapping[str, AssignedMission]) -> None:
         """Store missions that are about to be sent, by UAV; they are held while the database does not answer."""
         if missions:
-            await self._database.keep((_INSERT, await asyncio.to_thread(self._rows, dict(missions))))
+            rows = await asyncio.to_thread(self._rows, dict(missions))
+            await self._database.keep(*self._database.owned(self._operation_id), (_INSERT, rows))
 
     async def read(self) -> dict[str, list[AssignedMission]]:
         """Return the missions that were assigned to each UAV, the newest first. Raises StoreError."""

@@ -268,6 +268,10 @@ class FlightGuidance:
         """Return whether setpoints are being sent."""
         return self._streams.is_on
 
+    def renew_guard(self) -> None:
+        """Let the guard of a stream know that we may command the vehicles for longer."""
+        self._streams.renew_guard()
+
     async def end_stream(self, uavs: Collection[str] | None = None) -> None:
         """End the stream, so that the missions on board are flown; wait until these UAVs do so.
 

@@ -72,7 +72,9 @@ class Journal:
         """Store entries in one transaction."""
         for entry in entries:
             self._call_listeners(entry, stored=False)
-        await self._database.keep(*((_INSERT, _row(entry)) for entry in entries))
+        operations = {entry.operation_id for entry in entries}
+        owned = [statement for operation_id in operations for statement in self._database.owned(operation_id)]
+        await self._database.keep(*owned, *((_INSERT, _row(entry)) for entry in entries))
         for entry in entries:
             self._call_listeners(entry, stored=True)
 

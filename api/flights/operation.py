@@ -42,9 +42,18 @@ class Operation(OperationRecord):
 
     # -- from the ground to the ground ----------------------------------------------------------------------------
 
-    async def run(self) -> None:
-        """Upload, launch, fly, recover from losses, and land."""
-        await self._guarded(self._from_the_ground)
+    async def run(self, alone: Callable[[], Awaitable[None]] | None = None) -> None:
+        """Upload, launch, fly, recover from losses, and land.
+
+        alone: waits until no other service sends anything to the vehicles, where several command one fleet.
+        """
+
+        async def begin() -> None:
+            if alone is not None:
+                await alone()
+            await self._from_the_ground()
+
+        await self._guarded(begin)
 
     async def follow(self, settle: Callable[[Operation], Awaitable[None]]) -> None:
         """Go on with an operation that a stopped service left in the air.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -15,6 +16,7 @@ from skyfolio.api.flights.journal import Journal
 from skyfolio.api.flights.operation_store import OperationIdentity, OperationRows, Stores
 from skyfolio.api.flights.operation_views import ENDED, Abort, OperationView, Proposal, State, uav_views
 from skyfolio.api.flights.shared_services import SharedServices
+from skyfolio.api.store.writer import Statement
 
 
 class OperationRecord:
@@ -53,11 +55,13 @@ class OperationRecord:
     def view(self) -> OperationView:
         """Return what clients see."""
         flight, incidents, has_ended = self.flight, self.incidents, self.state in ENDED
+        leases = self._stores.database.leases
         proposal = incidents.proposal
         return OperationView(
             id=self.id,
             version=self.version,
             state=self.state,
+            owner=None if has_ended or leases is None else leases.name,
             replanning=self.identity.policy,
             disruption_weight=self.identity.disruption_weight,
             plan_id=flight.plan.id,
@@ -98,9 +102,9 @@ class OperationRecord:
         ends = {uav: end.value for uav, end in ends_of(self.flight).items()} if state in ENDED else {}
         self._stores.events.add("operation", operation_id=self.id, state=state.value, error=self.error, ends=ends)
 
-    async def create(self) -> None:
-        """Store a new operation. Raises StoreError."""
-        await self._rows.create(self.flight.first_plan.id, self.state, self._document())
+    async def create(self, claim: Sequence[Statement] = ()) -> None:
+        """Store a new operation, and with it its claim to its vehicles. Raises StoreError."""
+        await self._rows.create(self.flight.first_plan.id, self.state, self._document(), claim)
         self._stores.events.add("operation", operation_id=self.id, state=self.state.value, error=None)
 
     async def save(self) -> None:
@@ -130,8 +134,16 @@ class OperationRecord:
             "disruption_weight": self.identity.disruption_weight,
             "error": self.error,
             **self.incidents.document(),
-            "view": self.view().model_dump(mode="json") if self.state in ENDED else None,
+            "view": self._stored_view(),
         }
+
+    def _stored_view(self) -> dict[str, Any] | None:
+        """Return what clients see once it has ended, and what clients of other services see of it before."""
+        if self.state in ENDED:
+            return self.view().model_dump(mode="json")
+        if self._stores.database.leases is None:
+            return None
+        return self.view().model_copy(update={"user_rates_bps": {}}).model_dump(mode="json")
 
     def _slot0_at(self, elapsed_s: float | None) -> float | None:
         """Return the UTC second in which slot 0 began; now, while it begins; None before."""

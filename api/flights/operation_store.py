@@ -71,21 +71,25 @@ class OperationRows:
         self._tracked = 0
         self._tracked_at = 0.0
 
-    async def create(self, plan_id: str, state: State, document: dict[str, Any]) -> None:
-        """Store a new operation. Raises StoreError."""
+    async def create(
+        self, plan_id: str, state: State, document: dict[str, Any], claim: Sequence[Statement] = ()
+    ) -> None:
+        """Store a new operation, and with it its claim to its vehicles. Raises StoreError."""
         identity = self._identity
         row = {
             **{name: getattr(identity, name) for name in ("id", "number", "created_at", "fingerprint", "policy")},
             "plan_id": plan_id,
             **_values(state, 0, document),
         }
-        await self._database.write((_INSERT, row), *self._flown([plan_id]))
+        await self._database.write((_INSERT, row), *claim, *self._flown([plan_id]))
 
     async def save(self, state: State, version: int, document: dict[str, Any]) -> None:
         """Store the operation as it is now. The flight goes on if the database does not answer."""
         row = {f"new_{name}": value for name, value in _values(state, version, document).items()}
         flown = self._flown([entry["plan_id"] for entry in document["timeline"]])
-        self.saved = self._database.write_soon((_UPDATE, {"operation_id": self._identity.id, **row}), *flown, keep=True)
+        statement = (_UPDATE, {"operation_id": self._identity.id, **row})
+        owned = self._database.owned(self._identity.id)
+        self.saved = self._database.write_soon(*owned, statement, *flown, keep=True)
         await self._database.kept(self.saved)
 
     def _flown(self, plan_ids: Sequence[str]) -> list[Statement]:
@@ -109,7 +113,7 @@ class OperationRows:
                 {"operation_id": self._identity.id, "elapsed_s": at_s, "positions": json.dumps(positions_m)}
                 for at_s, positions_m in new
             ]
-            self._database.write_soon((_TRACK, rows), keep=True)
+            self._database.write_soon(*self._database.owned(self._identity.id), (_TRACK, rows), keep=True)
 
     def has_track_of(self, record: Sequence[tuple[float, dict[str, Point]]]) -> None:
         """Note that this record is stored already."""

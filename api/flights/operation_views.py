@@ -92,12 +92,14 @@ class OperationView(BaseModel):
     `returned` and `low_on_battery` are offers, and nothing happens to these UAVs unless the operator asks for it:
     `:readmit` plans with the former again, `:retire` sends the latter home and plans without them. `version` is the
     ETag: it counts changes of what can be commanded, not of what is measured. `disruption_weight`: what a change of
-    the plan must be worth to a recovery, kbit/s.
+    the plan must be worth to a recovery, kbit/s. `owner`: the name of the service that it belongs to, where several
+    share one database; other services show it as it was last stored.
     """
 
     id: str
     version: int
     state: State
+    owner: str | None = None
     replanning: Policy
     disruption_weight: float = 0.0
     plan_id: str
@@ -117,10 +119,11 @@ class OperationView(BaseModel):
 
 
 class OperationRow(BaseModel):
-    """A line of the list of operations. Times are UTC seconds since 1970."""
+    """A line of the list of operations. Times are UTC seconds since 1970. `owner`: as in the operation."""
 
     id: str
     state: State
+    owner: str | None = None
     version: int
     plan_id: str
     replanning: Policy

@@ -35,8 +35,10 @@ log = structlog.get_logger()
 Record: TypeAlias = list[tuple[float, dict[str, Point]]]
 
 
-async def restored(row: Row[Any], shared: SharedServices, stores: Stores, fleet: Fleet) -> Operation:
-    """Return an operation as it was last stored, with its slot clock where it is now."""
+async def restored(
+    row: Row[Any], shared: SharedServices, stores: Stores, fleet: Fleet, *, with_track: bool = True
+) -> Operation:
+    """Return an operation as it was last stored, with its slot clock where it is now, and the record of its flight."""
     document = json.loads(row.document)
     timeline = [
         InForce(entry["from_s"], await shared.plans.finished(entry["plan_id"])) for entry in document["timeline"]
@@ -50,7 +52,8 @@ async def restored(row: Row[Any], shared: SharedServices, stores: Stores, fleet:
         flight.set_slot_clock(document["paused_s"], paused=True)
     elif document["slot0_at"] is not None:
         flight.set_slot_clock(shared.clock.since_utc(document["slot0_at"]))
-    flight.restore(await stored_track(row.id, stores))
+    if with_track:
+        flight.restore(await stored_track(row.id, stores))
     identity = OperationIdentity(
         id=row.id,
         number=row.number,

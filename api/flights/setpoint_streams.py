@@ -69,6 +69,11 @@ class SetpointStreams:
         self._task.add_done_callback(lambda _done: self._dismiss_guard())
         self._instruct_guard(self._streamed)
 
+    def renew_guard(self) -> None:
+        """Let the guard know that we may command the vehicles for longer."""
+        if self._guard is not None and self._task is not None and self._streamed:
+            self._instruct_guard(self._streamed)
+
     def leave(self, uav: str) -> None:
         """Stop sending setpoints to this UAV."""
         if self._stream is not None and self._streamed.pop(uav, None) is not None:
@@ -146,6 +151,7 @@ class SetpointStreams:
                 scale=self._clock.scale,
                 slot_s=next(iter(missions.values())).slot_s,
                 items={self._systems[uav]: _items(assigned) for uav, assigned in missions.items()},
+                until_s=self._fleet.until_s(self._systems[uav] for uav in missions),
             )
         try:
             self._guard.orders(orders)

@@ -13,11 +13,13 @@ from skyfolio.api.common.errors import ConflictError, NotFoundError
 from skyfolio.api.common.idempotency import NewResource
 from skyfolio.api.common.settings import Settings
 from skyfolio.api.common.surroundings import utc_s
+from skyfolio.api.plans.job_board import Progress
 from skyfolio.api.plans.jobs import Job
 from skyfolio.api.plans.plan_records import Asked, PlanRecord, UnfinishedPlan
 from skyfolio.api.plans.plan_store import PlanStore
 from skyfolio.api.plans.solver import LaneName, SolveError, Solver
 from skyfolio.api.store.event_log import EventLog
+from skyfolio.api.store.numbers import Numbers
 from skyfolio.planner import Cause, Pins, Plan, PlanStatus, Scenario
 
 log = structlog.get_logger()
@@ -33,13 +35,13 @@ class PlanBook:
         self._active: dict[str, PlanRecord] = {}
         self._recent: OrderedDict[str, PlanRecord] = OrderedDict()
         self._tasks: set[asyncio.Task[None]] = set()
-        self._number = 0
+        self._numbers = Numbers()
         self.on_solved: Callable[[str, float, int], None] = lambda kind, seconds, iterations: None  # noqa: ARG005
         """Called after each solve: plan or replan, seconds in the optimiser, iterations."""
 
     async def start(self) -> None:
         """Take over what the last process left: solves it did not finish end as `interrupted`."""
-        self._number = await self.store.last_number()
+        self._numbers = Numbers(await self.store.last_number(), several=self.store.service is not None)
         for plan_id in await self.store.unended():
             error = "the service was stopped before the plan was finished"
             await self.store.interrupt(plan_id, error)
@@ -142,8 +144,13 @@ class PlanBook:
         return plan
 
     async def cancel(self, plan_id: str) -> PlanRecord:
-        """Ask a running plan to return the best result it has; an ended one stays as it is."""
+        """Ask a running plan to return the best result it has; an ended one stays as it is.
+
+        Raises NotFoundError, and ConflictError for one that another service is making.
+        """
         record = await self.record(plan_id)
+        if _is_made_elsewhere(record):
+            raise ConflictError(f"plan {plan_id!r} is being made by another service: cancel it there")
         if not record.ended:
             self._solver[record.lane].stop(record.token)
         return record
@@ -171,15 +178,20 @@ class PlanBook:
             cause=record.cause,
             parent=record.parent,
             scenario=Scenario.model_validate_json(record.scenario),
-            progress=None if record.ended else self._solver[record.lane].progress(record.token),
+            progress=self._progress(record),
             error=record.error,
             **{name: getattr(record.asked, name) for name in Asked.model_fields},
         )
         return f'{known.model_dump_json(exclude={"best"})[:-1]},"best":{best or "null"}}}'
 
+    def _progress(self, record: PlanRecord) -> Progress | None:
+        if record.ended or _is_made_elsewhere(record):
+            return None
+        return self._solver[record.lane].progress(record.token)
+
     async def _best_so_far(self, record: PlanRecord) -> str | None:
         lane = self._solver[record.lane]
-        if record.ended or not lane.running(record.token):
+        if record.ended or _is_made_elsewhere(record) or not lane.running(record.token):
             return None
         record.status = PlanStatus.RUNNING
         return await lane.best(record.token, record.id)
@@ -211,10 +223,9 @@ class PlanBook:
         return record
 
     def _new(self, creation: NewResource, **fields: Any) -> PlanRecord:
-        self._number += 1
         return PlanRecord(
             id=creation.id,
-            number=self._number,
+            number=self._numbers.next(),
             created_at=utc_s(),
             owner=creation.owner,
             fingerprint=creation.fingerprint,
@@ -266,6 +277,11 @@ class PlanBook:
 
     async def _load(self, plan_id: str) -> PlanRecord | None:
         record = await self.store.load(plan_id)
-        if record is not None:
+        if record is not None and record.ended:  # else another service is still making it
             self._remember(record)
         return record
+
+
+def _is_made_elsewhere(record: PlanRecord) -> bool:
+    """Return whether a plan has not ended and is not one of this process."""
+    return not record.ended and record.token < 0

@@ -33,14 +33,21 @@ class PlanStore:
         """Return how many plans there have been."""
         return (await self._database.rows(select(func.max(table.c.number))))[0][0] or 0
 
+    @property
+    def service(self) -> str | None:
+        """Return the name of this service where several share the database, else None."""
+        return None if self._database.leases is None else self._database.leases.name
+
     async def unended(self) -> list[str]:
-        """Return the ids of plans that were queued or running when they were last written."""
+        """Return the ids of plans that were queued or running, at this service, when they were last written."""
         query = select(table.c.id).where(table.c.status.in_([PlanStatus.QUEUED, PlanStatus.RUNNING]))
+        if self.service is not None:
+            query = query.where(table.c.service.is_(None) | (table.c.service == self.service))
         return [row.id for row in await self._database.rows(query)]
 
     def add(self, record: PlanRecord) -> asyncio.Future[None]:
         """Store a new plan; `added` waits for it."""
-        return self._database.write_soon((_INSERT, _row(record)), keep=_is_a_flights(record))
+        return self._database.write_soon((_INSERT, self._row(record)), keep=_is_a_flights(record))
 
     async def added(self, record: PlanRecord, stored: asyncio.Future[None]) -> None:
         """Wait until a new plan is durable. A flight's waits only while the database answers; others: StoreError."""
@@ -49,7 +56,7 @@ class PlanStore:
     async def add_ended(self, record: PlanRecord, summary: str) -> None:
         """Store a plan that a flight takes over, with its result; held while the database does not answer."""
         ended = {"ended_at": utc_s(), "summary": summary, "result": record.result}
-        await self._database.keep((_INSERT, _row(record) | ended))
+        await self._database.keep((_INSERT, self._row(record) | ended))
 
     async def interrupt(self, plan_id: str, error: str) -> None:
         """Store that a plan was not finished, and why. Raises StoreError."""
@@ -67,6 +74,9 @@ class PlanStore:
             "new_error": record.error,
         }
         await self._database.keep((_END, row))
+
+    def _row(self, record: PlanRecord) -> dict[str, Any]:
+        return {**_row(record), "service": self.service}
 
     async def load(self, plan_id: str) -> PlanRecord | None:
         """Return the plan as it was stored."""

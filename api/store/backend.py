@@ -28,6 +28,9 @@ _PRAGMAS = (
 )
 _LOCK = 0x5C1F0110
 """Number of the advisory lock that a service holds on PostgreSQL."""
+_IDLE_MS = 1_000
+"""Milliseconds after which PostgreSQL ends a transaction that its service does not go on with, where several share it:
+what a stopped service has locked must not hold up the others."""
 _RULE = f"must be '{TEMPORARY}', sqlite+aiosqlite:///FILE or postgresql+asyncpg://..."
 
 
@@ -55,7 +58,7 @@ class Backend(Protocol):
         ...
 
     async def claim(self) -> bool:
-        """Lock it for this service until `close`; return whether it was free."""
+        """Lock it for this service, or for those that share it, until `close`; return whether it was free."""
         ...
 
     async def close(self) -> None:
@@ -64,14 +67,18 @@ class Backend(Protocol):
 
 
 class EngineBackend:
-    """SQLite in a file, or PostgreSQL. Raises ValueError for any other URL, MissingExtraError without the driver."""
+    """SQLite in a file, or PostgreSQL. Raises ValueError for any other URL, MissingExtraError without the driver.
 
-    def __init__(self, url: str) -> None:
+    shared: several services use it, which must be PostgreSQL.
+    """
+
+    def __init__(self, url: str, *, shared: bool = False) -> None:
+        self._shared = shared
         self._folder: tempfile.TemporaryDirectory[str] | None = None
         if url == TEMPORARY:
             self._folder = tempfile.TemporaryDirectory(prefix="skyfolio-")
             url = f"sqlite+aiosqlite:///{self._folder.name}/skyfolio.db"
-        self.engine = _engine(url)
+        self.engine = _engine(url, shared=shared)
         self._sink = _sink(self.engine)
         self.lock: IO[str] | None = None
         """The locked file beside an SQLite database."""
@@ -106,11 +113,12 @@ class EngineBackend:
             await driver.executescript(f"PRAGMA incremental_vacuum({SHRINK_PAGES})")  # a script runs to its end
 
     async def claim(self) -> bool:
-        """Lock it for this service until `close`; return whether it was free."""
+        """Lock it for this service, or for those that share it, until `close`; return whether it was free."""
         if self.url.get_backend_name() != "postgresql":
             return self._lock_file()
         self._claim = await self.engine.connect()
-        free = bool((await self._claim.execute(text(f"SELECT pg_try_advisory_lock({_LOCK})"))).scalar())
+        kind = "_shared" if self._shared else ""
+        free = bool((await self._claim.execute(text(f"SELECT pg_try_advisory_lock{kind}({_LOCK})"))).scalar())
         await self._claim.commit()  # the lock belongs to the session and outlives the transaction
         return free
 
@@ -148,7 +156,7 @@ def _sink(engine: AsyncEngine) -> ThreadCommitter | LoopCommitter:
     return ThreadCommitter(sync_engine)
 
 
-def _engine(url: str) -> AsyncEngine:
+def _engine(url: str, *, shared: bool) -> AsyncEngine:
     parts = make_url(url)
     if parts.get_backend_name() == "sqlite":
         if parts.drivername != "sqlite+aiosqlite" or parts.database in {None, "", ":memory:"}:
@@ -160,7 +168,10 @@ def _engine(url: str) -> AsyncEngine:
     if parts.drivername != "postgresql+asyncpg":
         raise ValueError(_RULE)
     extras.require("asyncpg", "database_url: PostgreSQL")
-    return create_async_engine(parts, pool_size=8, max_overflow=8, pool_pre_ping=True)
+    server_settings = {"idle_in_transaction_session_timeout": str(_IDLE_MS)} if shared else {}
+    return create_async_engine(
+        parts, pool_size=8, max_overflow=8, pool_pre_ping=True, connect_args={"server_settings": server_settings}
+    )
 
 
 def _make_private(file: Path) -> None:

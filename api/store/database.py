@@ -14,6 +14,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from skyfolio.api.store.backend import Backend, EngineBackend
 from skyfolio.api.store.errors import StoreError
+from skyfolio.api.store.leases import Leases
 from skyfolio.api.store.migrate import upgrade
 from skyfolio.api.store.spill import Spill
 from skyfolio.api.store.writer import Statement, Writer
@@ -26,32 +27,33 @@ LOOK_EVERY_S = 0.1
 class Database:
     """The writer of one database, and its readers. Create it with `await Database.open(url)`, and end it with `close`.
 
-    spill: the local file for what the database does not accept.
+    spill: the local file for what the database does not accept. leases: which operations this service acts for, where
+    several services share the database; else None.
     """
 
-    def __init__(self, backend: Backend, spill: Spill) -> None:
-        self._backend, self._spill = backend, spill
+    def __init__(self, backend: Backend, spill: Spill, leases: Leases | None = None) -> None:
+        self._backend, self._spill, self.leases = backend, spill, leases
         self._writer = Writer(backend.commit, spill)
         self.taken_up = 0
         """Transactions that an earlier process could not store, and that were stored on opening."""
 
     @classmethod
-    async def open(cls, url: str) -> Database:
-        """Open and migrate.
+    async def open(cls, url: str, leases: Leases | None = None) -> Database:
+        """Open and migrate. leases: given where several services share it.
 
         Raises StoreError for a URL or database that cannot be used, MissingExtraError without the PostgreSQL driver.
         """
         try:
-            backend = EngineBackend(url)
+            backend = EngineBackend(url, shared=leases is not None)
             await backend.in_transaction(upgrade)
         except (SQLAlchemyError, OSError, ValueError) as error:
             raise StoreError(f"database_url: {_without_password(url)} cannot be opened: {error}") from error
-        return await cls.on(backend, Spill(backend.url))
+        return await cls.on(backend, Spill(backend.url, name="" if leases is None else leases.name), leases)
 
     @classmethod
-    async def on(cls, backend: Backend, spill: Spill) -> Database:
+    async def on(cls, backend: Backend, spill: Spill, leases: Leases | None = None) -> Database:
         """Open what is migrated already. Raises StoreError when what an earlier process held is still refused."""
-        opened = cls(backend, spill)
+        opened = cls(backend, spill, leases)
         await opened._take_up()
         return opened
 
@@ -101,11 +103,22 @@ class Database:
         await self.kept(self.write_soon(*statements, keep=True))
 
     async def kept(self, done: asyncio.Future[None]) -> None:
-        """Wait for a write of a flight as `keep` does."""
-        while not done.done() and self.trouble is None:
+        """Wait for a write of a flight as `keep` does.
+
+        Where several services share the database, it waits until the write is durable: whoever takes the operation over
+        must find everything that was done. The lease runs out, and the operation with it, if that takes too long.
+        """
+        while not done.done() and (self.trouble is None or self.leases is not None):
             await asyncio.wait({done}, timeout=LOOK_EVERY_S)
         if done.done() and not done.cancelled() and (error := done.exception()) is not None:
             log.critical("not stored", error=str(error))
+
+    def owned(self, operation_id: str) -> list[Statement]:
+        """Return what goes before the writes of an operation in their transaction.
+
+        Where several services share the database, it refuses them once another service has the operation.
+        """
+        return [] if self.leases is None else self.leases.require(operation_id)
 
     async def rows(self, statement: Executable, params: dict[str, Any] | None = None) -> Sequence[Row[Any]]:
         """Read committed rows. Raises StoreError."""
@@ -122,9 +135,13 @@ class Database:
             raise StoreError(f"shrink: {error}") from error
 
     async def claim(self) -> None:
-        """Lock the database for this service: two services must not fly the same fleet. Raises StoreError."""
+        """Lock the database for this service, or for all that share it (`several_services`). Raises StoreError.
+
+        Two services that do not divide the operations by leases must not fly the same fleet.
+        """
         if not await self._backend.claim():
-            raise StoreError("database_url: the database is in use by another service")
+            hint = "; to share it, set several_services in both" if self.is_postgresql else ""
+            raise StoreError(f"database_url: the database is in use by another service{hint}")
 
     async def close(self) -> None:
         """Finish the writes that wait, and release the database."""

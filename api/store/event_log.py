@@ -5,6 +5,9 @@ While the database does not answer, subscribers receive an event at once, as `pr
 again with its number when it is stored. Telemetry is different: it is sampled ten times a second while there is a
 subscriber, has no number, and is not kept. No subscriber has a queue of its own: all read the same bounded rings, each
 at its own pace. A slow subscriber reads events from the database, and misses old telemetry, but never an event.
+
+Where several services share the database, it gives the numbers, in the order of the commits, and each service sends the
+events of all of them: its own as soon as they are stored, those of others within `FOLLOW_S`.
 """
 
 from __future__ import annotations
@@ -19,10 +22,10 @@ from typing import Any, TypeAlias
 
 from fastapi.sse import format_sse_event
 from pydantic import BaseModel
-from sqlalchemy import func, select
+from sqlalchemy import func, select, text
 
 from skyfolio.api.common.surroundings import monotonic_s, utc_now
-from skyfolio.api.store import Database
+from skyfolio.api.store import Database, StoreError
 from skyfolio.api.store.tables import events as table
 
 KEEP_EVENTS = 4096
@@ -35,8 +38,17 @@ KEEP_ALIVE = b": keep-alive\n\n"
 KEEP_ALIVE_S = 15.0
 ASK_AGAIN_S = 0.5
 """How often a stream checks whether it may continue."""
+FOLLOW_S = 0.5
+"""How often a service looks for the events of others."""
 Allowed: TypeAlias = Callable[[], Awaitable[bool]]
 _INSERT = table.insert()
+_LOCK = text(f"SELECT pg_advisory_xact_lock({0x5C1F0112})")
+_INSERT_NEXT = text(
+    "INSERT INTO events (id, at, kind, data) "
+    "SELECT coalesce(max(id), 0) + 1, "
+    "CAST(:at AS double precision), CAST(:kind AS varchar), CAST(:data AS text) FROM events"
+)
+"""The number is given under a lock that lasts until the commit: numbers become visible in their order."""
 
 
 class Event(BaseModel):
@@ -67,6 +79,7 @@ class EventLog:
         self._provisional: deque[Frame] = deque(maxlen=KEEP_PROVISIONAL)
         self._snapshot = self._announced = 0
         self._news = asyncio.Event()
+        self._added = asyncio.Event()
         self._followers = 0
         self._ended = False
         self.listeners: list[Callable[[Event], None]] = []
@@ -88,7 +101,12 @@ class EventLog:
         return self._stored_id
 
     def add(self, kind: str, **data: Any) -> Event:
-        """Append an event; subscribers receive it once it is stored, which is right after."""
+        """Append an event; subscribers receive it once it is stored, which is right after.
+
+        Its `id` is 0 where the database gives it later.
+        """
+        if self._database.leases is not None:
+            return self._add_shared(kind, data)
         self._last_id += 1
         event = Event(id=self._last_id, at=utc_now(), kind=kind, data=data)
         row = {"id": event.id, "at": event.at.timestamp(), "kind": kind, "data": json.dumps(data)}
@@ -98,6 +116,34 @@ class EventLog:
         if self._database.trouble is not None:
             self._announce(event)
         return event
+
+    def _add_shared(self, kind: str, data: dict[str, Any]) -> Event:
+        """Append an event whose number the database gives."""
+        event = Event(id=0, at=utc_now(), kind=kind, data=data)
+        row = {"at": event.at.timestamp(), "kind": kind, "data": json.dumps(data)}
+        stored = self._database.write_soon((_LOCK, {}), (_INSERT_NEXT, row), keep=True)
+        stored.add_done_callback(lambda _done: self._stored_shared(event))
+        if self._database.trouble is not None:
+            self._announce(event)
+        return event
+
+    def _stored_shared(self, event: Event) -> None:
+        for listener in self.listeners:
+            listener(event)
+        self._added.set()
+
+    async def follow_others(self) -> None:
+        """Send what is stored, of this service and of the others, until cancelled."""
+        while True:
+            with suppress(TimeoutError):
+                async with asyncio.timeout(FOLLOW_S):
+                    await self._added.wait()
+            self._added.clear()
+            with suppress(StoreError):  # the next look finds what this one did not
+                for event in await self._after(self._stored_id, None):
+                    self._stored_id = event.id
+                    self._recent.append(Frame(number=event.id, wire=_encoded(event)))
+                    self._wake()
 
     def end(self) -> None:
         """End every stream once it has sent what there is, because the service ends."""
@@ -120,9 +166,11 @@ class EventLog:
 
     async def after(self, last_id: int, limit: int = PAGE) -> list[Event]:
         """Return stored events with a greater id, oldest first, at most `limit`. Raises StoreError."""
-        rows = await self._database.rows(
-            select(table).where(table.c.id > last_id, table.c.id <= self._stored_id).order_by(table.c.id).limit(limit)
-        )
+        return await self._after(last_id, self._stored_id, limit)
+
+    async def _after(self, last_id: int, to_id: int | None, limit: int = PAGE) -> list[Event]:
+        query = select(table).where(table.c.id > last_id).order_by(table.c.id).limit(limit)
+        rows = await self._database.rows(query if to_id is None else query.where(table.c.id <= to_id))
         return [
             Event(id=row.id, at=datetime.fromtimestamp(row.at, UTC), kind=row.kind, data=json.loads(row.data))
             for row in rows

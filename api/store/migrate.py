@@ -11,12 +11,19 @@ from sqlalchemy import Connection, inspect, text
 if TYPE_CHECKING:
     from alembic.config import Config
 
+_LOCK = 0x5C1F0111
+"""Number of the advisory lock under which a database is migrated."""
 _FOLDER = Path(__file__).parent / "migrations"
 _REVISION = re.compile(r'^(revision|down_revision) = "(\w+)"$', re.MULTILINE)
 
 
 def upgrade(connection: Connection) -> None:
-    """Run every migration that this database has not seen, on an open connection in a transaction."""
+    """Run every migration that this database has not seen, on an open connection in a transaction.
+
+    Services that start together on one PostgreSQL do so one after the other.
+    """
+    if connection.dialect.name == "postgresql":
+        connection.execute(text(f"SELECT pg_advisory_xact_lock({_LOCK})"))
     if current_revisions(connection) == newest_revisions():
         return  # as at nearly every start, which need not wait for Alembic to be imported
     from alembic import command  # noqa: PLC0415

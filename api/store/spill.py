@@ -21,6 +21,7 @@ from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.engine import URL
 from sqlalchemy.exc import IntegrityError
 
+from skyfolio.api.store.lease_table import REQUIRE_LEASE
 from skyfolio.api.store.writer import Statement
 
 log = structlog.get_logger()
@@ -31,11 +32,14 @@ _DIALECTS: dict[str, Dialect] = {
 
 
 class Spill:
-    """The local file of one database. Blocking work runs in a thread."""
+    """The local file of one database. Blocking work runs in a thread.
 
-    def __init__(self, url: URL, folders: Sequence[Path] | None = None) -> None:
+    name: of this service, where several on one machine may share the database.
+    """
+
+    def __init__(self, url: URL, folders: Sequence[Path] | None = None, name: str = "") -> None:
         self._dialect = _DIALECTS[url.get_backend_name()]
-        self._files = [folder / _name(url) for folder in (_folders(url) if folders is None else folders)]
+        self._files = [folder / _name(url, name) for folder in (_folders(url) if folders is None else folders)]
         self._file: Path | None = None
         self.error: str | None = None
         """Why the last lines could not be written anywhere, None while they could."""
@@ -54,18 +58,16 @@ class Spill:
     def replay(self, connection: Connection) -> int:
         """Store what an earlier process could not, in its order. Return how many transactions there were.
 
-        Rows that are stored already stay. The caller commits, and calls `clear` after that.
+        Rows that are stored already stay. What belongs to an operation that another service has meanwhile is left out
+        (`LeaseTable.required`). The caller commits, and calls `clear` after that.
         """
         count = 0
         for transaction in self._stored():
             count += 1
             for sql, rows in transaction:
-                for row in rows:
-                    try:
-                        with connection.begin_nested():
-                            connection.execute(text(sql), row)
-                    except IntegrityError as error:  # most likely it was stored before the process ended
-                        log.warning("left out of what was held", reason=str(error.orig))
+                refused = [row for row in rows if not _is_stored(connection, sql, row)]
+                if refused and sql == REQUIRE_LEASE:
+                    break
         return count
 
     def _append(self, lines: str) -> None:
@@ -105,12 +107,24 @@ class Spill:
         return str(compiled), [compiled.construct_params(row) for row in rows]
 
 
+def _is_stored(connection: Connection, sql: str, row: dict[str, Any]) -> bool:
+    """Store one row; return whether it was not refused."""
+    try:
+        with connection.begin_nested():
+            connection.execute(text(sql), row)
+    except IntegrityError as error:  # most likely it was stored before the process ended
+        log.warning("left out of what was held", reason=str(error.orig))
+        return False
+    return True
+
+
 def _folders(url: URL) -> list[Path]:
     beside = [Path(str(url.database)).parent] if url.get_backend_name() == "sqlite" else []
     return [*beside, Path(tempfile.gettempdir())]
 
 
-def _name(url: URL) -> str:
+def _name(url: URL, service: str) -> str:
     """Return a file name that is unique to the database, without anything secret."""
     where = f"{url.host}:{url.port}/{url.database}" if url.host else str(Path(str(url.database)).absolute())
+    where += f" {service}" if service else ""
     return f"skyfolio-held-{hashlib.sha256(where.encode()).hexdigest()[:16]}.jsonl"

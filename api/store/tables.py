@@ -2,7 +2,8 @@
 
 `number` columns count creations and are the cursor of pagination; `fingerprint` is the digest of the request that
 made a resource under an `Idempotency-Key`. `events` and `journal` are append-only; `plans.operation_id` is the
-operation that flew the plan, if one did.
+operation that flew the plan, if one did. `plans.service` is the service that solves it, where there are several;
+`leases` and `leased_vehicles` say which of them each operation and its vehicles belong to (`lease_book`).
 """
 
 from __future__ import annotations
@@ -52,6 +53,7 @@ plans = Table(
     Column("result", Text),
     Column("error", Text),
     Column("operation_id", String(64)),
+    Column("service", String(64)),
     Index(None, "status"),
     Index(None, "ended_at"),
     Index(None, "parent"),
@@ -96,6 +98,26 @@ operations = Table(
     Index(None, "state"),
     Index(None, "plan_id"),
     Index(None, "ended_at"),
+)
+
+leases = Table(
+    "leases",
+    metadata,
+    Column("operation_id", String(64), primary_key=True),
+    Column("owner", String(64), nullable=False),
+    Column("name", String(64), nullable=False),
+    Column("token", BigInteger, nullable=False),
+    Column("beat", BigInteger, nullable=False),
+    ForeignKeyConstraint(["operation_id"], ["operations.id"], ondelete="CASCADE"),
+)
+
+leased_vehicles = Table(
+    "leased_vehicles",
+    metadata,
+    Column("system_id", Integer, primary_key=True, autoincrement=False),
+    Column("operation_id", String(64), nullable=False),
+    ForeignKeyConstraint(["operation_id"], ["leases.operation_id"], ondelete="CASCADE"),
+    Index(None, "operation_id"),
 )
 
 journal = Table(

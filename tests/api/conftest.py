@@ -35,10 +35,15 @@ def database_url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
     """An empty database of each kind that the service supports."""
     if request.param == "sqlite":
         return f"sqlite+aiosqlite:///{tmp_path}/service.db"
-    server = request.getfixturevalue("postgres_server")
+    return str(request.getfixturevalue("new_database"))
+
+
+@pytest.fixture
+def new_database(postgres_server: str) -> str:
+    """An empty PostgreSQL database."""
     name = f"test_{uuid.uuid4().hex}"
-    asyncio.run(_create_database(f"{server}/postgres", name))
-    return f"{server}/{name}"
+    asyncio.run(_create_database(f"{postgres_server}/postgres", name))
+    return f"{postgres_server}/{name}"
 
 
 async def _create_database(url: str, name: str) -> None:

@@ -27,7 +27,7 @@ class Transport:
 def a_link() -> tuple[DatagramLink, Transport, list[Any]]:
     heard: list[Any] = []
     link, transport = (
-        DatagramLink(("gcs", 1), Radio("0", lambda: 0.0), lambda message, sender: heard.append((message, sender))),
+        DatagramLink([("gcs", 1)], Radio("0", lambda: 0.0), lambda message, sender: heard.append((message, sender))),
         Transport(),
     )
     link.connection_made(transport)  # type: ignore[arg-type]
@@ -35,9 +35,9 @@ def a_link() -> tuple[DatagramLink, Transport, list[Any]]:
 
 
 def test_one_port_serves_all_and_a_range_gives_each_its_own() -> None:
-    assert endpoints_of("udpout://127.0.0.1:14540", 2) == [("127.0.0.1", 14540)] * 2
-    assert endpoints_of("udpout://host.local:14541-14543", 2) == [("host.local", 14541), ("host.local", 14542)]
-    assert endpoints_of("udpout://[::1]:14540", 1) == [("::1", 14540)]
+    assert endpoints_of("udpout://127.0.0.1:14540", 2) == [[("127.0.0.1", 14540)]] * 2
+    assert endpoints_of("udpout://host.local:14541-14543", 2) == [[("host.local", 14541)], [("host.local", 14542)]]
+    assert endpoints_of("udpout://[::1]:14540", 1) == [[("::1", 14540)]]
 
 
 @pytest.mark.parametrize(

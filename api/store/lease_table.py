@@ -1,0 +1,143 @@
+"""The leases in PostgreSQL, on connections of their own: a renewal never waits for what else is read or stored.
+
+A connection that does not answer is dropped at once and made anew: nothing is asked of it any more.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Collection, Iterable
+from contextlib import suppress
+from typing import Any
+
+from sqlalchemy import delete, insert, text
+from sqlalchemy.engine import URL, make_url
+from sqlalchemy.ext.asyncio import create_async_engine
+
+from skyfolio.api.store.errors import StoreError
+from skyfolio.api.store.lease_book import Lease
+from skyfolio.api.store.tables import leased_vehicles, leases
+from skyfolio.api.store.writer import Statement
+
+FIRST_TOKEN = 1
+_LOOK = """
+WITH renewed AS (
+  UPDATE leases SET beat = beat + 1 WHERE owner = $1 AND operation_id = ANY($2::varchar[]) RETURNING operation_id
+)
+SELECT l.operation_id, l.owner, l.name, l.token, l.beat, o.version,
+  ARRAY(SELECT v.system_id FROM leased_vehicles v WHERE v.operation_id = l.operation_id) AS systems,
+  l.operation_id IN (SELECT operation_id FROM renewed) AS renewed
+FROM leases l JOIN operations o ON o.id = l.operation_id
+"""
+_TAKE = """
+UPDATE leases SET owner = $1, name = $2, token = token + 1, beat = 0 WHERE operation_id IN (
+  SELECT operation_id FROM leases WHERE operation_id = $3 AND owner = $4 AND token = $5 AND beat = $6
+  FOR UPDATE SKIP LOCKED
+) RETURNING token
+"""
+"""It does not wait for a transaction of the owner that is being committed: that one is whole, or refused."""
+_ADOPT = """
+INSERT INTO leases (operation_id, owner, name, token, beat)
+SELECT id, '', '', 0, 0 FROM operations WHERE ended_at IS NULL ON CONFLICT DO NOTHING
+"""
+_ADOPT_VEHICLES = """
+INSERT INTO leased_vehicles (system_id, operation_id)
+SELECT (vehicle.value)::integer, o.id
+FROM operations o JOIN leases l ON l.operation_id = o.id, json_each_text(o.document::json -> 'vehicles') AS vehicle
+WHERE o.ended_at IS NULL ON CONFLICT DO NOTHING
+"""
+_CLEAR = "DELETE FROM leases USING operations o WHERE o.id = operation_id AND o.ended_at IS NOT NULL"
+_LEAVE = "UPDATE leases SET owner = '', name = '', beat = beat + 1 WHERE owner = $1"
+REQUIRE_LEASE = "SELECT require_lease(:operation_id, :token)"
+"""Raises an IntegrityError, which refuses the whole transaction, unless the lease has this token."""
+_REQUIRE = text(REQUIRE_LEASE)
+_INSERT, _INSERT_VEHICLE = insert(leases), insert(leased_vehicles)
+
+
+class LeaseTable:
+    """The leases as one service sees them. me: its id, of this process alone; name: what its operators call it."""
+
+    def __init__(self, url: str, *, me: str, name: str, timeout_s: float) -> None:
+        self._options = _options(make_url(url))
+        self.me, self.name, self._timeout_s = me, name, timeout_s
+        self._looking: Any = None
+
+    async def adopt(self) -> None:
+        """Make leases, which nobody has, of operations without one: they began before there were several services."""
+        connection = await self._connect()
+        try:
+            for statement in (_CLEAR, _ADOPT, _ADOPT_VEHICLES):
+                await connection.execute(statement, timeout=self._timeout_s)
+        finally:
+            connection.terminate()
+
+    async def look(self, held: Collection[str]) -> list[Lease]:
+        """Renew what this service holds and return every lease. Raises StoreError."""
+        try:
+            async with asyncio.timeout(self._timeout_s):
+                self._looking = self._looking or await self._connect()
+                rows = await self._looking.fetch(_LOOK, self.me, list(held))
+        except BaseException as error:
+            self._drop()
+            if isinstance(error, Exception):
+                raise StoreError(f"leases: {error or type(error).__name__}") from error
+            raise
+        return [Lease(**{**row, "systems": frozenset(row["systems"])}) for row in map(dict, rows)]
+
+    async def take(self, lease: Lease) -> int | None:
+        """Take a lease that is still as it was seen; return its new token, None if it is not. Raises StoreError."""
+        connection = None
+        try:
+            async with asyncio.timeout(self._timeout_s):
+                connection = await self._connect()
+                token = await connection.fetchval(
+                    _TAKE, self.me, self.name, lease.operation_id, lease.owner, lease.token, lease.beat
+                )
+        except Exception as error:
+            raise StoreError(f"leases: {error or type(error).__name__}") from error
+        finally:
+            if connection is not None:
+                connection.terminate()
+        return None if token is None else int(token)
+
+    async def leave(self) -> None:
+        """Give up every lease of this service, so that others need not wait. Raises StoreError."""
+        try:
+            async with asyncio.timeout(self._timeout_s):
+                self._looking = self._looking or await self._connect()
+                await self._looking.execute(_LEAVE, self.me)
+        except Exception as error:
+            raise StoreError(f"leases: {error or type(error).__name__}") from error
+        finally:
+            self._drop()
+
+    def made(self, operation_id: str, systems: Iterable[int]) -> list[Statement]:
+        """Return what stores the lease of a new operation; refused if another operation has one of its vehicles."""
+        lease = {"operation_id": operation_id, "owner": self.me, "name": self.name, "token": FIRST_TOKEN, "beat": 0}
+        vehicles = [{"system_id": system_id, "operation_id": operation_id} for system_id in systems]
+        return [(_INSERT, lease), (_INSERT_VEHICLE, vehicles)]
+
+    def ended(self, operation_id: str) -> Statement:
+        """Return what deletes the lease of an operation that is over."""
+        return delete(leases).where(leases.c.operation_id == operation_id), {}
+
+    def required(self, operation_id: str, token: int) -> Statement:
+        """Return what refuses a transaction whose service no longer has the lease under that token."""
+        return _REQUIRE, {"operation_id": operation_id, "token": token}
+
+    async def _connect(self) -> Any:
+        import asyncpg  # type: ignore[import-untyped]  # noqa: PLC0415 - an extra
+
+        return await asyncpg.connect(**self._options, timeout=self._timeout_s, command_timeout=self._timeout_s)
+
+    def _drop(self) -> None:
+        looking, self._looking = self._looking, None
+        if looking is not None:
+            with suppress(OSError):
+                looking.terminate()
+
+
+def _options(url: URL) -> dict[str, Any]:
+    """Return the arguments of `asyncpg.connect` that this URL stands for."""
+    _, options = create_async_engine(url).dialect.create_connect_args(url)
+    return {name: value for name, value in options.items() if not name.startswith("prepared_statement_")}

@@ -1,0 +1,111 @@
+"""Two services, one PostgreSQL, one fleet: killed, stopped, cut off and slowed down. Real processes, ground truth."""
+
+import asyncio
+import itertools
+import signal
+import time
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.api.services_field import SPEEDUP, Service, SharedField
+
+pytestmark = [pytest.mark.e2e, pytest.mark.beside]
+TAKEN_OVER_WITHIN_S = 5.0
+LANDED = ("completed", "completed_partly", "failed", "aborted", "interrupted")
+
+
+@pytest.fixture
+async def field(new_database: str, tmp_path: Path) -> AsyncIterator[SharedField]:
+    made = SharedField(tmp_path, new_database)
+    async with made, AsyncExitStack() as stack:
+        await asyncio.gather(*(stack.enter_async_context(one.running()) for one in (made.first, made.second)))
+        yield made
+
+
+async def taken_over(by: Service) -> dict[str, Any]:
+    """The event of the take-over, once it is there."""
+    async with asyncio.timeout(60):
+        while not (events := await by.events("operation_taken_over")):  # noqa: ASYNC110
+            await asyncio.sleep(0.05)
+    return events[0]
+
+
+def assert_flown(field: SharedField, ended: dict[str, Any]) -> None:
+    assert ended["state"] == "completed", ended["error"]
+    assert ended["lost"] == []
+    for number in (1, 2, 3):
+        assert len(field.fleet.truth.happened("takeoff", number)) == 1
+        assert field.fleet.truth.happened("landed", number)
+
+
+async def test_a_second_service_takes_over_within_five_seconds_when_the_first_is_killed(field: SharedField) -> None:
+    path = await field.take_off()
+    assert field.received(field.second, heartbeats=False) == [], "it sends nothing to what another flies"
+    killed = time.monotonic()
+    field.first.signal(signal.SIGKILL)
+    await taken_over(field.second)
+    took_s = time.monotonic() - killed
+    flying = await field.second.until(path, "flying", owner="second")
+    assert took_s < TAKEN_OVER_WITHIN_S
+    assert flying["lost"] == []
+    ended = await field.second.until(path, *LANDED)
+    assert_flown(field, ended)
+    assert field.received(field.second, heartbeats=False), "it asked the vehicles what they fly"
+
+
+async def test_a_stopped_service_sends_nothing_when_it_wakes_and_knows_that_it_lost(field: SharedField) -> None:
+    path = await field.take_off()
+    field.first.signal(signal.SIGSTOP)
+    await taken_over(field.second)
+    await asyncio.sleep(1.0)
+    woken_s = field.now_s()
+    field.first.signal(signal.SIGCONT)
+    lost = await field.first.until(path, "flying", owner="second")
+    assert lost["owner"] == "second"
+    refused = await field.first.client.post(f"{path}:pause")
+    assert refused.status_code == 409, refused.text
+    assert "'second'" in refused.json()["detail"]
+    assert await field.first.events("operation_left")
+    assert_flown(field, await field.second.until(path, *LANDED))
+    meant_for_others = [one for one in field.received(field.first, woken_s) if one.t_s < landed_s(field)]
+    assert meant_for_others == [], "not even a heartbeat"
+
+
+def landed_s(field: SharedField) -> float:
+    """When the first vehicle was down; from the end of the operation on, vehicles are anybody's again."""
+    return min(event.t_s for event in field.fleet.truth.happened("landed"))
+
+
+async def test_a_service_cut_off_from_the_database_is_silent_before_another_takes_over(field: SharedField) -> None:
+    path = await field.take_off()
+    field.first.line.cut()
+    await taken_over(field.second)
+    last_s = max(message.t_s for message in field.received(field.first))
+    began_s = min(message.t_s for message in field.received(field.second, heartbeats=False))
+    assert last_s < began_s
+    await asyncio.sleep(2.0)
+    assert max(message.t_s for message in field.received(field.first)) == last_s
+    field.first.line.mend()
+    assert (await field.first.until(path, "flying", "landing", owner="second"))["owner"] == "second"
+    assert_flown(field, await field.second.until(path, *LANDED))
+    journal = await field.second.get(f"{path}/track")
+    times = [point["elapsed_s"] for point in journal]
+    assert len(times) == len(set(times)), "what the first still had to store was refused"
+
+
+async def test_a_database_that_is_slow_is_no_reason_to_take_over(field: SharedField) -> None:
+    path = await field.take_off()
+    field.first.line.delay_s = 0.3
+    await asyncio.sleep(12.0)
+    field.first.line.delay_s = 0.0
+    assert (await field.second.get(path))["owner"] == "first"
+    assert await field.second.events("operation_taken_over") == []
+    assert field.received(field.second, heartbeats=False) == []
+    beats = [one.t_s for one in field.received(field.first) if one.name == "HEARTBEAT" and one.system_id == 1]
+    gaps = [later - earlier for earlier, later in itertools.pairwise(beats)]
+    assert max(gaps) < 3.0 * SPEEDUP, "vehicles hear it all the time"
+    assert_flown(field, await field.first.until(path, *LANDED))
