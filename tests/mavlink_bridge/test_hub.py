@@ -164,6 +164,33 @@ async def test_nobody_takes_over_the_id_of_a_vehicle_that_is_heard(free_port: in
     thief.transport.close()
 
 
+async def test_nothing_leaves_for_a_vehicle_that_is_another_services_or_after_our_time_is_up(free_port: int) -> None:
+    ours = {0, 1}
+    world = World(LinkOptions(may_send=lambda system_id: system_id in ours))
+    await world.hub.connect(f"udpin://127.0.0.1:{free_port}")
+    peers = {n: await peer(to=free_port) for n in (1, 2)}
+    for n, one in peers.items():
+        one.transport.sendto(beat(n))
+    await world.until(lambda: len(world.heard) == 2)
+    for data in (command_to(2), beat(245, component=190), command_to(1)):
+        world.hub.to_vehicles(data)
+    await world.until(lambda: len(peers[1].got) == 2)
+    assert peers[1].got == [beat(245, component=190), command_to(1)]
+    world.hub.to_vehicles(command_to(1))  # on its way when the time is up
+    ours.clear()
+    world.hub.to_vehicles(beat(245, seq=1, component=190))
+    await asyncio.sleep(0)
+    await asyncio.sleep(0)
+    ours |= {0, 2}
+    world.hub.to_vehicles(command_to(2))
+    await world.until(lambda: len(peers[2].got) == 1)
+    assert peers[2].got == [command_to(2)]
+    assert len(peers[1].got) == 2
+    world.hub.close()
+    for one in peers.values():
+        one.transport.close()
+
+
 async def test_our_heartbeat_is_only_sent_while_we_are_healthy(free_port: int) -> None:
     healthy = True
     world = World(LinkOptions(healthy=lambda: healthy))
