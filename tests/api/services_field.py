@@ -101,11 +101,13 @@ class Service:
             fleet_url=f"udpin://127.0.0.1:{self.fleet_port}",
             time_scale=SPEEDUP,
             plan_ahead=False,
+            plan_starts=1,
+            solve_deadline_s=20.0,
             heartbeat_stale_s=10.0,
             heartbeat_lost_s=20.0,
             **changes,
         )
-        self.client = httpx2.AsyncClient(base_url=f"http://127.0.0.1:{self.settings.port}", timeout=60.0)
+        self.client = httpx2.AsyncClient(base_url=f"http://127.0.0.1:{self.settings.port}", timeout=150.0)
         self.process: asyncio.subprocess.Process | None = None
 
     def signal(self, number: signal.Signals) -> None:
