@@ -101,6 +101,7 @@ class Service:
             fleet_url=f"udpin://127.0.0.1:{self.fleet_port}",
             time_scale=SPEEDUP,
             plan_ahead=False,
+            warm_up=False,  # nothing is replanned
             plan_starts=1,
             solve_deadline_s=20.0,
             heartbeat_stale_s=10.0,
@@ -186,7 +187,11 @@ class SharedField:
         """Plan, register and fly at the first service; the operation's path once slot 0 has begun."""
         client = self.first.client
         scenario = SCENARIO.model_dump(mode="json")
-        plan = (await client.post("/v1/plans", params={"wait_s": 60}, json=scenario)).json()
+        plan = (await client.post("/v1/plans", json=scenario)).json()
+        async with asyncio.timeout(STARTS_WITHIN_S):
+            while plan["status"] in {"queued", "running"}:
+                await asyncio.sleep(0.2)
+                plan = await self.first.get(f"/v1/plans/{plan['id']}")
         for number, uav in enumerate(SCENARIO.uav_ids, start=1):
             answer = await client.post("/v1/fleet/vehicles", json={"uav_id": uav, "system_id": number})
             assert answer.status_code == 201, answer.text
