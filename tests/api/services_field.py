@@ -191,7 +191,7 @@ class SharedField:
         async with asyncio.timeout(STARTS_WITHIN_S):
             while plan["status"] in {"queued", "running"}:
                 await asyncio.sleep(0.2)
-                plan = await self.first.get(f"/v1/plans/{plan['id']}")
+                plan = (await client.get(f"/v1/plans/{plan['id']}")).json()
         for number, uav in enumerate(SCENARIO.uav_ids, start=1):
             answer = await client.post("/v1/fleet/vehicles", json={"uav_id": uav, "system_id": number})
             assert answer.status_code == 201, answer.text
