@@ -23,6 +23,7 @@ def upgrade(connection: Connection) -> None:
     Services that start together on one PostgreSQL do so one after the other.
     """
     if connection.dialect.name == "postgresql":
+        connection.execute(text("SET LOCAL idle_in_transaction_session_timeout = 0"))  # it waits, and nobody for it
         connection.execute(text(f"SELECT pg_advisory_xact_lock({_LOCK})"))
     if current_revisions(connection) == newest_revisions():
         return  # as at nearly every start, which need not wait for Alembic to be imported
