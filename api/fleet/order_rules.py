@@ -11,7 +11,8 @@ def reason_to_leave_alone(fleet: Fleet, uav: str, action: Action, *, force: bool
 
     force: order a vehicle to land or return even if a human or a failsafe flies it.
     """
-    system, owner = fleet.system_of(uav), fleet.owner(uav)
+    system = fleet.system_of(uav)
+    owner = fleet.rights.owner(system)
     if owner is not None:
         return f"{owner}: order it there"
     if not fleet.is_heard(system):

@@ -19,6 +19,7 @@ from skyfolio.api.fleet.fleet_connection import FleetConnection
 from skyfolio.api.fleet.fleet_ports import FleetPorts
 from skyfolio.api.fleet.own_link import Heard, OwnLink
 from skyfolio.api.fleet.vehicle_news import FleetNews
+from skyfolio.api.fleet.vehicle_rights import VehicleRights
 from skyfolio.api.fleet.vehicle_view import VehicleView, view_of
 from skyfolio.api.store import Database, StoreError
 from skyfolio.api.store.event_log import EventLog
@@ -57,16 +58,19 @@ class Fleet:
         leases: Leases | None = None,
     ) -> None:
         self._settings, self._clock, self._events = settings, clock, events
-        self._database, self._leases = database, leases
+        self._database = database
         self._simulated: set[str] = set()
         self._systems: dict[str, int] = {}
-        self.news = FleetNews(self._systems, events, self.is_of_another)
+        self.rights = VehicleRights(leases)
+        """Which vehicles are another service's."""
+        self.news = FleetNews(self._systems, events, self.rights.is_of_another)
         """What the link reports of them."""
         ports = ports or FleetPorts()
         self.new_guard = ports.guard
         """Makes a guard of setpoint streams."""
-        may_send = None if leases is None else leases.may_send
-        self._connection = FleetConnection(settings, clock, self.news, background, healthy, ports.link, may_send)
+        self._connection = FleetConnection(
+            settings, clock, self.news, background, healthy, ports.link, self.rights.may_send
+        )
         self.commander = Commander(lambda: self.link)
         """Through which every command to a vehicle goes."""
         self._finding: asyncio.Task[None] | None = None
@@ -158,21 +162,6 @@ class Fleet:
         self.link.classifier.unwatch(system_id)
         self.news.forget(system_id)
         self._simulated.discard(uav_id)
-
-    # -- other services -----------------------------------------------------------------------------------------------
-
-    def is_of_another(self, system_id: int) -> bool:
-        """Return whether another service has this vehicle."""
-        return self._leases is not None and self._leases.book.having(system_id) is not None
-
-    def owner(self, uav_id: str) -> str | None:
-        """Return, in words, which operation of which other service has this vehicle; None if none has."""
-        lease = None if self._leases is None else self._leases.book.having(self.system_of(uav_id))
-        return None if lease is None else f"it flies operation {lease.operation_id} of service {lease.name!r}"
-
-    def until_s(self, system_ids: Iterable[int]) -> float | None:
-        """Return until which second of CLOCK_BOOTTIME we may send to these; None: no other service ever may."""
-        return None if self._leases is None else self._leases.until_s(system_ids)
 
     def hears_any(self, system_ids: Iterable[int]) -> bool:
         """Return whether any of these vehicles is heard."""

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Awaitable, Callable, Collection
-from functools import partial
+from collections.abc import Awaitable, Collection
 from typing import Any
 
 import structlog
@@ -23,10 +22,9 @@ from skyfolio.api.flights.operation import Operation
 from skyfolio.api.flights.operation_store import OperationIdentity, Stores
 from skyfolio.api.flights.operation_views import ENDED, OperationView, Policy, State
 from skyfolio.api.flights.operations_elsewhere import OperationsElsewhere
+from skyfolio.api.flights.ownership import Ownership
 from skyfolio.api.flights.restart import Record, restored, settle, stored_track
 from skyfolio.api.flights.shared_services import SharedServices
-from skyfolio.api.store import StoreError
-from skyfolio.api.store.leases import Followers
 from skyfolio.api.store.numbers import Numbers
 from skyfolio.api.store.tables import operations as table
 from skyfolio.mavlink_bridge import OnEnd, ReturnPathsTooClose, check_return_paths
@@ -42,14 +40,13 @@ class Operations:
         self._shared, self._stores, self._fleet = shared, stores, fleet
         self._active: dict[str, Operation] = {}
         self._tasks: dict[str, asyncio.Task[None]] = {}
-        self._left: dict[str, asyncio.Task[None]] = {}
-        """What is still being let go of, of operations whose lease ran out."""
         self._unsaved: dict[str, Operation] = {}
         """Operations that have ended and whose end is not stored yet."""
         self._aborts = Aborts(fleet, stores, self._take_task, self._end)
         self._airspace = SharedAirspace(fleet)
         self._elsewhere = OperationsElsewhere(shared, stores, fleet, self._airspace)
         self._numbers = Numbers()
+        self.ownership = Ownership(stores, self._active, self._go_on, self._drop)
         self._starting = asyncio.Lock()
 
     async def start_up(self) -> None:
@@ -57,13 +54,11 @@ class Operations:
 
         Where several services share the database, those are taken over as their leases run out.
         """
-        database, leases = self._stores.database, self._stores.database.leases
+        database, shared = self._stores.database, self.ownership.shared
         last = (await database.rows(select(func.max(table.c.number))))[0][0] or 0
-        self._numbers = Numbers(last, several=leases is not None)
-        if leases is not None:
-            leases.followers = Followers(
-                lost=self._lose, taken=self._take_over, renewed=self._renew_guards, hears=self._fleet.hears_any
-            )
+        self._numbers = Numbers(last, several=shared)
+        if shared:
+            self.ownership.begin(self._fleet.hears_any)
             return
         ended = [state.value for state in ENDED]
         for row in await database.rows(select(table).where(table.c.state.not_in(ended)).order_by(table.c.number)):
@@ -107,28 +102,9 @@ class Operations:
             )
             flight = Flight(plan, systems, self._fleet, self._shared.clock, options)
             operation = Operation(identity, flight, self._shared, self._stores)
-            alone = await self._create(operation)
+            alone = await self.ownership.create(operation)
             self._run(operation, operation.run(alone))
             return operation
-
-    async def _create(self, operation: Operation) -> Callable[[], Awaitable[None]] | None:
-        """Store a new operation; return what waits until its vehicles are this service's alone, if others share them.
-
-        Raises ConflictError, StoreError.
-        """
-        leases, systems = self._stores.database.leases, frozenset(operation.flight.systems.values())
-        if leases is None:
-            await operation.create()
-            return None
-        began_s = leases.now_s()
-        try:
-            await operation.create(leases.claim(operation.id, systems))
-        except StoreError:
-            await leases.look()  # another service may have claimed a vehicle at the same moment
-            leases.claim(operation.id, systems)
-            raise
-        leases.claimed(operation.id, systems, began_s)
-        return partial(leases.wait_until_alone, leases.now_s())
 
     def active(self, operation_id: str) -> Operation | None:
         """Return the operation if it has not ended."""
@@ -144,27 +120,7 @@ class Operations:
         if not rows:
             raise NotFoundError(f"operation {operation_id!r} does not exist")
         view = OperationView.model_validate(json.loads(rows[0].document)["view"])
-        return view.model_copy(update={"owner": self.owner(operation_id)})
-
-    def owner(self, operation_id: str) -> str | None:
-        """Return the name of the service that an operation belongs to, where several share the database; else None."""
-        leases = self._stores.database.leases
-        if leases is None:
-            return None
-        if operation_id in self._active:
-            return leases.name
-        lease = leases.book.owner_of(operation_id)
-        return None if lease is None else lease.name or None
-
-    def _require_ours(self, operation_id: str) -> None:
-        """Raise ConflictError, which names the owner, if an operation belongs to another service, or to none now."""
-        leases = self._stores.database.leases
-        lease = None if leases is None else leases.book.owner_of(operation_id)
-        if leases is None or lease is None:
-            return
-        if lease.owner == leases.book.me or not lease.name:
-            raise ConflictError(f"operation {operation_id!r} belongs to no service now: it is about to be taken over")
-        raise ConflictError(f"operation {operation_id!r} belongs to service {lease.name!r}: command it there")
+        return view.model_copy(update={"owner": self.ownership.owner(operation_id)})
 
     async def commanded(self, operation_id: str, *states: State, version: int | None = None) -> Operation:
         """Return an operation that is in one of these states and in that version.
@@ -173,7 +129,7 @@ class Operations:
         """
         operation = self._active.get(operation_id)
         if operation is None:
-            self._require_ours(operation_id)
+            self.ownership.require_ours(operation_id)
             ended = await self.view(operation_id)
             raise ConflictError(f"operation {operation_id!r} is already {ended.state.value}")
         operation.require(*states, version=version)
@@ -190,7 +146,7 @@ class Operations:
             operation.require(version=version)
             await self._aborts.abort(operation, action)
             return operation.view()
-        self._require_ours(operation_id)
+        self.ownership.require_ours(operation_id)
         view = await self.view(operation_id)
         if version is not None and version != view.version:
             raise PreconditionError(f"If-Match: operation {operation_id!r} is in version {view.version}")
@@ -244,51 +200,6 @@ class Operations:
             task.cancel()
         await asyncio.gather(*self._tasks.values(), return_exceptions=True)
 
-    # -- leases ---------------------------------------------------------------------------------------------------
-
-    async def _take_over(self, operation_id: str) -> None:
-        """Go on with an operation whose lease this service has just been given. Raises StoreError."""
-        left = self._left.get(operation_id)
-        if left is not None:  # it was ours before, and is still being let go of
-            await asyncio.wait({left})
-        database = self._stores.database
-        rows = await database.rows(select(table).where(table.c.id == operation_id))
-        if not rows or State(rows[0].state) in ENDED:
-            self._end_lease(operation_id)
-            return
-        operation = await self._go_on(rows[0])
-        self._stores.events.add("operation_taken_over", operation_id=operation.id, service=self.owner(operation.id))
-
-    def _lose(self, operation_id: str) -> None:
-        """Leave an operation alone, at once: its lease has run out, and another service may have it.
-
-        Its vehicles fly the missions on board. Nothing of it is stored here any more.
-        """
-        operation, task = self._active.get(operation_id), self._tasks.get(operation_id)
-        if operation is None or task is None:
-            return
-        operation.stop()
-        task.cancel()
-        self._left[operation_id] = task
-        task.add_done_callback(lambda _done: self._left.pop(operation_id, None))
-        self._active.pop(operation_id)
-        self._tasks.pop(operation_id)
-        self._airspace.leave(operation_id)
-        self._stores.events.add(
-            "operation_left", operation_id=operation_id, level="warning", because="its lease ran out"
-        )
-
-    def _renew_guards(self) -> None:
-        for operation in self._active.values():
-            operation.flight.guidance.renew_guard()
-
-    def _end_lease(self, operation_id: str) -> None:
-        leases = self._stores.database.leases
-        if leases is not None:
-            ended = [*leases.require(operation_id), leases.ended(operation_id)]
-            done = self._stores.database.write_soon(*ended, keep=True)
-            done.add_done_callback(lambda _done: leases.book.forget(operation_id))
-
     # -- inside ---------------------------------------------------------------------------------------------------
 
     async def _go_on(self, row: Row[Any]) -> Operation:
@@ -311,15 +222,19 @@ class Operations:
         if not done.cancelled() and operation.state in ENDED:
             self._end(operation)
 
+    def _drop(self, operation: Operation) -> asyncio.Task[None] | None:
+        """Take an operation off the active ones that another service may go on with, and return its task."""
+        self._active.pop(operation.id, None)
+        self._airspace.leave(operation.id)
+        return self._take_task(operation)
+
     def _take_task(self, operation: Operation) -> asyncio.Task[None] | None:
         return self._tasks.pop(operation.id, None)
 
     def _end(self, operation: Operation) -> None:
         """Take an ended operation off the active ones, and remember it until its end is stored."""
-        self._active.pop(operation.id, None)
-        self._airspace.leave(operation.id)
-        self._tasks.pop(operation.id, None)
-        self._end_lease(operation.id)
+        self._drop(operation)
+        self.ownership.end(operation.id)
         saved = operation.saved
         if saved is not None and not saved.done():
             self._unsaved[operation.id] = operation

@@ -51,7 +51,7 @@ class OperationsElsewhere:
             }
             for operation_id in [one for one in self._entered if one not in versions]:
                 del self._entered[operation_id]
-                if leases.book.token(operation_id) is None:  # else it is ours now, and has been entered as such
+                if operation_id not in leases.book.held:  # else it is ours now, and has been entered as such
                     self._airspace.leave(operation_id)
             for operation_id, version in versions.items():
                 if self._entered.get(operation_id) != version:
@@ -63,7 +63,7 @@ class OperationsElsewhere:
         if not rows or State(rows[0].state) in ENDED or not self._are_registered(rows[0]):
             return
         operation = await restored(rows[0], self._shared, self._stores, self._fleet, with_track=False)
-        if leases is not None and leases.book.token(operation_id) is None:
+        if leases is not None and operation_id not in leases.book.held:
             self._airspace.enter(operation_id, operation.flight)
             self._entered[operation_id] = version
 

@@ -151,7 +151,7 @@ class SetpointStreams:
                 scale=self._clock.scale,
                 slot_s=next(iter(missions.values())).slot_s,
                 items={self._systems[uav]: _items(assigned) for uav, assigned in missions.items()},
-                until_s=self._fleet.until_s(self._systems[uav] for uav in missions),
+                until_s=self._fleet.rights.until_s(self._systems[uav] for uav in missions),
             )
         try:
             self._guard.orders(orders)

@@ -46,9 +46,11 @@ _LOCK = text(f"SELECT pg_advisory_xact_lock({0x5C1F0112})")
 _INSERT_NEXT = text(
     "INSERT INTO events (id, at, kind, data) "
     "SELECT coalesce(max(id), 0) + 1, "
-    "CAST(:at AS double precision), CAST(:kind AS varchar), CAST(:data AS text) FROM events"
+    "CAST(:at AS double precision), CAST(:kind AS varchar), CAST(:data AS text) FROM events "
+    "HAVING NOT EXISTS (SELECT 1 FROM events WHERE id > :after AND at = :at AND kind = :kind AND data = :data)"
 )
-"""The number is given under a lock that lasts until the commit: numbers become visible in their order."""
+"""The number is given under a lock that lasts until the commit: numbers become visible in their order. An event whose
+commit was not answered is written again, and left out if it is there."""
 
 
 class Event(BaseModel):
@@ -120,7 +122,7 @@ class EventLog:
     def _add_shared(self, kind: str, data: dict[str, Any]) -> Event:
         """Append an event whose number the database gives."""
         event = Event(id=0, at=utc_now(), kind=kind, data=data)
-        row = {"at": event.at.timestamp(), "kind": kind, "data": json.dumps(data)}
+        row = {"at": event.at.timestamp(), "kind": kind, "data": json.dumps(data), "after": self._stored_id}
         stored = self._database.write_soon((_LOCK, {}), (_INSERT_NEXT, row), keep=True)
         stored.add_done_callback(lambda _done: self._stored_shared(event))
         if self._database.trouble is not None:

@@ -113,15 +113,10 @@ class LeaseBook:
         """Return the leases of the last look, by operation."""
         return self._rows
 
-    def token(self, operation_id: str) -> int | None:
-        """Return the fencing token under which this service acts; None if it does not."""
+    def token(self, operation_id: str, now_s: float) -> int | None:
+        """Return the fencing token under which this service acts; None if it does not, or its lease has run out."""
         held = self._held.get(operation_id)
-        return None if held is None else held.token
-
-    def valid_until_s(self, operation_id: str) -> float:
-        """Return until when this service may act for an operation; -inf if it does not."""
-        held = self._held.get(operation_id)
-        return -inf if held is None else held.until_s
+        return None if held is None or now_s >= held.until_s else held.token
 
     def until_s(self, system_id: int) -> float:
         """Return until when this service may send to a vehicle as things are: -inf if another service has it.

@@ -183,7 +183,7 @@ class Leases:
 
     def require(self, operation_id: str) -> list[Statement]:
         """Return what goes before the writes of an operation: they are refused once another service has it."""
-        token = self.book.token(operation_id)
+        token = self.book.token(operation_id, self._clock())
         return [self._table.required(operation_id, -1 if token is None else token)]
 
     def ended(self, operation_id: str) -> Statement:

@@ -128,7 +128,8 @@ async def land_vehicle(uav_id: str, service: ServiceDep, body: ForceRequest | No
 @router.delete("/fleet/vehicles/{uav_id}", status_code=204, dependencies=[requires(Role.PILOT)])
 async def remove_vehicle(uav_id: str, service: ServiceDep) -> None:
     """Forget a vehicle that flies no operation."""
-    if service.fleet.find(uav_id) and (owner := service.fleet.owner(uav_id)) is not None:
+    owner = service.fleet.rights.owner(service.fleet.find(uav_id).system_id)
+    if owner is not None:
         raise ConflictError(f"uav_id: {uav_id!r}: {owner}")
     for operation in service.operations.in_the_air:
         if uav_id in operation.flight.systems:

@@ -121,7 +121,7 @@ async def list_operations(service: ServiceDep, limit: Limit = 50, cursor: Before
         OperationRow(
             id=row.id,
             state=row.state,
-            owner=service.operations.owner(row.id),
+            owner=service.operations.ownership.owner(row.id),
             version=row.version,
             plan_id=row.plan_id,
             replanning=row.policy,
