@@ -149,7 +149,9 @@ class Fleet:
             raise RuntimeError("a fleet with sockets receives from ground stations there")
         self._stations[address] = station
         for system_id, vehicle in self.vehicles.items():
-            if vehicle.link is None:
+            if isinstance(vehicle.link, MemoryLink):
+                vehicle.link.add(address)
+            else:
                 vehicle.link = MemoryLink(
                     address, vehicle.radio, vehicle.receive, system_id=system_id, stations=self._stations
                 )

@@ -187,6 +187,11 @@ class MemoryLink(Link):
         self._stations = stations
         self._open = True
 
+    def add(self, remote: Address) -> None:
+        """Send to this endpoint, too."""
+        if remote not in self.remotes:
+            self.remotes = (*self.remotes, remote)
+
     @property
     def is_open(self) -> bool:
         """Whether the link can still send and receive."""

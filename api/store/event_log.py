@@ -45,9 +45,9 @@ _INSERT = table.insert()
 _LOCK = text(f"SELECT pg_advisory_xact_lock({0x5C1F0112})")
 _INSERT_NEXT = text(
     "INSERT INTO events (id, at, kind, data) "
-    "SELECT coalesce(max(id), 0) + 1, "
-    "CAST(:at AS double precision), CAST(:kind AS varchar), CAST(:data AS text) FROM events "
-    "HAVING NOT EXISTS (SELECT 1 FROM events WHERE id > :after AND at = :at AND kind = :kind AND data = :data)"
+    "SELECT next, CAST(:at AS double precision), CAST(:kind AS varchar), CAST(:data AS text) "
+    "FROM (SELECT coalesce(max(id), 0) + 1 AS next FROM events) AS newest "
+    "WHERE NOT EXISTS (SELECT 1 FROM events WHERE id > :after AND at = :at AND kind = :kind AND data = :data)"
 )
 """The number is given under a lock that lasts until the commit: numbers become visible in their order. An event whose
 commit was not answered is written again, and left out if it is there."""

@@ -6,20 +6,17 @@ A connection that does not answer is dropped at once and made anew: nothing is a
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Collection, Iterable
+from collections.abc import Collection
 from contextlib import suppress
 from typing import Any
 
-from sqlalchemy import delete, insert, text
 from sqlalchemy.engine import URL, make_url
 from sqlalchemy.ext.asyncio import create_async_engine
 
 from skyfolio.api.store.errors import StoreError
 from skyfolio.api.store.lease_book import Lease
-from skyfolio.api.store.tables import leased_vehicles, leases
-from skyfolio.api.store.writer import Statement
+from skyfolio.api.store.lease_rows import LeaseRows
 
-FIRST_TOKEN = 1
 _LOOK = """
 WITH renewed AS (
   UPDATE leases SET beat = beat + 1 WHERE owner = $1 AND operation_id = ANY($2::varchar[]) RETURNING operation_id
@@ -48,18 +45,15 @@ WHERE o.ended_at IS NULL ON CONFLICT DO NOTHING
 """
 _CLEAR = "DELETE FROM leases USING operations o WHERE o.id = operation_id AND o.ended_at IS NOT NULL"
 _LEAVE = "UPDATE leases SET owner = '', name = '', beat = beat + 1 WHERE owner = $1"
-REQUIRE_LEASE = "SELECT require_lease(:operation_id, :token)"
-"""Raises an IntegrityError, which refuses the whole transaction, unless the lease has this token."""
-_REQUIRE = text(REQUIRE_LEASE)
-_INSERT, _INSERT_VEHICLE = insert(leases), insert(leased_vehicles)
 
 
-class LeaseTable:
-    """The leases as one service sees them. me: its id, of this process alone; name: what its operators call it."""
+class LeaseTable(LeaseRows):
+    """The leases at this URL. timeout_s: after which a question that is not answered has failed."""
 
     def __init__(self, url: str, *, me: str, name: str, timeout_s: float) -> None:
         self._options = _options(make_url(url))
-        self.me, self.name, self._timeout_s = me, name, timeout_s
+        super().__init__(me=me, name=name)
+        self._timeout_s = timeout_s
         self._looking: Any = None
 
     async def adopt(self) -> None:
@@ -110,20 +104,6 @@ class LeaseTable:
             raise StoreError(f"leases: {error or type(error).__name__}") from error
         finally:
             self._drop()
-
-    def made(self, operation_id: str, systems: Iterable[int]) -> list[Statement]:
-        """Return what stores the lease of a new operation; refused if another operation has one of its vehicles."""
-        lease = {"operation_id": operation_id, "owner": self.me, "name": self.name, "token": FIRST_TOKEN, "beat": 0}
-        vehicles = [{"system_id": system_id, "operation_id": operation_id} for system_id in systems]
-        return [(_INSERT, lease), (_INSERT_VEHICLE, vehicles)]
-
-    def ended(self, operation_id: str) -> Statement:
-        """Return what deletes the lease of an operation that is over."""
-        return delete(leases).where(leases.c.operation_id == operation_id), {}
-
-    def required(self, operation_id: str, token: int) -> Statement:
-        """Return what refuses a transaction whose service no longer has the lease under that token."""
-        return _REQUIRE, {"operation_id": operation_id, "token": token}
 
     async def _connect(self) -> Any:
         import asyncpg  # type: ignore[import-untyped]  # noqa: PLC0415 - an extra

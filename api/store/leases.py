@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import socket
 import time
-import uuid
 from collections.abc import Awaitable, Callable, Collection, Iterable
 from dataclasses import dataclass
 from math import inf
@@ -14,9 +13,11 @@ import structlog
 
 from skyfolio.api.common.errors import ConflictError
 from skyfolio.api.common.settings import Settings
+from skyfolio.api.common.surroundings import new_token
 from skyfolio.api.store.errors import StoreError
 from skyfolio.api.store.lease_book import Lease, LeaseBook
-from skyfolio.api.store.lease_table import FIRST_TOKEN, LeaseTable
+from skyfolio.api.store.lease_rows import FIRST_TOKEN, LeaseRows
+from skyfolio.api.store.lease_table import LeaseTable
 from skyfolio.api.store.writer import Statement
 
 log = structlog.get_logger()
@@ -54,7 +55,7 @@ class Leases:
     second needs none.
     """
 
-    def __init__(self, table: LeaseTable, *, term_s: float, clock: Callable[[], float] = seconds) -> None:
+    def __init__(self, table: LeaseRows, *, term_s: float, clock: Callable[[], float] = seconds) -> None:
         self._table, self._clock = table, clock
         self.book = LeaseBook(table.me, term_s=term_s, margin_s=MARGIN * term_s)
         self.followers = Followers()
@@ -67,7 +68,7 @@ class Leases:
         """Return the leases of a service with these settings; its id is new in each process."""
         name = settings.service_name or f"{socket.gethostname()}:{settings.port}"
         term_s = settings.lease_s
-        table = LeaseTable(settings.database_url, me=uuid.uuid4().hex, name=name[:64], timeout_s=term_s)
+        table = LeaseTable(settings.database_url, me=new_token(16), name=name[:64], timeout_s=term_s)
         return cls(table, term_s=term_s)
 
     @property

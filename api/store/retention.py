@@ -44,11 +44,14 @@ class Retention:
         return counts
 
     async def _forget(self, table: Table, before: float, most: int) -> int:
-        """Delete rows from before that UTC second, and the oldest beyond `most`; `id` grows with time."""
+        """Delete rows from before that UTC second, and the oldest beyond `most`; `id` grows with time.
+
+        The newest one stays: the next number is counted from it.
+        """
         newest = (await self._database.rows(select(func.max(table.c.id))))[0][0] or 0
         count = 0
         while True:
-            old = (table.c.at < before) | (table.c.id <= newest - most)
+            old = ((table.c.at < before) & (table.c.id < newest)) | (table.c.id <= newest - most)
             ids = [row.id for row in await self._database.rows(select(table.c.id).where(old).limit(AT_ONCE))]
             if not ids:
                 return count

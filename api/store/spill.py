@@ -21,7 +21,7 @@ from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.engine import URL
 from sqlalchemy.exc import IntegrityError
 
-from skyfolio.api.store.lease_table import REQUIRE_LEASE
+from skyfolio.api.store.lease_rows import REQUIRE_LEASE
 from skyfolio.api.store.writer import Statement
 
 log = structlog.get_logger()
@@ -59,7 +59,7 @@ class Spill:
         """Store what an earlier process could not, in its order. Return how many transactions there were.
 
         Rows that are stored already stay. What belongs to an operation that another service has meanwhile is left out
-        (`LeaseTable.required`). The caller commits, and calls `clear` after that.
+        (`LeaseRows.required`). The caller commits, and calls `clear` after that.
         """
         count = 0
         for transaction in self._stored():

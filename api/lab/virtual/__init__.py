@@ -4,6 +4,7 @@
     codec      MAVLink 2 frames of messages, and back
     wire       the link: a memory endpoint to `sim.Fleet`, and a port that speaks through `codec`
     disk       SQLite in memory that outlives a service, slow or full on demand
+    leases     what services that share the disk see of their leases
     solving    solves at once, delivered after as long as a worker would have taken
     ground     the service on all this, with a fleet: started, killed, and started again
 

@@ -39,6 +39,7 @@ class Disk:
             assert isinstance(driver, sqlite3.Connection)  # noqa: S101
             driver.deserialize(_empty())
             driver.execute("PRAGMA foreign_keys=ON")
+            driver.create_function("pg_advisory_xact_lock", 1, lambda _number: None)  # a commit is never interrupted
         finally:
             raw.close()
         self._folder = tempfile.TemporaryDirectory(prefix="skyfolio-virtual-")
@@ -50,14 +51,36 @@ class Disk:
         self._folder.cleanup()
 
 
+class Line:
+    """The way from a service to its disk, which may be cut: then nothing passes until it is mended."""
+
+    def __init__(self) -> None:
+        self._mended: asyncio.Event | None = None
+
+    def cut(self) -> None:
+        """Let nothing pass from now on."""
+        self._mended = self._mended or asyncio.Event()
+
+    def mend(self) -> None:
+        """Let what waits pass."""
+        mended, self._mended = self._mended, None
+        if mended is not None:
+            mended.set()
+
+    async def passed(self) -> None:
+        """Return once something can pass."""
+        if self._mended is not None:
+            await self._mended.wait()
+
+
 class MemoryBackend:
     """The database on a disk, as one service has it open; nothing is answered once that service is dead.
 
     A commit happens in the middle of the time that it takes, so that a service may die on either side of it.
     """
 
-    def __init__(self, disk: Disk, alive: Callable[[], bool]) -> None:
-        self._disk, self._alive = disk, alive
+    def __init__(self, disk: Disk, alive: Callable[[], bool], line: Line) -> None:
+        self._disk, self._alive, self._line = disk, alive, line
         self.url: URL = make_url("sqlite+aiosqlite:///in-memory")
 
     async def in_transaction(self, work: Callable[[Connection], Result]) -> Result:
@@ -88,7 +111,7 @@ class MemoryBackend:
         """Do nothing: memory has no file to shrink."""
 
     async def claim(self) -> bool:
-        """Return true: two services never live at once here."""
+        """Return true: the ground sees to it that two services live at once only where they share the disk."""
         return True
 
     async def close(self) -> None:
@@ -96,6 +119,7 @@ class MemoryBackend:
 
     async def _pass(self, seconds: float) -> None:
         await asyncio.sleep(seconds)
+        await self._line.passed()
         if not self._alive():
             await asyncio.get_running_loop().create_future()  # a dead process is never answered
 

@@ -18,9 +18,10 @@ import random
 from collections.abc import Callable, Coroutine, Iterable
 from contextlib import suppress
 from contextvars import Context, copy_context
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import partial
+from itertools import count
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
@@ -29,10 +30,11 @@ from sqlalchemy import select
 from skyfolio import sim
 from skyfolio.api.common.fleet_clock import FleetClock
 from skyfolio.api.common.settings import Settings
-from skyfolio.api.common.surroundings import Surroundings, surrounded
+from skyfolio.api.common.surroundings import Surroundings, new_token, surrounded
 from skyfolio.api.fleet.fleet_ports import FleetPorts
 from skyfolio.api.fleet.simulated_fleet import specs_at_starts
-from skyfolio.api.lab.virtual.disk import Disk, MemoryBackend
+from skyfolio.api.lab.virtual.disk import Disk, Line, MemoryBackend
+from skyfolio.api.lab.virtual.leases import MemoryLeaseTable
 from skyfolio.api.lab.virtual.loop import Life, life_here
 from skyfolio.api.lab.virtual.solving import Workers
 from skyfolio.api.lab.virtual.wire import MemoryEndpoint, MemoryMessages
@@ -40,6 +42,7 @@ from skyfolio.api.plans.jobs import Job
 from skyfolio.api.service import Ports, Service
 from skyfolio.api.store import Database
 from skyfolio.api.store.event_log import Event
+from skyfolio.api.store.leases import Leases
 from skyfolio.api.store.spill import Spill
 from skyfolio.api.store.tables import events as events_table
 from skyfolio.mavlink_bridge.autopilots import DEFAULT_AUTOPILOT
@@ -65,8 +68,8 @@ def small_solve_s(job: Job) -> float:
 class Ground:
     """A fleet at the starts of a scenario, with a disk and workers for its service.
 
-    seed: decides every id, phase and gust. specs: the vehicles; by default PX4 at the starts. settings: beside those
-    that virtual time needs.
+    seed: decides every id, phase and gust. specs: the vehicles; by default PX4 at the starts. several: several services
+    may live at once, which share the disk and the fleet by leases. settings: beside those that virtual time needs.
     """
 
     def __init__(
@@ -77,6 +80,7 @@ class Ground:
         specs: Iterable[sim.VehicleSpec] | None = None,
         weather: sim.Weather | None = None,
         solve_s: Callable[[Job], float] = small_solve_s,
+        several: bool = False,
         **settings: Any,
     ) -> None:
         self.scenario = scenario
@@ -90,13 +94,15 @@ class Ground:
         self.after_step: Callable[[], None] = lambda: None
         """Called after each step of the fleet."""
         self.service: Service | None = None
+        """The service that was started last, while it lives."""
         self.clock_ahead_s = 0.0
         """How far the service's UTC clock is ahead."""
         self.starts = 0
         """How often a service was started."""
         self._settings = Settings(database_url="in-memory", telemetry_hz=1.0, **settings)
         self._chance = random.Random(f"ground/{seed}")  # noqa: S311
-        self._lives: list[tuple[Life, Context]] = []
+        self._several = several
+        self._running: list[_Running] = []
         self._burials: list[asyncio.Task[None]] = []
         self._flying: asyncio.Task[None] | None = None
         self._context = copy_context()
@@ -116,8 +122,8 @@ class Ground:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         try:
-            if self.service is not None:
-                await self.stop()
+            for running in [one for one in self._running if one.service is not None]:
+                await self.stop(running.service)
             await asyncio.gather(*self._burials)
         finally:
             if self._flying is not None:
@@ -142,7 +148,7 @@ class Ground:
     @property
     def alive_tasks(self) -> list[str]:
         """Return the names of the tasks of all services that have not ended."""
-        return [task.get_name() for life, _ in self._lives for task in life.tasks.values()]
+        return [task.get_name() for running in self._running for task in running.life.tasks.values()]
 
     def stored_events(self) -> list[Event]:
         """Return every event on the disk, in order."""
@@ -156,15 +162,18 @@ class Ground:
     # -- the service ----------------------------------------------------------------------------------------------
 
     async def start(self) -> Service:
-        """Start a service on the disk, as it is. Raises RuntimeError while another one lives."""
-        if self.service is not None:
+        """Start a service on the disk, as it is. Raises RuntimeError while another one lives that does not share it."""
+        if self.service is not None and not self._several:
             raise RuntimeError("a service lives already")
         life = Life()
         context = self._context.copy()
         context.run(life_here.set, life)
-        self._lives.append((life, context))
+        taken = {running.place for running in self._running if not running.life.over}
+        place = next(number for number in count() if number not in taken)
+        running = _Running(life=life, context=context, place=place)
+        self._running.append(running)
         self.starts += 1
-        self.service = service = await self.ask(self._open(life))
+        self.service = running.service = service = await self._begun(self._open(running), running)
         service.events.listeners.append(lambda event: None if life.over else self.on_event(event))
         return service
 
@@ -172,21 +181,40 @@ class Ground:
         """Begin a task of the ground, which outlives every service, from wherever this is called."""
         return self._loop.create_task(work, name=name, context=self._context.copy())
 
-    async def ask(self, work: Coroutine[Any, Any, Result]) -> Result:
-        """Do some work as part of the service that lives: it is cancelled when that dies."""
-        task: asyncio.Task[Result] = self._loop.create_task(work, context=self._lives[-1][1].copy())
-        return await task
+    async def ask(self, work: Coroutine[Any, Any, Result], of: Service | None = None) -> Result:
+        """Do some work as part of a service that lives, by default the newest: it is cancelled when that dies."""
+        return await self._begun(work, self._running_of(of))
 
-    async def _open(self, life: Life) -> Service:
+    def lines_of(self, service: Service) -> tuple[Line, Line]:
+        """Return the ways from a service to the disk: the one for everything, and the one on which it renews leases."""
+        running = self._running_of(service)
+        return running.line, running.lease_line
+
+    def _begun(self, work: Coroutine[Any, Any, Result], running: _Running) -> asyncio.Task[Result]:
+        return self._loop.create_task(work, context=running.context.copy())
+
+    def _running_of(self, service: Service | None) -> _Running:
+        if service is None:
+            return self._running[-1]
+        return next(running for running in self._running if running.service is service)
+
+    async def _open(self, running: _Running) -> Service:
+        life = running.life
+
         def alive() -> bool:
             return not life.over
 
         def endpoint(url: str, on_frames: OnFrames) -> MemoryEndpoint:
-            return MemoryEndpoint(self.fleet, url, on_frames, alive=alive)
+            return MemoryEndpoint(self.fleet, url, on_frames, alive=alive, place=running.place)
 
-        async def database(_settings: Settings) -> Database:
-            backend = MemoryBackend(self.disk, alive)
-            return await Database.on(backend, Spill(backend.url, [self.disk.folder]))
+        async def database(settings: Settings) -> Database:
+            backend = MemoryBackend(self.disk, alive, running.line)
+            leases, name = None, f"service-{running.place}" if self._several else ""
+            if self._several:
+                beside = MemoryBackend(self.disk, alive, running.lease_line)
+                table = MemoryLeaseTable(beside, me=new_token(8), name=name)
+                leases = Leases(table, term_s=settings.lease_s, clock=self._loop.time)
+            return await Database.on(backend, Spill(backend.url, [self.disk.folder], name), leases)
 
         ports = Ports(
             solver=lambda _settings: self.workers.solver(),
@@ -197,19 +225,26 @@ class Ground:
         clock = FleetClock(1.0, seconds=self._loop.time, utc=self._utc_s)
         return await Service.open(self._settings, clock, ports)
 
-    def kill(self) -> None:
-        """End the service as SIGKILL does: none of it writes or sends anything from this moment on."""
-        self.service = None
-        life, _ = self._lives[-1]
-        life.over = True
-        self._burials.append(self.spawn(_bury(life), name="bury"))
+    def kill(self, service: Service | None = None) -> None:
+        """End a service as SIGKILL does: none of it writes or sends anything from this moment on."""
+        running = self._ended(service)
+        running.life.over = True
+        self._burials.append(self.spawn(_bury(running.life), name="bury"))
 
-    async def stop(self) -> None:
-        """Stop the service as SIGTERM does."""
-        service, self.service = self.service, None
+    async def stop(self, service: Service | None = None) -> None:
+        """Stop a service as SIGTERM does."""
+        service = service or self.service
         if service is not None:
-            await self.ask(service.close())
-            self._lives[-1][0].over = True
+            running = self._ended(service)
+            await self._begun(service.close(), running)
+            running.life.over = True
+
+    def _ended(self, service: Service | None) -> _Running:
+        running = self._running_of(service)
+        if running.service is self.service:
+            self.service = None
+        running.service = None
+        return running
 
     async def register(self) -> None:
         """Register every vehicle of the fleet for the UAVs of the scenario, in their order."""
@@ -230,6 +265,18 @@ class Ground:
 
     def _utc_s(self) -> float:
         return EPOCH_S + self._loop.time() + self.clock_ahead_s
+
+
+@dataclass(eq=False, kw_only=True)
+class _Running:
+    """A service that was started, None once it is dead. place: which end of the link and name it has."""
+
+    life: Life
+    context: Context
+    place: int
+    line: Line = field(default_factory=Line)
+    lease_line: Line = field(default_factory=Line)
+    service: Service | None = None
 
 
 class _LoopClock:

@@ -31,12 +31,14 @@ _GROUND_STATION = {
 class MemoryEndpoint:
     """One end of a link to all vehicles of a fleet in this process; an `Endpoint` of the bridge.
 
-    alive: returns whether the service at this end still runs. Vehicles send to the end that was opened last, as to
-    the socket that has bound the port.
+    alive: returns whether the service at this end still runs. place: which of several ends it is. Vehicles send to the
+    end that was opened last in each place, as to the socket that has bound the port.
     """
 
-    def __init__(self, fleet: sim.Fleet, url: str, on_frames: OnFrames, *, alive: Callable[[], bool]) -> None:
-        self.url = url
+    def __init__(
+        self, fleet: sim.Fleet, url: str, on_frames: OnFrames, *, alive: Callable[[], bool], place: int = 0
+    ) -> None:
+        self.url, self._place = url, place
         self._fleet, self._on_frames, self._alive = fleet, on_frames, alive
         self._framers: dict[int, Framer] = {}
         self._inbox: list[tuple[bytes, int]] = []
@@ -45,7 +47,7 @@ class MemoryEndpoint:
 
     async def open(self) -> None:
         """Begin to listen."""
-        self._send = self._fleet.attach(self._arrived, ("gcs", 0))
+        self._send = self._fleet.attach(self._arrived, ("gcs", self._place))
 
     def send(self, frame: bytes, system_id: int) -> None:
         """Send to one vehicle, or to all that were heard here (0)."""

@@ -1,0 +1,209 @@
+"""Several services in virtual time: whose lease has run out sends nothing more, whatever it was about to send."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+
+import pytest
+
+from skyfolio import sim
+from skyfolio.api.common.errors import ConflictError
+from skyfolio.api.common.idempotency import fresh
+from skyfolio.api.flights.guidance_options import GuidanceOptions
+from skyfolio.api.flights.operation import Operation
+from skyfolio.api.flights.operation_views import ENDED, State
+from skyfolio.api.lab.virtual.ground import Ground
+from skyfolio.api.lab.virtual.loop import run
+from skyfolio.api.service import Service
+from skyfolio.mavlink_bridge.guidance import FallBack
+from skyfolio.planner import EXAMPLES
+from skyfolio.sim.truth import LoggedMessage
+
+THREE = EXAMPLES["paper"]().with_changes(altitude_m=10.0, slots=12)
+TERM_S = 2.5
+LATE_S = 0.02
+"""A frame that leaves in time is heard in the step after it."""
+
+
+def on_ground(work: Callable[[Ground], Awaitable[object]], **options: object) -> None:
+    async def carry_out() -> None:
+        async with Ground(THREE, seed=5, several=True, **options) as ground:  # type: ignore[arg-type]
+            await work(ground)
+        assert ground.alive_tasks == []
+
+    run(carry_out())
+
+
+async def begun(ground: Ground, service: Service, options: GuidanceOptions | None = None) -> Operation:
+    """A new operation of this service."""
+    await ground.register()
+    record = await ground.ask(service.plans.submit(ground.scenario, fresh("plan")), service)
+    await ground.ask(service.plans.wait(record, 60.0), service)
+    starting = service.operations.start(record.id, "auto", fresh("operation"), options=options)
+    operation = await ground.ask(starting, service)
+    assert isinstance(operation, Operation)
+    return operation
+
+
+async def so(is_so: Callable[[], object], limit_s: float = 300.0) -> None:
+    async with asyncio.timeout(limit_s):
+        while not is_so():  # noqa: ASYNC110
+            await asyncio.sleep(0.01)
+
+
+def from_place(ground: Ground, place: int, since_s: float = 0.0) -> list[LoggedMessage]:
+    """What any vehicle received from one of the services since then."""
+    return [
+        message
+        for message in ground.fleet.truth.messages
+        if message.direction == "in" and message.sender == f"gcs:{place}" and message.t_s > since_s
+    ]
+
+
+def names_of(messages: list[LoggedMessage]) -> set[str]:
+    return {message.name for message in messages}
+
+
+async def uploading(ground: Ground, operation: Operation) -> None:
+    await so(lambda: "MISSION_ITEM_INT" in names_of(from_place(ground, 0)))
+    assert operation.state is State.UPLOADING
+
+
+async def launching(_ground: Ground, operation: Operation) -> None:
+    await so(lambda: operation.state is State.LAUNCHING)
+    await asyncio.sleep(0.05)
+
+
+async def flying(_ground: Ground, operation: Operation) -> None:
+    await so(lambda: operation.state is State.FLYING)
+    await asyncio.sleep(3.0)
+
+
+async def swapping(ground: Ground, operation: Operation) -> None:
+    await flying(ground, operation)
+    ground.fleet.inject(sim.Kill(3))
+    since_s = ground.now_s
+    await so(lambda: "MISSION_ITEM_INT" in names_of(from_place(ground, 0, since_s)))
+    assert operation.incidents.has_work
+
+
+SETPOINTS = GuidanceOptions(mode="stream", fall_back=FallBack.HOLD)
+
+
+@pytest.mark.parametrize(
+    ("moment", "options", "meanwhile"),
+    [
+        pytest.param(uploading, None, "MISSION_ITEM_INT", id="upload"),
+        pytest.param(launching, None, "COMMAND_LONG", id="launch"),
+        pytest.param(flying, None, "HEARTBEAT", id="missions"),
+        pytest.param(flying, SETPOINTS, "SET_POSITION_TARGET_LOCAL_NED", id="setpoints"),
+        pytest.param(swapping, None, "MISSION_ITEM_INT", id="swap"),
+    ],
+)
+def test_a_service_whose_lease_ran_out_sends_nothing_more(
+    moment: Callable[[Ground, Operation], Awaitable[None]], options: GuidanceOptions | None, meanwhile: str
+) -> None:
+    async def fly(ground: Ground) -> None:
+        service = await ground.start()
+        operation = await begun(ground, service, options)
+        await moment(ground, operation)
+        cut_s = ground.now_s
+        for line in ground.lines_of(service)[1:]:
+            line.cut()  # it renews nothing; what else it stores is still accepted
+        await so(lambda: operation.id not in [one.id for one in service.operations.in_the_air])
+        left_s = ground.now_s
+        await asyncio.sleep(20.0)
+        assert left_s <= cut_s + TERM_S + 0.1
+        assert meanwhile in names_of(from_place(ground, 0, cut_s - 0.5)), "it was sending this"
+        assert from_place(ground, 0, cut_s + TERM_S + LATE_S) == []
+
+    on_ground(fly)
+
+
+def test_an_operator_reaches_nobody_through_a_service_whose_lease_ran_out() -> None:
+    async def fly(ground: Ground) -> None:
+        service = await ground.start()
+        operation = await begun(ground, service)
+        await flying(ground, operation)
+        for line in ground.lines_of(service):
+            line.cut()
+        await asyncio.sleep(TERM_S + 0.1)
+        since_s = ground.now_s
+        with pytest.raises(ConflictError, match="belongs to no service now"):
+            await ground.ask(service.operations.abort(operation.id, "hold"), service)
+        ordering = service.orders.give("hold")
+        ordered = asyncio.ensure_future(ground.ask(ordering, service))
+        await asyncio.sleep(10.0)
+        assert from_place(ground, 0, since_s) == []
+        ordered.cancel()
+
+    on_ground(fly)
+
+
+def test_another_service_goes_on_within_five_seconds_and_the_first_is_silent_before() -> None:
+    async def fly(ground: Ground) -> None:
+        first = await ground.start()
+        operation = await begun(ground, first)
+        second = await ground.start()
+        await flying(ground, operation)
+        assert from_place(ground, 1) == [], "not even a heartbeat"
+        cut_s = ground.now_s
+        for line in ground.lines_of(first):
+            line.cut()
+        await so(lambda: second.operations.active(operation.id))
+        assert ground.now_s - cut_s < 5.0
+        await so(lambda: from_place(ground, 1))
+        last_s = max(message.t_s for message in from_place(ground, 0))
+        assert last_s <= cut_s + TERM_S + LATE_S
+        assert last_s < min(message.t_s for message in from_place(ground, 1))
+        await asyncio.sleep(5.0)
+        for line in ground.lines_of(first):
+            line.mend()
+        taken = second.operations.active(operation.id)
+        assert taken is not None
+        await so(lambda: taken.state in ENDED)
+        assert (taken.state, taken.error) == (State.COMPLETED, None)
+        assert max(message.t_s for message in from_place(ground, 0)) <= last_s or taken.state in ENDED
+        assert_gapless(ground)
+
+    on_ground(fly)
+
+
+def test_a_killed_service_is_followed_within_five_seconds() -> None:
+    async def fly(ground: Ground) -> None:
+        first = await ground.start()
+        operation = await begun(ground, first)
+        second = await ground.start()
+        await flying(ground, operation)
+        killed_s = ground.now_s
+        ground.kill(first)
+        await so(lambda: second.operations.active(operation.id))
+        assert ground.now_s - killed_s < 5.0
+        taken = second.operations.active(operation.id)
+        assert taken is not None
+        await so(lambda: taken.state in ENDED)
+        assert (taken.state, taken.error) == (State.COMPLETED, None)
+        assert_gapless(ground)
+
+    on_ground(fly)
+
+
+def test_a_stopped_service_gives_its_operation_up_at_once() -> None:
+    async def fly(ground: Ground) -> None:
+        first = await ground.start()
+        operation = await begun(ground, first)
+        second = await ground.start()
+        await flying(ground, operation)
+        await ground.stop(first)
+        stopped_s = ground.now_s
+        await so(lambda: second.operations.active(operation.id))
+        assert ground.now_s - stopped_s < 1.0
+
+    on_ground(fly)
+
+
+def assert_gapless(ground: Ground) -> None:
+    """All events of all services have one row of numbers."""
+    numbers = [event.id for event in ground.stored_events()]
+    assert numbers == list(range(1, len(numbers) + 1))
