@@ -227,6 +227,18 @@ def _arming_refused(data: Data) -> tuple[str, str]:
     return f"{data.get('uav_id')} cannot be armed yet: {data.get('because')}", "warn"
 
 
+def _stream_ended(data: Data) -> tuple[str, str]:
+    return f"setpoints end: {data.get('because')}", "warn"
+
+
+def _taken_over(data: Data) -> tuple[str, str]:
+    return f"service {data.get('service')} has taken the operation over, and asks its vehicles what they fly", "warn"
+
+
+def _left(data: Data) -> tuple[str, str]:
+    return f"service {data.get('service')} has left the operation: {data.get('because')}", "alarm"
+
+
 DESCRIPTIONS: Mapping[str, Callable[[Data], tuple[str, str]]] = {
     "operation": _operation,
     "link": _link,
@@ -263,4 +275,7 @@ DESCRIPTIONS: Mapping[str, Callable[[Data], tuple[str, str]]] = {
     "lands_instead_of_returning": _lands,
     "brought_down": _brought_down,
     "vehicle_registered": _registered,
+    "stream_ended": _stream_ended,
+    "operation_taken_over": _taken_over,
+    "operation_left": _left,
 }

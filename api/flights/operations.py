@@ -116,10 +116,13 @@ class Operations:
         if operation is not None:
             await operation.flight.settle_rates()
             return operation.view()
-        rows = await self._stores.database.rows(select(table.c.document).where(table.c.id == operation_id))
+        rows = await self._stores.database.rows(select(table).where(table.c.id == operation_id))
         if not rows:
             raise NotFoundError(f"operation {operation_id!r} does not exist")
-        view = OperationView.model_validate(json.loads(rows[0].document)["view"])
+        stored = json.loads(rows[0].document)["view"]
+        if stored is None:  # it began before several services shared the database, and none has gone on with it yet
+            stored = (await restored(rows[0], self._shared, self._stores, self._fleet, with_track=False)).view()
+        view = OperationView.model_validate(stored)
         return view.model_copy(update={"owner": self.ownership.owner(operation_id)})
 
     async def commanded(self, operation_id: str, *states: State, version: int | None = None) -> Operation:

@@ -36,6 +36,8 @@ class Ownership:
         self._active, self._go_on, self._drop = active, go_on, drop
         self._left: dict[str, asyncio.Task[None]] = {}
         """What is still being let go of, of operations whose lease ran out."""
+        self._handing: dict[str, asyncio.Task[None]] = {}
+        """Ends of streams, by operation."""
 
     @property
     def shared(self) -> bool:
@@ -46,7 +48,11 @@ class Ownership:
         """Follow the leases from now on. hears: returns whether any of these vehicles is heard here."""
         if self._leases is not None:
             self._leases.followers = Followers(
-                lost=self._lose, taken=self._take_over, renewed=self._renew_guards, hears=hears
+                running_out=self._end_stream,
+                lost=self._lose,
+                taken=self._take_over,
+                renewed=self._renew_guards,
+                hears=hears,
             )
 
     def owner(self, operation_id: str) -> str | None:
@@ -108,6 +114,17 @@ class Ownership:
         operation = await self._go_on(rows[0])
         self._events.add("operation_taken_over", operation_id=operation.id, service=self.owner(operation.id))
 
+    def _end_stream(self, operation_id: str) -> None:
+        """Let streamed UAVs fly the missions on board while we may still tell them to: the lease soon runs out."""
+        operation = self._active.get(operation_id)
+        if operation is None or operation_id in self._handing or not operation.flight.guidance.is_streaming:
+            return
+        because = "the lease is not renewed: UAVs fly the missions on board"
+        self._events.add("stream_ended", operation_id=operation_id, level="warning", because=because)
+        task = asyncio.create_task(operation.flight.guidance.end_stream(), name=f"end stream {operation_id}")
+        self._handing[operation_id] = task
+        task.add_done_callback(lambda _done: self._handing.pop(operation_id, None))
+
     def _lose(self, operation_id: str) -> None:
         """Leave an operation alone, at once: its lease has run out, and another service may have it.
 
@@ -122,7 +139,9 @@ class Ownership:
             task.cancel()
             self._left[operation_id] = task
             task.add_done_callback(lambda _done: self._left.pop(operation_id, None))
-        self._events.add("operation_left", operation_id=operation_id, level="warning", because="its lease ran out")
+        name = None if self._leases is None else self._leases.name
+        because = "its lease ran out"
+        self._events.add("operation_left", operation_id=operation_id, level="warning", service=name, because=because)
 
     def _renew_guards(self) -> None:
         for operation in self._active.values():

@@ -101,6 +101,10 @@ class LeaseBook:
             del self._held[operation_id]
         return lapsed
 
+    def running_out(self, now_s: float, within_s: float) -> list[str]:
+        """Return the operations whose lease, as it is, runs out within so many seconds."""
+        return [operation_id for operation_id, held in self._held.items() if held.until_s - now_s < within_s]
+
     # -- what follows -------------------------------------------------------------------------------------------------
 
     @property

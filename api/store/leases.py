@@ -25,6 +25,8 @@ LOOKS_A_TERM = 10
 """How often a lease is renewed while it is valid: two or three looks may fail or be slow."""
 MARGIN = 0.2
 """Share of the term for which others wait beyond it."""
+LAST_SHARE = 0.5
+"""Share of the term that is left when what needs us all the time is brought to an end: that takes a second."""
 LAPSE_EVERY_S = 0.05
 """How often leases that have run out are looked for. What is sent to vehicles does not wait for that."""
 
@@ -38,10 +40,12 @@ def seconds() -> float:
 class Followers:
     """What is to be done when leases change hands.
 
-    lost: our lease of this operation ran out. taken: we have taken over this operation; what it raises gives the lease
+    running_out: our lease of this operation is not renewed and soon runs out (called again and again). lost: it has
+    run out. taken: we have taken over this operation; what it raises gives the lease
     up. renewed: our leases are valid for longer. hears: whether we hear any of these vehicles.
     """
 
+    running_out: Callable[[str], None] = lambda _operation_id: None
     lost: Callable[[str], None] = lambda _operation_id: None
     taken: Callable[[str], Awaitable[None]] | None = None
     renewed: Callable[[], None] = lambda: None
@@ -105,6 +109,8 @@ class Leases:
             for operation_id in self.book.take_lapsed(now_s):
                 log.critical("lease lost", operation_id=operation_id, reason=self.trouble or "taken over, or too late")
                 self.followers.lost(operation_id)
+            for operation_id in self.book.running_out(now_s, LAST_SHARE * self.book.term_s):
+                self.followers.running_out(operation_id)
             if self.trouble is None and now_s < self.book.until_s(0):
                 self._take_over(now_s)
             await asyncio.sleep(LAPSE_EVERY_S)

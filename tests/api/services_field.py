@@ -4,6 +4,7 @@ import asyncio
 import signal
 import socket
 import sys
+import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
@@ -24,7 +25,8 @@ SPEEDUP = 2.0
 SCENARIO = EXAMPLES["paper"]().with_changes(slots=16, altitude_m=8.0)
 ROOT = Path(__file__).resolve().parents[2]
 SERVE = "from tests.api.dying_service import main; main()"
-STARTS_WITHIN_S = 150.0
+STARTS_WITHIN_S = 250.0
+NAP_S = 0.02
 
 
 class Line:
@@ -173,14 +175,27 @@ class SharedField:
         self.second = Service("second", database_url, folder / "second.log", **changes)
         ends = ",".join(f"udpout://127.0.0.1:{service.fleet_port}" for service in (self.first, self.second))
         self.fleet = sim.Fleet(specs_at_starts(SCENARIO), clock=sim.ScaledClock(SPEEDUP), endpoint=ends)
+        self.late_s = 0.0
+        """Wall seconds that this process has waited for the machine in all: what a service may be late through no fault
+        of its own."""
+        self._timing: asyncio.Task[None] | None = None
 
     async def __aenter__(self) -> Self:
         await self.fleet.__aenter__()
+        self._timing = asyncio.create_task(self._time())
         return self
+
+    async def _time(self) -> None:
+        while True:
+            began_s = time.monotonic()
+            await asyncio.sleep(NAP_S)
+            self.late_s += max(0.0, time.monotonic() - began_s - 1.5 * NAP_S)
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        if self._timing is not None:
+            self._timing.cancel()
         await self.fleet.__aexit__(kind, error, trace)
 
     async def take_off(self) -> str:
@@ -214,6 +229,10 @@ class SharedField:
             and message.t_s >= since_s
             and (heartbeats or message.name != "HEARTBEAT")
         ]
+
+    def claimed_s(self) -> float:
+        """The fleet second from which the first service flies the vehicles: that of its first upload."""
+        return min(one.t_s for one in self.received(self.first) if one.name == "MISSION_COUNT")
 
     def now_s(self) -> float:
         """Fleet seconds now."""

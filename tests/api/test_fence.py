@@ -16,6 +16,7 @@ from skyfolio.api.flights.operation_views import ENDED, State
 from skyfolio.api.lab.virtual.ground import Ground
 from skyfolio.api.lab.virtual.loop import run
 from skyfolio.api.service import Service
+from skyfolio.mavlink_bridge.guard import Orders
 from skyfolio.mavlink_bridge.guidance import FallBack
 from skyfolio.planner import EXAMPLES
 from skyfolio.sim.truth import LoggedMessage
@@ -127,6 +128,54 @@ def test_a_service_whose_lease_ran_out_sends_nothing_more(
         assert left_s <= cut_s + TERM_S + 0.1
         assert meanwhile in names_of(from_place(ground, 0, cut_s - 1.0)), "it was sending this"
         assert from_place(ground, 0, cut_s + TERM_S + LATE_S) == []
+
+    on_ground(fly)
+
+
+class NotedGuard:
+    """Stands in for the guard process, and keeps what it is told."""
+
+    def __init__(self, now_s: Callable[[], float]) -> None:
+        self._now_s = now_s
+        self.told: list[tuple[float, Orders | None]] = []
+
+    async def start(self) -> None:
+        """Begin."""
+
+    def orders(self, orders: Orders | None) -> None:
+        self.told.append((self._now_s(), orders))
+
+    async def close(self) -> None:
+        """End."""
+
+
+def test_a_guard_is_told_again_and_again_until_when_it_may_speak_and_never_longer_than_a_term() -> None:
+    async def fly(ground: Ground) -> None:
+        service, guard = await ground.start(), NotedGuard(lambda: ground.now_s)
+        service.fleet.new_guard = lambda: guard
+        operation = await begun(ground, service, GuidanceOptions(mode="stream", force_stream=True))
+        await flying(ground, operation)
+        told = [(told_s, orders.until_s) for told_s, orders in guard.told if orders is not None]
+        assert len(told) > 8
+        for told_s, until_s in told:
+            assert until_s is not None
+            assert TERM_S / 2 < until_s - told_s <= TERM_S
+        assert told[-1][0] > ground.now_s - TERM_S / 2
+
+    on_ground(fly)
+
+
+def test_a_stream_ends_in_missions_before_the_lease_runs_out() -> None:
+    async def fly(ground: Ground) -> None:
+        service = await ground.start()
+        service.fleet.new_guard = lambda: NotedGuard(lambda: ground.now_s)
+        operation = await begun(ground, service, GuidanceOptions(mode="stream", force_stream=True))
+        await flying(ground, operation)
+        for line in ground.lines_of(service):
+            line.cut()
+        await asyncio.sleep(TERM_S + 0.1)
+        modes = {vehicle.autopilot.mode.name for vehicle in ground.fleet.vehicles.values()}
+        assert modes == {"MISSION"}, "nobody is left waiting for setpoints"
 
     on_ground(fly)
 
