@@ -120,6 +120,8 @@ class EngineBackend:
         kind = "_shared" if self._shared else ""
         free = bool((await self._claim.execute(text(f"SELECT pg_try_advisory_lock{kind}({_LOCK})"))).scalar())
         await self._claim.commit()  # the lock belongs to the session and outlives the transaction
+        if not free:
+            await self._claim.close()
         return free
 
     def _lock_file(self) -> bool:

@@ -17,7 +17,8 @@ from typing import Any
 
 import structlog
 from sqlalchemy import Connection, Dialect, text
-from sqlalchemy.dialects import postgresql, sqlite
+from sqlalchemy.dialects import sqlite
+from sqlalchemy.dialects.postgresql.base import PGDialect
 from sqlalchemy.engine import URL
 from sqlalchemy.exc import IntegrityError
 
@@ -27,7 +28,8 @@ from skyfolio.api.store.writer import Statement
 log = structlog.get_logger()
 _DIALECTS: dict[str, Dialect] = {
     "sqlite": sqlite.dialect(paramstyle="named"),
-    "postgresql": postgresql.dialect(paramstyle="named"),  # type: ignore[no-untyped-call]
+    # that of a driver would write casts, which `text` does not understand
+    "postgresql": PGDialect(paramstyle="named"),  # type: ignore[no-untyped-call]
 }
 
 
