@@ -249,8 +249,7 @@ class Service:
         except StoreError as error:
             checks["database"] = str(error)[:200]
         if self.database.leases is not None:
-            trouble = self.database.leases.trouble
-            checks["leases"] = "ok" if trouble is None else f"not renewed: {trouble}"[:200]
+            checks["leases"] = self.database.leases.state
         checks["solver"] = self._solver_check()
         if (link := self.solver.link) is not None and not link.up:
             checks["cluster"] = f"ok: local workers solve instead; {link.trouble}"

@@ -28,9 +28,16 @@ _PRAGMAS = (
 )
 _LOCK = 0x5C1F0110
 """Number of the advisory lock that a service holds on PostgreSQL."""
+_LOCK_NAME = text(f"SELECT pg_try_advisory_lock({_LOCK + 3}, hashtext(:name))")
 _IDLE_MS = 1_000
 """Milliseconds after which PostgreSQL ends a transaction that its service does not go on with, where several share it:
 what a stopped service has locked must not hold up the others."""
+_SHARED_SESSIONS = {
+    "idle_in_transaction_session_timeout": str(_IDLE_MS),
+    "tcp_keepalives_idle": "5",  # a machine that is gone frees its name and its locks
+    "tcp_keepalives_interval": "2",
+    "tcp_keepalives_count": "3",
+}
 _RULE = f"must be '{TEMPORARY}', sqlite+aiosqlite:///FILE or postgresql+asyncpg://..."
 
 
@@ -69,16 +76,16 @@ class Backend(Protocol):
 class EngineBackend:
     """SQLite in a file, or PostgreSQL. Raises ValueError for any other URL, MissingExtraError without the driver.
 
-    shared: several services use it, which must be PostgreSQL.
+    shared_as: the name of this service, if several use it, which must be PostgreSQL.
     """
 
-    def __init__(self, url: str, *, shared: bool = False) -> None:
-        self._shared = shared
+    def __init__(self, url: str, *, shared_as: str | None = None) -> None:
+        self._shared_as = shared_as
         self._folder: tempfile.TemporaryDirectory[str] | None = None
         if url == TEMPORARY:
             self._folder = tempfile.TemporaryDirectory(prefix="skyfolio-")
             url = f"sqlite+aiosqlite:///{self._folder.name}/skyfolio.db"
-        self.engine = _engine(url, shared=shared)
+        self.engine = _engine(url, shared=shared_as is not None)
         self._sink = _sink(self.engine)
         self.lock: IO[str] | None = None
         """The locked file beside an SQLite database."""
@@ -117,8 +124,11 @@ class EngineBackend:
         if self.url.get_backend_name() != "postgresql":
             return self._lock_file()
         self._claim = await self.engine.connect()
-        kind = "_shared" if self._shared else ""
+        kind = "" if self._shared_as is None else "_shared"
         free = bool((await self._claim.execute(text(f"SELECT pg_try_advisory_lock{kind}({_LOCK})"))).scalar())
+        if free and self._shared_as is not None:  # two services of one name would end each other's plans
+            name = {"name": self._shared_as}
+            free = bool((await self._claim.execute(_LOCK_NAME, name)).scalar())
         await self._claim.commit()  # the lock belongs to the session and outlives the transaction
         if not free:
             await self._claim.close()
@@ -170,7 +180,7 @@ def _engine(url: str, *, shared: bool) -> AsyncEngine:
     if parts.drivername != "postgresql+asyncpg":
         raise ValueError(_RULE)
     extras.require("asyncpg", "database_url: PostgreSQL")
-    server_settings = {"idle_in_transaction_session_timeout": str(_IDLE_MS)} if shared else {}
+    server_settings = _SHARED_SESSIONS if shared else {}
     return create_async_engine(
         parts, pool_size=8, max_overflow=8, pool_pre_ping=True, connect_args={"server_settings": server_settings}
     )

@@ -44,7 +44,7 @@ class Database:
         Raises StoreError for a URL or database that cannot be used, MissingExtraError without the PostgreSQL driver.
         """
         try:
-            backend = EngineBackend(url, shared=leases is not None)
+            backend = EngineBackend(url, shared_as=None if leases is None else leases.name)
             await backend.in_transaction(upgrade)
         except (SQLAlchemyError, OSError, ValueError) as error:
             raise StoreError(f"database_url: {_without_password(url)} cannot be opened: {error}") from error
@@ -140,7 +140,7 @@ class Database:
         Two services that do not divide the operations by leases must not fly the same fleet.
         """
         if not await self._backend.claim():
-            hint = "; to share it, set several_services in both" if self.is_postgresql else ""
+            hint = "; to share it, set several_services in both, and names that differ" if self.is_postgresql else ""
             raise StoreError(f"database_url: the database is in use by another service{hint}")
 
     async def close(self) -> None:

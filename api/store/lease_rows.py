@@ -23,6 +23,8 @@ class LeaseRows(ABC):
 
     def __init__(self, *, me: str, name: str) -> None:
         self.me, self.name = me, name
+        self.clock_ahead_s = 0.0
+        """By how much this machine's UTC clock is at least ahead of the database's, by the last look; 0 if unknown."""
 
     @abstractmethod
     async def adopt(self) -> None:

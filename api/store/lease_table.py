@@ -13,6 +13,7 @@ from typing import Any
 from sqlalchemy.engine import URL, make_url
 from sqlalchemy.ext.asyncio import create_async_engine
 
+from skyfolio.api.common.surroundings import utc_s
 from skyfolio.api.store.errors import StoreError
 from skyfolio.api.store.lease_book import Lease
 from skyfolio.api.store.lease_rows import LeaseRows
@@ -23,7 +24,8 @@ WITH renewed AS (
 )
 SELECT l.operation_id, l.owner, l.name, l.token, l.beat, o.version,
   ARRAY(SELECT v.system_id FROM leased_vehicles v WHERE v.operation_id = l.operation_id) AS systems,
-  l.operation_id IN (SELECT operation_id FROM renewed) AS renewed
+  l.operation_id IN (SELECT operation_id FROM renewed) AS renewed,
+  extract(epoch FROM clock_timestamp())::float8 AS utc_s
 FROM leases l JOIN operations o ON o.id = l.operation_id
 """
 _TAKE = """
@@ -70,13 +72,19 @@ class LeaseTable(LeaseRows):
         try:
             async with asyncio.timeout(self._timeout_s):
                 self._looking = self._looking or await self._connect()
+                began_s = utc_s()
                 rows = await self._looking.fetch(_LOOK, self.me, list(held))
+                ended_s = utc_s()
         except BaseException as error:
             self._drop()
             if isinstance(error, Exception):
                 raise StoreError(f"leases: {error or type(error).__name__}") from error
             raise
-        return [Lease(**{**row, "systems": frozenset(row["systems"])}) for row in map(dict, rows)]
+        found = list(map(dict, rows))
+        for row in found:
+            there_s = row.pop("utc_s")
+            self.clock_ahead_s = max(0.0, began_s - there_s) + min(0.0, ended_s - there_s)
+        return [Lease(**{**row, "systems": frozenset(row["systems"])}) for row in found]
 
     async def take(self, lease: Lease) -> int | None:
         """Take a lease that is still as it was seen; return its new token, None if it is not. Raises StoreError."""

@@ -25,6 +25,8 @@ LOOKS_A_TERM = 10
 """How often a lease is renewed while it is valid: two or three looks may fail or be slow."""
 MARGIN = 0.2
 """Share of the term for which others wait beyond it."""
+WRONG_CLOCK_S = 0.5
+"""Seconds between the clocks of a service and the database that readiness tells of. Leases depend on neither."""
 LAST_SHARE = 0.5
 """Share of the term that is left when what needs us all the time is brought to an end: that takes a second."""
 LAPSE_EVERY_S = 0.05
@@ -79,6 +81,19 @@ class Leases:
     def name(self) -> str:
         """Return what the operators call this service."""
         return self._table.name
+
+    @property
+    def state(self) -> str:
+        """Return 'ok', 'ok: ' and what is to be known, or what is wrong."""
+        if self.trouble is not None:
+            return f"not renewed: {self.trouble}"[:200]
+        ahead_s = self._table.clock_ahead_s
+        if abs(ahead_s) < WRONG_CLOCK_S:
+            return "ok"
+        return (
+            f"ok: this machine's clock is {abs(ahead_s):.1f} s {'ahead of' if ahead_s > 0 else 'behind'} the "
+            "database's: slots would shift by that when an operation is taken over"
+        )
 
     # -- tasks --------------------------------------------------------------------------------------------------------
 

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import time
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 from sqlalchemy import insert, select
 
 from skyfolio.api.common.settings import Settings
+from skyfolio.api.common.surroundings import Surroundings, surrounded
 from skyfolio.api.store import Database, StoreError
 from skyfolio.api.store.backend import EngineBackend
 from skyfolio.api.store.event_log import EventLog
@@ -91,11 +93,11 @@ async def test_what_was_held_in_a_file_is_stored_only_as_far_as_the_operation_wa
     pair: tuple[Database, Database], new_database: str, tmp_path: Path
 ) -> None:
     first, second = pair
-    spill = Spill(EngineBackend(new_database, shared=True).url, [tmp_path], "first")
+    spill = Spill(EngineBackend(new_database, shared_as="again").url, [tmp_path], "first")
     event = {"id": 1, "at": 5.0, "kind": "test", "data": "{}"}
     await spill.add([[*first.owned(OPERATION), step(1), step(2)], [(insert(events), event)]])
     await taken_over(second)
-    backend = EngineBackend(new_database, shared=True)
+    backend = EngineBackend(new_database, shared_as="again")
     again = await Database.on(backend, spill)
     assert again.taken_up == 2
     assert await steps(again) == []
@@ -107,7 +109,7 @@ async def test_what_was_held_in_a_file_is_stored_while_the_operation_is_still_ou
     pair: tuple[Database, Database], new_database: str, tmp_path: Path
 ) -> None:
     first, _ = pair
-    backend = EngineBackend(new_database, shared=True)
+    backend = EngineBackend(new_database, shared_as="again")
     spill = Spill(backend.url, [tmp_path], "first")
     await spill.add([[*first.owned(OPERATION), step(1)]])
     again = await Database.on(backend, spill)
@@ -172,6 +174,10 @@ async def test_services_that_share_a_database_and_one_that_does_not_exclude_each
     shared = [await Database.open(new_database, leases_of(new_database, name)) for name in ("first", "second")]
     for database in shared:
         await database.claim()
+    namesake = await Database.open(new_database, leases_of(new_database, "first"))
+    with pytest.raises(StoreError, match="names that differ"):
+        await namesake.claim()
+    await namesake.close()
     alone = await Database.open(new_database)
     with pytest.raises(StoreError, match="several_services"):
         await alone.claim()
@@ -183,3 +189,18 @@ async def test_services_that_share_a_database_and_one_that_does_not_exclude_each
         await late.claim()
     await late.close()
     await alone.close()
+
+
+async def test_a_clock_that_differs_from_that_of_the_database_is_told_and_changes_no_lease(
+    pair: tuple[Database, Database],
+) -> None:
+    first, _ = pair
+    leases = first.leases
+    assert leases is not None
+    assert leases.state == "ok"
+    for ahead_s, words in ((90.0, "s ahead of"), (-90.0, "s behind"), (0.0, "ok")):
+        with surrounded(Surroundings(utc_s=lambda ahead_s=ahead_s: time.time() + ahead_s)):  # type: ignore[misc]
+            await leases.look()
+            assert words in leases.state
+            assert leases.may_send(1)
+            assert leases.require(OPERATION)[0][1] == {"operation_id": OPERATION, "token": 1}
