@@ -9,7 +9,7 @@ called from MAVSDK's threads. Our heartbeat is a dead man's switch: MAVSDK makes
 loop and only while `healthy()`; vehicles whose failsafe watches ground stations notice when we are not.
 
 Here is also the one place where frames leave for vehicles. Where several services command one fleet, each frame is
-checked here as it leaves (`LinkOptions.may_send`), whoever made it: no queue before it can outlive the permission.
+checked here as it leaves (`LinkOptions.may_send`), whatever made it: no queue before it can outlive the permission.
 """
 
 from __future__ import annotations

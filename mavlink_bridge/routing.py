@@ -66,7 +66,7 @@ class Routes:
 
     @property
     def unheard_links(self) -> list[str]:
-        """Return the links on which nobody was ever heard."""
+        """Return the links on which no vehicle was ever heard."""
         return [url for url in self._order if not any(url in ways for ways in self._ways.values())]
 
     def silent_for_s(self, system_id: int, url: str, now_s: float) -> float | None:

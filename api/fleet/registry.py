@@ -101,7 +101,7 @@ class Fleet:
                     self.link.expect({system_id})
 
     async def follow_registry(self) -> None:
-        """Read the registry again and again, and expect to hear the vehicles that another service registered."""
+        """Read the registry again and again, and expect heartbeats of the vehicles that another service registered."""
         while True:
             await asyncio.sleep(REGISTRY_EVERY_S)
             before = set(self._systems)
@@ -163,7 +163,7 @@ class Fleet:
         self.news.forget(system_id)
         self._simulated.discard(uav_id)
 
-    def hears_any(self, system_ids: Iterable[int]) -> bool:
+    def is_any_heard(self, system_ids: Iterable[int]) -> bool:
         """Return whether any of these vehicles is heard."""
         return not self.empty and any(self.link.is_heard(system_id) for system_id in system_ids)
 

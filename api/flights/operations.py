@@ -58,7 +58,7 @@ class Operations:
         last = (await database.rows(select(func.max(table.c.number))))[0][0] or 0
         self._numbers = Numbers(last, several=shared)
         if shared:
-            self.ownership.begin(self._fleet.hears_any)
+            self.ownership.begin(self._fleet.is_any_heard)
             return
         ended = [state.value for state in ENDED]
         for row in await database.rows(select(table).where(table.c.state.not_in(ended)).order_by(table.c.number)):

@@ -44,15 +44,15 @@ class Ownership:
         """Return whether other services share the database."""
         return self._leases is not None
 
-    def begin(self, hears: Callable[[Collection[int]], bool]) -> None:
-        """Follow the leases from now on. hears: returns whether any of these vehicles is heard here."""
+    def begin(self, is_heard: Callable[[Collection[int]], bool]) -> None:
+        """Follow the leases from now on. is_heard: returns whether any of these vehicles is heard here."""
         if self._leases is not None:
             self._leases.followers = Followers(
                 running_out=self._end_stream,
                 lost=self._lose,
                 taken=self._take_over,
                 renewed=self._renew_guards,
-                hears=hears,
+                is_heard=is_heard,
             )
 
     def owner(self, operation_id: str) -> str | None:
@@ -97,8 +97,14 @@ class Ownership:
         leases = self._leases
         if leases is not None:
             ended = [*leases.require(operation_id), leases.ended(operation_id)]
-            done = self._database.write_soon(*ended, keep=True)
-            done.add_done_callback(lambda _done: leases.book.forget(operation_id))
+
+            def stored(done: asyncio.Future[None]) -> None:
+                if done.cancelled() or done.exception() is not None:  # it is another service's, which frees them
+                    leases.book.let_go(operation_id)
+                else:
+                    leases.book.forget(operation_id)
+
+            self._database.write_soon(*ended, keep=True).add_done_callback(stored)
 
     # -- when leases change hands ---------------------------------------------------------------------------------
 

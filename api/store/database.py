@@ -105,8 +105,8 @@ class Database:
     async def kept(self, done: asyncio.Future[None]) -> None:
         """Wait for a write of a flight as `keep` does.
 
-        Where several services share the database, it waits until the write is durable: whoever takes the operation over
-        must find everything that was done. The lease runs out, and the operation with it, if that takes too long.
+        Where several services share the database, it waits until the write is durable: the service that takes over must
+        find everything that was done. The lease runs out, and the operation with it, if that takes too long.
         """
         while not done.done() and (self.trouble is None or self.leases is not None):
             await asyncio.wait({done}, timeout=LOOK_EVERY_S)
@@ -114,7 +114,7 @@ class Database:
             log.critical("not stored", error=str(error))
 
     def owned(self, operation_id: str) -> list[Statement]:
-        """Return what goes before the writes of an operation in their transaction.
+        """Return what begins each transaction with writes of an operation.
 
         Where several services share the database, it refuses them once another service has the operation.
         """

@@ -17,7 +17,7 @@ EVERYBODY = 0
 NOBODY = ""
 """The owner of a lease that a service has given up."""
 DEAF_S = 5.0
-"""Wall seconds for which a service that hears none of the vehicles leaves a lease to one that does."""
+"""Wall seconds for which a service by which none of the vehicles is heard leaves a lease to one by which some are."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,7 +125,7 @@ class LeaseBook:
     def until_s(self, system_id: int) -> float:
         """Return until when this service may send to a vehicle as things are: -inf if another service has it.
 
-        A vehicle that nobody has may be sent to while it is known, by a look within a term, that nobody has it.
+        A vehicle that no service has may be sent to while it is known, by a look within a term, that no service has it.
         """
         for held in self._held.values():
             if system_id in held.systems:
@@ -141,7 +141,7 @@ class LeaseBook:
         return now_s < self.until_s(system_id)
 
     def owner_of(self, operation_id: str) -> Lease | None:
-        """Return the lease of an operation that another service acts for, or nobody; None if it is ours, or gone."""
+        """Return the lease of an operation that another service acts for, or none; None if it is ours, or gone."""
         return None if operation_id in self._held else self._rows.get(operation_id)
 
     def having(self, system_id: int) -> Lease | None:
@@ -154,7 +154,7 @@ class LeaseBook:
     def takeable(self, now_s: float, deaf_to: Iterable[str] = ()) -> list[Lease]:
         """Return the leases whose owner is gone, for all that this service can see.
 
-        deaf_to: operations none of whose vehicles this service hears; it leaves them to others for DEAF_S longer.
+        deaf_to: operations of which no vehicle is heard by this service; it leaves them to others for DEAF_S longer.
         """
         deaf = frozenset(deaf_to)
         found = []

@@ -28,7 +28,7 @@ class LeaseRows(ABC):
 
     @abstractmethod
     async def adopt(self) -> None:
-        """Make leases, which nobody has, of operations without one: they began before there were several services."""
+        """Make free leases of operations without one: they began before there were several services."""
 
     @abstractmethod
     async def look(self, held: Collection[str]) -> list[Lease]:

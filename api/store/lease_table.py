@@ -59,7 +59,7 @@ class LeaseTable(LeaseRows):
         self._looking: Any = None
 
     async def adopt(self) -> None:
-        """Make leases, which nobody has, of operations without one: they began before there were several services."""
+        """Make free leases of operations without one: they began before there were several services."""
         connection = await self._connect()
         try:
             for statement in (_CLEAR, _ADOPT, _ADOPT_VEHICLES):

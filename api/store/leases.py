@@ -44,14 +44,14 @@ class Followers:
 
     running_out: our lease of this operation is not renewed and soon runs out (called again and again). lost: it has
     run out. taken: we have taken over this operation; what it raises gives the lease
-    up. renewed: our leases are valid for longer. hears: whether we hear any of these vehicles.
+    up. renewed: our leases are valid for longer. is_heard: whether any of these vehicles is heard by this service.
     """
 
     running_out: Callable[[str], None] = lambda _operation_id: None
     lost: Callable[[str], None] = lambda _operation_id: None
     taken: Callable[[str], Awaitable[None]] | None = None
     renewed: Callable[[], None] = lambda: None
-    hears: Callable[[Collection[int]], bool] = lambda _systems: True
+    is_heard: Callable[[Collection[int]], bool] = lambda _systems: True
 
 
 class Leases:
@@ -151,7 +151,7 @@ class Leases:
     def _take_over(self, now_s: float) -> None:
         if self.followers.taken is None:
             return
-        deaf_to = [row.operation_id for row in self.book.rows.values() if not self.followers.hears(row.systems)]
+        deaf_to = [row.operation_id for row in self.book.rows.values() if not self.followers.is_heard(row.systems)]
         for lease in self.book.takeable(now_s, deaf_to):
             if lease.operation_id not in self._taking:
                 task = asyncio.create_task(self._take(lease), name=f"take over {lease.operation_id}")
@@ -204,7 +204,7 @@ class Leases:
         return self._clock()
 
     def require(self, operation_id: str) -> list[Statement]:
-        """Return what goes before the writes of an operation: they are refused once another service has it."""
+        """Return what begins the transactions of an operation: they are refused once another service has it."""
         token = self.book.token(operation_id, self._clock())
         return [self._table.required(operation_id, -1 if token is None else token)]
 

@@ -12,7 +12,7 @@ class Numbers:
 
     last: the greatest number that is stored. several: whether other services give numbers for the same table. Then a
     number is the millisecond in which it is given, and ten bits that differ from service to service: the newest
-    resource of all services has the greatest number, and nobody needs to be asked.
+    resource of all services has the greatest number, and no service needs to ask another.
     """
 
     def __init__(self, last: int = 0, *, several: bool = False) -> None:

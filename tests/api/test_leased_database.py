@@ -12,12 +12,17 @@ from sqlalchemy import insert, select
 
 from skyfolio.api.common.settings import Settings
 from skyfolio.api.common.surroundings import Surroundings, surrounded
+from skyfolio.api.flights.journal import Journal
+from skyfolio.api.flights.operation import Operation
+from skyfolio.api.flights.operation_store import Stores
+from skyfolio.api.flights.ownership import Ownership
 from skyfolio.api.store import Database, StoreError
 from skyfolio.api.store.backend import EngineBackend
 from skyfolio.api.store.event_log import EventLog
 from skyfolio.api.store.leases import Leases
 from skyfolio.api.store.spill import Spill
 from skyfolio.api.store.tables import events, journal, operations
+from skyfolio.api.store.tables import leases as leases_table
 from skyfolio.api.store.writer import Statement
 
 OPERATION = "operation-1"
@@ -115,6 +120,35 @@ async def test_what_was_held_in_a_file_is_stored_while_the_operation_is_still_ou
     again = await Database.on(backend, spill)
     assert await steps(again) == ["step-1"]
     await again.close()
+
+
+async def test_the_end_of_an_operation_that_was_taken_over_frees_no_vehicle(pair: tuple[Database, Database]) -> None:
+    first, second = pair
+    assert first.leases is not None
+    await first.leases.look()
+    await taken_over(second)
+    stores = Stores(first, Journal(first), await EventLog.open(first))
+    Ownership(stores, {}, _never, lambda _operation: None).end(OPERATION)
+    await first.write(select(1))
+    await asyncio.sleep(0)
+    assert not first.leases.may_send(1)
+    assert await second.rows(select(leases_table.c.token)) == [(2,)]
+
+
+async def test_the_end_of_an_operation_frees_its_vehicles(pair: tuple[Database, Database]) -> None:
+    first, second = pair
+    assert first.leases is not None
+    await first.leases.look()
+    stores = Stores(first, Journal(first), await EventLog.open(first))
+    Ownership(stores, {}, _never, lambda _operation: None).end(OPERATION)
+    await first.write(select(1))
+    await asyncio.sleep(0)
+    assert first.leases.may_send(1)
+    assert await second.rows(select(leases_table)) == []
+
+
+async def _never(_row: object) -> Operation:
+    raise AssertionError("nothing is taken over")
 
 
 async def test_a_vehicle_is_claimed_by_one_operation_whichever_service_is_first(
