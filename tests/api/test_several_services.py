@@ -15,6 +15,8 @@ from tests.api.services_field import SPEEDUP, Service, SharedField
 
 pytestmark = [pytest.mark.e2e, pytest.mark.beside]
 TAKEN_OVER_WITHIN_S = 5.0
+LONG_S = 8.0
+"""A term that is long beside the moments for which a loaded machine lets a process wait: no lease runs out by that."""
 LANDED = ("completed", "completed_partly", "failed", "aborted", "interrupted")
 
 
@@ -57,6 +59,7 @@ async def test_a_second_service_takes_over_within_five_seconds_when_the_first_is
     assert field.received(field.second, heartbeats=False), "it asked the vehicles what they fly"
 
 
+@pytest.mark.parametrize("field", [{"lease_s": LONG_S}], indirect=True)
 async def test_a_stopped_service_sends_nothing_when_it_wakes_and_knows_that_it_lost(field: SharedField) -> None:
     path = await field.take_off()
     field.first.signal(signal.SIGSTOP)
@@ -80,6 +83,7 @@ def landed_s(field: SharedField) -> float:
     return min(event.t_s for event in field.fleet.truth.happened("landed"))
 
 
+@pytest.mark.parametrize("field", [{"lease_s": LONG_S}], indirect=True)
 async def test_a_service_cut_off_from_the_database_is_silent_before_another_takes_over(field: SharedField) -> None:
     path = await field.take_off()
     field.first.line.cut()
@@ -95,10 +99,6 @@ async def test_a_service_cut_off_from_the_database_is_silent_before_another_take
     journal = await field.second.get(f"{path}/track")
     times = [point["elapsed_s"] for point in journal]
     assert len(times) == len(set(times)), "what the first still had to store was refused"
-
-
-LONG_S = 8.0
-"""A term that is long beside what a loaded machine adds to the delay of the line."""
 
 
 @pytest.mark.parametrize("field", [{"lease_s": LONG_S}], indirect=True)
