@@ -15,6 +15,7 @@ from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine, create_async_en
 
 from skyfolio.api.common import extras
 from skyfolio.api.common.settings import TEMPORARY
+from skyfolio.api.store.lease_rows import sessions_of
 from skyfolio.api.store.writer import LoopCommitter, Statement, ThreadCommitter
 
 Result = TypeVar("Result")
@@ -85,7 +86,7 @@ class EngineBackend:
         if url == TEMPORARY:
             self._folder = tempfile.TemporaryDirectory(prefix="skyfolio-")
             url = f"sqlite+aiosqlite:///{self._folder.name}/skyfolio.db"
-        self.engine = _engine(url, shared=shared_as is not None)
+        self.engine = _engine(url, shared_as)
         self._sink = _sink(self.engine)
         self.lock: IO[str] | None = None
         """The locked file beside an SQLite database."""
@@ -168,7 +169,7 @@ def _sink(engine: AsyncEngine) -> ThreadCommitter | LoopCommitter:
     return ThreadCommitter(sync_engine)
 
 
-def _engine(url: str, *, shared: bool) -> AsyncEngine:
+def _engine(url: str, shared_as: str | None) -> AsyncEngine:
     parts = make_url(url)
     if parts.get_backend_name() == "sqlite":
         if parts.drivername != "sqlite+aiosqlite" or parts.database in {None, "", ":memory:"}:
@@ -180,7 +181,9 @@ def _engine(url: str, *, shared: bool) -> AsyncEngine:
     if parts.drivername != "postgresql+asyncpg":
         raise ValueError(_RULE)
     extras.require("asyncpg", "database_url: PostgreSQL")
-    server_settings = _SHARED_SESSIONS if shared else {}
+    server_settings = {}
+    if shared_as is not None:
+        server_settings = {**_SHARED_SESSIONS, "application_name": sessions_of(shared_as)}
     return create_async_engine(
         parts, pool_size=8, max_overflow=8, pool_pre_ping=True, connect_args={"server_settings": server_settings}
     )

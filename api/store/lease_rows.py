@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable
+from hashlib import sha256
 
 from sqlalchemy import delete, insert, text
 
@@ -16,6 +17,11 @@ REQUIRE_LEASE = "SELECT require_lease(:operation_id, :token)"
 """Raises an IntegrityError, which refuses the whole transaction, unless the lease has this token."""
 _REQUIRE = text(REQUIRE_LEASE)
 _INSERT, _INSERT_VEHICLE = insert(leases), insert(leased_vehicles)
+
+
+def sessions_of(name: str) -> str:
+    """Return how the database sessions of a service are marked."""
+    return f"skyfolio-{sha256(name.encode()).hexdigest()[:16]}"
 
 
 class LeaseRows(ABC):

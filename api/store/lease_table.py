@@ -15,8 +15,8 @@ from sqlalchemy.ext.asyncio import create_async_engine
 
 from skyfolio.api.common.surroundings import utc_s
 from skyfolio.api.store.errors import StoreError
-from skyfolio.api.store.lease_book import Lease
-from skyfolio.api.store.lease_rows import LeaseRows
+from skyfolio.api.store.lease_book import NOBODY, Lease
+from skyfolio.api.store.lease_rows import LeaseRows, sessions_of
 
 _LOOK = """
 WITH renewed AS (
@@ -35,6 +35,11 @@ UPDATE leases SET owner = $1, name = $2, token = token + 1, beat = 0 WHERE opera
 ) RETURNING token
 """
 """It does not wait for a transaction of the owner that is being committed: that one is whole, or refused."""
+_END_TRANSACTIONS = """
+SELECT pg_terminate_backend(pid) FROM pg_stat_activity
+WHERE application_name = $1 AND datname = current_database() AND xact_start IS NOT NULL
+"""
+"""A service that was stopped in a transaction holds locks on which the writes of all others wait."""
 _ADOPT = """
 INSERT INTO leases (operation_id, owner, name, token, beat)
 SELECT id, '', '', 0, 0 FROM operations WHERE ended_at IS NULL ON CONFLICT DO NOTHING
@@ -95,6 +100,8 @@ class LeaseTable(LeaseRows):
                 token = await connection.fetchval(
                     _TAKE, self.me, self.name, lease.operation_id, lease.owner, lease.token, lease.beat
                 )
+                if token is not None and lease.name not in (NOBODY, self.name):
+                    await connection.execute(_END_TRANSACTIONS, sessions_of(lease.name))
         except Exception as error:
             raise StoreError(f"leases: {error or type(error).__name__}") from error
         finally:

@@ -8,7 +8,7 @@ from contextlib import AsyncExitStack
 from pathlib import Path
 
 import pytest
-from sqlalchemy import insert, select
+from sqlalchemy import insert, select, text
 
 from skyfolio.api.common.settings import Settings
 from skyfolio.api.common.surroundings import Surroundings, surrounded
@@ -238,3 +238,20 @@ async def test_a_clock_that_differs_from_that_of_the_database_is_told_and_change
             assert words in leases.state
             assert leases.may_send(1)
             assert leases.require(OPERATION)[0][1] == {"operation_id": OPERATION, "token": 1}
+
+
+async def test_a_service_that_was_stopped_in_a_transaction_holds_up_none_that_takes_over(
+    pair: tuple[Database, Database],
+) -> None:
+    first, second = pair
+    assert isinstance(first._backend, EngineBackend)
+    async with first._backend.engine.connect() as stopped:
+        await stopped.execute(text("SET LOCAL idle_in_transaction_session_timeout = 0"))
+        await stopped.execute(text(f"SELECT pg_advisory_xact_lock({0x5C1F0112})"))  # it was about to add an event
+        await taken_over(second)
+        log = await EventLog.open(second)
+        log.add("test", number=1)
+        async with asyncio.timeout(20):
+            await second.write(select(1))
+        await stopped.invalidate()
+    assert len(await second.rows(select(events))) == 1
