@@ -28,12 +28,17 @@ async def field(new_database: str, tmp_path: Path, request: pytest.FixtureReques
         yield made
 
 
-async def taken_over(by: Service) -> dict[str, Any]:
-    """The event of the take-over, once it is there."""
+async def told(by: Service, kind: str) -> dict[str, Any]:
+    """The first event of this kind, once a service sends it."""
     async with asyncio.timeout(60):
-        while not (events := await by.events("operation_taken_over")):  # noqa: ASYNC110
+        while not (events := await by.events(kind)):  # noqa: ASYNC110
             await asyncio.sleep(0.05)
     return events[0]
+
+
+async def taken_over(by: Service) -> dict[str, Any]:
+    """The event of the take-over, once it is there."""
+    return await told(by, "operation_taken_over")
 
 
 def assert_flown(field: SharedField, ended: dict[str, Any]) -> None:
@@ -72,7 +77,7 @@ async def test_a_stopped_service_sends_nothing_when_it_wakes_and_knows_that_it_l
     refused = await field.first.client.post(f"{path}:pause")
     assert refused.status_code == 409, refused.text
     assert "'second'" in refused.json()["detail"]
-    assert await field.first.events("operation_left")
+    assert (await told(field.first, "operation_left"))["data"]["service"] == "first"
     assert_flown(field, await field.second.until(path, *LANDED))
     meant_for_others = [one for one in field.received(field.first, woken_s) if one.t_s < landed_s(field)]
     assert meant_for_others == [], "not even a heartbeat"
