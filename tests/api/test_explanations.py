@@ -186,7 +186,7 @@ def test_a_preview_of_a_scenario_beyond_the_limits_or_of_no_plan_is_refused(
     client: TestClient, service: Client, made: Plan
 ) -> None:
     large = made.scenario.with_changes(slots=5_000)
-    with pytest.raises(ApiError, match="slots: 5000 are more than"):
+    with pytest.raises(ApiError, match="slots: 5,000 slots are more than"):
         service.preview(made.id, scenario=large)
     answer = client.post("/v1/plans:preview", json={"plan_id": "plan-none", "changes": {"at_slot": 1}})
     assert answer.status_code == 404

@@ -70,15 +70,14 @@ def test_numbers_that_are_none_are_refused(client: TestClient, minimal: dict[str
 @pytest.mark.parametrize(
     ("field", "change"),
     [
-        ("uavs", {"uavs": [{"id": f"u{n}", "start_m": [n, 0]} for n in range(65)], "area_m": [[0, 0], [99, 99]]}),
-        ("users", {"users": [{"id": f"k{n}", "position_m": [n, 0]} for n in range(1001)]}),
+        ("uavs", {"uavs": [{"id": f"u{n}", "start_m": [n, 0]} for n in range(129)], "area_m": [[0, 0], [199, 99]]}),
+        ("users", {"users": [{"id": f"k{n}", "position_m": [n, 0]} for n in range(5001)]}),
         ("slots", {"slots": 2001}),
         (
             "slots",
             {
                 "slots": 2000,
-                "uavs": [{"id": f"u{n}", "start_m": [n, 0]} for n in range(6)],
-                "users": [{"id": f"k{n}", "position_m": [n, 0]} for n in range(1000)],
+                "users": [{"id": f"k{n}", "position_m": [n, 0]} for n in range(1001)],
             },
         ),
     ],

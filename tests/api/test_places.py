@@ -57,7 +57,7 @@ def test_what_is_wrong_in_a_file_is_told_by_row_and_column(client: TestClient, m
 
 
 def test_what_is_larger_than_the_service_plans_is_refused(client: TestClient, minimal: dict[str, Any]) -> None:
-    rows = "".join(f"u{n},47.3981,8.5463\n" for n in range(1001))
+    rows = "".join(f"u{n},47.3981,8.5463\n" for n in range(5001))
     file = {"name": "users.csv", "content": "id,lat,lon\n" + rows}
     answer = client.post("/v1/scenarios:import", json={"files": [file], "base": minimal})
     assert answer.status_code == 422

@@ -17,7 +17,7 @@ from skyfolio.mavlink_bridge import Autopilot, compile_mission, from_qgc_plan, f
 from skyfolio.planner import EXAMPLES, Changes, Pins, Plan, Uav, violations
 from skyfolio.planner.layouts import scattered
 
-CROWD = [{"id": f"guest-{k}", "position_m": [1.0, 1.0]} for k in range(1000)]
+CROWD = [{"id": f"guest-{k}", "position_m": [1.0, 1.0]} for k in range(5000)]
 LONG = {"starts": 64}
 """From so many starts, a scenario that takes a second takes ten."""
 

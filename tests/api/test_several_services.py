@@ -13,7 +13,7 @@ import pytest
 
 from tests.api.services_field import SPEEDUP, Service, SharedField
 
-pytestmark = [pytest.mark.e2e, pytest.mark.beside]
+pytestmark = pytest.mark.e2e
 TAKEN_OVER_WITHIN_S = 5.0
 LONG_S = 8.0
 """A term that is long beside the moments for which a loaded machine lets a process wait: no lease runs out by that."""

@@ -12,7 +12,7 @@ from skyfolio.planner.layouts import scattered
 
 @pytest.mark.parametrize(("asked", "used"), [({}, 3), ({"starts": 1}, 1), ({"starts": 5}, 5)])
 def test_a_request_that_does_not_say_starts_gets_those_of_the_service(asked: dict[str, int], used: int) -> None:
-    scenario = scattered(3, 9, 20, seed=1)  # where one, three and five starts end at different plans
+    scenario = scattered(3, 9, 20, seed=3)  # where one, three and five starts end at different plans
     with TestClient(create_app(Settings(plan_starts=3, warm_up=False))) as client:
         answer = client.post("/v1/plans", params={"wait_s": 60, **asked}, json=scenario.model_dump(mode="json"))
     paths = {starts: plan(scenario, n_starts=starts).trajectories_m for starts in (1, 3, 5)}

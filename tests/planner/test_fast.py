@@ -76,7 +76,7 @@ def test_a_replan_keeps_the_method_and_beats_hovering() -> None:
 
 
 def test_an_unknown_method_is_refused_with_the_names_there_are() -> None:
-    with pytest.raises(ValueError, match=r"method: 'fastest' must be one of fast, paper"):
+    with pytest.raises(ValueError, match=r"method: 'fastest' must be one of fast, areas, paper"):
         plan(scenario(), method="fastest")
 
 

@@ -7,6 +7,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
 from skyfolio.api.cli.main import main
 from skyfolio.api.lab.sweep.parts import Parts, batches_of, compute
@@ -70,7 +71,7 @@ def test_it_prints_the_summary(
 def test_no_value_of_the_summary_is_cut_off_however_narrow_the_terminal_is(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], study: Path, columns: str
 ) -> None:
-    monkeypatch.setenv("COLUMNS", columns)
+    monkeypatch.setattr("skyfolio.api.cli.sweep.console", Console(stderr=True, width=int(columns)))
     assert run(monkeypatch, str(study), "--out", str(study.parent / "out")) == 0
     shown = capsys.readouterr().err
     assert "…" not in shown
