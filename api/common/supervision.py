@@ -81,7 +81,7 @@ class Supervisor:
     def _unseen(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         error, task = context.get("exception"), context.get("task") or context.get("future")
         name = task.get_name() if isinstance(task, asyncio.Task) else "event loop"
-        if error is None:
+        if error is None or loop.is_closed():  # the service has ended: there is nobody to tell
             loop.default_exception_handler(context)
             return
         log.error("unseen failure", task=name, message=context.get("message"), exc_info=error)

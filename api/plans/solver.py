@@ -173,6 +173,7 @@ class Lane:
         try:
             self._asked_s = min(self._asked_s, time.monotonic())
             future = asyncio.wrap_future(pool.submit(run, job, token))
+            future.add_done_callback(_seen)
             while not (await asyncio.wait([future], timeout=OVERRUN_S))[0]:
                 pid, began_s = self._board.worker(token)
                 late = time.monotonic() > began_s + job.deadline_s + OVERRUN_S
@@ -220,6 +221,12 @@ class Lane:
                 worker.kill()
                 worker.join()
         self._folder.cleanup()
+
+
+def _seen(done: asyncio.Future[Solved]) -> None:
+    """Take notice of an error that nobody waits for any more: the request was cancelled before its worker died."""
+    if not done.cancelled():
+        done.exception()
 
 
 def flight_lane() -> Lane:

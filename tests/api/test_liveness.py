@@ -1,12 +1,13 @@
 """The dead man's switch: vehicles hear us only while the workers that replan in flight answer."""
 
 import asyncio
+import gc
 import multiprocessing
 import os
 import signal
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import pytest
@@ -36,7 +37,8 @@ def lane() -> Iterator[Lane]:
     made = Lane(1, 8)
     yield made
     for pid in pids(made):
-        os.kill(pid, signal.SIGCONT)
+        with suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGCONT)
     made.close()
 
 
@@ -184,6 +186,23 @@ def test_clients_what_ifs_and_health_leave_the_workers_of_flights_alone(
     assert table.json()["complete"]
     assert client.get("/health").json()["status"] == "ok"
     assert jobs == []
+
+
+async def test_a_worker_that_dies_after_its_request_was_cancelled_leaves_no_error_behind(lane: Lane) -> None:
+    await lane.warm_up()
+    reported: list[dict[str, Any]] = []
+    asyncio.get_running_loop().set_exception_handler(lambda _loop, context: reported.append(context))
+    solving = asyncio.create_task(lane.solve(Job(scenario=large().model_dump_json())))
+    await until(lambda: lane.busy == 1)
+    solving.cancel()
+    await asyncio.wait([solving])
+    del solving  # and with it the frames that still know of the job
+    (pid,) = pids(lane)
+    os.kill(pid, signal.SIGKILL)
+    await until(lambda: not pids(lane) or pids(lane) != [pid] or lane._pool._broken)
+    await asyncio.sleep(0.1)
+    gc.collect()
+    assert reported == []
 
 
 async def test_an_end_waits_for_no_worker() -> None:

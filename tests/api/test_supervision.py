@@ -103,3 +103,11 @@ async def test_a_cancelled_task_is_over() -> None:
     with pytest.raises(asyncio.CancelledError):
         await task
     assert room.told == []
+
+
+def test_an_error_found_after_the_service_has_ended_is_told_to_nobody() -> None:
+    room, loop = Room(), asyncio.new_event_loop()
+    room.supervisor.watch_loop(loop)
+    loop.close()
+    loop.call_exception_handler({"message": "never retrieved", "exception": RuntimeError("unseen")})
+    assert room.told == []
