@@ -18,10 +18,27 @@ from skyfolio.planner.reach import squared_distance_range
 Ints: TypeAlias = NDArray[np.int64]
 STAGES = (1, 2, 4, 7, 12, 20)
 """The slots of a stretch that get a bound of their own; those between have the next one's."""
-FIRST_STEPS, STEPS_A_UAV, STEPS = 8, 0.6, 2
-"""Of the field: for the last slot, with more for larger fleets, and for each of the other stages."""
+STEPS = 2
+"""Of the field, for each of the other stages."""
 MOST_LOOKS = 100_000
 """Looks at the field, times classes, times users: some tenths of a second. Beyond, a stretch goes without."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """first, a_uav: steps of the field for the last slot, and more for each UAV; stages: slots before it."""
+
+    first: int
+    a_uav: float
+    stages: tuple[int, ...]
+
+    def first_steps(self, n_uavs: int) -> int:
+        """Return the steps for the last slot of a stretch."""
+        return self.first + int(self.a_uav * n_uavs)
+
+
+OF_A_PLAN, OF_A_REPLAN = Effort(8, 0.6, STAGES), Effort(4, 0.15, ())
+"""A fleet in flight waits for its replan: it gets by with a few hundredths more of a gap, in a third of the time."""
 
 
 @dataclass(frozen=True)
@@ -31,9 +48,9 @@ class Stretch:
     first: int
     end: int
 
-    def stages(self) -> Ints:
-        """Return the slots that get a bound of their own, the last one among them."""
-        slots = [n for n in STAGES if self.first < n < self.end - 1]
+    def stages(self, among: tuple[int, ...]) -> Ints:
+        """Return which of these slots get a bound of their own, and the last one."""
+        slots = [n for n in among if self.first < n < self.end - 1]
         return np.array([*slots, self.end - 1], dtype=np.int64)
 
 
@@ -46,15 +63,16 @@ def crowded_slot_bounds_kbps(problem: Problem, rates_kbps: Array | None = None) 
     if problem.n_users < 2:
         return bounds
     ground = ground_of(problem)
+    effort = OF_A_REPLAN if problem.past_kbps.shape[1] else OF_A_PLAN
     looks_left = MOST_LOOKS
     for stretch in reversed(stretches_of(problem, ground)):
         flying = np.flatnonzero(problem.flying[:, stretch.first])
-        looks = _first_steps(len(flying)) + STEPS * len(stretch.stages())
+        looks = effort.first_steps(len(flying)) + STEPS * len(stretch.stages(effort.stages))
         looks_left -= looks * problem.n_users * len(np.unique(ground.classes[flying]))
         if looks_left < 0:
             break
         if len(flying) > 1:
-            _bound_stretch(problem, ground, stretch, rates_kbps, bounds)
+            _bound_stretch(problem, ground, stretch, effort, rates_kbps, bounds)
     return bounds
 
 
@@ -78,13 +96,15 @@ def first_field(problem: Problem, ground: Ground, slot: Slot, rates_kbps: Array 
     return Field(ground, standard_repulsion(ground, slot), mass_of(ground, slot, users))
 
 
-def _bound_stretch(problem: Problem, ground: Ground, stretch: Stretch, rates_kbps: Array | None, bounds: Array) -> None:
+def _bound_stretch(
+    problem: Problem, ground: Ground, stretch: Stretch, effort: Effort, rates_kbps: Array | None, bounds: Array
+) -> None:
     """Fill in the bounds of a stretch, from its last slot on, in which the fleet is freest."""
-    stages = stretch.stages()
+    stages = stretch.stages(effort.stages)
     near2, far2 = squared_distance_range(problem, stages, ends=False)
     last = slot_of(problem, ground, int(stages[-1]), near2[:, :, -1], far2[:, :, -1])
     field = first_field(problem, ground, last, None if rates_kbps is None else rates_kbps[:, stages[-1]])
-    least = field.improve(everywhere(problem, ground, last, int(stages[-1])), _first_steps(len(last.classes)))
+    least = field.improve(everywhere(problem, ground, last, int(stages[-1])), effort.first_steps(len(last.classes)))
     until = stretch.end
     for at in range(len(stages) - 1, -1, -1):
         n = int(stages[at])
@@ -94,7 +114,3 @@ def _bound_stretch(problem: Problem, ground: Ground, stretch: Stretch, rates_kbp
         begin = int(stages[at - 1]) + 1 if at else stretch.first
         bounds[begin:until] = least
         until = begin
-
-
-def _first_steps(n_uavs: int) -> int:
-    return FIRST_STEPS + int(STEPS_A_UAV * n_uavs)

@@ -8,8 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from skyfolio.planner import plan
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.bound import best_tables
+from skyfolio.planner.crowding import bound
 from skyfolio.planner.crowding.bound import crowded_slot_bounds_kbps, first_field, stretches_of
 from skyfolio.planner.crowding.field import Field
 from skyfolio.planner.crowding.fit import sharpened
@@ -18,6 +20,7 @@ from skyfolio.planner.crowding.standard import standard_repulsion
 from skyfolio.planner.layouts import scattered
 from skyfolio.planner.problem import Problem, problem_of
 from skyfolio.planner.reach import squared_distance_range
+from skyfolio.planner.remainder import remaining
 from skyfolio.planner.sinr import spectral_efficiency
 
 
@@ -122,3 +125,17 @@ def test_who_is_alone_in_the_air_is_left_to_the_reachability_bound(n_uavs: int) 
     problem = problem_of(scattered(2, 4, 3, seed=0))
     gone = replace(problem, n_flying=np.array([3, 1 if n_uavs == 1 else 3]))
     assert np.isfinite(crowded_slot_bounds_kbps(gone)[1:]).all() == (n_uavs == 2)
+
+
+def test_a_replan_is_bounded_with_fewer_looks_and_as_truly(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = plan(scattered(6, 20, 12, seed=4))
+    rest, past = remaining(made, [made.scenario.uav_ids[-1]], 4)
+    problem = problem_of(rest, past)
+    quick = crowded_slot_bounds_kbps(problem)
+    monkeypatch.setattr(bound, "OF_A_REPLAN", bound.OF_A_PLAN)
+    thorough = crowded_slot_bounds_kbps(problem)
+    assert len(np.unique(quick)) == 1 < len(np.unique(thorough))
+    rng = np.random.default_rng(1)
+    for n in range(problem.n_slots):
+        found = max(best_kbps(problem, n, places(problem, n, rng), np.ones(problem.n_users)) for _ in range(50))
+        assert found <= min(quick[n], thorough[n])
