@@ -224,7 +224,7 @@ class Lane:
 
 
 def _seen(done: asyncio.Future[Solved]) -> None:
-    """Take notice of an error that nobody waits for any more: the request was cancelled before its worker died."""
+    """Take notice of an error that no request waits for: it was cancelled before its worker died."""
     if not done.cancelled():
         done.exception()
 
