@@ -20,8 +20,8 @@ from skyfolio.planner.optimistic import optimistic_rates_kbps
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.utility import rate_weights, soft_mean, utility_kbps
 
-TANGENTS = 12
-"""How many tangent planes are tried: each costs one assignment per slot."""
+TANGENTS, TANGENTS_OF_A_REPLAN = 12, 3
+"""How many tangent planes are tried: each costs one assignment per slot, and a fleet in flight waits for its replan."""
 STEP_ACCURACY = 0.003
 """Of the line search between two of them, as a share of the way."""
 SMALL = 200_000
@@ -48,7 +48,8 @@ def upper_bound_kbps(problem: Problem, rates_kbps: Array | None = None) -> float
     mean_bound = lifted_kbps(problem, _with_reach(problem, crowded))
     if problem.kind == "sum" or problem.mu == 0.0 or problem.snr_gain.size > SMALL:
         return mean_bound
-    return min(mean_bound, tangent_bound_kbps(problem, best_tables(optimistic_rates_kbps(problem)), TANGENTS))
+    tangents = TANGENTS_OF_A_REPLAN if problem.past_kbps.shape[1] else TANGENTS
+    return min(mean_bound, tangent_bound_kbps(problem, best_tables(optimistic_rates_kbps(problem)), tangents))
 
 
 def reachability_bound_kbps(problem: Problem) -> float:
