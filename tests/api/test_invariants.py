@@ -17,8 +17,8 @@ from skyfolio.api.lab.torture import missions
 from skyfolio.api.lab.torture.drill import Blow, Drill, Moment
 from skyfolio.api.lab.torture.invariants import AFTERWARDS, AT_END, MEANWHILE, look
 from skyfolio.api.lab.torture.sightings import Gone, LostUav, Noted, Reported, SlotClock, Struck, Taken
-from skyfolio.api.lab.torture.watch import Seen
-from skyfolio.api.lab.virtual.disk import COMMIT_S
+from skyfolio.api.lab.torture.watch import Seen, files_open_now
+from skyfolio.api.lab.virtual.disk import COMMIT_S, Disk
 from skyfolio.api.lab.virtual.ground import EPOCH_S
 from skyfolio.api.store.event_log import Event
 from skyfolio.sim import Mode
@@ -465,3 +465,13 @@ def test_what_is_no_fault_breaks_nothing(change: Callable[[Seen], None]) -> None
         change(seen)
         seen.new_reports.clear()
         assert broken_in(seen, meanwhile=meanwhile) == set()
+
+
+def test_only_open_files_of_a_virtual_disk_are_counted(tmp_path: Path) -> None:
+    disk, before = Disk(), files_open_now()
+    with (tmp_path / "another").open("w"):
+        assert files_open_now() == before
+    with (disk.folder / "left").open("w"):
+        assert files_open_now() == before + 1
+    disk.close()
+    assert files_open_now() == before

@@ -157,7 +157,7 @@ def _no_operation_is_left_in_memory(seen: Seen) -> Iterator[str]:
 
 @afterwards
 def _no_file_is_left_open(seen: Seen) -> Iterator[str]:
-    """Close every file and socket: a process may have only so many."""
+    """Close every file of its disk: a process may have only so many."""
     before, after = seen.files_open
     if after > before:
-        yield f"{after - before} files more are open than before"
+        yield f"{after - before} files of its disk more are open than before"

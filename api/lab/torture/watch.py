@@ -19,7 +19,7 @@ from skyfolio.api.flights.operation_views import OperationView
 from skyfolio.api.flights.recovery_report import RecoveryReport
 from skyfolio.api.lab.torture.drill import Blow, Drill
 from skyfolio.api.lab.torture.sightings import Gone, LostUav, Noted, Reported, SlotClock, Struck, Taken
-from skyfolio.api.lab.virtual.disk import COMMIT_S
+from skyfolio.api.lab.virtual.disk import COMMIT_S, FOLDER_PREFIX
 from skyfolio.api.lab.virtual.ground import EPOCH_S, Ground
 from skyfolio.api.store.event_log import Event
 from skyfolio.planner.geometry import Point
@@ -43,8 +43,15 @@ _WAITS = frozenset({"paused", "link_lost", "interrupted"})
 
 
 def files_open_now() -> int:
-    """Return how many files this process has open."""
-    return len(list(Path("/proc/self/fd").iterdir()))
+    """Return how many files of virtual disks this process has open: what else it opens meanwhile is no drill's."""
+    return sum(FOLDER_PREFIX in _target(link) for link in Path("/proc/self/fd").iterdir())
+
+
+def _target(link: Path) -> str:
+    try:
+        return str(link.readlink())
+    except OSError:  # closed since it was listed
+        return ""
 
 
 @dataclass

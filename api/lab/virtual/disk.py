@@ -21,6 +21,8 @@ from skyfolio.api.store.writer import Statement
 Result = TypeVar("Result")
 COMMIT_S, READ_S = 0.002, 0.0005
 """Virtual seconds that a commit and a read take on a healthy disk."""
+FOLDER_PREFIX = "skyfolio-virtual-"
+"""Of the real folder in which files of a disk are."""
 
 
 class Disk:
@@ -42,7 +44,7 @@ class Disk:
             driver.create_function("pg_advisory_xact_lock", 1, lambda _number: None)  # a commit is never interrupted
         finally:
             raw.close()
-        self._folder = tempfile.TemporaryDirectory(prefix="skyfolio-virtual-")
+        self._folder = tempfile.TemporaryDirectory(prefix=FOLDER_PREFIX)
         self.folder = Path(self._folder.name)
 
     def close(self) -> None:
