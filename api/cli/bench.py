@@ -149,10 +149,7 @@ def scale(
     figures = scale_figures(QUICK if quick else Extent(cases=cases, kills=kills), database_url, note)
     if page is not None:
         write(markdown(figures), page)
-    if as_json or out is not None:
-        write(json.dumps(figures, indent=2), out)
-    if not as_json:
-        _print_tables(*tables(figures))
+    _give(figures, tables(figures), out, as_json=as_json)
 
 
 @bench.command()
@@ -171,10 +168,7 @@ def areas(
     )
     if page is not None:
         write(markdown(figures), page)
-    if as_json or out is not None:
-        write(json.dumps(figures, indent=2), out)
-    if not as_json:
-        _print_tables(*tables(figures))
+    _give(figures, tables(figures), out, as_json=as_json)
 
 
 @bench.command()
@@ -228,6 +222,14 @@ def _print(figures: dict[str, Any], *tables: Table) -> None:
         _print_tables(*tables)
     else:
         write(json.dumps(figures, indent=2), None)
+
+
+def _give(figures: dict[str, Any], tables: list[Table], out: Path | None, *, as_json: bool) -> None:
+    """Write the figures to `out`, or print them as JSON; print the tables unless only JSON is asked for."""
+    if as_json or out is not None:
+        write(json.dumps(figures, indent=2), out)
+    if not as_json:
+        _print_tables(*tables)
 
 
 def _print_tables(*tables: Table) -> None:

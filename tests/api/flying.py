@@ -70,18 +70,6 @@ class Flight:
         return made
 
 
-def events_of(http: TestClient) -> list[dict[str, Any]]:
-    """Every event of a service so far, page by page."""
-    found: list[dict[str, Any]] = []
-    after: int | None = 0
-    while after is not None:
-        answer = http.get("/v1/events/log", params={"limit": 500, "after": after})
-        assert answer.status_code == 200, answer.text
-        page = answer.json()
-        found, after = found + page["items"], page["next"]
-    return found
-
-
 @contextmanager
 def serving(settings: Settings) -> Iterator[TestClient]:
     """A service that lives at the pace of its time scale."""

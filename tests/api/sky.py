@@ -25,6 +25,7 @@ from skyfolio.api.lab.virtual.ground import Ground
 from skyfolio.api.lab.virtual.loop import VirtualLoop
 from skyfolio.api.service import Service
 from skyfolio.planner import Plan, Scenario
+from tests.api.asking import events_of
 
 Result = TypeVar("Result")
 LOOK_S = 0.25
@@ -185,14 +186,7 @@ class Sky:
 
     def events(self, kind: str | None = None) -> list[dict[str, Any]]:
         """Every event so far, or those of one kind."""
-        found: list[dict[str, Any]] = []
-        after: int | None = 0
-        while after is not None:
-            answer = self.http.get("/v1/events/log", params={"limit": 500, "after": after})
-            assert answer.status_code == 200, answer.text
-            page = answer.json()
-            found, after = found + page["items"], page["next"]
-        return [event for event in found if kind in (None, event["kind"])]
+        return [event for event in events_of(self.http) if kind in (None, event["kind"])]
 
     def told(self, operation_id: str, kind: str) -> list[dict[str, Any]]:
         """Data of the events of a kind since this operation was made."""

@@ -10,21 +10,13 @@ import pytest
 from fastapi.testclient import TestClient
 
 from skyfolio.api.common.settings import Settings
-from skyfolio.planner import EXAMPLES, Scenario
-from tests.api.flying import FleetThread, events_of, serving
+from skyfolio.planner import EXAMPLES
+from tests.api.asking import events_of, planned
+from tests.api.flying import FleetThread, serving
 from tests.pacing import pace
 from tests.ports import free_port
 
 LOW = EXAMPLES["minimal"]().with_changes(slots=8, altitude_m=8.0)
-
-
-def ready(client: TestClient, flown: Scenario) -> str:
-    for system_id, uav in enumerate(flown.uavs, start=1):
-        body = {"uav_id": uav.id, "system_id": system_id}
-        assert client.post("/v1/fleet/vehicles", json=body).status_code == 201
-    scenario = flown.model_dump(mode="json")
-    made: str = client.post("/v1/plans", params={"wait_s": 60}, json=scenario).json()["id"]
-    return made
 
 
 def follow(client: TestClient, path: str, *states: str, speedup: float) -> dict[str, Any]:
@@ -47,7 +39,7 @@ def test_both_autopilots_fly_by_mission_or_stream_tell_their_slip_and_end_as_ord
             for vehicle in fleet.fleet.vehicles.values():
                 vehicle.autopilot.parameters["COM_OBL_RC_ACT"] = 5  # else no stream
         try:
-            order = {"plan_id": ready(client, LOW), "guidance": guidance, "at_end": at_end}
+            order = {"plan_id": planned(client, LOW), "guidance": guidance, "at_end": at_end}
             path = client.post("/v1/operations", json=order).headers["Location"]
             ended = follow(client, path, "completed", "failed", speedup=speedup)
             assert ended["error"] is None

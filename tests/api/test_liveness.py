@@ -17,7 +17,8 @@ from skyfolio.api.plans.jobs import Job
 from skyfolio.api.plans.liveness import COLD_STUCK_S, SILENT_S, STUCK_S, WorkerHeartbeat, WorkerHeartbeats
 from skyfolio.api.plans.solver import Lane, LaneName
 from skyfolio.planner import EXAMPLES, Scenario, Uav, User
-from tests.api.flying import FleetThread, Flight, events_of, service
+from tests.api.asking import events_of
+from tests.api.flying import FleetThread, Flight, service
 
 SCENARIO = EXAMPLES["minimal"]()
 

@@ -6,20 +6,12 @@ import httpx2
 import pytest
 
 from skyfolio import sim
-from skyfolio.planner import EXAMPLES, Scenario
+from skyfolio.planner import EXAMPLES
+from tests.api.asking import planned
 from tests.api.sky import Sky, sky
 
 MINIMAL = EXAMPLES["minimal"]().with_changes(slots=8)
 LONG = MINIMAL.with_changes(altitude_m=8.0, slots=16)
-
-
-def ready(http: httpx2.Client, flown: Scenario = MINIMAL) -> str:
-    for system_id, uav in enumerate(flown.uavs, start=1):
-        body = {"uav_id": uav.id, "system_id": system_id}
-        assert http.post("/v1/fleet/vehicles", json=body).status_code == 201
-    scenario = flown.model_dump(mode="json")
-    made: str = http.post("/v1/plans", params={"wait_s": 60}, json=scenario).json()["id"]
-    return made
 
 
 def follow(here: Sky, path: str, *states: str) -> dict[str, Any]:
@@ -31,7 +23,7 @@ def follow(here: Sky, path: str, *states: str) -> dict[str, Any]:
 def test_a_vehicle_that_never_answers_fails_the_upload_by_name() -> None:
     with sky(MINIMAL, absent=(2,)) as here:
         client = here.http
-        plan_id = ready(client)
+        plan_id = planned(client, MINIMAL)
         answer = client.post("/v1/operations", json={"plan_id": plan_id})
         assert answer.status_code == 202
         ended = follow(here, answer.headers["Location"], "failed", "completed")
@@ -46,7 +38,7 @@ def test_a_stream_to_vehicles_that_do_not_hold_without_setpoints_is_refused_even
         client, fleet = here.http, here.fleet
         for vehicle in fleet.vehicles.values():
             vehicle.autopilot.parameters["COM_OBL_RC_ACT"] = 0  # PX4's default
-        order = {"plan_id": ready(client), "guidance": "stream", "launch": "manual"}
+        order = {"plan_id": planned(client, MINIMAL), "guidance": "stream", "launch": "manual"}
         refused = follow(here, client.post("/v1/operations", json=order).headers["Location"], "failed", "ready")
         assert refused["state"] == "failed"
         assert "COM_OBL_RC_ACT is 0, should be 5 (hold)" in refused["error"]
@@ -62,7 +54,7 @@ def test_a_vehicle_that_stands_far_from_its_start_keeps_everybody_on_the_ground_
     strayed = MINIMAL.with_changes(uavs=(first.model_copy(update={"start_m": (east_m + 50.0, north_m)}), *others))
     with sky(strayed) as here:
         client, fleet = here.http, here.fleet
-        path = client.post("/v1/operations", json={"plan_id": ready(client)}).headers["Location"]
+        path = client.post("/v1/operations", json={"plan_id": planned(client, MINIMAL)}).headers["Location"]
         refused = follow(here, path, "failed", "flying")
         assert refused["state"] == "failed"
         assert f"'{first.id}': place is 50 m from its start, should be within 15 m" in refused["error"]
@@ -73,7 +65,7 @@ def test_a_vehicle_that_stands_far_from_its_start_keeps_everybody_on_the_ground_
 def test_a_loss_in_flight_is_answered_and_the_survivor_lands() -> None:
     with sky(MINIMAL) as here:
         client, fleet = here.http, here.fleet
-        answer = client.post("/v1/operations", json={"plan_id": ready(client, LONG)})
+        answer = client.post("/v1/operations", json={"plan_id": planned(client, LONG)})
         path = answer.headers["Location"]
         assert client.post("/v1/operations", json={"plan_id": answer.json()["plan_id"]}).status_code == 409
         follow(here, path, "flying", "failed")
@@ -100,7 +92,7 @@ def test_the_area_is_on_board_as_geofence_before_take_off_and_who_takes_none_is_
     with sky(MINIMAL) as here:
         client, fleet = here.http, here.fleet
         fleet.inject(sim.RejectMission(2, uploads=3))
-        path = client.post("/v1/operations", json={"plan_id": ready(client)}).headers["Location"]
+        path = client.post("/v1/operations", json={"plan_id": planned(client, MINIMAL)}).headers["Location"]
         begun = follow(here, path, "flying", "failed")
         assert begun["error"] is None
         truth = fleet.truth
@@ -133,7 +125,7 @@ def assert_each_may_return_to_where_it_stood(here: Sky) -> None:
 def test_an_aborted_operation_leaves_vehicles_holding() -> None:
     with sky(MINIMAL) as here:
         client, fleet = here.http, here.fleet
-        path = client.post("/v1/operations", json={"plan_id": ready(client)}).headers["Location"]
+        path = client.post("/v1/operations", json={"plan_id": planned(client, MINIMAL)}).headers["Location"]
         follow(here, path, "flying", "failed")
         answer = client.post(f"{path}:abort", json={"action": "hold"})
         assert answer.json()["state"] == "aborted"
@@ -149,7 +141,7 @@ def test_operations_that_cannot_be_are_refused() -> None:
 
 
 def assert_refused(client: httpx2.Client) -> None:
-    plan_id = ready(client)
+    plan_id = planned(client, MINIMAL)
     assert client.post("/v1/operations", json={"plan_id": "plan-0"}).status_code == 404
     assert client.get("/v1/operations/op-0").status_code == 404
     paper = client.post("/v1/plans", params={"wait_s": 60}, json=EXAMPLES["paper"]().model_dump(mode="json")).json()

@@ -13,6 +13,7 @@ from rich.table import Table
 
 from skyfolio.api.common import kernels
 from skyfolio.api.lab.bench.measure import machine, peak_mb
+from skyfolio.api.lab.bench.tables import grid, on_terminal
 from skyfolio.api.plans.area_threads import AreaThreads, cores
 from skyfolio.planner import Plan, Scenario, Utility, plan, replan
 from skyfolio.planner.layouts import laid_out
@@ -120,13 +121,7 @@ def _timed(make: Callable[[], Plan]) -> tuple[dict[str, Any], Plan]:
 
 def tables(figures: dict[str, Any]) -> list[Table]:
     """Return the figures as tables for a terminal."""
-    found = []
-    for title, columns, rows in _rows(figures):
-        table = Table(*columns, title=title)
-        for row in rows:
-            table.add_row(*row)
-        found.append(table)
-    return found
+    return [on_terminal(title, [columns, *rows]) for title, columns, rows in _rows(figures)]
 
 
 def markdown(figures: dict[str, Any]) -> str:
@@ -142,8 +137,7 @@ def markdown(figures: dict[str, Any]) -> str:
         "A plan's time includes its certificate and the check of all constraints.",
     ]
     for title, columns, rows in _rows(figures):
-        lines += ["", f"## {title}", "", f"| {' | '.join(columns)} |", f"|{'---|' * len(columns)}"]
-        lines += [f"| {' | '.join(row)} |" for row in rows]
+        lines += ["", f"## {title}", "", grid([columns, *rows])]
     return "\n".join(lines) + "\n"
 
 

@@ -15,6 +15,7 @@ from rich.table import Table
 from skyfolio.api.lab.bench.bridge_sockets import load_row, swap_row
 from skyfolio.api.lab.bench.bridge_start import start_row
 from skyfolio.api.lab.bench.bridge_virtual import loss_row, schedule_rows, upload_row
+from skyfolio.api.lab.bench.tables import on_terminal
 from skyfolio.mavlink_bridge import Autopilot
 
 
@@ -32,11 +33,9 @@ def bridge_figures(*, seeds: int = 100, swaps: int = 20, starts: int = 10, load_
 
 def tables(figures: dict[str, Any]) -> list[Table]:
     """Return the figures as tables for a terminal."""
-    shown_tables = []
+    shown = []
     for topic, rows in figures.items():
         listed = rows if isinstance(rows, list) else [rows]
-        table = Table(*listed[0], title=topic)
-        for row in listed:
-            table.add_row(*(value if isinstance(value, str) else json.dumps(value) for value in row.values()))
-        shown_tables.append(table)
-    return shown_tables
+        lines = [[value if isinstance(value, str) else json.dumps(value) for value in row.values()] for row in listed]
+        shown.append(on_terminal(topic, [list(listed[0]), *lines]))
+    return shown

@@ -6,6 +6,8 @@ from typing import Any, NamedTuple
 
 from rich.table import Table
 
+from skyfolio.api.lab.bench.tables import grid, on_terminal
+
 
 class Grid(NamedTuple):
     """One table: what stands above it, its columns, its rows."""
@@ -18,13 +20,7 @@ class Grid(NamedTuple):
 
 def tables(figures: dict[str, Any]) -> list[Table]:
     """Return the figures as tables for a terminal."""
-    found = []
-    for grid in _grids(figures):
-        table = Table(*grid.columns, title=grid.title)
-        for row in grid.rows:
-            table.add_row(*row)
-        found.append(table)
-    return found
+    return [on_terminal(one.title, [one.columns, *one.rows]) for one in _grids(figures)]
 
 
 def markdown(figures: dict[str, Any]) -> str:
@@ -39,10 +35,8 @@ def markdown(figures: dict[str, Any]) -> str:
         f"{where}.",
     ]
     lines += [loads, "[scaling.md](../scaling.md) says what follows from it."]
-    for grid in _grids(figures):
-        lines += ["", f"## {grid.title}", "", *([grid.said, ""] if grid.said else [])]
-        lines += [f"| {' | '.join(grid.columns)} |", f"|{'---|' * len(grid.columns)}"]
-        lines += [f"| {' | '.join(row)} |" for row in grid.rows]
+    for one in _grids(figures):
+        lines += ["", f"## {one.title}", "", *([one.said, ""] if one.said else []), grid([one.columns, *one.rows])]
     return "\n".join(lines) + "\n"
 
 
