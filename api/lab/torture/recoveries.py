@@ -25,8 +25,6 @@ LATE_S = 1.0
 """An incident is closed at most so long before its last upload arrives."""
 STEPS_S = 0.1
 """What a vehicle receives is dated by the step of the fleet before."""
-UNANSWERED = frozenset({"superseded", "interrupted"})
-"""Outcomes of recoveries whose losses the next one deals with."""
 _FLIES = frozenset({"flying", "partly_flying"})
 _BY_ORDER = frozenset({"ordered", "battery"})
 """Losses by order of the operator."""

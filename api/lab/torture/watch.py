@@ -20,7 +20,7 @@ from skyfolio.api.flights.recovery_report import RecoveryReport
 from skyfolio.api.lab.torture.drill import Blow, Drill
 from skyfolio.api.lab.torture.sightings import Gone, LostUav, Noted, Reported, SlotClock, Struck, Taken
 from skyfolio.api.lab.virtual.disk import COMMIT_S, FOLDER_PREFIX
-from skyfolio.api.lab.virtual.ground import EPOCH_S, Ground
+from skyfolio.api.lab.virtual.ground import Ground
 from skyfolio.api.store.event_log import Event
 from skyfolio.planner.geometry import Point
 from skyfolio.sim.geo import LocalFrame
@@ -165,10 +165,6 @@ class Seen:
         """Return the operation as the service that lives holds it; None if it has ended, or no service lives."""
         service = self.ground.service
         return None if service is None else service.operations.active(self.operation_id)
-
-    def utc_to_virtual_s(self, utc_s: float) -> float:
-        """Return the virtual second of a time on the clock of the service, as it is set now."""
-        return utc_s - EPOCH_S - self.ground.clock_ahead_s
 
     def is_ours(self, uav: str) -> bool:
         """Return whether nothing has happened to a UAV that takes it from the service."""
