@@ -190,7 +190,7 @@ class Service:
         self.ready = False
         self.events.end()
         until_s = monotonic_s() + CLOSE_S
-        await self.background.close()
+        await _ended("background", self.background.close(), until_s)
         await _ended("drills", self.drills.close(), until_s)
         await _ended("operations", self.operations.close(), until_s)
         await _ended("fleet", self.fleet.close(), until_s)

@@ -28,10 +28,14 @@ WORKER_S = 60.0
 REAP_S = 30.0
 """A worker that was killed is gone at once; on a machine that is busy with other things it may take so long."""
 LOOK_S = 0.05
+STREAM_S = 1.0
+CLOSE_S = 5.0
+"""A client that is closing is left behind after so long: its scheduler may be gone."""
 OWN: dict[str, Any] = {
     "distributed.scheduler.http.routes": [],
     "distributed.worker.http.routes": [],
     "distributed.scheduler.worker-saturation": 1.0,  # what waits does so at the scheduler, and dies with no worker
+    "distributed.nanny.pre-spawn-environ.DASK_LOGGING__DISTRIBUTED": "critical",  # workers are quiet from the start
 }
 LOGGERS = (
     "distributed",
@@ -95,13 +99,27 @@ async def own_cluster(workers: int, purpose: str) -> AsyncIterator[Any]:
 async def _ended(cluster: Any, nannies: list[Any]) -> None:
     """Close a cluster, whether or not it has started."""
     unfinished = asyncio.all_tasks()
+    streams = _streams(cluster)
     killing = asyncio.create_task(_killed(nannies), name="end workers")
     await asyncio.gather(*(nanny.close(timeout=REAP_S) for nanny in nannies))
     await cluster.close()
     killing.cancel()
+    stopped = [asyncio.ensure_future(stream.stopped.wait()) for stream in streams]
+    if stopped:  # what they have to say of workers that are gone is said before the log is as it was
+        await asyncio.wait(stopped, timeout=STREAM_S)
+    for waiting in stopped:
+        waiting.cancel()
     for task in unfinished:
         if task.done() and not task.cancelled():
             task.exception()  # that of a start which was broken off here; asyncio would report it otherwise
+
+
+def _streams(cluster: Any) -> list[Any]:
+    """Return what sends the scheduler's messages to workers and clients."""
+    scheduler = getattr(cluster, "scheduler", None)
+    if scheduler is None:  # it has not started
+        return []
+    return [*scheduler.stream_comms.values(), *scheduler.client_comms.values()]
 
 
 async def _killed(nannies: list[Any]) -> None:
@@ -153,7 +171,24 @@ async def joined_cluster(address: str, purpose: str) -> AsyncIterator[Any]:
             await _connected(client, address)
             yield client
         finally:
-            await client.close()
+            await _closed(client)
+
+
+async def _closed(client: Any) -> None:
+    """Close a client; whoever is cancelled meanwhile is.
+
+    Dask swallows a cancellation that meets its closing, which takes some seconds when the scheduler is gone.
+    """
+
+    async def close() -> None:
+        await client.close()
+
+    closing = asyncio.create_task(close(), name="close the client of a cluster")
+    try:
+        await asyncio.wait([closing], timeout=CLOSE_S)
+    finally:
+        if not closing.done():
+            closing.cancel()
 
 
 @contextmanager

@@ -12,6 +12,8 @@ from skyfolio.api.common.surroundings import monotonic_s
 
 log = structlog.get_logger()
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.5, 30.0
+AGAIN_S = 1.0
+"""A task that is still there so long after it was cancelled is cancelled again."""
 CALM_S = 10.0
 """A task that has run for so long since it failed is well again."""
 Work = Callable[[], Awaitable[None]]
@@ -51,10 +53,12 @@ class Supervisor:
         loop.set_exception_handler(self._unseen)
 
     async def close(self) -> None:
-        """Cancel all tasks."""
+        """Cancel all tasks, until they are over: a library may have swallowed a cancellation."""
         tasks = list(self._tasks)
-        for task in tasks:
-            task.cancel()
+        while left := [task for task in tasks if not task.done()]:
+            for task in left:
+                task.cancel()
+            await asyncio.wait(left, timeout=AGAIN_S)
         await asyncio.gather(*tasks, return_exceptions=True)
 
     async def _keep(self, name: str, work: Work) -> None:

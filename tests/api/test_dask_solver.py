@@ -1,5 +1,6 @@
 """A service whose solves run in a real Dask cluster, which is killed."""
 
+import asyncio
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -11,6 +12,7 @@ from fastapi.testclient import TestClient
 from skyfolio.api.client import Client
 from skyfolio.api.common.settings import Settings
 from skyfolio.api.http.app import create_app
+from skyfolio.api.plans.dask_link import DaskLink
 from skyfolio.api.plans.solver import LaneName
 from skyfolio.planner import EXAMPLES, Disturbances, Losses, Plan, Trial, assess, plan
 from tests.sweep.dask_processes import Cluster, dask_cluster
@@ -90,6 +92,22 @@ def test_when_the_scheduler_dies_in_mid_solve_a_local_worker_makes_the_plan_and_
         eventually(lambda: (http.get(location).json() or {}).get("best"), "the plan goes on here")
         assert http.post(f"{location}:cancel", params={"wait_s": 60}).json()["status"] == "cancelled"
         assert Client(http=http).plan(EXAMPLES["minimal"]()).status == "succeeded"
+
+
+@pytest.mark.e2e
+@pytest.mark.parametrize("later_s", [0.0, 0.05, 0.3, 1.0])
+async def test_the_link_ends_at_once_while_it_says_goodbye_to_a_scheduler_that_died(later_s: float) -> None:
+    with dask_cluster(1) as cluster:
+        link, moved = DaskLink(cluster.address), asyncio.Queue[str]()
+        link.tell = lambda _, to, because: moved.put_nowait(because)
+        keeping = asyncio.create_task(link.keep())
+        assert await asyncio.wait_for(moved.get(), 60) == ""
+        cluster.kill_scheduler()
+        assert await asyncio.wait_for(moved.get(), 60)
+        await asyncio.sleep(later_s)
+        keeping.cancel()
+        assert (await asyncio.wait([keeping], timeout=4.0))[0]
+        assert keeping.cancelled()
 
 
 @pytest.mark.e2e

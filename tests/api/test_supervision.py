@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from skyfolio.api.common.supervision import CALM_S, LONGEST_PAUSE_S, Supervisor
+from tests.virtual_time import in_virtual_time
 
 
 class Room:
@@ -111,3 +112,22 @@ def test_an_error_found_after_the_service_has_ended_is_told_to_nobody() -> None:
     loop.close()
     loop.call_exception_handler({"message": "never retrieved", "exception": RuntimeError("unseen")})
     assert room.told == []
+
+
+@in_virtual_time
+async def test_a_task_whose_library_swallows_a_cancellation_ends_all_the_same() -> None:
+    room, swallowed = Room(), 0
+
+    async def work() -> None:
+        nonlocal swallowed
+        try:
+            await asyncio.Event().wait()
+        except asyncio.CancelledError:
+            swallowed += 1
+        await asyncio.Event().wait()
+
+    task = room.supervisor.start("dask", work)
+    await asyncio.sleep(0)
+    await asyncio.wait_for(room.supervisor.close(), 60)
+    assert swallowed == 1
+    assert task.cancelled()
