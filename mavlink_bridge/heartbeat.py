@@ -99,6 +99,11 @@ class HeartbeatMonitor:
         """Return the state as of the latest call. Raises KeyError if it is not watched."""
         return self._vehicles[system_id].state
 
+    def is_up(self, system_id: int) -> bool:
+        """Return whether it is watched, and its link was not lost as of the latest call."""
+        vehicle = self._vehicles.get(system_id)
+        return vehicle is not None and vehicle.state is not LinkState.LOST
+
     def silent_for_s(self, system_id: int, now_s: float) -> float:
         """Return the seconds since the last heartbeat (or since `watch`). Raises KeyError if it is not watched."""
         return max(0.0, now_s - self._vehicles[system_id].last_s)

@@ -18,7 +18,7 @@ from skyfolio.mavlink_bridge.classifier import Classifier
 from skyfolio.mavlink_bridge.conditions import Timing, VehicleChange, changes_by_vehicle
 from skyfolio.mavlink_bridge.errors import ConnectionFailed, LinkClosed, VehiclesMissing
 from skyfolio.mavlink_bridge.framing import Frame, is_foreign_heartbeat
-from skyfolio.mavlink_bridge.heartbeat import AUTOPILOT, HeartbeatMonitor, LinkState
+from skyfolio.mavlink_bridge.heartbeat import AUTOPILOT, HeartbeatMonitor
 from skyfolio.mavlink_bridge.hub import Hub, LinkOptions
 from skyfolio.mavlink_bridge.message_port import MessagePort
 from skyfolio.mavlink_bridge.mission_messages import GROUND
@@ -147,8 +147,8 @@ class ListeningLink:
 
     def is_heard(self, system_id: int) -> bool:
         """Return whether the autopilot of an expected vehicle was heard, and its link is not lost."""
-        watched = system_id in self.monitor.watched
-        return system_id in self.heard_systems and watched and self.monitor.state(system_id) is not LinkState.LOST
+        vehicle = self._vehicles.get(system_id)
+        return vehicle is not None and vehicle.heard and self.monitor.is_up(system_id)
 
     def telemetry(self, system_id: int) -> Telemetry | None:
         """Return the latest snapshot of one autopilot (component 1), however old: see `heard_at_s`.

@@ -120,6 +120,7 @@ class TelemetryState:
         self._position_at_s = 0.0
         self._speaker = Speaker()
         self._heard = False
+        self._snapshot: Telemetry | None = None
         self._folds: dict[str, Callable[[Mapping[str, Any], float], None]] = {
             "HEARTBEAT": self._heartbeat,
             "GLOBAL_POSITION_INT": self._global_position,
@@ -159,12 +160,18 @@ class TelemetryState:
     def fold(self, name: str, fields: Mapping[str, Any], heard_s: float) -> None:
         """Take in one message; fields as named in the MAVLink definition, `heard_s` in fleet seconds."""
         self._folds[name](fields, heard_s)
+        self._snapshot = None
 
     def snapshot(self) -> Telemetry | None:
-        """Return everything at once; None until a heartbeat and a position were received."""
-        if self._position is None or not self._heard:
-            return None
-        position = self._position
+        """Return everything at once, the same object until a message comes.
+
+        None until a heartbeat and a position were received.
+        """
+        if self._snapshot is None and self._position is not None and self._heard:
+            self._snapshot = self._taken(self._position)
+        return self._snapshot
+
+    def _taken(self, position: Mapping[str, Any]) -> Telemetry:
         lat_deg, lon_deg = self.place_deg or (None, None)
         return Telemetry(
             system_id=self.system_id,

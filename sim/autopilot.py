@@ -143,8 +143,12 @@ class Autopilot:
 
     def due(self) -> list[Message]:
         """Return what is to be sent to everybody by now: announcements, protocol timers and telemetry streams."""
-        announced = self._outbox.take() + self.telemetry.mission_news()
-        return announced + self.chatter.due() + self.missions.tick() + self.telemetry.due(self.now_s)
+        messages = self._outbox.take()
+        messages += self.telemetry.mission_news()
+        messages += self.chatter.due()
+        messages += self.missions.tick()
+        messages += self.telemetry.due(self.clock.now_s)
+        return messages
 
     def send_text(self, words: str, severity: int = dialect.MAV_SEVERITY_INFO) -> None:
         """Send a STATUSTEXT of a MAV_SEVERITY, in parts where it is long."""

@@ -89,7 +89,8 @@ class Failsafes(ABC):
 
     def _check_battery(self) -> None:
         levels = self._host.parameters.tuning.batteries
-        passed = sum(self._host.battery.share < level.share for level in levels)
+        share = self._host.battery.share
+        passed = sum([share < level.share for level in levels])
         if passed > self._levels_passed:
             self._battery_fell(levels[self._levels_passed : passed])
         self._levels_passed = passed

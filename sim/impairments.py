@@ -97,6 +97,10 @@ class Channel(Generic[Payload]):
         self.delivered += len(arrived)
         return arrived
 
+    def __bool__(self) -> bool:
+        """Return whether any datagram is under way."""
+        return bool(self._queue)
+
     def clear(self) -> None:
         """Drop the datagrams under way."""
         self._queue.clear()

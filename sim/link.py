@@ -107,7 +107,7 @@ class Link(ABC):
 
     def pump(self) -> None:
         """Deliver the datagrams that were delayed until now."""
-        if self.is_open:
+        if self.is_open and (self._radio.down or self._radio.up):
             self._leave()
             self._arrive()
 

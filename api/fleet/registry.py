@@ -252,12 +252,13 @@ class Fleet:
     def heard(self) -> dict[int, Heard]:
         """Return how each registered vehicle is heard, by system id; those that are not watched yet are left out."""
         monitor, now_s = self._connection.monitor, self._clock.now()
+        watched = monitor.watched
         return {
             system_id: Heard(
                 silent_for_s=monitor.silent_for_s(system_id, now_s), lost=monitor.state(system_id) is LinkState.LOST
             )
             for system_id in self._systems.values()
-            if system_id in monitor.watched
+            if system_id in watched
         }
 
     def own_link(self) -> OwnLink:

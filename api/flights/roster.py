@@ -11,7 +11,7 @@ from skyfolio.api.fleet.own_link import Heard
 from skyfolio.api.fleet.registry import Fleet
 from skyfolio.api.flights.guidance import FlightGuidance
 from skyfolio.api.flights.losses import Loss, seen, silent
-from skyfolio.mavlink_bridge import FlightMode, LinkEvent, LinkState, geodetic_to_east_north
+from skyfolio.mavlink_bridge import FlightMode, LinkEvent, LinkState, Telemetry, geodetic_to_east_north
 from skyfolio.mavlink_bridge.conditions import Condition
 from skyfolio.planner import Origin
 from skyfolio.planner.geometry import Point
@@ -56,6 +56,7 @@ class Roster:
         """Judges whether a silence is that of our own link."""
         self._warned: dict[str, str] = {}
         self._last_seen_m: dict[str, Point] = {}
+        self._converted: dict[str, tuple[Telemetry, Point | None]] = {}
         self._left_early: dict[str, Loss] = {}
         self._ordered: dict[str, Loss] = {}
         self.stopped = False
@@ -146,8 +147,7 @@ class Roster:
 
     def is_heard(self, uav: str) -> bool:
         """Return whether the link of a UAV is not lost."""
-        system, monitor = self._systems[uav], self._fleet.link.monitor
-        return system in monitor.watched and monitor.state(system) is not LinkState.LOST
+        return self._fleet.link.monitor.is_up(self._systems[uav])
 
     def coming_down(self) -> list[str]:
         """Return the UAVs that no longer count, are heard, and fly by themselves to where they land."""
@@ -289,8 +289,15 @@ class Roster:
         positions_m = {}
         for uav, system in self._systems.items():
             telemetry = self._fleet.link.telemetry(system)
-            if telemetry is not None and telemetry.place_deg is not None:
-                positions_m[uav] = geodetic_to_east_north(self._origin, *telemetry.place_deg)
+            if telemetry is None:
+                continue
+            of, at_m = self._converted.get(uav, (None, None))
+            if of is not telemetry:
+                at_deg = telemetry.place_deg
+                at_m = None if at_deg is None else geodetic_to_east_north(self._origin, *at_deg)
+                self._converted[uav] = telemetry, at_m
+            if at_m is not None:
+                positions_m[uav] = at_m
         return positions_m
 
     def last_seen_m(self, uav: str) -> Point | None:

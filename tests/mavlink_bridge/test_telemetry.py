@@ -132,3 +132,16 @@ def test_without_a_3d_fix_it_does_not_know_where_it_is() -> None:
 def test_a_place_on_the_equator_or_the_meridian_is_one() -> None:
     assert place_of(0, 85455940) == (0.0, 8.545594)
     assert place_of(473977420, 0) == (47.397742, 0.0)
+
+
+def test_a_snapshot_is_made_once_for_each_message() -> None:
+    state = TelemetryState(1)
+    state.fold("HEARTBEAT", HEARTBEAT, 1.0)
+    state.fold("GLOBAL_POSITION_INT", POSITION, 2.0)
+    before = state.snapshot()
+    assert state.snapshot() is before
+    state.fold("MISSION_CURRENT", {"seq": 3, "total": 41, "mission_id": 99}, 3.0)
+    after = state.snapshot()
+    assert after is not before
+    assert after is not None
+    assert after.mission_current == 3

@@ -44,11 +44,14 @@ class Disk:
             driver.create_function("pg_advisory_xact_lock", 1, lambda _number: None)  # a commit is never interrupted
         finally:
             raw.close()
+        self.connection = self.engine.connect()
+        """What the services of this disk read and write through."""
         self._folder = tempfile.TemporaryDirectory(prefix=FOLDER_PREFIX)
         self.folder = Path(self._folder.name)
 
     def close(self) -> None:
         """Forget everything."""
+        self.connection.close()
         self.engine.dispose()
         self._folder.cleanup()
 
@@ -88,14 +91,14 @@ class MemoryBackend:
     async def in_transaction(self, work: Callable[[Connection], Result]) -> Result:
         """Do some work on a connection, and commit it."""
         await self._pass(READ_S)
-        with self._disk.engine.begin() as connection:
-            return work(connection)
+        with self._disk.connection.begin():
+            return work(self._disk.connection)
 
     async def rows(self, statement: Executable, params: dict[str, Any] | None) -> Sequence[Row[Any]]:
         """Read committed rows."""
         await self._pass(READ_S)
-        with self._disk.engine.connect() as connection:
-            return connection.execute(statement, params).all()
+        with self._disk.connection.begin():
+            return self._disk.connection.execute(statement, params).all()
 
     async def commit(self, statements: list[Statement]) -> None:
         """Execute in one transaction."""
@@ -104,9 +107,9 @@ class MemoryBackend:
         if self._disk.refuses is not None:
             raise OperationalError("COMMIT", {}, sqlite3.OperationalError(self._disk.refuses))
         self._disk.commits += 1
-        with self._disk.engine.begin() as connection:
+        with self._disk.connection.begin():
             for statement, params in statements:
-                connection.execute(statement, params or None)
+                self._disk.connection.execute(statement, params or None)
         await self._pass(half_s)
 
     async def shrink(self) -> None:
@@ -126,8 +129,24 @@ class MemoryBackend:
             await asyncio.get_running_loop().create_future()  # a dead process is never answered
 
 
+def _memory() -> sqlite3.Connection:
+    return sqlite3.connect(":memory:", check_same_thread=False)
+
+
+@cache
+def _first() -> Engine:
+    """Return an engine whose dialect, and the statements that it has compiled, all disks share."""
+    engine = create_engine("sqlite://", poolclass=StaticPool, creator=_memory)
+    with engine.connect():
+        return engine
+
+
+_compiled: dict[Any, Any] = {}
+
+
 def _engine() -> Engine:
-    return create_engine("sqlite://", poolclass=StaticPool, connect_args={"check_same_thread": False})
+    first = _first()
+    return Engine(StaticPool(_memory), first.dialect, first.url).execution_options(compiled_cache=_compiled)
 
 
 @cache

@@ -10,12 +10,18 @@ import asyncio
 from asyncio.base_events import BaseEventLoop
 from collections.abc import Callable, Coroutine
 from contextvars import Context, ContextVar
+from heapq import heapify, heappop
 from typing import Any, TypeVar
 
 Result = TypeVar("Result")
 
 TURN_S = 1e-6
 """Virtual seconds that each turn takes: time passes for a loop that looks again and again, as it does on a wall."""
+
+
+CLOCK_RESOLUTION_S = 1e-9
+MANY_TIMERS, MOST_CANCELLED = 100, 0.5
+"""With so many timers they are all gone through when more than this share of them was cancelled."""
 
 
 class DeadlockError(RuntimeError):
@@ -66,22 +72,6 @@ class NumberedFuture(asyncio.Future[Any]):
         return self.number
 
 
-class _Jumping:
-    """Stands in for a selector: lets time pass at once."""
-
-    def __init__(self) -> None:
-        self.now_s = 0.0
-
-    def select(self, timeout: float | None) -> list[Any]:
-        if timeout is None:
-            raise DeadlockError("everybody waits for something that never comes")
-        self.now_s += max(timeout, 0.0) + TURN_S
-        return []
-
-    def close(self) -> None:
-        """Do nothing."""
-
-
 class VirtualLoop(BaseEventLoop):
     """For what waits for timers and other tasks, and for nothing outside; `time` counts seconds from 0.
 
@@ -90,8 +80,7 @@ class VirtualLoop(BaseEventLoop):
 
     def __init__(self) -> None:
         super().__init__()
-        self._selector = _Jumping()
-        self._clock_resolution = 1e-9
+        self._now_s = 0.0
         self._number = 0
         self.set_task_factory(_numbered)
 
@@ -102,7 +91,7 @@ class VirtualLoop(BaseEventLoop):
 
     def time(self) -> float:
         """Return virtual seconds."""
-        return self._selector.now_s
+        return self._now_s
 
     def create_future(self) -> asyncio.Future[Any]:
         """Return a new future."""
@@ -122,8 +111,42 @@ class VirtualLoop(BaseEventLoop):
             self.call_soon(_end, done, result)
         return done
 
-    def _process_events(self, event_list: list[Any]) -> None:
-        del event_list
+    def _run_once(self) -> None:
+        """Let time pass until something is due, and run what is due: what `BaseEventLoop` does, with no selector."""
+        self._forget_cancelled()
+        scheduled, ready = self._scheduled, self._ready
+        wait_s = 0.0
+        if not ready and not self._stopping:
+            if not scheduled:
+                raise DeadlockError("everybody waits for something that never comes")
+            wait_s = max(scheduled[0]._when - self._now_s, 0.0)
+        self._now_s += wait_s + TURN_S
+        end_s = self._now_s + CLOCK_RESOLUTION_S
+        while scheduled and scheduled[0]._when < end_s:
+            handle = heappop(scheduled)
+            handle._scheduled = False
+            ready.append(handle)
+        for _ in range(len(ready)):
+            handle = ready.popleft()
+            if not handle._cancelled:
+                handle._run()
+
+    def _forget_cancelled(self) -> None:
+        """Drop the timers that were cancelled: all of them when they are many, else those that are next."""
+        scheduled = self._scheduled
+        if len(scheduled) > MANY_TIMERS and self._timer_cancelled_count > MOST_CANCELLED * len(scheduled):
+            alive = []
+            for handle in scheduled:
+                if handle._cancelled:
+                    handle._scheduled = False
+                else:
+                    alive.append(handle)
+            heapify(alive)
+            self._scheduled, self._timer_cancelled_count = alive, 0
+            return
+        while scheduled and scheduled[0]._cancelled:
+            self._timer_cancelled_count -= 1
+            heappop(scheduled)._scheduled = False
 
     def _write_to_self(self) -> None:
         """Do nothing: no other thread wakes this loop."""
