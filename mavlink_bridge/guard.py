@@ -17,7 +17,7 @@ import logging
 import signal
 import sys
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -27,7 +27,9 @@ from skyfolio.mavlink_bridge.guidance import FallBack, let_go, next_slot
 from skyfolio.mavlink_bridge.heartbeat import HeartbeatMonitor
 from skyfolio.mavlink_bridge.hub import LinkOptions
 from skyfolio.mavlink_bridge.link import FleetLink
+from skyfolio.mavlink_bridge.ports import LinkPorts
 from skyfolio.mavlink_bridge.signing import Signing
+from skyfolio.mavlink_bridge.vehicle import Clock
 
 READY = b"guarding\n"
 """What the process prints once it can take orders."""
@@ -56,9 +58,9 @@ class Orders:
     signing_key_file: str | None = None
     until_s: float | None = None
 
-    def may_send(self, _system_id: int) -> bool:
-        """Return whether the vehicles are still this machine's to command."""
-        return self.until_s is None or time.clock_gettime(time.CLOCK_BOOTTIME) < self.until_s
+    def are_valid(self, boot_s: float) -> bool:
+        """Return whether the vehicles are this machine's to command at that second of its CLOCK_BOOTTIME."""
+        return self.until_s is None or boot_s < self.until_s
 
     def item_at(self, system_id: int, now: float) -> int:
         """Return the waypoint to fly to at UTC second `now`: that of the slot that begins next, at most the last."""
@@ -134,28 +136,44 @@ class _Wall:
         return time.monotonic()
 
 
-async def take_over(orders: Orders) -> dict[int, str | None]:
-    """Start the mission of every vehicle; return for each what went wrong, or None. Raises ConnectionFailed."""
+def _boot_s() -> float:
+    return time.clock_gettime(time.CLOCK_BOOTTIME)
+
+
+async def take_over(
+    orders: Orders,
+    *,
+    ports: LinkPorts | None = None,
+    clock: Clock | None = None,
+    utc_s: Callable[[], float] = time.time,
+    boot_s: Callable[[], float] = _boot_s,
+) -> dict[int, str | None]:
+    """Start the mission of every vehicle; return for each what went wrong, or None. Raises ConnectionFailed.
+
+    Once `orders` are no longer valid nothing is sent. ports, clock (wall seconds), utc_s and boot_s (seconds of
+    CLOCK_BOOTTIME): what it reaches the world through; those of a process by default.
+    """
     key = orders.signing_key_file
     options = LinkOptions(
         signing=Signing.from_file(Path(key)) if key is not None else None,
-        may_send=None if orders.until_s is None else orders.may_send,
+        may_send=None if orders.until_s is None else lambda _system_id: orders.are_valid(boot_s()),
     )
-    async with FleetLink(clock=_Wall(), monitor=HeartbeatMonitor(), options=options) as link:
+    link = FleetLink(clock=clock or _Wall(), monitor=HeartbeatMonitor(), options=options, ports=ports)
+    async with link:
         for url in orders.links:
             await link.connect(url, patience_s=LINKS_FREE_S)
-        failures = await asyncio.gather(*(_one(link, orders, system_id) for system_id in orders.items))
+        failures = await asyncio.gather(*(_one(link, orders, system_id, utc_s) for system_id in orders.items))
     return dict(zip(orders.items, failures, strict=True))
 
 
-async def _one(link: FleetLink, orders: Orders, system_id: int) -> str | None:
+async def _one(link: FleetLink, orders: Orders, system_id: int, utc_s: Callable[[], float]) -> str | None:
     try:
         await link.wait_for({system_id}, timeout_s=HEARD_S)
     except VehiclesMissing:
         return f"not heard within {HEARD_S:g} s"
     error: str | None = None
     for _ in range(TRIES):
-        error = await let_go(link.vehicle(system_id), orders.item_at(system_id, time.time()), FallBack.MISSION)
+        error = await let_go(link.vehicle(system_id), orders.item_at(system_id, utc_s()), FallBack.MISSION)
         if error is None:
             break
     return error

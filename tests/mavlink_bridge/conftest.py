@@ -12,7 +12,7 @@ from typing import Any, Self
 
 import pytest
 
-from skyfolio.api.lab.virtual.wire import MemoryEndpoint, MemoryMessages
+from skyfolio.api.lab.virtual.wire import MemoryEndpoint, MemoryMessages, Port
 from skyfolio.mavlink_bridge import Autopilot, FleetLink, HeartbeatMonitor, LinkOptions, east_north_to_geodetic
 from skyfolio.mavlink_bridge.ports import LinkPorts
 from skyfolio.planner.plans import Plan, Summary
@@ -194,8 +194,9 @@ async def in_memory(plan: Plan, autopilot: Autopilot, *, speedup: float = 10.0) 
     loop = asyncio.get_running_loop()
     clock = ScaledClock(speedup, source=loop.time)
     fleet = Fleet(specs_at(plan, autopilot), clock=clock, protocol_clock=loop.time)
+    port = Port(fleet)
     ports = LinkPorts(
-        endpoint=lambda url, on_frames: MemoryEndpoint(fleet, url, on_frames, alive=lambda: True),
+        endpoint=lambda url, on_frames: MemoryEndpoint(port, url, on_frames, alive=lambda: True),
         messages=MemoryMessages,
     )
     stepping = loop.create_task(step(fleet, clock))

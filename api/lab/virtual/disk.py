@@ -6,6 +6,7 @@ import asyncio
 import sqlite3
 import tempfile
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
@@ -48,6 +49,19 @@ class Disk:
         """What the services of this disk read and write through."""
         self._folder = tempfile.TemporaryDirectory(prefix=FOLDER_PREFIX)
         self.folder = Path(self._folder.name)
+
+    def save(self, path: Path) -> None:
+        """Write the database into an SQLite file that a service opens; without the vehicles, which no longer exist."""
+        raw = self.engine.raw_connection()
+        try:
+            driver = raw.driver_connection
+            assert isinstance(driver, sqlite3.Connection)  # noqa: S101
+            with closing(sqlite3.connect(path)) as file:
+                driver.backup(file)
+                file.execute("DELETE FROM vehicles")
+                file.commit()
+        finally:
+            raw.close()
 
     def close(self) -> None:
         """Forget everything."""

@@ -17,8 +17,8 @@ import json
 import random
 from collections.abc import Callable, Coroutine, Iterable
 from contextlib import suppress
-from contextvars import Context, copy_context
-from dataclasses import dataclass, field, replace
+from contextvars import copy_context
+from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
 from itertools import count
@@ -34,10 +34,12 @@ from skyfolio.api.common.surroundings import Surroundings, new_token, surrounded
 from skyfolio.api.fleet.fleet_ports import FleetPorts
 from skyfolio.api.fleet.simulated_fleet import specs_at_starts
 from skyfolio.api.lab.virtual.disk import Disk, Line, MemoryBackend
+from skyfolio.api.lab.virtual.guards import carry_out
 from skyfolio.api.lab.virtual.leases import MemoryLeaseTable
 from skyfolio.api.lab.virtual.loop import Life, life_here
+from skyfolio.api.lab.virtual.running import Running
 from skyfolio.api.lab.virtual.solving import Workers
-from skyfolio.api.lab.virtual.wire import MemoryEndpoint, MemoryMessages
+from skyfolio.api.lab.virtual.wire import MemoryMessages, Port
 from skyfolio.api.plans.jobs import Job
 from skyfolio.api.service import Ports, Service
 from skyfolio.api.store import Database
@@ -46,7 +48,6 @@ from skyfolio.api.store.leases import Leases
 from skyfolio.api.store.spill import Spill
 from skyfolio.api.store.tables import events as events_table
 from skyfolio.mavlink_bridge.autopilots import DEFAULT_AUTOPILOT
-from skyfolio.mavlink_bridge.links import OnFrames
 from skyfolio.mavlink_bridge.ports import LinkPorts
 from skyfolio.planner import Scenario
 from skyfolio.sim.fleet import STEP_S
@@ -102,8 +103,10 @@ class Ground:
         self._settings = Settings(database_url="in-memory", telemetry_hz=1.0, **settings)
         self._chance = random.Random(f"ground/{seed}")  # noqa: S311
         self._several = several
-        self._running: list[_Running] = []
+        self._ports: list[Port] = []
+        self._running: list[Running] = []
         self._burials: list[asyncio.Task[None]] = []
+        self._guarding: list[asyncio.Task[None]] = []
         self._flying: asyncio.Task[None] | None = None
         self._context = copy_context()
         self._around = surrounded(
@@ -124,7 +127,7 @@ class Ground:
         try:
             for running in [one for one in self._running if one.service is not None]:
                 await self.stop(running.service)
-            await asyncio.gather(*self._burials)
+            await asyncio.gather(*self._burials, *self._guarding)
         finally:
             if self._flying is not None:
                 self._flying.cancel()
@@ -168,12 +171,10 @@ class Ground:
         life = Life()
         context = self._context.copy()
         context.run(life_here.set, life)
-        taken = {running.place for running in self._running if not running.life.over}
-        place = next(number for number in count() if number not in taken)
-        running = _Running(life=life, context=context, place=place)
+        running = Running(life=life, context=context, port=self._port_of_nobody())
         self._running.append(running)
         self.starts += 1
-        self.service = running.service = service = await self._begun(self._open(running), running)
+        self.service = running.service = service = await running.begin(self._open(running))
         service.events.listeners.append(lambda event: None if life.over else self.on_event(event))
         return service
 
@@ -183,33 +184,32 @@ class Ground:
 
     async def ask(self, work: Coroutine[Any, Any, Result], of: Service | None = None) -> Result:
         """Do some work as part of a service that lives, by default the newest: it is cancelled when that dies."""
-        return await self._begun(work, self._running_of(of))
+        return await self._running_of(of).begin(work)
 
     def lines_of(self, service: Service) -> tuple[Line, Line]:
         """Return the ways from a service to the disk: the one for everything, and the one on which it renews leases."""
         running = self._running_of(service)
         return running.line, running.lease_line
 
-    def _begun(self, work: Coroutine[Any, Any, Result], running: _Running) -> asyncio.Task[Result]:
-        return self._loop.create_task(work, context=running.context.copy())
+    def _port_of_nobody(self) -> Port:
+        """Return the first port that no living service has; the guard of a dead one may still hold it."""
+        taken = {running.port.place for running in self._running if running.is_alive()}
+        place = next(number for number in count() if number not in taken)
+        if place == len(self._ports):
+            self._ports.append(Port(self.fleet, place))
+        return self._ports[place]
 
-    def _running_of(self, service: Service | None) -> _Running:
+    def _running_of(self, service: Service | None) -> Running:
         if service is None:
             return self._running[-1]
         return next(running for running in self._running if running.service is service)
 
-    async def _open(self, running: _Running) -> Service:
-        life = running.life
-
-        def alive() -> bool:
-            return not life.over
-
-        def endpoint(url: str, on_frames: OnFrames) -> MemoryEndpoint:
-            return MemoryEndpoint(self.fleet, url, on_frames, alive=alive, place=running.place)
+    async def _open(self, running: Running) -> Service:
+        alive = running.is_alive
 
         async def database(settings: Settings) -> Database:
             backend = MemoryBackend(self.disk, alive, running.line)
-            leases, name = None, f"service-{running.place}" if self._several else ""
+            leases, name = None, f"service-{running.port.place}" if self._several else ""
             if self._several:
                 beside = MemoryBackend(self.disk, alive, running.lease_line)
                 table = MemoryLeaseTable(beside, me=new_token(8), name=name)
@@ -219,16 +219,22 @@ class Ground:
         ports = Ports(
             solver=lambda _settings: self.workers.solver(),
             database=database,
-            fleet=FleetPorts(link=LinkPorts(endpoint=endpoint, messages=partial(MemoryMessages, alive=alive))),
+            fleet=FleetPorts(
+                link=LinkPorts(endpoint=running.endpoint, messages=partial(MemoryMessages, alive=alive)),
+                guard=running.new_guard,
+            ),
             watch_loop=False,
         )
         clock = FleetClock(1.0, seconds=self._loop.time, utc=self._utc_s)
         return await Service.open(self._settings, clock, ports)
 
     def kill(self, service: Service | None = None) -> None:
-        """End a service as SIGKILL does: none of it writes or sends anything from this moment on."""
+        """End a service as SIGKILL does: none of it writes or sends anything from this moment on.
+
+        Its guards then do what they were ordered to.
+        """
         running = self._ended(service)
-        running.life.over = True
+        self._die(running)
         self._burials.append(self.spawn(_bury(running.life), name="bury"))
 
     async def stop(self, service: Service | None = None) -> None:
@@ -236,15 +242,20 @@ class Ground:
         service = service or self.service
         if service is not None:
             running = self._ended(service)
-            await self._begun(service.close(), running)
-            running.life.over = True
+            await running.begin(service.close())
+            self._die(running)
 
-    def _ended(self, service: Service | None) -> _Running:
+    def _ended(self, service: Service | None) -> Running:
         running = self._running_of(service)
         if running.service is self.service:
             self.service = None
         running.service = None
         return running
+
+    def _die(self, running: Running) -> None:
+        for orders in running.die():
+            work = carry_out(orders, running.port, self._loop.time, self._utc_s)
+            self._guarding.append(self.spawn(work, name="guard"))
 
     async def register(self) -> None:
         """Register every vehicle of the fleet for the UAVs of the scenario, in their order."""
@@ -265,18 +276,6 @@ class Ground:
 
     def _utc_s(self) -> float:
         return EPOCH_S + self._loop.time() + self.clock_ahead_s
-
-
-@dataclass(eq=False, kw_only=True)
-class _Running:
-    """A service that was started, None once it is dead. place: which end of the link and name it has."""
-
-    life: Life
-    context: Context
-    place: int
-    line: Line = field(default_factory=Line)
-    lease_line: Line = field(default_factory=Line)
-    service: Service | None = None
 
 
 class _LoopClock:

@@ -10,6 +10,7 @@ from collections.abc import Callable, Collection, Hashable
 
 from skyfolio import sim
 from skyfolio.api.lab.virtual.codec import Decoded, decode, encode, number_of
+from skyfolio.mavlink_bridge.errors import ConnectionFailed
 from skyfolio.mavlink_bridge.framing import Framer
 from skyfolio.mavlink_bridge.heartbeat import AUTOPILOT
 from skyfolio.mavlink_bridge.links import OnFrames
@@ -28,26 +29,48 @@ _GROUND_STATION = {
 """HEARTBEAT of a ground station: MAV_TYPE_GCS, MAV_AUTOPILOT_INVALID, MAV_STATE_ACTIVE."""
 
 
+class Port:
+    """A port at which a fleet in this process is heard: it has one holder at a time, as a bound socket has.
+
+    place: which of several ports it is; the fleet sends to all of them.
+    """
+
+    def __init__(self, fleet: sim.Fleet, place: int = 0) -> None:
+        self.fleet, self.place = fleet, place
+        self.holder: MemoryEndpoint | None = None
+
+    @property
+    def is_free(self) -> bool:
+        """Return whether no living process listens here."""
+        return self.holder is None or not self.holder.is_open
+
+
 class MemoryEndpoint:
     """One end of a link to all vehicles of a fleet in this process; an `Endpoint` of the bridge.
 
-    alive: returns whether the service at this end still runs. place: which of several ends it is. Vehicles send to the
-    end that was opened last in each place, as to the socket that has bound the port.
+    alive: returns whether the process at this end still runs; the port of one that is dead is free.
     """
 
-    def __init__(
-        self, fleet: sim.Fleet, url: str, on_frames: OnFrames, *, alive: Callable[[], bool], place: int = 0
-    ) -> None:
-        self.url, self._place = url, place
-        self._fleet, self._on_frames, self._alive = fleet, on_frames, alive
+    def __init__(self, port: Port, url: str, on_frames: OnFrames, *, alive: Callable[[], bool]) -> None:
+        self.url = url
+        self._port, self._fleet = port, port.fleet
+        self._on_frames, self._alive = on_frames, alive
         self._framers: dict[int, Framer] = {}
         self._inbox: list[tuple[bytes, int]] = []
         self._send: Callable[[bytes, int], None] | None = None
         self._loop = asyncio.get_running_loop()
 
+    @property
+    def is_open(self) -> bool:
+        """Return whether this end listens."""
+        return self._send is not None and self._alive()
+
     async def open(self) -> None:
-        """Begin to listen."""
-        self._send = self._fleet.attach(self._arrived, ("gcs", self._place))
+        """Begin to listen. Raises ConnectionFailed while another process does at this port."""
+        if not self._port.is_free:
+            raise ConnectionFailed(self.url, "address already in use")
+        self._port.holder = self
+        self._send = self._fleet.attach(self._arrived, ("gcs", self._port.place))
 
     def send(self, frame: bytes, system_id: int) -> None:
         """Send to one vehicle, or to all that were heard here (0)."""
