@@ -23,6 +23,9 @@ def torture(
         Path | None,
         typer.Option(help="Plant each bug of this folder in a copy of the package instead, and see which are found."),
     ] = None,
+    recording: Annotated[
+        Path | None, typer.Option(help="With --replay: write a database here whose flight the dashboard replays.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Fly random drills in virtual time, and look at what must hold whatever happens.
@@ -31,10 +34,12 @@ def torture(
     --mutations if a planted bug was not found in that many drills. Results of those are kept in OUT/mutations.json, and
     a hunt that was stopped goes on from there.
     """
+    if recording is not None and replay is None:
+        raise UsageError("--recording: only a drill that is replayed is recorded; name its file with --replay")
     if mutations is not None:
         broken = _hunt(mutations, seed, drills, out / "mutations.json", as_json=as_json)
     elif replay is not None:
-        broken = _replay(replay, as_json=as_json)
+        broken = _replay(replay, recording, as_json=as_json)
     else:
         broken = _campaign(range(seed, seed + drills), jobs, out, shrink=shrink, as_json=as_json)
     if broken:
@@ -42,7 +47,13 @@ def torture(
 
 
 def _campaign(seeds: range, jobs: int, out: Path, *, shrink: bool, as_json: bool) -> bool:
-    from skyfolio.api.lab.torture.campaign import Result, campaign, table_of, write_case  # noqa: PLC0415
+    from skyfolio.api.lab.torture.campaign import (  # noqa: PLC0415
+        Result,
+        campaign,
+        moments_of,
+        table_of,
+        write_case,
+    )
 
     done = 0
 
@@ -63,6 +74,8 @@ def _campaign(seeds: range, jobs: int, out: Path, *, shrink: bool, as_json: bool
         return bool(tally.failures)
     for row in table_of(tally.coverage):
         typer.echo(f"{row[0]:16}" + "".join(f"{cell:>17}" for cell in row[1:]))
+    for moment, struck in moments_of(tally.moments):
+        typer.echo(f"{moment:26}{struck}")
     typer.echo(
         f"\n{report['drills']} drills, {report['failed']} failed; {report['flown_s']:.0f} s flown, "
         f"{report['wall_p50_s']:.2f} s each (median)"
@@ -93,25 +106,28 @@ def _hunt(folder: Path, seed: int, drills: int, results: Path, *, as_json: bool)
     return bool(missed)
 
 
-def _replay(file: Path, *, as_json: bool) -> bool:
+def _replay(file: Path, recording: Path | None, *, as_json: bool) -> bool:
     from skyfolio.api.lab.torture.campaign import flown, quiet, read_case  # noqa: PLC0415
 
     try:
         drill = read_case(file)
     except (OSError, ValueError, KeyError) as error:
         raise UsageError(f"{file}: is no drill: {error}") from error
+    if recording is not None and recording.exists():
+        raise UsageError(f"{recording}: is there already; name a new file")
     with quiet():
-        outcome = flown(drill)
+        outcome = flown(drill, recording)
     if as_json:
-        document = {"broken": outcome.broken, "state": outcome.state, "blows": outcome.blows}
+        document = {"broken": outcome.broken, "state": outcome.state, "blows": outcome.blows, "steps": outcome.steps}
         events = [event.model_dump(mode="json") for event in outcome.events]
         typer.echo(json.dumps({**document, "events": events}))
         return bool(outcome.broken)
-    for event in outcome.events:
-        typer.echo(f"{event.at:%H:%M:%S.%f} {event.kind} {json.dumps(event.data)[:200]}")
-    for blow in outcome.blows:
-        typer.echo(f"struck at {blow}")
+    for step in outcome.steps:
+        typer.echo(step)
     typer.echo(f"{outcome.state} after {outcome.virtual_s:.0f} s, flown in {outcome.wall_s:.2f} s")
     for name, detail in outcome.broken.items():
         typer.echo(f"broken: {name}: {detail}")
+    if recording is not None:
+        url = f"sqlite+aiosqlite:///{recording.resolve()}"
+        typer.echo(f"To watch it, on the page Replay: SKYFOLIO_DATABASE_URL={url} skyfolio serve")
     return bool(outcome.broken)

@@ -172,7 +172,7 @@ def view(state: State = State.COMPLETED, **changes: Any) -> OperationView:
 def broken_in(seen: Seen, *, meanwhile: bool) -> set[str]:
     """What is broken; the vehicles are on the ground when all is over."""
     if not meanwhile:
-        for vehicle in seen.ground.fleet.vehicles.values():
+        for vehicle in [vehicle for one in seen.each for vehicle in one.ground.fleet.vehicles.values()]:
             if vehicle.mode is Mode.MISSION and vehicle.system_id in (1, 2):
                 vehicle.armed, vehicle.at_m = False, (*vehicle.at_m[:2], 0.0)  # type: ignore[attr-defined,misc]
     look(seen, MEANWHILE if meanwhile else AT_END | AFTERWARDS)
@@ -404,6 +404,44 @@ def test_each_invariant_is_heard_where_it_is_broken(name: str, monkeypatch: pyte
     seen = history()
     DOCTORS[name](seen)
     assert name in broken_in(seen, meanwhile=name in MEANWHILE)
+
+
+# -- two operations at once ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", sorted(INVARIANTS))
+def test_each_invariant_is_heard_where_the_operation_beside_breaks_it(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(missions, "_assigned", lambda _seen, _uav: [])
+    seen, beside = history(), history()
+    seen.beside, beside.broken, beside.told = beside, seen.broken, seen.told
+    DOCTORS[name](beside)
+    assert name in broken_in(seen, meanwhile=name in MEANWHILE)
+
+
+def test_what_another_operation_does_is_not_held_against_this_one() -> None:
+    seen = history()
+    others = [
+        event(9, "operation", operation_id="operation-2", state="failed", error="KeyError: 3"),
+        event(10, "uav_lost", operation_id="operation-2", uav_id="uav-1", cause="crashed", detail="", silent_for_s=0.0),
+    ]
+    for other in others:
+        seen.note_event(other)
+    step = entry(Step.UPLOADING, "uav-3", incident=7).model_copy(update={"operation_id": "operation-2"})
+    seen.note_step(step)
+    assert (seen.state, seen.news, len(seen.taken)) == ("flying", [], len(STEPS))
+    assert seen.lost.keys() == {"uav-3"}
+    assert len(seen.own_noted) == len(EVENTS)
+
+
+def test_a_vehicle_of_another_operation_may_be_left_in_the_air() -> None:
+    seen = history()
+    seen.uavs = ("uav-2", "uav-3")
+    assert seen.end is not None
+    seen.end = view(uavs={uav: one for uav, one in seen.end.uavs.items() if uav in seen.uavs})
+    _left_in_the_air(seen)
+    assert broken_in(seen, meanwhile=False) == set()
 
 
 # -- what is no fault --------------------------------------------------------------------------------------------------

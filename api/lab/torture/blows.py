@@ -45,7 +45,11 @@ class Arena:
 
         async def restart() -> None:
             await asyncio.sleep(down_s)
-            service = await self.ground.start()
+            try:
+                service = await self.ground.start()
+            except Exception as error:  # noqa: BLE001 - whatever it is, the fleet has no service
+                self.seen.break_once("a service starts again", f"{type(error).__name__}: {error}")
+                return
             self.on_restart(service)
             self.down = False
 
@@ -69,11 +73,17 @@ class Arena:
 
         self._spawn(carry_out())
 
-    def command_operation(self, work: Callable[[Operation], Awaitable[object]]) -> None:
-        """Let the operator command the operation, if it has not ended."""
+    def command_each(self, work: Callable[[Service, str], Awaitable[object]]) -> None:
+        """Let the operator command the same to each operation, by its id."""
+        for one in self.seen.each:
+            self.command(lambda service, of=one.operation_id: work(service, of))  # type: ignore[misc]
+
+    def command_operation(self, work: Callable[[Operation], Awaitable[object]], uav: str | None = None) -> None:
+        """Let the operator command the operation that a UAV flies, or the first one, if it has not ended."""
+        of = next((one.operation_id for one in self.seen.each if uav in one.uavs), self.seen.operation_id)
 
         async def on(service: Service) -> None:
-            operation = service.operations.active(self.seen.operation_id)
+            operation = service.operations.active(of)
             if operation is not None:
                 await work(operation)
 
@@ -128,7 +138,7 @@ def _dead_workers(arena: Arena, options: dict[str, Any]) -> None:
 
 
 def _pause(arena: Arena, options: dict[str, Any]) -> None:
-    arena.note_orders()
+    arena.note_orders(list(arena.seen.uavs))
     arena.command_operation(lambda operation: operation.pause())
     arena.later(options.get("for_s", 8.0), lambda: arena.command_operation(lambda operation: operation.resume()))
 
@@ -136,7 +146,7 @@ def _pause(arena: Arena, options: dict[str, Any]) -> None:
 def _abort(arena: Arena, options: dict[str, Any]) -> None:
     arena.note_orders()
     for action in options.get("actions", ["land"]):
-        arena.command(lambda service, action=action: service.operations.abort(arena.seen.operation_id, action))  # type: ignore[misc]
+        arena.command_each(lambda service, of, action=action: service.operations.abort(of, action))  # type: ignore[misc]
 
 
 def _order(arena: Arena, options: dict[str, Any]) -> None:
@@ -149,11 +159,11 @@ def _order(arena: Arena, options: dict[str, Any]) -> None:
 
 def _retire(arena: Arena, options: dict[str, Any]) -> None:
     arena.note_orders([options["uav"]])
-    arena.command_operation(lambda operation: operation.retire(options["uav"]))
+    arena.command_operation(lambda operation: operation.retire(options["uav"]), options["uav"])
 
 
 def _readmit(arena: Arena, options: dict[str, Any]) -> None:
-    arena.command_operation(lambda operation: operation.readmit(options["uav"]))
+    arena.command_operation(lambda operation: operation.readmit(options["uav"]), options["uav"])
 
 
 def _decide(arena: Arena, options: dict[str, Any]) -> None:

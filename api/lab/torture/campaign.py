@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import logging
 import multiprocessing
@@ -22,7 +23,7 @@ from skyfolio.api.lab.torture.flight import Outcome, fly
 from skyfolio.api.lab.torture.generator import drill_of
 from skyfolio.api.lab.torture.shrink import smaller
 
-LONGEST_S = 60
+LONGEST_S = 120
 """Seconds of its process after which a drill hangs: virtual time no longer passes."""
 HANGS = "a drill comes to its end"
 UNLIKELY = "the ground itself works"
@@ -38,6 +39,7 @@ class Result:
     coverage: Counter[tuple[str, str]]
     virtual_s: float
     wall_s: float
+    moments: Counter[tuple[str, str]] = field(default_factory=Counter)
     small: Drill | None = None
 
 
@@ -49,6 +51,7 @@ class Tally:
     states: Counter[str] = field(default_factory=Counter)
     broken: Counter[str] = field(default_factory=Counter)
     coverage: Counter[tuple[str, str]] = field(default_factory=Counter)
+    moments: Counter[tuple[str, str]] = field(default_factory=Counter)
     walls_s: list[float] = field(default_factory=list)
     virtual_s: float = 0.0
     failures: list[Result] = field(default_factory=list)
@@ -58,6 +61,7 @@ class Tally:
         self.drills += 1
         self.states[result.state] += 1
         self.coverage.update(result.coverage)
+        self.moments.update(result.moments)
         self.broken.update(result.broken.keys())
         self.walls_s.append(result.wall_s)
         self.virtual_s += result.virtual_s
@@ -74,6 +78,7 @@ class Tally:
             "wall_p50_s": round(median(self.walls_s), 3) if self.walls_s else None,
             "flown_s": round(self.virtual_s, 1),
             "coverage": {f"{state}/{blow}": count for (state, blow), count in sorted(self.coverage.items())},
+            "moments": {f"{moment}/{blow}": count for (moment, blow), count in sorted(self.moments.items())},
             "failures": [{"seed": one.seed, "state": one.state, "broken": one.broken} for one in self.failures],
         }
 
@@ -81,9 +86,13 @@ class Tally:
 def campaign(seeds: Iterable[int], *, jobs: int, shrink: bool, told: Callable[[Result], None]) -> Tally:
     """Fly the drill of each seed; `told` gets each result as it comes."""
     tally = Tally()
-    for result in _results(seeds, jobs, shrink=shrink):
-        tally.add(result)
-        told(result)
+    settle_memory()
+    try:
+        for result in _results(seeds, jobs, shrink=shrink):
+            tally.add(result)
+            told(result)
+    finally:
+        gc.unfreeze()
     return tally
 
 
@@ -93,7 +102,7 @@ def _results(seeds: Iterable[int], jobs: int, *, shrink: bool) -> Iterator[Resul
             yield from (one(seed, shrink=shrink) for seed in seeds)
         return
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(jobs, mp_context=context, initializer=quieten) as pool:
+    with ProcessPoolExecutor(jobs, mp_context=context, initializer=begin_worker) as pool:
         yield from pool.map(_one_shrunk if shrink else one, seeds, chunksize=1)
 
 
@@ -105,6 +114,18 @@ def quieten() -> None:
     """Log nothing from now on: a drill provokes errors by the dozen, and invariants judge them."""
     structlog.configure(processors=[_drop])
     logging.disable(logging.CRITICAL)
+
+
+def begin_worker() -> None:
+    """Begin a process that flies drills."""
+    quieten()
+    settle_memory()
+
+
+def settle_memory() -> None:
+    """Leave what was loaded out of every later search for garbage: a drill makes much, and nothing of that."""
+    gc.collect()
+    gc.freeze()
 
 
 def _drop(_logger: object, _method: str, _event: MutableMapping[str, Any]) -> MutableMapping[str, Any]:
@@ -135,17 +156,18 @@ def one(seed: int, *, shrink: bool = False) -> Result:
         state=outcome.state,
         broken=outcome.broken,
         coverage=outcome.coverage,
+        moments=outcome.moments,
         virtual_s=outcome.virtual_s,
         wall_s=outcome.wall_s,
         small=small or (outcome.drill if outcome.broken else None),
     )
 
 
-def flown(drill: Drill) -> Outcome:
-    """Fly a drill; one that hangs or breaks the ground is an outcome as well."""
+def flown(drill: Drill, recording: Path | None = None) -> Outcome:
+    """Fly a drill, `recording` as of `fly`; one that hangs or breaks the ground is an outcome as well."""
     try:
         with _at_most(LONGEST_S):
-            return fly(drill)
+            return fly(drill, recording=recording)
     except _HangsError:
         broken = {HANGS: f"not within {LONGEST_S} seconds of computing"}
     except Exception as error:  # noqa: BLE001 - reported as what this drill has broken
@@ -194,3 +216,12 @@ def table_of(coverage: Counter[tuple[str, str]]) -> list[list[str]]:
     blows = sorted({blow for _, blow in coverage})
     rows = [["", *states]]
     return rows + [[blow, *(str(coverage[state, blow] or "·") for state in states)] for blow in blows]
+
+
+def moments_of(moments: Counter[tuple[str, str]]) -> list[list[str]]:
+    """Return what struck at each kind of moment, as rows of text: moment, blows with their counts."""
+    rows = []
+    for moment in sorted({moment for moment, _ in moments}):
+        struck = sorted((blow, count) for (at, blow), count in moments.items() if at == moment)
+        rows.append([moment, ", ".join(f"{blow} {count}" for blow, count in struck)])
+    return rows

@@ -37,7 +37,8 @@ def _added(checks: dict[str, Check], check: Check) -> Check:
 
 
 def look(seen: Seen, checks: dict[str, Check]) -> None:
-    """Note which of these invariants are broken now."""
-    for name, check in checks.items():
-        for detail in check(seen):
-            seen.break_once(name, detail)
+    """Note which of these invariants are broken now, by what is seen of each operation."""
+    for one in seen.each:
+        for name, check in checks.items():
+            for detail in check(one):
+                one.break_once(name, detail)

@@ -7,42 +7,64 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from skyfolio import sim
+from skyfolio.api.flights.guidance_options import GuidanceOptions, Mode
 from skyfolio.api.flights.journal import Step
 from skyfolio.api.flights.operation_views import Policy, State
 from skyfolio.api.lab.virtual.ground import Ground
 from skyfolio.mavlink_bridge.autopilots import DEFAULT_AUTOPILOT, Autopilot
+from skyfolio.mavlink_bridge.guidance import FallBack
 from skyfolio.planner import EXAMPLES, Scenario
+
+HOLDS = ("COM_OBL_RC_ACT", 5)
+"""What the preflight audit demands of a PX4 that follows setpoints: hold when they end."""
 
 
 class _Document(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class Moment(_Document):
-    """When a blow strikes: at a journal step, at a state of the operation, or `after_s` the operation was created.
+VehicleNews = Literal[
+    "armed", "takeoff", "item_reached", "mission_accepted", "failsafe", "mode", "landed", "disarmed", "booted"
+]
+"""What happens to a vehicle: kinds of `sim.truth.Event`."""
 
-    step: the `nth` time it is written; stored: once it is stored, or else just before. state: the `nth` time it is
-    entered. after_s: fleet seconds after that.
+
+class Moment(_Document):
+    """When a blow strikes: at a journal step, at a state, at a vehicle's news, or `after_s` the operation was created.
+
+    step: the `nth` time it is written; stored: once it is stored, or else just before. state: the `nth` time the
+    operation enters it. vehicle: the `nth` time it happens to any vehicle. after_s: fleet seconds after that.
     """
 
     step: Step | None = None
     stored: bool = True
     state: State | None = None
+    vehicle: VehicleNews | None = None
     nth: int = Field(default=1, ge=1)
     after_s: float = Field(default=0.0, ge=0.0)
 
     @model_validator(mode="after")
     def _one_of_them(self) -> Moment:
-        if self.step is not None and self.state is not None:
-            raise ValueError("step and state: a moment is at one of them")
+        if sum(one is not None for one in (self.step, self.state, self.vehicle)) > 1:
+            raise ValueError("step and state and vehicle: a moment is at one of them")
         return self
 
-    def __str__(self) -> str:
+    @property
+    def is_by_time(self) -> bool:
+        """Return whether it is at a time, and at nothing that happens."""
+        return self.step is None and self.state is None and self.vehicle is None
+
+    @property
+    def where(self) -> str:
+        """Return what it is at."""
         if self.step is not None:
-            where = f"{'after' if self.stored else 'before'} {self.step.value}"
-        else:
-            where = "start" if self.state is None else self.state.value
-        return f"{where}{f' #{self.nth}' if self.nth > 1 else ''}{f' +{self.after_s:g} s' if self.after_s else ''}"
+            return f"{'after' if self.stored else 'before'} {self.step.value}"
+        if self.vehicle is not None:
+            return f"vehicle {self.vehicle}"
+        return "start" if self.state is None else self.state.value
+
+    def __str__(self) -> str:
+        return f"{self.where}{f' #{self.nth}' if self.nth > 1 else ''}{f' +{self.after_s:g} s' if self.after_s else ''}"
 
 
 class Blow(_Document):
@@ -58,7 +80,11 @@ class Blow(_Document):
 
 
 class Drill(_Document):
-    """One drill. loss: share of datagrams lost both ways. gust_mps, gps_m: as `sim.Weather`. solve_s: of a replan."""
+    """One drill.
+
+    guidance, fall_back: as of `GuidanceOptions`. loss: share of datagrams lost both ways. gust_mps, gps_m: as of
+    `sim.Weather`. solve_s: of a replan.
+    """
 
     seed: int
     example: Literal["paper", "minimal"] = "paper"
@@ -66,16 +92,32 @@ class Drill(_Document):
     altitude_m: float = Field(default=10.0, gt=0)
     autopilots: tuple[Autopilot, ...] = (DEFAULT_AUTOPILOT,)
     policy: Policy = "auto"
+    guidance: Mode = "mission"
+    fall_back: FallBack = FallBack.MISSION
     loss: float = Field(default=0.0, ge=0.0, le=1.0)
     gust_mps: float = Field(default=0.0, ge=0.0)
     gps_m: float = Field(default=0.0, ge=0.0)
     solve_s: float = Field(default=0.05, ge=0.0)
     plan_ahead: bool = True
+    beside: bool = False
+    """Whether the last UAV flies an operation of its own at the same time."""
     blows: tuple[Blow, ...] = ()
 
     def scenario(self) -> Scenario:
         """Return what is flown."""
         return EXAMPLES[self.example]().with_changes(slots=self.slots, altitude_m=self.altitude_m)
+
+    def flown(self) -> tuple[Scenario, Scenario | None]:
+        """Return what the operation flies, and what the one beside it flies, if there is one."""
+        scenario = self.scenario()
+        if not self.beside:
+            return scenario, None
+        *most, last = scenario.uavs
+        return scenario.with_changes(uavs=most), scenario.with_changes(uavs=[last])
+
+    def options(self) -> GuidanceOptions:
+        """Return how the flight is guided."""
+        return GuidanceOptions(mode=self.guidance, fall_back=self.fall_back)
 
     def ground(self) -> Ground:
         """Return the ground for it, on the running virtual loop."""
@@ -88,6 +130,10 @@ class Drill(_Document):
             solve_s=lambda _job: self.solve_s,
             plan_ahead=self.plan_ahead,
         )
+        if self.guidance == "stream":
+            for vehicle in made.fleet.vehicles.values():
+                if HOLDS[0] in vehicle.autopilot.parameters:
+                    vehicle.autopilot.parameters[HOLDS[0]] = HOLDS[1]
         if self.loss:
             made.fleet.impair(up=sim.Impairments(loss=self.loss), down=sim.Impairments(loss=self.loss))
         return made

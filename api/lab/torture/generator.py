@@ -5,16 +5,21 @@ from __future__ import annotations
 import random
 from collections.abc import Callable
 from itertools import permutations
-from typing import Any
+from typing import Any, get_args
 
 from skyfolio.api.flights.journal import Step
 from skyfolio.api.flights.operation_views import State
-from skyfolio.api.lab.torture.drill import Blow, Drill, Moment
+from skyfolio.api.lab.torture.drill import Blow, Drill, Moment, VehicleNews
 from skyfolio.mavlink_bridge import Autopilot
+from skyfolio.mavlink_bridge.guidance import FallBack
 
 Options = dict[str, Any]
 STEPS = [step for step in Step if step is not Step.WAITING]
 STATES = [State.UPLOADING, State.LAUNCHING, State.STARTING, State.FLYING, State.LANDING, State.LINK_LOST, State.PAUSED]
+NEWS = get_args(VehicleNews)
+TAKING_OFF = [State.UPLOADING, State.LAUNCHING, State.STARTING]
+GROUND_SHARE = 0.2
+"""Share of drills whose loss is before slot 0."""
 UAVS = {"paper": 3, "minimal": 2}
 FLEETS = [(one,) for one in Autopilot] + list(permutations(Autopilot, 2))
 """Autopilots that take turns in a fleet."""
@@ -42,13 +47,23 @@ def drill_of(seed: int) -> Drill:
         gps_m=chance.choice((0.0, 0.0, 0.5)),
         solve_s=chance.choice((0.05, 0.3, 1.5)),
         plan_ahead=chance.random() < 0.7,
+        beside=chance.random() < 0.15,
+        guidance=chance.choices(("mission", "stream"), (7, 3))[0],
+        fall_back=chance.choice((FallBack.MISSION, FallBack.MISSION, FallBack.HOLD)),
         blows=tuple(blows),
     )
 
 
 def _loss(chance: random.Random, example: str, slots: int) -> Blow:
-    """Return what makes one UAV a loss in flight: without an incident there are no steps to aim at."""
+    """Return what makes one UAV a loss, mostly in flight: without an incident there are no steps to aim at."""
     when = Moment(state=State.FLYING, after_s=_seconds(chance, slots * 5.0 * 0.7))
+    if chance.random() < GROUND_SHARE:
+        when = chance.choice(
+            (
+                Moment(state=chance.choice(TAKING_OFF), after_s=_seconds(chance, 6.0)),
+                Moment(vehicle=chance.choice(("mission_accepted", "armed", "takeoff")), nth=chance.choice((1, 2))),
+            )
+        )
     options = chance.choice((_kill, _kill, _mute, _reboot, _human, _motor))(chance, _system(chance, example))
     return Blow(when=when, kind="vehicle", options=options)
 
@@ -60,11 +75,13 @@ def _more(chance: random.Random, example: str, slots: int) -> list[Blow]:
 
 def _moment(chance: random.Random, slots: int) -> Moment:
     after_s = chance.choice((0.0, 0.0, 0.0, _seconds(chance, 0.2), _seconds(chance, 4.0)))
-    kind = chance.choices(("step", "state", "time"), (6, 3, 1))[0]
+    kind = chance.choices(("step", "state", "vehicle", "time"), (6, 3, 3, 1))[0]
     if kind == "step":
         return Moment(step=chance.choice(STEPS), stored=chance.random() < 0.5, after_s=after_s)
     if kind == "state":
         return Moment(state=chance.choice(STATES), after_s=after_s)
+    if kind == "vehicle":
+        return Moment(vehicle=chance.choice(NEWS), nth=chance.choice((1, 1, 2, 4)), after_s=after_s)
     return Moment(after_s=_seconds(chance, slots * 5.0 + 30.0))
 
 

@@ -10,12 +10,12 @@ from __future__ import annotations
 import json
 import sys
 
-from skyfolio.api.lab.torture.campaign import one, quieten
+from skyfolio.api.lab.torture.campaign import begin_worker, one
 
 
 def main() -> None:
     """Fly, and print."""
-    quieten()
+    begin_worker()
     first, last = map(int, sys.argv[1:])
     for seed in range(first, last):
         result = one(seed)

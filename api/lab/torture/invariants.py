@@ -13,7 +13,8 @@ from skyfolio.api.flights.operation_views import State
 from skyfolio.api.lab.torture import records, recoveries, reserved_air
 from skyfolio.api.lab.torture.checks import AFTERWARDS, AT_END, MEANWHILE, at_end, look, meanwhile
 from skyfolio.api.lab.torture.missions import on_board_of, strangers
-from skyfolio.api.lab.torture.watch import LOW_M, Seen
+from skyfolio.api.lab.torture.vehicles import LOW_M
+from skyfolio.api.lab.torture.watch import Seen
 from skyfolio.sim import Mode
 from skyfolio.sim.station import Vehicle
 
@@ -29,7 +30,7 @@ HARMLESS = frozenset({178, 511, 512, 521})
 
 @meanwhile
 def _separation(seen: Seen) -> Iterator[str]:
-    """Keep vehicles that fly missions D_min apart: that is what every plan and every change was checked for."""
+    """Keep vehicles D_min apart that fly plans, of any operation: every plan and every change was checked for that."""
     required_m = seen.ground.scenario.min_separation_m - OFF_PLAN_M
     flying = [vehicle for vehicle in seen.ground.fleet.vehicles.values() if _flies_a_plan(seen, vehicle)]
     frames = {vehicle.system_id: seen.place_m(vehicle) for vehicle in flying}
@@ -42,13 +43,18 @@ def _separation(seen: Seen) -> Iterator[str]:
 def _flies_a_plan(seen: Seen, vehicle: Vehicle) -> bool:
     system_id = vehicle.system_id
     untouched = system_id not in seen.harmed and system_id not in seen.foreign
-    return untouched and vehicle.armed and vehicle.mode is Mode.MISSION and vehicle.position[2] > LOW_M
+    return untouched and vehicle.armed and seen.follows_a_plan(vehicle) and vehicle.position[2] > LOW_M
 
 
 @meanwhile
 def _whole_missions(seen: Seen) -> Iterator[str]:
-    """Fly whole missions, old or new, never a mixture: people have lost aircraft to hybrids."""
+    """Fly whole missions, old or new, never a mixture: people have lost aircraft to hybrids.
+
+    A vehicle that stores wrongly what it is sent flies that until it is read back: before that, it is not known.
+    """
     for vehicle in seen.ground.fleet.vehicles.values():
+        if "corrupt_upload" in seen.harms.get(vehicle.system_id, ()):
+            continue
         if vehicle.mode is Mode.MISSION and vehicle.armed and vehicle.alive:
             items = on_board_of(vehicle)
             if items and strangers(seen, vehicle, items):
@@ -81,7 +87,7 @@ def _who_flew_to_the_end_is_on_the_ground(seen: Seen) -> Iterator[str]:
     """Leave no vehicle of a completed operation in the air."""
     if seen.end is None or seen.end.state not in {State.COMPLETED, State.COMPLETED_PARTLY}:
         return
-    for vehicle in seen.ground.fleet.vehicles.values():
+    for vehicle in seen.vehicles():
         left_to_it = vehicle.system_id not in seen.harmed and vehicle.system_id not in seen.ordered
         if left_to_it and vehicle.armed and vehicle.position[2] > LOW_M:
             yield f"vehicle {vehicle.system_id} is {vehicle.position[2]:.0f} m up"

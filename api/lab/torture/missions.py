@@ -48,9 +48,10 @@ def _found(seen: Seen, vehicle: Vehicle, items: Sequence[MissionItem]) -> Assign
 
 def _assigned(seen: Seen, uav: str) -> list[AssignedMission]:
     """Return what is on the disk, and what the service that lives still holds in memory."""
-    query = select(table.c.document).where(table.c.operation_id == seen.operation_id, table.c.uav_id == uav)
+    query = select(table.c.document).where(table.c.uav_id == uav)
     with seen.ground.disk.engine.connect() as connection:
         stored = [AssignedMission.of_document(row.document) for row in connection.execute(query)]
-    operation = seen.operation()
+    service = seen.ground.service
+    operation = None if service is None else service.operations.active(service.operations.owners().get(uav, ""))
     held = () if operation is None else operation.flight.guidance.may_fly(uav)
     return [*stored, *held]

@@ -41,7 +41,7 @@ def _every_operation_ends(seen: Seen) -> Iterator[str]:
 @at_end
 def _states_follow_each_other(seen: Seen) -> Iterator[str]:
     """Let states follow each other as documented: an operation that was aborted does not fly again."""
-    states = [event.data["state"] for event in seen.events if event.kind == "operation"]
+    states = [event.data["state"] for event in filter(seen.is_own, seen.events) if event.kind == "operation"]
     for before, after in pairwise(states):
         if after != before and after not in FOLLOWS.get(before, set()):
             yield f"{before} is followed by {after}"
@@ -57,7 +57,7 @@ def _the_slot_clock_keeps_time(seen: Seen) -> Iterator[str]:
     after = seen.slot_clock
     if before is None or after is None or before.paused is not after.paused or seen.ground.clock_ahead_s:
         return
-    if any(noted.event.kind == "operation" and noted.at_s >= before.at_s for noted in seen.noted):
+    if any(noted.event.kind == "operation" and noted.at_s >= before.at_s for noted in seen.own_noted):
         return
     passed_s = 0.0 if after.paused else after.at_s - before.at_s
     if abs(after.elapsed_s - before.elapsed_s - passed_s) > SLOT_CLOCK_S:

@@ -11,7 +11,6 @@ from skyfolio.api.lab.torture.checks import at_end, meanwhile
 from skyfolio.api.lab.torture.missions import assigned_mission
 from skyfolio.api.lab.torture.sightings import Noted, Reported
 from skyfolio.api.lab.torture.watch import Seen
-from skyfolio.sim import Mode
 
 RECOVERED_S = 20.0
 """Seconds from a verdict to the end of what is done about it, while nothing excuses a delay."""
@@ -36,7 +35,7 @@ _BY_ORDER = frozenset({"ordered", "battery"})
 @at_end
 def _nobody_healthy_is_lost(seen: Seen) -> Iterator[str]:
     """Lose no vehicle on a link that loses a tenth: a false loss takes a good UAV from its users."""
-    for event in seen.events:
+    for event in filter(seen.is_own, seen.events):
         if event.kind != "uav_lost" or event.data["cause"] in _BY_ORDER:
             continue
         uav, cause, silent_s = event.data["uav_id"], event.data["cause"], event.data["silent_for_s"]
@@ -52,6 +51,8 @@ def _who_is_gone_is_declared_lost(seen: Seen) -> Iterator[str]:
     """Notice that a vehicle is dead, or flown by a human: otherwise it is not replaced."""
     for system_id, gone in seen.gone.items():
         uav = seen.uav_of(system_id)
+        if uav not in seen.uavs:
+            continue
         verdict = next((one for one in seen.noted if _is_verdict(one, uav) and one.at_s >= gone.at_s), None)
         until = verdict or _first_end(seen, gone.at_s)
         if until is None or any(_is_verdict(one, uav) and one.at_s < gone.at_s for one in seen.noted):
@@ -67,7 +68,7 @@ def _is_verdict(noted: Noted, uav: str) -> bool:
 
 def _first_end(seen: Seen, after_s: float) -> Noted | None:
     """Return the event with which the operation stopped flying slots after that; None if it had stopped before."""
-    states = [noted for noted in seen.noted if noted.event.kind == "operation"]
+    states = [noted for noted in seen.own_noted if noted.event.kind == "operation"]
     before = [noted.event.data["state"] for noted in states if noted.at_s <= after_s]
     if not before or before[-1] != "flying":
         return None
@@ -117,12 +118,13 @@ def _survivors_are_on_a_plan_soon_after_a_verdict(seen: Seen) -> Iterator[str]:
     if seen.drill.policy != "auto":
         return
     limit_s = INSISTING_S if seen.refusing else RECOVERED_S
-    for number, noted in enumerate(seen.noted):
+    own = seen.own_noted
+    for number, noted in enumerate(own):
         if noted.event.kind != "uav_lost":
             continue
         uav = noted.event.data["uav_id"]
         report = next((one for one in seen.reports.values() if _deals_with(one, uav, noted)), None)
-        until = report or _no_longer_matters(seen, number)
+        until = report or _no_longer_matters(seen, own, number)
         took_s = until.at_s - noted.at_s - (until.excused_s - noted.excused_s)
         if took_s > limit_s:
             what = "nothing was done about it" if report is None else f"it was {report.report.outcome}"
@@ -133,18 +135,18 @@ def _deals_with(one: Reported, uav: str, loss: Noted) -> bool:
     return one.ends_it and uav in one.report.lost and one.at_s >= loss.at_s
 
 
-def _no_longer_matters(seen: Seen, loss: int) -> Noted:
+def _no_longer_matters(seen: Seen, own: list[Noted], loss: int) -> Noted:
     """Return the event after which nothing is planned any more: the last slot, an end, or the loss of the last UAV."""
-    lost = {one.event.data["uav_id"] for one in seen.noted[:loss] if one.event.kind == "uav_lost"}
-    for noted in seen.noted[loss:]:
+    lost = {one.event.data["uav_id"] for one in own[:loss] if one.event.kind == "uav_lost"}
+    for noted in own[loss:]:
         event = noted.event
         if event.kind == "operation" and event.data["state"] not in {"flying", "paused", "link_lost"}:
             return noted
         if event.kind == "uav_lost":
             lost.add(event.data["uav_id"])
-            if lost == set(seen.ground.scenario.uav_ids):
+            if lost == set(seen.uavs):
                 return noted
-    return seen.noted[-1]
+    return own[-1]
 
 
 @at_end
@@ -203,7 +205,9 @@ def _missions_are_sent_after_the_journal_has_them(seen: Seen) -> Iterator[str]:
     """Write into the journal first: a restart knows of a command only from there."""
     for at_s, system_id, message in seen.received:
         is_upload = message.get_type() == "MISSION_COUNT" and message.mission_type == 0
-        if not is_upload or not seen.is_aloft(seen.ground.fleet.vehicles[system_id]):
+        if not is_upload or seen.uav_of(system_id) not in seen.uavs:
+            continue
+        if not seen.is_aloft(seen.ground.fleet.vehicles[system_id]):
             continue
         taken = seen.last_taken(Step.UPLOADING, seen.uav_of(system_id), until_s=at_s + STEPS_S)
         closed_s = None if taken is None else seen.incident(taken.entry.incident, Step.CLOSED)
@@ -238,7 +242,7 @@ def _who_is_said_to_fly_a_new_plan_does(seen: Seen) -> Iterator[str]:
             if not seen.is_ours(uav) or not seen.is_aloft(vehicle):
                 continue
             assigned = assigned_mission(seen, vehicle)
-            if assigned is None or assigned.first_slot != report.at_slot or vehicle.mode is not Mode.MISSION:
+            if assigned is None or assigned.first_slot != report.at_slot or not seen.follows_a_plan(vehicle):
                 flown = "none of its missions" if assigned is None else f"the plan from slot {assigned.first_slot} on"
                 yield f"{uav} has {flown} in mode {vehicle.mode.name}, not the plan from slot {report.at_slot} on"
 

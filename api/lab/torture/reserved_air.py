@@ -12,9 +12,9 @@ from skyfolio.api.flights.journal import Step
 from skyfolio.api.lab.torture.checks import meanwhile
 from skyfolio.api.lab.torture.missions import assigned_mission
 from skyfolio.api.lab.torture.sightings import LostUav
-from skyfolio.api.lab.torture.watch import LOW_M, Seen
+from skyfolio.api.lab.torture.vehicles import LOW_M
+from skyfolio.api.lab.torture.watch import Seen
 from skyfolio.planner.geometry import Point
-from skyfolio.sim import Mode
 from skyfolio.sim.station import Vehicle
 
 OFF_LINE_M = 1.0
@@ -47,7 +47,7 @@ def _is_to_stay_out(seen: Seen, vehicle: Vehicle, lost: LostUav, elapsed_s: floa
     system_id = vehicle.system_id
     if system_id == lost.system_id or system_id in seen.harmed or system_id in seen.ordered:
         return False
-    if vehicle.mode is not Mode.MISSION or not seen.is_aloft(vehicle):
+    if not seen.follows_a_plan(vehicle) or not seen.is_aloft(vehicle):
         return False
     sent = seen.last_taken(Step.UPLOADING, seen.uav_of(system_id))
     began_s = None if sent is None else seen.incident(sent.entry.incident, Step.DETECTED)

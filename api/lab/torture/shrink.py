@@ -7,6 +7,10 @@ from collections.abc import Callable, Iterator
 from skyfolio.api.lab.torture.drill import Drill
 
 MOST_TRIES = 60
+_SETTINGS = (
+    *("gust_mps", "gps_m", "loss", "autopilots", "solve_s", "plan_ahead"),
+    *("beside", "guidance", "fall_back"),
+)
 Breaks = Callable[[Drill], bool]
 """Whether a drill breaks what the first one broke."""
 
@@ -32,7 +36,7 @@ def _candidates(drill: Drill) -> Iterator[Drill]:
     for place in range(len(drill.blows)):
         yield drill.model_copy(update={"blows": drill.blows[:place] + drill.blows[place + 1 :]})
     simple = Drill(seed=drill.seed)
-    for name in ("gust_mps", "gps_m", "loss", "autopilots", "solve_s", "plan_ahead"):
+    for name in _SETTINGS:
         if getattr(drill, name) != getattr(simple, name):
             yield drill.model_copy(update={name: getattr(simple, name)})
     if drill.slots > 8:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from skyfolio.api.flights.journal import Entry
 from skyfolio.api.flights.losses import LossKind
@@ -10,6 +12,15 @@ from skyfolio.api.flights.recovery_report import RecoveryReport
 from skyfolio.api.lab.torture.drill import Blow
 from skyfolio.api.store.event_log import Event
 from skyfolio.planner.geometry import Point
+
+TAKES_OVER = frozenset({"HOLD", "RETURN", "LAND", "DISARM"})
+"""Actions of a failsafe that end the mission."""
+
+
+def takes_over(detail: Mapping[str, Any]) -> bool:
+    """Return whether a failsafe flies the vehicle now; a hold because setpoints came late is still ours to end."""
+    late = detail.get("cause") == "setpoints_lost" and detail.get("action") == "HOLD"
+    return detail.get("action") in TAKES_OVER and not late
 
 
 @dataclass(frozen=True, kw_only=True)

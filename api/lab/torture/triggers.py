@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 
 from skyfolio.api.flights.journal import Entry
@@ -19,17 +20,20 @@ class Triggers:
         self._waiting = list(blows)
         self._steps: Counter[tuple[str, bool]] = Counter()
         self._states: Counter[str] = Counter()
+        self._news: Counter[str] = Counter()
+        self._truth_seen = 0
         self._seen = arena.seen
         arena.on_restart = self.follow
 
     def begin(self) -> None:
         """Begin to wait for the blows that are due so long after the operation was created, which is now."""
-        for blow in [one for one in self._waiting if one.when.step is None and one.when.state is None]:
+        for blow in [one for one in self._waiting if one.when.is_by_time]:
             self._due(blow)
 
     def follow(self, service: Service) -> None:
         """Follow the journal of a service that was just started."""
-        self._seen.note_start()
+        for one in self._seen.each:
+            one.note_start()
         ground = self._arena.ground
         service.journal.listeners.append(
             lambda entry, stored: self._step(entry, stored) if ground.service in (service, None) else None
@@ -37,18 +41,35 @@ class Triggers:
 
     def note(self, event: Event) -> None:
         """Take in an event as it is stored."""
-        self._seen.note_event(event)
+        for one in self._seen.each:
+            one.note_event(event)
+        self._seen.tell(f"event   {event.id} {event.kind} {json.dumps(event.data)}")
         if event.kind != "operation" or event.data.get("operation_id") != self._seen.operation_id:
             return
-        self._seen.state = state = event.data["state"]
+        state = self._seen.state
         self._states[state] += 1
         for blow in [one for one in self._waiting if one.when.state is not None]:
             if blow.when.state == state and blow.when.nth == self._states[state]:
                 self._due(blow)
 
+    def look(self) -> None:
+        """Take in what happened to vehicles in the last step of the fleet."""
+        events = self._arena.ground.fleet.truth.events
+        new, self._truth_seen = events[self._truth_seen :], len(events)
+        for event in new:
+            self._seen.tell(f"vehicle {event.system_id} {event.kind} {event.detail or ''}")
+            self._news[event.kind] += 1
+            for blow in [one for one in self._waiting if one.when.vehicle == event.kind]:
+                if blow.when.nth == self._news[event.kind]:
+                    self._due(blow)
+
     def _step(self, entry: Entry, stored: bool) -> None:
         if stored:
-            self._seen.note_step(entry)
+            for one in self._seen.each:
+                one.note_step(entry)
+            self._seen.tell(
+                f"journal {entry.incident} {entry.step.value} {entry.uav_id or ''} {json.dumps(entry.data)}"
+            )
         self._steps[entry.step.value, stored] += 1
         for blow in [one for one in self._waiting if one.when.step is entry.step and one.when.stored is stored]:
             if blow.when.nth == self._steps[entry.step.value, stored]:

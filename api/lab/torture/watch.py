@@ -1,10 +1,9 @@
-"""What is seen of one drill: events, journal, blows, and the ground truth, which the service cannot know."""
+"""What is seen of one drill: of each operation its events, journal and reports, and the blows."""
 
 from __future__ import annotations
 
-import gc
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from math import inf
 from pathlib import Path
@@ -17,23 +16,12 @@ from skyfolio.api.flights.losses import LossKind
 from skyfolio.api.flights.operation import Operation
 from skyfolio.api.flights.operation_views import OperationView
 from skyfolio.api.flights.recovery_report import RecoveryReport
-from skyfolio.api.lab.torture.drill import Blow, Drill
-from skyfolio.api.lab.torture.sightings import Gone, LostUav, Noted, Reported, SlotClock, Struck, Taken
+from skyfolio.api.lab.torture.drill import Blow
+from skyfolio.api.lab.torture.sightings import LostUav, Noted, Reported, SlotClock, Struck, Taken
+from skyfolio.api.lab.torture.vehicles import REFUSALS, Vehicles
 from skyfolio.api.lab.virtual.disk import COMMIT_S, FOLDER_PREFIX
-from skyfolio.api.lab.virtual.ground import Ground
 from skyfolio.api.store.event_log import Event
-from skyfolio.planner.geometry import Point
-from skyfolio.sim.geo import LocalFrame
-from skyfolio.sim.station import Vehicle
 
-LOW_M = 2.0
-"""Metres above home; a vehicle that is higher is in the air."""
-TAKES_OVER = frozenset({"HOLD", "RETURN", "LAND", "DISARM"})
-"""Actions of a failsafe that end the mission."""
-
-
-REFUSALS = frozenset({"reject_mission", "corrupt_upload"})
-"""Faults of vehicles that fly well all the same."""
 NOT_IN_THE_AIR = frozenset({"crashed", "landed"})
 """Losses of UAVs that are on the ground, whose air is free."""
 SETTLED_S = 15.0
@@ -55,27 +43,26 @@ def _target(link: Path) -> str:
 
 
 @dataclass
-class Seen:
-    """What was seen so far. `end` and `journal` are there once the drill is over."""
+class Seen(Vehicles):
+    """What was seen so far of one operation. `end`, `events` and `journal` are there once the drill is over.
 
-    drill: Drill
-    ground: Ground
+    What tells of the fleet or the service as a whole is seen for each operation as well.
+    """
+
     operation_id: str = ""
+    beside: Seen | None = None
+    """What is seen of the operation that is flown beside it, if there is one."""
     struck: list[Struck] = field(default_factory=list)
-    harmed: dict[int, float] = field(default_factory=dict)
-    """Since when each vehicle is not what it was: by a blow to it, virtual seconds."""
-    ordered: dict[int, float] = field(default_factory=dict)
-    """When the operator ordered each vehicle last."""
-    harms: dict[int, set[str]] = field(default_factory=dict)
-    """The faults that each vehicle has had."""
-    foreign: dict[int, float] = field(default_factory=dict)
-    """Since when each vehicle is flown by a human or a failsafe."""
     state: str = "none"
     coverage: Counter[tuple[str, str]] = field(default_factory=Counter)
+    moments: Counter[tuple[str, str]] = field(default_factory=Counter)
+    """How often each blow struck at each kind of moment."""
     received: list[tuple[float, int, Any]] = field(default_factory=list)
     """Messages that vehicles received since the last look: virtual second, system id, message."""
     broken: dict[str, str] = field(default_factory=dict)
     """What was broken, by invariant, as it was seen first."""
+    told: list[str] = field(default_factory=list)
+    """What happened, in order: events, steps of the journal, vehicles' news, blows, and what they broke."""
     end: OperationView | None = None
     events: list[Event] = field(default_factory=list)
     journal: list[Entry] = field(default_factory=list)
@@ -89,16 +76,10 @@ class Seen:
     """Reports of recoveries, by incident."""
     new_reports: list[Reported] = field(default_factory=list)
     """Those since the last look."""
-    gone: dict[int, Gone] = field(default_factory=dict)
-    """Vehicles that are dead, or that a human has taken."""
-    refusing: set[int] = field(default_factory=set)
-    """Vehicles that refuse uploads, or store them wrongly, and fly well all the same."""
     taken: list[Taken] = field(default_factory=list)
     """Every step of the journal that was stored, or held, while its service lived."""
     starts_s: list[float] = field(default_factory=list)
     """When a service was started, virtual seconds."""
-    excused_s: float = 0.0
-    """Virtual seconds in which something kept the service from dealing with an incident."""
     lost: dict[str, LostUav] = field(default_factory=dict)
     """UAVs whose air is reserved."""
     files_open: list[int] = field(default_factory=list)
@@ -108,23 +89,63 @@ class Seen:
     slot_clock: SlotClock | None = None
     """The slot clock at the last look."""
     _operations: WeakSet[Operation] = field(default_factory=WeakSet)
-    _impaired_until_s: dict[int, float] = field(default_factory=dict)
-    _blind: set[int] = field(default_factory=set)
-    _truth_seen: int = 0
-    _frame: LocalFrame | None = None
+
+    def beside_it(self, uavs: Sequence[str]) -> Seen:
+        """Return what is seen of an operation that other UAVs fly at the same time, from now on.
+
+        Orders, blows, messages, files, and what is broken are noted in one place for both.
+        """
+        self.beside = Seen(
+            self.drill,
+            self.ground,
+            uavs=uavs,
+            struck=self.struck,
+            ordered=self.ordered,
+            received=self.received,
+            broken=self.broken,
+            told=self.told,
+            files_open=self.files_open,
+            starts_s=[*self.starts_s],
+        )
+        return self.beside
+
+    @property
+    def each(self) -> list[Seen]:
+        """Return what is seen of each operation, this one first."""
+        return [self] if self.beside is None else [self, self.beside]
+
+    def is_own(self, event: Event) -> bool:
+        """Return whether an event tells of this operation, or of one of its UAVs, or of the service as a whole."""
+        of, uav = event.data.get("operation_id", self.operation_id), event.data.get("uav_id")
+        return of == self.operation_id and (uav is None or uav in self.uavs)
+
+    @property
+    def own_noted(self) -> list[Noted]:
+        """Return the announced events that tell of this operation."""
+        return [noted for noted in self.noted if self.is_own(noted.event)]
+
+    def tell(self, what: str) -> None:
+        """Add a line to the steps of this drill."""
+        self.told.append(f"{self.ground.now_s:9.2f} s  {what}")
 
     def note_event(self, event: Event) -> None:
         """Take in an event as its service announces it."""
         noted = Noted(at_s=self.ground.now_s, excused_s=self.excused_s, event=event)
         self.noted.append(noted)
+        if not self.is_own(event):
+            return
         self.news.append(noted)
-        if event.kind == "uav_lost":
+        if event.kind == "operation":
+            self.state = event.data["state"]
+        elif event.kind == "uav_lost":
             self._lose(event.data["uav_id"], event.data["cause"], event.data["silent_for_s"])
         elif event.kind == "uav_returned" and event.data["uav_id"] in self.lost:
             self.lost[event.data["uav_id"]].stood_m = None
 
     def note_step(self, entry: Entry) -> None:
-        """Take in a step of the journal that was stored, or is held."""
+        """Take in a step of the journal that was stored, or is held, if it is one of this operation."""
+        if entry.operation_id != self.operation_id:
+            return
         is_slow = self.ground.disk.commit_s > COMMIT_S
         self.taken.append(Taken(at_s=self.ground.now_s, entry=entry, on_slow_disk=is_slow))
 
@@ -149,8 +170,7 @@ class Seen:
                 self.new_reports.append(one)
 
     def look_into_memory(self) -> None:
-        """Note the ended operations that are still held while their service lives."""
-        gc.collect()
+        """Note the ended operations that are still held while their service lives, after garbage was collected."""
         self.remembered = [operation.id for operation in self._operations]
 
     def excuse(self, seconds: float, *, down: bool) -> None:
@@ -158,7 +178,7 @@ class Seen:
         ground = self.ground
         settles = len(self.starts_s) > 1 and ground.now_s < self.starts_s[-1] + SETTLED_S
         broken = ground.workers.dead or ground.disk.refuses is not None or ground.disk.commit_s > COMMIT_S
-        if down or settles or broken or self.state in _WAITS or any(map(self._is_cut_off, ground.fleet.vehicles)):
+        if down or settles or broken or self.state in _WAITS or any(map(self._is_cut_off, self.uavs)):
             self.excused_s += seconds
 
     def operation(self) -> Operation | None:
@@ -172,18 +192,6 @@ class Seen:
         is_well = system_id not in self.harmed or self.harms[system_id] <= REFUSALS
         return is_well and system_id not in self.ordered and uav not in self.lost
 
-    def uav_of(self, system_id: int) -> str:
-        """Return which UAV of the scenario a vehicle is."""
-        return self.ground.scenario.uav_ids[system_id - 1]
-
-    def system_of(self, uav: str) -> int:
-        """Return which vehicle a UAV of the scenario is."""
-        return self.ground.scenario.uav_ids.index(uav) + 1
-
-    def is_aloft(self, vehicle: Vehicle) -> bool:
-        """Return whether a vehicle is really in the air under its own power."""
-        return vehicle.alive and vehicle.armed and vehicle.position[2] > LOW_M
-
     def last_taken(self, step: Step, uav: str, *, until_s: float = inf) -> Taken | None:
         """Return the last such step of a UAV that was taken by then."""
         steps = (one for one in reversed(self.taken) if one.entry.step is step and one.entry.uav_id == uav)
@@ -194,10 +202,10 @@ class Seen:
         found = (one.at_s for one in self.taken if one.entry.incident == number and one.entry.step is step)
         return next(found, None)
 
-    def _is_cut_off(self, system_id: int) -> bool:
+    def _is_cut_off(self, uav: str) -> bool:
         """Return whether a vehicle that counts is not heard well, or does not know where it is."""
+        system_id = self.system_of(uav)
         vehicle = self.ground.fleet.vehicles[system_id]
-        uav = self.uav_of(system_id)
         if uav in self.lost and self.lost[uav].stood_m is not None:
             return False
         if not vehicle.alive:
@@ -217,56 +225,15 @@ class Seen:
                 break
         self.lost[uav] = LostUav(uav=uav, system_id=system_id, kind=kind, lost_at_s=self.ground.now_s, stood_m=stood_m)
 
-    def follow_truth(self) -> None:
-        """Take in what happened to vehicles since the last look."""
-        events = self.ground.fleet.truth.events
-        for event in events[self._truth_seen :]:
-            system_id = event.system_id
-            if event.kind == "fault":
-                self.harmed.setdefault(system_id, event.t_s)
-                self._follow_fault(system_id, event.t_s, event.detail)
-            elif event.kind in {"killed", "crashed"}:
-                self._follow_gone(system_id, event.t_s)
-            elif event.kind == "failsafe" and event.detail.get("action") in TAKES_OVER:
-                self.harmed.setdefault(system_id, event.t_s)
-                self.foreign.setdefault(system_id, event.t_s)
-            elif event.kind == "disarmed":
-                self.foreign.pop(system_id, None)
-            elif event.kind == "gps_lost":
-                self._blind.add(system_id)
-            elif event.kind == "gps_back":
-                self._blind.discard(system_id)
-        self._truth_seen = len(events)
-
-    def _follow_gone(self, system_id: int, at_s: float) -> None:
-        self.gone.setdefault(system_id, Gone(at_s=at_s, excused_s=self.excused_s))
-
-    def _follow_fault(self, system_id: int, at_s: float, fault: dict[str, Any]) -> None:
-        self.harms.setdefault(system_id, set()).add(str(fault.get("fault")))
-        if fault.get("fault") == "mode_change":
-            self.foreign[system_id] = at_s
-            self._follow_gone(system_id, at_s)
-        elif fault.get("fault") in REFUSALS:
-            self.refusing.add(system_id)
-        elif fault.get("fault") == "impair":
-            self._impaired_until_s[system_id] = inf if fault.get("for_s") is None else at_s + fault["for_s"]
-
-    def place_m(self, vehicle: Vehicle) -> tuple[float, float, float]:
-        """Return where a vehicle truly is: metres east and north of the scenario's origin, and above its home."""
-        lat_deg, lon_deg, up_m = vehicle.position
-        return (*self._local(lat_deg, lon_deg), up_m)
-
-    def _local(self, lat_deg: float, lon_deg: float) -> Point:
-        if self._frame is None:
-            origin = self.ground.scenario.origin
-            self._frame = LocalFrame(origin.lat_deg, origin.lon_deg)
-        return self._frame.to_local(lat_deg, lon_deg)
-
     def break_once(self, invariant: str, detail: str) -> None:
         """Note what was broken, the first time."""
+        if invariant not in self.broken:
+            self.tell(f"BROKEN  {invariant}: {detail}")
         self.broken.setdefault(invariant, f"at {self.ground.now_s:.2f} s: {detail}")
 
     def note_blow(self, blow: Blow) -> None:
         """Note that a blow strikes now."""
+        self.tell(f"STRIKE  {blow} (operation {self.state})")
         self.struck.append(Struck(at_s=self.ground.now_s, state=self.state, blow=blow))
         self.coverage[self.state, blow.kind] += 1
+        self.moments[blow.when.where, blow.kind] += 1

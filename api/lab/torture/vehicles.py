@@ -1,0 +1,122 @@
+"""What is seen of the vehicles of one operation: the ground truth, which the service cannot know."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from math import inf
+from typing import Any
+
+from skyfolio.api.lab.torture.drill import Drill
+from skyfolio.api.lab.torture.sightings import Gone, takes_over
+from skyfolio.api.lab.virtual.ground import Ground
+from skyfolio.planner.geometry import Point
+from skyfolio.sim import Mode
+from skyfolio.sim.geo import LocalFrame
+from skyfolio.sim.station import Vehicle
+
+LOW_M = 2.0
+"""Metres above home; a vehicle that is higher is in the air."""
+REFUSALS = frozenset({"reject_mission", "corrupt_upload"})
+"""Faults of vehicles that fly well all the same."""
+
+
+@dataclass
+class Vehicles:
+    """What was seen so far of the fleet, and which of its vehicles fly the operation. Times are virtual seconds."""
+
+    drill: Drill
+    ground: Ground
+    uavs: Sequence[str] = ()
+    """The UAVs that fly it; at first all."""
+    harmed: dict[int, float] = field(default_factory=dict)
+    """Since when each vehicle is not what it was: by a blow to it, virtual seconds."""
+    ordered: dict[int, float] = field(default_factory=dict)
+    """When the operator ordered each vehicle last."""
+    harms: dict[int, set[str]] = field(default_factory=dict)
+    """The faults that each vehicle has had."""
+    foreign: dict[int, float] = field(default_factory=dict)
+    """Since when each vehicle is flown by a human or a failsafe."""
+    gone: dict[int, Gone] = field(default_factory=dict)
+    """Vehicles that are dead, or that a human has taken."""
+    refusing: set[int] = field(default_factory=set)
+    """Vehicles that refuse uploads, or store them wrongly, and fly well all the same."""
+    excused_s: float = 0.0
+    """Virtual seconds in which something kept the service from dealing with an incident."""
+    _impaired_until_s: dict[int, float] = field(default_factory=dict)
+    _blind: set[int] = field(default_factory=set)
+    _truth_seen: int = 0
+    _frame: LocalFrame | None = None
+
+    def __post_init__(self) -> None:
+        """Let it be all UAVs, unless some are named."""
+        self.uavs = self.uavs or self.ground.scenario.uav_ids
+
+    def vehicles(self) -> list[Vehicle]:
+        """Return the vehicles that fly this operation."""
+        return [self.ground.fleet.vehicles[self.system_of(uav)] for uav in self.uavs]
+
+    def uav_of(self, system_id: int) -> str:
+        """Return which UAV of the scenario a vehicle is."""
+        return self.ground.scenario.uav_ids[system_id - 1]
+
+    def system_of(self, uav: str) -> int:
+        """Return which vehicle a UAV of the scenario is."""
+        return self.ground.scenario.uav_ids.index(uav) + 1
+
+    def is_aloft(self, vehicle: Vehicle) -> bool:
+        """Return whether a vehicle is really in the air under its own power."""
+        return vehicle.alive and vehicle.armed and vehicle.position[2] > LOW_M
+
+    def follows_a_plan(self, vehicle: Vehicle) -> bool:
+        """Return whether a vehicle is in a mode in which it flies a mission, or the setpoints that are streamed to it.
+
+        A vehicle that is streamed to may fall back to its mission.
+        """
+        streamed = self.drill.guidance == "stream" and vehicle.mode is Mode.GUIDED
+        return streamed or vehicle.mode is Mode.MISSION
+
+    def follow_truth(self) -> None:
+        """Take in what happened to vehicles since the last look."""
+        events = self.ground.fleet.truth.events
+        for event in events[self._truth_seen :]:
+            system_id = event.system_id
+            if event.kind == "fault":
+                self.harmed.setdefault(system_id, event.t_s)
+                self._follow_fault(system_id, event.t_s, event.detail)
+            elif event.kind in {"killed", "crashed"}:
+                self._follow_gone(system_id, event.t_s)
+            elif event.kind == "failsafe" and takes_over(event.detail):
+                self.harmed.setdefault(system_id, event.t_s)
+                self.foreign.setdefault(system_id, event.t_s)
+            elif event.kind == "disarmed":
+                self.foreign.pop(system_id, None)
+            elif event.kind == "gps_lost":
+                self._blind.add(system_id)
+            elif event.kind == "gps_back":
+                self._blind.discard(system_id)
+        self._truth_seen = len(events)
+
+    def _follow_gone(self, system_id: int, at_s: float) -> None:
+        self.gone.setdefault(system_id, Gone(at_s=at_s, excused_s=self.excused_s))
+
+    def _follow_fault(self, system_id: int, at_s: float, fault: dict[str, Any]) -> None:
+        self.harms.setdefault(system_id, set()).add(str(fault.get("fault")))
+        if fault.get("fault") == "mode_change":
+            self.foreign[system_id] = at_s
+            self._follow_gone(system_id, at_s)
+        elif fault.get("fault") in REFUSALS:
+            self.refusing.add(system_id)
+        elif fault.get("fault") == "impair":
+            self._impaired_until_s[system_id] = inf if fault.get("for_s") is None else at_s + fault["for_s"]
+
+    def place_m(self, vehicle: Vehicle) -> tuple[float, float, float]:
+        """Return where a vehicle truly is: metres east and north of the scenario's origin, and above its home."""
+        lat_deg, lon_deg, up_m = vehicle.position
+        return (*self._local(lat_deg, lon_deg), up_m)
+
+    def _local(self, lat_deg: float, lon_deg: float) -> Point:
+        if self._frame is None:
+            origin = self.ground.scenario.origin
+            self._frame = LocalFrame(origin.lat_deg, origin.lon_deg)
+        return self._frame.to_local(lat_deg, lon_deg)
