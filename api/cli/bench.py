@@ -201,6 +201,18 @@ def simulator(
 
 
 @bench.command()
+def drills(
+    runs: Annotated[int, typer.Option(min=1, help="Runs of each drill; best and median are reported.")] = 9,
+    as_json: Json = False,
+) -> None:
+    """Measure how much of a core a whole drill in virtual time takes, and for what."""
+    from skyfolio.api.lab.bench.drills import drill_figures, tables  # noqa: PLC0415
+
+    figures = drill_figures(runs)
+    _print(figures, *(() if as_json else tables(figures)))
+
+
+@bench.command()
 def radio(
     layouts: Annotated[int, typer.Option(min=1, help="User layouts of the letter's size.")] = 8,
     air: Annotated[
