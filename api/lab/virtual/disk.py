@@ -143,7 +143,7 @@ class MemoryBackend:
             await asyncio.get_running_loop().create_future()  # a dead process is never answered
 
 
-def _memory() -> sqlite3.Connection:
+def _memory() -> Any:
     return sqlite3.connect(":memory:", check_same_thread=False)
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 from asyncio.base_events import BaseEventLoop
+from collections import deque
 from collections.abc import Callable, Coroutine
 from contextvars import Context, ContextVar
 from heapq import heapify, heappop
@@ -77,6 +78,11 @@ class VirtualLoop(BaseEventLoop):
 
     Work for another thread is done at once. DeadlockError when nothing is left to wait for.
     """
+
+    _ready: deque[Any]
+    _scheduled: list[Any]
+    _stopping: bool
+    _timer_cancelled_count: int
 
     def __init__(self) -> None:
         super().__init__()
