@@ -185,6 +185,9 @@ class Classifier:
         del link, silent_s
         height, disarmed = known.height, known.disarmed
         if known.crashed.on:
+            if height.hit_mps is not None:
+                came = f"came down at {height.hit_mps:.1f} m/s at {height.hit_m:.1f} m above home"
+                return Condition.CRASHED, f"{came}, too fast to brake"
             falls = f"sinking at {height.sinking_mps:.1f} m/s at {height.up_m:.1f} m above home"
             return Condition.CRASHED, falls if disarmed is None else disarmed.seen(height)
         if known.landed.on:

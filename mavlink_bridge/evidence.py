@@ -74,6 +74,7 @@ class Evidence:
         """Begin a new flight, armed on the ground: how the flight before ended does not count any more."""
         timing = self._timing
         self.flew = False
+        self.height.forget_hit()
         self.reboot.forget()
         self.human = Lasting(timing.takeover_after_s, timing.clear_after_s)
         self.failsafe = Lasting(timing.failsafe_after_s, timing.clear_after_s)
@@ -193,10 +194,12 @@ class Evidence:
         return None if self.disarmed is None else self.disarmed.fate(self.height, self._timing, now_s)
 
     def is_falling(self, landing: int) -> bool:
-        """Return whether it sinks as no landing does, by its speed and by its height."""
-        if not self.flew or not self.armed or self.landed_state == landing:
+        """Return whether it sinks as no landing does, by its speed and by its height, or has hit the ground so."""
+        if not self.flew or not self.armed:
             return False
-        return self.height.falling_mps > self._timing.crash_descent_mps
+        if self.height.hit_mps is not None:
+            return True
+        return self.landed_state != landing and self.height.falling_mps > self._timing.crash_descent_mps
 
     def evidently_flies(self, now_s: float) -> bool:
         """Return whether it is armed, high, stays up, and does not report to be on the ground."""

@@ -325,6 +325,17 @@ def test_falling_is_a_crash_and_stays_one() -> None:
     assert story.silence(20) == []
 
 
+@pytest.mark.parametrize("from_m", [6, 10, 15])
+@pytest.mark.parametrize("landed_state", [2, 4], ids=["in the air", "landing"])
+def test_a_fall_that_is_over_before_it_could_be_seen_to_last_is_a_crash(from_m: int, landed_state: int) -> None:
+    story = Story()
+    assert story.tell(5, relative_alt=from_m * 1000) == []
+    assert story.fall(3, landed_state=landed_state) == [Condition.CRASHED]
+    assert story.cause.startswith("came down at ")
+    assert story.tell(10, base_mode=DISARMED, landed_state=1) == []
+    assert story.tell(5, base_mode=ARMED) == [Condition.LIVE]
+
+
 def test_a_speed_that_its_height_contradicts_is_no_fall() -> None:
     assert Story().tell(20, vz=1200) == []
 
