@@ -82,6 +82,13 @@ def test_a_service_may_die_while_the_second_operation_is_started(stored: State) 
     assert fly(Drill(seed=2, slots=8, beside=True, blows=(early,))).broken == {}
 
 
+def test_a_blow_after_the_end_of_the_operation_is_no_fault_of_the_service() -> None:
+    abort = Blow(when=IN_FLIGHT, kind="abort", options={"actions": ["land"]})
+    late = Moment(state=State.ABORTED, after_s=0.5)
+    falls = Blow(when=late, kind="vehicle", options={"kind": "motor_failure", "system_id": 2})
+    assert fly(Drill(seed=2, slots=8, blows=(abort, falls))).broken == {}
+
+
 def test_what_struck_at_each_moment_is_told() -> None:
     tally = Tally()
     tally.moments.update({("before swapping", "kill"): 2, ("before swapping", "mute"): 1, ("start", "kill"): 1})

@@ -102,6 +102,7 @@ async def _fly(drill: Drill, recording: Path | None) -> Seen:
             await asyncio.wait(list(arena.tasks))
         gc.collect()
         for one in seen.each:
+            one.follow_truth()
             one.look_into_memory()
         await ground.stop()
         _read_disk(seen)
