@@ -452,6 +452,18 @@ def excused(seen: Seen) -> None:
     seen.noted[-2:] = [replace(noted, excused_s=60.0) for noted in seen.noted[-2:]]
 
 
+def lost_after_the_last_slot(seen: Seen) -> None:
+    seen.reports.clear()
+    late = (0, 1, 2, 3, 6, 4, 7)
+    seen.noted = [replace(seen.noted[place], at_s=40.0 * number) for number, place in enumerate(late)]
+    seen.noted = [
+        replace(noted, event=noted.event.model_copy(update={"id": number}))
+        for number, noted in enumerate(seen.noted, start=1)
+    ]
+    seen.events = [noted.event for noted in seen.noted]
+    seen.gone.clear()
+
+
 def superseded(seen: Seen) -> None:
     first = REPORT.model_copy(update={"outcome": "superseded"})
     again = Reported(at_s=30.0, excused_s=0.0, report=REPORT.model_copy(update={"incident": 2}))
@@ -489,6 +501,7 @@ def ordered_by_the_operator(seen: Seen) -> None:
     "change",
     [
         excused,
+        lost_after_the_last_slot,
         superseded,
         flies_above,
         on_its_first_leg,

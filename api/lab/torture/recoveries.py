@@ -25,6 +25,8 @@ LATE_S = 1.0
 STEPS_S = 0.1
 """What a vehicle receives is dated by the step of the fleet before."""
 _FLIES = frozenset({"flying", "partly_flying"})
+_PLANNED_IN = frozenset({"flying", "paused", "link_lost"})
+"""States of an operation in which there may be slots left to plan."""
 _BY_ORDER = frozenset({"ordered", "battery"})
 """Losses by order of the operator."""
 
@@ -136,11 +138,17 @@ def _deals_with(one: Reported, uav: str, loss: Noted) -> bool:
 
 
 def _no_longer_matters(seen: Seen, own: list[Noted], loss: int) -> Noted:
-    """Return the event after which nothing is planned any more: the last slot, an end, or the loss of the last UAV."""
+    """Return the event after which nothing is planned any more: the last slot, an end, or the loss of the last UAV.
+
+    That is the loss itself if the last slot was over before.
+    """
+    states = [one.event.data["state"] for one in own[:loss] if one.event.kind == "operation"]
+    if states and states[-1] not in _PLANNED_IN:
+        return own[loss]
     lost = {one.event.data["uav_id"] for one in own[:loss] if one.event.kind == "uav_lost"}
     for noted in own[loss:]:
         event = noted.event
-        if event.kind == "operation" and event.data["state"] not in {"flying", "paused", "link_lost"}:
+        if event.kind == "operation" and event.data["state"] not in _PLANNED_IN:
             return noted
         if event.kind == "uav_lost":
             lost.add(event.data["uav_id"])
