@@ -180,6 +180,70 @@ def test_a_stream_ends_in_missions_before_the_lease_runs_out() -> None:
     on_ground(fly)
 
 
+def modes_of(ground: Ground) -> set[str]:
+    return {vehicle.autopilot.mode.name for vehicle in ground.fleet.vehicles.values()}
+
+
+STREAMED = GuidanceOptions(mode="stream", force_stream=True)
+
+
+def test_the_guard_of_a_killed_service_starts_missions_while_its_lease_lasts_and_another_service_goes_on() -> None:
+    async def fly(ground: Ground) -> None:
+        first = await ground.start()
+        operation = await begun(ground, first, STREAMED)
+        second = await ground.start()
+        await flying(ground, operation)
+        assert modes_of(ground) == {"GUIDED"}
+        killed_s = ground.now_s
+        ground.kill(first)
+        await so(lambda: modes_of(ground) == {"MISSION"}, TERM_S)
+        assert second.operations.active(operation.id) is None
+        assert from_place(ground, 1) == [], "the guard of another service is no business of this one"
+        await so(lambda: second.operations.active(operation.id))
+        taken = second.operations.active(operation.id)
+        assert taken is not None
+        await so(lambda: taken.state in ENDED)
+        assert (taken.state, taken.error) == (State.COMPLETED, None)
+        assert max(message.t_s for message in from_place(ground, 0)) <= killed_s + TERM_S + LATE_S
+        assert_gapless(ground)
+
+    on_ground(fly)
+
+
+def test_a_guard_that_nobody_answers_falls_silent_when_the_lease_of_its_service_runs_out() -> None:
+    async def fly(ground: Ground) -> None:
+        first = await ground.start()
+        operation = await begun(ground, first, STREAMED)
+        await flying(ground, operation)
+        killed_s = ground.now_s
+        ground.kill(first)
+        await so(lambda: "COMMAND_LONG" in names_of(from_place(ground, 0, killed_s + LATE_S)), TERM_S)
+        for system_id in ground.fleet.vehicles:
+            ground.fleet.inject(sim.Impair(system_id, down=sim.Impairments(cut=True)))
+        deaf_s = ground.now_s
+        await asyncio.sleep(20.0)
+        last_s = max(message.t_s for message in from_place(ground, 0))
+        assert deaf_s + 0.3 < last_s <= killed_s + TERM_S + LATE_S, "it tries again, as long as it may"
+
+    on_ground(fly)
+
+
+def test_only_the_guard_of_the_service_that_died_speaks_and_from_the_place_of_that_service() -> None:
+    async def fly(ground: Ground) -> None:
+        services = [await ground.start(), await ground.start()]
+        for service in services:
+            guard = service.fleet.new_guard()
+            await ground.ask(guard.start(), service)
+            items = dict.fromkeys(ground.fleet.vehicles, (0, 1, 2))
+            guard.orders(Orders(links=service.fleet.links, slot0_at=0.0, scale=1.0, slot_s=5.0, items=items))
+        for place in (1, 0):
+            assert from_place(ground, place) == []
+            ground.kill(services[place])
+            await so(lambda place=place: from_place(ground, place))  # type: ignore[misc]
+
+    on_ground(fly)
+
+
 def test_an_operator_reaches_nobody_through_a_service_whose_lease_ran_out() -> None:
     async def fly(ground: Ground) -> None:
         service = await ground.start()

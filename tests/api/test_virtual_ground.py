@@ -17,6 +17,8 @@ from skyfolio.api.common.idempotency import fresh
 from skyfolio.api.flights.operation_views import ENDED, OperationView, State
 from skyfolio.api.lab.virtual.ground import Ground
 from skyfolio.api.lab.virtual.loop import DeadlockError, VirtualLoop, run
+from skyfolio.api.lab.virtual.wire import MemoryEndpoint, Port
+from skyfolio.mavlink_bridge import ConnectionFailed
 from skyfolio.planner import EXAMPLES
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -88,6 +90,29 @@ def test_a_killed_service_writes_and_sends_nothing_more_and_the_next_one_goes_on
         assert [event.id for event in ground.stored_events()] == list(range(1, len(ground.stored_events()) + 1))
 
     on_ground(fly)
+
+
+def test_a_port_has_one_holder_until_that_closes_it_or_dies() -> None:
+    async def hold(ground: Ground) -> None:
+        dead: set[str] = set()
+
+        def end(port: Port, url: str) -> MemoryEndpoint:
+            return MemoryEndpoint(port, url, lambda _end, _frames: None, alive=lambda: url not in dead)
+
+        port = Port(ground.fleet)
+        first = end(port, "first")
+        await first.open()
+        with pytest.raises(ConnectionFailed, match="second"):
+            await end(port, "second").open()
+        first.close()
+        await end(port, "third").open()
+        with pytest.raises(ConnectionFailed, match="fourth"):
+            await end(port, "fourth").open()
+        await end(Port(ground.fleet, place=1), "elsewhere").open()
+        dead.add("third")
+        await end(port, "fifth").open()
+
+    on_ground(hold)
 
 
 def test_while_the_disk_is_full_a_flight_goes_on_and_its_events_are_stored_later() -> None:
