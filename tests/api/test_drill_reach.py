@@ -13,9 +13,9 @@ from skyfolio.api.cli.main import cli
 from skyfolio.api.common.settings import Settings
 from skyfolio.api.flights.operation_views import State
 from skyfolio.api.http.app import create_app
-from skyfolio.api.lab.torture.campaign import Tally, moments_of
 from skyfolio.api.lab.torture.drill import Blow, Drill, Moment
 from skyfolio.api.lab.torture.flight import Outcome, fly
+from skyfolio.api.lab.torture.tally import Tally, moments_of
 from skyfolio.mavlink_bridge.guidance import FallBack
 
 IN_FLIGHT = Moment(state=State.FLYING, after_s=12.0)

@@ -5,22 +5,25 @@ from __future__ import annotations
 import json
 import logging
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 from typer.testing import CliRunner
 
+from skyfolio.api.cli.files import UsageError
 from skyfolio.api.cli.main import cli
 from skyfolio.api.flights.journal import IncidentLog, Step
 from skyfolio.api.flights.operation_views import State
 from skyfolio.api.lab.torture.blows import BLOWS
-from skyfolio.api.lab.torture.campaign import Result, Tally, read_case, table_of, write_case
+from skyfolio.api.lab.torture.campaign import read_case, write_case
 from skyfolio.api.lab.torture.drill import Blow, Drill, Moment
 from skyfolio.api.lab.torture.flight import Outcome, fly
 from skyfolio.api.lab.torture.generator import drill_of
 from skyfolio.api.lab.torture.invariants import AT_END, MEANWHILE
 from skyfolio.api.lab.torture.shrink import smaller
+from skyfolio.api.lab.torture.tally import Result, Tally, table_of
 from skyfolio.mavlink_bridge import Autopilot
 from skyfolio.mavlink_bridge.classifier import Classifier
 
@@ -160,6 +163,37 @@ def test_the_coverage_is_a_table_of_blows_by_states() -> None:
     tally = Tally()
     tally.coverage.update({("flying", "kill"): 2, ("paused", "mute"): 1})
     assert table_of(tally.coverage) == [["", "flying", "paused"], ["kill", "2", "·"], ["mute", "·", "1"]]
+
+
+def test_a_campaign_that_was_stopped_goes_on_and_flies_again_what_broke(tmp_path: Path) -> None:
+    out, file = tmp_path / "out", tmp_path / "out" / "drills.jsonl"
+    command = ["torture", "--out", str(out), "--json"]
+    first = CliRunner().invoke(cli, [*command, "--drills", "2", "--seed", "1"])
+    assert first.exit_code == 0, first.output
+    flown = json.loads(first.stdout)
+    results = [Result.of_line(line) for line in file.read_text().splitlines()]
+    assert [result.seed for result in results] == [1, 2]
+    broke = replace(results[1], broken={"it": "broke"})
+    file.write_text(results[0].line() + broke.line() + '{"seed": 3, "sta')
+    summed = CliRunner().invoke(cli, [*command, "--drills", "0", "--resume"])
+    assert summed.exit_code == 1
+    report = json.loads(summed.stdout)
+    assert (report["drills"], report["failed"], report["coverage"]) == (2, 1, flown["coverage"])
+    gone_on = CliRunner().invoke(cli, [*command, "--drills", "2", "--seed", "1", "--resume"])
+    assert gone_on.exit_code == 0, gone_on.output
+    assert json.loads(gone_on.stdout)["moments"] == flown["moments"]
+    assert [Result.of_line(line).seed for line in file.read_text().splitlines()] == [1, 2, 2]
+
+
+def test_results_that_are_none_and_a_campaign_of_nothing_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "drills.jsonl").write_text('{"seed": 1}\n')
+    for options, complaint in (
+        (["--resume"], r"drills.jsonl, line 1"),
+        (["--drills", "0"], "--drills: 0 flies nothing"),
+    ):
+        refused = CliRunner().invoke(cli, ["torture", *options, "--out", str(tmp_path)])
+        with pytest.raises(UsageError, match=complaint):
+            raise refused.exception or AssertionError(refused.output)
 
 
 def test_the_command_replays_a_file_and_refuses_what_is_none(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Many drills on several cores: progress, what was broken, and the coverage of states and blows."""
+"""Many drills on several cores, and the files of those that broke something."""
 
 from __future__ import annotations
 
@@ -11,9 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, MutableMapping
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
-from statistics import median
 from typing import Any
 
 import structlog
@@ -22,6 +20,7 @@ from skyfolio.api.lab.torture.drill import Drill
 from skyfolio.api.lab.torture.flight import Outcome, fly
 from skyfolio.api.lab.torture.generator import drill_of
 from skyfolio.api.lab.torture.shrink import smaller
+from skyfolio.api.lab.torture.tally import Result, ResultFile
 
 LONGEST_S = 120
 """Seconds of its process after which a drill hangs: virtual time no longer passes."""
@@ -29,71 +28,17 @@ HANGS = "a drill comes to its end"
 UNLIKELY = "the ground itself works"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Result:
-    """What is kept of one drill. small: the shrunk drill, if it broke something."""
-
-    seed: int
-    state: str
-    broken: dict[str, str]
-    coverage: Counter[tuple[str, str]]
-    virtual_s: float
-    wall_s: float
-    moments: Counter[tuple[str, str]] = field(default_factory=Counter)
-    small: Drill | None = None
-
-
-@dataclass
-class Tally:
-    """What came of a campaign so far."""
-
-    drills: int = 0
-    states: Counter[str] = field(default_factory=Counter)
-    broken: Counter[str] = field(default_factory=Counter)
-    coverage: Counter[tuple[str, str]] = field(default_factory=Counter)
-    moments: Counter[tuple[str, str]] = field(default_factory=Counter)
-    walls_s: list[float] = field(default_factory=list)
-    virtual_s: float = 0.0
-    failures: list[Result] = field(default_factory=list)
-
-    def add(self, result: Result) -> None:
-        """Take in one drill."""
-        self.drills += 1
-        self.states[result.state] += 1
-        self.coverage.update(result.coverage)
-        self.moments.update(result.moments)
-        self.broken.update(result.broken.keys())
-        self.walls_s.append(result.wall_s)
-        self.virtual_s += result.virtual_s
-        if result.broken:
-            self.failures.append(result)
-
-    def report(self) -> dict[str, Any]:
-        """Return all of it as plain data."""
-        return {
-            "drills": self.drills,
-            "failed": len(self.failures),
-            "states": dict(sorted(self.states.items())),
-            "broken": dict(self.broken.most_common()),
-            "wall_p50_s": round(median(self.walls_s), 3) if self.walls_s else None,
-            "flown_s": round(self.virtual_s, 1),
-            "coverage": {f"{state}/{blow}": count for (state, blow), count in sorted(self.coverage.items())},
-            "moments": {f"{moment}/{blow}": count for (moment, blow), count in sorted(self.moments.items())},
-            "failures": [{"seed": one.seed, "state": one.state, "broken": one.broken} for one in self.failures],
-        }
-
-
-def campaign(seeds: Iterable[int], *, jobs: int, shrink: bool, told: Callable[[Result], None]) -> Tally:
-    """Fly the drill of each seed; `told` gets each result as it comes."""
-    tally = Tally()
+def campaign(
+    seeds: Iterable[int], *, jobs: int, shrink: bool, results: ResultFile, told: Callable[[Result], None]
+) -> None:
+    """Fly the drill of each seed; `told` gets each result as it comes, once `results` has it."""
     settle_memory()
     try:
         for result in _results(seeds, jobs, shrink=shrink):
-            tally.add(result)
+            results.add(result)
             told(result)
     finally:
         gc.unfreeze()
-    return tally
 
 
 def _results(seeds: Iterable[int], jobs: int, *, shrink: bool) -> Iterator[Result]:
@@ -208,20 +153,3 @@ def write_case(folder: Path, result: Result) -> Path:
 def read_case(file: Path) -> Drill:
     """Return the drill in a file. Raises ValueError or OSError."""
     return Drill.model_validate(json.loads(file.read_text(encoding="utf-8"))["drill"])
-
-
-def table_of(coverage: Counter[tuple[str, str]]) -> list[list[str]]:
-    """Return how often each blow struck in each state, as rows of text with a heading."""
-    states = sorted({state for state, _ in coverage})
-    blows = sorted({blow for _, blow in coverage})
-    rows = [["", *states]]
-    return rows + [[blow, *(str(coverage[state, blow] or "·") for state in states)] for blow in blows]
-
-
-def moments_of(moments: Counter[tuple[str, str]]) -> list[list[str]]:
-    """Return what struck at each kind of moment, as rows of text: moment, blows with their counts."""
-    rows = []
-    for moment in sorted({moment for moment, _ in moments}):
-        struck = sorted((blow, count) for (at, blow), count in moments.items() if at == moment)
-        rows.append([moment, ", ".join(f"{blow} {count}" for blow, count in struck)])
-    return rows
