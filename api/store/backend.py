@@ -15,8 +15,9 @@ from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine, create_async_en
 
 from skyfolio.api.common import extras
 from skyfolio.api.common.settings import TEMPORARY
+from skyfolio.api.store.committers import LoopCommitter, ThreadCommitter
 from skyfolio.api.store.lease_rows import sessions_of
-from skyfolio.api.store.writer import LoopCommitter, Statement, ThreadCommitter
+from skyfolio.api.store.writer import Statement
 
 Result = TypeVar("Result")
 SHRINK_PAGES = 2_000

@@ -20,8 +20,6 @@ from skyfolio.api.store.spill import Spill
 from skyfolio.api.store.writer import Statement, Writer
 
 log = structlog.get_logger()
-LOOK_EVERY_S = 0.1
-"""How often a flight that waits for its write checks whether the database still answers."""
 
 
 class Database:
@@ -95,10 +93,9 @@ class Database:
         return self._writer.write_soon(*statements, keep=keep)
 
     async def keep(self, *statements: Executable | Statement) -> None:
-        """Store what belongs to a flight: durable when it returns, or held if the database does not answer.
+        """Store what belongs to a flight: when it returns, the database has it, or else the local file.
 
-        Waits for the database only as long as it answers: a flight must not wait for it. Never raises
-        StoreError.
+        A flight does not wait for a database that does not answer. Never raises StoreError.
         """
         await self.kept(self.write_soon(*statements, keep=True))
 
@@ -108,8 +105,7 @@ class Database:
         Where several services share the database, it waits until the write is durable: the service that takes over must
         find everything that was done. The lease runs out, and the operation with it, if that takes too long.
         """
-        while not done.done() and (self.trouble is None or self.leases is not None):
-            await asyncio.wait({done}, timeout=LOOK_EVERY_S)
+        await (self._writer.kept(done) if self.leases is None else asyncio.wait({done}))
         if done.done() and not done.cancelled() and (error := done.exception()) is not None:
             log.critical("not stored", error=str(error))
 

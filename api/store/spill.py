@@ -1,7 +1,7 @@
 """A local file for what the database does not accept, so that nothing is lost over a restart.
 
-It holds JSON lines of SQL text and its rows, in order, beside an SQLite database or, when that disk cannot be written
-either, in the system's temporary folder. A service that starts stores them first.
+It holds JSON lines of SQL text, its rows, and a query that finds such a row, in order. It is beside an SQLite database
+or, when that disk cannot be written either, in the system's temporary folder. A service that starts stores them first.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import structlog
-from sqlalchemy import Connection, Dialect, text
+from sqlalchemy import Connection, Dialect, Executable, Insert, Table, and_, bindparam, select, text
 from sqlalchemy.dialects import sqlite
 from sqlalchemy.dialects.postgresql.base import PGDialect
 from sqlalchemy.engine import URL
@@ -66,8 +66,8 @@ class Spill:
         count = 0
         for transaction in self._stored():
             count += 1
-            for sql, rows in transaction:
-                refused = [row for row in rows if not _is_stored(connection, sql, row)]
+            for sql, rows, *twin in transaction:
+                refused = [row for row in rows if not _is_stored(connection, sql, row, *twin)]
                 if refused and sql == REQUIRE_LEASE:
                     break
         return count
@@ -91,7 +91,7 @@ class Spill:
         for file in self._files:
             file.unlink(missing_ok=True)
 
-    def _stored(self) -> Iterator[list[tuple[str, list[dict[str, Any]]]]]:
+    def _stored(self) -> Iterator[list[tuple[str, list[dict[str, Any]], str | None]]]:
         for file in self._files:
             if not file.is_file() or file.stat().st_uid != os.getuid():
                 continue
@@ -101,16 +101,32 @@ class Spill:
                 except ValueError:
                     log.error("an unfinished line of what was held is left out", file=str(file))
 
-    def _encoded(self, statement: Statement) -> tuple[str, list[dict[str, Any]]]:
+    def _encoded(self, statement: Statement) -> tuple[str, list[dict[str, Any]], str | None]:
         executable, params = statement
         rows = params if isinstance(params, list) else [params]
         columns = list(rows[0]) if rows and rows[0] else None
         compiled = executable.compile(dialect=self._dialect, column_keys=columns)  # type: ignore[attr-defined]
-        return str(compiled), [compiled.construct_params(row) for row in rows]
+        return str(compiled), [compiled.construct_params(row) for row in rows], self._twin(executable, columns or [])
+
+    def _twin(self, executable: Executable, columns: list[str]) -> str | None:
+        """Return a query that finds the very row that is inserted, where no key would refuse to store it twice.
+
+        A commit that was not answered, or not before the service was killed, may have been carried out.
+        """
+        if not isinstance(executable, Insert) or not isinstance(executable.table, Table):
+            return None
+        given = executable.table.autoincrement_column
+        if given is None or given.name in columns:
+            return None
+        same = (executable.table.c[name].is_not_distinct_from(bindparam(name)) for name in columns)
+        return str(select(given).where(and_(*same)).compile(dialect=self._dialect))
 
 
-def _is_stored(connection: Connection, sql: str, row: dict[str, Any]) -> bool:
-    """Store one row; return whether it was not refused."""
+def _is_stored(connection: Connection, sql: str, row: dict[str, Any], twin: str | None = None) -> bool:
+    """Store one row unless it is there, which the query `twin` finds; return whether it was not refused."""
+    if twin is not None and connection.execute(text(twin), row).first() is not None:
+        log.warning("left out of what was held", reason="it is stored already")
+        return True
     try:
         with connection.begin_nested():
             connection.execute(text(sql), row)

@@ -2,22 +2,21 @@
 
 Flying comes first: what a flight stores (`keep=True`) is never refused because the database does not answer. It is held
 in order and tried again until it is stored, and meanwhile a local file holds it too (`spill`), so that a restart can
-continue. Writes of clients are refused at once in that state: nothing is half done.
+continue. So it does while a commit hangs: a flight goes on once the database has what it stored, or the file. Writes of
+clients are refused at once in that state: nothing is half done.
 """
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeAlias
 
 import structlog
-from sqlalchemy import Engine, Executable
+from sqlalchemy import Executable
 from sqlalchemy.exc import DataError, DBAPIError, IntegrityError, ProgrammingError
-from sqlalchemy.ext.asyncio import AsyncEngine
 
 from skyfolio.api.common.surroundings import monotonic_s
 from skyfolio.api.store.errors import StoreError
@@ -31,7 +30,7 @@ MOST_AT_ONCE = 500
 MOST_HELD = 50_000
 """Transactions of flights that are held while the database does not answer, some 50 MB; those beyond are refused."""
 STUCK_AFTER_S = 1.0
-"""Wall seconds after which a commit that is not done counts as a database that does not answer."""
+"""Seconds after which a commit that is not done counts as a database that does not answer."""
 AGAIN_S = (0.1, 0.3, 1.0)
 """Pauses before the next tries; the last one repeats."""
 
@@ -48,12 +47,11 @@ class Holds(Protocol):
 
 @dataclass(eq=False)
 class _Transaction:
-    """The statements of one call. `keep`: they belong to a flight; `spilled`: they are in the local file too."""
+    """The statements of one call. `keep`: they belong to a flight."""
 
     statements: list[Statement]
     done: asyncio.Future[None]
     keep: bool
-    spilled: bool = False
 
 
 class Writer:
@@ -62,10 +60,18 @@ class Writer:
     def __init__(self, commit: Commit, holds: Holds | None = None) -> None:
         self._commit_all, self._holds = commit, holds
         self._waiting: list[_Transaction] = []
+        self._batch: list[_Transaction] = []
+        """What is being committed."""
         self._news = asyncio.Event()
         self._ending = False
         self._trouble: str | None = None
-        self._began_s: float | None = None
+        self._is_stuck = False
+        self._file_lock = asyncio.Lock()
+        self._file_has_lines = False
+        self._in_file: set[asyncio.Future[None]] = set()
+        """Writes of flights that the local file has, and the database has not."""
+        self._holding: asyncio.Task[None] | None = None
+        self._next_hold: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._task = asyncio.create_task(self._write_all(), name="store-writer")
 
     @property
@@ -73,13 +79,12 @@ class Writer:
         """Return why nothing can be stored at present, None while the database answers."""
         if self._trouble is not None:
             return self._trouble
-        stuck = self._began_s is not None and monotonic_s() - self._began_s > STUCK_AFTER_S
-        return f"no answer for more than {STUCK_AFTER_S:g} s" if stuck else None
+        return f"no answer for more than {STUCK_AFTER_S:g} s" if self._is_stuck else None
 
     @property
     def held(self) -> int:
         """Return how many transactions of flights wait to be stored."""
-        return sum(transaction.keep for transaction in self._waiting)
+        return sum(transaction.keep for transaction in (*self._batch, *self._waiting))
 
     def write_soon(self, *statements: Executable | Statement, keep: bool = False) -> asyncio.Future[None]:
         """Queue one transaction; the future ends when it is durable, or with StoreError when it is refused.
@@ -95,13 +100,22 @@ class Writer:
             return done
         self._waiting.append(_Transaction(rows, done, keep))
         self._news.set()
+        if keep and self._is_holding:
+            self._hold_soon()
         return done
+
+    async def kept(self, done: asyncio.Future[None]) -> None:
+        """Wait until a write of a flight is durable or refused, or the local file has it."""
+        while not done.done() and done not in self._in_file:
+            await asyncio.wait({done, self._next_hold}, return_when=asyncio.FIRST_COMPLETED)
 
     async def close(self) -> None:
         """Finish the writes that wait; what the database still refuses stays in the local file for the next start."""
         self._ending = True
         self._news.set()
         await self._task
+        if self._holding is not None:
+            await self._holding
 
     def _refusal(self, *, keep: bool) -> str | None:
         if self._trouble is None or not self._waiting:
@@ -116,14 +130,16 @@ class Writer:
             await self._news.wait()
             self._news.clear()
             while self._waiting:
-                batch, self._waiting = self._waiting[:MOST_AT_ONCE], self._waiting[MOST_AT_ONCE:]
-                kept = await self._commit(batch)
+                self._batch, self._waiting = self._waiting[:MOST_AT_ONCE], self._waiting[MOST_AT_ONCE:]
+                if self._in_file:  # what is newer than a line of the file must follow it there
+                    await self._hold()
+                kept = await self._commit(self._batch)
+                self._batch, self._waiting = [], [*kept, *self._waiting]
                 if not kept:
                     tries = 0
                     await self._recovered()
                     continue
-                self._waiting[:0] = kept
-                await self._spill()
+                await self._hold()
                 if self._ending:
                     log.critical("not stored", transactions=self.held, reason=self._trouble)
                     return
@@ -139,44 +155,78 @@ class Writer:
             self._trouble = _first_line(error)
             for transaction in batch:
                 if not transaction.keep:
-                    _refuse(transaction.done, f"write: {error}")
+                    self._end(transaction, f"write: {error}")
             return [transaction for transaction in batch if transaction.keep]
         if error is not None and len(batch) > 1:  # find the bad one; the other writes are good
             return [unstored for transaction in batch for unstored in await self._commit([transaction])]
         for transaction in batch:
             if error is not None:
                 log.error("write refused", error=str(error))
-                _refuse(transaction.done, f"write: {error}")
-            elif not transaction.done.cancelled():
-                transaction.done.set_result(None)
+            self._end(transaction, None if error is None else f"write: {error}")
         return []
 
+    def _end(self, transaction: _Transaction, refusal: str | None) -> None:
+        self._in_file.discard(transaction.done)
+        if refusal is not None:
+            _refuse(transaction.done, refusal)
+        elif not transaction.done.cancelled():
+            transaction.done.set_result(None)
+
     async def _error_of(self, rows: list[Statement]) -> Exception | None:
-        self._began_s = monotonic_s()
+        stuck = asyncio.get_running_loop().call_later(STUCK_AFTER_S, self._stuck)
         try:
             await self._commit_all(_runs(rows))
         except Exception as error:  # noqa: BLE001 - a row that cannot be stored must not end the writer
             return error
         finally:
-            self._began_s = None
+            stuck.cancel()
+            self._is_stuck = False
         return None
+
+    def _stuck(self) -> None:
+        self._is_stuck = True
+        log.critical("the database does not answer", reason=self.trouble)
+        self._hold_soon()
 
     async def _recovered(self) -> None:
         if self._trouble is not None:
             self._trouble = None
             log.warning("the database answers again", waiting=len(self._waiting))
-            for transaction in self._waiting:
-                transaction.spilled = False
-            if self._holds is not None:
-                await self._holds.clear()
+        if not self._file_has_lines and not self._file_lock.locked():
+            return
+        async with self._file_lock:
+            if self._file_has_lines and not self._in_file:
+                self._file_has_lines = False
+                if self._holds is not None:
+                    await self._holds.clear()
 
-    async def _spill(self) -> None:
-        """Write what is held and not in the local file yet into it."""
-        new = [transaction for transaction in self._waiting if transaction.keep and not transaction.spilled]
-        if self._holds is not None and new:
-            await self._holds.add([transaction.statements for transaction in new])
-            for transaction in new:
-                transaction.spilled = True
+    # -- the local file -------------------------------------------------------------------------------------------
+
+    @property
+    def _is_holding(self) -> bool:
+        """Return whether what flights store goes into the local file as well."""
+        return self.trouble is not None or bool(self._in_file)
+
+    def _hold_soon(self) -> None:
+        if self._holding is None or self._holding.done():
+            self._holding = asyncio.create_task(self._hold(), name="store-holder")
+
+    async def _hold(self) -> None:
+        """Write what is not stored, and not in the local file yet, into it, in order."""
+        async with self._file_lock:
+            while new := self._not_held():
+                self._file_has_lines = True
+                if self._holds is not None:
+                    await self._holds.add([transaction.statements for transaction in new])
+                self._in_file.update(one.done for one in new if not one.done.done())
+                held, self._next_hold = self._next_hold, asyncio.get_running_loop().create_future()
+                held.set_result(None)
+
+    def _not_held(self) -> list[_Transaction]:
+        if not self._is_holding:
+            return []
+        unstored = (one for one in (*self._batch, *self._waiting) if one.keep and not one.done.done())
+        return [one for one in unstored if one.done not in self._in_file]
 
     async def _pause(self, seconds: float) -> None:
         """Wait before the next try; the end of the service ends the wait."""
@@ -206,44 +256,6 @@ def _refuse(done: asyncio.Future[None], reason: str) -> None:
 def _first_line(error: Exception) -> str:
     cause = error.orig if isinstance(error, DBAPIError) and error.orig is not None else error
     return str(cause).splitlines()[0][:200] if str(cause) else type(cause).__name__
-
-
-class ThreadCommitter:
-    """SQLite: commits on its own connection in its own thread. The event loop pays one hop per transaction."""
-
-    def __init__(self, engine: Engine) -> None:
-        self._engine = engine
-        self._thread = ThreadPoolExecutor(1, thread_name_prefix="store-writer")
-
-    async def commit(self, statements: list[Statement]) -> None:
-        """Execute in one transaction."""
-        await asyncio.get_running_loop().run_in_executor(self._thread, self._execute, statements)
-
-    def _execute(self, statements: list[Statement]) -> None:
-        with self._engine.begin() as connection:
-            for statement, params in statements:
-                connection.execute(statement, params or None)
-
-    async def close(self) -> None:
-        """Close the connection."""
-        await asyncio.get_running_loop().run_in_executor(self._thread, self._engine.dispose)
-        self._thread.shutdown()
-
-
-class LoopCommitter:
-    """PostgreSQL: commits on the event loop, as its driver is asynchronous."""
-
-    def __init__(self, engine: AsyncEngine) -> None:
-        self._engine = engine
-
-    async def commit(self, statements: list[Statement]) -> None:
-        """Execute in one transaction."""
-        async with self._engine.begin() as connection:
-            for statement, params in statements:
-                await connection.execute(statement, params or None)
-
-    async def close(self) -> None:
-        """Do nothing: the engine belongs to the database."""
 
 
 def _runs(rows: list[Statement]) -> list[Statement]:

@@ -115,10 +115,82 @@ async def test_a_commit_that_hangs_holds_up_a_flight_once_and_not_at_each_step(
     assert await numbers(database) == list(range(1, 12))
 
 
+def an_operation() -> Statement:
+    operation = {"id": "op", "number": 1, "created_at": 0.0, "plan_id": "p", "policy": "auto", "state": "flying"}
+    return insert(operations), {**operation, "version": 0, "document": "{}"}
+
+
+async def killed(database: Database) -> None:
+    """End it as SIGKILL does: nothing is finished."""
+    writer = database._writer
+    for task in (writer._task, writer._holding):
+        if task is not None:
+            task.cancel()
+    assert isinstance(database._backend, EngineBackend)
+    await database._backend.engine.dispose()
+
+
+@pytest.mark.parametrize("is_carried_out", [False, True], ids=["never carried out", "carried out, and not answered"])
+async def test_a_step_whose_commit_hangs_outlives_a_killed_service_once(
+    database_url: str, monkeypatch: pytest.MonkeyPatch, is_carried_out: bool
+) -> None:
+    monkeypatch.setattr("skyfolio.api.store.writer.STUCK_AFTER_S", 0.05)
+    first = await Database.open(database_url)
+    await first.write(an_operation())
+    disk = Disk(first._writer)
+    commit = disk._commit
+
+    async def hanging(statements: list[Statement]) -> None:
+        if is_carried_out:
+            await commit(statements)
+        await asyncio.Event().wait()
+
+    disk._commit = hanging
+    books, at = Journal(first), datetime(2026, 1, 1, tzinfo=UTC)
+    async with asyncio.timeout(10):
+        for step in (Step.DETECTED, Step.UPLOADING):  # returns: the flight goes on
+            await books.write(Entry(operation_id="op", incident=1, step=step, at=at, elapsed_s=0.1))
+    await killed(first)
+    second = await Database.open(database_url)
+    assert [entry.step for entry in await Journal(second).of("op")] == [Step.DETECTED, Step.UPLOADING]
+    await second.close()
+
+
+async def test_a_step_that_comes_while_the_database_is_away_is_in_the_file_before_the_flight_goes_on(
+    database: Database, disk: Disk, tmp_path: Path
+) -> None:
+    disk.error = FULL
+    for number in range(1, 6):
+        async with asyncio.timeout(10):
+            await database.keep((INSERT, row(number)))
+        assert len(held_in(tmp_path)) == number
+
+
+async def test_the_file_is_kept_until_the_database_has_all_of_it(
+    database: Database, disk: Disk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("skyfolio.api.store.writer.MOST_AT_ONCE", 2)
+    disk.error = FULL
+    for number in range(1, 6):
+        await database.keep((INSERT, row(number)))
+    left: list[int] = []
+    commit = disk._commit
+
+    async def looking(statements: list[Statement]) -> None:
+        left.append(len(held_in(tmp_path)))
+        await commit(statements)
+
+    disk._commit, disk.error = looking, None
+    last = database.write_soon((INSERT, row(6)), keep=True)
+    await last
+    assert left == [6, 6, 6]  # the newer one as well: stored first, it would be undone by what is older
+    await until(lambda: held_in(tmp_path) == [])
+    assert await numbers(database) == list(range(1, 7))
+
+
 async def test_a_killed_service_leaves_what_it_held_to_the_next_one(url: str, tmp_path: Path) -> None:
     first = await Database.open(url)
-    operation = {"id": "op", "number": 1, "created_at": 0.0, "plan_id": "p", "policy": "auto", "state": "flying"}
-    await first.write((insert(operations), {**operation, "version": 0, "document": "{}"}))
+    await first.write(an_operation())
     disk = Disk(first._writer)
     disk.error = FULL
     books = Journal(first)
@@ -127,9 +199,7 @@ async def test_a_killed_service_leaves_what_it_held_to_the_next_one(url: str, tm
     first.write_soon((INSERT, [row(1), row(2)]), keep=True)
     await until(lambda: len(held_in(tmp_path)) == 2)
     assert modes_in(tmp_path) == [0o600]
-    first._writer._task.cancel()  # killed: nothing is finished
-    assert isinstance(first._backend, EngineBackend)
-    await first._backend.engine.dispose()
+    await killed(first)
     second = await Database.open(url)
     assert second.taken_up == 2
     assert await numbers(second) == [1, 2]

@@ -488,10 +488,6 @@ def sent_before_the_loss(seen: Seen) -> None:
     seen.lost["uav-3"].lost_at_s = 40.0
 
 
-def on_a_disk_that_hangs(seen: Seen) -> None:
-    seen.taken.append(Taken(at_s=22.0, entry=entry(Step.VERIFIED, "uav-1"), on_slow_disk=True))
-
-
 def ordered_by_the_operator(seen: Seen) -> None:
     seen.harmed.clear()
     seen.ordered[3] = 10.0
@@ -506,7 +502,6 @@ def ordered_by_the_operator(seen: Seen) -> None:
         flies_above,
         on_its_first_leg,
         sent_before_the_loss,
-        on_a_disk_that_hangs,
         ordered_by_the_operator,
     ],
     ids=lambda change: change.__name__,

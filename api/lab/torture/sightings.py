@@ -74,14 +74,10 @@ class SlotClock:
 
 @dataclass(frozen=True, kw_only=True)
 class Taken:
-    """A step of the journal, once it was stored or held, and when (virtual seconds).
-
-    on_slow_disk: a commit took longer than a flight waits for, so that the step was neither stored nor refused yet.
-    """
+    """A step of the journal, once it was stored or held, and when (virtual seconds)."""
 
     at_s: float
     entry: Entry
-    on_slow_disk: bool = False
 
 
 @dataclass(kw_only=True)

@@ -144,10 +144,8 @@ class Seen(Vehicles):
 
     def note_step(self, entry: Entry) -> None:
         """Take in a step of the journal that was stored, or is held, if it is one of this operation."""
-        if entry.operation_id != self.operation_id:
-            return
-        is_slow = self.ground.disk.commit_s > COMMIT_S
-        self.taken.append(Taken(at_s=self.ground.now_s, entry=entry, on_slow_disk=is_slow))
+        if entry.operation_id == self.operation_id:
+            self.taken.append(Taken(at_s=self.ground.now_s, entry=entry))
 
     def note_start(self) -> None:
         """Take in that a service was started."""
