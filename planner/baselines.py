@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from skyfolio.planner import fast
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.channel import squared_distances
 from skyfolio.planner.plans import Iteration
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.sinr import spectral_efficiency
@@ -117,7 +116,7 @@ def static(
 
 def nearest_uav(problem: Problem, paths_m: Array) -> Indices:
     """Return the UAV in flight that is nearest to each user: (K, N) indices. paths_m: (U, N, 2) metres."""
-    distance2 = squared_distances(paths_m, problem.user_m, problem.altitude_m)
+    distance2 = problem.distances2(paths_m)
     nearest: Indices = np.where(problem.flying[:, None], distance2, np.inf).argmin(axis=0)
     return nearest
 
@@ -161,7 +160,7 @@ def _apart(problem: Problem, placements_m: Array, u: int) -> NDArray[np.bool_]:
 
 def _sum_rates(problem: Problem, gain: Array, placements_m: Array) -> Array:
     """Return the sum rate of (C, U, 2) placements, each band for the best of its UAV's nearest users: (C,) bit/s."""
-    apart = placements_m[:, :, None] - problem.user_m
+    apart = placements_m[:, :, None] - problem.mean_user_m
     distance2 = np.einsum("cukd,cukd->cuk", apart, apart) + problem.altitude_m[:, None] ** 2
     snr = gain / distance2
     mine = distance2 == distance2.min(axis=1, keepdims=True)

@@ -34,14 +34,15 @@ def upper_bound_kbps(problem: Problem, rates_kbps: Array | None = None) -> float
     """Return an upper bound of the utility of every feasible plan, in kbit/s: the one that every plan gets.
 
     rates_kbps: (K, N) of a plan; what is proven about others is tighter for a good one, and true for any. Crowding
-    speaks of one realisation of the channel: rates averaged over draws are bounded by reachability, draw by draw.
+    speaks of one realisation of the channel and of users that stay: rates averaged over draws are bounded by
+    reachability, draw by draw, and those of users on tracks slot by slot.
     """
     if is_large_problem(problem):
         from skyfolio.planner.areas.ceiling import slot_ceilings_kbps  # noqa: PLC0415 - small fleets go without
 
         return lifted_kbps(problem, slot_ceilings_kbps(problem, rates_kbps))
     crowded = np.full(problem.n_slots, np.inf)
-    if problem.n_uavs >= CROWD and not problem.draws.size:
+    if problem.n_uavs >= CROWD and may_crowd(problem):
         from skyfolio.planner.crowding.bound import crowded_slot_bounds_kbps  # noqa: PLC0415 - small fleets go without
 
         crowded = crowded_slot_bounds_kbps(problem, rates_kbps)
@@ -50,6 +51,11 @@ def upper_bound_kbps(problem: Problem, rates_kbps: Array | None = None) -> float
         return mean_bound
     tangents = TANGENTS_OF_A_REPLAN if problem.past_kbps.shape[1] else TANGENTS
     return min(mean_bound, tangent_bound_kbps(problem, best_tables(optimistic_rates_kbps(problem)), tangents))
+
+
+def may_crowd(problem: Problem) -> bool:
+    """Return whether `crowding` speaks of this problem: of one realisation of the channel, and of users that stay."""
+    return not problem.draws.size and problem.user_m.shape[1] == 1 and not problem.spread_m2.any()
 
 
 def reachability_bound_kbps(problem: Problem) -> float:

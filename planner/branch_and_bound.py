@@ -123,7 +123,9 @@ class _Slot:
         radii = np.stack([reach.from_start_m[:, n], np.minimum(reach.to_end_m[:, n], 1e9)])
         scale = problem.bandwidth_hz / (1e3 * np.log(2))
         gain = problem.snr_gain[:, :, n]
-        fixed = (centres, radii, problem.discs, problem.user_m, problem.altitude_m**2, gain, scale, weights[:, n])
+        moment = min(n, problem.user_m.shape[1] - 1)
+        user_m, height2 = problem.user_m[:, moment], problem.altitude_m[:, None] ** 2 + problem.spread_m2[:, moment]
+        fixed = (centres, radii, problem.discs, user_m, height2, gain, scale, weights[:, n])
         self._fixed = tuple(plain(array) for array in fixed)
         cell = np.concatenate([problem.low_m, problem.high_m])
         self._cells = np.empty((CHUNK * 4, problem.n_uavs, 4))

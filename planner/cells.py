@@ -2,7 +2,8 @@
 
 Arrays of one slot: node (U, 4) is a rectangle per UAV, west, south, east, north in metres; centres (2, U, 2) and radii
 (2, U) are the discs of `planner.reach`; gain (U, K) is the SNR gain in m^2; scale (U,) turns nats/s/Hz into kbit/s;
-weights (K,). cells (capacity, U, 4) and keys (capacity,) hold the open nodes as a binary heap, the best at 0.
+height2 (U, K), what a squared distance over the ground lacks, m^2; weights (K,). cells (capacity, U, 4) and
+keys (capacity,) hold the open nodes as a binary heap, the best at 0.
 """
 
 from __future__ import annotations
@@ -96,8 +97,8 @@ def _snr_range(
                 away = _hypot(e - centres[c, u, 0], n - centres[c, u, 1])
                 near = max(near, away - radii[c, u])
                 far = min(far, away + radii[c, u])
-            strong[u, k] = gain[u, k] / (near * near + height2[u])
-            weak[u, k] = gain[u, k] / (far * far + height2[u])
+            strong[u, k] = gain[u, k] / (near * near + height2[u, k])
+            weak[u, k] = gain[u, k] / (far * far + height2[u, k])
 
 
 @njit(cache=True)

@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 from skyfolio.planner.places import Parts, with_metres
 from skyfolio.planner.scenario import Frozen, Hertz, Identifier, Origin, Scenario, Uav, User, Utility
 
-_PLACED: Parts = {"users_joined": ("position",), "returned": ("start", "end")}
+_PLACED: Parts = {"users_joined": ("position", "positions"), "returned": ("start", "end")}
 
 
 class ReplanError(ValueError):
@@ -47,13 +47,17 @@ class Changes(Frozen):
         return with_metres(given, _PLACED)
 
 
-def users_after(scenario: Scenario, changes: Changes) -> tuple[User, ...]:
-    """Return the users that stay, then those that join. Raises ReplanError for wrong ids, and if none is left."""
+def users_after(scenario: Scenario, changes: Changes, begin: int) -> tuple[User, ...]:
+    """Return the users that stay, as they are `begin` slots later, then those that join.
+
+    Raises ReplanError for wrong ids, and if none is left.
+    """
     known = set(scenario.user_ids)
     for one in changes.users_left:
         if one not in known:
             raise ReplanError(f"users_left: {one!r} is not a user of the plan")
-    staying = tuple(user for user in scenario.users if user.id not in changes.users_left)
+    left = set(changes.users_left)
+    staying = tuple(user.moved_on(begin, scenario.slot_duration_s) for user in scenario.users if user.id not in left)
     taken = {user.id for user in staying}
     for user in changes.users_joined:
         if user.id in taken:

@@ -18,13 +18,15 @@ HELD_BY_PLANNER = np.uint64(2**63)
 """Draws of `expected_gains` count from here: no slot does."""
 
 
-def squared_distances(paths_m: Array, user_m: Array, altitude_m: Array) -> Array:
+def squared_distances(paths_m: Array, user_m: Array, altitude_m: Array, spread_m2: Array) -> Array:
     """Return `d_uk^2[n]` of eq. (1): (U, K, N) m^2.
 
-    paths_m: (U, N, 2) and user_m: (K, 2), metres east/north; altitude_m: (U,).
+    paths_m: (U, N, 2) and user_m: (K, N or 1, 2), metres east/north; altitude_m: (U,). spread_m2: (K, N or 1), the mean
+    squared distance of users from their places, m^2.
     """
-    apart = paths_m[:, None, :, :] - user_m[None, :, None, :]
+    apart = paths_m[:, None, :, :] - user_m[None]
     squared: Array = np.einsum("uknd,uknd->ukn", apart, apart) + altitude_m[:, None, None] ** 2
+    squared += spread_m2
     return squared
 
 

@@ -10,6 +10,7 @@ from skyfolio.planner.channel import expected_gains, fading_gains
 from skyfolio.planner.plans import Plan
 from skyfolio.planner.scenario import Scenario
 from skyfolio.planner.sinr import mean_efficiency
+from skyfolio.planner.tracks import tracks_of
 
 
 def delivered_rates_bps(
@@ -32,14 +33,14 @@ def delivered_rates_bps(
     if not 0 <= slots.min() <= slots.max() < scenario.slots:
         raise ValueError(f"slots: {slots.min()}..{slots.max()} must lie in 0..{scenario.slots - 1}")
     asked, column = np.unique(slots, return_inverse=True)  # what depends on the slot is made for these alone
-    user_m = np.array([user.position_m for user in scenario.users], dtype=float)
+    user_m, spread_m2 = (table[:, slots if table.shape[1] > 1 else [0]] for table in tracks_of(scenario))
     power_w = np.array([uav.transmit_power_w for uav in scenario.uavs])
     channel = scenario.channel
     noise_w = 10 ** (channel.noise_dbm / 10 - 3)
     fading = _fading(plan, asked)[:, :, column]
-    apart = positions_m[:, :, None, :] - user_m  # (S, U, K, 2)
+    apart = positions_m[:, :, None, :] - user_m.transpose(1, 0, 2)[:, None]  # (S, U, K, 2)
     altitude_m = np.array([scenario.altitude_of(uav) for uav in scenario.uavs])
-    distance2 = np.einsum("sukd,sukd->suk", apart, apart) + altitude_m[:, None] ** 2
+    distance2 = np.einsum("sukd,sukd->suk", apart, apart) + altitude_m[:, None] ** 2 + spread_m2.T[:, None]
     on = power_w[:, None] * 10 ** (channel.reference_gain_db / 10) / noise_w * transmitting[:, :, None]
     snr = np.moveaxis(on / distance2 * np.moveaxis(fading, 2, 0), 0, 2)  # (U, K, S)
     efficiency = np.moveaxis(mean_efficiency(snr, snr, _draws(scenario)), 2, 1)  # (U, S, K)

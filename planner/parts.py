@@ -12,6 +12,9 @@ Coordinate = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-100_00
 Point = tuple[Coordinate, Coordinate]
 """East, north in metres from the origin; beyond 100 km a flat local frame is no longer honest."""
 
+Identifier = Annotated[str, Field(strict=True, pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$")]
+BitsPerSecond = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=1e15)]
+
 MAX_VERTICES = 200
 """Of the outline of one area or no-fly zone."""
 
@@ -29,9 +32,14 @@ class PositionDeg(Frozen):
     lon: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-180, le=180)]
 
 
+def left_out(description: str) -> Any:
+    """Return an optional field that is left out of what is written when it was not given."""
+    return Field(default=None, exclude_if=lambda value: value is None, description=description)
+
+
 def in_degrees(description: str) -> Any:
     """Return the field of a place in degrees. It is left out of what is written when it was not given."""
-    return Field(default=None, exclude_if=lambda value: value is None, description=description)
+    return left_out(description)
 
 
 def either(*ways: tuple[str, ...]) -> Any:

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.channel import expected_gains, fading_gains
+from skyfolio.planner.channel import expected_gains, fading_gains, squared_distances
 from skyfolio.planner.scenario import NoFlyDisc, NoFlyPolygon, Scenario
+from skyfolio.planner.tracks import tracks_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,7 +31,9 @@ class Past:
 class Problem:
     """Arrays of one planning problem; U UAVs, K users, N slots.
 
-    start_m: (U, 2) and user_m: (K, 2), metres east/north of the origin. step_m: (U,), `D_max`, metres per slot.
+    start_m: (U, 2), metres east/north of the origin. user_m: (K, S, 2), where users are in each slot; S is 1 where
+    nobody moves. spread_m2: (K, S), what is added to squared distances from there (`users.py`). step_m: (U,), `D_max`,
+    metres per slot.
     altitude_m: (U,), `H`. low_m, high_m: (2,), the flying area. separation_m: `D_min`. bandwidth_hz: (U,), `B_u`.
     snr_gain: (U, K, N), `p_u rho |h_uk[n]|^2 / sigma^2` in m^2: divided by a squared distance it is an SNR (eq. 1).
     draws: (S, U, K), factors of it over which rates are averaged (`fading: "expected"`), else empty.
@@ -45,6 +48,7 @@ class Problem:
 
     start_m: Array
     user_m: Array
+    spread_m2: Array
     step_m: Array
     altitude_m: Array
     low_m: Array
@@ -86,6 +90,21 @@ class Problem:
         there: NDArray[np.bool_] = np.arange(self.n_slots) < self.n_flying[:, None]
         return there
 
+    def distances2(self, paths_m: Array) -> Array:
+        """Return `d_uk^2[n]` of eq. (1) on these paths (U, N, 2), metres: (U, K, N) m^2."""
+        return squared_distances(paths_m, self.user_m, self.altitude_m, self.spread_m2)
+
+    @cached_property
+    def mean_user_m(self) -> Array:
+        """The mean place of each user over the slots: (K, 2) metres."""
+        mean: Array = self.user_m[:, 0] if self.user_m.shape[1] == 1 else self.user_m.mean(axis=1)
+        return mean
+
+    @cached_property
+    def has_plain_users(self) -> bool:
+        """Whether users stay where they are known to be."""
+        return self.user_m.shape[1] == 1 and not self.spread_m2.any()
+
     def counted_kbps(self, rates_kbps: Array) -> Array:
         """Return the rate table that the utility counts: the past, then the planned slots that count; (K, M + ...)."""
         return np.hstack([self.past_kbps, rates_kbps[:, self.counted_from :]])
@@ -108,9 +127,11 @@ def problem_of(scenario: Scenario, past: Past | None = None) -> Problem:
     excluded = scenario.utility.exclude_fixed_slots
     n_flying = np.array([scenario.last_slot(uav) + 1 for uav in scenario.uavs])
     no_end = (np.nan, np.nan)
+    user_m, spread_m2 = tracks_of(scenario)
     return Problem(
         start_m=np.array([uav.start_m for uav in scenario.uavs], dtype=float),
-        user_m=np.array([user.position_m for user in scenario.users], dtype=float),
+        user_m=user_m,
+        spread_m2=spread_m2,
         step_m=np.array([uav.max_speed_mps * scenario.slot_duration_s for uav in scenario.uavs]),
         altitude_m=np.array([scenario.altitude_of(uav) for uav in scenario.uavs], dtype=float),
         low_m=np.array(scenario.area_m[0], dtype=float),

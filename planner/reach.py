@@ -45,18 +45,17 @@ def squared_distance_range(
     """
     reach = reach_of(problem)
     chosen = np.arange(problem.n_slots) if slots is None else slots
-    user = problem.user_m[None]
-    to_area = np.linalg.norm(user[0] - np.clip(user[0], problem.low_m, problem.high_m), axis=-1)  # (K,)
-    to_corner = np.linalg.norm(np.maximum(user[0] - problem.low_m, problem.high_m - user[0]), axis=-1)  # (K,)
-    near, far = to_area[None, :, None], to_corner[None, :, None]
+    still = problem.user_m.shape[1] == 1
+    user = problem.user_m if still else problem.user_m[:, chosen]  # (K, S or 1, 2)
+    spread_m2 = problem.spread_m2 if still else problem.spread_m2[:, chosen]
+    near = np.linalg.norm(user - np.clip(user, problem.low_m, problem.high_m), axis=-1)[None]  # to the area
+    far = np.linalg.norm(np.maximum(user - problem.low_m, problem.high_m - user), axis=-1)[None]  # to its corners
     discs = [(problem.start_m, reach.from_start_m[:, chosen])]
     if ends:
         discs.append((problem.end_m, reach.to_end_m[:, chosen]))
     for centre_m, radius_m in discs:
-        away = np.linalg.norm(user - np.where(np.isnan(centre_m), 0.0, centre_m)[:, None], axis=-1)[
-            :, :, None
-        ]  # (U, K, 1)
+        away = np.linalg.norm(user - np.where(np.isnan(centre_m), 0.0, centre_m)[:, None, None], axis=-1)
         near = np.maximum(near, away - radius_m[:, None, :])
         far = np.minimum(far, away + radius_m[:, None, :])
-    height2 = problem.altitude_m[:, None, None] ** 2
+    height2 = problem.altitude_m[:, None, None] ** 2 + spread_m2
     return near**2 + height2, far**2 + height2

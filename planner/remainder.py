@@ -60,7 +60,7 @@ def remaining(
         for uav in previous.scenario.uavs
         if uav.id not in gone and previous.scenario.last_slot(uav) >= begin
     )
-    uavs, users = uavs_after(survivors, changes), users_after(previous.scenario, changes)
+    uavs, users = uavs_after(survivors, changes), users_after(previous.scenario, changes, begin)
     if not uavs:
         raise ReplanError("failed: no UAV would be left to plan for")
     utility = changes.utility or previous.scenario.utility
@@ -105,7 +105,7 @@ def places_changed_m(
 def _whose_fault(error: ValidationError, changes: Changes) -> str:
     """Return the broken rule of the remaining scenario, preceded by the field of the request that broke it."""
     said = str(error.errors()[0]["msg"]).removeprefix("Value error, ")
-    if said.startswith("users:"):
+    if said.startswith("users"):
         return f"users_joined: {said.removeprefix('users: ')}"
     field = "returned" if any(f"'{uav.id}'" in said for uav in changes.returned) else "positions_m"
     return f"{field}: {said}"

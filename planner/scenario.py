@@ -18,8 +18,10 @@ from shapely import Polygon
 
 from skyfolio.planner.parts import (
     MAX_VERTICES,
+    BitsPerSecond,
     Coordinate,
     Frozen,
+    Identifier,
     Origin,
     Placed,
     Point,
@@ -29,6 +31,7 @@ from skyfolio.planner.parts import (
     without_stale_degrees,
 )
 from skyfolio.planner.places import Twin, require_agreement, require_closed_off, with_metres
+from skyfolio.planner.users import User, require_tracks
 
 __all__ = [
     "Altitude",
@@ -55,14 +58,11 @@ __all__ = [
 Altitude = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0.1, le=20_000)]
 Hertz = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=1, le=1e11)]
 Watts = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=1e-12, le=1e6)]
-BitsPerSecond = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=1e15)]
 REACH_ROUNDING_M = 1e-10
 """An end position this little further away than a UAV can fly is in reach: what adding up its steps is off by."""
 
 Fading = Literal["mean", "sampled", "held", "expected"]
 """The small-scale gain of a link: its mean, drawn in every slot, or drawn once and held."""
-
-Identifier = Annotated[str, Field(strict=True, pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$")]
 
 
 class Uav(Placed):
@@ -84,20 +84,6 @@ class Uav(Placed):
     leaves_at_slot: Annotated[int, Field(strict=True, ge=1)] | None = None
     start_deg: PositionDeg | None = in_degrees("Where it starts, degrees; may be given instead of `start_m`.")
     end_deg: PositionDeg | None = in_degrees("Where it must end, degrees; may be given instead of `end_m`.")
-
-
-class User(Placed):
-    """One quasi-static user on the ground: `c_k` of the letter. It may stand outside the flying area.
-
-    `min_rate_bps` is what it must get in every slot, bit/s.
-    """
-
-    model_config = ConfigDict(json_schema_extra=either(("position_m",), ("position_deg",)))
-
-    id: Identifier
-    position_m: Point
-    min_rate_bps: BitsPerSecond = 0.0
-    position_deg: PositionDeg | None = in_degrees("Where it is, degrees; may be given instead of `position_m`.")
 
 
 class Channel(Frozen):
@@ -202,6 +188,7 @@ class Scenario(Frozen):
         self._check_degrees()
         _require_unique("uavs", [uav.id for uav in self.uavs])
         _require_unique("users", [user.id for user in self.users])
+        require_tracks(self.users, self.slots, self.slot_duration_s)
         for index, uav in enumerate(self.uavs):
             self._check_point(f"uavs.{index}.start_m", uav.start_m, uav.id)
             if uav.end_m is not None:
@@ -218,6 +205,7 @@ class Scenario(Frozen):
     def _check_degrees(self) -> None:
         twins = [
             *(Twin(f"users.{k}.position", user.position_m, user.position_deg) for k, user in enumerate(self.users)),
+            *(Twin(f"users.{k}.positions", user.positions_m, user.positions_deg) for k, user in enumerate(self.users)),
             *(Twin(f"uavs.{u}.start", uav.start_m, uav.start_deg) for u, uav in enumerate(self.uavs)),
             *(Twin(f"uavs.{u}.end", uav.end_m, uav.end_deg) for u, uav in enumerate(self.uavs)),
             *(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.channel import squared_distances, sum_of_others
+from skyfolio.planner.channel import sum_of_others
 from skyfolio.planner.problem import Problem
 
 
@@ -14,7 +14,7 @@ def spectral_efficiency(problem: Problem, paths_m: Array) -> Array:
 
     Every other UAV of the fleet interferes on the whole band, as in the letter.
     """
-    snr = problem.snr_gain / squared_distances(paths_m, problem.user_m, problem.altitude_m)
+    snr = problem.snr_gain / problem.distances2(paths_m)
     return mean_efficiency(snr, snr, problem.draws)
 
 

@@ -131,9 +131,14 @@ def broken(error: ValidationError) -> str:
 
 
 def _put(entry: dict[str, Any], kind: Kind, east_m: float, north_m: float) -> None:
-    """Set the position; where it was in degrees is no longer so."""
+    """Set the position, and move a user's track along; where it was in degrees is no longer so."""
+    east, north = entry[_where(kind)]
     entry[_where(kind)] = [east_m, north_m]
     entry.pop(_where(kind).replace("_m", "_deg"), None)
+    if kind == "user" and entry.get("positions_m"):
+        track = [[e + east_m - east, n + north_m - north] for e, n in entry["positions_m"]]
+        entry["positions_m"] = [[east_m, north_m], *track[1:]]
+        entry.pop("positions_deg", None)
 
 
 def _where(kind: Kind) -> str:

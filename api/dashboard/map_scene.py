@@ -43,6 +43,7 @@ def scene(scenario: Scenario, plans: Sequence[tuple[str, Plan]] = (), **more: An
         "origin": scenario.origin.model_dump(),
         "no_fly": [zone.model_dump() for zone in scenario.no_fly],
         "users": [(user.id, *user.position_m) for user in scenario.users],
+        "user_tracks": user_tracks(scenario),
         "uavs": list(scenario.uav_ids),
         "d_min": scenario.min_separation_m,
         "rate_max": max([1e3, *rates]) if rates else None,
@@ -62,6 +63,7 @@ def sketch(data: Json, pins: Pins | None = None) -> tuple[Json, Json]:
         "origin": data["origin"],
         "no_fly": data["no_fly"],
         "users": [(user["id"], *user["position_m"]) for user in data["users"]],
+        "user_tracks": {user["id"]: user["positions_m"] for user in data["users"] if user.get("positions_m")},
         "uavs": [uav["id"] for uav in data["uavs"]],
         "d_min": data["min_separation_m"] or 0.0,
         "rate_max": None,
@@ -72,6 +74,22 @@ def sketch(data: Json, pins: Pins | None = None) -> tuple[Json, Json]:
     }
     spots = [Spot(uav_id=uav["id"], at_m=tuple(uav["start_m"])) for uav in data["uavs"]]
     return drawn, frame(spots, None, None, {}, live=False)
+
+
+def user_tracks(scenario: Scenario) -> dict[str, list[Point]]:
+    """Return where each user that moves is when each slot begins."""
+    slot_s = scenario.slot_duration_s
+    return {user.id: [user.place_m(n, slot_s) for n in range(scenario.slots)] for user in scenario.users if user.moves}
+
+
+def whereabouts(scenario: Scenario, n: int) -> dict[str, tuple[float, float, float]]:
+    """Return place and radius, metres, in slot n of each user that moves or may be elsewhere than at its place."""
+    slot_s = scenario.slot_duration_s
+    return {
+        user.id: (*user.place_m(n, slot_s), user.radius_m(n, slot_s))
+        for user in scenario.users
+        if user.moves or user.radius_m(n, slot_s) > 0.0
+    }
 
 
 def pinned_ids(pins: Pins) -> list[str]:
@@ -109,10 +127,12 @@ def frame(
         more: Further fields of the frame.
     """
     known = {user: rates.get(user) for user in plan.scenario.user_ids} if plan else {}
+    at = None if plan is None or slot is None else local_slot(plan, slot)
     return {
         "uavs": [_drawn(spot) for spot in spots],
         "links": links(plan, slot) if plan and slot is not None else [],
         "rates": known,
+        "users": {} if plan is None or at is None else whereabouts(plan.scenario, at),
         "cut": cut_off(promise or plan, slot, known) if plan and slot is not None else [],
         "slot": slot,
         "live": True,
@@ -120,15 +140,20 @@ def frame(
     }
 
 
+def local_slot(plan: Plan, slot: int) -> int:
+    """Return the slot of the plan that a slot of the operation is, the nearest one if it has none."""
+    return min(max(slot - plan.first_slot, 0), plan.scenario.slots - 1)
+
+
 def links(plan: Plan, slot: int) -> list[tuple[str, str, float]]:
     """Return (user, UAV, bandwidth in Hz) of every link of that slot of the operation's grid."""
-    n = min(max(slot - plan.first_slot, 0), plan.scenario.slots - 1)
+    n = local_slot(plan, slot)
     return [(user, row[n], plan.bandwidth_hz[user][n]) for user, row in plan.association.items() if row[n]]
 
 
 def cut_off(plan: Plan, slot: int, rates: Mapping[str, float | None]) -> list[str]:
     """Return the users that get almost nothing of their planned rate in that slot; `rates` are in bit/s by user id."""
-    n = min(max(slot - plan.first_slot, 0), plan.scenario.slots - 1)
+    n = local_slot(plan, slot)
     found = []
     for user, promised in plan.user_rates_bps.items():
         rate = rates.get(user)
@@ -144,7 +169,7 @@ def planned_frame(
     lost_at_m: Mapping[str, Point] | None = None,
 ) -> Json:
     """Return the planned situation at the beginning of that slot; `lost_at_m` has the last positions of lost UAVs."""
-    n = min(max(slot - plan.first_slot, 0), plan.scenario.slots - 1)
+    n = local_slot(plan, slot)
     spots = [Spot(uav_id=uav, at_m=path[n], course_deg=_course(path, n)) for uav, path in plan.trajectories_m.items()]
     spots += [Spot(uav_id=uav, at_m=at, lost=True) for uav, at in (lost_at_m or {}).items()]
     planned = {user: row[n] for user, row in plan.user_rates_bps.items()}

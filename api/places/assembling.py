@@ -8,12 +8,13 @@ from math import cos, radians
 from typing import Annotated, Any
 
 from pydantic import Field, ValidationError
-from shapely import MultiPolygon, Point, Polygon
+from shapely import LineString, MultiPolygon, Point, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from skyfolio.api.common.validation import broken_rules
 from skyfolio.api.places.faults import Fault, FaultyFilesError
 from skyfolio.api.places.files import Feature, Kind
+from skyfolio.api.places.properties import VELOCITY
 from skyfolio.planner import Channel, Origin, Scenario, Utility
 from skyfolio.planner.places import require_one_region
 from skyfolio.planner.scenario import Altitude, Frozen, PositionDeg
@@ -24,6 +25,8 @@ the east and west."""
 DEFAULTS: Mapping[str, Any] = {"slots": 20, "slot_duration_s": 5.0, "altitude_m": 60.0, "min_separation_m": 4.0}
 """Those of the letter."""
 LISTS: Mapping[Kind, str] = {"user": "users", "uav": "uavs", "no_fly": "no_fly"}
+_SHAPES: Mapping[Kind, tuple[type[BaseGeometry], ...]] = {"user": (Point, LineString), "uav": (Point,)}
+"""A user that is a line has a place for each slot."""
 _SINGULAR = {"users": "user", "uavs": "UAV"}
 
 
@@ -152,11 +155,12 @@ class Assembly:
     def _one_region(self, raw: Mapping[str, Any]) -> list[PositionDeg]:
         """Return the places of all users and UAVs. Raises FaultyFilesError if they do not lie in one region."""
         named = [
-            (f"{part}.{index}.{name}", PositionDeg.model_validate(row[name]))
-            for part, names in (("users", ("position_deg",)), ("uavs", ("start_deg", "end_deg")))
+            (f"{part}.{index}.{name}", PositionDeg.model_validate(place))
+            for part, names in (("users", ("position_deg", "positions_deg")), ("uavs", ("start_deg", "end_deg")))
             for index, row in enumerate(raw[part])
             for name in names
             if name in row
+            for place in (row[name] if isinstance(row[name], list) else [row[name]])
         ]
         try:
             require_one_region(named)
@@ -190,8 +194,11 @@ def _misplaced(feature: Feature) -> Iterator[Fault]:
     bounds = shape.bounds
     if kind == "uav":
         yield from _wrong_end(feature)
-    if kind in {"user", "uav"} and not isinstance(shape, Point):
-        yield feature.fault("geometry", f"a {kind} must be a Point, not a {shape.geom_type}", "lat")
+    if kind == "user":
+        yield from _wrong_velocity(feature)
+    if kind in _SHAPES and not isinstance(shape, _SHAPES[kind]):
+        known = " or ".join(f"a {one.__name__}" for one in _SHAPES[kind])
+        yield feature.fault("geometry", f"a {kind} must be {known}, not a {shape.geom_type}", "lat")
     elif kind == "no_fly" and isinstance(shape, Point) and "radius_m" not in feature.values:
         yield feature.fault("geometry", "a no-fly zone that is a Point must have a radius_m", "radius_m")
     elif kind in {"no_fly", "area"} and not isinstance(shape, Polygon | MultiPolygon | Point):
@@ -220,11 +227,20 @@ def _wrong_end(feature: Feature) -> Iterator[Fault]:
         yield feature.fault("end", "end_lat_deg and end_lon_deg belong together", next(iter(given)))
 
 
+def _wrong_velocity(feature: Feature) -> Iterator[Fault]:
+    """Yield what is wrong with how a user moves."""
+    given = [name for name in VELOCITY if name in feature.values]
+    if len(given) == 1:
+        yield feature.fault("velocity", f"{' and '.join(VELOCITY)} belong together", given[0])
+
+
 def _parts(feature: Feature) -> Iterator[dict[str, Any]]:
     """Yield the raw parts of a scenario that one feature makes: zones of several polygons make several."""
     values, shape = dict(feature.values), feature.geometry
     if feature.kind == "user":
-        yield {**values, "position_deg": _place(shape)}
+        velocity = [values.pop(name) for name in VELOCITY if name in values]
+        moving = {"velocity_mps": [*map(float, velocity)]} if velocity else {}
+        yield {**values, **moving, **_places(shape)}
     elif feature.kind == "uav":
         end = values.pop("end_lat_deg", None), values.pop("end_lon_deg", None)
         ends = {} if end == (None, None) else {"end_deg": {"lat": end[0], "lon": end[1]}}
@@ -245,6 +261,13 @@ def _polygons(shape: BaseGeometry) -> list[Polygon]:
 def _place(point: BaseGeometry) -> dict[str, float]:
     assert isinstance(point, Point)  # noqa: S101 - `_misplaced` has looked
     return {"lat": point.y, "lon": point.x}
+
+
+def _places(shape: BaseGeometry) -> dict[str, Any]:
+    """Return where a user is: a line has a place for each slot."""
+    if isinstance(shape, LineString):
+        return {"positions_deg": [{"lat": lat, "lon": lon} for lon, lat, *_ in shape.coords]}
+    return {"position_deg": _place(shape)}
 
 
 def _outline(polygon: Polygon) -> list[dict[str, float]]:

@@ -73,7 +73,8 @@ class Feature:
 
     def fault(self, rule: str, message: str, name: str = "") -> Fault:
         """Return a fault of this feature; name: the field of the scenario that it is about."""
-        place = self.columns.get("lat", name) if name.endswith("_deg") and name not in self.values else name
+        is_place = name.endswith(("_deg", "positions_m")) and name not in self.values
+        place = self.columns.get("lat", name) if is_place else name
         return self.file.fault(rule, message, self.row, self.columns.get(name, place))
 
 

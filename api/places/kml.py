@@ -10,7 +10,7 @@ from xml.etree.ElementTree import Element, ParseError
 from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 from shapely.errors import GEOSException
-from shapely.geometry import MultiPolygon, Point, Polygon
+from shapely.geometry import LineString, MultiPolygon, Point, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from skyfolio.api.places.faults import FaultyFilesError
@@ -19,7 +19,7 @@ from skyfolio.api.places.geojson import SETTINGS
 from skyfolio.api.places.properties import Reading, WrongValueError, number
 
 COLUMNS = dict.fromkeys(("lat", "lon"), "coordinates")
-_READ = frozenset({"Point", "Polygon", "MultiGeometry"})
+_READ = frozenset({"Point", "LineString", "Polygon", "MultiGeometry"})
 
 
 def read(file: SourceFile) -> Holding:
@@ -73,6 +73,11 @@ def _geometry(placemark: Element) -> BaseGeometry | None:
     if _local(shapes[0]) == "Point":
         [where] = _coordinates(shapes[0], exactly=1)
         return Point(where)
+    if _local(shapes[0]) == "LineString":
+        places = _coordinates(shapes[0])
+        if len(places) < 2:
+            raise WrongValueError("coordinates", f"a line must have two places or more, not {len(places)}")
+        return LineString(places)
     polygons = [element for element in shapes[0].iter() if _local(element) == "Polygon"]
     if not polygons:
         raise WrongValueError("geometry", f"a {_local(shapes[0])} must hold polygons")

@@ -10,6 +10,7 @@ from shapely.geometry import LineString, Point, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from skyfolio.api.places.assembling import ScenarioSettings
+from skyfolio.api.places.properties import VELOCITY
 from skyfolio.planner import Plan, Scenario, Uav
 from skyfolio.planner.geodesy import points_to_geodetic
 from skyfolio.planner.places import closings_m, four_corners
@@ -129,8 +130,18 @@ def _zones(scenario: Scenario) -> Iterator[Outlined]:
 def _users(scenario: Scenario, plan: Plan | None = None) -> Iterator[Outlined]:
     for user in scenario.users:
         rates = {} if plan is None else {"mean_rate_bps": _mean(plan.user_rates_bps[user.id])}
-        at = _place(scenario, user.position_m, user.position_deg)
-        yield Outlined(kind="user", name=user.id, geometry=at, properties={**_numbers(user), **rates})
+        yield Outlined(
+            kind="user", name=user.id, geometry=_where(scenario, user), properties={**_numbers(user), **rates}
+        )
+
+
+def _where(scenario: Scenario, user: User) -> Point | LineString:
+    """Return a user's place, or the line through its places, one for each slot."""
+    if user.positions_m is None or len(user.positions_m) < 2:
+        return _place(scenario, user.position_m, user.position_deg)
+    if user.positions_deg is not None:
+        return LineString([(place.lon, place.lat) for place in user.positions_deg])
+    return LineString([(lon, lat) for lat, lon in _degrees(scenario, user.positions_m)])
 
 
 def _uavs(scenario: Scenario) -> Iterator[Outlined]:
@@ -145,7 +156,9 @@ def _uavs(scenario: Scenario) -> Iterator[Outlined]:
 
 def _numbers(part: User | Uav) -> dict[str, Any]:
     """Return what is said of a user or UAV beside its id and its places."""
-    return {name: value for name, value in part.model_dump(mode="json").items() if isinstance(value, int | float)}
+    told = {name: value for name, value in part.model_dump(mode="json").items() if isinstance(value, int | float)}
+    velocity = part.velocity_mps if isinstance(part, User) else None
+    return told if velocity is None else told | dict(zip(VELOCITY, velocity, strict=True))
 
 
 def _place(scenario: Scenario, metres: Metres, degrees: PositionDeg | None) -> Point:

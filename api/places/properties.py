@@ -37,6 +37,8 @@ ALIASES: Mapping[str, tuple[str, ...]] = {
     "lat_deg": ("lat_deg", "lat", "latitude", "y"),
     "lon_deg": ("lon_deg", "lon", "lng", "long", "longitude", "x"),
 }
+VELOCITY = ("velocity_east_mps", "velocity_north_mps")
+"""Columns of a user's `velocity_mps`."""
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
 _IDENTIFIER = TypeAdapter(Identifier)
@@ -159,11 +161,16 @@ def number_fields(kind: Kind) -> dict[str, type]:
         return {}
     places = {name.removesuffix("_deg") for name in part.model_fields if name.endswith("_deg")}
     ends = {"end_lat_deg": float, "end_lon_deg": float} if "end" in places else {}
-    return ends | {
-        name: float if "float" in str(info.annotation) or "float" in str(info.metadata) else int
-        for name, info in part.model_fields.items()
-        if name not in {"id", "kind"} and name.removesuffix("_deg").removesuffix("_m") not in places
-    }
+    moving = dict.fromkeys(VELOCITY, float) if "velocity_mps" in part.model_fields else {}
+    return (
+        ends
+        | moving
+        | {
+            name: float if "float" in str(info.annotation) or "float" in str(info.metadata) else int
+            for name, info in part.model_fields.items()
+            if name not in {"id", "kind", "velocity_mps"} and name.removesuffix("_deg").removesuffix("_m") not in places
+        }
+    )
 
 
 def _identity(given: Mapping[str, Any]) -> dict[str, str]:

@@ -58,7 +58,7 @@ class AreaProblem:
     def whole(self) -> Problem:
         """Return the problem with everything outside in it."""
         problem, outside = self.problem, self.outside
-        noise = heard(outside.gain, outside.paths_m, outside.altitude_m, problem.user_m)
+        noise = heard(outside.gain, outside.paths_m, outside.altitude_m, problem.mean_user_m)
         made = replace(problem, snr_gain=problem.snr_gain / noise[None] * ~outside.serves[None])
         if problem.mu == 0.0 or problem.kind == "per_user":
             return made
@@ -126,7 +126,8 @@ def _with_rest(problem: Problem, sum_kbps: Array) -> Problem:
         problem,
         snr_gain=gain,
         start_m=_and(problem.start_m, far),
-        user_m=_and(problem.user_m, far),
+        user_m=_and(problem.user_m, far[None]),
+        spread_m2=_and(problem.spread_m2, np.zeros(1)),
         step_m=_and(problem.step_m, 0.0),
         altitude_m=_and(problem.altitude_m, 1.0),
         bandwidth_hz=_and(problem.bandwidth_hz, khz * 1e3),

@@ -78,7 +78,7 @@ def nearest_uavs(problem: Problem, paths_m: Array) -> Ints:
     near = []
     for n in sorted(moments):
         flying = np.flatnonzero(problem.flying[:, n])
-        near.append(flying[KDTree(paths_m[flying, n]).query(problem.user_m)[1]])
+        near.append(flying[KDTree(paths_m[flying, n]).query(problem.mean_user_m)[1]])
     return np.stack(near, axis=1)
 
 
@@ -108,6 +108,7 @@ def area_problem(problem: Problem, joint: Joint, area: Area, users: Ints) -> Are
         problem,
         start_m=problem.start_m[uavs],
         user_m=problem.user_m[users],
+        spread_m2=problem.spread_m2[users],
         step_m=problem.step_m[uavs],
         altitude_m=problem.altitude_m[uavs],
         bandwidth_hz=problem.bandwidth_hz[uavs],
@@ -155,7 +156,7 @@ def _matched(problem: Problem, paths_m: Array, run: Runner) -> Solution:
             paths_m=paths_m[:, part],
             altitude_m=problem.altitude_m,
             bandwidth_hz=problem.bandwidth_hz,
-            user_m=problem.user_m,
+            user_m=problem.mean_user_m,
         )
         for part in slots
     ]

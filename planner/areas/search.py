@@ -91,8 +91,8 @@ def optimise(
     n_starts: of each area in the first round. run: runs the tasks of areas that can be planned at the same time
     (default: one after the other, here). The result does not depend on it, but for interruptions. around_m: (P, 2),
     metres, with `start_m`: only areas around these points are planned anew, the other UAVs fly on as in `start_m`.
-    Raises UnreachableEndError when no paths to all ends are found, and ValueError for fading other than `mean`, and
-    for pins.
+    Raises UnreachableEndError when no paths to all ends are found, and ValueError for fading other than `mean`, for
+    pins, and for users who move.
     """
     _require_able(problem)
     search = Search(problem, stop, observer, run or partial(_one_by_one, stop), seed)
@@ -112,6 +112,8 @@ def _require_able(problem: Problem) -> None:
         raise ValueError("channel.fading: the method 'areas' plans the 'mean' channel alone; use 'fast'")
     if problem.pinned_m.size or problem.pinned_to.size:
         raise ValueError("pins: the method 'areas' keeps no pins")
+    if not problem.has_plain_users:
+        raise ValueError("users: the method 'areas' knows no tracks; use 'fast'")
 
 
 def _one_by_one(stop: StoppingRule, tasks: Sequence[Task]) -> list[Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.scenario import Scenario
+from skyfolio.planner.tracks import are_plain
 
 MOST_AT_ONCE = 20_000_000
 """U K N up to which a fleet is planned at once."""
@@ -12,9 +13,10 @@ MOST_AT_ONCE = 20_000_000
 def is_large(scenario: Scenario) -> bool:
     """Return whether the scenario is planned by areas unless another method is named."""
     cells = len(scenario.uavs) * len(scenario.users) * scenario.slots
-    return cells > MOST_AT_ONCE and scenario.channel.fading == "mean"
+    return cells > MOST_AT_ONCE and scenario.channel.fading == "mean" and are_plain(scenario)
 
 
 def is_large_problem(problem: Problem) -> bool:
     """Return the same of its arrays: whether tables of U K N numbers are to be avoided, and need not be made."""
-    return problem.snr_gain.size > MOST_AT_ONCE and problem.snr_gain.strides[1] == 0 and not problem.draws.size
+    alike = problem.snr_gain.strides[1] == 0 and not problem.draws.size
+    return problem.snr_gain.size > MOST_AT_ONCE and alike and problem.has_plain_users

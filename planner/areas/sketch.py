@@ -73,6 +73,7 @@ def of_users(problem: Problem, users: Ints) -> Problem:
         problem,
         snr_gain=np.broadcast_to(gain[:, :1], (len(gain), len(users), gain.shape[2])),
         user_m=problem.user_m[users],
+        spread_m2=problem.spread_m2[users],
         past_kbps=problem.past_kbps[users],
         min_kbps=problem.min_kbps[users],
     )

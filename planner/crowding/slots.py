@@ -66,7 +66,7 @@ class Slot:
 def ground_of(problem: Problem) -> Ground:
     """Return what all slots have in common."""
     unit = float(problem.altitude_m.max())
-    user = plain(problem.user_m / unit)
+    user = plain(problem.mean_user_m / unit)
     low = np.minimum(user.min(axis=0), problem.low_m / unit)
     high = np.maximum(user.max(axis=0), problem.high_m / unit)
     span = rounded_up(float(np.linalg.norm(high - low)), SPAN_RATIO)
@@ -144,11 +144,11 @@ def slot_of(problem: Problem, ground: Ground, n: int, near2: Array, far2: Array,
 def everywhere(problem: Problem, ground: Ground, slot: Slot, n: int) -> Slot:
     """Return the slot as if every UAV could be anywhere in the area: greater, and cheaper to bound for one class."""
     flying = np.flatnonzero(problem.flying[:, n])
-    corner2 = (np.maximum(problem.user_m - problem.low_m, problem.high_m - problem.user_m) ** 2).sum(axis=1)
+    corner2 = (np.maximum(problem.mean_user_m - problem.low_m, problem.high_m - problem.mean_user_m) ** 2).sum(axis=1)
     weak = problem.snr_gain[flying, :, n] / (corner2 + problem.altitude_m[flying, None] ** 2)
     least = 1.0 + np.maximum(weak.sum(axis=0) - weak.max(axis=0), 0.0) * (1.0 - 1e-9)
-    inside = np.clip(problem.user_m, problem.low_m, problem.high_m)
-    ring = _rings(ground, np.linalg.norm(problem.user_m - inside, axis=1) / ground.unit_m)
+    inside = np.clip(problem.mean_user_m, problem.low_m, problem.high_m)
+    ring = _rings(ground, np.linalg.norm(problem.mean_user_m - inside, axis=1) / ground.unit_m)
     links = slot.links._replace(least=plain(np.broadcast_to(least, slot.links.least.shape)))
     return replace(
         slot,

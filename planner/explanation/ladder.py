@@ -119,11 +119,11 @@ def _nearer(problem: Problem, users: NDArray[np.intp], interfering: Array, may_s
     stay = np.full(problem.n_uavs, problem.n_slots)
     there = problem.snr_gain[:, users]
     lasting = np.array([_lasting(problem, u, users) for u in range(problem.n_uavs)])
-    some = replace(problem, user_m=problem.user_m[users], snr_gain=there)
+    some = replace(problem, user_m=problem.user_m[users], spread_m2=problem.spread_m2[users], snr_gain=there)
     near2, _ = squared_distance_range(some)
     stay2, _ = squared_distance_range(replace(some, n_flying=stay))
-    height2 = problem.altitude_m[:, None, None] ** 2
-    clear2 = np.maximum(near2, _clear_of_zones_m(problem, users)[None, :, None] ** 2 + height2)
+    height2 = problem.altitude_m[:, None, None] ** 2 + some.spread_m2
+    clear2 = np.maximum(near2, _clear_of_zones_m(problem, users)[None] ** 2 + height2)
     pinned2 = np.where(may_serve, _pinned_distance2(some, clear2), np.inf)
     tables = (
         (there, pinned2, interfering),
@@ -141,8 +141,8 @@ def _pinned_distance2(problem: Problem, near2: Array) -> Array:
     """Return the squared distances (U, k, N) with those of pinned UAVs where they fly."""
     if not problem.pinned_m.size:
         return near2
-    east, north = (problem.pinned_m[:, None, :, axis] - problem.user_m[None, :, None, axis] for axis in (0, 1))
-    flown2 = east * east + north * north + problem.altitude_m[:, None, None] ** 2
+    east, north = (problem.pinned_m[:, None, :, axis] - problem.user_m[None, :, :, axis] for axis in (0, 1))
+    flown2 = east * east + north * north + (problem.altitude_m[:, None, None] ** 2 + problem.spread_m2)
     pinned2: Array = np.where(np.isfinite(flown2), flown2, near2)
     return pinned2
 
@@ -155,9 +155,11 @@ def _lasting(problem: Problem, u: int, users: NDArray[np.intp]) -> Array:
 
 
 def _clear_of_zones_m(problem: Problem, users: NDArray[np.intp]) -> Array:
-    """Return how far a UAV has to stay from each user because the user is inside a no-fly zone: (k,) metres."""
-    away = np.zeros(len(users))
-    for at, (east, north) in enumerate(problem.user_m[users]):
+    """Return how far a UAV has to stay from each user because the user is inside a no-fly zone: (k, S) metres."""
+    places = problem.user_m[users]
+    away = np.zeros(places.shape[:2])
+    for at in np.ndindex(away.shape):
+        east, north = places[at]
         for disc_east, disc_north, radius in problem.discs:
             away[at] = max(away[at], radius - np.hypot(east - disc_east, north - disc_north))
         for outline in problem.polygons:
@@ -169,7 +171,7 @@ def _clear_of_zones_m(problem: Problem, users: NDArray[np.intp]) -> Array:
 
 def _nearest_m(ledger: Ledger, user: int) -> float:
     """Return how near a flying UAV comes to this user over the ground, in metres."""
-    apart = np.linalg.norm(ledger.paths_m - ledger.problem.user_m[user], axis=-1)
+    apart = np.linalg.norm(ledger.paths_m - ledger.problem.user_m[user][None], axis=-1)
     return float(apart[ledger.problem.flying].min())
 
 

@@ -106,10 +106,11 @@ class Ledger:
     def snr_of(self, u: int, path_m: Array | None = None, users: NDArray[np.intp] | None = None) -> Array:
         """Return the signal over noise of UAV `u` on its path, or on another (N, 2) in metres: (K, N)."""
         path = self.paths_m[u] if path_m is None else path_m
-        user_m = self.problem.user_m if users is None else self.problem.user_m[users]
-        gain = self.problem.snr_gain[u] if users is None else self.problem.snr_gain[u, users]
-        east, north = (path[:, axis] - user_m[:, axis, None] for axis in (0, 1))
-        snr: Array = gain / (east * east + north * north + self.problem.altitude_m[u] ** 2)
+        chosen = slice(None) if users is None else users
+        user_m, spread_m2 = self.problem.user_m[chosen], self.problem.spread_m2[chosen]
+        east, north = (path[:, axis] - user_m[:, :, axis] for axis in (0, 1))
+        height2 = self.problem.altitude_m[u] ** 2 + spread_m2
+        snr: Array = self.problem.snr_gain[u, chosen] / (east * east + north * north + height2)
         return snr
 
     def utility_kbps(self, rates_kbps: Array) -> float:

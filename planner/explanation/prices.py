@@ -33,8 +33,8 @@ def slope_kbps(ledger: Ledger, u: int) -> Array:
     b log2((1 + T) / (1 + I)): s is part of T always, and of I unless this UAV serves the user.
     """
     problem = ledger.problem
-    east, north = (ledger.paths_m[u, :, axis] - problem.user_m[:, axis, None] for axis in (0, 1))  # (K, N)
-    distance2 = east * east + north * north + problem.altitude_m[u] ** 2
+    east, north = (ledger.paths_m[u, :, axis] - problem.user_m[:, :, axis] for axis in (0, 1))  # (K, N)
+    distance2 = east * east + north * north + (problem.altitude_m[u] ** 2 + problem.spread_m2)
     snr = problem.snr_gain[u] / distance2
     interfering = np.where(ledger.serving == u, 0.0, 1.0 / (1.0 + ledger.total_snr - ledger.own_snr))
     by_snr = ledger.weights * ledger.bandwidth_hz / (1e3 * LN2) * (1.0 / (1.0 + ledger.total_snr) - interfering)

@@ -110,7 +110,7 @@ def _best_place(ledger: Ledger) -> tuple[float, float] | None:
     low, high = problem.low_m, problem.high_m
     picked = np.unique(np.linspace(0, problem.n_users - 1, PLACES).astype(int))
     corners = [(low + high) / 2, low, high]
-    places = [(float(at[0]), float(at[1])) for at in [*np.clip(problem.user_m[picked], low, high), *corners]]
+    places = [(float(at[0]), float(at[1])) for at in [*np.clip(problem.mean_user_m[picked], low, high), *corners]]
     open_places = [place for place in places if _may_start(scenario, place)]
     if not open_places:
         return None
@@ -121,7 +121,7 @@ def _gain_kbps(ledger: Ledger, place: Array) -> float:
     problem = ledger.problem
     moments = np.unique(np.linspace(problem.counted_from, problem.n_slots - 1, MOMENTS).astype(int))
     weights, total, own = (table[:, moments] for table in (ledger.weights, ledger.total_snr, ledger.own_snr))
-    distance2 = ((problem.user_m - place) ** 2).sum(axis=1) + problem.altitude_m[0] ** 2
+    distance2 = ((problem.mean_user_m - place) ** 2).sum(axis=1) + problem.altitude_m[0] ** 2
     snr = (problem.snr_gain[0, :, 0] / distance2)[:, None]
     new = weights * problem.bandwidth_hz[0] * np.log1p(snr / (1.0 + total))
     interfering = 1.0 + total - own

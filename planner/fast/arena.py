@@ -74,7 +74,9 @@ class Arena(NamedTuple):
     gain: (N, U), m^2, of a mean channel; fading: (N, U, K), m^2, of a sampled one, else empty; draws: (K, U, S),
     factors of `gain` over which rates are averaged, else empty. low, high: (2,).
     step_m: (U,), `D_max`, less rounding. last: (U,), the last slot in which each UAV flies. end_m: (2, U), NaN where
-    free. user_m: (2, K). counted: the first slot whose rates count. n_past: how many past slots count.
+    free. user_m: (S, 3, K), east, north, and what is added to squared distances from there, m^2; slot n finds its
+    own at [n * per_slot], which is 0 where users stay and S is 1. counted: the first slot whose rates count. n_past:
+    how many past slots count.
     past_low, past_sum, past_count: (K,), the least past rate of each user, sum exp(mu (rate - least)) of its past, and
     in how many past slots it was there; for `sum` the first entries are the sum rate's.
     discs: (D, 3), east, north, radius. corners: (V, 2) of all no-fly polygons, polygon p at [first[p], first[p + 1]).
@@ -90,6 +92,7 @@ class Arena(NamedTuple):
     fading: Array
     draws: Array
     user_m: Array
+    per_slot: int
     height2: Array
     khz: Array
     start_m: Array
@@ -152,7 +155,8 @@ def arena_of(problem: Problem) -> Arena:
         gain=plain(gain),
         fading=plain(fading),
         draws=plain(problem.draws.transpose(2, 1, 0)),
-        user_m=plain(problem.user_m.T),
+        user_m=plain(np.concatenate([problem.user_m, problem.spread_m2[:, :, None]], axis=2).transpose(1, 2, 0)),
+        per_slot=int(problem.user_m.shape[1] > 1),
         height2=plain(problem.altitude_m**2),
         khz=plain(problem.bandwidth_hz / 1e3),
         start_m=plain(problem.start_m.T),
@@ -201,6 +205,11 @@ def free_uavs(arena: Arena) -> Ints:
     return np.flatnonzero(~given)
 
 
+def mean_user_m(arena: Arena) -> Array:
+    """Return the mean place of each user over the slots: (2, K) metres."""
+    return plain(arena.user_m[:, :2].mean(axis=0))
+
+
 def is_mean(problem: Problem) -> bool:
     """Return whether all users share one row of gains."""
     return problem.snr_gain.strides[1] == 0 or problem.n_users == 1
@@ -225,7 +234,7 @@ def _past(problem: Problem, kind: int) -> tuple[Array, Array, Array]:
 def links_of(arena: Arena) -> Links:
     """Empty links of the right size."""
     n_slots, n_uavs = arena.gain.shape
-    n_users = arena.user_m.shape[1]
+    n_users = arena.user_m.shape[2]
     width = n_uavs if arena.kind == SUM and not arena.has_minimum else n_users
     shape = (n_slots, max(1, width))
     return Links(

@@ -91,7 +91,7 @@ def tables(arena: Arena, path: Array, links: Links, serving: Ints, hertz: Array)
 
     A user without a link belongs to the UAV with the strongest signal.
     """
-    n_uavs, n_users = path.shape[2], arena.user_m.shape[1]
+    n_uavs, n_users = path.shape[2], arena.user_m.shape[2]
     signal, total, loudest = np.empty((n_uavs, n_users)), np.empty(n_users), np.empty(n_users)
     for n in range(path.shape[0]):
         if links.used[n] < n_users:

@@ -51,12 +51,13 @@ def equivalent_signals(arena: Arena, at: Array, n: int, signal: Array, total: Ar
     """Signals (U, K) and totals (K,) of slot n that give in one draw each pair's mean rate. at: (2, U), positions."""
     n_uavs, n_users = signal.shape
     n_draws = arena.draws.shape[2]
+    here = arena.user_m[n * arena.per_slot]
     mean, own, others = np.empty(n_uavs), np.empty(n_draws), np.empty(n_draws)
     for k in range(n_users):
         total[k] = TOTAL
         for u in range(n_uavs):
-            de, dn = at[0, u] - arena.user_m[0, k], at[1, u] - arena.user_m[1, k]
-            mean[u] = arena.gain[n, u] / (de * de + dn * dn + arena.height2[u])
+            de, dn = at[0, u] - here[0, k], at[1, u] - here[1, k]
+            mean[u] = arena.gain[n, u] / (de * de + dn * dn + (arena.height2[u] + here[2, k]))
         for u in range(n_uavs):
             signal[u, k] = 0.0
             if mean[u] > 0.0:

@@ -11,23 +11,43 @@ from skyfolio.planner.fast.elementary import PER_LN2, log
 
 @smooth
 def mean_signals(
-    path: Array, gain: Array, height2: Array, east: float, north: float, n: int, near: Array, signal: Array
+    path: Array,
+    gain: Array,
+    height2: Array,
+    east: float,
+    north: float,
+    spread: float,
+    n: int,
+    near: Array,
+    signal: Array,
 ) -> None:
-    """1/d^2 and SNR of every UAV at (east, north) in slot n, into `near` and `signal`, both (U,)."""
+    """1/d^2 and SNR of every UAV at (east, north) in slot n, into `near` and `signal`, both (U,).
+
+    spread: m^2, added to squared distances.
+    """
     for i in range(near.shape[0]):
         de, dn = path[n, 0, i] - east, path[n, 1, i] - north
-        near[i] = 1.0 / (de * de + dn * dn + height2[i])
+        near[i] = 1.0 / (de * de + dn * dn + (height2[i] + spread))
         signal[i] = gain[n, i] * near[i]
 
 
 @smooth
 def _faded_signals(
-    path: Array, fading: Array, height2: Array, east: float, north: float, n: int, k: int, near: Array, signal: Array
+    path: Array,
+    fading: Array,
+    height2: Array,
+    east: float,
+    north: float,
+    spread: float,
+    n: int,
+    k: int,
+    near: Array,
+    signal: Array,
 ) -> None:
     """Return the same with the sampled gains of user k."""
     for i in range(near.shape[0]):
         de, dn = path[n, 0, i] - east, path[n, 1, i] - north
-        near[i] = 1.0 / (de * de + dn * dn + height2[i])
+        near[i] = 1.0 / (de * de + dn * dn + (height2[i] + spread))
         signal[i] = fading[n, i, k] * near[i]
 
 
@@ -46,19 +66,22 @@ def rates_by_link(arena: Arena, path: Array, links: Links, rate: Array) -> None:
     """Rate of every link, kbit/s, into `rate` (N, W). path: (N, 2, U)."""
     # Fields are read once, out here: inside the loops numba would count references to each of them.
     gain, fading, user_m, height2 = arena.gain, arena.fading, arena.user_m, arena.height2
-    users, uavs, khz, count = links.user, links.uav, links.khz, links.used
+    users, uavs, khz, count, per_slot = links.user, links.uav, links.khz, links.used, arena.per_slot
     near, signal = np.empty(path.shape[2]), np.empty(path.shape[2])
     sampled = fading.shape[0] > 0
     for n in range(path.shape[0]):
+        at = n * per_slot
         for j in range(count[n]):
             if khz[n, j] == 0.0:
                 rate[n, j] = 0.0
                 continue
             u, k = uavs[n, j], users[n, j]
             if sampled:
-                _faded_signals(path, fading, height2, user_m[0, k], user_m[1, k], n, k, near, signal)
+                _faded_signals(
+                    path, fading, height2, user_m[at, 0, k], user_m[at, 1, k], user_m[at, 2, k], n, k, near, signal
+                )
             else:
-                mean_signals(path, gain, height2, user_m[0, k], user_m[1, k], n, near, signal)
+                mean_signals(path, gain, height2, user_m[at, 0, k], user_m[at, 1, k], user_m[at, 2, k], n, near, signal)
             own = signal[u]
             others = _sum_without(signal, u)
             rate[n, j] = khz[n, j] * PER_LN2 * log((own + others) / others)
@@ -68,7 +91,7 @@ def rates_by_link(arena: Arena, path: Array, links: Links, rate: Array) -> None:
 def gradient_by_link(arena: Arena, path: Array, links: Links, weight: Array, slope: Array) -> None:
     """sum_j weight[n, j] d rate[n, j] / d path[n] into `slope` (N, 2, U); 0 in slot 0, which is fixed."""
     gain, fading, user_m, height2 = arena.gain, arena.fading, arena.user_m, arena.height2
-    users, uavs, khz, count = links.user, links.uav, links.khz, links.used
+    users, uavs, khz, count, per_slot = links.user, links.uav, links.khz, links.used, arena.per_slot
     near, signal = np.empty(path.shape[2]), np.empty(path.shape[2])
     sampled = fading.shape[0] > 0
     for n in range(path.shape[0]):
@@ -76,18 +99,21 @@ def gradient_by_link(arena: Arena, path: Array, links: Links, weight: Array, slo
             slope[n, 0, i] = slope[n, 1, i] = 0.0
         if n == 0:
             continue
+        at = n * per_slot
         for j in range(count[n]):
             scale = weight[n, j] * khz[n, j] * PER_LN2
             if scale == 0.0:
                 continue
             u, k = uavs[n, j], users[n, j]
             if sampled:
-                _faded_signals(path, fading, height2, user_m[0, k], user_m[1, k], n, k, near, signal)
+                _faded_signals(
+                    path, fading, height2, user_m[at, 0, k], user_m[at, 1, k], user_m[at, 2, k], n, k, near, signal
+                )
             else:
-                mean_signals(path, gain, height2, user_m[0, k], user_m[1, k], n, near, signal)
+                mean_signals(path, gain, height2, user_m[at, 0, k], user_m[at, 1, k], user_m[at, 2, k], n, near, signal)
             own = signal[u]
             others = _sum_without(signal, u)
-            _pull(path, slope, n, u, user_m[0, k], user_m[1, k], scale, own, others, near, signal)
+            _pull(path, slope, n, u, user_m[at, 0, k], user_m[at, 1, k], scale, own, others, near, signal)
 
 
 @smooth

@@ -14,7 +14,8 @@ from skyfolio.planner.fast.elementary import PER_LN2, log
 class Row(NamedTuple):
     """Those links of one slot that have bandwidth, side by side: the first of W entries are filled.
 
-    link: which link it is; uav: whose it is; east, north: where its user is, metres. gain: (W,), scratch for m^2 of one
+    link: which link it is; uav: whose it is; east, north: where its user is, metres; spread: m^2, added to squared
+    distances from there. gain: (W,), scratch for m^2 of one
     UAV to these users. own, others: SNR from the own UAV, and 1 + that from all others. near, signal: (U, W), 1/d^2 of
     all and the SNR of the others. push, pull: (W,), scratch.
     """
@@ -23,6 +24,7 @@ class Row(NamedTuple):
     uav: Ints
     east: Array
     north: Array
+    spread: Array
     gain: Array
     own: Array
     others: Array
@@ -43,6 +45,7 @@ def row_of(n_uavs: int, width: int) -> Row:
         np.empty(width),
         np.empty(width),
         np.empty(width),
+        np.empty(width),
         np.empty((n_uavs, width)),
         np.empty((n_uavs, width)),
         np.empty(width),
@@ -52,14 +55,15 @@ def row_of(n_uavs: int, width: int) -> Row:
 
 @kernel
 def _gather(user_m: Array, links: Links, n: int, row: Row) -> int:
-    """Put the links of slot n that have bandwidth side by side; how many."""
-    link, uav, east, north = row.link, row.uav, row.east, row.north
+    """Put the links of slot n that have bandwidth side by side; how many. user_m: (3, K), of the slot."""
+    link, uav, east, north, spread = row.link, row.uav, row.east, row.north, row.spread
     users, uavs, khz = links.user[n], links.uav[n], links.khz[n]
     found = 0
     for j in range(links.used[n]):
         if khz[j] != 0.0:
             k = users[j]
             link[found], uav[found], east[found], north[found] = j, uavs[j], user_m[0, k], user_m[1, k]
+            spread[found] = user_m[2, k]
             found += 1
     return found
 
@@ -83,11 +87,12 @@ def _listen_to(
     x: float, y: float, height2: float, i: int, sampled: bool, found: int, row: Row, near: Array, signal: Array
 ) -> None:
     """Add UAV i at (x, y) metres. What is its users' own is kept apart: nothing is subtracted, so nothing cancels."""
-    east, north, uav, gain, own, others = row.east, row.north, row.uav, row.gain, row.own, row.others
+    east, north, spread, uav = row.east, row.north, row.spread, row.uav
+    gain, own, others = row.gain, row.own, row.others
     same = gain[0]
     for j in range(found):
         de, dn = x - east[j], y - north[j]
-        near[j] = 1.0 / (de * de + dn * dn + height2)
+        near[j] = 1.0 / (de * de + dn * dn + (height2 + spread[j]))
         heard = (gain[j] if sampled else same) * near[j]
         mine = uav[j] == i
         signal[j] = 0.0 if mine else heard
@@ -100,7 +105,7 @@ def rates_by_uav(arena: Arena, path: Array, links: Links, rate: Array) -> None:
     """Rate of every link, kbit/s, into `rate` (N, W). path: (N, 2, U)."""
     row = row_of(path.shape[2], rate.shape[1])
     for n in range(path.shape[0]):
-        found = _gather(arena.user_m, links, n, row)
+        found = _gather(arena.user_m[n * arena.per_slot], links, n, row)
         _listen(arena, path, links, n, row, found)
         _rates(row.own, row.others, found, row.push)
         for j in range(links.used[n]):
@@ -122,7 +127,7 @@ def gradient_by_uav(arena: Arena, path: Array, links: Links, weight: Array, slop
     for i in range(path.shape[2]):
         slope[0, 0, i] = slope[0, 1, i] = 0.0
     for n in range(1, path.shape[0]):
-        found = _gather(arena.user_m, links, n, row)
+        found = _gather(arena.user_m[n * arena.per_slot], links, n, row)
         _listen(arena, path, links, n, row, found)
         for j in range(found):
             scale = weight[n, row.link[j]] * links.khz[n, row.link[j]] * (2.0 * PER_LN2)

@@ -52,7 +52,7 @@ def search_of(rows: int, columns: int) -> Search:
 @kernel
 def match_all(arena: Arena, path: Array, links: Links) -> None:
     """Return the best links of every slot at `path` (N, 2, U)."""
-    n_uavs, n_users = path.shape[2], arena.user_m.shape[1]
+    n_uavs, n_users = path.shape[2], arena.user_m.shape[2]
     signal, total, inverse = np.empty((n_uavs, n_users)), np.empty(n_users), np.empty(n_users)
     by_uav = search_of(n_uavs, max(n_users, n_uavs))
     by_user = search_of(n_users, max(n_users, n_uavs))

@@ -17,7 +17,7 @@ from scipy.optimize import linear_sum_assignment
 
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.fast.appraisal import look
-from skyfolio.planner.fast.arena import SUM, Arena, Ints, plain
+from skyfolio.planner.fast.arena import SUM, Arena, Ints, mean_user_m, plain
 from skyfolio.planner.fast.settling import settle
 from skyfolio.planner.fast.sketch import exchange_users
 from skyfolio.planner.fast.snapshots import Snapshots, snapshots_of
@@ -53,12 +53,15 @@ class Effort:
 
 
 class Grounds(NamedTuple):
-    """What sketches need. site_m: (2, K), where one hovers for each user. gain: (U, 1 or K), m^2, mean over the slots.
+    """What sketches need. user_m: (2, K), where users are on average. site_m: (2, K), where one hovers for each.
+
+    gain: (U, 1 or K), m^2, mean over the slots.
 
     lost: (U, K), kHz times the share of the slots that the flights to a user and on to the end take; NO_WAY where the
     end would be missed.
     """
 
+    user_m: Array
     site_m: Array
     gain: Array
     lost: Array
@@ -142,12 +145,12 @@ def grounds_of(arena: Arena) -> Grounds:
     late = there + back > (arena.last * arena.step_m)[:, None]
     ending = np.isfinite(arena.end_m[0])[:, None]
     lost = arena.khz[:, None] * np.minimum((there + back) / step_m, n_slots) / n_slots
-    return Grounds(plain(site_m), plain(gain), plain(np.where(late & ending, NO_WAY, lost)))
+    return Grounds(mean_user_m(arena), plain(site_m), plain(gain), plain(np.where(late & ending, NO_WAY, lost)))
 
 
 def sites_m(arena: Arena) -> Array:
     """Return where a UAV hovers for each user, (2, K): over it, or as near as area and no-fly zones let it come."""
-    points = np.clip(arena.user_m, arena.low[:, None], arena.high[:, None])
+    points = np.clip(mean_user_m(arena), arena.low[:, None], arena.high[:, None])
     for east, north, radius in arena.discs:
         away = points - np.array([[east], [north]])
         length = np.hypot(*away)
@@ -174,14 +177,14 @@ def sketched(arena: Arena, grounds: Grounds, rng: np.random.Generator, price: fl
     users = np.asarray(rng.choice(n_users, n_uavs, replace=False))
     chosen = users[linear_sum_assignment(grounds.lost[:, users])[1]].astype(np.int64)
     cost = grounds.lost * price if price > 0.0 else np.where(grounds.lost >= NO_WAY, NO_WAY, 0.0)
-    exchange_users(grounds.site_m, arena.user_m, grounds.gain, arena.height2, arena.khz, plain(cost), chosen)
+    exchange_users(grounds.site_m, grounds.user_m, grounds.gain, arena.height2, arena.khz, plain(cost), chosen)
     worth = _earned(arena, grounds, chosen) - max(price, MATCHING_PRICE) * grounds.lost[:, chosen]
     return _over(arena, grounds, np.arange(n_uavs), chosen[linear_sum_assignment(worth, maximize=True)[1]])
 
 
 def _earned(arena: Arena, grounds: Grounds, chosen: Ints) -> Array:
     """Return what each UAV would earn over each user of `chosen` (U,), the others hovering there: (U, U) kbit/s."""
-    site, user = grounds.site_m[:, chosen], arena.user_m[:, chosen]
+    site, user = grounds.site_m[:, chosen], grounds.user_m[:, chosen]
     gain = grounds.gain if grounds.gain.shape[1] == 1 else grounds.gain[:, chosen]
     apart2 = ((site[:, :, None] - user[:, None]) ** 2).sum(axis=0)
     heard = gain / (apart2 + arena.height2[:, None])

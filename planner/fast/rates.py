@@ -23,7 +23,8 @@ def slot_signals(arena: Arena, at: Array, n: int, signal: Array, total: Array) -
     at: (2, U), the positions in slot n. Of rates averaged over draws they are what gives the same rate in one draw.
     """
     n_uavs, n_users = signal.shape
-    east, north = arena.user_m[0], arena.user_m[1]
+    here = arena.user_m[n * arena.per_slot]
+    east, north, spread = here[0], here[1], here[2]
     if arena.draws.shape[2] > 0:
         equivalent_signals(arena, at, n, signal, total)
         return
@@ -34,14 +35,14 @@ def slot_signals(arena: Arena, at: Array, n: int, signal: Array, total: Array) -
         if arena.fading.shape[0] == 0:
             for k in range(n_users):
                 de, dn = x - east[k], y - north[k]
-                s = gain / (de * de + dn * dn + h2)
+                s = gain / (de * de + dn * dn + (h2 + spread[k]))
                 row[k] = s
                 total[k] += s
         else:
             faded = arena.fading[n, u]
             for k in range(n_users):
                 de, dn = x - east[k], y - north[k]
-                s = faded[k] / (de * de + dn * dn + h2)
+                s = faded[k] / (de * de + dn * dn + (h2 + spread[k]))
                 row[k] = s
                 total[k] += s
 
@@ -128,7 +129,7 @@ def _user_value(arena: Arena, links: Links, rate: Array, moving: Flag, weight: A
 
     Each counts by the share of the slots in which there was somebody: `count / n_all`.
     """
-    n_users, mu = arena.user_m.shape[1], arena.mu
+    n_users, mu = arena.user_m.shape[2], arena.mu
     low, z, count, share = np.empty(n_users), np.empty(n_users), np.empty(n_users), np.empty(n_users)
     n_all = user_sums(arena, links, rate, moving and arena.kind == POOLED, low, z, count, weight)
     if n_all == 0:
@@ -154,7 +155,7 @@ def user_sums(
     part: (N, W), gets what each link adds to z. Returns how many slots count in all. `pooled` has the same for all
     users: all rates of all users together. With `moving`, the past and slot 0 are left out.
     """
-    n_slots, n_users, mu = rate.shape[0], arena.user_m.shape[1], arena.mu
+    n_slots, n_users, mu = rate.shape[0], arena.user_m.shape[2], arena.mu
     first = max(1, arena.counted) if moving else arena.counted
     n_past = 0 if moving else arena.n_past
     unserved = _least_rates(arena, links, rate, first, n_past, low)

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.fast.arena import Arena, free_uavs, plain
+from skyfolio.planner.fast.arena import Arena, free_uavs, mean_user_m, plain
 from skyfolio.planner.fast.flight import fly
 from skyfolio.planner.fast.routes import lead
 
@@ -120,11 +120,11 @@ def varied(arena: Arena, rng: np.random.Generator, best: Array) -> Array | None:
 
 def _scattered(arena: Arena, rng: np.random.Generator) -> Array:
     """(2, U): places over users, distinct while they last, drawn so that near ones are likelier."""
-    start, users = arena.start_m[:, :, None], arena.user_m[:, None, :]
+    start, users = arena.start_m[:, :, None], mean_user_m(arena)[:, None, :]
     away = np.hypot(*(start - users))  # (U, K)
     cost = away / _spread(arena) - rng.gumbel(size=away.shape)
     chosen = linear_sum_assignment(cost)[1] if away.shape[0] <= away.shape[1] else cost.argmin(axis=1)
-    points: Array = np.clip(arena.user_m[:, chosen], arena.low[:, None], arena.high[:, None])
+    points: Array = np.clip(mean_user_m(arena)[:, chosen], arena.low[:, None], arena.high[:, None])
     return points
 
 
@@ -134,10 +134,11 @@ def _varied(arena: Arena, rng: np.random.Generator, best: Array) -> Array:
     wish = best.copy()
     if not len(free):
         return wish
+    user_m = mean_user_m(arena)
     for u in rng.choice(free, size=min(len(free), int(rng.integers(1, 3))), replace=False):
-        away = np.hypot(*(arena.user_m - best[-1, :, u][:, None]))
+        away = np.hypot(*(user_m - best[-1, :, u][:, None]))
         likely = np.exp(-(away - away.min()) / _spread(arena))
-        target = arena.user_m[:, rng.choice(len(likely), p=likely / likely.sum())]
+        target = user_m[:, rng.choice(len(likely), p=likely / likely.sum())]
         begin = int(rng.integers(0, n_slots)) if rng.random() < 0.5 else 0
         lead(arena, u, plain(np.clip(target, arena.low, arena.high)), begin, wish)
     return wish

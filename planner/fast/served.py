@@ -15,7 +15,7 @@ def served_rates_bps(problem: Problem, solution: Solution) -> Array:
     return _served(
         plain(problem.snr_gain[:, :1] if is_mean(problem) else problem.snr_gain),
         plain(problem.draws.transpose(2, 1, 0)),
-        plain(problem.user_m),
+        plain(np.concatenate([problem.user_m, problem.spread_m2[:, :, None]], axis=2)),
         plain(problem.altitude_m),
         plain(solution.paths_m),
         plain(solution.serving, np.int64),
@@ -27,20 +27,25 @@ def served_rates_bps(problem: Problem, solution: Solution) -> Array:
 def _served(
     snr_gain: Array, draws: Array, user_m: Array, altitude_m: Array, paths_m: Array, serving: Ints, hertz: Array
 ) -> Array:
-    """snr_gain: (U, K, N), or (U, 1, N) when all users share one. draws: (K, U, S), or empty."""
+    """snr_gain: (U, K, N), or (U, 1, N) when all users share one. draws: (K, U, S), or empty.
+
+    user_m: (K, N or 1, 3), places and spreads.
+    """
     n_users, n_slots = serving.shape
     rates = np.zeros((n_users, n_slots))
     sampled = snr_gain.shape[1] > 1
     n_draws = draws.shape[2]
     snr = np.empty(paths_m.shape[0])
     for k in range(n_users):
-        east, north, row = user_m[k, 0], user_m[k, 1], k if sampled else 0
+        row = k if sampled else 0
         for n in range(n_slots):
             if hertz[k, n] == 0.0:
                 continue
+            at = min(n, user_m.shape[1] - 1)
+            east, north, spread = user_m[k, at, 0], user_m[k, at, 1], user_m[k, at, 2]
             for u in range(paths_m.shape[0]):
                 de, dn = paths_m[u, n, 0] - east, paths_m[u, n, 1] - north
-                snr[u] = snr_gain[u, row, n] / (de * de + dn * dn + altitude_m[u] * altitude_m[u])
+                snr[u] = snr_gain[u, row, n] / (de * de + dn * dn + altitude_m[u] * altitude_m[u] + spread)
             total = 0.0
             for s in range(max(n_draws, 1)):
                 own, others = 0.0, 1.0

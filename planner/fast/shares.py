@@ -25,7 +25,7 @@ def share_all(arena: Arena, path: Array, links: Links, thorough: bool) -> None:
 
     Slots without links are filled from scratch. thorough: try also what the prices speak against, for few users.
     """
-    n_uavs, n_users = path.shape[2], arena.user_m.shape[1]
+    n_uavs, n_users = path.shape[2], arena.user_m.shape[2]
     signal, total, best = np.empty((n_uavs, n_users)), np.empty(n_users), np.empty(n_users)
     market = market_of(n_uavs, links.log_weight)
     eff = market.eff

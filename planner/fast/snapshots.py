@@ -66,7 +66,7 @@ def snapshots_of(arena: Arena) -> Snapshots:
     """Empty tables of the right size, for the moments that count in `arena`."""
     edges = _edges(arena)
     slot = (edges[:-1] + edges[1:] - 1) // 2
-    count, n_uavs, n_users = len(slot), arena.gain.shape[1], arena.user_m.shape[1]
+    count, n_uavs, n_users = len(slot), arena.gain.shape[1], arena.user_m.shape[2]
     fixed = np.full(n_users, 1.0 if arena.kind == PER_USER and arena.counted == 0 else 0.0)
     if arena.kind == PER_USER and arena.n_past > 0:
         there = arena.past_count > 0
@@ -134,17 +134,17 @@ def gather(arena: Arena, shots: Snapshots, place_m: Array) -> None:
         for u in range(place_m.shape[1]):
             x, y = position(arena, u, place_m[0, u], place_m[1, u], shots.slot[m])
             row, gain = shots.signal[m, u], shots.gain[m, u]
-            _hear(arena.user_m, gain, x, y, arena.height2[u], row)
+            _hear(arena.user_m[shots.slot[m] * arena.per_slot], gain, x, y, arena.height2[u], row)
             _add(row, u, total[m], own[m], serving[m])
 
 
 @smooth
 def _hear(user_m: Array, gain: Array, x: float, y: float, height2: float, row: Array) -> None:
     """Write the SNR of a UAV at (x, y) at every user into `row` (K,)."""
-    east, north, shared, same = user_m[0], user_m[1], gain.shape[0] == 1, gain[0]
+    east, north, spread, shared, same = user_m[0], user_m[1], user_m[2], gain.shape[0] == 1, gain[0]
     for k in range(row.shape[0]):
         de, dn = x - east[k], y - north[k]
-        row[k] = (same if shared else gain[k]) / (de * de + dn * dn + height2)
+        row[k] = (same if shared else gain[k]) / (de * de + dn * dn + (height2 + spread[k]))
 
 
 @smooth
@@ -168,7 +168,7 @@ def aim(arena: Arena, shots: Snapshots, u: int, x: float, y: float, second: bool
         px, py = position(arena, u, x, y, shots.slot[m])
         signal, before = shots.signal[m], shots.kept_signal[int(second), m]
         before[:] = signal[u]
-        _hear(arena.user_m, shots.gain[m, u], px, py, arena.height2[u], signal[u])
+        _hear(arena.user_m[shots.slot[m] * arena.per_slot], shots.gain[m, u], px, py, arena.height2[u], signal[u])
         _exchange(old_total[m], before, signal[u], total[m])
         _follow(signal, old_own[m], old_serving[m], before, u, own[m], serving[m])
 

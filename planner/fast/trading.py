@@ -55,7 +55,7 @@ def trade_links(arena: Arena, path: Array, serving: Ints, khz: Array, before: In
 
     serving, khz, before, served: (N, K), as in `Tolls`. Bands are shared anew by the tangent at the present rates.
     """
-    n_users, n_uavs = arena.user_m.shape[1], path.shape[2]
+    n_users, n_uavs = arena.user_m.shape[2], path.shape[2]
     signal, total, loudest = np.empty((n_uavs, n_users)), np.empty(n_users), np.empty(n_users)
     rate, market = np.empty((path.shape[0], n_users)), market_of(n_uavs, np.zeros(n_users))
     for n in range(path.shape[0]):

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.channel import squared_distances
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.reference.objective import least_rates, maximise_with_least_rates
 from skyfolio.planner.reference.zones import half_planes, outside
@@ -35,7 +34,7 @@ def steered(problem: Problem, allocated_hz: Array, paths_m: Array) -> Array:
     q = [cp.Variable((problem.n_slots, 2)) for _ in range(n_uavs)]
     lower = cp.Variable((n_uavs, pairs), nonneg=True)
     upper = cp.Variable((n_uavs, pairs), nonneg=True)
-    distance2 = squared_distances(paths_m, problem.user_m, problem.altitude_m)[:, users, slots]
+    distance2 = problem.distances2(paths_m)[:, users, slots]
     snr = problem.snr_gain[:, users, slots] / distance2  # of every UAV at the expansion point
 
     pair_rates = surrogate_rates(allocated_hz[:, users, slots], snr, lower, upper)
@@ -77,9 +76,10 @@ def _distance_bounds(
 ) -> list[cp.Constraint]:
     """Return eqs. (19) and (20), both divided by d^2 at the expansion point `path_m` (N, 2)."""
     users, slots = pairs
-    centre = problem.user_m[users] / UNIT_M
+    moment = np.minimum(slots, problem.user_m.shape[1] - 1)
+    centre = problem.user_m[users, moment] / UNIT_M
     towards = path_m[slots] / UNIT_M - centre  # q^l - c
-    height2 = (problem.altitude_m[u] / UNIT_M) ** 2
+    height2 = (problem.altitude_m[u] / UNIT_M) ** 2 + problem.spread_m2[users, moment] / UNIT_M**2
     distance2 = (towards**2).sum(axis=1) + height2
     own2 = cp.sum(cp.square(q[slots] - centre), axis=1) + height2
     linear2 = distance2 + 2 * cp.sum(cp.multiply(towards, q[slots] - path_m[slots] / UNIT_M), axis=1)

@@ -12,6 +12,7 @@ from skyfolio.planner.arrays import Array
 from skyfolio.planner.channel import fading_gains, squared_distances, sum_of_others
 from skyfolio.planner.plans import Plan
 from skyfolio.planner.scenario import Scenario
+from skyfolio.planner.tracks import tracks_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,13 +32,13 @@ class Flown:
     def rates_bps(self, gains: Array, errors_m: Array | None = None) -> Array:
         """Return the rates of eqs. (1)-(4) under fading `gains` (U, K, N) and errors (U, N, 2): (K, N) bit/s."""
         scenario = self.scenario
-        user_m = np.array([user.position_m for user in scenario.users], dtype=float)
+        user_m, spread_m2 = tracks_of(scenario)
         altitude_m = np.array([scenario.altitude_of(uav) for uav in scenario.uavs], dtype=float)
         power_w = np.array([uav.transmit_power_w for uav in scenario.uavs])
         noise_w = 10 ** (scenario.channel.noise_dbm / 10 - 3)
         alike = power_w[:, None] * 10 ** (scenario.channel.reference_gain_db / 10) / noise_w * self.on
         paths_m = self.paths_m if errors_m is None else self.paths_m + errors_m
-        snr = alike[:, None, :] * gains / squared_distances(paths_m, user_m, altitude_m)
+        snr = alike[:, None, :] * gains / squared_distances(paths_m, user_m, altitude_m, spread_m2)
         at = self.serving[None]
         own = np.take_along_axis(snr, at, axis=0)[0]
         others = np.take_along_axis(sum_of_others(snr), at, axis=0)[0]

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from skyfolio.api.dashboard.draft import Draft, DraftError
-from skyfolio.planner import Plan, Scenario
+from skyfolio.planner import Plan, Scenario, User
 
 
 def test_an_unchanged_draft_is_the_scenario_it_came_from(minimal: Scenario) -> None:
@@ -80,3 +80,11 @@ def test_what_is_moved_is_no_longer_where_its_degrees_say(minimal: Scenario) -> 
     assert [uav.end_m is None for uav in made.uavs] == [False, True]
     assert made.users[0].position_deg is None
     assert made.uavs[0].start_deg is not None
+
+
+def test_a_user_that_is_moved_takes_its_track_along(minimal: Scenario) -> None:
+    track = ((20.0, 50.0), (25.0, 50.0), (30.0, 55.0), (30.0, 60.0))
+    walks = User(id="walks", position_m=track[0], positions_m=track)
+    draft = Draft(minimal.with_changes(users=(walks, *minimal.users[1:])))
+    draft.move("user", "walks", 30.0, 40.0)
+    assert draft.scenario().users[0].positions_m == ((30.0, 40.0), (35.0, 40.0), (40.0, 45.0), (40.0, 50.0))

@@ -7,7 +7,8 @@ import pytest
 from skyfolio.api.dashboard import map_scene
 from skyfolio.api.dashboard.map_scene import Spot
 from skyfolio.api.dashboard.views import Operation, Vehicle
-from skyfolio.planner import Changes, Plan, replan
+from skyfolio.planner import EXAMPLES, Changes, Plan, User, replan
+from skyfolio.planner.plans import Summary
 
 
 def vehicle(**changes: object) -> Vehicle:
@@ -103,3 +104,32 @@ def test_slip_is_only_told_while_the_plan_is_flown(small_plan: Plan) -> None:
     assert map_scene.slip_of(small_plan, "uav-1", 21.0, at) is None
     assert map_scene.slip_of(small_plan, "uav-9", 5.0, at) is None
     assert map_scene.slip_of(small_plan, "uav-1", None, at) is None
+
+
+def test_users_that_move_are_drawn_where_they_are_in_the_slot(two_slot_plan_of_walkers: Plan) -> None:
+    plan = two_slot_plan_of_walkers
+    assert map_scene.scene(plan.scenario)["user_tracks"] == {"walks": [(10.0, 10.0), (15.0, 10.0)]}
+    for slot, there in ((4, {"walks": (10.0, 10.0, 1.0)}), (5, {"walks": (15.0, 10.0, 3.5)})):
+        assert map_scene.planned_frame(plan, slot)["users"] == there
+
+
+@pytest.fixture
+def two_slot_plan_of_walkers() -> Plan:
+    """A plan by hand that begins in slot 4 of its operation: one UAV, a user that moves and one that does not."""
+    walks = User(id="walks", position_m=(10.0, 10.0), velocity_mps=(1.0, 0.0), uncertainty_m=1.0, uncertainty_mps=0.5)
+    scenario = EXAMPLES["minimal"]()
+    stays = scenario.users[0].model_copy(update={"id": "stays"})
+    scenario = scenario.with_changes(uavs=scenario.uavs[:1], users=(walks, stays), slots=2)
+    rows = {"walks": [5.0, 5.0], "stays": [0.0, 0.0]}
+    return Plan(
+        id="by-hand",
+        method="by hand",
+        first_slot=4,
+        scenario=scenario,
+        trajectories_m={"uav-1": [(50.0, 50.0), (50.0, 50.0)]},
+        association={"walks": ["uav-1"] * 2, "stays": ["uav-1"] * 2},
+        bandwidth_hz=rows,
+        user_rates_bps=rows,
+        achieved_rates_bps={},
+        summary=Summary.steady(5.0),
+    )

@@ -177,7 +177,7 @@ TABLES: dict[str, tuple[str, str, str, str]] = {
     "no columns": ("a,b\n1,2\n", "row 1", "", "lat_deg and lon_deg"),
     "same column": ("id,lat,lat,lon\n", "row 1", "lat", "this name"),
     "wkt": ("id,wkt\na,POINT (8.5\n", "row 2", "wkt", "cannot be read"),
-    "line": ('id,wkt\na,"LINESTRING (8 47, 9 47)"\n', "row 2", "wkt", "must be a Point"),
+    "line": ('id,wkt\na,"LINESTRING (8 47, 9 47)"\n', "row 2", "wkt", "has 2 places, but there are 4 slots"),
     "unknown kind": ("kind,id,lat,lon\nbalcony,a,47.398,8.546\n", "row 2", "kind", "what it is"),
     "quote": ('id,lat,lon\n"a"b,47.398,8.546\n', "", "", "not a table"),
 }
@@ -207,7 +207,11 @@ GEOJSON: dict[str, tuple[str, str, str]] = {
     "another system": (collection(crs={"type": "name", "properties": {"name": "EPSG:2056"}}), "", "not WGS-84"),
     "no geometry": (collection(feature(None, id="a")), "feature 1", "no place"),
     "letters": (collection(feature({"type": "Point", "coordinates": ["a", 3]})), "feature 1", "cannot be read"),
-    "a line": (collection(feature({"type": "LineString", "coordinates": [[8, 47], [9, 47]]})), "feature 1", "Point"),
+    "a line": (
+        collection(feature({"type": "LineString", "coordinates": [[8, 47], [9, 47]]}, kind="uav")),
+        "feature 1",
+        "Point",
+    ),
     "settings": (collection(point(8.546, 47.398), skyfolio={"slots": 0}), "", "than or equal to 1"),
     "a hole": (
         collection(polygon(square(8.5, 47.3, 0.1), square(8.54, 47.34, 0.01), kind="area")),

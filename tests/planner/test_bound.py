@@ -13,7 +13,6 @@ from skyfolio.planner.arrays import Array
 from skyfolio.planner.bound import best_tables, lifted_kbps, reachability_bound_kbps, slot_bounds_kbps, upper_bound_kbps
 from skyfolio.planner.branch_and_bound import certificate
 from skyfolio.planner.certificate import prove
-from skyfolio.planner.channel import squared_distances
 from skyfolio.planner.layouts import scattered
 from skyfolio.planner.problem import Problem, problem_of
 from skyfolio.planner.reach import squared_distance_range
@@ -90,7 +89,7 @@ def test_no_feasible_plan_is_better_than_the_bound(seed: int, n_uavs: int) -> No
         assert (best.sum(axis=0) <= slot_bounds_kbps(problem) + 1e-9).all()
         assert worth(problem, best) <= bound + 1e-9
         near2, far2 = squared_distance_range(problem)
-        d2 = squared_distances(paths, problem.user_m, problem.altitude_m)
+        d2 = problem.distances2(paths)
         there = np.broadcast_to(problem.flying[:, None], d2.shape)
         assert ((near2 <= d2 * (1 + 1e-9)) & (d2 <= far2 * (1 + 1e-9)))[there].all()
 

@@ -14,8 +14,8 @@ SAMPLED = Channel(fading="sampled", seed=5, rician_k_db=3.0)
 
 def test_distance_is_that_of_eq_1_with_each_uavs_own_altitude() -> None:
     paths = np.array([[[0.0, 0.0]], [[3.0, 0.0]]])
-    users = np.array([[3.0, 4.0]])
-    assert squared_distances(paths, users, np.array([10.0, 2.0]))[:, 0, 0].tolist() == [125.0, 20.0]
+    users = np.array([[[3.0, 4.0]]])
+    assert squared_distances(paths, users, np.array([10.0, 2.0]), np.zeros((1, 1)))[:, 0, 0].tolist() == [125.0, 20.0]
 
 
 def test_efficiency_is_that_of_eq_4_written_out() -> None:
@@ -23,7 +23,7 @@ def test_efficiency_is_that_of_eq_4_written_out() -> None:
     paths = problem.hover()
     k, n = 2, 1
     snr = [
-        problem.snr_gain[u, k, n] / (((paths[u, n] - problem.user_m[k]) ** 2).sum() + problem.altitude_m[u] ** 2)
+        problem.snr_gain[u, k, n] / (((paths[u, n] - problem.user_m[k, 0]) ** 2).sum() + problem.altitude_m[u] ** 2)
         for u in range(2)
     ]
     expected = [np.log2(1 + snr[0] / (snr[1] + 1)), np.log2(1 + snr[1] / (snr[0] + 1))]

@@ -13,7 +13,7 @@ from skyfolio.planner import MaxIterations, Scenario, Uav, Utility, violations
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.fast import flyable, linked, optimise, served_rates_bps
 from skyfolio.planner.fast.appraisal import look, worth
-from skyfolio.planner.fast.arena import Arena, arena_of, plain
+from skyfolio.planner.fast.arena import Arena, arena_of, mean_user_m, plain
 from skyfolio.planner.fast.placement import Effort, effort_of, grounds_of, places, sites_m, sketched
 from skyfolio.planner.fast.seeds import bound
 from skyfolio.planner.fast.settling import settle
@@ -55,7 +55,7 @@ def fleet(kind: str = "sum", mu: float = 0.0, size: tuple[int, int, int] = (6, 3
 
 def table_of(problem: Problem, chosen: tuple[int, ...]) -> float:
     """The sum rate, kbit/s, of UAVs that hover over the users `chosen` and serve them."""
-    paths = np.repeat(problem.user_m[list(chosen)][:, None], problem.n_slots, axis=1)
+    paths = np.repeat(problem.user_m[list(chosen)], problem.n_slots, axis=1)
     efficiency = spectral_efficiency(problem, paths)[np.arange(problem.n_uavs), list(chosen), -1]
     return float((efficiency * problem.bandwidth_hz).sum() / 1e3)
 
@@ -64,7 +64,7 @@ def exchanged(problem: Problem, chosen: list[int]) -> tuple[float, list[int]]:
     arena = arena_of(problem)
     grounds, users = grounds_of(arena), np.array(chosen)
     free = np.zeros(grounds.lost.shape)
-    value = exchange_users(grounds.site_m, arena.user_m, grounds.gain, arena.height2, arena.khz, free, users)
+    value = exchange_users(grounds.site_m, grounds.user_m, grounds.gain, arena.height2, arena.khz, free, users)
     return value, users.tolist()
 
 
@@ -155,7 +155,7 @@ def test_settling_never_loses_and_the_same_draws_end_at_the_same_places(kind: st
     def settled(heat: float) -> tuple[float, float, Array]:
         shots = snapshots_of(arena)
         before = look(arena, shots, arena.start_m)
-        return before, settle(arena, shots, arena.user_m, draws, before, heat), shots.place.copy()
+        return before, settle(arena, shots, mean_user_m(arena), draws, before, heat), shots.place.copy()
 
     for heat in (0.0, 0.5):
         before, after, place = settled(heat)

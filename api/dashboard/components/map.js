@@ -143,6 +143,9 @@ export default {
       const { w, h } = this.size;
       return [this.view.e + (x - w / 2) / this.view.zoom, this.view.n - (y - h / 2) / this.view.zoom];
     },
+    users() { // [id, east, north, radius in which it is], now
+      return this.scene.users.map(([id, e, n]) => [id, ...(this.frame?.users?.[id] ?? [e, n, 0])]);
+    },
     colour(id) {
       return this.palette[Math.max(this.scene.uavs.indexOf(id), 0) % this.palette.length];
     },
@@ -164,6 +167,7 @@ export default {
       this.paintTiles(c);
       this.paintGrid(c);
       this.paintZones(c);
+      this.paintUserTracks(c);
       this.paintPlans(c);
       this.paintTracks(c);
       if (this.frame) this.paintReserved(c);
@@ -287,6 +291,24 @@ export default {
         this.text("NO FLY", ...this.at(e, n), { colour: this.colours.zone, align: "center", weight: 600, size: 10 });
       }
     },
+    paintUserTracks(c) {
+      for (const track of Object.values(this.scene.user_tracks ?? {})) {
+        this.line(track, { colour: this.colours.muted, width: 1.2, dash: [2, 3], alpha: 0.8 });
+      }
+      for (const [, e, n, radius] of this.users()) {
+        if (!radius) continue;
+        const [x, y] = this.at(e, n);
+        c.save();
+        c.beginPath();
+        c.arc(x, y, radius * this.view.zoom, 0, 2 * Math.PI);
+        Object.assign(c, { fillStyle: this.colours.muted, strokeStyle: this.colours.muted, lineWidth: 1, globalAlpha: 0.12 });
+        c.fill();
+        c.globalAlpha = 0.6;
+        c.setLineDash([3, 3]);
+        c.stroke();
+        c.restore();
+      }
+    },
     paintPlans() {
       for (const plan of this.scene.plans) {
         for (const [id, path] of Object.entries(plan.paths)) {
@@ -322,7 +344,7 @@ export default {
       const where = Object.fromEntries(this.frame.uavs.map((uav) => [uav.id, uav]));
       const widest = Math.max(...this.frame.links.map((link) => link[2]), 1);
       const write = this.frame.links.length <= 24;
-      const places = Object.fromEntries(this.scene.users.map((user) => [user[0], user]));
+      const places = Object.fromEntries(this.users().map((user) => [user[0], user]));
       for (const [served, id, hz] of this.frame.links) {
         const uav = where[id];
         const user = places[served];
@@ -343,7 +365,7 @@ export default {
       const rates = this.frame?.rates ?? {};
       const cut = new Set(this.frame?.cut ?? []);
       const r = this.scene.users.length > 60 ? 5 : 7;
-      this.scene.users.forEach(([id, e, n]) => {
+      this.users().forEach(([id, e, n]) => {
         const [x, y] = this.at(e, n);
         const rate = rates[id] ?? null;
         const off = cut.has(id);
@@ -365,7 +387,7 @@ export default {
     },
     paintPins(c) {
       const pinned = new Set(this.scene.pinned ?? []);
-      for (const [id, e, n] of this.scene.users) if (pinned.has(id)) this.pin(c, ...this.at(e, n), 7);
+      for (const [id, e, n] of this.users()) if (pinned.has(id)) this.pin(c, ...this.at(e, n), 7);
       for (const uav of this.frame?.uavs ?? []) if (uav.e !== null && pinned.has(uav.id)) this.pin(c, ...this.at(uav.e, uav.n), 13);
     },
     pin(c, x, y, out) {
@@ -384,7 +406,7 @@ export default {
       if (this.scene.users.length > 40 && this.view.zoom < 3) return;
       const rates = this.frame?.rates ?? {};
       const cut = new Set(this.frame?.cut ?? []);
-      this.scene.users.forEach(([id, e, n]) => {
+      this.users().forEach(([id, e, n]) => {
         const [x, y] = this.at(e, n);
         const rate = rates[id] ?? null;
         const name = id.replace(/^user-/, "u");

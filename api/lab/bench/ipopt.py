@@ -103,7 +103,7 @@ class Trajectories:
             columns.append(
                 np.concatenate(
                     [
-                        problem.user_m[users].ravel(),
+                        problem.user_m[users, 0].ravel(),
                         bandwidth_hz[users, n] / 1e3,
                         problem.snr_gain[:, users, n].T.ravel(),
                         server.ravel(),

@@ -63,17 +63,19 @@ def k_means(problem: Problem, seconds: float) -> float:  # noqa: ARG001
 def _clusters(problem: Problem, seed: int) -> tuple[float, Array]:
     """(mean squared distance, centres (U, 2)) of one run."""
     rng = np.random.default_rng(seed)
-    centres = rng.permutation(np.resize(problem.user_m, (max(problem.n_uavs, problem.n_users), 2)))[: problem.n_uavs]
+    centres = rng.permutation(np.resize(problem.mean_user_m, (max(problem.n_uavs, problem.n_users), 2)))[
+        : problem.n_uavs
+    ]
     for _ in range(KMEANS_PASSES):
         label = _away2(problem, centres).argmin(axis=1)
         for u in np.unique(label):  # an empty cluster keeps its centre
-            centres[u] = problem.user_m[label == u].mean(axis=0)
+            centres[u] = problem.mean_user_m[label == u].mean(axis=0)
     return float(_away2(problem, centres).min(axis=1).mean()), centres
 
 
 def _away2(problem: Problem, centres: Array) -> Array:
     """Squared metres from each user to each centre: (K, U)."""
-    away2: Array = ((problem.user_m[:, None] - centres[None]) ** 2).sum(axis=2)
+    away2: Array = ((problem.mean_user_m[:, None] - centres[None]) ** 2).sum(axis=2)
     return away2
 
 

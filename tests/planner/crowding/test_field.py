@@ -49,7 +49,7 @@ def best_kbps(problem: Problem, n: int, at_m: Array, weights: Array) -> float:
 def places(problem: Problem, n: int, rng: np.random.Generator) -> Array:
     """Random positions (U, 2) within reach of slot n; often as near to a user as it goes."""
     wanted = rng.uniform(problem.low_m, problem.high_m, (problem.n_uavs, 2))
-    over = problem.user_m[rng.integers(0, problem.n_users, problem.n_uavs)]
+    over = problem.mean_user_m[rng.integers(0, problem.n_users, problem.n_uavs)]
     wanted = np.where(rng.random((problem.n_uavs, 1)) < 0.7, over, wanted) - problem.start_m
     away = np.linalg.norm(wanted, axis=1, keepdims=True)
     reached: Array = problem.start_m + wanted * np.minimum(1.0, problem.step_m[:, None] * n / np.maximum(away, 1e-9))

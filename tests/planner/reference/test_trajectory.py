@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.channel import squared_distances
 from skyfolio.planner.layouts import scattered
 from skyfolio.planner.problem import Problem, problem_of
 from skyfolio.planner.reference.trajectory import UNIT_M, _distance_bounds, _separation, steered, surrogate_rates
@@ -52,7 +51,7 @@ def cvxpy_eq_16(allocated: Array, snr: Array, lower: Array, upper: Array) -> Arr
 @given(seeds)
 def test_the_rate_surrogate_is_exact_at_its_expansion_point(seed: int) -> None:
     problem, allocated, here, _ = drawn(seed)
-    snr = problem.snr_gain / squared_distances(here, problem.user_m, problem.altitude_m)
+    snr = problem.snr_gain / problem.distances2(here)
     one = np.ones_like(snr)
     true = (allocated * spectral_efficiency(problem, here)).sum(axis=0) / 1e3
     assert cvxpy_eq_16(allocated, snr, one, one) == pytest.approx(true, rel=1e-9, abs=1e-9)
@@ -61,11 +60,11 @@ def test_the_rate_surrogate_is_exact_at_its_expansion_point(seed: int) -> None:
 @given(seeds)
 def test_the_rate_surrogate_is_below_the_rate_elsewhere_and_cvxpy_agrees_with_numpy(seed: int) -> None:
     problem, allocated, here, there = drawn(seed)
-    now2 = squared_distances(here, problem.user_m, problem.altitude_m)
-    then2 = squared_distances(there, problem.user_m, problem.altitude_m)
+    now2 = problem.distances2(here)
+    then2 = problem.distances2(there)
     linear2 = now2 + 2 * np.einsum(
         "uknd,uknd->ukn",
-        here[:, None] - problem.user_m[None, :, None],
+        here[:, None] - problem.user_m,
         np.broadcast_to((there - here)[:, None], (3, 4, 3, 2)),
     )
     allowed = linear2 > 0  # where (20) can hold at all
@@ -87,8 +86,8 @@ def test_the_distance_surrogates_hold_with_equality_at_their_expansion_point_and
 ) -> None:
     problem, _, here, there = drawn(seed)
     users, slots = (index.ravel() for index in np.indices((4, 3)))
-    now2 = squared_distances(here, problem.user_m, problem.altitude_m)[0, users, slots]
-    then2 = squared_distances(there, problem.user_m, problem.altitude_m)[0, users, slots]
+    now2 = problem.distances2(here)[0, users, slots]
+    then2 = problem.distances2(there)[0, users, slots]
     tight = [cp.Constant(np.ones(12)), cp.Constant(np.ones(12))]
     for constraint in _bounds(problem, here, here[0], (users, slots), *tight):
         left, right = (np.broadcast_to(side.value, 12) for side in constraint.args)

@@ -1,0 +1,26 @@
+"""Where the users of a scenario are in each slot, as arrays."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skyfolio.planner.arrays import Array
+from skyfolio.planner.scenario import Scenario
+
+
+def tracks_of(scenario: Scenario) -> tuple[Array, Array]:
+    """Return where users are, (K, S, 2) metres, and what is added to squared distances from there, (K, S) m^2.
+
+    S is the number of slots, or 1 where nothing changes from slot to slot.
+    """
+    users, slot_s = scenario.users, scenario.slot_duration_s
+    changing = any(user.moves or user.uncertainty_mps for user in users)
+    slots = range(scenario.slots if changing else 1)
+    places_m = np.array([[user.place_m(n, slot_s) for n in slots] for user in users], dtype=float)
+    radii_m = np.array([[user.radius_m(n, slot_s) for n in slots] for user in users])
+    return places_m, radii_m**2 / 2
+
+
+def are_plain(scenario: Scenario) -> bool:
+    """Return whether all users are as the letter's: see `User.is_plain`."""
+    return all(user.is_plain for user in scenario.users)
