@@ -21,7 +21,6 @@ from skyfolio.planner.problem import Problem
 from skyfolio.planner.sinr import spectral_efficiency
 from skyfolio.planner.solution import Observer, Solution
 from skyfolio.planner.stopping import StoppingRule
-from skyfolio.planner.utility import utility_kbps
 
 Indices = NDArray[np.intp]
 STEPS_M = (80.0, 40.0, 20.0, 10.0, 5.0)
@@ -40,9 +39,9 @@ def baseline1(
     """Serve each user by the nearest UAV with equal bandwidth, without flight; minimum rates are ignored."""
     paths = fast.flyable(problem)
     serving = nearest_uav(problem, paths)
-    mine = serving == np.arange(problem.n_uavs)[:, None, None]
+    mine = (serving == np.arange(problem.n_uavs)[:, None, None]) & problem.there
     share = problem.bandwidth_hz[:, None, None] * mine / np.maximum(mine.sum(axis=1, keepdims=True), 1)
-    return _reported(problem, Solution(paths, serving, share.sum(axis=0), []), observer)
+    return _reported(problem, fast.as_asked(problem, Solution(paths, serving, share.sum(axis=0), [])), observer)
 
 
 def baseline2(
@@ -125,13 +124,13 @@ def _placed(problem: Problem, placement_m: Array) -> Solution:
     """Fly to the placement (U, 2), hover, and serve the best of the nearest users in each slot."""
     paths = fast.flyable(problem, np.repeat(placement_m[:, None], problem.n_slots, axis=1))
     serving = nearest_uav(problem, paths)
-    efficiency = np.take_along_axis(spectral_efficiency(problem, paths), serving[None], axis=0)[0]
+    efficiency = np.take_along_axis(spectral_efficiency(problem, paths), serving[None], axis=0)[0] * problem.there
     bandwidth = np.zeros(serving.shape)
     for u in range(problem.n_uavs):
         mine = np.where(serving == u, efficiency, -1.0)
         best, slots = mine.argmax(axis=0), np.arange(problem.n_slots)
         bandwidth[best, slots] = np.where(mine[best, slots] > 0, problem.bandwidth_hz[u], bandwidth[best, slots])
-    return Solution(paths, serving, bandwidth, [])
+    return fast.as_asked(problem, Solution(paths, serving, bandwidth, []))
 
 
 def _moved(problem: Problem, placement_m: Array, length_m: float) -> Array:
@@ -189,4 +188,4 @@ def _iteration(problem: Problem, solution: Solution, number: int) -> Iteration:
 
 def _utility(problem: Problem, solution: Solution) -> float:
     rates = fast.served_rates_bps(problem, solution) / 1e3
-    return utility_kbps(problem.counted_kbps(rates), problem.kind, problem.mu)
+    return problem.utility_kbps(rates)

@@ -16,9 +16,10 @@ from scipy.optimize import linear_sum_assignment, minimize_scalar
 
 from skyfolio.planner.areas.size import is_large_problem
 from skyfolio.planner.arrays import Array
+from skyfolio.planner.gradient import rate_weights
 from skyfolio.planner.optimistic import optimistic_rates_kbps
 from skyfolio.planner.problem import Problem
-from skyfolio.planner.utility import rate_weights, soft_mean, utility_kbps
+from skyfolio.planner.utility import soft_mean
 
 TANGENTS, TANGENTS_OF_A_REPLAN = 12, 3
 """How many tangent planes are tried: each costs one assignment per slot, and a fleet in flight waits for its replan."""
@@ -66,17 +67,17 @@ def reachability_bound_kbps(problem: Problem) -> float:
     """
     pair_kbps = optimistic_rates_kbps(problem)
     tables = best_tables(pair_kbps)
-    per_slot = tables(np.ones((problem.n_users, problem.n_slots))).sum(axis=0)
-    mean_bound = lifted_kbps(problem, per_slot)
+    weights = np.repeat(problem.weight[:, None], problem.n_slots, axis=1)
+    mean_bound = lifted_kbps(problem, (weights * tables(weights)).sum(axis=0))
     if problem.kind == "sum" or problem.mu == 0.0:
         return mean_bound
     return min(mean_bound, tangent_bound_kbps(problem, tables, TANGENTS)) if pair_kbps.size <= SMALL else mean_bound
 
 
 def slot_bounds_kbps(problem: Problem) -> Array:
-    """Return the reachability bound of the sum rate of each slot: (N,) kbit/s."""
-    unweighted = np.ones((problem.n_users, problem.n_slots))
-    bounds: Array = best_tables(optimistic_rates_kbps(problem))(unweighted).sum(axis=0)
+    """Return the reachability bound of the weighted sum rate of each slot: (N,) kbit/s."""
+    weights = np.repeat(problem.weight[:, None], problem.n_slots, axis=1)
+    bounds: Array = (weights * best_tables(optimistic_rates_kbps(problem))(weights)).sum(axis=0)
     return bounds
 
 
@@ -89,12 +90,12 @@ def _with_reach(problem: Problem, crowded: Array) -> Array:
     bounds = crowded.copy()
     if not np.isfinite(crowded).any():
         return slot_bounds_kbps(problem)
-    unweighted = np.ones((problem.n_users, 1))
+    weights = problem.weight[:, None]
 
     def lower(slots: Iterable[int]) -> None:
         for n in slots:
             rates = optimistic_rates_kbps(problem, np.array([n]))
-            reached = float(best_tables(rates)(unweighted).sum())
+            reached = float((weights * best_tables(rates)(weights)).sum())
             bounds[n] = min(bounds[n], reached)
             if reached > crowded[n]:
                 break
@@ -106,13 +107,22 @@ def _with_reach(problem: Problem, crowded: Array) -> Array:
 
 
 def lifted_kbps(problem: Problem, per_slot_kbps: Array) -> float:
-    """From bounds (N,) of the sum rate of each slot to a bound of the utility.
+    """From bounds (N,) of the weighted sum rate of each slot to a bound of the utility.
 
     `sum` increases in each of them; the other utilities are at most the mean sum rate by Jensen's inequality.
     """
-    past = np.nansum(problem.past_kbps, axis=0)
+    past = np.nansum(problem.weight[:, None] * problem.past_kbps, axis=0)
+    if problem.has_demand:
+        per_slot_kbps = np.minimum(per_slot_kbps, asked_for_kbps(problem, problem.weight[:, None] * problem.there))
     counted = np.concatenate([past, per_slot_kbps[problem.counted_from :]])
     return soft_mean(counted, problem.mu if problem.kind == "sum" else 0.0)
+
+
+def asked_for_kbps(problem: Problem, weights: Array) -> Array:
+    """Return what the weighted sum rate (weights: (K, N)) of each slot comes to if all have what they ask for: (N,)."""
+    worth = np.where(weights > 0.0, weights * problem.demand_kbps[:, None], 0.0) if problem.has_demand else np.inf
+    total: Array = np.broadcast_to(worth, weights.shape).sum(axis=0)
+    return total
 
 
 def tangent_bound_kbps(problem: Problem, tables: Callable[[Array], Array], tries: int) -> float:
@@ -122,13 +132,17 @@ def tangent_bound_kbps(problem: Problem, tables: Callable[[Array], Array], tries
     G(R) <= G(R*) + <w, R - R*> with w the gradient at R*. The R* tried are those of the Frank-Wolfe method, whose own
     optimality gap is this very bound.
     """
-    point = tables(np.ones((problem.n_users, problem.n_slots)))
+    point = tables(np.repeat(problem.weight[:, None], problem.n_slots, axis=1))
     least = np.inf
     for _ in range(tries):
         weights = rate_weights(problem, point)
         vertex = tables(weights)
-        value = utility_kbps(problem.counted_kbps(point), problem.kind, problem.mu)
-        least = min(least, value + float((weights * (vertex - point)).sum()))
+        value = problem.utility_kbps(point)
+        gain = float((weights * (vertex - point)).sum())
+        if problem.has_demand:
+            most = np.minimum((weights * vertex).sum(axis=0), asked_for_kbps(problem, weights))
+            gain = float((most - (weights * point).sum(axis=0)).sum())
+        least = min(least, value + gain)
         point = point + best_step(problem, point, vertex) * (vertex - point)
     return float(least)
 
@@ -137,7 +151,7 @@ def best_step(problem: Problem, point: Array, vertex: Array) -> float:
     """Return the share in [0, 1] of the way to the vertex with the greatest utility, which is concave along it."""
 
     def loss_kbps(share: float) -> float:
-        return -utility_kbps(problem.counted_kbps(point + share * (vertex - point)), problem.kind, problem.mu)
+        return -problem.utility_kbps(point + share * (vertex - point))
 
     return float(minimize_scalar(loss_kbps, bounds=(0.0, 1.0), method="bounded", options={"xatol": STEP_ACCURACY}).x)
 

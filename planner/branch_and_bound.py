@@ -16,9 +16,9 @@ from skyfolio.planner.arrays import Array
 from skyfolio.planner.bound import best_step, lifted_kbps, reachability_bound_kbps
 from skyfolio.planner.cells import split_cells
 from skyfolio.planner.fast.arena import plain
+from skyfolio.planner.gradient import rate_weights
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.reach import Reach, reach_of
-from skyfolio.planner.utility import rate_weights, utility_kbps
 
 MAX_UAVS = 3
 CHUNK = 4096
@@ -63,7 +63,7 @@ def certificate(
         raise ValueError(f"uavs: branch and bound takes at most {MAX_UAVS} UAVs, not {problem.n_uavs}")
     root = reachability_bound_kbps(problem)
     if problem.kind == "sum" or problem.mu == 0.0:
-        slots, nodes = _branched(problem, np.ones(rates_kbps.shape), tolerance, max_nodes, stop)
+        slots, nodes = _branched(problem, problem.weight[:, None] * problem.there, tolerance, max_nodes, stop)
         bounds = np.array([slot.bound for slot in slots])
         return _certificate(slots, root, min(root, lifted_kbps(problem, bounds)), nodes, tolerance)
     return _by_tangent_planes(problem, rates_kbps, root, tolerance, max_nodes, stop)
@@ -83,7 +83,7 @@ def _by_tangent_planes(
         weights = rate_weights(problem, point)
         slots, nodes = _branched(problem, weights, tolerance, share, stop)
         spent += nodes
-        value = utility_kbps(problem.counted_kbps(point), problem.kind, problem.mu)
+        value = problem.utility_kbps(point)
         proven = value + sum(slot.bound for slot in slots) - float((weights * point).sum())
         if best is None or proven < best.bound_kbps:
             best = _certificate(slots, root, min(root, proven), spent, tolerance)

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import numpy as np
-
 from skyfolio.planner.areas.ceiling import lower_ceilings, slot_ceilings_kbps
 from skyfolio.planner.areas.size import is_large_problem
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.bound import best_tables, lifted_kbps, upper_bound_kbps
+from skyfolio.planner.bound import best_tables, lifted_kbps, may_crowd, upper_bound_kbps
 from skyfolio.planner.branch_and_bound import MAX_UAVS, Certificate, certificate
 from skyfolio.planner.crowding.proof import VISITS, Proof, Visit
+from skyfolio.planner.gradient import rate_weights
 from skyfolio.planner.optimistic import optimistic_rates_kbps
 from skyfolio.planner.problem import Problem
-from skyfolio.planner.utility import rate_weights, utility_kbps
 
 FEW_VISITS = VISITS[:1]
 """For the first of two proofs, so that time is left for the second."""
@@ -39,6 +37,11 @@ def prove(
         raise ValueError(
             "channel.fading: of 'expected' rates only the bound that comes with the plan is known; a search tightens "
             "that of 'mean', 'sampled' and 'held'"
+        )
+    if problem.n_uavs > MAX_UAVS and not may_crowd(problem):
+        raise ValueError(
+            f"users: with more than {MAX_UAVS} UAVs, and users that move or whose place is uncertain, only the bound "
+            "that comes with the plan is known"
         )
     if problem.n_uavs <= MAX_UAVS:
         return certificate(problem, rates_kbps, tolerance=tolerance, max_nodes=10**9, stop=stop)
@@ -73,13 +76,21 @@ def _by_slots(
 ) -> Certificate:
     """From bounds of the slots' sum rates: for `sum` as they are, else by Jensen's inequality."""
     optimistic = optimistic_rates_kbps(problem)
-    bounds = best_tables(optimistic)(np.ones(rates_kbps.shape)).sum(axis=0)
+    even = not problem.absent.size and bool((problem.weight == 1.0).all())
+    weights = problem.weight[:, None] * problem.there
+    bounds = (weights * best_tables(optimistic)(weights)).sum(axis=0)
     proof = Proof(
-        problem, rates_kbps, bounds, None, stop, lambda: told(min(root, lifted_kbps(problem, bounds))), visits=visits
+        problem,
+        rates_kbps,
+        bounds,
+        None if even else weights,
+        stop,
+        lambda: told(min(root, lifted_kbps(problem, bounds))),
+        visits=visits,
     )
     finished = proof.run()
     bound = min(root, lifted_kbps(problem, bounds))
-    return Certificate(bound, root, bounds, rates_kbps.sum(axis=0), proof.looks, finished)
+    return Certificate(bound, root, bounds, (weights * rates_kbps).sum(axis=0), proof.looks, finished)
 
 
 def _by_tangent_plane(
@@ -87,7 +98,7 @@ def _by_tangent_plane(
 ) -> Certificate:
     """Return the lesser of what is proven and the tangent plane of a concave utility at the plan."""
     weights = rate_weights(problem, rates_kbps)
-    offset = utility_kbps(problem.counted_kbps(rates_kbps), problem.kind, problem.mu)
+    offset = problem.utility_kbps(rates_kbps)
     best = (weights * rates_kbps).sum(axis=0)
     bounds = (weights * best_tables(optimistic_rates_kbps(problem))(weights)).sum(axis=0)
 

@@ -16,7 +16,7 @@ from skyfolio.planner.plans import Plan, PlanStatus, Summary
 from skyfolio.planner.problem import Past, Problem
 from skyfolio.planner.scenario import Scenario
 from skyfolio.planner.solution import Solution
-from skyfolio.planner.utility import jain_index, mean_variance_kbps, utility_kbps
+from skyfolio.planner.utility import jain_index, mean_variance_kbps
 
 
 def emit(
@@ -65,7 +65,9 @@ def _achieved(scenario: Scenario, past: Past) -> dict[str, list[float]]:
 def unmet_min_rates(scenario: Scenario, rates_bps: Array) -> dict[str, list[int]]:
     """Return by user the slots in which it gets less than its `min_rate_bps`; rates_bps: (K, N)."""
     short = {
-        user.id: np.flatnonzero(row < user.min_rate_bps * (1 - MIN_RATE_ROUNDING)).tolist()
+        user.id: [
+            n for n in np.flatnonzero(row < user.min_rate_bps * (1 - MIN_RATE_ROUNDING)).tolist() if user.is_there(n)
+        ]
         for user, row in zip(scenario.users, rates_bps, strict=True)
         if user.min_rate_bps > 0
     }
@@ -74,15 +76,15 @@ def unmet_min_rates(scenario: Scenario, rates_bps: Array) -> dict[str, list[int]
 
 def summarise(problem: Problem, rates_kbps: Array) -> Summary:
     """Return the measures of a (K, N) rate table; utility and bound include the past, the others only planned slots."""
-    utility = utility_kbps(problem.counted_kbps(rates_kbps), problem.kind, problem.mu)
+    utility = problem.utility_kbps(rates_kbps)
     bound = max(upper_bound_kbps(problem, rates_kbps), utility)
     per_slot = rates_kbps.sum(axis=0)
     return Summary(
         utility_bps=utility * 1e3,
         mean_sum_rate_bps=float(per_slot.mean()) * 1e3,
         sum_rate_variance_kbps2=float(per_slot.var()),
-        mean_variance_eq5_bps=mean_variance_kbps(rates_kbps, problem.mu) * 1e3,
-        jain=jain_index(rates_kbps),
+        mean_variance_eq5_bps=mean_variance_kbps(rates_kbps, problem.mu, problem.there, problem.weight) * 1e3,
+        jain=jain_index(rates_kbps, problem.there),
         upper_bound_bps=bound * 1e3,
         gap=(bound - utility) / max(abs(utility), 1e-9),
     )

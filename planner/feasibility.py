@@ -25,6 +25,10 @@ MIN_RATE_ROUNDING = 1e-9
 """Relative: a rate this little below `min_rate_bps` is that rate."""
 
 
+DEMAND_ROUNDING = 1e-7
+"""Relative: a rate this little above `demand_bps` is that rate; minimum rates are kept a little above what is asked."""
+
+
 class Violation(Frozen):
     """One broken constraint: its number in the letter, where, and by how much."""
 
@@ -50,6 +54,8 @@ def violations(plan: Plan) -> list[Violation]:
         *_association(plan),
         *_bandwidth(plan),
         *_min_rates(plan),
+        *_windows(plan),
+        *_demands(plan),
         *_motion(plan),
         *_separation(plan),
         *_no_fly(plan),
@@ -122,9 +128,33 @@ def _min_rates(plan: Plan) -> Iterator[Violation]:
             continue
         admitted = plan.unmet_min_rate_slots.get(user.id, [])
         for n, rate in enumerate(plan.user_rates_bps[user.id]):
-            if rate < least and n not in admitted:
+            if rate < least and n not in admitted and user.is_there(n):
                 message = f"gets {rate} of {user.min_rate_bps} bit/s"
                 yield Violation(constraint="min_rate", where=f"{user.id} slot {n}", message=message)
+
+
+def _windows(plan: Plan) -> Iterator[Violation]:
+    """Check that no user is served before it arrives or after it has left."""
+    for user in plan.scenario.users:
+        came = 0 if user.arrives_at_slot is None else user.arrives_at_slot
+        gone = plan.scenario.slots if user.leaves_at_slot is None else user.leaves_at_slot
+        for n in [*range(min(came, plan.scenario.slots)), *range(max(gone, 0), plan.scenario.slots)]:
+            hertz, rate = plan.bandwidth_hz[user.id][n], plan.user_rates_bps[user.id][n]
+            if hertz != 0.0 or rate != 0.0:
+                message = f"has {hertz} Hz and {rate} bit/s, but is not there"
+                yield Violation(constraint="window", where=f"{user.id} slot {n}", message=message)
+
+
+def _demands(plan: Plan) -> Iterator[Violation]:
+    """Check that no band is spent on rates beyond what users ask for."""
+    for user in plan.scenario.users:
+        if user.demand_bps is None:
+            continue
+        most = user.demand_bps * (1 + DEMAND_ROUNDING)
+        for n, rate in enumerate(plan.user_rates_bps[user.id]):
+            if rate > most:
+                message = f"gets {rate} bit/s, but asks for {user.demand_bps}"
+                yield Violation(constraint="demand", where=f"{user.id} slot {n}", message=message)
 
 
 def _motion(plan: Plan) -> Iterator[Violation]:

@@ -21,7 +21,6 @@ from skyfolio.planner.problem import Problem
 from skyfolio.planner.solution import Solution
 from skyfolio.planner.stopping import StoppingRule
 from skyfolio.planner.unreachable import UnreachableEndError
-from skyfolio.planner.utility import utility_kbps
 
 Ints = NDArray[np.intp]
 SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
@@ -122,7 +121,7 @@ def _improved(problem: Problem, former: Former, start: _Rated, stop: StoppingRul
 def _rated(problem: Problem, former: Former, solution: Solution) -> _Rated:
     rates_kbps = fast.served_rates_bps(problem, solution) / 1e3
     unmet = int((rates_kbps < problem.min_kbps[:, None] * (1.0 - MIN_RATE_ROUNDING)).sum())
-    utility = utility_kbps(problem.counted_kbps(rates_kbps), problem.kind, problem.mu)
+    utility = problem.utility_kbps(rates_kbps)
     amount = amount_of(disruption_of(former, solution), problem.n_slots)
     return _Rated(solution, unmet, utility, amount)
 

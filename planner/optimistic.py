@@ -20,4 +20,6 @@ def optimistic_rates_kbps(problem: Problem, slots: NDArray[np.intp] | None = Non
     gain = problem.snr_gain if slots is None else problem.snr_gain[:, :, slots]
     rates = mean_efficiency(gain / near2, gain / far2, problem.draws)
     rates *= (problem.bandwidth_hz / 1e3)[:, None, None]
+    if problem.absent.size:
+        rates *= problem.there if slots is None else problem.there[:, slots]
     return rates

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.channel import expected_gains, fading_gains, squared_distances
 from skyfolio.planner.scenario import NoFlyDisc, NoFlyPolygon, Scenario
-from skyfolio.planner.tracks import tracks_of
+from skyfolio.planner.tracks import absences_of, tracks_of
+from skyfolio.planner.utility import utility_kbps
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,7 +33,7 @@ class Problem:
     """Arrays of one planning problem; U UAVs, K users, N slots.
 
     start_m: (U, 2), metres east/north of the origin. user_m: (K, S, 2), where users are in each slot; S is 1 where
-    nobody moves. spread_m2: (K, S), what is added to squared distances from there (`users.py`). step_m: (U,), `D_max`,
+    none moves. spread_m2: (K, S), what is added to squared distances from there (`users.py`). step_m: (U,), `D_max`,
     metres per slot.
     altitude_m: (U,), `H`. low_m, high_m: (2,), the flying area. separation_m: `D_min`. bandwidth_hz: (U,), `B_u`.
     snr_gain: (U, K, N), `p_u rho |h_uk[n]|^2 / sigma^2` in m^2: divided by a squared distance it is an SNR (eq. 1).
@@ -43,7 +44,9 @@ class Problem:
     must be in its last slot, NaN where free. min_kbps: (K,), in every slot. discs: (D, 3), east, north, radius of
     no-fly discs; polygons: outlines (V, 2) of no-fly polygons, metres. counted_from: the first planned slot that
     counts in the utility. pinned_m: (U, N, 2), metres, where UAVs have to be, NaN for those that are free; pinned_to:
-    (K, N), who has to serve each user, -1 where that is free; both empty without pins (`pins.py`).
+    (K, N), who has to serve each user, -1 where that is free; both empty without pins (`pins.py`). weight: (K,), as
+    how many users each counts. absent: (K, N), whether it is not there, empty where all always are.
+    demand_kbps: (K,), what it asks for in a slot: more is worth nothing; infinite where it has no limit.
     """
 
     start_m: Array
@@ -68,6 +71,9 @@ class Problem:
     pinned_m: Array = field(default_factory=lambda: np.zeros((0, 0, 2)))
     pinned_to: NDArray[np.intp] = field(default_factory=lambda: np.zeros((0, 0), dtype=np.intp))
     draws: Array = field(default_factory=lambda: np.zeros((0, 0, 0)))
+    weight: Array
+    absent: NDArray[np.bool_]
+    demand_kbps: Array
 
     @cached_property
     def n_uavs(self) -> int:
@@ -100,14 +106,35 @@ class Problem:
         mean: Array = self.user_m[:, 0] if self.user_m.shape[1] == 1 else self.user_m.mean(axis=1)
         return mean
 
+    def counted_kbps(self, rates_kbps: Array) -> Array:
+        """Return the rate table that the utility counts: the past, then the planned slots that count; (K, M + ...).
+
+        It holds NaN where a user is not there, and no more than each asks for.
+        """
+        planned = np.where(self.absent, np.nan, rates_kbps) if self.absent.size else rates_kbps
+        if self.has_demand:
+            planned = np.minimum(planned, self.demand_kbps[:, None])
+        return np.hstack([self.past_kbps, planned[:, self.counted_from :]])
+
+    def utility_kbps(self, rates_kbps: Array) -> float:
+        """Return the utility of rates (K, N) in the planned slots, after the past, in kbit/s."""
+        return utility_kbps(self.counted_kbps(rates_kbps), self.kind, self.mu, self.weight)
+
+    @cached_property
+    def has_demand(self) -> bool:
+        """Whether any user asks for no more than some rate."""
+        return bool(np.isfinite(self.demand_kbps).any())
+
     @cached_property
     def has_plain_users(self) -> bool:
-        """Whether users stay where they are known to be."""
-        return self.user_m.shape[1] == 1 and not self.spread_m2.any()
+        """Whether users stay where they are known to be, are always there, count once and take any rate."""
+        stay = self.user_m.shape[1] == 1 and not self.spread_m2.any()
+        return stay and not self.absent.size and not self.has_demand and bool((self.weight == 1.0).all())
 
-    def counted_kbps(self, rates_kbps: Array) -> Array:
-        """Return the rate table that the utility counts: the past, then the planned slots that count; (K, M + ...)."""
-        return np.hstack([self.past_kbps, rates_kbps[:, self.counted_from :]])
+    @cached_property
+    def there(self) -> NDArray[np.bool_]:
+        """Whether each user is there in each slot: (K, N)."""
+        return ~self.absent if self.absent.size else np.ones((self.n_users, self.n_slots), dtype=bool)
 
     def hover(self) -> Array:
         """Return paths on which every UAV stays at its start, which is always feasible: (U, N, 2) metres."""
@@ -124,6 +151,11 @@ def problem_of(scenario: Scenario, past: Past | None = None) -> Problem:
     past_kbps = np.asarray(past.rates_bps, dtype=float) / 1e3 if past.rates_bps.size else np.zeros((n_users, 0))
     if past_kbps.shape[0] != n_users:
         raise ValueError(f"past.rates_bps has {past_kbps.shape[0]} rows, but the scenario has {n_users} users")
+    before = absences_of(scenario, -past_kbps.shape[1], past_kbps.shape[1])
+    past_kbps = np.where(before, np.nan, past_kbps) if before.any() else past_kbps
+    absent = absences_of(scenario)
+    demand_kbps = np.array([np.inf if user.demand_bps is None else user.demand_bps / 1e3 for user in scenario.users])
+    past_kbps = np.minimum(past_kbps, demand_kbps[:, None])
     excluded = scenario.utility.exclude_fixed_slots
     n_flying = np.array([scenario.last_slot(uav) + 1 for uav in scenario.uavs])
     no_end = (np.nan, np.nan)
@@ -151,6 +183,9 @@ def problem_of(scenario: Scenario, past: Past | None = None) -> Problem:
         polygons=tuple(np.array(zone.vertices_m) for zone in scenario.no_fly if isinstance(zone, NoFlyPolygon)),
         counted_from=1 if excluded and scenario.slots > 1 else 0,
         draws=_draws(scenario),
+        demand_kbps=demand_kbps,
+        weight=np.array([1.0 if user.weight is None else user.weight for user in scenario.users]),
+        absent=absent if absent.any() else np.zeros((0, 0), dtype=bool),
     )
 
 

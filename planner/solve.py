@@ -79,6 +79,7 @@ def plan(
     problem = _held(problem_of(scenario, past), held)
     _check(problem.hover().shape, n_starts, warm_start_m)
     _require_able(method, held, former)
+    _require_plain_users(method, scenario)
     inputs = [method, n_starts, seed, None if warm_start_m is None else warm_start_m.tobytes(), *_asked(held, former)]
 
     def emitted(solution: Solution, status: PlanStatus) -> Plan:
@@ -130,6 +131,16 @@ def _require_able(method: str, held: Pinned, former: Former | None) -> None:
         raise PinError(f"pins: only the method {DEFAULT_METHOD!r} keeps pins, not {method!r}")
     if former and former.weight_kbps > 0.0:
         raise ValueError(f"disruption_weight: only the method {DEFAULT_METHOD!r} has one, not {method!r}")
+
+
+def _require_plain_users(method: str, scenario: Scenario) -> None:
+    """Refuse users that the letter's own algorithm does not know; `areas` does so itself. Raises ValueError."""
+    if method != "paper":
+        return
+    for k, user in enumerate(scenario.users):
+        for name in ("arrives_at_slot", "leaves_at_slot", "weight", "demand_bps"):
+            if getattr(user, name) is not None:
+                raise ValueError(f"users.{k}.{name}: the method 'paper' does not know it; '{DEFAULT_METHOD}' does")
 
 
 def _explained(error: UnreachableEndError, held: Pinned) -> ValueError:

@@ -1,8 +1,9 @@
-"""Where the users of a scenario are in each slot, as arrays."""
+"""Where the users of a scenario are in each slot, as arrays, and when they are not there."""
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.scenario import Scenario
@@ -23,4 +24,11 @@ def tracks_of(scenario: Scenario) -> tuple[Array, Array]:
 
 def are_plain(scenario: Scenario) -> bool:
     """Return whether all users are as the letter's: see `User.is_plain`."""
-    return all(user.is_plain for user in scenario.users)
+    return all(user.is_plain(scenario.slots) for user in scenario.users)
+
+
+def absences_of(scenario: Scenario, first_slot: int = 0, n_slots: int | None = None) -> NDArray[np.bool_]:
+    """Return whether each user is not there in some slots, by default all of the scenario's: (K, N)."""
+    slots = range(first_slot, first_slot + (scenario.slots if n_slots is None else n_slots))
+    away = [[not user.is_there(n) for n in slots] for user in scenario.users]
+    return np.array(away, dtype=bool).reshape(len(scenario.users), len(slots))

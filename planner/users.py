@@ -23,6 +23,7 @@ from skyfolio.planner.parts import (
     left_out,
 )
 
+Slot = Annotated[int, Field(strict=True, ge=-1_000_000, le=1_000_000)]
 Speed = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-1000, le=1000)]
 LARGEST_M = 100_000.0
 """A flat local frame is no longer honest beyond."""
@@ -33,7 +34,10 @@ class User(Placed):
 
     `min_rate_bps` is what it must get in every slot, bit/s. Beyond the letter, each optional: `positions_m`, where it
     is when each slot begins; or `velocity_mps`, east and north, with which it goes on from `position_m`. It is within
-    `uncertainty_m` of there in slot 0, and within `uncertainty_mps` more for each second that has passed.
+    `uncertainty_m` of there in slot 0, and within `uncertainty_mps` more for each second that has passed. From
+    `arrives_at_slot` on until before `leaves_at_slot` it is there: else it is not served, and such slots are not in its
+    expectation. `weight`: it counts as so many users who get the same rate. `demand_bps`: what it gets beyond that in
+    a slot is worth nothing, and it gets no band for it.
     """
 
     model_config = ConfigDict(
@@ -53,6 +57,16 @@ class User(Placed):
     velocity_mps: tuple[Speed, Speed] | None = left_out("East and north, m/s: how it goes on from `position_m`.")
     uncertainty_m: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=10_000)] | None = left_out(
         "Radius around its place within which it is in slot 0, metres; 0 by default."
+    )
+    arrives_at_slot: Slot | None = left_out(
+        "The slot, counted from 0, from which on it is there; negative in a replan for one that came before."
+    )
+    leaves_at_slot: Slot | None = left_out("The slot, counted from 0, from which on it is gone.")
+    weight: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=1e-6, le=1e6)] | None = left_out(
+        "As how many users it counts in the utility; 1 by default."
+    )
+    demand_bps: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=1e15)] | None = left_out(
+        "What it asks for, bit/s: more in a slot is worth nothing; no limit by default."
     )
     uncertainty_mps: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=1000)] | None = left_out(
         "By how much that radius grows each second, m/s; 0 by default."
@@ -74,6 +88,11 @@ class User(Placed):
             raise ValueError(
                 f"position_m: {self.position_m} must be the first of positions_m, {self.positions_m[0]}, or left out"
             )
+        came, goes = self.arrives_at_slot, self.leaves_at_slot
+        if came is not None and goes is not None and goes <= came:
+            raise ValueError(f"leaves_at_slot: {goes} must be greater than arrives_at_slot, {came}")
+        if self.demand_bps is not None and self.demand_bps < self.min_rate_bps:
+            raise ValueError(f"demand_bps: {self.demand_bps} must be at least min_rate_bps, {self.min_rate_bps}")
         return self
 
     @property
@@ -82,11 +101,6 @@ class User(Placed):
         if self.positions_m is not None:
             return any(place != self.position_m for place in self.positions_m)
         return self.velocity_mps is not None and self.velocity_mps != (0.0, 0.0)
-
-    @property
-    def is_plain(self) -> bool:
-        """Return whether it stays where it is known to be."""
-        return not (self.moves or self.uncertainty_m or self.uncertainty_mps)
 
     def place_m(self, slot: int, slot_duration_s: float) -> Point:
         """Return where it is when a slot of its scenario begins, metres."""
@@ -102,6 +116,17 @@ class User(Placed):
         """Return within how many metres of its place it is then."""
         return (self.uncertainty_m or 0.0) + (self.uncertainty_mps or 0.0) * slot * slot_duration_s
 
+    def is_there(self, slot: int) -> bool:
+        """Return whether it is there in a slot of its scenario; negative slots were before it."""
+        came = self.arrives_at_slot is None or slot >= self.arrives_at_slot
+        return came and (self.leaves_at_slot is None or slot < self.leaves_at_slot)
+
+    def is_plain(self, slots: int) -> bool:
+        """Return whether it stays where it is known to be, is there in all these slots, counts once, takes any rate."""
+        stays = not (self.moves or self.uncertainty_m or self.uncertainty_mps)
+        always = self.is_there(0) and self.is_there(slots - 1)
+        return stays and always and self.weight in {None, 1.0} and self.demand_bps is None
+
     def moved_on(self, slots: int, slot_duration_s: float) -> Self:
         """Return the user as it is some slots later."""
         changes: dict[str, Any] = {}
@@ -111,6 +136,10 @@ class User(Placed):
             changes = {"position_m": self.place_m(slots, slot_duration_s)}
         if self.uncertainty_mps and slots:
             changes["uncertainty_m"] = self.radius_m(slots, slot_duration_s)
+        for name in ("arrives_at_slot", "leaves_at_slot"):
+            at = getattr(self, name)
+            if at is not None and slots:
+                changes[name] = at - slots
         return self.model_copy(update=changes) if changes else self
 
 

@@ -7,16 +7,16 @@ between users. mu -> 0 is the mean sum rate for all three.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
-from scipy.special import softmax
+from numpy.typing import NDArray
 
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.utilities import kind_of
 
-if TYPE_CHECKING:
-    from skyfolio.planner.problem import Problem
+ONCE = np.ones((1, 1))
+TINY = 1e-300
+SATED = 1e-9
+"""Relative: a user this little below what it asks for has it."""
 
 
 def soft_mean(values: Array, mu: float) -> float:
@@ -24,59 +24,67 @@ def soft_mean(values: Array, mu: float) -> float:
     return float(soft_means(values.reshape(1, -1), mu)[0])
 
 
-def soft_means(values: Array, mu: float) -> Array:
+def soft_means(values: Array, mu: float, counts: Array = ONCE) -> Array:
     """Return `soft_mean` of each row of (R, N), evaluated so that neither a large nor a tiny |mu| loses digits.
 
-    NaN marks slots in which a user was not there yet: the row is averaged over the others, and counts by
-    their share, so that mu -> 0 is the mean sum rate here too.
+    NaN marks slots in which a user was not there: the row is averaged over the others, and counts by
+    their share, so that mu -> 0 is the mean sum rate here too. counts: (R, N) or broadcast to it, how often each entry
+    counts.
     """
     there = np.isfinite(values)
-    count = there.sum(axis=1)
+    times = there * counts
+    everything = np.broadcast_to(counts, values.shape).sum(axis=1)
     if mu == 0.0:
-        return np.asarray(np.where(there, values, 0.0).mean(axis=1))
+        return np.asarray((np.where(there, values, 0.0) * counts).sum(axis=1) / everything)
+    count = times.sum(axis=1)
     least = np.where(there, values, np.inf).min(axis=1, keepdims=True)
+    least[count == 0] = 0.0
     above = np.where(there, values, least) - least
-    means: Array = least[:, 0] + np.log1p(np.expm1(mu * above).sum(axis=1) / count) / mu
-    means *= count / values.shape[1]
+    means: Array = least[:, 0] + np.log1p((np.expm1(mu * above) * counts).sum(axis=1) / np.maximum(count, TINY)) / mu
+    means *= count / everything
     return means
 
 
-def utility_kbps(rates_kbps: Array, kind: str, mu: float) -> float:
-    """Return the utility of a (K, N) rate table, in kbit/s; NaN where a user was not there yet.
+def utility_kbps(rates_kbps: Array, kind: str, mu: float, weights: Array | None = None) -> float:
+    """Return the utility of a (K, N) rate table, in kbit/s; NaN where a user was not there.
 
     `sum`: eq. (9), the soft mean over slots of the sum rate. `per_user`: the sum over users of the soft mean over
     slots of each user's rate, whose expansion is eq. (5). `pooled`: K times the soft mean over users and slots.
+    weights: (K,), as how many users each counts; default 1.
     """
     named = kind_of(kind)
-    return float(named.scale(len(rates_kbps)) * soft_means(named.rows(rates_kbps), mu).sum())
+    weights = np.ones(len(rates_kbps)) if weights is None else weights
+    means = soft_means(named.rows(rates_kbps, weights), mu, named.counts(rates_kbps.shape, weights))
+    return float((named.scale(weights) * means).sum())
 
 
-def rate_weights(problem: Problem, rates_kbps: Array) -> Array:
-    """Return the gradient of the utility in the planned rates: (K, N), all at least 0.
+def mean_variance_kbps(
+    rates_kbps: Array, mu: float, there: NDArray[np.bool_] | None = None, weights: Array | None = None
+) -> float:
+    """Return eq. (5) with beta = -mu/2: sum over users of mean minus beta times variance over slots, in kbit/s.
 
-    rates_kbps: (K, N) of the planned slots; the past counts in the normalisation. Slots that do not count get 0.
+    there: (K, N), whether each user is there: mean and variance are over these slots, and the user counts by their
+    share, and by its weight (K,).
     """
-    counted = problem.counted_kbps(rates_kbps)
-    if problem.mu == 0.0:
-        weights = np.full(counted.shape, 1.0 / counted.shape[1])
+    if there is None or there.all():
+        mean, variance, share = rates_kbps.mean(axis=1), rates_kbps.var(axis=1), 1.0
     else:
-        kind = kind_of(problem.kind)
-        rows = kind.rows(counted)
-        there = np.isfinite(rows)
-        shares = softmax(np.where(there, problem.mu * rows, -np.inf), axis=1) * there.mean(axis=1, keepdims=True)
-        weights = kind.scale(len(counted)) * kind.spread(shares, counted.shape)
-    planned = np.zeros(rates_kbps.shape)
-    planned[:, problem.counted_from :] = weights[:, problem.past_kbps.shape[1] :]
-    return planned
+        slots = np.maximum(there.sum(axis=1), 1)
+        mean = (rates_kbps * there).sum(axis=1) / slots
+        variance = (((rates_kbps - mean[:, None]) ** 2) * there).sum(axis=1) / slots
+        share = there.mean(axis=1)
+    times = share * (1.0 if weights is None else weights)
+    return float((times * mean).sum() + mu / 2 * (times * variance).sum())
 
 
-def mean_variance_kbps(rates_kbps: Array, mu: float) -> float:
-    """Return eq. (5) with beta = -mu/2: sum over users of mean minus beta times variance over slots, in kbit/s."""
-    return float(rates_kbps.mean(axis=1).sum() + mu / 2 * rates_kbps.var(axis=1).sum())
+def jain_index(rates_kbps: Array, there: NDArray[np.bool_] | None = None) -> float:
+    """Return Jain's fairness index of the users' time-averaged rates: 1 is equal, 1/K is one user gets all.
 
-
-def jain_index(rates_kbps: Array) -> float:
-    """Return Jain's fairness index of the users' time-averaged rates: 1 is equal, 1/K is one user gets all."""
+    there: (K, N), whether each user is there: averages are over these slots, and over users who are there at all.
+    """
     average = rates_kbps.mean(axis=1)
+    if there is not None and not there.all():
+        slots = there.sum(axis=1)
+        average = (rates_kbps * there).sum(axis=1)[slots > 0] / slots[slots > 0]
     square_of_sum, sum_of_squares = average.sum() ** 2, (average**2).sum()
     return float(square_of_sum / (len(average) * sum_of_squares)) if sum_of_squares > 0 else 1.0

@@ -13,6 +13,8 @@ from rich.table import Table
 from skyfolio.api.cli.files import Json, Out, read_as, write
 from skyfolio.planner import Budget, Deadline, Explanation, Plan, explain
 
+LEVELS = {"satisfied": "all it asked for"}
+"""Levels that have other names in the table."""
 PER = {"hertz": "a hertz", "m/s": "1 m/s", "lifted": "without it"}
 
 
@@ -46,7 +48,7 @@ def _users(found: Explanation) -> Table:
     for row in found.users:
         mean = f"{row.mean_rate_bps / 1e3:.2f}"
         if row.main is None:
-            table.add_row(row.user_id, mean, row.level)
+            table.add_row(row.user_id, mean, LEVELS.get(row.level, row.level))
             continue
         reason = next((one for one in row.reasons if one.kind == row.main), None)
         said = ("", "", "") if reason is None else (reason.method, f"{reason.rate_bps / 1e3:.2f}", reason.detail)

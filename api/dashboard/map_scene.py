@@ -92,6 +92,16 @@ def whereabouts(scenario: Scenario, n: int) -> dict[str, tuple[float, float, flo
     }
 
 
+def absent(scenario: Scenario, n: int) -> list[str]:
+    """Return the users that are not there in slot n: the map shows them pale."""
+    return [user.id for user in scenario.users if not user.is_there(n)]
+
+
+def asked(scenario: Scenario) -> dict[str, float]:
+    """Return what users ask for, bit/s, of those that have a limit."""
+    return {user.id: user.demand_bps for user in scenario.users if user.demand_bps is not None}
+
+
 def pinned_ids(pins: Pins) -> list[str]:
     """Return the UAVs whose paths are pinned and the users that are pinned to a UAV: the map marks both."""
     return [*pins.pinned_uavs, *pins.associations]
@@ -133,6 +143,8 @@ def frame(
         "links": links(plan, slot) if plan and slot is not None else [],
         "rates": known,
         "users": {} if plan is None or at is None else whereabouts(plan.scenario, at),
+        "absent": [] if plan is None or at is None else absent(plan.scenario, at),
+        "asked": asked(plan.scenario) if plan else {},
         "cut": cut_off(promise or plan, slot, known) if plan and slot is not None else [],
         "slot": slot,
         "live": True,

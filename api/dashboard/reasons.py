@@ -86,7 +86,7 @@ def prices(found: Explanation) -> list[Row]:
 
 def summary(found: Explanation) -> str:
     """Return in words how many users have little, and what was solved for that."""
-    short = sum(one.level != "served" for one in found.users)
+    short = sum(one.level in {"none", "little"} for one in found.users)
     who = f"{short} of {len(found.users)} users have little or nothing" if short else "Every user has its share"
     return f"{who}. Utility {_kbps(found.utility_bps)} kbit/s; {found.resolves} changed scenarios were planned."
 
@@ -102,7 +102,7 @@ def _signed(number: float) -> str:
 
 
 def _has(level: str) -> str:
-    return {"none": "nothing", "little": "little", "served": "its share"}[level]
+    return {"none": "nothing", "little": "little", "served": "its share", "satisfied": "all it asked for"}[level]
 
 
 def _kbps(rate_bps: float) -> str:

@@ -135,6 +135,8 @@ def _with_rest(problem: Problem, sum_kbps: Array) -> Problem:
         n_flying=np.append(problem.n_flying, problem.n_slots),
         end_m=_and(problem.end_m, np.array([np.nan, np.nan])),
         min_kbps=_and(problem.min_kbps, 0.0),
+        weight=_and(problem.weight, 1.0),
+        demand_kbps=_and(problem.demand_kbps, np.inf),
         pinned_m=_and(pinned, np.broadcast_to(far, (problem.n_slots, 2))),
     )
 

@@ -17,7 +17,6 @@ from skyfolio.planner.fast import served_rates_bps
 from skyfolio.planner.feasibility import MIN_RATE_ROUNDING
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.solution import Solution
-from skyfolio.planner.utility import utility_kbps
 
 Ints: TypeAlias = NDArray[np.int64]
 LOOKS = (0.0, 0.15, 0.5, 1.0)
@@ -61,8 +60,7 @@ def worth(problem: Problem, solution: Solution) -> Joint:
     """Return the solution with its rates, eqs. (1)-(4), and what they are worth."""
     rates_kbps = served_rates_bps(problem, solution) / 1e3
     unmet = int((rates_kbps < problem.min_kbps[:, None] * (1.0 - MIN_RATE_ROUNDING)).sum())
-    utility = utility_kbps(problem.counted_kbps(rates_kbps), problem.kind, problem.mu)
-    return Joint(solution, rates_kbps, unmet, utility)
+    return Joint(solution, rates_kbps, unmet, problem.utility_kbps(rates_kbps))
 
 
 def bound_for_m(problem: Problem, paths_m: Array) -> Array:
@@ -117,6 +115,8 @@ def area_problem(problem: Problem, joint: Joint, area: Area, users: Ints) -> Are
         n_flying=problem.n_flying[uavs],
         end_m=problem.end_m[uavs],
         min_kbps=problem.min_kbps[users],
+        weight=problem.weight[users],
+        demand_kbps=problem.demand_kbps[users],
         pinned_m=pinned if len(area.around) else np.zeros((0, 0, 2)),
     )
     serves = (joint.solution.bandwidth_hz[users] > 0.0) & np.isin(joint.solution.serving[users], others)

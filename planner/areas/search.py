@@ -92,7 +92,7 @@ def optimise(
     (default: one after the other, here). The result does not depend on it, but for interruptions. around_m: (P, 2),
     metres, with `start_m`: only areas around these points are planned anew, the other UAVs fly on as in `start_m`.
     Raises UnreachableEndError when no paths to all ends are found, and ValueError for fading other than `mean`, for
-    pins, and for users who move.
+    pins, and for users who move, come and go, have a weight or ask for no more than some rate.
     """
     _require_able(problem)
     search = Search(problem, stop, observer, run or partial(_one_by_one, stop), seed)
@@ -113,7 +113,7 @@ def _require_able(problem: Problem) -> None:
     if problem.pinned_m.size or problem.pinned_to.size:
         raise ValueError("pins: the method 'areas' keeps no pins")
     if not problem.has_plain_users:
-        raise ValueError("users: the method 'areas' knows no tracks; use 'fast'")
+        raise ValueError("users: the method 'areas' knows no tracks, windows, weights or demands; use 'fast'")
 
 
 def _one_by_one(stop: StoppingRule, tasks: Sequence[Task]) -> list[Any]:

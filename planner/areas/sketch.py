@@ -76,4 +76,6 @@ def of_users(problem: Problem, users: Ints) -> Problem:
         spread_m2=problem.spread_m2[users],
         past_kbps=problem.past_kbps[users],
         min_kbps=problem.min_kbps[users],
+        weight=problem.weight[users],
+        demand_kbps=problem.demand_kbps[users],
     )

@@ -55,8 +55,9 @@ class Stretch:
 
 
 def crowded_slot_bounds_kbps(problem: Problem, rates_kbps: Array | None = None) -> Array:
-    """Return upper bounds of the sum rate of each slot: (N,) kbit/s, infinite where it would take too long to say.
+    """Return upper bounds of the weighted sum rate of each slot: (N,) kbit/s, infinite where that would take too long.
 
+    Users count as if they were always there, which none can be worse for.
     rates_kbps: (K, N) of a good plan, whose served users make a good first field; any will do.
     """
     bounds = np.full(problem.n_slots, np.inf)
@@ -102,13 +103,14 @@ def _bound_stretch(
     """Fill in the bounds of a stretch, from its last slot on, in which the fleet is freest."""
     stages = stretch.stages(effort.stages)
     near2, far2 = squared_distance_range(problem, stages, ends=False)
-    last = slot_of(problem, ground, int(stages[-1]), near2[:, :, -1], far2[:, :, -1])
+    weights = None if (problem.weight == 1.0).all() else problem.weight
+    last = slot_of(problem, ground, int(stages[-1]), near2[:, :, -1], far2[:, :, -1], weights)
     field = first_field(problem, ground, last, None if rates_kbps is None else rates_kbps[:, stages[-1]])
     least = field.improve(everywhere(problem, ground, last, int(stages[-1])), effort.first_steps(len(last.classes)))
     until = stretch.end
     for at in range(len(stages) - 1, -1, -1):
         n = int(stages[at])
-        slot = slot_of(problem, ground, n, near2[:, :, at], far2[:, :, at])
+        slot = slot_of(problem, ground, n, near2[:, :, at], far2[:, :, at], weights)
         field.renew()
         least = min(least, field.improve(slot, STEPS))
         begin = int(stages[at - 1]) + 1 if at else stretch.first

@@ -31,15 +31,16 @@ class Reason(Frozen):
 class UserReasons(Frozen):
     """What a user gets, and why it is not more.
 
-    `level`: `none` without any rate, `little` below half of the users' mean or below its own minimum in some slot, else
-    `served`; only the first two have reasons, the greatest of each method first. `main`: the constraint without which
+    `level`: `satisfied` if it has all it asked for in every slot in which it is there, `none` without any rate,
+    `little` below half of the users' mean or below its own minimum in some slot, else `served`; only `none` and
+    `little` have reasons, the greatest of each method first. `main`: the constraint without which
     it would not have little (`resolve`), else the first step of the ladder that lets it have half of what a UAV gives
     on average. `price_per_bps`: what 1 bit/s more for this user costs in utility (derivative), the plan's paths kept.
     """
 
     user_id: str
     mean_rate_bps: float
-    level: Literal["none", "little", "served"]
+    level: Literal["none", "little", "served", "satisfied"]
     main: ReasonKind | None = None
     reasons: tuple[Reason, ...] = ()
     price_per_bps: float | None = None

@@ -11,8 +11,9 @@ Each rung takes one obstacle away, in this order, and never lowers the rate:
     reach             the same with a UAV overhead from the first slot on
     interference      the same if no other UAV interfered
 
-So the steps add up to all that the user lacks, and each rung bounds what it can get under the obstacles that are left.
-The others fly as planned on all rungs but the last. Means over the planned slots.
+No rung is above what the user asks for. So the steps add up to all that the user lacks, and each rung bounds what it
+can get under the obstacles that are left. The others fly as planned on all rungs but the last. Means over the planned
+slots in which the user is there.
 """
 
 from __future__ import annotations
@@ -102,7 +103,8 @@ def _of_some(ledger: Ledger, users: NDArray[np.intp]) -> dict[int, Ladder]:
     efficiency = np.where(may_serve, np.log1p(snr / interfering) / LN2, 0.0)
     whole = problem.bandwidth_hz[:, None, None] / 1e3 * efficiency
     rungs = [ledger.rates_kbps[users], whole.max(axis=0), *_nearer(problem, users, interfering, may_serve)]
-    table = np.stack([rung.mean(axis=1) for rung in rungs])
+    rungs = [np.minimum(rung, problem.demand_kbps[users, None]) for rung in rungs]
+    table = np.stack([ledger.over_time(rung, users) for rung in rungs])
     best = whole.mean(axis=2).argmax(axis=0)
     prices = _prices(ledger, users, efficiency)
     ids = ledger.scenario.uav_ids

@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyfolio.planner.arrays import Array
+from skyfolio.planner.gradient import rate_weights
 from skyfolio.planner.pinning import pinned
 from skyfolio.planner.plans import Plan
 from skyfolio.planner.problem import Past, Problem, problem_of
 from skyfolio.planner.remainder import remaining
 from skyfolio.planner.scenario import Scenario
-from skyfolio.planner.utility import rate_weights, utility_kbps
+from skyfolio.planner.utility import SATED
 
 LN2 = float(np.log(2.0))
 
@@ -62,12 +63,12 @@ class Ledger:
 
     @cached_property
     def may_serve(self) -> NDArray[np.bool_]:
-        """Whether pins let a UAV serve a user in a slot: (U, K, N), or (1, 1, 1) where they let all."""
+        """Whether a user is there, and pins let a UAV serve it: (U or 1, K, N), or (1, 1, 1) where all may always."""
         given = self.problem.pinned_to
         if not given.size:
-            return np.ones((1, 1, 1), dtype=bool)
+            return np.asarray(self.problem.there[None] if self.problem.absent.size else np.ones((1, 1, 1), dtype=bool))
         uavs = np.arange(self.problem.n_uavs)[:, None, None]
-        allowed: NDArray[np.bool_] = (given < 0) | (given == uavs)
+        allowed: NDArray[np.bool_] = ((given < 0) | (given == uavs)) & self.problem.there
         return allowed
 
     @cached_property
@@ -103,6 +104,19 @@ class Ledger:
             own += np.where(self.serving == u, self.snr_of(u), 0.0)
         return own
 
+    @cached_property
+    def has_all_it_asks_for(self) -> NDArray[np.bool_]:
+        """Whether each user gets what it asks for in every slot in which it is there: (K,)."""
+        asked = self.problem.demand_kbps[:, None] * (1.0 - SATED)
+        return np.asarray(((self.rates_kbps >= asked) | ~self.problem.there).all(axis=1))
+
+    def over_time(self, rates: Array, users: NDArray[np.intp] | None = None) -> Array:
+        """Return the mean of (k, N) rates of these users, by default all, over the slots in which each is there."""
+        if not self.problem.absent.size:
+            return np.asarray(rates.mean(axis=1))
+        there = self.problem.there if users is None else self.problem.there[users]
+        return np.asarray((rates * there).sum(axis=1) / np.maximum(there.sum(axis=1), 1))
+
     def snr_of(self, u: int, path_m: Array | None = None, users: NDArray[np.intp] | None = None) -> Array:
         """Return the signal over noise of UAV `u` on its path, or on another (N, 2) in metres: (K, N)."""
         path = self.paths_m[u] if path_m is None else path_m
@@ -115,4 +129,4 @@ class Ledger:
 
     def utility_kbps(self, rates_kbps: Array) -> float:
         """Return the utility of another rate table (K, N) of the same slots, in kbit/s."""
-        return utility_kbps(self.problem.counted_kbps(rates_kbps), self.problem.kind, self.problem.mu)
+        return self.problem.utility_kbps(rates_kbps)

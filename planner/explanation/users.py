@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 
 from skyfolio.planner.explanation.findings import Reason, ReasonKind, UserReasons
@@ -17,18 +19,20 @@ TO_USERS: tuple[ReasonKind, ...] = ("separation", "no_fly", "battery", "pins")
 
 def user_reasons(ledger: Ledger, base: Plan, without: dict[str, Plan]) -> tuple[UserReasons, ...]:
     """Return a row for every user; `without` holds plans without a constraint, whose gains count from `base`."""
-    mean_bps = ledger.rates_kbps.mean(axis=1) * 1e3
+    mean_bps = ledger.over_time(ledger.rates_kbps) * 1e3
     little_bps = LITTLE * float(mean_bps.mean())
     enough_kbps = LITTLE * float(ledger.rates_kbps.sum(axis=0).mean()) / ledger.problem.n_uavs
     unmet = ledger.plan.unmet_min_rate_slots
     has_little = (mean_bps == 0.0) | (mean_bps < little_bps)
-    short = [k for k, user in enumerate(ledger.scenario.user_ids) if has_little[k] or user in unmet]
+    sated = ledger.has_all_it_asks_for
+    short = [k for k, user in enumerate(ledger.scenario.user_ids) if (has_little[k] or user in unmet) and not sated[k]]
     found = ladders(ledger, np.array(short, dtype=np.intp))
     rows = []
     for k, user in enumerate(ledger.scenario.user_ids):
         rate = float(mean_bps[k])
         if k not in found:
-            rows.append(UserReasons(user_id=user, mean_rate_bps=rate, level="served"))
+            level: Literal["satisfied", "served"] = "satisfied" if sated[k] else "served"
+            rows.append(UserReasons(user_id=user, mean_rate_bps=rate, level=level))
             continue
         resolved = _without_constraints(user, base, without)
         rows.append(

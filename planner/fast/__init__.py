@@ -15,6 +15,6 @@ see an `Arena`, the problem as plain arrays; nothing here keeps state between ca
 from skyfolio.planner.fast.assigning import Tolls
 from skyfolio.planner.fast.optimise import default_starts, flyable, linked, optimise
 from skyfolio.planner.fast.priced import PricedClimb
-from skyfolio.planner.fast.served import served_rates_bps
+from skyfolio.planner.fast.served import as_asked, served_rates_bps
 
-__all__ = ["PricedClimb", "Tolls", "default_starts", "flyable", "linked", "optimise", "served_rates_bps"]
+__all__ = ["PricedClimb", "Tolls", "as_asked", "default_starts", "flyable", "linked", "optimise", "served_rates_bps"]

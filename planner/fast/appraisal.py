@@ -21,7 +21,7 @@ SAME = 1e-9
 @entry
 def look(arena: Arena, shots: Snapshots, place_m: Array) -> float:
     """Take the snapshots with everyone bound for `place_m` (2, U), metres; what they are worth, as in `worth`."""
-    shots.log_weight[:] = 0.0
+    shots.log_weight[:] = np.log(arena.weight)
     shots.level[:] = -np.inf
     gather(arena, shots, place_m)
     value = worth(arena, shots)
@@ -37,7 +37,7 @@ def weigh(arena: Arena, shots: Snapshots) -> None:
     """Let the next moves be judged by what they change beside the places that were looked at last."""
     if arena.kind == PER_USER:
         for k in range(shots.z.shape[0]):
-            shots.log_weight[k] = -np.log(max(shots.z[k], TINY))
+            shots.log_weight[k] = np.log(arena.weight[k]) - np.log(max(shots.z[k], TINY))
 
 
 @kernel
@@ -53,11 +53,13 @@ def worth(arena: Arena, shots: Snapshots) -> float:
     n_users = shots.z.shape[0]
     if arena.kind == PER_USER:
         for k in range(n_users):
-            total += np.log(max(shots.z[k], TINY) / (n_all + shots.fixed[k]))
+            total += arena.weight[k] * np.log(max(shots.z[k], TINY) / (n_all + shots.fixed[k]))
         return float(total / arena.mu - penalty / n_all)
+    number = 0.0
     for k in range(n_users):
-        total += shots.z[k]
-    return float(n_users * np.log(max(total, TINY) / (n_users * n_all)) / arena.mu - penalty / n_all)
+        total += arena.weight[k] * shots.z[k]
+        number += arena.weight[k]
+    return float(number * np.log(max(total, TINY) / (number * n_all)) / arena.mu - penalty / n_all)
 
 
 @kernel
@@ -66,7 +68,10 @@ def _sum_worth(arena: Arena, shots: Snapshots) -> float:
     least, total, n_all, count = np.inf, 0.0, 0.0, shots.slot.shape[0]
     rates = np.empty(count)
     for m in range(count):
-        rates[m] = _sum_rate(arena, shots, m)
+        if arena.has_weights or arena.has_demand:
+            rates[m] = _ordered_sum_rate(arena, shots, m)
+        else:
+            rates[m] = _sum_rate(arena, shots, m)
         least = min(least, rates[m])
         n_all += shots.slots[m]
     for m in range(count):
@@ -85,7 +90,7 @@ def _sum_rate(arena: Arena, shots: Snapshots, m: int) -> float:
         if sinr[k] > best[serving[k]]:
             best[serving[k]] = sinr[k]
     for k in range(serving.shape[0] if arena.has_minimum else 0):
-        if arena.min_kbps[k] > 0.0:
+        if arena.min_kbps[k] > 0.0 and not _is_away(arena, sinr[k]):
             left[serving[k]] -= arena.min_kbps[k] / max(PER_LN2 * log(1.0 + sinr[k]), 1e-12)
             rate += arena.min_kbps[k]
     for u in range(best.shape[0]):
@@ -93,6 +98,54 @@ def _sum_rate(arena: Arena, shots: Snapshots, m: int) -> float:
             rate -= UNMET * min(1.0 - left[u] / arena.khz[u], 1e6)
         elif best[u] > 0.0:
             rate += left[u] * PER_LN2 * log(1.0 + best[u])
+    return float(rate)
+
+
+@kernel
+def _ordered_sum_rate(arena: Arena, shots: Snapshots, m: int) -> float:
+    """Do the same where users differ in weight, or ask for no more than some rate: who is worth most comes first."""
+    serving, worth, more, left, rate = shots.heard.serving[m], shots.first, shots.inverse, shots.left, 0.0
+    _sinr(shots.heard.own[m], shots.heard.total[m], worth)
+    for u in range(left.shape[0]):
+        left[u] = arena.khz[u]
+    for k in range(serving.shape[0]):
+        efficiency = max(PER_LN2 * log(1.0 + worth[k]), 1e-12)
+        least = 0.0 if _is_away(arena, worth[k]) else arena.min_kbps[k]
+        worth[k] = arena.weight[k] * efficiency
+        more[k] = (arena.demand[k] - least) / efficiency
+        left[serving[k]] -= least / efficiency
+        rate += arena.weight[k] * least
+    for u in range(left.shape[0]):
+        if left[u] < 0.0:
+            rate -= UNMET * min(1.0 - left[u] / arena.khz[u], 1e6)
+    return float(rate + _in_order(serving, worth, more, left, shots.top, shots.width))
+
+
+@kernel
+def _is_away(arena: Arena, heard: float) -> bool:
+    """Return whether a user receives nothing because it is not there."""
+    return bool(arena.has_absent and heard <= 0.0)
+
+
+@kernel
+def _in_order(serving: Ints, worth: Array, more: Array, left: Array, best: Array, who: Array) -> float:
+    """Give `left` kHz of each UAV to its users, who is worth most first and up to `more` kHz; what that is worth."""
+    rate, asked = 0.0, True
+    while asked:
+        asked = False
+        for u in range(left.shape[0]):
+            best[u], who[u] = 0.0, -1.0
+        for k in range(serving.shape[0]):
+            u = serving[k]
+            if left[u] > 0.0 and more[k] > 0.0 and worth[k] > best[u]:
+                best[u], who[u] = worth[k], k
+        for u in range(left.shape[0]):
+            if who[u] >= 0.0:
+                asked = True
+                given = min(left[u], more[int(who[u])])
+                rate += given * best[u]
+                left[u] -= given
+                more[int(who[u])] = 0.0
     return float(rate)
 
 
@@ -112,13 +165,15 @@ def _share_moment(arena: Arena, shots: Snapshots, m: int) -> float:
     _demands(-arena.mu, shots.log_weight, heard.own[m], heard.total[m], shots.inverse, first)
     for u in range(shots.left.shape[0]):
         shots.left[u] = arena.khz[u]
-    short = _reserve(arena, shots, serving) if arena.has_minimum else 0.0
+    short = _reserve(arena, shots, serving, heard.own[m]) if arena.has_minimum else 0.0
     _levels(shots.inverse, first, serving, shots.left, shots.width, shots.top, level)
     for k in range(first.shape[0]):
         first[k] = max(first[k] - level[serving[k]], 0.0)
     if arena.has_minimum:
         for k in range(first.shape[0]):
             first[k] -= arena.mu * arena.min_kbps[k]
+    for k in range(first.shape[0] if arena.has_demand else 0):
+        first[k] = min(first[k], -arena.mu * arena.demand[k])
     _add_up(shots.slots[m], first, shots.z)
     return short
 
@@ -140,11 +195,11 @@ def _add_up(slots: float, above: Array, z: Array) -> None:
 
 
 @kernel
-def _reserve(arena: Arena, shots: Snapshots, serving: Ints) -> float:
+def _reserve(arena: Arena, shots: Snapshots, serving: Ints, own: Array) -> float:
     """Take the minimum rates off `left`, and off what the next kHz is worth; return the penalty for what is short."""
     short, left = 0.0, shots.left
     for k in range(serving.shape[0]):
-        if arena.min_kbps[k] > 0.0:
+        if arena.min_kbps[k] > 0.0 and not _is_away(arena, own[k]):
             shots.first[k] += arena.mu * arena.min_kbps[k]
             left[serving[k]] += arena.min_kbps[k] * arena.mu * shots.inverse[k]
     for u in range(left.shape[0]):

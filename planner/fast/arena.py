@@ -86,6 +86,8 @@ class Arena(NamedTuple):
     each user, -1 where that is free; both empty without pins.
     former: (N, 2, U), metres, from where each metre away costs `per_metre` kbit/s of utility, NaN where it is free;
     within some `blur_m` of there it costs less (`priced.py`); empty without a price.
+    weight: (K,), as how many users each counts. demand: (K,), kbit/s beyond which a rate is worth nothing.
+    absent: (N, K), 1 where a user is not there; empty where all always are. gone: (K,), in how many slots that is.
     """
 
     gain: Array
@@ -121,18 +123,26 @@ class Arena(NamedTuple):
     former: Array
     per_metre: float
     blur_m: float
+    weight: Array
+    demand: Array
+    absent: Ints
+    gone: Array
     has_pinned: bool
     has_pinned_to: bool
     has_ends: bool
     has_minimum: bool
     has_price: bool
+    has_weights: bool
+    has_absent: bool
+    has_demand: bool
+    has_floors: bool
 
 
 class Links(NamedTuple):
     """Who serves whom: in slot n the entries [0, used[n]) of (N, W) user, uav, khz; each user at most once.
 
-    floor: (N, W), kbit/s that the link must keep: the minimum rate of its user.
-    log_weight: (K,), of the last minorant (`shares.py`). W is U for `sum` without minimum rates, else K.
+    floor: (N, W), kbit/s that the link keeps while UAVs move: the minimum rate of its user, or all that it asks for.
+    log_weight: (K,), of the last minorant (`shares.py`). W is U for `sum` without minimum rates and demands, else K.
     """
 
     used: Ints
@@ -190,7 +200,24 @@ def arena_of(problem: Problem) -> Arena:
         has_ends=bool(np.isfinite(problem.end_m).any()),
         has_minimum=bool((problem.min_kbps > 0).any()),
         has_price=False,
+        weight=plain(problem.weight),
+        absent=plain(problem.absent.T, np.int64),
+        gone=plain(problem.absent.T.sum(axis=0) if problem.absent.size else np.zeros(problem.n_users)),
+        has_weights=bool((problem.weight != 1.0).any()),
+        has_absent=problem.absent.size > 0,
+        demand=plain(np.maximum(problem.demand_kbps, problem.min_kbps * (1.0 + MARGIN))),
+        has_demand=problem.has_demand,
+        has_floors=problem.has_demand or bool((problem.min_kbps > 0).any()),
     )
+
+
+@kernel
+def hide_absent(arena: Arena, n: int, signal: Array) -> None:
+    """Set the signals (U, K) of slot n to 0 for users who are not there: no link is made without one."""
+    for k in range(signal.shape[1]):
+        if arena.absent[n, k] != 0:
+            for u in range(signal.shape[0]):
+                signal[u, k] = 0.0
 
 
 @kernel
@@ -221,7 +248,7 @@ def _past(problem: Problem, kind: int) -> tuple[Array, Array, Array]:
     if past.shape[1] == 0:
         rows = 1 if kind == SUM else len(past)
         return np.full(rows, np.inf if problem.mu else 0.0), np.zeros(rows), np.zeros(rows)
-    rates = np.nansum(past, axis=0, keepdims=True) if kind == SUM else past
+    rates = np.nansum(problem.weight[:, None] * past, axis=0, keepdims=True) if kind == SUM else past
     there = np.isfinite(rates)
     count = there.sum(axis=1).astype(float)
     if problem.mu == 0.0:
@@ -235,7 +262,7 @@ def links_of(arena: Arena) -> Links:
     """Empty links of the right size."""
     n_slots, n_uavs = arena.gain.shape
     n_users = arena.user_m.shape[2]
-    width = n_uavs if arena.kind == SUM and not arena.has_minimum else n_users
+    width = n_uavs if arena.kind == SUM and not arena.has_floors else n_users
     shape = (n_slots, max(1, width))
     return Links(
         used=np.zeros(n_slots, dtype=np.int64),
@@ -243,7 +270,7 @@ def links_of(arena: Arena) -> Links:
         uav=np.zeros(shape, dtype=np.int64),
         khz=np.zeros(shape),
         floor=np.zeros(shape),
-        log_weight=np.zeros(n_users),
+        log_weight=np.log(arena.weight),
     )
 
 

@@ -68,7 +68,7 @@ def ascend(arena: Arena, links: Links, path: Array, steps: int, tolerance: float
     link_rates(arena, path, links, scratch.rate)
     best = value(arena, links, scratch.rate, moving, scratch.weight) - price_of_way(arena, path)
     for made in range(steps):
-        if arena.has_minimum:
+        if arena.has_floors:
             free_bands(links, scratch.rate, scratch.free)
             reweigh(arena, links, scratch.free, scratch.rate, scratch.weight)
         gradient(arena, path, links, scratch.weight, scratch.slope)
@@ -83,7 +83,7 @@ def ascend(arena: Arena, links: Links, path: Array, steps: int, tolerance: float
         reached = _search(arena, links, path, best, scratch)
         if reached <= best:
             return made
-        if arena.has_minimum:
+        if arena.has_floors:
             links.khz[:] = scratch.khz
         _moved(path, scratch.trial, scratch.move)
         _copy(scratch.trial, path)
@@ -102,7 +102,7 @@ def _search(arena: Arena, links: Links, path: Array, best: float, scratch: Ascen
         _wish(path, scratch.direction, scratch.length[0], scratch.wish)
         if fly(arena, scratch.wish, chase, scratch.trial):
             link_rates(arena, scratch.trial, links, scratch.rate)
-            if not arena.has_minimum or refit(arena, links, scratch.free, scratch.rate, scratch.khz):
+            if not arena.has_floors or refit(arena, links, scratch.free, scratch.rate, scratch.khz):
                 reached = value(arena, links, scratch.rate, moving, scratch.weight)
                 reached -= price_of_way(arena, scratch.trial)
                 if reached > best:

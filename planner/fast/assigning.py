@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from skyfolio.planner.arrays import Array
+from skyfolio.planner.gradient import rate_weights
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.sinr import spectral_efficiency
 from skyfolio.planner.solution import Solution
-from skyfolio.planner.utility import rate_weights, utility_kbps
 
 Users: TypeAlias = NDArray[np.intp]
 Flags: TypeAlias = NDArray[np.bool_]
@@ -81,7 +81,8 @@ class _Assignments:
 
     def improve(self, n: int) -> bool:
         """Assign slot n anew if that gains more than it costs; whether it did."""
-        slope = float(rate_weights(self._problem, self._given)[:, n].max())
+        slopes = rate_weights(self._problem, self._given)[:, n]
+        slope = float((slopes / self._problem.weight).max()) * self._problem.weight
         for share in OVERTAKING if self._problem.mu < 0.0 else (1.0,):
             row, band = _slot(self._problem, self._tolls, self._rates[:, :, n], slope * share, n)
             serving, hertz, given = self.serving.copy(), self.hertz.copy(), self._given.copy()
@@ -94,18 +95,21 @@ class _Assignments:
         return False
 
     def _utility(self, given_kbps: Array) -> float:
-        return utility_kbps(self._problem.counted_kbps(given_kbps), self._problem.kind, self._problem.mu)
+        return self._problem.utility_kbps(given_kbps)
 
     def _toll(self, serving: Users, hertz: Array) -> float:
         return self._tolls.per_user * float(self._tolls.changed(serving, hertz).sum())
 
 
-def _slot(problem: Problem, tolls: Tolls, rates: Array, slope: float, n: int) -> tuple[Users, Array]:
-    """Return server and band of every user in one slot; rates: (U, K) kbit/s of whole bands, 0 where not allowed."""
+def _slot(problem: Problem, tolls: Tolls, rates: Array, slopes: Array, n: int) -> tuple[Users, Array]:
+    """Return server and band of every user in one slot.
+
+    rates: (U, K) kbit/s of whole bands, 0 where not allowed; slopes: (K,), what a kbit/s is worth to each.
+    """
     users = np.arange(problem.n_users)
     before = tolls.serving[:, n]
     uavs = np.arange(problem.n_uavs)[:, None]
-    worth = slope * rates - tolls.per_user * ((before >= 0) & (uavs != before))
+    worth = slopes * rates - tolls.per_user * ((before >= 0) & (uavs != before))
     worth = np.where(rates > 0.0, np.maximum(worth, 0.0), 0.0)
     row = np.where(before >= 0, before, rates.argmax(axis=0))
     if problem.pinned_to.size:
@@ -123,4 +127,4 @@ def _whole_band_kbps(problem: Problem, paths_m: Array) -> Array:
     if problem.pinned_to.size:
         uavs = np.arange(problem.n_uavs)[:, None, None]
         rates = np.where((problem.pinned_to < 0) | (problem.pinned_to == uavs), rates, 0.0)
-    return rates
+    return rates * problem.there if problem.absent.size else rates

@@ -30,23 +30,25 @@ def climb(arena: Arena, path: Array, links: Links, steps: int, tolerance: float)
     if steps > 0:
         settled = ascend(arena, links, path, steps, tolerance, scratch) < steps
         _, steered, _ = worth(arena, path, links, scratch)
-    relink(arena, path, links, scratch)
+    relink(arena, path, links, scratch, settled or steps == 0)
     unmet, utility, total = worth(arena, path, links, scratch)
     return unmet, utility, total, settled and utility - steered <= tolerance * abs(utility)
 
 
 @kernel
-def relink(arena: Arena, path: Array, links: Links, scratch: Ascent) -> None:
+def relink(arena: Arena, path: Array, links: Links, scratch: Ascent, settled: bool) -> None:
     """Return the best association and bandwidth at `path` (N, 2, U): exact for `sum`, else better than `links`.
 
     Minorants are taken beyond the exact tangent, in the direction in which the last one turned, as long as the
-    utility grows: on their own they creep.
+    utility grows: on their own they creep. settled: whether paths have come to rest. Until then users with demands
+    are not exchanged: trying that takes long, since most of the bands are shared by several.
     """
-    if arena.kind == SUM and not arena.has_minimum:
+    thorough = settled or not arena.has_demand
+    if arena.kind == SUM and not arena.has_floors:
         match_all(arena, path, links)
         return
     if arena.kind == SUM or links.used[0] == 0:
-        share_all(arena, path, links, arena.kind == SUM)
+        share_all(arena, path, links, arena.kind == SUM and thorough)
     if arena.kind == SUM:
         return
     trial, tangent, reach = new_links(links), np.empty(links.log_weight.shape[0]), 1.0
@@ -56,7 +58,7 @@ def relink(arena: Arena, path: Array, links: Links, scratch: Ascent) -> None:
         copy_links(links, trial)
         for k in range(tangent.shape[0]):
             trial.log_weight[k] += reach * (tangent[k] - links.log_weight[k])
-        share_all(arena, path, trial, number == 0)
+        share_all(arena, path, trial, number == 0 and thorough)
         new_unmet, new_utility, _ = worth(arena, path, trial, scratch)
         if (-new_unmet, new_utility) > (-unmet, utility):
             copy_links(trial, links)
@@ -80,7 +82,7 @@ def worth(arena: Arena, path: Array, links: Links, scratch: Ascent) -> tuple[int
     for n in range(path.shape[0]):
         for j in range(links.used[n]):
             total += rate[n, j]
-            if arena.has_minimum:
+            if arena.has_minimum and not (arena.has_absent and arena.absent[n, links.user[n, j]] != 0):
                 unmet += rate[n, j] < arena.min_kbps[links.user[n, j]] * (1.0 - 0.5 * MARGIN)
     return unmet, utility, total / path.shape[0]
 
@@ -89,12 +91,12 @@ def worth(arena: Arena, path: Array, links: Links, scratch: Ascent) -> tuple[int
 def tables(arena: Arena, path: Array, links: Links, serving: Ints, hertz: Array) -> None:
     """Return who serves each user, (K, N), and with how many Hz, into tables of zeros.
 
-    A user without a link belongs to the UAV with the strongest signal.
+    A user without a link, or who is not there, belongs to the UAV with the strongest signal.
     """
     n_uavs, n_users = path.shape[2], arena.user_m.shape[2]
     signal, total, loudest = np.empty((n_uavs, n_users)), np.empty(n_users), np.empty(n_users)
     for n in range(path.shape[0]):
-        if links.used[n] < n_users:
+        if links.used[n] < n_users or arena.has_absent:
             slot_signals(arena, path[n], n, signal, total)
             if arena.has_pinned_to:
                 keep_pins(arena, n, signal)
@@ -106,5 +108,7 @@ def tables(arena: Arena, path: Array, links: Links, serving: Ints, hertz: Array)
                         loudest[k] = signal[u, k]
                         serving[k, n] = u
         for j in range(links.used[n]):
+            if arena.has_absent and arena.absent[n, links.user[n, j]] != 0:
+                continue
             serving[links.user[n, j], n] = links.uav[n, j]
             hertz[links.user[n, j], n] = links.khz[n, j] * 1e3

@@ -28,15 +28,17 @@ def share_slot(arena: Arena, market: Market, serving: Ints, khz: Array) -> None:
         fill(arena, market, u, khz)
     # Fields are read once, out here: inside the loops numba would count references to each of them.
     eff, weight, log_weight, price = market.eff, market.weight, market.log_weight, market.price
-    band, min_kbps, decay = arena.khz, arena.min_kbps, 0.0 if arena.kind == SUM else -arena.mu
+    band, least, decay = arena.khz, market.least, 0.0 if arena.kind == SUM else -arena.mu
     for _ in range(SWEEPS):
         moved = False
         for k in range(n_users):
             u = serving[k]
-            if decay > 0.0 and min_kbps[k] == 0.0:
+            if decay > 0.0 and least[k] == 0.0 and not arena.has_demand:
                 to = _promising(decay, eff, weight[k], log_weight[k], price, band, k, u)
             else:
-                to = _promising_with_floor(decay, eff, log_weight[k], price, band, min_kbps[k], k, u, khz[k])
+                to = _promising_with_floor(
+                    decay, eff, arena.weight[k], log_weight[k], price, band, least[k], arena.demand[k], k, u, khz[k]
+                )
             if to >= 0 and _try_move(arena, market, k, to, serving, khz):
                 moved = True
         if not moved:
@@ -60,7 +62,7 @@ def exchange(arena: Arena, market: Market, serving: Ints, khz: Array) -> None:
 def _thorough_sweep(arena: Arena, market: Market, serving: Ints, khz: Array) -> bool:
     """Try every move and every exchange that can help; whether any was kept."""
     n_users, n_uavs = market.eff.shape
-    blind, changed = arena.kind == SUM or arena.has_minimum, False
+    blind, changed = arena.has_minimum, False
     for k in range(n_users):
         for to in range(n_uavs):
             u = serving[k]
@@ -80,14 +82,19 @@ def _charge(arena: Arena, market: Market, u: int) -> None:
 
     Whatever the price, what the users of a UAV cost is no less than the sum of these less the price of the band: that
     is its Lagrangian bound, which is reached at the price of those whom it serves. So with other users it costs more by
-    no less than the difference of their charges. Without users there is no price, and the first one takes the band.
+    no less than the difference of their charges. Without users there is no price, and the first one takes the band,
+    or as much of it as it asks for.
     """
     decay, price, band = -arena.mu, market.price[u], arena.khz[u]
-    if market.size[u] > 0:
+    if arena.kind == SUM:
+        _charge_for_sum(arena, market, u)
+    elif arena.has_demand:
+        _charge_up_to_demand(arena, market, u)
+    elif market.size[u] > 0:
         _charge_by_price(decay, market.weight, market.eff, price, u, market.charge)
-        return
-    for k in range(market.weight.shape[0]):
-        market.charge[k, u] = market.weight[k] * exp(-decay * market.eff[k, u] * band)
+    else:
+        for k in range(market.weight.shape[0]):
+            market.charge[k, u] = market.weight[k] * exp(-decay * market.eff[k, u] * band)
 
 
 @smooth
@@ -97,6 +104,33 @@ def _charge_by_price(decay: float, weight: Array, eff: Array, price: float, u: i
         worth = max(weight[k] * slope, price)
         taken = price * (1.0 + log(worth / price)) / slope if price > 0.0 and slope > 0.0 else 0.0
         charge[k, u] = taken if weight[k] * slope > price else weight[k]
+
+
+@kernel
+def _charge_for_sum(arena: Arena, market: Market, u: int) -> None:
+    """Do the same where bands are worth the rates: who is worth more than the price takes all that it asks for."""
+    price, band = market.price[u] if market.size[u] > 0 else 0.0, arena.khz[u]
+    for k in range(market.eff.shape[0]):
+        eff, charge = market.eff[k, u], 0.0
+        if eff > 0.0:
+            charge = min(0.0, price - arena.weight[k] * eff) * min(band, arena.demand[k] / eff)
+        market.charge[k, u] = charge
+
+
+@kernel
+def _charge_up_to_demand(arena: Arena, market: Market, u: int) -> None:
+    """Do the same where users take no more than they ask for, nor than there is."""
+    price, band = market.price[u] if market.size[u] > 0 else 0.0, arena.khz[u]
+    for k in range(market.eff.shape[0]):
+        eff, worth = market.eff[k, u], market.weight[k]
+        slope = -arena.mu * eff
+        if worth * slope <= price:
+            market.charge[k, u] = worth
+            continue
+        taken = min(band, arena.demand[k] / eff)
+        if price > 0.0:
+            taken = min(taken, log(worth * slope / price) / slope)
+        market.charge[k, u] = worth * exp(-slope * taken) + price * taken
 
 
 @kernel
@@ -134,50 +168,57 @@ def _promising(
     best, least = -1, weight
     worth = weight * decay
     if worth * eff[k, u] > price[u]:
-        least = _cost(decay * eff[k, u], log_weight, price[u], band[u], 0.0)
+        least = _cost(decay * eff[k, u], log_weight, price[u], band[u], 0.0, np.inf)
     least *= 1.0 - 1e-12
     for i in range(eff.shape[1]):
         if i != u and worth * eff[k, i] > price[i]:
-            promised = _cost(decay * eff[k, i], log_weight, price[i], band[i], 0.0)
+            promised = _cost(decay * eff[k, i], log_weight, price[i], band[i], 0.0, np.inf)
             if promised < least:
                 least, best = promised, i
     return best
 
 
 @kernel
-def _cost(decay: float, log_weight: float, price: float, band: float, least_khz: float) -> float:
+def _cost(decay: float, log_weight: float, price: float, band: float, least_khz: float, most_khz: float) -> float:
     """Return what a user adds to the minimised sum, and its band to the price, when it takes what suits it."""
-    if price == 0.0:  # of a UAV without users
-        return float(exp(log_weight - decay * band))
+    if price == 0.0:  # of a UAV without users, or with band that none of them asks for
+        return float(exp(log_weight - decay * min(band, most_khz)))
     wanted = (log_weight + log(decay / price)) / decay
-    if wanted >= least_khz:
+    if least_khz <= wanted <= most_khz:
         return price / decay + price * wanted  # what its exponential has come down to
-    return float(exp(log_weight - decay * least_khz) + price * least_khz)
+    taken = min(max(wanted, least_khz), most_khz)
+    return float(exp(log_weight - decay * taken) + price * taken)
 
 
 @kernel
 def _promising_with_floor(
     decay: float,
     eff: Array,
+    worth: float,
     log_weight: float,
     price: Array,
     band: Array,
     min_kbps: float,
+    demand: float,
     k: int,
     u: int,
     khz: float,
 ) -> int:
-    """Return the same under `sum`, and for users who leave a UAV that cannot give them their minimum rate."""
+    """Return the same under `sum`, and for users who leave a UAV that cannot give them their minimum rate.
+
+    worth: the user's weight, of a kbit/s under `sum`. demand: kbit/s beyond which it takes no band.
+    """
     best, least = -1, np.inf
     for i in range(-1, eff.shape[1]):
         to = u if i < 0 else i
         if i == u or eff[k, to] <= 0.0 or (i < 0 and khz * eff[k, u] < min_kbps * (1.0 - 1e-12)):
             continue
-        least_khz = min_kbps / eff[k, to]
+        least_khz, most_khz = min_kbps / eff[k, to], demand / eff[k, to]
         if decay == 0.0:
-            promised = least_khz * price[to] - min_kbps - max(0.0, eff[k, to] - price[to]) * band[to]
+            more = max(0.0, worth * eff[k, to] - price[to])
+            promised = least_khz * price[to] - worth * min_kbps - more * min(band[to], most_khz - least_khz)
         else:
-            promised = _cost(decay * eff[k, to], log_weight, price[to], band[to], least_khz)
+            promised = _cost(decay * eff[k, to], log_weight, price[to], band[to], least_khz, most_khz)
         if promised < least - 1e-12 * abs(promised):
             least, best = promised, i
     return best

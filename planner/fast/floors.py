@@ -1,4 +1,6 @@
-"""Minimum rates while the UAVs move: links keep their floors, and the rest of each band is scaled to what is left.
+"""Minimum rates and met demands while the UAVs move: links keep their floors, the rest of each band is scaled.
+
+Who has all that it asks for keeps just that: the better its channel becomes, the more band is left to the others.
 
 With bands so tied to the positions, every iterate keeps the floors, and the utility stays smooth in the positions.
 """

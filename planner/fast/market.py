@@ -22,7 +22,8 @@ class Market(NamedTuple):
     member: (U, K), the users of each UAV, the first size[u] (U,) of them. cost, price: (U,), what the users of each
     UAV add to the minimised sum, and what a kHz is worth there, lambda (for `sum` its rate). decay, first, given,
     place: (K,), scratch of the members of one UAV; was: (K,), bands before a trial. charge: (K, U), what each would
-    add at the present prices (`exchange.py`).
+    add at the present prices (`exchange.py`). least: (K,), kbit/s, the minimum rates of users who are there. most, who:
+    (K,), scratch: lids and users that have not reached them.
     """
 
     eff: Array
@@ -38,6 +39,9 @@ class Market(NamedTuple):
     place: Ints
     was: Array
     charge: Array
+    least: Array
+    most: Array
+    who: Ints
 
 
 @kernel
@@ -58,7 +62,18 @@ def market_of(n_uavs: int, log_weight: Array) -> Market:
         np.empty(n_users, dtype=np.int64),
         np.empty(n_users),
         np.empty((n_users, n_uavs)),
+        np.zeros(n_users),
+        np.empty(n_users),
+        np.empty(n_users, dtype=np.int64),
     )
+
+
+@kernel
+def enter_slot(arena: Arena, market: Market, n: int) -> None:
+    """Note the minimum rates of slot n."""
+    for k in range(market.least.shape[0]):
+        there = not arena.has_absent or arena.absent[n, k] == 0
+        market.least[k] = arena.min_kbps[k] if there else 0.0
 
 
 @kernel
@@ -81,7 +96,10 @@ def leave(market: Market, k: int, u: int) -> None:
 
 @kernel
 def fill(arena: Arena, market: Market, u: int, khz: Array) -> None:
-    """Share the band of UAV u among its users, minimum rates first, into `khz` (K,), and note cost and price."""
+    """Share the band of UAV u among its users, minimum rates first, into `khz` (K,), and note cost and price.
+
+    No user gets band beyond what it asks for; what no user of the UAV asks for stays free, at a price of 0.
+    """
     count, members, eff = market.size[u], market.member[u], market.eff
     market.cost[u] = market.price[u] = 0.0
     if count == 0:
@@ -91,18 +109,102 @@ def fill(arena: Arena, market: Market, u: int, khz: Array) -> None:
         khz[members[i]] = 0.0
     if arena.has_minimum:
         left, cost = _reserve(arena, market, u, khz)
-    if arena.kind == SUM:
-        top = members[0]
+    if arena.has_demand:
+        cost += (
+            serve_in_order(arena, market, u, left, khz)
+            if arena.kind == SUM
+            else share_up_to_demand(arena, market, u, left, khz)
+        )
+    elif arena.kind == SUM:
+        top, weight = members[0], arena.weight
         for i in range(count):
-            if eff[members[i], u] > eff[top, u]:
+            if weight[members[i]] * eff[members[i], u] > weight[top] * eff[top, u]:
                 top = members[i]
-        khz[top] += left
+        if eff[top, u] > 0.0:
+            khz[top] += left
         for i in range(count):
-            cost -= khz[members[i]] * eff[members[i], u]
-        market.price[u] = eff[top, u]
+            cost -= khz[members[i]] * (weight[members[i]] * eff[members[i], u])
+        market.price[u] = weight[top] * eff[top, u]
     else:
         cost += _share(arena, market, u, left, khz)
     market.cost[u] = cost
+
+
+@kernel
+def serve_in_order(arena: Arena, market: Market, u: int, left: float, khz: Array) -> float:
+    """Add `left` kHz to what `khz` (K,) gives the users of UAV u, who is worth most per kHz first, up to its demand.
+
+    Notes the price, and returns what the users cost then: less what their rates are worth. That is exact, as in a
+    knapsack whose last item may be cut.
+    """
+    count, members, eff, weight, demand = market.size[u], market.member[u], market.eff, arena.weight, arena.demand
+    while True:
+        top, best = -1, 0.0
+        for i in range(count):
+            k = members[i]
+            worth = weight[k] * eff[k, u]
+            if worth > best and khz[k] * eff[k, u] < demand[k] * (1.0 - 1e-12):
+                top, best = k, worth
+        if top < 0 or left <= 0.0:
+            break
+        more = min(left, demand[top] / eff[top, u] - khz[top])
+        if more == left:
+            khz[top] += left
+            left = 0.0
+        else:
+            khz[top] = demand[top] / eff[top, u]
+            left -= more
+    market.price[u] = best
+    cost = 0.0
+    for i in range(count):
+        cost -= khz[members[i]] * (weight[members[i]] * eff[members[i], u])
+    return cost
+
+
+@kernel
+def share_up_to_demand(arena: Arena, market: Market, u: int, left: float, khz: Array) -> float:
+    """Do as `_share`, up to what each user asks for.
+
+    Water-filling with lids: who would get more than it asks for gets that, and the rest is shared anew among the
+    others. The more is left for them the lower is the price, so that no lid that was reached is left again: exact
+    after at most as many rounds as there are users.
+    """
+    members, decay, first = market.member[u], market.decay, market.first
+    given, place, most, who = market.given, market.place, market.most, market.who
+    count = market.size[u]
+    for i in range(count):
+        k = members[i]
+        who[i], decay[i], first[i] = k, -arena.mu * market.eff[k, u], market.log_weight[k]
+        most[i] = 0.0
+        if market.eff[k, u] > 0.0:
+            most[i] = max(0.0, arena.demand[k] / market.eff[k, u] - khz[k])
+    _next_worth(decay, first, count)
+    for i in range(count):
+        first[i] -= decay[i] * khz[who[i]] if decay[i] > 0.0 else 0.0
+    waiting, settled, level = count, False, -np.inf
+    while not settled:
+        for i in range(waiting):
+            place[i] = i
+        level = water_fill(decay, first, left, place, waiting, given)
+        settled, kept = True, 0
+        for i in range(waiting):
+            if given[i] >= most[i] and decay[i] > 0.0:
+                khz[who[i]] += most[i]
+                left = max(0.0, left - most[i])
+                settled = False
+            else:
+                who[kept], decay[kept], first[kept] = who[i], decay[i], first[i]
+                most[kept], given[kept] = most[i], given[i]
+                kept += 1
+        waiting = kept
+    for i in range(waiting):
+        khz[who[i]] += given[i]
+    market.price[u] = exp(level) if level > -np.inf else 0.0
+    cost = 0.0
+    for i in range(count):
+        k = members[i]
+        cost += exp(market.log_weight[k] + arena.mu * market.eff[k, u] * khz[k])
+    return cost
 
 
 @kernel
@@ -110,13 +212,13 @@ def _reserve(arena: Arena, market: Market, u: int, khz: Array) -> tuple[float, f
     """Give each member what its minimum rate takes, the cheapest first while it lasts: (kHz left, penalty)."""
     left, waiting, members, count = arena.khz[u], 0, market.member[u], market.size[u]
     for i in range(count):
-        waiting += arena.min_kbps[members[i]] > 0.0
+        waiting += market.least[members[i]] > 0.0
     while waiting > 0:
         cheapest, least = -1, np.inf
         for i in range(count):
             k = members[i]
-            if arena.min_kbps[k] > 0.0 and khz[k] == 0.0 and arena.min_kbps[k] < least * market.eff[k, u]:
-                cheapest, least = k, arena.min_kbps[k] / market.eff[k, u]
+            if market.least[k] > 0.0 and khz[k] == 0.0 and market.least[k] < least * market.eff[k, u]:
+                cheapest, least = k, market.least[k] / market.eff[k, u]
         if cheapest < 0 or least > left:
             return left, UNMET * waiting
         khz[cheapest] = least

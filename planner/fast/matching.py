@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.fast.arena import Arena, Ints, Links, kernel, smooth
+from skyfolio.planner.fast.arena import Arena, Ints, Links, hide_absent, kernel, smooth
 from skyfolio.planner.fast.rates import keep_pins, slot_signals
 
 
@@ -60,14 +60,16 @@ def match_all(arena: Arena, path: Array, links: Links) -> None:
         slot_signals(arena, path[n], n, signal, total)
         if arena.has_pinned_to:
             keep_pins(arena, n, signal)
+        if arena.has_absent:
+            hide_absent(arena, n, signal)
         flying = 0
         for u in range(n_uavs):
             flying += arena.last[u] >= n
         if flying <= n_users:
-            match(signal, total, inverse, arena.khz, by_uav)
+            match(signal, total, inverse, arena.khz, arena.weight, arena.has_weights, by_uav)
             _link_uavs(arena, links, n, by_uav.chosen, signal)
         else:
-            _match_users(signal, total, arena.khz, by_user)
+            _match_users(signal, total, arena.khz, arena.weight, by_user)
             _link_users(arena, links, n, by_user.chosen, signal)
 
 
@@ -93,10 +95,13 @@ def _link_users(arena: Arena, links: Links, n: int, uav_of: Ints, signal: Array)
 
 
 @kernel
-def match(signal: Array, total: Array, inverse: Array, khz: Array, search: Search) -> None:
+def match(
+    signal: Array, total: Array, inverse: Array, khz: Array, weight: Array, weighted: bool, search: Search
+) -> None:
     """Distinct users of the greatest sum rate into `search.chosen` (U,), -1 for UAVs without a signal.
 
-    signal: (U, K) SNR, of at most K UAVs above 0; total: (K,), 1 + their sum; inverse: (K,), scratch.
+    signal: (U, K) SNR, of at most K UAVs above 0; total: (K,), 1 + their sum; inverse: (K,), scratch. weight: (K,), of
+    the rates in the sum; weighted: whether they differ, so that the greatest SINR need not be the greatest worth.
     """
     _clear(search)
     for k in range(total.shape[0]):
@@ -105,23 +110,23 @@ def match(signal: Array, total: Array, inverse: Array, khz: Array, search: Searc
         best, k = _greatest(signal[u], inverse)
         if best <= 0.0:
             continue
-        if search.holder[k] < 0:
+        if search.holder[k] < 0 and not weighted:
             search.holder[k], search.chosen[u] = u, k
             search.row_price[u] = -_rate(signal[u, k], total[k], khz[u])
         else:
-            _augment(u, signal, total, khz, search)
+            _augment(u, signal, total, khz, weight, search)
 
 
 @kernel
-def _match_users(signal: Array, total: Array, khz: Array, search: Search) -> None:
+def _match_users(signal: Array, total: Array, khz: Array, weight: Array, search: Search) -> None:
     """Return the same where UAVs outnumber users: each user gets its UAV, in `search.chosen` (K,)."""
     n_uavs, n_users = signal.shape
     _clear(search)
     for k in range(n_users):
         for u in range(n_uavs):
-            search.cost[k, u] = -_rate(signal[u, k], total[k], khz[u])
+            search.cost[k, u] = -_rate(signal[u, k], total[k], khz[u]) * weight[k]
         search.ready[k] = 1
-        _augment(k, signal, total, khz, search)
+        _augment(k, signal, total, khz, weight, search)
 
 
 @kernel
@@ -155,7 +160,7 @@ def _rate(signal: float, total: float, khz: float) -> float:
 
 
 @kernel
-def _augment(row: int, signal: Array, total: Array, khz: Array, search: Search) -> None:
+def _augment(row: int, signal: Array, total: Array, khz: Array, weight: Array, search: Search) -> None:
     """Give `row` a column along the cheapest alternating path, and update the prices."""
     least, sink, i = 0.0, -1, row
     for j in range(search.price.shape[0]):
@@ -166,7 +171,7 @@ def _augment(row: int, signal: Array, total: Array, khz: Array, search: Search) 
         search.visited[i] = 1
         if search.ready[i] == 0:
             for k in range(total.shape[0]):
-                search.cost[i, k] = -_rate(signal[i, k], total[k], khz[i])
+                search.cost[i, k] = -_rate(signal[i, k], total[k], khz[i]) * weight[k]
             for k in range(total.shape[0], search.price.shape[0]):
                 search.cost[i, k] = np.inf
             search.ready[i] = 1

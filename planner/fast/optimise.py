@@ -17,6 +17,7 @@ from skyfolio.planner.fast.climb import tables
 from skyfolio.planner.fast.placement import FEW, effort_of, places
 from skyfolio.planner.fast.routes import with_routes
 from skyfolio.planner.fast.seeds import bound, bound_for, flown, hovering, scattered, varied
+from skyfolio.planner.fast.served import as_asked
 from skyfolio.planner.plans import Iteration
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.solution import Observer, Solution, ignore
@@ -253,4 +254,5 @@ def _solution(problem: Problem, arena: Arena, best: Climb, history: list[Iterati
     serving = np.zeros((problem.n_users, problem.n_slots), dtype=np.int64)
     hertz = np.zeros((problem.n_users, problem.n_slots))
     tables(arena, best.path, best.links, serving, hertz)
-    return Solution(np.ascontiguousarray(best.path.transpose(2, 0, 1)), serving, hertz, history)
+    reached = Solution(np.ascontiguousarray(best.path.transpose(2, 0, 1)), serving, hertz, history)
+    return as_asked(problem, reached)

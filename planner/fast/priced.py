@@ -19,9 +19,11 @@ from skyfolio.planner.fast.ascent import ascend, ascent_of
 from skyfolio.planner.fast.assigning import Tolls, Users, assigned, settled
 from skyfolio.planner.fast.routes import with_routes
 from skyfolio.planner.fast.seeds import flown
+from skyfolio.planner.fast.served import as_asked, served_rates_bps
 from skyfolio.planner.fast.trading import trade_links
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.solution import Solution
+from skyfolio.planner.utility import SATED
 
 STEPS, TOLERANCE = 30, 1e-7
 SWEEPS = 6
@@ -57,7 +59,7 @@ class PricedClimb:
     def _relinked(self, solution: Solution) -> Solution:
         """Return the solution with the best links that are found at its paths when changes cost tolls."""
         problem, tolls, arena = self._problem, self._tolls, self._arena
-        if arena.kind == SUM and not arena.has_minimum:
+        if arena.kind == SUM and not arena.has_floors:
             serving, hertz = assigned(problem, tolls, solution)
         else:
             serving, hertz = self._traded(solution)
@@ -74,13 +76,15 @@ class PricedClimb:
 
     def _steered(self, solution: Solution) -> Solution:
         """Return the solution with ways that an ascent reaches while all users keep their UAVs."""
-        links = _links(self._arena, solution.serving, solution.bandwidth_hz)
+        rates_kbps = served_rates_bps(self._problem, solution) / 1e3
+        links = _links(self._arena, solution.serving, solution.bandwidth_hz, rates_kbps)
         path = plain(solution.paths_m.transpose(1, 2, 0)).copy()
         steer(self._arena, path, links, STEPS, TOLERANCE)
         hertz = np.zeros_like(solution.bandwidth_hz)
         for n, used in enumerate(links.used):
             hertz[links.user[n, :used], n] = links.khz[n, :used] * 1e3
-        return replace(solution, paths_m=np.ascontiguousarray(path.transpose(2, 0, 1)), bandwidth_hz=hertz)
+        steered = replace(solution, paths_m=np.ascontiguousarray(path.transpose(2, 0, 1)), bandwidth_hz=hertz)
+        return as_asked(self._problem, steered)
 
     def _snapped(self, solution: Solution) -> Solution | None:
         """Return the solution with UAVs right on their old paths where they are near; None if none is, or can be."""
@@ -94,7 +98,7 @@ class PricedClimb:
         return None if path is None else replace(solution, paths_m=np.ascontiguousarray(path.transpose(2, 0, 1)))
 
 
-def _links(arena: Arena, serving: Users, bandwidth_hz: Array) -> Links:
+def _links(arena: Arena, serving: Users, bandwidth_hz: Array, rates_kbps: Array) -> Links:
     """Return links as the ascent takes them: all users, or under `sum` those that have bandwidth."""
     links = links_of(arena)
     for n in range(links.used.shape[0]):
@@ -103,6 +107,9 @@ def _links(arena: Arena, serving: Users, bandwidth_hz: Array) -> Links:
         links.user[n, : len(users)], links.uav[n, : len(users)] = users, serving[users, n]
         links.khz[n, : len(users)] = bandwidth_hz[users, n] / 1e3
         links.floor[n, : len(users)] = arena.min_kbps[users] if arena.has_minimum else 0.0
+        if arena.has_demand:
+            sated = rates_kbps[users, n] >= arena.demand[users] * (1.0 - SATED)
+            links.floor[n, : len(users)] = np.where(sated, arena.demand[users], links.floor[n, : len(users)])
     return links
 
 

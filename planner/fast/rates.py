@@ -86,12 +86,36 @@ def gradient(arena: Arena, path: Array, links: Links, weight: Array, slope: Arra
 def value(arena: Arena, links: Links, rate: Array, moving: Flag, weight: Array) -> float:
     """Return the utility in kbit/s, and d utility / d rate of each link into `weight` (N, W).
 
-    With `moving`, `sum` and `pooled` leave out what no path can change, the past and slot 0: a monotone function of
-    the same, which keeps its precision where they would drown it.
+    Rates beyond what users ask for are cut, in `rate` too. With `moving`, `sum` and `pooled` leave out what no path can
+    change, the past and slot 0: a monotone function of the same, which keeps its precision where they would drown it.
     """
-    if arena.kind == SUM:
-        return _sum_value(arena, links, rate, moving, weight)
-    return _user_value(arena, links, rate, moving, weight)
+    if arena.has_demand:
+        _cut(arena, links, rate)
+    worth = (
+        _sum_value(arena, links, rate, moving, weight)
+        if arena.kind == SUM
+        else _user_value(arena, links, rate, moving, weight)
+    )
+    if arena.has_demand:
+        _ask_no_more(arena, links, rate, weight)
+    return worth
+
+
+@kernel
+def _cut(arena: Arena, links: Links, rate: Array) -> None:
+    """Cut `rate` (N, W) to what users ask for."""
+    for n in range(rate.shape[0]):
+        for j in range(links.used[n]):
+            rate[n, j] = min(rate[n, j], arena.demand[links.user[n, j]])
+
+
+@kernel
+def _ask_no_more(arena: Arena, links: Links, rate: Array, weight: Array) -> None:
+    """Set what more rate is worth to 0 for those who have what they ask for."""
+    for n in range(rate.shape[0]):
+        for j in range(links.used[n]):
+            if rate[n, j] >= arena.demand[links.user[n, j]] * (1.0 - 1e-12):
+                weight[n, j] = 0.0
 
 
 @kernel
@@ -100,10 +124,10 @@ def _sum_value(arena: Arena, links: Links, rate: Array, moving: Flag, weight: Ar
     first = max(1, arena.counted) if moving else arena.counted
     n_past, past_sum, least = (0, 0.0, np.inf) if moving else (arena.n_past, arena.past_sum[0], arena.past_low[0])
     n_all = n_slots - first + n_past
-    slot, total = np.zeros(n_slots), past_sum
+    slot, total, each = np.zeros(n_slots), past_sum, arena.weight
     for n in range(first, n_slots):
         for j in range(links.used[n]):
-            slot[n] += rate[n, j]
+            slot[n] += each[links.user[n, j]] * rate[n, j]
         total += slot[n]
         least = min(least, slot[n])
     z = past_sum * np.exp(arena.mu * (arena.past_low[0] - least)) if n_past > 0 else 0.0
@@ -117,7 +141,7 @@ def _sum_value(arena: Arena, links: Links, rate: Array, moving: Flag, weight: Ar
         z = float(n_all)
     for n in range(n_slots):
         for j in range(links.used[n]):
-            weight[n, j] = slot[n] / z
+            weight[n, j] = each[links.user[n, j]] * slot[n] / z
     if n_all == 0:
         return 0.0
     return float(total / n_all if arena.mu == 0.0 else least + np.log(z / n_all) / arena.mu)
@@ -127,22 +151,25 @@ def _sum_value(arena: Arena, links: Links, rate: Array, moving: Flag, weight: Ar
 def _user_value(arena: Arena, links: Links, rate: Array, moving: Flag, weight: Array) -> float:
     """`per_user` has one expectation for each user, `pooled` one for all; both count users without a link as 0.
 
-    Each counts by the share of the slots in which there was somebody: `count / n_all`.
+    Each counts by its weight, and by the share of the slots in which there was somebody: `count / n_all`.
     """
     n_users, mu = arena.user_m.shape[2], arena.mu
     low, z, count, share = np.empty(n_users), np.empty(n_users), np.empty(n_users), np.empty(n_users)
     n_all = user_sums(arena, links, rate, moving and arena.kind == POOLED, low, z, count, weight)
     if n_all == 0:
         return 0.0
+    each = arena.weight
     for k in range(n_users):
-        share[k] = count[k] / (n_all * z[k])
+        share[k] = each[k] * count[k] / (n_all * z[k]) if count[k] > 0.0 else 0.0
     user, used, first = links.user, links.used, max(arena.counted, 1) if moving else arena.counted
     for n in range(rate.shape[0]):
         for j in range(used[n]):
             weight[n, j] = weight[n, j] * share[user[n, j]] if n >= first else 0.0
     result = 0.0
     for k in range(n_users if arena.kind == PER_USER else 1):
-        result += count[k] / n_all * (low[k] + np.log(z[k] / count[k]) / mu)
+        if count[k] > 0.0:
+            times = each[k] if arena.kind == PER_USER else 1.0
+            result += times * (count[k] / n_all * (low[k] + np.log(z[k] / count[k]) / mu))
     return result
 
 
@@ -153,7 +180,7 @@ def user_sums(
     """Write each user's lowest rate, sum exp(mu (rate - least)) and number of slots into `low`, `z`, `count`: (K,).
 
     part: (N, W), gets what each link adds to z. Returns how many slots count in all. `pooled` has the same for all
-    users: all rates of all users together. With `moving`, the past and slot 0 are left out.
+    users: all rates of all users together, by their weights. With `moving`, the past and slot 0 are left out.
     """
     n_slots, n_users, mu = rate.shape[0], arena.user_m.shape[2], arena.mu
     first = max(1, arena.counted) if moving else arena.counted
@@ -162,23 +189,51 @@ def user_sums(
     for k in range(n_users):
         z[k] = unserved[k] * np.exp(-mu * low[k]) if unserved[k] > 0 else 0.0
         count[k] = n_slots - first
+        if arena.has_absent:
+            count[k] -= _gone(arena, k, first)
         if n_past > 0:
             count[k] += arena.past_count[k]
         if n_past > 0 and arena.past_count[k] > 0:
             z[k] += arena.past_sum[k] * np.exp(mu * (arena.past_low[k] - low[k]))
     _parts(mu, rate, low, links.user, links.used, first, part)
+    if arena.has_absent:
+        _leave_out(arena, links, first, part)
     user, used = links.user, links.used
     for n in range(first, n_slots):
         for j in range(used[n]):
             z[user[n, j]] += part[n, j]
     if arena.kind == POOLED:
-        total, number = 0.0, 0.0
-        for k in range(n_users):
-            total += z[k]
-            number += count[k]
-        for k in range(n_users):
-            z[k], count[k] = total, number
+        _pool(arena.weight, z, count)
     return int(n_slots - first + n_past)
+
+
+@kernel
+def _pool(weight: Array, z: Array, count: Array) -> None:
+    """Give all users the weighted sums of all."""
+    total, number = 0.0, 0.0
+    for k in range(z.shape[0]):
+        total += weight[k] * z[k]
+        number += weight[k] * count[k]
+    for k in range(z.shape[0]):
+        z[k], count[k] = total, number
+
+
+@kernel
+def _leave_out(arena: Arena, links: Links, first: int, part: Array) -> None:
+    """Set to 0 what links of users who are not there would add."""
+    for n in range(first, part.shape[0]):
+        for j in range(links.used[n]):
+            if arena.absent[n, links.user[n, j]] != 0:
+                part[n, j] = 0.0
+
+
+@kernel
+def _gone(arena: Arena, k: int, first: int) -> float:
+    """Return in how many slots from `first` on user k is not there."""
+    gone = arena.gone[k]
+    for n in range(first):
+        gone -= arena.absent[n, k]
+    return float(gone)
 
 
 @smooth
@@ -198,18 +253,31 @@ def _least_rates(arena: Arena, links: Links, rate: Array, first: int, n_past: in
     unserved = np.empty(n_users, dtype=np.int64)
     for k in range(n_users):
         unserved[k] = n_slots - first
+        if arena.has_absent:
+            unserved[k] -= int(_gone(arena, k, first))
         low[k] = arena.past_low[k] if n_past > 0 else np.inf
     for n in range(first, n_slots):
         for j in range(links.used[n]):
             k = links.user[n, j]
+            if arena.has_absent and arena.absent[n, k] != 0:
+                continue
             unserved[k] -= 1
             low[k] = min(low[k], rate[n, j])
-    least = np.inf
     for k in range(n_users):
         if unserved[k] > 0:
             low[k] = min(low[k], 0.0)
-        least = min(least, low[k])
-    if arena.kind == POOLED:
-        for k in range(n_users):
-            low[k] = least
+    settle_low(low, arena.kind == POOLED)
     return unserved
+
+
+@kernel
+def settle_low(low: Array, together: Flag) -> None:
+    """Give all users the least of all, if `together`, and 0 to those who are never there."""
+    least = np.inf
+    for k in range(low.shape[0]):
+        least = min(least, low[k])
+    for k in range(low.shape[0]):
+        if together:
+            low[k] = least
+        if low[k] == np.inf:
+            low[k] = 0.0

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.fast.arena import Ints, entry, is_mean, plain
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.solution import Solution
+from skyfolio.planner.utility import TINY
 
 
 def served_rates_bps(problem: Problem, solution: Solution) -> Array:
@@ -21,6 +24,15 @@ def served_rates_bps(problem: Problem, solution: Solution) -> Array:
         plain(solution.serving, np.int64),
         plain(solution.bandwidth_hz),
     )
+
+
+def as_asked(problem: Problem, solution: Solution) -> Solution:
+    """Return the solution without the band that users have beyond what they ask for: it stays free."""
+    if not problem.has_demand:
+        return solution
+    rates_kbps = served_rates_bps(problem, solution) / 1e3
+    share = np.minimum(1.0, problem.demand_kbps[:, None] / np.maximum(rates_kbps, TINY))
+    return replace(solution, bandwidth_hz=solution.bandwidth_hz * share)
 
 
 @entry

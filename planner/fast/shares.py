@@ -12,10 +12,11 @@ from __future__ import annotations
 import numpy as np
 
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.fast.arena import Arena, Ints, Links, kernel, smooth
+from skyfolio.planner.fast.arena import Arena, Ints, Links, hide_absent, kernel, smooth
 from skyfolio.planner.fast.elementary import PER_LN2, log
+from skyfolio.planner.fast.enumerating import FEW_WAYS, try_all
 from skyfolio.planner.fast.exchange import THOROUGH, exchange, share_slot
-from skyfolio.planner.fast.market import market_of
+from skyfolio.planner.fast.market import Market, enter_slot, market_of
 from skyfolio.planner.fast.rates import keep_pins, slot_signals, user_sums
 
 
@@ -33,6 +34,9 @@ def share_all(arena: Arena, path: Array, links: Links, thorough: bool) -> None:
         slot_signals(arena, path[n], n, signal, total)
         if arena.has_pinned_to:
             keep_pins(arena, n, signal)
+        if arena.has_absent:
+            hide_absent(arena, n, signal)
+        enter_slot(arena, market, n)
         fresh = links.used[n] == 0
         if fresh and n > 0:
             links.uav[n] = links.uav[n - 1]
@@ -40,13 +44,22 @@ def share_all(arena: Arena, path: Array, links: Links, thorough: bool) -> None:
         share_slot(arena, market, links.uav[n], links.khz[n])
         if thorough and n_users <= THOROUGH:
             exchange(arena, market, links.uav[n], links.khz[n])
-        for k in range(n_users if arena.has_minimum else 0):
-            met = links.khz[n, k] * eff[k, links.uav[n, k]] >= arena.min_kbps[k] * (1.0 - 1e-12)
-            links.floor[n, k] = arena.min_kbps[k] if met else 0.0
+        if thorough and arena.has_demand and float(n_uavs) ** n_users <= FEW_WAYS:
+            try_all(arena, market, links.uav[n], links.khz[n])
+        for k in range(n_users if arena.has_floors else 0):
+            links.floor[n, k] = _floor(arena, market, k, links.khz[n, k] * eff[k, links.uav[n, k]])
         if fresh:
             links.used[n] = n_users
             for k in range(n_users):
                 links.user[n, k] = k
+
+
+@kernel
+def _floor(arena: Arena, market: Market, k: int, rate: float) -> float:
+    """Return what user k, who gets `rate` kbit/s, keeps while UAVs move."""
+    if arena.has_demand and rate >= arena.demand[k] * (1.0 - 1e-12):
+        return float(arena.demand[k])
+    return float(market.least[k]) if rate >= market.least[k] * (1.0 - 1e-12) else 0.0
 
 
 @kernel
@@ -58,7 +71,9 @@ def tangent_weights(arena: Arena, links: Links, rate: Array, log_weight: Array, 
     z, count, top = np.empty(log_weight.shape[0]), np.empty(log_weight.shape[0]), -np.inf
     user_sums(arena, links, rate, np.bool_(False), log_weight, z, count, part)
     for k in range(z.shape[0]):
-        log_weight[k] = np.log(count[k] / z[k]) - arena.mu * log_weight[k]
+        if count[k] > 0.0:
+            log_weight[k] = np.log(count[k] / z[k]) - arena.mu * log_weight[k]
+        log_weight[k] += np.log(arena.weight[k])
         top = max(top, log_weight[k])
     for k in range(z.shape[0]):
         log_weight[k] -= top

@@ -117,10 +117,16 @@ def _edges(arena: Arena) -> Ints:
 
 
 def _gains(arena: Arena, edges: Ints, slot: Ints) -> Array:
-    """Return what each moment's signals are computed from; sampled gains are averaged over the stretch."""
-    if arena.fading.shape[0] == 0:
+    """Return what each moment's signals are computed from; sampled gains are averaged over the stretch.
+
+    So is whether users are there.
+    """
+    if arena.fading.shape[0] == 0 and not arena.has_absent:
         return np.ascontiguousarray(arena.gain[slot][:, :, None])
-    means = [arena.fading[begin:end].mean(axis=0) for begin, end in pairwise(edges)]
+    fading = arena.fading if arena.fading.shape[0] else arena.gain[:, :, None]
+    if arena.has_absent:
+        fading = fading * (arena.absent == 0)[:, None, :]
+    means = [fading[begin:end].mean(axis=0) for begin, end in pairwise(edges)]
     return np.ascontiguousarray(np.stack(means))
 
 

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.fast.arena import PER_USER, POOLED, SUM, Arena, Ints, entry, kernel
+from skyfolio.planner.fast.arena import PER_USER, POOLED, SUM, Arena, Ints, entry, hide_absent, kernel
 from skyfolio.planner.fast.exchange import THOROUGH
-from skyfolio.planner.fast.market import Market, fill, market_of
-from skyfolio.planner.fast.rates import keep_pins, slot_signals
+from skyfolio.planner.fast.market import Market, enter_slot, fill, market_of
+from skyfolio.planner.fast.rates import keep_pins, settle_low, slot_signals
 from skyfolio.planner.fast.shares import candidates
 
 Flags = NDArray[np.bool_]
@@ -61,12 +61,13 @@ def trade_links(arena: Arena, path: Array, serving: Ints, khz: Array, before: In
     for n in range(path.shape[0]):
         _efficiencies(arena, path, n, signal, total, loudest, serving[n], market.eff)
         for k in range(n_users):
-            rate[n, k] = khz[n, k] * market.eff[k, serving[n, k]]
+            rate[n, k] = min(khz[n, k] * market.eff[k, serving[n, k]], arena.demand[k])
     book, changes, spare = _book_of(arena, rate), 0, np.empty(n_users)
     for n in range(path.shape[0]):
         slot = Slot(serving[n], khz[n], rate[n], before[n], served[n])
         _efficiencies(arena, path, n, signal, total, loudest, slot.serving, market.eff)
         _weigh(arena, book, market.log_weight)
+        enter_slot(arena, market, n)
         for u in range(n_uavs):
             _gather(market, slot.serving, u)
             fill(arena, market, u, spare)  # for the price of its band
@@ -89,6 +90,8 @@ def _efficiencies(
     slot_signals(arena, path[n], n, signal, total)
     if arena.has_pinned_to:
         keep_pins(arena, n, signal)
+    if arena.has_absent:
+        hide_absent(arena, n, signal)
     fresh = signal.shape[0] == 0  # everybody has a UAV
     candidates(signal, total, serving, fresh, loudest, eff)
 
@@ -101,27 +104,47 @@ def _book_of(arena: Arena, rate: Array) -> Book:
     book.all_slots[0] = n_slots - arena.counted + arena.n_past
     for n in range(n_slots):
         for k in range(n_users):
-            book.slot[n] += rate[n, k]
+            book.slot[n] += arena.weight[k] * rate[n, k]
     rows = n_users if arena.kind == PER_USER else 1
-    for row in range(rows):
-        book.low[row] = np.inf
+    book.low[:rows] = np.inf
     for k in range(n_users):
         row = k if arena.kind == PER_USER else 0
         past = arena.n_past > 0 and (arena.kind != SUM or k == 0) and arena.past_count[k] > 0
         if past:
             book.low[row] = min(book.low[row], arena.past_low[k])
         for n in range(arena.counted, n_slots):
-            book.low[row] = min(book.low[row], book.slot[n] if arena.kind == SUM else rate[n, k])
+            if _counts(arena, n, k):
+                book.low[row] = min(book.low[row], book.slot[n] if arena.kind == SUM else rate[n, k])
+    settle_low(book.low, np.bool_(False))
     for k in range(n_users if arena.kind != SUM else 1):
-        row = k if arena.kind == PER_USER else 0
-        if arena.n_past > 0 and arena.past_count[k] > 0:
-            book.z[row] += arena.past_sum[k] * np.exp(arena.mu * (arena.past_low[k] - book.low[row]))
-            book.number[row] += arena.past_count[k]
-        for n in range(arena.counted, n_slots):
-            x = book.slot[n] if arena.kind == SUM else rate[n, k]
-            book.z[row] += np.exp(arena.mu * (x - book.low[row]))
-            book.number[row] += 1.0
+        _enter_user(arena, rate, book, k)
     return book
+
+
+@kernel
+def _enter_user(arena: Arena, rate: Array, book: Book, k: int) -> None:
+    """Add what user k, or the sum rate, adds to the sums."""
+    row, times = k if arena.kind == PER_USER else 0, _times(arena, k)
+    if arena.n_past > 0 and arena.past_count[k] > 0:
+        book.z[row] += times * arena.past_sum[k] * np.exp(arena.mu * (arena.past_low[k] - book.low[row]))
+        book.number[row] += times * arena.past_count[k]
+    for n in range(arena.counted, rate.shape[0]):
+        if _counts(arena, n, k):
+            x = book.slot[n] if arena.kind == SUM else rate[n, k]
+            book.z[row] += times * np.exp(arena.mu * (x - book.low[row]))
+            book.number[row] += times
+
+
+@kernel
+def _counts(arena: Arena, n: int, k: int) -> bool:
+    """Return whether a rate of user k in slot n is in an expectation of rates, or of sum rates."""
+    return bool(arena.kind == SUM or not arena.has_absent or arena.absent[n, k] == 0)
+
+
+@kernel
+def _times(arena: Arena, k: int) -> float:
+    """Return how often each rate of user k counts in the expectation of all users; 1 in other expectations."""
+    return float(arena.weight[k]) if arena.kind == POOLED else 1.0
 
 
 @kernel
@@ -130,12 +153,15 @@ def _weigh(arena: Arena, book: Book, log_weight: Array) -> None:
     if arena.kind == PER_USER:
         top = -np.inf
         for k in range(log_weight.shape[0]):
-            log_weight[k] = np.log(book.number[k] / book.z[k]) - arena.mu * book.low[k]
+            log_weight[k] = np.log(arena.weight[k])
+            if book.number[k] > 0.0:
+                log_weight[k] += np.log(book.number[k] / book.z[k]) - arena.mu * book.low[k]
             top = max(top, log_weight[k])
         for k in range(log_weight.shape[0]):
             log_weight[k] -= top
     else:
-        log_weight[:] = 0.0
+        for k in range(log_weight.shape[0]):
+            log_weight[k] = np.log(arena.weight[k])
 
 
 @kernel
@@ -155,9 +181,11 @@ def _may_gain(arena: Arena, market: Market, k: int, v: int) -> bool:
     worth = market.eff[k, v]
     if worth <= 0.0:
         return False
-    if market.eff.shape[0] <= THOROUGH or arena.has_minimum or market.size[v] == 0:
+    if market.eff.shape[0] <= THOROUGH or arena.has_floors or market.size[v] == 0:
         return True
-    if arena.kind != SUM:
+    if arena.kind == SUM:
+        worth *= arena.weight[k]
+    else:
         worth *= -arena.mu * np.exp(market.log_weight[k])
     return bool(worth > market.price[v])
 
@@ -172,7 +200,7 @@ def _trade(arena: Arena, market: Market, book: Book, slot: Slot, n: int, k: int,
     if k >= 0:
         slot.serving[k] = v
     _share(arena, market, slot, u, v, khz)
-    met = _met(arena, market, slot, u, v, khz) if arena.has_minimum else 0
+    met = _met(market, slot, u, v, khz) if arena.has_minimum else 0
     if met >= 0:
         gain = _utility_gain(arena, market, book, slot, n, u, v, khz) - toll * _more_paying(slot, k, u, v, khz)
         if met > 0 or gain > LEAST_GAIN:
@@ -193,12 +221,12 @@ def _share(arena: Arena, market: Market, slot: Slot, u: int, v: int, khz: Array)
 
 
 @kernel
-def _met(arena: Arena, market: Market, slot: Slot, u: int, v: int, khz: Array) -> int:
+def _met(market: Market, slot: Slot, u: int, v: int, khz: Array) -> int:
     """Return how many more minimum rates would be met."""
     more = 0
     for j in range(khz.shape[0]):
         if slot.serving[j] == u or slot.serving[j] == v:
-            least = arena.min_kbps[j] * (1.0 - 1e-12)
+            least = market.least[j] * (1.0 - 1e-12)
             more += (khz[j] * market.eff[j, slot.serving[j]] >= least) - (slot.rate[j] >= least)
     return more
 
@@ -224,11 +252,11 @@ def _utility_gain(arena: Arena, market: Market, book: Book, slot: Slot, n: int, 
         if slot.serving[j] != u and slot.serving[j] != v:
             continue
         rate = khz[j] * market.eff[j, slot.serving[j]]
-        more += rate - slot.rate[j]
-        if arena.kind == PER_USER:
-            gain += _worth(arena, book, j, _change(arena, rate, slot.rate[j], book.low[j]))
+        more += arena.weight[j] * (rate - slot.rate[j])
+        if arena.kind == PER_USER and book.number[j] > 0.0:
+            gain += arena.weight[j] * _worth(arena, book, j, _change(arena, rate, slot.rate[j], book.low[j]))
         elif arena.kind == POOLED:
-            change += _change(arena, rate, slot.rate[j], book.low[0])
+            change += arena.weight[j] * _change(arena, rate, slot.rate[j], book.low[0])
     if arena.kind == POOLED:
         return _worth(arena, book, 0, change)
     return _sum_gain(arena, book, n, more) if arena.kind == SUM else gain
@@ -272,10 +300,10 @@ def _enter(arena: Arena, market: Market, book: Book, slot: Slot, n: int, u: int,
         if slot.serving[j] != u and slot.serving[j] != v:
             continue
         rate = khz[j] * market.eff[j, slot.serving[j]]
-        book.slot[n] += rate - slot.rate[j]
+        book.slot[n] += arena.weight[j] * (rate - slot.rate[j])
         if arena.kind != SUM and n >= arena.counted:
             row = j if arena.kind == PER_USER else 0
-            book.z[row] += _change(arena, rate, slot.rate[j], book.low[row])
+            book.z[row] += _times(arena, j) * _change(arena, rate, slot.rate[j], book.low[row])
         slot.khz[j], slot.rate[j] = khz[j], rate
     if arena.kind == SUM and arena.mu < 0.0 and n >= arena.counted:
         book.z[0] += _change(arena, book.slot[n], before, book.low[0])

@@ -19,7 +19,6 @@ from skyfolio.planner.repair import toward
 from skyfolio.planner.sinr import spectral_efficiency
 from skyfolio.planner.solution import Observer, Solution, ignore
 from skyfolio.planner.stopping import StoppingRule
-from skyfolio.planner.utility import utility_kbps
 
 
 def algorithm_1(
@@ -71,7 +70,7 @@ class Iterate:
     @cached_property
     def utility_kbps(self) -> float:
         """The objective G of these rates and the past."""
-        return utility_kbps(self.problem.counted_kbps(self.rates_kbps), self.problem.kind, self.problem.mu)
+        return self.problem.utility_kbps(self.rates_kbps)
 
     @cached_property
     def shortfall_kbps(self) -> float:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.robustness.findings import Percentiles
 from skyfolio.planner.scenario import Scenario
+from skyfolio.planner.tracks import absences_of
 
 DUST_BPS = 1e-6
 """A rate below this is none."""
@@ -17,13 +18,14 @@ def thresholds_bps(scenario: Scenario, planned_bps: Array, share: float, outage_
     """Return below which rate a user is in outage, by slot: (K, N) bit/s, NaN for slots that do not count.
 
     outage_bps counts in every slot; without it a user's `min_rate_bps` does, and for users that have none `share` of
-    what was planned, in the slots in which something was.
+    what was planned, in the slots in which something was. Slots in which a user is not there do not count.
     """
+    there = ~absences_of(scenario)
     if outage_bps is not None:
-        return np.full(planned_bps.shape, outage_bps)
+        return np.where(there, outage_bps, np.nan)
     least = np.array([user.min_rate_bps for user in scenario.users])[:, None]
     relative = np.where(planned_bps > DUST_BPS, share * planned_bps, np.nan)
-    thresholds: Array = np.where(least > 0.0, least, relative)
+    thresholds: Array = np.where(there, np.where(least > 0.0, least, relative), np.nan)
     return thresholds
 
 

@@ -113,6 +113,15 @@ def test_users_that_move_are_drawn_where_they_are_in_the_slot(two_slot_plan_of_w
         assert map_scene.planned_frame(plan, slot)["users"] == there
 
 
+def test_who_is_not_there_is_pale_and_what_users_ask_for_is_told(two_slot_plan_of_walkers: Plan) -> None:
+    plan = two_slot_plan_of_walkers
+    walks, stays = plan.scenario.users
+    late = stays.model_copy(update={"arrives_at_slot": 1, "demand_bps": 500.0})
+    plan = plan.model_copy(update={"scenario": plan.scenario.with_changes(users=(walks, late))})
+    assert [map_scene.planned_frame(plan, slot)["absent"] for slot in (4, 5)] == [["stays"], []]
+    assert map_scene.planned_frame(plan, 5)["asked"] == {"stays": 500.0}
+
+
 @pytest.fixture
 def two_slot_plan_of_walkers() -> Plan:
     """A plan by hand that begins in slot 4 of its operation: one UAV, a user that moves and one that does not."""

@@ -43,6 +43,20 @@ def test_tracks_and_velocities_survive_the_way_out_and_in(form: Format) -> None:
             assert user.place_m(n, 5.0) == pytest.approx(was.place_m(n, 5.0), abs=2e-6)
 
 
+def test_windows_weights_and_demands_are_columns() -> None:
+    text = (
+        "id,lat,lon,arrives_at_slot,leaves_at_slot,weight,demand_bps\na,47.398,8.546,1,3,2.5,4000\nb,47.398,8.547,,,,\n"
+    )
+    a, b = import_files(
+        [SourceFile(name="users.csv", content=text.encode())], base=EXAMPLES["minimal"]()
+    ).scenario.users
+    assert (a.arrives_at_slot, a.leaves_at_slot, a.weight, a.demand_bps) == (1, 3, 2.5, 4000.0)
+    assert (b.arrives_at_slot, b.leaves_at_slot, b.weight, b.demand_bps) == (None,) * 4
+    wrong = text.replace("1,3", "3,1")
+    with pytest.raises(FaultyFilesError, match=r"users\.csv: row 2: .*leaves_at_slot: 1 must be greater"):
+        import_files([SourceFile(name="users.csv", content=wrong.encode())], base=EXAMPLES["minimal"]())
+
+
 def test_half_a_velocity_is_refused_by_row_and_column() -> None:
     text = "id,lat,lon,velocity_east_mps\na,47.398,8.546,1.5\n"
     with pytest.raises(FaultyFilesError) as raised:

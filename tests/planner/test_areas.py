@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pytest
@@ -35,6 +36,23 @@ from skyfolio.planner.remainder import places_changed_m
 from skyfolio.planner.scenario import NoFlyDisc
 from skyfolio.planner.sinr import spectral_efficiency
 from skyfolio.planner.solution import Solution
+
+BEYOND_THE_LETTER: tuple[dict[str, Any], ...] = (
+    {"positions_m": ((1.0, 2.0), (3.0, 4.0), (5.0, 6.0)), "position_m": (1.0, 2.0)},
+    {"velocity_mps": (1.0, 0.0)},
+    {"uncertainty_m": 5.0},
+    {"uncertainty_mps": 0.5},
+    {"arrives_at_slot": 1},
+    {"leaves_at_slot": 2},
+    {"weight": 2.0},
+    {"demand_bps": 5000.0},
+)
+LIKE_THE_LETTER: tuple[dict[str, Any], ...] = (
+    {"velocity_mps": (0.0, 0.0)},
+    {"uncertainty_m": 0.0, "uncertainty_mps": 0.0},
+    {"arrives_at_slot": -4, "leaves_at_slot": 3},
+    {"weight": 1.0},
+)
 
 
 @pytest.mark.parametrize(("kind", "mu"), [("sum", 0.0), ("sum", -0.01), ("per_user", -0.1), ("pooled", -0.1)])
@@ -206,6 +224,48 @@ def test_other_fading_and_pins_are_refused_by_name() -> None:
             plan(scenario.with_changes(channel=Channel(fading=fading)), method="areas", stop=MaxIterations(1))
     with pytest.raises(ValueError, match="pins"):
         plan(scenario, method="areas", pins=Pins(uavs=("uav-1",)), stop=MaxIterations(1))
+
+
+def with_first_user(scenario: Scenario, fields: dict[str, Any]) -> Scenario:
+    first, *others = scenario.users
+    return scenario.with_changes(users=(first.model_copy(update=fields), *others))
+
+
+@pytest.mark.parametrize("fields", BEYOND_THE_LETTER, ids=lambda fields: next(iter(fields)))
+def test_users_beyond_the_letter_are_refused_by_name_and_planned_at_once(
+    fields: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scenario = with_first_user(laid_out("uniform", 4, 10, 3, seed=1), fields)
+    with pytest.raises(
+        ValueError, match=r"^users: the method 'areas' knows no tracks, windows, weights or demands; use 'fast'$"
+    ):
+        plan(scenario, method="areas", stop=MaxIterations(1))
+    monkeypatch.setattr(size, "MOST_AT_ONCE", 4 * 10 * 3 - 1)
+    made = plan(scenario, n_starts=1)
+    assert made.method == "fast"
+    assert violations(made) == []
+    assert made.summary.utility_bps <= made.summary.upper_bound_bps * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("fields", LIKE_THE_LETTER, ids=lambda fields: next(iter(fields)))
+def test_fields_that_say_nothing_new_leave_a_plan_by_areas_as_it_is(fields: dict[str, Any]) -> None:
+    scenario = laid_out("uniform", 20, 60, 3, seed=1)
+    said = plan(with_first_user(scenario, fields), method="areas", n_starts=1)
+    plain = plan(scenario, method="areas", n_starts=1)
+    assert said.trajectories_m == plain.trajectories_m
+    assert said.bandwidth_hz == plain.bandwidth_hz
+
+
+def test_a_large_fleet_is_planned_at_once_when_a_user_that_will_leave_joins(monkeypatch: pytest.MonkeyPatch) -> None:
+    scenario = laid_out("uniform", 4, 10, 6, seed=1)
+    made = plan(scenario, method="areas", n_starts=1)
+    monkeypatch.setattr(size, "MOST_AT_ONCE", 1)
+    guest = User(id="guest", position_m=(10.0, 10.0), leaves_at_slot=2)
+    again = replan(made, at_slot=2, changes=Changes(users_joined=(guest,)))
+    assert again.method == "fast"
+    assert violations(again) == []
+    later = replan(again, at_slot=5, changes=Changes())
+    assert violations(later) == []
 
 
 def test_a_loss_changes_only_the_paths_of_those_who_are_near(monkeypatch: pytest.MonkeyPatch) -> None:

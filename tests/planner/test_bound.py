@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,12 +14,14 @@ from skyfolio.planner.arrays import Array
 from skyfolio.planner.bound import best_tables, lifted_kbps, reachability_bound_kbps, slot_bounds_kbps, upper_bound_kbps
 from skyfolio.planner.branch_and_bound import certificate
 from skyfolio.planner.certificate import prove
+from skyfolio.planner.fast import optimise, served_rates_bps
 from skyfolio.planner.layouts import scattered
 from skyfolio.planner.problem import Problem, problem_of
 from skyfolio.planner.reach import squared_distance_range
 from skyfolio.planner.repair import within_limits
 from skyfolio.planner.scenario import NoFlyDisc
 from skyfolio.planner.sinr import spectral_efficiency
+from skyfolio.planner.stopping import MaxIterations
 from skyfolio.planner.utility import utility_kbps
 
 KINDS = ("sum", "per_user", "pooled")
@@ -139,6 +142,29 @@ def test_more_time_never_proves_less(kind: str) -> None:
     bounds = [proven(patience) for patience in (0, 2, 5, 12, 40)]
     assert bounds == sorted(bounds, reverse=True)
     assert kind != "sum" or bounds[-1] < bounds[0] * 0.9995
+
+
+SLOT_1 = np.arange(4) == 1
+BEYOND_THE_LETTER: dict[str, dict[str, Any]] = {
+    "weights": {"weight": np.array([0.5, 3.0] * 4)},
+    "windows": {"absent": np.arange(4) < np.arange(8)[:, None] % 4},
+    "nobody there in a slot": {"absent": np.repeat(SLOT_1[None], 8, axis=0)},
+    "demands of some": {"demand_kbps": np.array([4.0, np.inf] * 4)},
+    "demands that are met": {"demand_kbps": np.full(8, 0.01)},
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", BEYOND_THE_LETTER)
+def test_what_is_proven_offline_holds_for_users_beyond_the_letter(name: str, kind: str) -> None:
+    plain = replace(problem_of(scattered(5, 8, 4, seed=2)), kind=kind, mu=-0.05)
+    problem = replace(plain, **BEYOND_THE_LETTER[name])
+    made = optimise(problem, MaxIterations(20), n_starts=2)
+    rates = served_rates_bps(problem, made) / 1e3
+    asked = iter(range(10**6))
+    proof = prove(problem, rates, stop=lambda: next(asked) > 12)
+    assert problem.utility_kbps(rates) <= proof.bound_kbps * (1.0 + 1e-9)
+    assert proof.bound_kbps <= proof.root_kbps
 
 
 def test_the_interference_that_a_fleet_cannot_escape_lowers_its_bound_by_a_quarter() -> None:

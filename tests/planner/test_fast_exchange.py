@@ -42,11 +42,21 @@ def _exchanged(arena: Arena, eff: Array, log_weight: Array, serving: Any) -> Non
 charged, exchanged = njit(_charged, error_model="numpy"), njit(_exchanged, error_model="numpy")
 
 
-def slot_of(seed: int, uavs: int, users: int) -> tuple[Arena, Array, Array, Any]:
-    """A fleet's bands, and efficiencies, weights and links drawn at random."""
+SLOTS = st.sampled_from([("per_user", False), ("per_user", True), ("sum", True)])
+"""Utilities, and whether users ask for no more than some rate; under `sum` they are only exchanged where some do."""
+
+
+def slot_of(seed: int, uavs: int, users: int, kind: Any, *, asking: bool) -> tuple[Arena, Array, Array, Any]:
+    """A fleet's bands, and efficiencies, weights and links drawn at random; most users ask for little or much."""
     rng = np.random.default_rng(seed)
-    utility = Utility(kind="per_user", mu_per_kbps=float(-(10.0 ** rng.uniform(-2, 0))))
-    arena = arena_of(problem_of(scattered(uavs, users, 2, seed=seed % 1000, utility=utility)))
+    utility = Utility(kind=kind, mu_per_kbps=float(-(10.0 ** rng.uniform(-2, 0))))
+    scenario = scattered(uavs, users, 2, seed=seed % 1000, utility=utility)
+    if asking:
+        demands = rng.choice([1e3, 1e4, 1e5, None], users)  # type: ignore[arg-type]
+        changes = [{"weight": float(rng.uniform(0.5, 3.0)), "demand_bps": demand} for demand in demands]
+        asked = zip(scenario.users, changes, strict=True)
+        scenario = scenario.with_changes(users=tuple(user.model_copy(update=change) for user, change in asked))
+    arena = arena_of(problem_of(scenario))
     arena.khz[:] *= rng.uniform(0.1, 3.0, uavs)
     eff = rng.exponential(size=(users, uavs)) ** 2 + 1e-6
     return arena, eff, rng.normal(0.0, 2.0, users), rng.integers(0, uavs, users)
@@ -58,31 +68,33 @@ def costs(arena: Arena, eff: Array, log_weight: Array, serving: Any) -> tuple[Ar
 
 
 @settings(max_examples=60)
-@given(st.integers(0, 2**31), st.integers(2, 4), st.integers(2, 7))
-def test_a_change_costs_at_least_what_the_charges_say(seed: int, uavs: int, users: int) -> None:
-    arena, eff, log_weight, serving = slot_of(seed, uavs, users)
+@given(st.integers(0, 2**31), st.integers(2, 4), st.integers(2, 7), SLOTS)
+def test_a_change_costs_at_least_what_the_charges_say(seed: int, uavs: int, users: int, of: tuple[str, bool]) -> None:
+    arena, eff, log_weight, serving = slot_of(seed, uavs, users, of[0], asking=of[1])
     cost, charge, price = costs(arena, eff, log_weight, serving)
     for u in np.unique(serving):
         lagrangian = charge[serving == u, u].sum() - price[u] * arena.khz[u]
         np.testing.assert_allclose(cost[u], lagrangian, rtol=1e-9, atol=1e-12)
+    least = cost.sum() - 1e-9 * np.abs(cost).sum()
     for k, to in product(range(users), range(uavs)):
         moved = serving.copy()
         moved[k] = to
         said = charge[k, to] - charge[k, serving[k]]
-        assert costs(arena, eff, log_weight, moved)[0].sum() >= cost.sum() + said - 1e-9 * cost.sum()
+        assert costs(arena, eff, log_weight, moved)[0].sum() >= least + said
     for k, other in product(range(users), repeat=2):
         u, to, swapped = serving[k], serving[other], serving.copy()
         swapped[k], swapped[other] = to, u
         said = charge[k, to] - charge[k, u] + charge[other, u] - charge[other, to]
-        assert costs(arena, eff, log_weight, swapped)[0].sum() >= cost.sum() + said - 1e-9 * cost.sum()
+        assert costs(arena, eff, log_weight, swapped)[0].sum() >= least + said
 
 
 @settings(max_examples=40)
-@given(st.integers(0, 2**31), st.integers(2, 3), st.integers(2, 6))
-def test_no_move_and_no_exchange_is_left_that_helps(seed: int, uavs: int, users: int) -> None:
-    arena, eff, log_weight, serving = slot_of(seed, uavs, users)
+@given(st.integers(0, 2**31), st.integers(2, 3), st.integers(2, 6), SLOTS)
+def test_no_move_and_no_exchange_is_left_that_helps(seed: int, uavs: int, users: int, of: tuple[str, bool]) -> None:
+    arena, eff, log_weight, serving = slot_of(seed, uavs, users, of[0], asking=of[1])
     exchanged(arena, eff, log_weight, serving)
-    least = costs(arena, eff, log_weight, serving)[0].sum() * (1.0 - 1e-9)
+    cost = costs(arena, eff, log_weight, serving)[0]
+    least = cost.sum() - 1e-9 * np.abs(cost).sum()
     for k, to in product(range(users), range(uavs)):
         moved = serving.copy()
         moved[k] = to

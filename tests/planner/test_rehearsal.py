@@ -22,6 +22,7 @@ from skyfolio.planner.problem import problem_of
 from skyfolio.planner.rehearsal import rehearse
 from skyfolio.planner.scenario import NoFlyDisc, NoFlyPolygon
 from skyfolio.planner.stopping import MaxIterations
+from skyfolio.planner.tracks import are_plain
 from skyfolio.planner.unreachable import UnreachableEndError
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -77,10 +78,25 @@ def matrix() -> list[Scenario]:
         (*size, kind, mu, fading, (False, False, False))
         for size, (kind, mu), fading in product(sizes, utilities, ("mean", "sampled"))
     ]
-    return [
+    scenarios = [
         scenario(uavs=u, users=k, slots=n, kind=kind, mu=mu, fading=fading, constrained=limits)
         for u, k, n, kind, mu, fading, limits in made
     ]
+    return [*scenarios, *map(beyond_the_letter, scenarios[::7])]
+
+
+BEYOND: tuple[dict[str, Any], ...] = (
+    {"demand_bps": 3000.0},
+    {"velocity_mps": (1.0, 0.5), "uncertainty_mps": 0.2},
+    {"leaves_at_slot": 2},
+    {"weight": 2.0},
+)
+
+
+def beyond_the_letter(plain: Scenario) -> Scenario:
+    """The same with users that move, leave, count twice or ask for no more than some rate."""
+    changed = (user.model_copy(update=BEYOND[k % len(BEYOND)]) for k, user in enumerate(plain.users))
+    return plain.with_changes(users=tuple(changed))
 
 
 def changes_of(made: Plan) -> list[dict[str, Any]]:
@@ -119,7 +135,7 @@ def everything() -> int:
             rates = np.array([made.user_rates_bps[user] for user in wanted.user_ids]) / 1e3
             certificate(problem, np.asfortranarray(rates), max_nodes=4)
         for method in METHODS.keys() - {"fast", "paper"}:
-            if method != "areas" or wanted.channel.fading == "mean":
+            if method != "areas" or (wanted.channel.fading == "mean" and are_plain(wanted)):
                 plan(wanted, method=method, n_starts=2, stop=MaxIterations(2))
         if wanted.slots > 1:
             for asked in changes_of(made):

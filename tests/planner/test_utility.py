@@ -14,10 +14,11 @@ from skyfolio.planner import EXAMPLES, MaxIterations, Utility
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.fast import optimise, served_rates_bps
 from skyfolio.planner.fast.arena import arena_of
+from skyfolio.planner.gradient import rate_weights
 from skyfolio.planner.problem import Problem, problem_of
 from skyfolio.planner.reference.objective import concave_utility
 from skyfolio.planner.utilities import UTILITIES
-from skyfolio.planner.utility import jain_index, mean_variance_kbps, rate_weights, soft_mean, utility_kbps
+from skyfolio.planner.utility import jain_index, mean_variance_kbps, soft_mean, utility_kbps
 
 KINDS = ("sum", "per_user", "pooled")
 tables = arrays(float, st.tuples(st.integers(1, 4), st.integers(1, 6)), elements=st.floats(0, 200, width=32))
@@ -140,7 +141,7 @@ def test_the_scenario_takes_the_kinds_of_the_table_and_no_others() -> None:
 
 
 def test_one_file_and_one_row_make_a_new_utility(monkeypatch: pytest.MonkeyPatch) -> None:
-    average = replace(UTILITIES["pooled"], scale=lambda n_users: 1.0)  # noqa: ARG005
+    average = replace(UTILITIES["pooled"], scale=lambda weights: np.ones(1))  # noqa: ARG005
     monkeypatch.setitem(UTILITIES, "average_user", average)
     problem, pooled = paper("average_user", -0.1), paper("pooled", -0.1)
     mine, theirs = (optimise(one, MaxIterations(2), n_starts=1) for one in (problem, pooled))

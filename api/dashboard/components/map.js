@@ -365,8 +365,10 @@ export default {
       const rates = this.frame?.rates ?? {};
       const cut = new Set(this.frame?.cut ?? []);
       const r = this.scene.users.length > 60 ? 5 : 7;
+      const absent = new Set(this.frame?.absent ?? []);
       this.users().forEach(([id, e, n]) => {
         const [x, y] = this.at(e, n);
+        c.globalAlpha = absent.has(id) ? 0.25 : 1;
         const rate = rates[id] ?? null;
         const off = cut.has(id);
         const idle = rate !== null && rate < LEAST_BPS && !off;
@@ -384,6 +386,7 @@ export default {
         c.lineTo(x - 3, y + 3);
         c.stroke();
       });
+      c.globalAlpha = 1;
     },
     paintPins(c) {
       const pinned = new Set(this.scene.pinned ?? []);
@@ -506,7 +509,7 @@ export default {
       };
       const uav = this.frame?.uavs.find((each) => each.e !== null && close(each.e, each.n, 15));
       if (uav) return { kind: "uav", id: uav.id, uav };
-      const user = this.scene?.users.find((each) => close(each[1], each[2], 11));
+      const user = this.scene && this.users().find((each) => close(each[1], each[2], 11));
       return user ? { kind: "user", id: user[0] } : null;
     },
     onDown(event) {
@@ -568,6 +571,10 @@ export default {
       const link = this.frame?.links.find((each) => each[0] === id);
       const rate = this.frame?.rates[id];
       const lines = [id, rate === null || rate === undefined ? "rate unknown" : `${(rate / 1e3).toFixed(2)} kbit/s`];
+      const most = this.frame?.asked?.[id];
+      if (this.frame?.absent?.includes(id)) lines[1] = "not there in this slot";
+      else if (most && rate >= most * (1 - 1e-6)) lines.push("has all it asked for");
+      else if (most) lines.push(`asks for ${(most / 1e3).toFixed(2)} kbit/s`);
       if (link) lines.push(`served by ${link[1]} with ${(link[2] / 1e3).toFixed(2)} kHz`);
       return lines.join("\n");
     },

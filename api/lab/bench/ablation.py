@@ -17,7 +17,6 @@ from skyfolio.planner.repair import toward
 from skyfolio.planner.sinr import spectral_efficiency
 from skyfolio.planner.solution import Solution
 from skyfolio.planner.stopping import StoppingRule
-from skyfolio.planner.utility import utility_kbps
 
 
 def variants(problem: Problem, stop: Callable[[], StoppingRule], starts: int) -> dict[str, Callable[[], Solution]]:
@@ -57,4 +56,4 @@ def _utility(problem: Problem, solution: Solution) -> float:
     efficiency = spectral_efficiency(problem, solution.paths_m)
     served = np.take_along_axis(efficiency, solution.serving[None], axis=0)[0]
     rates = solution.bandwidth_hz * served / 1e3
-    return utility_kbps(problem.counted_kbps(rates), problem.kind, problem.mu)
+    return problem.utility_kbps(rates)

@@ -18,7 +18,6 @@ from skyfolio.planner.arrays import Array
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.sinr import spectral_efficiency
 from skyfolio.planner.utilities import Expectation, kind_of
-from skyfolio.planner.utility import utility_kbps
 
 Shares = Callable[[Array], tuple[NDArray[np.intp], Array]]
 """From paths (U, N, 2) to the best serving UAV and bandwidth, each (K, N)."""
@@ -155,7 +154,7 @@ def alternate(
 def utility_of(problem: Problem, paths_m: Array, serving: NDArray[np.intp], bandwidth_hz: Array) -> float:
     """Return the true utility of paths, association and bandwidth, kbit/s."""
     efficiency = np.take_along_axis(spectral_efficiency(problem, paths_m), serving[None], axis=0)[0]
-    return utility_kbps(problem.counted_kbps(bandwidth_hz * efficiency / 1e3), problem.kind, problem.mu)
+    return problem.utility_kbps(bandwidth_hz * efficiency / 1e3)
 
 
 def _linked(bandwidth_hz: Array, links: int) -> NDArray[np.intp]:

@@ -13,7 +13,6 @@ from skyfolio.planner.fast import served_rates_bps
 from skyfolio.planner.problem import Problem, problem_of
 from skyfolio.planner.remainder import remaining
 from skyfolio.planner.solution import Solution
-from skyfolio.planner.utility import utility_kbps
 
 
 def stop() -> AnyOf:
@@ -24,7 +23,7 @@ def stop() -> AnyOf:
 def value_kbps(problem: Problem, solution: Solution) -> float:
     """Return the true utility of a solution."""
     rates = served_rates_bps(problem, solution) / 1e3
-    return utility_kbps(problem.counted_kbps(rates), problem.kind, problem.mu)
+    return problem.utility_kbps(rates)
 
 
 @dataclass(frozen=True)
