@@ -126,7 +126,10 @@ def test_every_part_is_measured_and_every_target_judged(figures: dict[str, Any])
     assert [row["what"].split(":")[0] for row in ablation["rows"]] == [
         "paper alternation", "joint step", "single start", "multi-start",
     ]  # fmt: skip
+    users = figures_of(figures, "users", "2x4x5", "sum")
+    assert users is not None
     assert ablation["rows"][3]["utility_kbps"] >= ablation["rows"][2]["utility_kbps"]
+    assert [row["what"] for row in users["rows"]] == ["tracks", "windows", "weights", "demands"]
     assert 0 <= proof["gap_mean"] <= proof["root_gap_mean"]
     for target in (*of_times(figures), *of_quality(figures, {})):
         if target["met"] is None:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from skyfolio.api.lab.bench.ablation import variants
 from skyfolio.api.lab.bench.effort import Effort
+from skyfolio.api.lab.bench.extensions import extensions
 from skyfolio.api.lab.bench.instances import FLEETS, LETTER, Size
 from skyfolio.api.lab.bench.measure import peak_mb, timed
 from skyfolio.api.lab.bench.setting import loss_half_way, stop, value_kbps
@@ -173,3 +174,8 @@ def proof(size: Size, kind: str, effort: Effort) -> dict[str, Any]:
         "nodes_mean": float(nodes.mean()),
         "seconds_mean": float(seconds.mean()),
     }
+
+
+def users(size: Size, kind: str, effort: Effort) -> dict[str, Any]:
+    """Measure what tracks, windows, weights and demands of users cost."""
+    return extensions(instance(size, kind), effort)

@@ -60,6 +60,7 @@ SECTIONS = {
     "reference": Section(measure=cases.reference, sizes=ALL_SIZES, kinds=cases.KINDS, timed=True),
     "ipopt": Section(measure=cases.ipopt, sizes=ALL_SIZES, kinds=cases.KINDS, timed=True),
     "ablation": Section(measure=cases.ablation, sizes=(LETTER,), kinds=cases.KINDS, timed=True),
+    "users": Section(measure=cases.users, sizes=(LETTER,), kinds=cases.KINDS, timed=True),
     "disruption": Section(measure=quality.disruption, sizes=ALL_SIZES, timed=True),
     "bound": Section(measure=bounding.bound, sizes=FLEETS[:2], kinds=("sum",)),
     "budgets": Section(measure=quality.budgets, sizes=FLEETS),

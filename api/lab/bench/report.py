@@ -8,7 +8,7 @@ from skyfolio.api.lab.bench.figures import Row, figures_of, measured, parts_of
 from skyfolio.api.lab.bench.tables import Lines, grid, on_terminal, provenance, target_lines
 from skyfolio.api.lab.bench.targets import growths, of_times, ratios
 
-SECTIONS = ("fast", "reference", "ipopt", "ablation", "proof")
+SECTIONS = ("fast", "reference", "ipopt", "ablation", "users", "proof")
 TIMES = (
     "Warm milliseconds, p50 (p99), and the p50 of processor time, which a busy machine lengthens less; utility in "
     "kbit/s. Ours is the optimiser alone, from one start (hovering). The reference path is Algorithm 1 on cvxpy and "
@@ -21,6 +21,10 @@ TIMES = (
 CALLS = (
     "`plan()` and `replan()` at their defaults, with certificate, feasibility check and plan object; the replan comes "
     "after the loss of one UAV half-way."
+)
+USERS = (
+    "One call of `plan()` from one start where all users have tracks, windows, weights or demands, beside the same "
+    "users without."
 )
 
 
@@ -42,6 +46,9 @@ def markdown(figures: Row) -> str:
         grid(_calls(figures)),
         "## Ablation at 3x9x20",
         *[_ablation(kind, case) for _, kind, case in measured(figures, "ablation")],
+        "## Users beyond the letter's at 3x9x20",
+        USERS,
+        grid(_users(figures)),
         "## Certificate at 3x9x20",
         grid(_proofs(figures)),
         "## Growth",
@@ -108,6 +115,16 @@ def _ablation(kind: str, case: Row) -> str:
     lines = [[f"`{kind}`, mean of {case['layouts']} layouts", "kbit/s", "ms"]]
     lines += [[row["what"], f"{row['utility_kbps']:.2f}", f"{row['ms']:.1f}"] for row in case["rows"]]
     return grid(lines)
+
+
+def _users(figures: Row) -> Lines:
+    lines = [["utility", "users with", "plan, ms of processor", "over that without", "gap"]]
+    lines += [
+        [kind, row["what"], f"{row['cpu_p50_ms']:.2f}", f"{row['ratio']:.2f}", f"{row['gap']:.1%}"]
+        for _, kind, case in measured(figures, "users")
+        for row in case["rows"]
+    ]
+    return lines
 
 
 def _proofs(figures: Row) -> Lines:

@@ -70,6 +70,9 @@ def of_times(figures: Row) -> list[Row]:
                 rows.append(_at_most(f"{size} {kind}: {what}, ms", ours[key]["cpu_p50_ms"], slack * limits[size]))
         if kind == "sum":
             rows += _against_yardsticks(figures, size, ours)
+    for size, kind, of_users in measured(figures, "users"):
+        for row in of_users["rows"]:
+            rows.append(_at_most(f"{size} {kind}: `plan()` of {row['what']}, times the plain one", row["ratio"], 2.0))
     for kind, growth in growths(figures):
         rows.append(_at_most(f"{kind}: exponent of cold plan time", growth["plan"], 1.1))
     for _, kind, proven in measured(figures, "proof"):
