@@ -175,7 +175,7 @@ async def joined_cluster(address: str, purpose: str) -> AsyncIterator[Any]:
 
 
 async def _closed(client: Any) -> None:
-    """Close a client; whoever is cancelled meanwhile is.
+    """Close a client. A task that is cancelled meanwhile ends at once.
 
     Dask swallows a cancellation that meets its closing, which takes some seconds when the scheduler is gone.
     """

@@ -99,7 +99,7 @@ def test_when_the_scheduler_dies_in_mid_solve_a_local_worker_makes_the_plan_and_
 async def test_the_link_ends_at_once_while_it_says_goodbye_to_a_scheduler_that_died(later_s: float) -> None:
     with dask_cluster(1) as cluster:
         link, moved = DaskLink(cluster.address), asyncio.Queue[str]()
-        link.tell = lambda _, to, because: moved.put_nowait(because)
+        link.tell = lambda _, **data: moved.put_nowait(data["because"])
         keeping = asyncio.create_task(link.keep())
         assert await asyncio.wait_for(moved.get(), 60) == ""
         cluster.kill_scheduler()
