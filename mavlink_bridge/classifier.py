@@ -48,6 +48,15 @@ class Classifier:
         if system_id not in self._known:
             self._known[system_id], self._conditions[system_id] = Evidence(self.timing), Condition.LIVE
 
+    def was_flying(self, system_id: int, up_m: float, told_s: float) -> None:
+        """Take in that a watched UAV was in the air when it was last heard, before this process started.
+
+        Otherwise one that fell or landed meanwhile would be taken for one that has not taken off yet. up_m: above its
+        home. told_s: when that was, minus infinity if it is not known.
+        """
+        if system_id in self._known:
+            self._known[system_id].was_flying(up_m, told_s)
+
     def unwatch(self, system_id: int) -> None:
         """Stop expecting messages from this UAV and reporting changes of it."""
         self.links.unwatch(system_id)

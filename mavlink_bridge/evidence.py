@@ -82,6 +82,20 @@ class Evidence:
         self.aloft = Lasting(timing.crash_after_s, timing.clear_after_s)
         self.crashed = Lasting(timing.crash_after_s, timing.withdrawn_after_s)
 
+    def was_flying(self, up_m: float, told_s: float) -> None:
+        """Take in that it was in the air, `up_m` above its home, when it was last heard before this process started.
+
+        It may have reported already what became of it.
+        """
+        if not self.armed and self._mode_s > float("-inf"):
+            since_s = self._mode_s
+            self.disarmed = Disarmed(since_s=since_s, up_m=up_m, told_s=told_s, landing=False)
+            self.disarmed.see(self.height, self._timing)
+        elif not self.armed:
+            self.armed = True
+            self.height.assume(up_m, told_s)
+        self.flew = True
+
     # -- who flies it -------------------------------------------------------------------------------------------
 
     def judge_mode(self, now_s: float) -> None:

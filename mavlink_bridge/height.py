@@ -30,6 +30,8 @@ class Height:
         self.sinking_mps = 0.0
         self.boot_ms: int | None = None
         self.heard_s = float("-inf")
+        self.is_known = False
+        """Whether it was ever heard, by this process or, with this height, by an earlier one."""
         self.hit_mps: float | None = None
         """How fast it came down when it was so low that it could no longer brake; None if it never was."""
         self.hit_m = 0.0
@@ -41,7 +43,7 @@ class Height:
         self.up_m = int(fields["relative_alt"]) / 1000
         self.sinking_mps = int(fields.get("vz", 0)) / 100
         self.boot_ms = int(fields["time_boot_ms"])
-        self.heard_s = now_s
+        self.heard_s, self.is_known = now_s, True
         self._judge_hit(now_s)
         self._heights.append((now_s, self.up_m))
         while now_s - self._heights[0][0] > 2 * _RATE_OVER_S:
@@ -61,6 +63,11 @@ class Height:
         braking_m = speed_mps**2 / (2 * _BRAKES_MPS2)
         if speed_mps > _LEAST_HIT_MPS and max(self.up_m, _LEAST_BRAKING_M) < braking_m:
             self.hit_mps, self.hit_m = speed_mps, self.up_m
+
+    def assume(self, up_m: float, heard_s: float) -> None:
+        """Take over what was known of it before this process was started, unless more is known."""
+        if self.boot_ms is None:
+            self.up_m, self.heard_s, self.is_known = up_m, heard_s, True
 
     def forget_hit(self) -> None:
         """Begin a new flight: how it came down before does not count."""

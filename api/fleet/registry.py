@@ -291,6 +291,10 @@ class Fleet:
         telemetry = self.link.telemetry(system_id)
         return telemetry is not None and not telemetry.armed and not self.is_aloft(system_id)
 
+    def was_flying(self, system_id: int, up_m: float, ago_s: float) -> None:
+        """Take in that a vehicle was in the air, so high, when a service that has died last heard it."""
+        self.link.classifier.was_flying(system_id, up_m, self._clock.now() - ago_s)
+
     def now_s(self) -> float:
         """Return the time in fleet seconds."""
         return self._clock.now()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
+from math import inf
 from typing import Any
 
 from skyfolio.api.common.fleet_clock import FleetClock
@@ -251,6 +252,19 @@ class Flight(FlightTimeline):
         """Take over the record of positions from before a restart."""
         for at_s, positions_m in record:
             self._record.append(at_s, positions_m)
+
+    def recall_who_flew(self) -> None:
+        """Tell the fleet who flew the plan when it was last heard, as the record from before a restart has it.
+
+        Nobody knows when that was if the slot clock stands still.
+        """
+        for uav in self.surviving():
+            at_s = self._record.still_since_s(uav)
+            if at_s is not None and at_s < self.roster.last_slot_s:
+                altitude_m = self.plan.scenario.altitude_of(self.plan.scenario.uav(uav))
+                at_s = max(at_s, self._record.at_s(-1) - self._fleet.link.monitor.lost_after_s)  # else it were lost
+                ago_s = inf if self.paused else self.now_s() - at_s
+                self._fleet.was_flying(self.systems[uav], altitude_m, ago_s)
 
     @property
     def record(self) -> Track:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, get_args
 
+from skyfolio.mavlink_bridge import FlightMode
 from skyfolio.mavlink_bridge.conditions import Change, Condition
 
 LossKind = Literal[
@@ -31,6 +32,8 @@ _SEEN: dict[Condition, LossKind] = {
     Condition.FAILSAFE: "in_failsafe",
     Condition.REBOOTED: "rebooted",
 }
+_LANDS_NOWHERE = frozenset({FlightMode.MISSION, FlightMode.OFFBOARD, FlightMode.GUIDED})
+"""Modes in which a UAV that flies its plan comes down only at the end of its mission."""
 _ENDS_A_PLAN_TOO = frozenset({Condition.LANDED, Condition.FAILSAFE, Condition.REBOOTED})
 """A mission ends with a return and a landing: after the plan these are as planned, or no longer matter."""
 
@@ -88,3 +91,13 @@ def seen(change: Change | None, *, plan_is_flown: bool) -> Loss | None:
     if change.flies_on or (change.after in _ENDS_A_PLAN_TOO and not plan_is_flown):
         return None
     return Loss(_SEEN[change.after], change.cause)
+
+
+def really(loss: Loss, mode: FlightMode | None) -> Loss:
+    """Return what the loss of a UAV that is on the ground before its plan ends really is.
+
+    mode: in which it is now. One that was not seen to come down may have landed, but not in a mode that does not land.
+    """
+    if loss.kind != "landed" or mode not in _LANDS_NOWHERE:
+        return loss
+    return Loss("crashed", f"{loss.detail}, in mode '{mode}', which does not land before its plan ends")

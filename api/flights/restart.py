@@ -84,6 +84,7 @@ async def settle(operation: Operation) -> None:
             f"the service was stopped while {operation.state.value}; vehicles were left as they are: abort to end it",
         )
     else:
+        operation.flight.recall_who_flew()
         await _settle_flight(operation)
 
 

@@ -10,7 +10,7 @@ from skyfolio.api.common.errors import ConflictError
 from skyfolio.api.fleet.own_link import Heard
 from skyfolio.api.fleet.registry import Fleet
 from skyfolio.api.flights.guidance import FlightGuidance
-from skyfolio.api.flights.losses import Loss, seen, silent
+from skyfolio.api.flights.losses import Loss, really, seen, silent
 from skyfolio.mavlink_bridge import FlightMode, LinkEvent, LinkState, Telemetry, geodetic_to_east_north
 from skyfolio.mavlink_bridge.conditions import Condition
 from skyfolio.planner import Origin
@@ -51,7 +51,7 @@ class Roster:
         self._systems, self._origin = systems, origin
         self._uavs = {system: uav for uav, system in systems.items()}
         self._fleet, self._guidance = fleet, guidance
-        self._now_s, self._last_change_s, self._last_slot_s = now_s, last_change_s, last_slot_s
+        self._now_s, self._last_change_s, self.last_slot_s = now_s, last_change_s, last_slot_s
         self.own_link = fleet.own_link()
         """Judges whether a silence is that of our own link."""
         self._warned: dict[str, str] = {}
@@ -129,9 +129,9 @@ class Roster:
 
     def _note_left_early(self) -> None:
         """Note UAVs that leave the plan too late for a new one: they are not lost, but have not flown all of it."""
-        if self._now_s() < self._last_slot_s:
+        if self._now_s() < self.last_slot_s:
             for uav in self._systems:
-                loss = seen(self._fleet.condition(self._systems[uav]), plan_is_flown=True)
+                loss = self._loss(uav, plan_is_flown=True)
                 if loss is not None:
                     self._left_early.setdefault(uav, loss)
 
@@ -141,7 +141,7 @@ class Roster:
         If it is taken over later, by a human or its own failsafe, it has flown its plan all the same; not if it falls.
         """
         loss = self.losses.get(uav)
-        if loss is not None and (self.lost[uav] < self._last_slot_s or loss.kind in _FELL):
+        if loss is not None and (self.lost[uav] < self.last_slot_s or loss.kind in _FELL):
             return loss
         return self._left_early.get(uav)
 
@@ -282,7 +282,19 @@ class Roster:
         When no slot can be flown differently any more, missions end as planned.
         """
         flown = uav in self.lost or self._now_s() < self._last_change_s
-        return seen(self._fleet.condition(self._systems[uav]), plan_is_flown=flown)
+        return self._loss(uav, plan_is_flown=flown)
+
+    def _loss(self, uav: str, *, plan_is_flown: bool) -> Loss | None:
+        system = self._systems[uav]
+        loss, known = seen(self._fleet.condition(system), plan_is_flown=plan_is_flown), self.losses.get(uav)
+        if loss is None or loss.kind != "landed":
+            return loss
+        if known is not None and known.kind == "crashed":
+            return known  # it is on the ground, and says nothing new
+        telemetry = self._fleet.link.telemetry(system)
+        if telemetry is None or self._now_s() >= self.last_slot_s:
+            return loss
+        return really(loss, telemetry.mode)
 
     def positions_m(self) -> dict[str, Point]:
         """Return where each UAV that knows its position was last heard, metres east/north of the scenario's origin."""

@@ -41,6 +41,21 @@ class Track(Sequence[Seen]):
         places = zip(self._uavs, row[::2], row[1::2], strict=True)
         return at_s, {uav: (east, north) for uav, east, north in places if not isnan(east)}
 
+    def still_since_s(self, uav: str) -> float | None:
+        """Return the fleet second since which the last known place of a UAV is the same; None if it was never heard.
+
+        It was last heard then, or later: a sample repeats the place of one that is silent.
+        """
+        since_s: float | None = None
+        last: tuple[float, float] | None = None
+        width, begin = 2 * len(self._uavs), 2 * self._uavs.index(uav)
+        for number in range(len(self) - 1, -1, -1):
+            east, north = self._places_m[number * width + begin], self._places_m[number * width + begin + 1]
+            if isnan(east) or (last is not None and (east, north) != last):
+                break
+            since_s, last = self._at_s[number], (east, north)
+        return since_s
+
     def at_s(self, index: int) -> float:
         """Return the fleet second of that sample."""
         return self._at_s[index]

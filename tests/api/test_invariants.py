@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from skyfolio.api.flights.ends import UavEnd
 from skyfolio.api.flights.journal import Entry, Step
 from skyfolio.api.flights.operation_views import Abort, OperationView, State, UavView
 from skyfolio.api.flights.recovery_report import RecoveryReport
@@ -302,6 +303,11 @@ def _a_step_is_gone(seen: Seen) -> None:
     seen.taken.append(Taken(at_s=22.0, entry=entry(Step.VERIFIED, "uav-1")))
 
 
+@breaks("nothing is left in the local file")
+def _held_for_ever(seen: Seen) -> None:
+    seen.held_lines = 3
+
+
 @breaks("nothing fails unforeseen")
 def _a_task_failed(seen: Seen) -> None:
     seen.events.append(event(9, "task_failed", task="watch", error="KeyError: 3"))
@@ -488,6 +494,20 @@ def sent_before_the_loss(seen: Seen) -> None:
     seen.lost["uav-3"].lost_at_s = 40.0
 
 
+def on_a_disk_that_stayed_full(seen: Seen) -> None:
+    seen.held_lines, seen.ground.disk.refuses = 3, "database or disk is full"
+
+
+def said_to_be_down(seen: Seen) -> None:
+    assert seen.end is not None
+    seen.end.uavs["uav-3"] = seen.end.uavs["uav-3"].model_copy(update={"end": UavEnd.RETURNED})
+
+
+def fell_unheard_where_it_may_have_landed(seen: Seen) -> None:
+    seen.fell_unheard.add(3)
+    said_to_be_down(seen)
+
+
 def ordered_by_the_operator(seen: Seen) -> None:
     seen.harmed.clear()
     seen.ordered[3] = 10.0
@@ -503,6 +523,8 @@ def ordered_by_the_operator(seen: Seen) -> None:
         on_its_first_leg,
         sent_before_the_loss,
         ordered_by_the_operator,
+        on_a_disk_that_stayed_full,
+        fell_unheard_where_it_may_have_landed,
     ],
     ids=lambda change: change.__name__,
 )
@@ -512,6 +534,13 @@ def test_what_is_no_fault_breaks_nothing(change: Callable[[Seen], None]) -> None
         change(seen)
         seen.new_reports.clear()
         assert broken_in(seen, meanwhile=meanwhile) == set()
+
+
+def test_who_fell_unheard_in_a_mode_that_does_not_land_has_not_landed() -> None:
+    seen = history()
+    fell_unheard_where_it_may_have_landed(seen)
+    seen.ground.fleet.vehicles[3].mode = Mode.MISSION  # type: ignore[misc]
+    assert broken_in(seen, meanwhile=False) == {"ends are as they are said to be"}
 
 
 def test_only_open_files_of_a_virtual_disk_are_counted(tmp_path: Path) -> None:

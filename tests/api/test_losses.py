@@ -2,7 +2,8 @@
 
 import pytest
 
-from skyfolio.api.flights.losses import LOSS_KINDS, Loss, seen, silent
+from skyfolio.api.flights.losses import LOSS_KINDS, Loss, really, seen, silent
+from skyfolio.mavlink_bridge import FlightMode
 from skyfolio.mavlink_bridge.conditions import Change, Condition
 
 
@@ -37,3 +38,13 @@ def test_only_who_was_silent_may_return_and_only_who_is_down_frees_its_air() -> 
     assert {kind for kind, loss in every.items() if loss.may_return} == {"heartbeat_lost"}
     assert {kind for kind, loss in every.items() if not loss.in_the_air} == {"crashed", "landed"}
     assert silent(5.25) == Loss("heartbeat_lost", "silent for 5.2 s", 5.25)
+
+
+@pytest.mark.parametrize("mode", list(FlightMode))
+def test_who_is_on_the_ground_in_the_middle_of_its_plan_has_landed_only_in_a_mode_that_lands(mode: FlightMode) -> None:
+    fell = mode in {FlightMode.MISSION, FlightMode.OFFBOARD, FlightMode.GUIDED}
+    loss = really(Loss("landed", "disarmed at 0.0 m"), mode)
+    assert loss.kind == ("crashed" if fell else "landed")
+    assert (f"in mode '{mode}'" in loss.detail) is fell
+    silence = silent(5.0)
+    assert really(silence, mode) is silence

@@ -13,7 +13,7 @@ from skyfolio.api.fleet.own_link import Heard, OwnLink
 from skyfolio.api.fleet.registry import Fleet
 from skyfolio.api.flights.guidance import FlightGuidance
 from skyfolio.api.flights.roster import Roster
-from skyfolio.mavlink_bridge import LinkEvent
+from skyfolio.mavlink_bridge import FlightMode, LinkEvent
 from skyfolio.mavlink_bridge.conditions import Change, Condition
 from skyfolio.planner import Origin
 
@@ -84,7 +84,7 @@ class Sky:
         self.notes.append((kind, data))
 
     def _telemetry(self, system_id: int) -> SimpleNamespace:
-        return SimpleNamespace(**{"place_deg": (47.0, 8.0)} | self.told[system_id])
+        return SimpleNamespace(**{"place_deg": (47.0, 8.0), "mode": FlightMode.LAND} | self.told[system_id])
 
     async def _return_home(self, system_ids: list[int]) -> dict[int, SimpleNamespace]:
         return {system_id: SimpleNamespace(error=None) for system_id in system_ids}
@@ -192,6 +192,21 @@ def test_who_is_taken_over_once_its_last_slot_has_begun_has_flown_its_plan(at_s:
     sky.see(1, Condition.LANDED)
     sky.look()
     assert (sky.roster.left_its_plan("a") is None) is flown
+
+
+def test_who_is_found_on_the_ground_in_a_mission_that_is_not_over_has_crashed_and_that_stays_so() -> None:
+    sky = Sky()
+    sky.told[1] = {"armed": False, "relative_alt_m": 0.0, "mode": FlightMode.MISSION}
+    sky.see(1, Condition.LANDED)
+    assert sky.look() == {"a": "crashed"}
+    sky.told[1]["mode"], sky.slots_s = FlightMode.HOLD, 99.0
+    assert sky.look() == {}
+    loss = sky.roster.left_its_plan("a")
+    assert loss is not None
+    assert loss.kind == "crashed"
+    sky.told[2] = sky.told[1] | {"mode": FlightMode.MISSION}
+    sky.see(2, Condition.LANDED)
+    assert sky.look() == {}  # the plan is over: it has landed as its mission has it
 
 
 def test_who_falls_after_the_last_slot_has_not_flown_its_plan_to_the_end() -> None:

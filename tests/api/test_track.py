@@ -31,3 +31,11 @@ def test_a_sample_takes_sixteen_bytes_for_each_uav_and_eight_for_its_time() -> N
         track.append(0.5 * number, dict.fromkeys(UAVS, (1.0, 2.0)))
     held = sum(len(part) * part.itemsize for part in (track._at_s, track._places_m))
     assert held == 1000 * (8 + 16 * len(UAVS))
+
+
+def test_since_when_a_uav_is_where_it_was_last_heard_is_known() -> None:
+    track = Track(UAVS)
+    places = [(0.0, 0.0), (5.0, 0.0), (5.0, 0.0), (9.0, 0.0), (9.0, 0.0)]
+    for number, place in enumerate(places):
+        track.append(0.5 * number, {"uav-1": place} if number < 3 else {"uav-1": place, "uav-2": (1.0, 1.0)})
+    assert [track.still_since_s(uav) for uav in UAVS] == [1.5, 1.5, None]

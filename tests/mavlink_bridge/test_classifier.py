@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 from itertools import pairwise
+from math import inf
 from typing import Any
 
 import pytest
@@ -368,6 +369,61 @@ def test_a_restart_in_the_air_that_ends_on_the_ground_is_a_crash_and_no_landing(
     story.tell(20, base_mode=DISARMED, custom_mode=COPTER_STABILIZE, landed_state=1, relative_alt=0)
     assert story.classifier.condition(1) is Condition.CRASHED
     assert "down from 60.0 to 0.0 m above home" in story.cause
+
+
+def restarted(story: Story, silent_s: float) -> None:
+    """It is heard again after a silence, at the end of which it has started anew, on the ground."""
+    story.silence(silent_s)
+    story.boot_s = story.now_s
+    story.values |= {"custom_mode": COPTER_STABILIZE, "landed_state": 1, "relative_alt": 0, "vz": 0, "seq": 0}
+    story.classifier.hear(1, 1, "EXTENDED_SYS_STATE", story.values, story.now_s)  # before it says that it is disarmed
+    story.tell(20, base_mode=DISARMED)
+
+
+@pytest.mark.parametrize("from_m", [7, 10])
+def test_a_restart_low_in_the_air_is_a_crash_though_a_landing_would_have_taken_no_longer(from_m: int) -> None:
+    story = Story(autopilot=3, mode=COPTER_AUTO)
+    story.tell(5, relative_alt=from_m * 1000)
+    restarted(story, 3.0)
+    assert story.classifier.condition(1) is Condition.CRASHED
+    assert f"down from {from_m}.0 to 0.0 m above home" in story.cause
+    assert "restarted 4.0 s after it was last seen up there" in story.cause
+
+
+def test_one_that_landed_unheard_and_was_switched_off_and_on_has_landed() -> None:
+    story = Story(autopilot=3, mode=COPTER_AUTO)
+    story.tell(5, relative_alt=10_000)
+    restarted(story, 30.0)
+    assert story.classifier.condition(1) is Condition.LANDED
+
+
+@pytest.mark.parametrize("heard_before", [True, False], ids=["it reported already", "it was not heard yet"])
+@pytest.mark.parametrize(
+    ("ago_s", "verdict"), [(1.5, Condition.CRASHED), (30.0, Condition.LANDED), (inf, Condition.LANDED)]
+)
+def test_one_that_flew_when_an_earlier_process_heard_it_is_not_taken_for_one_on_the_ground(
+    ago_s: float, verdict: Condition, *, heard_before: bool
+) -> None:
+    story = Story()
+    story.classifier, story.changes = Classifier(), []
+    story.classifier.watch(1, story.now_s)
+    on_the_ground = {"base_mode": DISARMED, "landed_state": 1, "relative_alt": 0}
+    told_s = story.now_s - ago_s
+    if heard_before:
+        assert story.tell(1, **on_the_ground) == []
+    story.classifier.was_flying(1, 20.0, told_s)
+    story.tell(5, **on_the_ground)
+    assert story.classifier.condition(1) is verdict
+
+
+def test_one_that_flew_when_an_earlier_process_heard_it_may_fly_on() -> None:
+    story = Story()
+    story.classifier, story.changes = Classifier(), []
+    story.classifier.watch(1, story.now_s)
+    story.classifier.was_flying(1, 20.0, story.now_s - 10.0)
+    assert story.tell(20, relative_alt=20_000) == []
+    story.classifier.was_flying(1, 20.0, story.now_s - 10.0)
+    assert story.tell(20) == []
 
 
 def test_a_restart_in_the_air_without_positions_is_a_crash_when_it_must_be_down() -> None:

@@ -210,10 +210,10 @@ async def _view(seen: Seen, arena: Arena) -> OperationView | None:
 
 def _read_disk(seen: Seen) -> None:
     """Take in what is stored of each operation."""
-    events = seen.ground.stored_events()
+    events, held_lines = seen.ground.stored_events(), seen.ground.disk.held_lines()
     for one in seen.each:
         query = select(journal_table).where(journal_table.c.operation_id == one.operation_id)
         with one.ground.disk.engine.connect() as connection:
             rows = connection.execute(query.order_by(journal_table.c.id)).all()
-        one.events, one.journal = events, [entry_of(row) for row in rows]
+        one.events, one.journal, one.held_lines = events, [entry_of(row) for row in rows], held_lines
         one.note_reports(one.end.recoveries if one.end is not None else ())

@@ -11,6 +11,7 @@ from skyfolio.api.flights.operation_views import ENDED, State
 from skyfolio.api.lab.torture.checks import afterwards, at_end, meanwhile
 from skyfolio.api.lab.torture.sightings import SlotClock
 from skyfolio.api.lab.torture.watch import Seen
+from skyfolio.sim import Mode
 
 SLOT_CLOCK_S = 0.3
 """How far the slot clock may be from the fleet's."""
@@ -76,14 +77,15 @@ def _slot_clock(seen: Seen) -> SlotClock | None:
 def _ends_are_as_they_are_said_to_be(seen: Seen) -> Iterator[str]:
     """Say of each UAV how it ended: who is said to stand on the ground is not searched for.
 
-    A vehicle that reboots in the air falls unheard, and reports to be disarmed on the ground: a service cannot know.
+    One that fell unheard, and is found in a mode in which it may have landed instead, looks as if it had.
     """
     if seen.end is None or seen.end.state is State.ABORTED:
         return
     for uav, view in seen.end.uavs.items():
         vehicle = seen.ground.fleet.vehicles[seen.system_of(uav)]
-        unheard = "reboot" in seen.harms.get(vehicle.system_id, ())
-        if view.end is not None and view.end.is_down and not unheard and (not vehicle.alive or seen.is_aloft(vehicle)):
+        if vehicle.system_id in seen.fell_unheard and vehicle.mode not in {Mode.MISSION, Mode.GUIDED}:
+            continue
+        if view.end is not None and view.end.is_down and (not vehicle.alive or seen.is_aloft(vehicle)):
             yield f"{uav} has {view.end.value}, and is {'up' if vehicle.alive else 'crashed'}"
 
 
@@ -123,6 +125,13 @@ def _steps_outlive_the_service(seen: Seen) -> Iterator[str]:
     for (incident, step, uav), times in taken.items():
         if stored[incident, step, uav] < times:
             yield f"incident {incident}: {step.value} {uav or ''} is not in the journal"
+
+
+@at_end
+def _nothing_is_left_in_the_local_file(seen: Seen) -> Iterator[str]:
+    """Clear the local file once the database has what is in it: the next start would store old states again."""
+    if seen.held_lines and seen.ground.disk.refuses is None:
+        yield f"{seen.held_lines} transactions, though the database took them"
 
 
 @at_end

@@ -41,9 +41,11 @@ class Vehicles:
     """Vehicles that are dead, or that a human has taken."""
     refusing: set[int] = field(default_factory=set)
     """Vehicles that refuse uploads, or store them wrongly, and fly well all the same."""
+    fell_unheard: set[int] = field(default_factory=set)
+    """Vehicles that crashed while a fault kept them from being heard well, or no service lived."""
     excused_s: float = 0.0
     """Virtual seconds in which something kept the service from dealing with an incident."""
-    _impaired_until_s: dict[int, float] = field(default_factory=dict)
+    _disturbed_until_s: dict[int, float] = field(default_factory=dict)
     _blind: set[int] = field(default_factory=set)
     _truth_seen: int = 0
     _frame: LocalFrame | None = None
@@ -76,6 +78,13 @@ class Vehicles:
         streamed = self.drill.guidance == "stream" and vehicle.mode is Mode.GUIDED
         return streamed or vehicle.mode is Mode.MISSION
 
+    def is_heard_well(self, system_id: int) -> bool:
+        """Return whether what a vehicle sends arrives, and it knows where it is."""
+        return not self._is_disturbed(system_id) and self.ground.fleet.vehicles[system_id].transmitting
+
+    def _is_disturbed(self, system_id: int) -> bool:
+        return self.ground.now_s < self._disturbed_until_s.get(system_id, 0.0) or system_id in self._blind
+
     def follow_truth(self) -> None:
         """Take in what happened to vehicles since the last look."""
         events = self.ground.fleet.truth.events
@@ -86,6 +95,8 @@ class Vehicles:
                 self._follow_fault(system_id, event.t_s, event.detail)
             elif event.kind in {"killed", "crashed"}:
                 self._follow_gone(system_id, event.t_s)
+                if self.ground.service is None or self._is_disturbed(system_id):
+                    self.fell_unheard.add(system_id)
             elif event.kind == "failsafe" and takes_over(event.detail):
                 self.harmed.setdefault(system_id, event.t_s)
                 self.foreign.setdefault(system_id, event.t_s)
@@ -107,8 +118,9 @@ class Vehicles:
             self._follow_gone(system_id, at_s)
         elif fault.get("fault") in REFUSALS:
             self.refusing.add(system_id)
-        elif fault.get("fault") == "impair":
-            self._impaired_until_s[system_id] = inf if fault.get("for_s") is None else at_s + fault["for_s"]
+        elif fault.get("fault") in {"impair", "mute", "freeze"}:
+            until_s = inf if fault.get("for_s") is None else at_s + fault["for_s"]
+            self._disturbed_until_s[system_id] = max(until_s, self._disturbed_until_s.get(system_id, 0.0))
 
     def place_m(self, vehicle: Vehicle) -> tuple[float, float, float]:
         """Return where a vehicle truly is: metres east and north of the scenario's origin, and above its home."""

@@ -84,6 +84,8 @@ class Seen(Vehicles):
     """UAVs whose air is reserved."""
     files_open: list[int] = field(default_factory=list)
     """How many files this process has open: before the drill, and after it."""
+    held_lines: int = 0
+    """Transactions in the local file once the service has stopped."""
     remembered: list[str] = field(default_factory=list)
     """Ended operations that their service still holds."""
     slot_clock: SlotClock | None = None
@@ -206,10 +208,7 @@ class Seen(Vehicles):
         vehicle = self.ground.fleet.vehicles[system_id]
         if uav in self.lost and self.lost[uav].stood_m is not None:
             return False
-        if not vehicle.alive:
-            return False
-        impaired = self.ground.now_s < self._impaired_until_s.get(system_id, 0.0)
-        return impaired or system_id in self._blind or not vehicle.transmitting
+        return vehicle.alive and not self.is_heard_well(system_id)
 
     def _lose(self, uav: str, kind: LossKind, silent_for_s: float) -> None:
         if kind in NOT_IN_THE_AIR:
