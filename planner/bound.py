@@ -65,7 +65,11 @@ def reachability_bound_kbps(problem: Problem) -> float:
     In slot n a UAV is within `n D_max` of its start, close enough to its end if it has one, and in the area. Each pair
     gets the nearest own and the farthest interfering distance that this allows. Past slots count as they were.
     """
-    pair_kbps = optimistic_rates_kbps(problem)
+    return bound_of_pairs_kbps(problem, optimistic_rates_kbps(problem))
+
+
+def bound_of_pairs_kbps(problem: Problem, pair_kbps: Array) -> float:
+    """Return an upper bound of the utility, in kbit/s, if no pair has more than `pair_kbps` (U, K, N) in a slot."""
     tables = best_tables(pair_kbps)
     weights = np.repeat(problem.weight[:, None], problem.n_slots, axis=1)
     mean_bound = lifted_kbps(problem, (weights * tables(weights)).sum(axis=0))

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.channel import expected_gains, fading_gains
+from skyfolio.planner.ground.links import planned_heights2
 from skyfolio.planner.plans import Plan
 from skyfolio.planner.scenario import Scenario
 from skyfolio.planner.sinr import mean_efficiency
@@ -17,6 +18,8 @@ def delivered_rates_bps(
     plan: Plan, slots: NDArray[np.intp], positions_m: Array, transmitting: NDArray[np.bool_]
 ) -> Array:
     """Return the rates of eqs. (3)-(4) by the plan's association and bandwidth, at the given positions: (S, K) bit/s.
+
+    UAVs are at the plan's altitudes.
 
     S samples; slots: (S,) index on the plan's own grid (0 is its first slot). positions_m: (S, U, 2) metres east/north
     of the origin, in the plan's UAV order. transmitting: (S, U): a UAV that is off serves no user and does not
@@ -39,8 +42,8 @@ def delivered_rates_bps(
     noise_w = 10 ** (channel.noise_dbm / 10 - 3)
     fading = _fading(plan, asked)[:, :, column]
     apart = positions_m[:, :, None, :] - user_m.transpose(1, 0, 2)[:, None]  # (S, U, K, 2)
-    altitude_m = np.array([scenario.altitude_of(uav) for uav in scenario.uavs])
-    distance2 = np.einsum("sukd,sukd->suk", apart, apart) + altitude_m[:, None] ** 2 + spread_m2.T[:, None]
+    heights2 = planned_heights2(plan)[:, :, slots]  # (U, K, S)
+    distance2 = np.einsum("sukd,sukd->suk", apart, apart) + np.moveaxis(heights2, 2, 0) + spread_m2.T[:, None]
     on = power_w[:, None] * 10 ** (channel.reference_gain_db / 10) / noise_w * transmitting[:, :, None]
     snr = np.moveaxis(on / distance2 * np.moveaxis(fading, 2, 0), 0, 2)  # (U, K, S)
     efficiency = np.moveaxis(mean_efficiency(snr, snr, _draws(scenario)), 2, 1)  # (U, S, K)

@@ -12,6 +12,9 @@ from skyfolio.planner.arrays import Array
 from skyfolio.planner.bound import upper_bound_kbps
 from skyfolio.planner.fast import served_rates_bps
 from skyfolio.planner.feasibility import MIN_RATE_ROUNDING, require_feasible
+from skyfolio.planner.ground.bounding import bound_over_kbps
+from skyfolio.planner.ground.ground import Ground
+from skyfolio.planner.ground.links import seen_aloft
 from skyfolio.planner.plans import Plan, PlanStatus, Summary
 from skyfolio.planner.problem import Past, Problem
 from skyfolio.planner.scenario import Scenario
@@ -20,12 +23,25 @@ from skyfolio.planner.utility import jain_index, mean_variance_kbps
 
 
 def emit(
-    scenario: Scenario, past: Past, problem: Problem, solution: Solution, inputs: Sequence[object] = (), **identity: Any
+    scenario: Scenario,
+    past: Past,
+    problem: Problem,
+    solution: Solution,
+    inputs: Sequence[object] = (),
+    *,
+    ground: Ground | None = None,
+    **identity: Any,
 ) -> Plan:
     """Return the solution by ids, with summary and certificate. Raises InfeasiblePlanError, which means a defect.
 
-    inputs: what distinguishes this plan beside the scenario and its past; it enters the default id.
+    inputs: what distinguishes this plan beside the scenario and its past; it enters the default id. ground: over which
+    the solution has altitudes.
     """
+    bound_kbps = None
+    if ground is not None and solution.altitudes_m is not None:
+        bound_kbps = bound_over_kbps(problem, ground)
+        problem = seen_aloft(problem, ground, solution.paths_m, solution.altitudes_m)
+        identity["altitudes_m"] = _by_id(scenario.uav_ids, solution.altitudes_m)
     rates_bps = served_rates_bps(problem, solution)
     unmet = unmet_min_rates(scenario, rates_bps)
     if unmet:
@@ -43,7 +59,7 @@ def emit(
         bandwidth_hz=_by_id(scenario.user_ids, solution.bandwidth_hz),
         user_rates_bps=_by_id(scenario.user_ids, rates_bps),
         achieved_rates_bps=_achieved(scenario, past),
-        summary=summarise(problem, rates_bps / 1e3),
+        summary=summarise(problem, rates_bps / 1e3, bound_kbps),
         history=solution.history,
         unmet_min_rate_slots=unmet,
         **identity,
@@ -74,10 +90,13 @@ def unmet_min_rates(scenario: Scenario, rates_bps: Array) -> dict[str, list[int]
     return {user: slots for user, slots in short.items() if slots}
 
 
-def summarise(problem: Problem, rates_kbps: Array) -> Summary:
-    """Return the measures of a (K, N) rate table; utility and bound include the past, the others only planned slots."""
+def summarise(problem: Problem, rates_kbps: Array, bound_kbps: float | None = None) -> Summary:
+    """Return the measures of a (K, N) rate table; utility and bound include the past, the others only planned slots.
+
+    bound_kbps: an upper bound of the utility, if it is not to be found here.
+    """
     utility = problem.utility_kbps(rates_kbps)
-    bound = max(upper_bound_kbps(problem, rates_kbps), utility)
+    bound = max(upper_bound_kbps(problem, rates_kbps) if bound_kbps is None else bound_kbps, utility)
     per_slot = rates_kbps.sum(axis=0)
     return Summary(
         utility_bps=utility * 1e3,

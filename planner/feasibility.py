@@ -13,6 +13,7 @@ from math import hypot, isfinite
 from shapely import LineString, Polygon
 from shapely import Point as GeoPoint
 
+from skyfolio.planner.clearance import breaches
 from skyfolio.planner.geometry import distance_to_segment_m
 from skyfolio.planner.plans import Plan
 from skyfolio.planner.scenario import Frozen, NoFlyDisc, NoFlyPolygon, Uav
@@ -60,6 +61,7 @@ def violations(plan: Plan) -> list[Violation]:
         *_separation(plan),
         *_no_fly(plan),
         *_pins(plan),
+        *(Violation(constraint=one.rule, where=one.where, message=one.message) for one in breaches(plan)),
     ]
 
 

@@ -7,6 +7,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field
 
+from skyfolio.planner.parts import left_out
 from skyfolio.planner.pins import DroppedPin, Pins
 from skyfolio.planner.scenario import Frozen, Scenario
 
@@ -106,6 +107,7 @@ class Plan(Frozen):
 
     Slot `n` lasts from `n` to `n + 1` slot durations after the start; `trajectories_m[uav][n]` is where the UAV is
     when slot `n` begins, and it flies straight to `[n + 1]` while the slot lasts. Slot 0 is the start position.
+    So does its altitude, `altitudes_m[uav][n]`, where altitudes are planned (`altitudes.py`).
     A UAV that leaves (`leaves_at_slot`) keeps its last position in the table, but is no longer there.
     A plan with status `infeasible` could not give every user its `min_rate_bps`: `unmet_min_rate_slots` says whom and
     when, counted on the plan's own grid; all other constraints hold.
@@ -124,6 +126,10 @@ class Plan(Frozen):
     first_slot: Annotated[int, Field(ge=0)] = 0
     scenario: Scenario
     trajectories_m: dict[str, list[tuple[float, float]]]
+    altitudes_m: dict[str, list[float]] | None = left_out(
+        "Of each UAV when each slot begins, where they are planned: metres above mean sea level with terrain, "
+        "otherwise above its own home."
+    )
     association: dict[str, list[str]]
     bandwidth_hz: dict[str, list[float]]
     user_rates_bps: dict[str, list[float]]

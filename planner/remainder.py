@@ -6,12 +6,14 @@ It is separate from `replanning`, which solves it, so that checking a request lo
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
 from shapely import Point as GeoPoint
 from shapely import Polygon
 
+from skyfolio.planner.altitudes import plans_altitudes
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.changes import Changes, ReplanError, uavs_after, users_after
 from skyfolio.planner.plans import Cause, Plan
@@ -56,7 +58,7 @@ def remaining(
     planned = {uav.id: previous.trajectories_m[uav.id][begin] for uav in previous.scenario.uavs}
     now = {**planned, **(positions_m or {})}
     survivors = tuple(
-        _moved_on(previous.scenario, uav, now[uav.id], begin)
+        _moved_on(previous, uav, now[uav.id], begin)
         for uav in previous.scenario.uavs
         if uav.id not in gone and previous.scenario.last_slot(uav) >= begin
     )
@@ -124,10 +126,14 @@ def _check_request(
         raise ReplanError(f"at_slot: {begin + previous.first_slot} must lie in {previous.first_slot}..{last}")
 
 
-def _moved_on(scenario: Scenario, uav: Uav, now: Sequence[float], begin: int) -> Uav:
-    """Return the UAV at its live position, `begin` slots later."""
+def _moved_on(previous: Plan, uav: Uav, now: Sequence[float], begin: int) -> Uav:
+    """Return the UAV at its live position, `begin` slots later, at the altitude that the plan has for it then."""
+    scenario = previous.scenario
     leaves = None if uav.leaves_at_slot is None else uav.leaves_at_slot - begin
-    return uav.model_copy(update={"start_m": _into_flying_area(scenario, now), "leaves_at_slot": leaves})
+    moved: dict[str, Any] = {"start_m": _into_flying_area(scenario, now), "leaves_at_slot": leaves}
+    if plans_altitudes(scenario) and previous.altitudes_m is not None:
+        moved |= {"home_m": uav.home_m or uav.start_m, "start_altitude_m": previous.altitudes_m[uav.id][begin]}
+    return uav.model_copy(update=moved)
 
 
 def _into_flying_area(scenario: Scenario, point: Sequence[float]) -> Point:

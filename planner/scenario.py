@@ -1,6 +1,7 @@
 """The scenario: which UAVs fly, which users they serve, over which area, and for how long.
 
-Positions are east/north metres from `Scenario.origin`; altitude is metres above each vehicle's own home.
+Positions are east/north metres from `Scenario.origin`; altitude is metres above each vehicle's own home, or above the
+ground where there is terrain (`altitudes.py`).
 Every rule is checked when the object is created, and the message names the field, its value and the rule.
 Where a field ends in `_m`, its twin in `_deg` may be given instead, in degrees: a scenario keeps both (`places.py`).
 """
@@ -16,6 +17,7 @@ from pydantic import ConfigDict, Field, model_validator
 from shapely import Point as GeoPoint
 from shapely import Polygon
 
+from skyfolio.planner.altitudes import Altitude, Amsl, ClimbRate, require_altitudes
 from skyfolio.planner.parts import (
     MAX_VERTICES,
     BitsPerSecond,
@@ -28,9 +30,11 @@ from skyfolio.planner.parts import (
     PositionDeg,
     either,
     in_degrees,
+    left_out,
     without_stale_degrees,
 )
 from skyfolio.planner.places import Twin, require_agreement, require_closed_off, with_metres
+from skyfolio.planner.terrain import Terrain
 from skyfolio.planner.users import User, require_tracks
 
 __all__ = [
@@ -55,7 +59,6 @@ __all__ = [
     "zone_holds",
 ]
 
-Altitude = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0.1, le=20_000)]
 Hertz = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=1, le=1e11)]
 Watts = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=1e-12, le=1e6)]
 REACH_ROUNDING_M = 1e-10
@@ -84,6 +87,13 @@ class Uav(Placed):
     leaves_at_slot: Annotated[int, Field(strict=True, ge=1)] | None = None
     start_deg: PositionDeg | None = in_degrees("Where it starts, degrees; may be given instead of `start_m`.")
     end_deg: PositionDeg | None = in_degrees("Where it must end, degrees; may be given instead of `end_m`.")
+    altitude_min_m: Altitude | None = left_out("Instead of the scenario's `altitude_min_m`.")
+    altitude_max_m: Altitude | None = left_out("Instead of the scenario's `altitude_max_m`.")
+    max_climb_mps: ClimbRate | None = left_out("How fast it climbs and descends, m/s; default 1.5.")
+    start_altitude_m: Amsl | None = left_out(
+        "Its altitude in slot 0 if it flies already, metres above sea level (without terrain: above home)."
+    )
+    home_m: Point | None = left_out("Where it took off, if that is not `start_m`: its ways home end there.")
 
 
 class Channel(Frozen):
@@ -172,6 +182,12 @@ class Scenario(Frozen):
     area_deg: Annotated[tuple[PositionDeg, ...], Field(min_length=2, max_length=MAX_VERTICES)] | None = in_degrees(
         "Corners south-west and north-east, or a polygon, degrees; may be given instead of `area_m`."
     )
+    terrain: Terrain | None = left_out("Ground heights; then altitudes of plans are above mean sea level.")
+    clearance_m: Altitude | None = left_out(
+        "What is kept over the terrain on every leg and way home, metres; default 30."
+    )
+    altitude_min_m: Altitude | None = left_out("The least altitude that a plan may choose, metres above the ground.")
+    altitude_max_m: Altitude | None = left_out("The greatest altitude that a plan may choose, metres above the ground.")
 
     @model_validator(mode="before")
     @classmethod
@@ -186,6 +202,7 @@ class Scenario(Frozen):
                 f"area_m: {self.area_m} must be [[west, south], [east, north]] with west < east and south < north"
             )
         self._check_degrees()
+        require_altitudes(self)
         _require_unique("uavs", [uav.id for uav in self.uavs])
         _require_unique("users", [user.id for user in self.users])
         require_tracks(self.users, self.slots, self.slot_duration_s)
@@ -251,7 +268,10 @@ class Scenario(Frozen):
         return {uav.id: uav for uav in self.uavs}[uav_id]
 
     def altitude_of(self, uav: Uav) -> float:
-        """Return the altitude of this UAV in metres above its own home: its own `altitude_m`, or the fleet's."""
+        """Return the altitude of this UAV: its own `altitude_m`, or the fleet's.
+
+        Metres above its own home; with terrain, what it keeps above the ground where nothing asks for more.
+        """
         return self.altitude_m if uav.altitude_m is None else uav.altitude_m
 
     def last_slot(self, uav: Uav) -> int:

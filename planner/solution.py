@@ -18,12 +18,14 @@ class Solution:
     """A solution as arrays.
 
     paths_m: (U, N, 2) metres east/north. serving: (K, N) UAV index. bandwidth_hz: (K, N) Hz from that UAV.
+    altitudes_m: (U, N), where altitudes are planned (`ground`).
     """
 
     paths_m: Array
     serving: NDArray[np.intp]
     bandwidth_hz: Array
     history: list[Iteration]
+    altitudes_m: Array | None = None
 
 
 Observer: TypeAlias = Callable[[Iteration, Callable[[], Solution]], None]

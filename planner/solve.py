@@ -15,6 +15,8 @@ from skyfolio.planner.areas.size import is_large
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.disruption import Former, disruption_of
 from skyfolio.planner.emit import emit
+from skyfolio.planner.ground.aloft import at_its_best, raised
+from skyfolio.planner.ground.ground import ground_of
 from skyfolio.planner.little_change import least_disruptive
 from skyfolio.planner.methods import AREAS, DEFAULT_METHOD, Method, method_of
 from skyfolio.planner.pinning import PinError, Pinned, pinned
@@ -22,7 +24,7 @@ from skyfolio.planner.pins import Pins
 from skyfolio.planner.plans import Iteration, Plan, PlanStatus
 from skyfolio.planner.problem import Past, Problem, problem_of
 from skyfolio.planner.scenario import Point, Scenario
-from skyfolio.planner.solution import Observer, Solution
+from skyfolio.planner.solution import Observer, Solution, ignore
 from skyfolio.planner.stopping import AnyOf, MaxIterations, RelativeGain, StoppingRule
 from skyfolio.planner.unreachable import UnreachableEndError
 
@@ -69,7 +71,8 @@ def plan(
     after the other, here). around_m: the places at which something is different since the warm start was planned;
     `areas` plans anew only around there, other methods everywhere. identity: `id`, `revision`, `cause`, `parent` and
     `dropped_pins` of the plan; the id defaults to a digest of the inputs.
-    Raises UnreachableEndError, which names the UAVs, when no paths to all end positions are found, PinError for pins
+    Raises UnreachableEndError, which names the UAVs, when no paths to all end positions, or none clear of the ground,
+    are found, PinError for pins
     that cannot be kept, and ValueError for an unknown method and for shapes that do not fit the scenario.
     """
     began = clock() if clock else 0.0
@@ -83,17 +86,23 @@ def plan(
     inputs = [method, n_starts, seed, None if warm_start_m is None else warm_start_m.tobytes(), *_asked(held, former)]
 
     def emitted(solution: Solution, status: PlanStatus) -> Plan:
+        if ground is not None and solution.altitudes_m is None:
+            solution = raised(problem, ground, solution, warm_start_m)
         changed = disruption_of(former, solution) if former else None
         told = {"pins": held.pins, "disruption": changed, "method": method, "status": status}
-        return emit(scenario, past, problem, solution, inputs, **told, **identity)
+        return emit(scenario, past, problem, solution, inputs, ground=ground, **told, **identity)
 
+    ground = ground_of(scenario)
     told = _told(observer, offer, lambda solution: emitted(solution, PlanStatus.RUNNING))
     try:
         solution = _solver(method, run_areas, around_m)(problem, stop, warm_start_m, told, n_starts=n_starts, seed=seed)
+        if former is not None:
+            solution = least_disruptive(problem, former, solution, stop, seed)
+        if ground is not None:
+            climb = _climbing_again(method, former, stop, seed)
+            solution = at_its_best(problem, ground, solution, climb, warm_start_m)
     except UnreachableEndError as error:
         raise _explained(error.named(scenario.uav_ids), held) from None
-    if former is not None:
-        solution = least_disruptive(problem, former, solution, stop, seed)
     made = emitted(solution, PlanStatus.CANCELLED if stop.interrupts else PlanStatus.SUCCEEDED)
     return made.model_copy(update={"solve_ms": (clock() - began) * 1e3}) if clock else made
 
@@ -110,6 +119,15 @@ def _solver(
     if method != AREAS:
         return method_of(method)
     return partial(areas.optimise, run=run_areas, around_m=None if around_m is None else np.array(around_m))
+
+
+def _climbing_again(
+    method: str, former: Former | None, stop: StoppingRule, seed: int
+) -> Callable[[Problem, Array], Solution] | None:
+    """Return what climbs from paths once more; None for methods, and prices, that have said what links there are."""
+    if method != DEFAULT_METHOD or (former and former.weight_kbps > 0.0):
+        return None
+    return lambda problem, paths_m: method_of(method)(problem, stop, paths_m, ignore, n_starts=1, seed=seed)
 
 
 def _held(problem: Problem, held: Pinned) -> Problem:
@@ -145,7 +163,7 @@ def _require_plain_users(method: str, scenario: Scenario) -> None:
 
 def _explained(error: UnreachableEndError, held: Pinned) -> ValueError:
     """Return the error, or with pinned paths one that tells of them."""
-    if not held.pins.paths_m:
+    if not held.pins.paths_m or error.blocked.by == "ground":
         return error
     who = ", ".join(map(repr, held.pins.paths_m))
     return PinError(

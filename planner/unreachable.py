@@ -8,9 +8,12 @@ from typing import Literal
 
 @dataclass(frozen=True)
 class Blocked:
-    """What stands in the way of an end position, for UAVs by their index: `zones` of one, each `other` of two."""
+    """What stands in the way of an end position, for UAVs by their index.
 
-    by: Literal["zones", "other", "fleet"]
+    `zones` of one, each `other` of two, the `ground` of some, or all together.
+    """
+
+    by: Literal["zones", "other", "fleet", "ground"]
     uavs: tuple[int, ...] = ()
 
 
@@ -34,6 +37,11 @@ def _words(blocked: Blocked, ids: tuple[str, ...] | None) -> str:
     if blocked.by == "zones":
         (u,) = blocked.uavs
         return f"uavs.{u}.end_m: {who[0]} finds no way around the no_fly zones to its end by its last slot"
+    if blocked.by == "ground":
+        return (
+            f"terrain: no path was found on which {', '.join(who)} keeps clear of the ground, also on the way home, "
+            "within its climb rate and altitude_max_m, and reaches its end or keeps its pinned path"
+        )
     if blocked.by == "other":
         a, b = blocked.uavs
         return (

@@ -32,6 +32,8 @@ def certify(
     deadline = Deadline(seconds, clock=clock)
     with AreaThreads() as run_areas:
         made = plan(scenario, run_areas=run_areas)
+    if made.altitudes_m is not None:
+        raise ValueError("terrain: of plans with altitudes only the bound that comes with them is known")
     reached = made.summary.upper_bound_bps
 
     def tell(bound_kbps: float | None = None) -> None:

@@ -27,7 +27,7 @@ def explain(plan: Plan, *, budget: Budget | None = None, stop: Callable[[], bool
     budget: what may be solved (default: `Budget()`). stop: polled between and within resolves; once it says so, the
     rest is bounds and derivatives, and `complete` is false. The same inputs give the same explanation unless
     `stop` speaks. Raises ReplanError for a plan whose scenario cannot be planned from, and ValueError for one of
-    expected fading, whose rates no single gain explains, and for one that is too large.
+    expected fading, whose rates no single gain explains, for one with altitudes, and for one that is too large.
     """
     cells = len(plan.scenario.uavs) * len(plan.scenario.users) * plan.scenario.slots
     if cells > MOST_CELLS:
@@ -36,6 +36,8 @@ def explain(plan: Plan, *, budget: Budget | None = None, stop: Callable[[], bool
         raise ValueError(
             "channel.fading: a plan of 'expected' rates cannot be explained: its reasons are those of one gain a link"
         )
+    if plan.altitudes_m is not None:
+        raise ValueError("terrain: a plan with altitudes cannot be explained: its reasons are those of level ground")
     ledger = Ledger.of(plan)
     resolver = Resolver(ledger, budget or Budget(), stop)
     base = resolver.nothing_changed() if resolver.small_enough else plan

@@ -1,6 +1,7 @@
 """The independent check on many random plans and replans.
 
-`python -m skyfolio.api.lab.bench.checked [--count 500] [--processes 2]`, or as a part of `skyfolio bench planner`.
+`python -m skyfolio.api.lab.bench.checked [--hills] [--count 500] [--processes 2]`, or, without hills, as a part of
+`skyfolio bench planner`.
 
 Every plan passes it before it leaves the planner; here it is asked again of what came out, and plans that were refused
 as not feasible, which would be defects, are counted too.
@@ -18,12 +19,25 @@ from typing import Any
 
 import numpy as np
 
-from skyfolio.planner import Channel, InfeasiblePlanError, MaxIterations, Scenario, Utility, plan, replan, violations
+from skyfolio.api.lab.bench.hilly import judged, over_hills
+from skyfolio.planner import (
+    Channel,
+    InfeasiblePlanError,
+    MaxIterations,
+    ReplanError,
+    Scenario,
+    UnreachableEndError,
+    Utility,
+    plan,
+    replan,
+    violations,
+)
 from skyfolio.planner.layouts import laid_out
 from skyfolio.planner.scenario import NoFlyDisc
 
 LAYOUTS = ("uniform", "clustered", "stadium", "corridor", "two_towns")
 UTILITIES = (("sum", 0.0), ("sum", -0.05), ("per_user", -0.1), ("pooled", -0.5))
+REFUSED = "refused"
 MOST_UAVS, MOST_USERS, MOST_SLOTS = 8, 30, 12
 
 
@@ -66,19 +80,39 @@ def broken(seed: int) -> list[str]:
     return [violation.message for one in (made, rest) for violation in violations(one)]
 
 
+def broken_over_hills(seed: int) -> list[str]:
+    """Return the same of a random scenario over hills, also by a judge that only looks at places a metre apart."""
+    scenario = over_hills(random_scenario(seed), seed)
+    gone, at_slot = scenario.uav_ids[0], scenario.slots // 2
+    try:
+        made = plan(scenario, n_starts=2, stop=MaxIterations(3))
+        rest = replan(made, failed=[gone], at_slot=at_slot, stop=MaxIterations(3))
+    except UnreachableEndError as error:  # a refusal is no violation, but is told
+        return [f"{REFUSED}: {error}"]
+    except (InfeasiblePlanError, ReplanError) as error:
+        return [str(error)]
+    found = [violation.message for one in (made, rest) for violation in violations(one)]
+    return [*found, *judged(made), *judged(rest)]
+
+
 def checked(
-    seeds: range, processes: int = 1, told: Callable[[int, int], None] = lambda _done, _broken: None
+    seeds: range,
+    processes: int = 1,
+    told: Callable[[int, int], None] = lambda _done, _broken: None,
+    *,
+    wrong_with: Callable[[int], list[str]] = broken,
 ) -> dict[str, Any]:
     """Check the plans and replans of these scenarios, and return how many there were and what is wrong, by seed.
 
-    told: called after each scenario with how many are done, and how many of those are broken.
+    told: called after each scenario with how many are done, and how many of those are broken. wrong_with: returns what
+    is wrong with the plans of one seed.
     """
     found: dict[str, list[str]] = {}
     with ExitStack() as stack:
         mapped: Callable[..., Iterator[list[str]]] = map
         if processes > 1:
             mapped = stack.enter_context(ProcessPoolExecutor(processes, mp_context=get_context("spawn"))).map
-        for seed, wrong in zip(seeds, mapped(broken, seeds), strict=True):
+        for seed, wrong in zip(seeds, mapped(wrong_with, seeds), strict=True):
             if wrong:
                 found[str(seed)] = wrong
             told(seed - seeds.start + 1, len(found))
@@ -91,13 +125,15 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=500, help="scenarios; each is planned, and replanned after a loss")
     parser.add_argument("--seed", type=int, default=1, help="of the first scenario: where an interrupted check goes on")
     parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--hills", action="store_true", help="over random hills, with altitudes")
     given = parser.parse_args()
 
     def told(done: int, n_broken: int) -> None:
         if done % 10 == 0:
             print(f"{done} of {given.count}, {n_broken} broken; next seed {given.seed + done}", file=sys.stderr)  # noqa: T201
 
-    found = checked(range(given.seed, given.seed + given.count), given.processes, told)
+    wrong_with = broken_over_hills if given.hills else broken
+    found = checked(range(given.seed, given.seed + given.count), given.processes, told, wrong_with=wrong_with)
     wrong = found["broken"]
     print(f"{given.count} plans and {given.count} replans, {len(wrong)} with violations", *wrong.items(), sep="\n")  # noqa: T201
     raise SystemExit(bool(wrong))

@@ -1,0 +1,55 @@
+"""The choice of altitudes between their limits, by what they are worth to the users."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skyfolio.planner.arrays import Array
+from skyfolio.planner.fast import served_rates_bps
+from skyfolio.planner.gradient import rate_weights
+from skyfolio.planner.ground.ground import Ground
+from skyfolio.planner.ground.links import seen_aloft
+from skyfolio.planner.ground.room import Room, highest_slopes
+from skyfolio.planner.problem import Problem
+from skyfolio.planner.solution import Solution
+
+SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
+"""Of the way from the floor to the ceiling: the altitudes that are tried."""
+MOST_CELLS = 2_000_000
+"""U K N beyond which UAVs keep to the floor: trying costs U times that."""
+
+
+def chosen_altitudes(problem: Problem, ground: Ground, room: Room, solution: Solution) -> Array:
+    """Return altitudes (U, N) in the room, metres, at least as good as the floor for these paths and links.
+
+    UAV by UAV the best of a few altitudes is taken in each slot, made climbable, and kept if the utility gains.
+    """
+    altitudes_m = room.floor_m.copy()
+    if not ground.chooses or problem.snr_gain.size > MOST_CELLS:
+        return altitudes_m
+    rates = _rates_kbps(problem, ground, solution, altitudes_m)
+    best = problem.utility_kbps(rates)
+    for u in np.flatnonzero(np.isfinite(ground.high_m)).tolist():
+        weights = rate_weights(problem, rates)
+        tried = [_at_share(altitudes_m, room, u, share) for share in SHARES]
+        worth = np.array([(weights * _rates_kbps(problem, ground, solution, one)).sum(axis=0) for one in tried])
+        wanted = np.array([one[u] for one in tried])[worth.argmax(axis=0), np.arange(problem.n_slots)]
+        candidate = altitudes_m.copy()
+        candidate[u] = highest_slopes(wanted[None], ground.climb_m[u : u + 1])[0]
+        reached = _rates_kbps(problem, ground, solution, candidate)
+        utility = problem.utility_kbps(reached)
+        if utility > best:
+            altitudes_m, rates, best = candidate, reached, utility
+    return altitudes_m
+
+
+def _at_share(altitudes_m: Array, room: Room, u: int, share: float) -> Array:
+    tried = altitudes_m.copy()
+    tried[u] = room.floor_m[u] + share * np.maximum(room.ceiling_m[u] - room.floor_m[u], 0.0)
+    return tried
+
+
+def _rates_kbps(problem: Problem, ground: Ground, solution: Solution, altitudes_m: Array) -> Array:
+    aloft = seen_aloft(problem, ground, solution.paths_m, altitudes_m)
+    rates: Array = served_rates_bps(aloft, solution) / 1e3
+    return rates

@@ -1,0 +1,41 @@
+"""Links between UAVs at altitudes and users on ground of any height.
+
+The optimisers know one height for each UAV. At given paths and altitudes a problem with other gains has exactly the
+rates of the true one there: each `snr_gain` is multiplied by the squared distance that the optimisers see over the true
+one. Near these paths it is a good model too, so paths can be climbed on from there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from skyfolio.planner.arrays import Array
+from skyfolio.planner.ground.ground import Ground, ground_of
+from skyfolio.planner.plans import Plan
+from skyfolio.planner.problem import Problem
+
+
+def seen_aloft(problem: Problem, ground: Ground, paths_m: Array, altitudes_m: Array) -> Problem:
+    """Return the problem whose rates at these paths (U, N, 2) are those at these altitudes (U, N), metres."""
+    level = problem.distances2(paths_m)
+    true = level + heights2_over(altitudes_m, ground.user_ground_m) - problem.altitude_m[:, None, None] ** 2
+    return replace(problem, snr_gain=problem.snr_gain * (level / true))
+
+
+def heights2_over(altitudes_m: Array, user_ground_m: Array) -> Array:
+    """Return the squared heights of UAVs (U, N) over users' ground (K, N or 1), metres: (U, K, N) m^2."""
+    heights: Array = altitudes_m[:, None, :] - user_ground_m[None]
+    return heights**2
+
+
+def planned_heights2(plan: Plan) -> Array:
+    """Return the squared heights of a plan's UAVs over its users: (U, K, N) m^2."""
+    scenario, ground = plan.scenario, ground_of(plan.scenario)
+    shape = len(scenario.uavs), len(scenario.users), scenario.slots
+    if ground is None or plan.altitudes_m is None:
+        level = np.array([scenario.altitude_of(uav) for uav in scenario.uavs]) ** 2
+        return np.broadcast_to(level[:, None, None], shape)
+    altitudes_m = np.array([plan.altitudes_m[uav] for uav in scenario.uav_ids])
+    return heights2_over(altitudes_m, ground.user_ground_m)

@@ -1,0 +1,69 @@
+"""Paths that no altitude makes safe are cut short: the UAV stays at the last point from which it is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyfolio.planner import fast
+from skyfolio.planner.arrays import Array
+from skyfolio.planner.ground.ground import Ground
+from skyfolio.planner.ground.room import room_over
+from skyfolio.planner.problem import Problem
+from skyfolio.planner.repair import flyable, within_limits
+from skyfolio.planner.unreachable import Blocked, UnreachableEndError
+
+ROUNDING_M = 1e-6
+
+
+def safe_over(problem: Problem, ground: Ground, paths_m: Array, known_m: Array | None = None) -> Array:
+    """Return paths (U, N, 2), metres, that can be flown over the ground: the given ones, or cut short.
+
+    The given paths keep all other limits of the problem. known_m: paths that were safe before, which are taken where
+    cutting short does not help. Raises UnreachableEndError.
+    """
+    stuck = np.flatnonzero(~room_over(ground, paths_m).is_flyable())
+    for u in stuck.tolist():
+        safer = next(_safer(problem, ground, paths_m, known_m, u), None)
+        if safer is None:
+            return _fallen_back(problem, ground, known_m, stuck)
+        paths_m = safer
+    return paths_m
+
+
+def _safer(problem: Problem, ground: Ground, paths_m: Array, known_m: Array | None, u: int) -> Iterator[Array]:
+    """Yield the paths with that of one UAV made safe: cut short, as late as possible first, or the known one."""
+    alone = ground.alone(u)
+    if problem.pinned_m.size and np.isfinite(problem.pinned_m[u]).any():
+        return
+    for row in _shorter(paths_m[u], int(ground.n_flying[u]), None if known_m is None else known_m[u]):
+        candidate = paths_m.copy()
+        candidate[u] = row
+        candidate = within_limits(problem, candidate)
+        is_kept = _is_close(candidate[u], row) and flyable(problem, candidate)
+        if is_kept and room_over(alone, candidate[u : u + 1]).is_flyable().all():
+            yield candidate
+
+
+def _shorter(path_m: Array, n_flying: int, known_m: Array | None) -> Iterator[Array]:
+    for n in range(n_flying - 2, -1, -1):
+        yield np.concatenate([path_m[: n + 1], np.repeat(path_m[n : n + 1], len(path_m) - n - 1, axis=0)])
+    if known_m is not None:
+        yield known_m
+
+
+def _fallen_back(problem: Problem, ground: Ground, known_m: Array | None, stuck: NDArray[np.intp]) -> Array:
+    """Return the known paths of all, or hovering, whichever is safe. Raises UnreachableEndError if neither is."""
+    is_pinned = bool(problem.pinned_m.size and np.isfinite(problem.pinned_m).any())
+    for wanted_m in [] if is_pinned else [*([] if known_m is None else [known_m]), problem.hover()]:
+        paths_m = fast.flyable(problem, wanted_m)
+        if room_over(ground, paths_m).is_flyable().all():
+            return paths_m
+    raise UnreachableEndError(Blocked("ground", tuple(stuck.tolist())))
+
+
+def _is_close(path_m: Array, wanted_m: Array) -> bool:
+    """Return whether keeping the limits moved a path (N, 2) by no more than rounding."""
+    return bool(np.abs(path_m - wanted_m).max() < ROUNDING_M)
