@@ -41,20 +41,21 @@ from skyfolio.mavlink_bridge.readback import (
 )
 from skyfolio.mavlink_bridge.schedule import Stop
 from skyfolio.mavlink_bridge.writer import MissionWriter
-from skyfolio.planner.geometry import Point
 
 
 class ArduPilotWriter(MissionWriter):
     """Writes missions for ArduCopter. On the ground: home, NAV_TAKEOFF; in flight: home, then straight to leg one."""
 
-    def _begin(self, first_m: Point, *, takeoff: bool) -> None:
-        self.altitude_m = round(self.altitude_m, 2)
-        self._position(Command.NAV_WAYPOINT, first_m, 0.0, frame=Frame.GLOBAL)
+    def _begin(self, first: Stop, *, takeoff: bool) -> None:
+        self._position(Command.NAV_WAYPOINT, first.point_m, 0.0, frame=Frame.GLOBAL)
         if takeoff:
-            self._position(Command.NAV_TAKEOFF, first_m, self.altitude_m)
+            self._position(Command.NAV_TAKEOFF, first.point_m, self._level(first))
 
     def _waypoint(self, stop: Stop) -> None:
-        self._position(Command.NAV_WAYPOINT, stop.point_m, self.altitude_m, param1=float(round(stop.hold_s)))
+        self._position(Command.NAV_WAYPOINT, stop.point_m, self._level(stop), param1=float(round(stop.hold_s)))
+
+    def _level(self, stop: Stop) -> float:
+        return round(stop.altitude_m, 2)
 
 
 # -- modes: HEARTBEAT.custom_mode is one number -----------------------------------------------------------------------

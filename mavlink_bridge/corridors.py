@@ -22,7 +22,8 @@ Mapped = Callable[[Point], Point]
 class Corridor:
     """The air of one UAV; metres east/north of the one origin that all compared corridors share.
 
-    level_m: a line that is flown at `height_m` above sea level (None: at an unknown height). upright_m: lines that are
+    level_m: a line that is flown at `height_m` above sea level (None: at an unknown height), or, where heights differ
+    along it, between there and `top_m`. upright_m: lines that are
     flown at any height, single points included. owner: the operation it flies for, in words.
     """
 
@@ -31,6 +32,7 @@ class Corridor:
     required_m: float
     level_m: Sequence[Point] = ()
     height_m: float | None = None
+    top_m: float | None = None
     upright_m: tuple[Sequence[Point], ...] = ()
 
     def mapped(self, to: Mapped) -> Corridor:
@@ -82,7 +84,9 @@ def meetings(ours: Iterable[Corridor], others: Iterable[Corridor], slack_m: floa
 def _one_above_the_other(first: Corridor, second: Corridor, required_m: float) -> bool:
     if first.height_m is None or second.height_m is None:
         return False
-    return abs(first.height_m - second.height_m) >= required_m
+    first_top_m = first.height_m if first.top_m is None else first.top_m
+    second_top_m = second.height_m if second.top_m is None else second.top_m
+    return max(second.height_m - first_top_m, first.height_m - second_top_m) >= required_m
 
 
 def _shapes(corridor: Corridor) -> tuple[Any, Any]:

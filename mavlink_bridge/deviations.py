@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import hypot
 
+from skyfolio.mavlink_bridge.altitudes import Altitudes
 from skyfolio.mavlink_bridge.conditions import Lasting
 from skyfolio.planner.geodesy import geodetic_to_east_north
 from skyfolio.planner.scenario import Origin
@@ -44,20 +45,23 @@ Deviation = AltitudeOffPlan | HomeMoved
 
 
 class AltitudeWatch:
-    """Judges the altitude of one vehicle against its mission's `altitude_m` above home."""
+    """Judges the altitude of one vehicle against those of its mission. slot_s: fleet seconds of each of its slots."""
 
-    def __init__(self, altitude_m: float) -> None:
-        self._altitude_m = altitude_m
+    def __init__(self, altitudes: Altitudes, slot_s: float) -> None:
+        self._altitudes, self._slot_s = altitudes, slot_s
         self._since_s: float | None = None
         self._off = Lasting(LASTS_S, LASTS_S)
 
-    def look(self, now_s: float, relative_alt_m: float) -> AltitudeOffPlan | None:
-        """Return what changed, if anything. Call it only while the vehicle flies the plan. `now_s`: fleet seconds."""
+    def look(self, now_s: float, relative_alt_m: float, amsl_m: float) -> AltitudeOffPlan | None:
+        """Return what changed, if anything. Call it only while the vehicle flies the plan.
+
+        now_s: fleet seconds since slot 0 of the mission. relative_alt_m, amsl_m: above home and above mean sea level.
+        """
         if self._since_s is None:
             self._since_s = now_s
         if now_s - self._since_s < SETTLE_S:
             return None
-        off_m = relative_alt_m - self._altitude_m
+        off_m = (amsl_m if self._altitudes.amsl else relative_alt_m) - self._altitudes.at(now_s / self._slot_s)
         before = self._off.on
         after = self._off.update(abs(off_m) > (BACK_M if before else OFF_M), now_s)
         return None if after == before else AltitudeOffPlan(after, round(off_m, 1))

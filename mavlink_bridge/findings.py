@@ -54,6 +54,20 @@ class Facts:
     battery: float | None = None
     battery_told: bool = True
     mav_type: int | None = None
+    home_amsl_m: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class OverGround:
+    """What a plan over terrain needs of a vehicle: metres.
+
+    home_ground_m: the ground where its home is, above mean sea level. clearance_m: what is kept over it. way_home_m:
+    the least height over the ground on its ways home from everywhere on its path.
+    """
+
+    home_ground_m: float
+    clearance_m: float
+    way_home_m: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +76,8 @@ class Needs:
 
     path_m: (n_slots, 2) metres east/north. `stream`: guided by setpoints; force_stream: even if the vehicle would not
     hold when they end. lost_after_s: when a link is declared lost. items: the length of its mission; max_items: what it
-    can store. start_within_m: a UAV further from its first point does not take off.
+    can store. start_within_m: a UAV further from its first point does not take off. altitude_m: the greatest, above
+    its home. ground: what it needs over terrain.
     """
 
     path_m: list[Point]
@@ -76,6 +91,7 @@ class Needs:
     start_within_m: float = START_WITHIN_M
     lost_after_s: float = 5.5
     battery_at_least: float = 0.3
+    ground: OverGround | None = None
 
 
 def blocker(name: str, found: str, should: str, why: str) -> Finding:

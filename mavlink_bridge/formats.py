@@ -20,7 +20,7 @@ from skyfolio.mavlink_bridge.plan_extras import fence_to_json, rally_to_json
 from skyfolio.mavlink_bridge.profiles import KNOWN, profile_in_heartbeat, profile_of
 
 _VEHICLE_QUADROTOR = 2
-_ALTITUDE_RELATIVE = 1
+_ALTITUDE_RELATIVE, _ALTITUDE_ABSOLUTE = 1, 2
 _HEADER = "QGC WPL 110"
 _COLUMNS = 12
 
@@ -53,7 +53,7 @@ def to_qgc_plan(
             "vehicleType": _VEHICLE_QUADROTOR,
             "cruiseSpeed": hover_speed_mps,
             "hoverSpeed": hover_speed_mps,
-            "globalPlanAltitudeMode": _ALTITUDE_RELATIVE,
+            "globalPlanAltitudeMode": _altitude_mode(next(item for item in flown if item.has_position)),
             "plannedHomePosition": [from_e7(first.x), from_e7(first.y), home_alt_m],
             "items": [_to_simple_item(number, item) for number, item in enumerate(flown, start=1)],
         },
@@ -130,8 +130,12 @@ def _to_simple_item(number: int, item: MissionItem) -> dict[str, Any]:
         ],
     }
     if item.has_position:
-        values |= {"Altitude": item.z, "AltitudeMode": _ALTITUDE_RELATIVE, "AMSLAltAboveTerrain": None}
+        values |= {"Altitude": item.z, "AltitudeMode": _altitude_mode(item), "AMSLAltAboveTerrain": None}
     return values
+
+
+def _altitude_mode(item: MissionItem) -> int:
+    return _ALTITUDE_ABSOLUTE if item.frame == Frame.GLOBAL else _ALTITUDE_RELATIVE
 
 
 def _from_simple_item(seq: int, item: Mapping[str, Any]) -> MissionItem:

@@ -121,7 +121,7 @@ def _deviations(watched: Kept, snapshot: Telemetry, elapsed_s: float) -> Iterato
     if home is not None:
         yield home
     if watched.altitude is not None and is_ours(watched.vehicle) and 0 <= elapsed_s < watched.keeper.ends_s:
-        altitude = watched.altitude.look(elapsed_s, snapshot.relative_alt_m)
+        altitude = watched.altitude.look(elapsed_s, snapshot.relative_alt_m, snapshot.altitude_amsl_m)
         if altitude is not None:
             yield altitude
 

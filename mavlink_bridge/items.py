@@ -46,6 +46,8 @@ class Frame(IntEnum):
     """No position: x, y, z mean nothing."""
     GLOBAL_RELATIVE_ALT = 3
     """As 6, in files: QGroundControl and Mission Planner write this one."""
+    GLOBAL_INT = 5
+    """As 0, where setpoints say so."""
     GLOBAL_RELATIVE_ALT_INT = 6
     """x, y in 1e-7 degrees, z in metres above the vehicle's own home."""
 
@@ -54,7 +56,7 @@ class Frame(IntEnum):
 class MissionItem:
     """One MISSION_ITEM_INT (73) of mission type 0.
 
-    `x`, `y` are latitude and longitude in 1e-7 degrees, `z` is metres above the vehicle's own home; the parameters
+    `x`, `y` are latitude and longitude in 1e-7 degrees, `z` is metres in the datum of `frame`; the parameters
     mean what `command` (MAV_CMD) says. `current` is 1 for the item the vehicle continues from after an upload.
     """
 

@@ -10,6 +10,7 @@ from typing import TypeVar
 
 import skyfolio.mavlink_bridge.departure as departure
 import skyfolio.mavlink_bridge.flight as flight
+from skyfolio.mavlink_bridge.altitudes import altitudes_of, over_ground
 from skyfolio.mavlink_bridge.findings import START_WITHIN_M, Facts, Needs
 from skyfolio.mavlink_bridge.heartbeat import LinkState
 from skyfolio.mavlink_bridge.items import MAX_ITEMS, Mission, MissionItem
@@ -213,11 +214,14 @@ class FleetLink(ListeningLink):
             satellites=vehicle.state.satellites,
             battery=vehicle.state.battery,
             battery_told=vehicle.state.battery_told,
+            home_amsl_m=vehicle.state.home_amsl_m,
         )
+        altitudes, home_amsl_m = altitudes_of(plan, uav_id), vehicle.state.home_amsl_m
         needs = Needs(
             path_m=list(plan.trajectories_m[uav_id]),
             slot_s=scenario.slot_duration_s,
-            altitude_m=scenario.altitude_of(uav),
+            altitude_m=altitudes.highest_m - ((home_amsl_m or 0.0) if altitudes.amsl else 0.0),
+            ground=over_ground(plan, uav_id, facts.home_m),
             max_speed_mps=uav.max_speed_mps,
             items=items,
             max_items=MAX_ITEMS,

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from math import hypot
 
-from skyfolio.mavlink_bridge.findings import Facts, Finding, Level, Needs, blocker, warning
+from skyfolio.mavlink_bridge.findings import Facts, Finding, Level, Needs, OverGround, blocker, warning
 from skyfolio.mavlink_bridge.pace import mean_acceleration
 from skyfolio.mavlink_bridge.profiles import profile_of
 from skyfolio.mavlink_bridge.reach import first_leg_miss
@@ -35,6 +35,10 @@ _START_TOLERANCE_M = 5.0
 _FIRST_LEG_M = 8.0
 """A vehicle that will be further than this from its point when its first leg ends is reported before take-off."""
 _COMFORTABLE = 0.6
+_CONTRADICTS = 0.5
+"""Share of the clearance that a home may lie above or below the terrain: more than that would eat it up in flight."""
+_HOME_STRAY_M = 2.0
+"""A vehicle that stands a few metres from its start may have ways home this much lower over the ground."""
 
 
 MULTIROTORS = {
@@ -62,6 +66,8 @@ def _measurements(facts: Facts, needs: Needs) -> Iterable[Finding]:
             "how it flies, and what it does without a link, is guessed",
         )
     yield from _places(facts, needs)
+    if needs.ground is not None:
+        yield from _over_ground(facts, needs.ground)
     yield from _battery(facts, needs)
     if needs.items > needs.max_items:
         yield blocker("mission", f"{needs.items} items", f"at most {needs.max_items}", "it cannot store them")
@@ -88,6 +94,30 @@ def _places(facts: Facts, needs: Needs) -> Iterable[Finding]:
                 why="it takes off where it stands; UAVs may meet on the way to their first points",
                 refuses=refused,
             )
+
+
+def _over_ground(facts: Facts, ground: OverGround) -> Iterable[Finding]:
+    """Yield what contradicts the terrain: altitudes above sea level are only as good as the height of the home."""
+    if facts.home_amsl_m is not None:
+        off_m = facts.home_amsl_m - ground.home_ground_m
+        if abs(off_m) > _CONTRADICTS * ground.clearance_m:
+            yield Finding(
+                level=Level.BLOCKER,
+                name="home altitude",
+                found=f"{facts.home_amsl_m:.1f} m above sea level",
+                should=f"{ground.home_ground_m:.1f} m, as the terrain has it, within {_CONTRADICTS:.0%} of clearance_m",
+                why=f"it would fly {abs(off_m):.0f} m too {'low' if off_m > 0 else 'high'} over the ground",
+                refuses=True,
+            )
+    if ground.way_home_m < ground.clearance_m - _HOME_STRAY_M:
+        yield Finding(
+            level=Level.BLOCKER,
+            name="way home",
+            found=f"{ground.way_home_m:.1f} m over the ground at its lowest",
+            should=f"at least {ground.clearance_m:g} m (clearance_m)",
+            why="its home is not where the plan has it; a return would come too near to the ground",
+            refuses=True,
+        )
 
 
 def _battery(facts: Facts, needs: Needs) -> Iterable[Finding]:

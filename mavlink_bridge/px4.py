@@ -1,7 +1,8 @@
 """PX4: its mission items, modes, storage, parameters and rules.
 
-PX4 expects positions in frame 6, commands without a position in frame 2 (MAV_FRAME_MISSION), the speed of a leg before
-the waypoint the leg ends at, and hovering as param1 of the waypoint (a NAV_DELAY item makes copters pace about).
+PX4 expects positions in frame 6 (or 0, above mean sea level), commands without a position in frame 2
+(MAV_FRAME_MISSION), the speed of a leg before the waypoint the leg ends at, and hovering as param1 of the waypoint (a
+NAV_DELAY item makes copters pace about).
 Yaw is fixed to north (param4 = 0): the antenna of a base station keeps its orientation.
 
 What it stores is read from the sources of 1.18: `MavlinkMissionManager::parse_mavlink_mission_item`,
@@ -32,21 +33,20 @@ from skyfolio.mavlink_bridge.profile import AutopilotProfile, Parameters, Takeof
 from skyfolio.mavlink_bridge.readback import DEGREES, DROPPED, FLAG, NEAREST, NO_PARAMS, SAME, WHOLE, Kept
 from skyfolio.mavlink_bridge.schedule import Stop
 from skyfolio.mavlink_bridge.writer import MissionWriter
-from skyfolio.planner.geometry import Point
 
 
 class Px4Writer(MissionWriter):
     """Writes missions for PX4. On the ground NAV_TAKEOFF is item 0; in flight it goes straight to the first leg."""
 
-    def _begin(self, first_m: Point, *, takeoff: bool) -> None:
+    def _begin(self, first: Stop, *, takeoff: bool) -> None:
         if takeoff:
-            self._position(Command.NAV_TAKEOFF, first_m, self.altitude_m)
+            self._position(Command.NAV_TAKEOFF, first.point_m, self._level(first))
 
     def _waypoint(self, stop: Stop) -> None:
         self._position(
             Command.NAV_WAYPOINT,
             stop.point_m,
-            self.altitude_m,
+            self._level(stop),
             param1=round(stop.hold_s, 3),
             param2=round(stop.radius_m, 3),
         )

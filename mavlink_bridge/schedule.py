@@ -19,6 +19,12 @@ SAME_PLACE_M = 0.1
 """Points closer than this are one place: well below what GPS navigation resolves."""
 STRAIGHT_M = 0.1
 """A point about this close to the straight way between its neighbours is on it."""
+SAME_LEVEL_M = 0.5
+"""Slots at one place whose altitudes differ by less are one stop, at the greatest of them."""
+LEVEL_M = 0.02
+"""A stop is flown through straight on only where altitudes stay the same but for this much."""
+CLIMB_MPS = 1.0
+"""Legs last at least as long as their climb or descent at this rate takes: below what autopilots do by default."""
 SAME_SPEED = 0.02
 """Relative: legs this alike are flown at one speed, 2 % of a 25 m leg is half a metre."""
 
@@ -26,6 +32,8 @@ SAME_SPEED = 0.02
 @dataclass(frozen=True, kw_only=True)
 class Stop:
     """A place to be at: reached when slot `slot` begins; it counts as reached `radius_m` away.
+
+    altitude_m: how high it is there, in whatever datum the path has.
 
     It is left `hold_s` later, and `settle_s` later still where the vehicle must come to rest before it begins to hold.
     """
@@ -35,6 +43,7 @@ class Stop:
     hold_s: float
     radius_m: float
     settle_s: float = 0.0
+    altitude_m: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,35 +73,49 @@ class Schedule:
         return next((leg for leg in self.legs if leg.to == stop), None)
 
 
-def ground_schedule(path_m: Sequence[Point], slot_s: float, model: VehicleModel) -> Schedule:
+def ground_schedule(
+    path_m: Sequence[Point], slot_s: float, model: VehicleModel, altitudes_m: Sequence[float] | None = None
+) -> Schedule:
     """Return the schedule of a UAV that waits, at rest, at the slot-0 point when slot 0 begins.
 
-    path_m: (n_slots, 2), metres east/north of the origin. slot_s: slot duration in seconds.
+    path_m: (n_slots, 2), metres east/north of the origin. slot_s: slot duration in seconds. altitudes_m: (n_slots,);
+    default: level flight.
     """
-    stops = _merge(path_m, slot_s, first=0, radius_m=model.acceptance_radius_m)
+    stops = _merge(path_m, slot_s, altitudes_m, first=0, radius_m=model.acceptance_radius_m)
     return _timed(stops, [slot_s] * (len(stops) - 1), approach=None, model=model)
 
 
-def airborne_schedule(path_m: Sequence[Point], slot_s: float, first_leg_s: float, model: VehicleModel) -> Schedule:
+def airborne_schedule(
+    path_m: Sequence[Point],
+    slot_s: float,
+    first_leg_s: float,
+    model: VehicleModel,
+    altitudes_m: Sequence[float] | None = None,
+) -> Schedule:
     """Return the schedule of a UAV in flight at the slot-0 point that has `first_leg_s` to reach the slot-1 point.
 
     With a single slot left there is nowhere to go: it holds at the slot-0 point for `first_leg_s`.
     """
     if len(path_m) == 1:
-        stop = Stop(slot=0, point_m=path_m[0], hold_s=first_leg_s, radius_m=model.acceptance_radius_m)
-        return Schedule(stops=(stop,), legs=())
-    stops = _merge(path_m, slot_s, first=1, radius_m=model.acceptance_radius_m)
-    return _timed(stops, [first_leg_s] + [slot_s] * (len(stops) - 1), approach=path_m[0], model=model)
+        only = Stop(slot=0, point_m=path_m[0], hold_s=first_leg_s, radius_m=model.acceptance_radius_m)
+        return Schedule(stops=(replace(only, altitude_m=altitudes_m[0] if altitudes_m else 0.0),), legs=())
+    stops = _merge(path_m, slot_s, altitudes_m, first=1, radius_m=model.acceptance_radius_m)
+    begins = replace(stops[0], point_m=path_m[0], altitude_m=altitudes_m[0] if altitudes_m else 0.0)
+    return _timed(stops, [first_leg_s] + [slot_s] * (len(stops) - 1), approach=begins, model=model)
 
 
-def _merge(path_m: Sequence[Point], slot_s: float, *, first: int, radius_m: float) -> list[Stop]:
+def _merge(
+    path_m: Sequence[Point], slot_s: float, altitudes_m: Sequence[float] | None, *, first: int, radius_m: float
+) -> list[Stop]:
     """Return the runs of slots within SAME_PLACE_M of their first point, from slot `first` on, as stops.
 
     The last slot is held.
     """
+    levels = altitudes_m or [0.0] * len(path_m)
     runs: list[list[int]] = []
     for slot in range(first, len(path_m)):
-        if runs and dist(path_m[runs[-1][0]], path_m[slot]) < SAME_PLACE_M:
+        is_level = bool(runs) and abs(levels[runs[-1][0]] - levels[slot]) < SAME_LEVEL_M
+        if is_level and dist(path_m[runs[-1][0]], path_m[slot]) < SAME_PLACE_M:
             runs[-1].append(slot)
         else:
             runs.append([slot])
@@ -102,21 +125,23 @@ def _merge(path_m: Sequence[Point], slot_s: float, *, first: int, radius_m: floa
             point_m=path_m[run[0]],
             hold_s=(len(run) - 1 + (run is runs[-1])) * slot_s,
             radius_m=radius_m,
+            altitude_m=max(levels[slot] for slot in run),
         )
         for run in runs
     ]
 
 
-def _timed(stops: list[Stop], times_s: list[float], *, approach: Point | None, model: VehicleModel) -> Schedule:
-    """Return the schedule with a speed for every leg.
+def _timed(stops: list[Stop], times_s: list[float], *, approach: Stop | None, model: VehicleModel) -> Schedule:
+    """Return the schedule with a speed for every leg; `approach`: where the first leg begins in flight.
 
     A leg too short for the least speed ends early, in a longer hold.
     """
     before = [] if approach is None else [approach]
-    points = before + [stop.point_m for stop in stops]
+    points = [stop.point_m for stop in [*before, *stops]]
     flown_s = list(times_s)
-    for leg, (p, q) in enumerate(pairwise(points)):
-        flown_s[leg] = min(times_s[leg], dist(p, q) / model.min_speed_mps)
+    for leg, (p, q) in enumerate(pairwise([*before, *stops])):
+        climb_s = abs(q.altitude_m - p.altitude_m) / CLIMB_MPS
+        flown_s[leg] = min(times_s[leg], max(dist(p.point_m, q.point_m) / model.min_speed_mps, climb_s))
         to = leg + 1 - len(before)
         stops[to] = replace(stops[to], hold_s=stops[to].hold_s + times_s[leg] - flown_s[leg])
     times_s = _settle(stops, times_s, flown_s, first=1 - len(before), model=model)
@@ -161,7 +186,7 @@ def _settle(
     return times_s
 
 
-def _without_straight_stops(stops: list[Stop], legs: list[Leg], approach: Point | None) -> Schedule:
+def _without_straight_stops(stops: list[Stop], legs: list[Leg], approach: Stop | None) -> Schedule:
     """Leave out stops that are flown through straight on at one speed: a vehicle does not notice them."""
     kept: list[Stop] = []
     merged: list[Leg] = []
@@ -173,7 +198,7 @@ def _without_straight_stops(stops: list[Stop], legs: list[Leg], approach: Point 
             kept.pop()
             leg = _joined(merged.pop(), leg)
         elif kept:
-            origin = kept[-1].point_m
+            origin = kept[-1]
         kept.append(stop)
         if leg is not None:
             merged.append(replace(leg, to=len(kept) - 1))
@@ -192,11 +217,13 @@ def _joined(first: Leg, second: Leg) -> Leg:
     )
 
 
-def _passed_straight(origin: Point | None, through: Stop, to: Stop, before: Leg, after: Leg) -> bool:
+def _passed_straight(origin: Stop | None, through: Stop, to: Stop, before: Leg, after: Leg) -> bool:
     """Return whether `through` is passed straight on from `origin` to `to`, without a change of speed."""
     if origin is None or through.hold_s + through.settle_s > 0:
         return False
     if not isclose(before.speed_mps, after.speed_mps, rel_tol=SAME_SPEED):
         return False
-    straight_m = dist(origin, to.point_m)
+    if max(abs(through.altitude_m - one.altitude_m) for one in (origin, to)) > LEVEL_M:
+        return False
+    straight_m = dist(origin.point_m, to.point_m)
     return before.distance_m + after.distance_m - straight_m < STRAIGHT_M**2 / max(straight_m, STRAIGHT_M)

@@ -1,15 +1,16 @@
 """Guidance by streamed setpoints: position and velocity of the plan at this moment, for tight synchrony. Pure.
 
-SET_POSITION_TARGET_GLOBAL_INT (86) with position (frame 6) and velocity, at least 5 times a second, is followed by
-ArduCopter in GUIDED and by PX4 in OFFBOARD. PX4 wants the stream to run before it changes into the mode.
+SET_POSITION_TARGET_GLOBAL_INT (86) with position (frame 6; over terrain 5, above mean sea level) and velocity, at least
+5 times a second, is followed by ArduCopter in GUIDED and by PX4 in OFFBOARD. PX4 wants the stream to run before it
+changes into the mode.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
+from skyfolio.mavlink_bridge.altitudes import Altitudes
 from skyfolio.mavlink_bridge.e7 import to_e7
-from skyfolio.mavlink_bridge.items import Frame
 from skyfolio.mavlink_bridge.mission_messages import AUTOPILOT_COMPONENT, Message
 from skyfolio.mavlink_bridge.route import Route
 from skyfolio.planner.geometry import Point
@@ -30,15 +31,16 @@ class Streamer:
         system_id: int,
         path_m: list[Point],
         slot_s: float,
-        altitude_m: float,
+        altitudes: Altitudes,
         to_geodetic: Callable[[Point], tuple[float, float]],
     ) -> None:
         self.route = Route(path_m, slot_s)
-        self._system_id, self._altitude_m, self._to_geodetic = system_id, altitude_m, to_geodetic
+        self._system_id, self._altitudes, self._to_geodetic = system_id, altitudes, to_geodetic
 
     def setpoint(self, elapsed_s: float, boot_ms: int = 0) -> Message:
         """Return the message to send `elapsed_s` fleet seconds after slot 0 began (before: that of the first point)."""
-        planned = self.route.at(elapsed_s + LEAD_S if elapsed_s >= 0 else elapsed_s)
+        at_s = elapsed_s + LEAD_S if elapsed_s >= 0 else elapsed_s
+        planned, slots = self.route.at(at_s), at_s / self.route.slot_s
         lat_deg, lon_deg = self._to_geodetic(planned.point_m)
         east, north = planned.velocity_mps
         return Message(
@@ -47,14 +49,14 @@ class Streamer:
                 "time_boot_ms": boot_ms,
                 "target_system": self._system_id,
                 "target_component": AUTOPILOT_COMPONENT,
-                "coordinate_frame": int(Frame.GLOBAL_RELATIVE_ALT_INT),
+                "coordinate_frame": int(self._altitudes.setpoint_frame),
                 "type_mask": _ACCELERATION_YAW_RATE,
                 "lat_int": to_e7(lat_deg),
                 "lon_int": to_e7(lon_deg),
-                "alt": self._altitude_m,
+                "alt": self._altitudes.at(slots),
                 "vx": north,
                 "vy": east,
-                "vz": 0.0,
+                "vz": 0.0 - self._altitudes.climb_m(slots) / self.route.slot_s,
                 "afx": 0.0,
                 "afy": 0.0,
                 "afz": 0.0,

@@ -34,10 +34,12 @@ class MissionWriter:
     """Collects the items of one mission; `to_geodetic` turns east/north metres into (lat, lon) degrees.
 
     A subclass defines the beginning of a mission (`_begin`) and a waypoint (`_waypoint`) for its autopilot.
-    `start_item` is the first item a vehicle in the air flies.
+    `start_item` is the first item a vehicle in the air flies. `frame`: of places; `ground_m`: the ground where the
+    mission ends, in its datum.
     """
 
-    altitude_m: float
+    frame: Frame
+    ground_m: float
     to_geodetic: Callable[[Point], tuple[float, float]]
     items: list[MissionItem] = field(default_factory=list)
     slot_of_item: dict[int, int] = field(default_factory=dict)
@@ -46,7 +48,7 @@ class MissionWriter:
 
     def write(self, schedule: Schedule, *, takeoff: bool, on_end: OnEnd) -> None:
         """Write a whole mission: the beginning, then for each stop its speed and waypoint, then the end."""
-        self._begin(schedule.stops[0].point_m, takeoff=takeoff)
+        self._begin(schedule.stops[0], takeoff=takeoff)
         self.start_item = len(self.items)
         for number, stop in enumerate(schedule.stops):
             leg = schedule.leg_to(number)
@@ -56,9 +58,9 @@ class MissionWriter:
             self._waypoint(stop)
             if leg is None and stop.hold_s == 0 and len(schedule.stops) > 1:
                 self.start_item = len(self.items)  # it hovers there already
-        self._end(schedule.stops[-1].point_m, on_end)
+        self._end(schedule.stops[-1], on_end)
 
-    def _begin(self, first_m: Point, *, takeoff: bool) -> None:
+    def _begin(self, first: Stop, *, takeoff: bool) -> None:
         raise NotImplementedError
 
     def _waypoint(self, stop: Stop) -> None:
@@ -69,13 +71,17 @@ class MissionWriter:
             self._speed_mps = round(speed_mps, 3)
             self._command(Command.DO_CHANGE_SPEED, _GROUND_SPEED, self._speed_mps, _THROTTLE_UNCHANGED)
 
-    def _end(self, point_m: Point, on_end: OnEnd) -> None:
+    def _end(self, last: Stop, on_end: OnEnd) -> None:
         if on_end is OnEnd.LAND:
-            self._position(Command.NAV_LAND, point_m, 0.0)
+            self._position(Command.NAV_LAND, last.point_m, self.ground_m)
         elif on_end is OnEnd.RETURN:
             self._command(Command.NAV_RETURN_TO_LAUNCH)
         else:
-            self._position(Command.NAV_LOITER_UNLIM, point_m, self.altitude_m)
+            self._position(Command.NAV_LOITER_UNLIM, last.point_m, self._level(last))
+
+    def _level(self, stop: Stop) -> float:
+        """Return the altitude to send for a stop."""
+        return stop.altitude_m
 
     def _position(
         self,
@@ -85,13 +91,13 @@ class MissionWriter:
         *,
         param1: float = 0.0,
         param2: float = 0.0,
-        frame: Frame = Frame.GLOBAL_RELATIVE_ALT_INT,
+        frame: Frame | None = None,
     ) -> None:
         lat_deg, lon_deg = self.to_geodetic(point_m)
         self._add(
             MissionItem(
                 seq=len(self.items),
-                frame=frame,
+                frame=self.frame if frame is None else frame,
                 command=command,
                 current=int(not self.items),
                 param1=param1,

@@ -277,10 +277,12 @@ class Fleet:
 
     def height_amsl_m(self, system_id: int, altitude_m: float) -> float | None:
         """Convert an altitude above a vehicle's home to metres above sea level; None until its home is known."""
-        if system_id not in self.link.heard_systems:
-            return None
-        home_amsl_m = self.link.vehicle(system_id).state.home_amsl_m
+        home_amsl_m = self.home_amsl_m(system_id)
         return None if home_amsl_m is None else home_amsl_m + altitude_m
+
+    def home_amsl_m(self, system_id: int) -> float | None:
+        """Return how high a vehicle's home is, metres above sea level; None until it has reported it."""
+        return self.link.vehicle(system_id).state.home_amsl_m if system_id in self.link.heard_systems else None
 
     def is_heard(self, system_id: int) -> bool:
         """Return whether the vehicle was heard, and its link is not lost."""

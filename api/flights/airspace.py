@@ -15,6 +15,7 @@ from skyfolio.api.fleet.registry import Fleet
 from skyfolio.api.flights.flight import Flight
 from skyfolio.api.flights.guidance_options import GuidanceOptions
 from skyfolio.mavlink_bridge import OnEnd, east_north_to_geodetic, geodetic_to_east_north
+from skyfolio.mavlink_bridge.altitudes import Altitudes, altitudes_of
 from skyfolio.mavlink_bridge.corridors import Corridor, Mapped, meetings
 from skyfolio.mavlink_bridge.ghosts import Ghost
 from skyfolio.mavlink_bridge.ghosts import Way as GhostWay
@@ -52,11 +53,11 @@ class FlightTraffic:
         return self._airspace.others(self._flight.first_plan.scenario.origin, self._id, ghosts=False)
 
     def corridor(
-        self, uav: str, level_m: Sequence[Point], altitude_m: float | None, *, climbs: bool = False
+        self, uav: str, level_m: Sequence[Point], altitudes: Altitudes | None, *, climbs: bool = False
     ) -> Corridor:
         """Return the air of a UAV of this flight that flies this line and then descends.
 
-        level_m: metres east/north. altitude_m: above its home; None if it descends from where it is. climbs: it climbs
+        level_m: metres east/north. altitudes: None if it descends from where it is. climbs: it climbs
         at the first point of the line.
         """
         flight = self._flight
@@ -65,8 +66,8 @@ class FlightTraffic:
             uav_id=uav,
             owner=self.owner,
             required_m=flight.first_plan.scenario.min_separation_m,
-            level_m=() if altitude_m is None else level_m,
-            height_m=None if altitude_m is None else self._fleet.height_amsl_m(flight.systems[uav], altitude_m),
+            level_m=() if altitudes is None else level_m,
+            **_span(self._fleet, flight.systems[uav], altitudes),
             upright_m=((level_m[0],), down) if climbs else (down,),
         )
 
@@ -109,7 +110,7 @@ class SharedAirspace:
                 owner="this plan",
                 required_m=plan.scenario.min_separation_m,
                 level_m=path,
-                height_m=self._fleet.height_amsl_m(systems[uav], plan.scenario.altitude_of(plan.scenario.uav(uav))),
+                **_span(self._fleet, systems[uav], altitudes_of(plan, uav)),
                 upright_m=((path[0],), _way_down(path[-1], path[0], options.at_end)),
             )
             for uav, path in plan.trajectories_m.items()
@@ -158,9 +159,9 @@ class SharedAirspace:
             routes = [] if uav in flight.lost else list(_remaining(flight, uav))
             if not routes and here is not None:
                 yield traffic.corridor(uav, [here], None).mapped(mapped)
-            for path, altitude_m in routes:
+            for path, altitudes in routes:
                 level_m = [here, *path] if begun and here is not None else path
-                yield traffic.corridor(uav, level_m, altitude_m, climbs=not begun).mapped(mapped)
+                yield traffic.corridor(uav, level_m, altitudes, climbs=not begun).mapped(mapped)
 
     def _of_stray(self, uav: str, origin: Origin) -> Iterator[Corridor]:
         """Yield the corridor of a UAV that flies for no operation: where it is, and its way home, at any height."""
@@ -203,15 +204,26 @@ class SharedAirspace:
         return self._left
 
 
-def _remaining(flight: Flight, uav: str) -> Iterator[tuple[list[Point], float]]:
-    """Yield path and altitude above home of each route that a UAV may still fly: the plan's, and those on board."""
+def _span(fleet: Fleet, system: int, altitudes: Altitudes | None) -> dict[str, float | None]:
+    """Return between which heights above sea level a corridor is flown; None as long as these are not known."""
+    if altitudes is None:
+        return {"height_m": None}
+    if altitudes.amsl:
+        return {"height_m": altitudes.lowest_m, "top_m": altitudes.highest_m}
+    lowest_m = fleet.height_amsl_m(system, altitudes.lowest_m)
+    top_m = fleet.height_amsl_m(system, altitudes.highest_m)
+    return {"height_m": lowest_m, "top_m": top_m}
+
+
+def _remaining(flight: Flight, uav: str) -> Iterator[tuple[list[Point], Altitudes]]:
+    """Yield path and altitudes of each route that a UAV may still fly: the plan's, and those on board."""
     plan, now_s = flight.plan, flight.now_s()
     if uav in plan.trajectories_m:
         slot_s = plan.scenario.slot_duration_s
         path = _rest(plan.trajectories_m[uav], plan.first_slot * slot_s, slot_s, now_s)
-        yield path, plan.scenario.altitude_of(plan.scenario.uav(uav))
+        yield path, altitudes_of(plan, uav)
     for assigned in flight.guidance.may_fly(uav):
-        yield _rest(assigned.path_m, assigned.began_s, assigned.slot_s, now_s), assigned.altitude_m
+        yield _rest(assigned.path_m, assigned.began_s, assigned.slot_s, now_s), assigned.altitudes
 
 
 def _rest(path: Sequence[Point], began_s: float, slot_s: float, now_s: float) -> list[Point]:

@@ -14,10 +14,12 @@ from sqlalchemy import Row, insert, select
 from skyfolio.api.store import Database
 from skyfolio.api.store.tables import assigned_missions as table
 from skyfolio.mavlink_bridge import Autopilot, Mission, MissionItem
+from skyfolio.mavlink_bridge.altitudes import Altitudes
 from skyfolio.planner import Origin
 from skyfolio.planner.geometry import Point
 
 _INSERT = insert(table)
+_PLAIN = ("path_m", "first_slot", "slot_s", "altitude_m", "altitudes_m", "amsl")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,7 +27,8 @@ class AssignedMission:
     """A mission that was compiled for a UAV, and the path it was made from.
 
     path_m: (n, 2) metres east/north of `origin`, where the UAV shall be when the slots `first_slot`, `first_slot` + 1,
-    ... of the operation begin, each slot_s fleet seconds long. altitude_m: above the UAV's own home.
+    ... of the operation begin, each slot_s fleet seconds long. altitude_m: above the UAV's own home, of level flight;
+    otherwise altitudes_m: (n,), above mean sea level if `amsl`, and altitude_m the greatest of them.
     """
 
     mission: Mission
@@ -34,6 +37,13 @@ class AssignedMission:
     slot_s: float
     origin: Origin
     altitude_m: float
+    altitudes_m: list[float] | None = None
+    amsl: bool = False
+
+    @property
+    def altitudes(self) -> Altitudes:
+        """Return the altitudes along the path."""
+        return Altitudes(tuple(self.altitudes_m or [self.altitude_m] * len(self.path_m)), self.amsl)
 
     @property
     def began_s(self) -> float:
@@ -45,7 +55,7 @@ class AssignedMission:
         mission = self.mission
         return json.dumps(
             {
-                **{name: getattr(self, name) for name in ("path_m", "first_slot", "slot_s", "altitude_m")},
+                **{name: getattr(self, name) for name in _PLAIN},
                 "origin": self.origin.model_dump(),
                 "mission": {
                     **{name: getattr(mission, name) for name in ("uav_id", "duration_s", "start_item", "autopilot")},

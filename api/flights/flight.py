@@ -215,6 +215,11 @@ class Flight(FlightTimeline):
         """Return where each UAV that knows its position was last heard, metres east/north of the scenario's origin."""
         return self.roster.positions_m()
 
+    def altitudes_m(self) -> dict[str, float]:
+        """Return how high each UAV was last heard to be, metres above mean sea level."""
+        heard = {uav: self.telemetry(uav) for uav in self.systems}
+        return {uav: telemetry.altitude_amsl_m for uav, telemetry in heard.items() if telemetry is not None}
+
     def still_up(self) -> list[str]:
         """Return the surviving UAVs that have not landed."""
         return [uav for uav in self.surviving() if not self.roster.is_down(uav)]

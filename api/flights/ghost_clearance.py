@@ -28,6 +28,10 @@ def climb_above_ghosts(
     if not conflicts:
         return plan, 0.0, []
     higher_m = max(scenario.min_separation_m, GHOST_CLEARANCE_M)
+    if plan.altitudes_m is not None:
+        higher = [metres + higher_m for metres in plan.altitudes_m[uav]]
+        raised = plan.model_copy(update={"altitudes_m": {**plan.altitudes_m, uav: higher}})
+        return raised, higher_m, [str(conflict) for conflict in conflicts]
     uavs = tuple(
         other.model_copy(update={"altitude_m": scenario.altitude_of(other) + higher_m}) if other.id == uav else other
         for other in scenario.uavs

@@ -15,6 +15,7 @@ from skyfolio.api.flights.missions_on_board import MissionsOnBoard
 from skyfolio.api.flights.schedule_keepers import ScheduleKeepers
 from skyfolio.api.flights.setpoint_streams import SetpointStreams
 from skyfolio.mavlink_bridge import Mission, OnEnd, ReturnPathsTooClose, check_return_paths, compile_mission
+from skyfolio.mavlink_bridge.altitudes import Altitudes, altitudes_of
 from skyfolio.mavlink_bridge.findings import Finding
 from skyfolio.mavlink_bridge.ghosts import DEADLINE_S, Airspace, Ghost
 from skyfolio.mavlink_bridge.ghosts import Way as GhostWay
@@ -79,9 +80,11 @@ class FlightGuidance:
             plan, higher_m, conflicts = climb_above_ghosts(plan, uav, path_m, self.airspace, self._elapsed_s())
             if conflicts:
                 self._fleet.note("ghost_avoided", uav_id=uav, higher_m=higher_m, because=conflicts)
+        altitudes = self._altitudes_from_here(plan, uav) if airborne else altitudes_of(plan, uav)
         mission = compile_mission(
             plan,
             uav,
+            altitudes=altitudes,
             airborne=airborne,
             first_leg_s=first_leg_s,
             autopilot=self._fleet.link.autopilot(system),
@@ -94,10 +97,20 @@ class FlightGuidance:
             first_slot=plan.first_slot,
             slot_s=plan.scenario.slot_duration_s,
             origin=plan.scenario.origin,
-            altitude_m=plan.scenario.altitude_of(plan.scenario.uav(uav)),
+            altitude_m=altitudes.highest_m,
+            altitudes_m=None if plan.altitudes_m is None else list(altitudes.metres),
+            amsl=altitudes.amsl,
         )
         self._on_board.offer(uav, assigned)
         return mission
+
+    def _altitudes_from_here(self, plan: Plan, uav: str) -> Altitudes:
+        """Return the plan's altitudes of a UAV in flight, the first one where it is now if they are above sea level."""
+        altitudes = altitudes_of(plan, uav)
+        telemetry = self._fleet.link.telemetry(self._systems[uav])
+        if not altitudes.amsl or telemetry is None:
+            return altitudes
+        return altitudes.begun_at(telemetry.altitude_amsl_m)
 
     def _end_of(self, plan: Plan) -> OnEnd:
         """Return what UAVs do after the last slot: as asked for, but they land where their ways home would meet."""

@@ -37,7 +37,7 @@ class ScheduleKeepers:
             vehicle=self._fleet.link.vehicle(system),
             keeper=keeper,
             origin=assigned.origin,
-            altitude=AltitudeWatch(assigned.altitude_m),
+            altitude=AltitudeWatch(assigned.altitudes, assigned.slot_s),
             home=self._home_watches.setdefault(uav, HomeWatch()),
         )
         events = _KeeperEvents(self._fleet, uav, assigned.first_slot)

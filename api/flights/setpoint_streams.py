@@ -168,7 +168,7 @@ class SetpointStreams:
             system,
             assigned.path_m,
             assigned.slot_s,
-            assigned.altitude_m,
+            assigned.altitudes,
             lambda point: east_north_to_geodetic(assigned.origin, *point),
         )
         return Streamed(vehicle=self._fleet.link.vehicle(system), streamer=streamer, mission=assigned.mission)

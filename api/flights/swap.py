@@ -131,7 +131,13 @@ def rest_of(plan: Plan, slot: int) -> Plan | None:
     if begin >= plan.scenario.slots - 1:
         return None
     paths = {uav: path[begin:] for uav, path in plan.trajectories_m.items()}
+    altitudes = None if plan.altitudes_m is None else {uav: row[begin:] for uav, row in plan.altitudes_m.items()}
     scenario = plan.scenario.model_copy(update={"slots": plan.scenario.slots - begin})
     return plan.model_copy(
-        update={"trajectories_m": paths, "first_slot": plan.first_slot + begin, "scenario": scenario}
+        update={
+            "trajectories_m": paths,
+            "altitudes_m": altitudes,
+            "first_slot": plan.first_slot + begin,
+            "scenario": scenario,
+        }
     )

@@ -24,6 +24,7 @@ from skyfolio.mavlink_bridge import (
     VehiclesMissing,
     geodetic_to_east_north,
 )
+from skyfolio.mavlink_bridge.altitudes import altitudes_of
 from skyfolio.mavlink_bridge.fence import fence_items, rally_items
 from skyfolio.mavlink_bridge.mission_messages import MissionType
 from skyfolio.mavlink_bridge.readiness import ARMABLE_WITHIN_S
@@ -200,11 +201,9 @@ class TakeOff:
         Raises FlightError for the first failure.
         """
         await self.arm()
-        scenario = self._plan.scenario
 
         async def climb(uav: str, system: int) -> None:
-            altitude_m = {system: scenario.altitude_of(scenario.uav(uav))}
-            result = (await self._fleet.link.launch(altitude_m, timeout_s=timeout_s))[system]
+            result = (await self._fleet.link.launch({system: self._first_up_m(uav)}, timeout_s=timeout_s))[system]
             if not result.ok:
                 raise FlightError(f"launch failed for {in_words({uav: result.error})}")
 
@@ -214,6 +213,16 @@ class TakeOff:
                     climbing.create_task(climb(uav, system))
         except ExceptionGroup as failures:
             raise failures.exceptions[0] from None
+
+    def _first_up_m(self, uav: str) -> float:
+        """Return how high above its own home a UAV begins slot 0. Raises FlightError if its home's height is needed."""
+        altitudes = altitudes_of(self._plan, uav)
+        if not altitudes.amsl:
+            return altitudes.metres[0]
+        home_amsl_m = self._fleet.home_amsl_m(self._systems[uav])
+        if home_amsl_m is None:
+            raise FlightError(f"launch failed for '{uav}': the height of its home is not known")
+        return altitudes.metres[0] - home_amsl_m
 
     async def start(self) -> float:
         """Begin slot 0 on all vehicles at once; return the fleet second in which it begins. Raises FlightError.
@@ -254,7 +263,7 @@ class TakeOff:
             )
 
     async def _rally(self) -> None:
-        """Send each vehicle its present position as rally point, at the plan's altitude for it.
+        """Send each vehicle its present position as rally point, at the altitude at which it begins slot 0.
 
         So a return ends there even if its home is changed in the air. A vehicle that refuses it flies with a warning.
         """
@@ -263,7 +272,7 @@ class TakeOff:
             telemetry = self._fleet.link.telemetry(system)
             if telemetry is not None and telemetry.place_deg is not None and not telemetry.armed:
                 stands_m = geodetic_to_east_north(scenario.origin, *telemetry.place_deg)
-                points[system] = rally_items(scenario, [stands_m], scenario.altitude_of(scenario.uav(uav)))
+                points[system] = rally_items(scenario, [stands_m], self._first_up_m(uav))
         results = await self._fleet.link.upload_fence(points, mission_type=MissionType.RALLY)
         for system, result in sorted(results.items()):
             level = "ok" if result.verified else "warning"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
+from skyfolio.mavlink_bridge.altitudes import Altitudes
 from skyfolio.mavlink_bridge.corridors import Corridor
 from skyfolio.planner.geometry import Point
 
@@ -19,10 +20,10 @@ class Traffic(Protocol):
         """Return the corridors of UAVs that fly for other operations, or for none, and are heard."""
 
     def corridor(
-        self, uav: str, level_m: Sequence[Point], altitude_m: float | None, *, climbs: bool = False
+        self, uav: str, level_m: Sequence[Point], altitudes: Altitudes | None, *, climbs: bool = False
     ) -> Corridor:
         """Return the air of a UAV of this flight that flies this line and then descends.
 
-        level_m: metres east/north. altitude_m: above its home; None if it descends from where it is. climbs: it climbs
+        level_m: metres east/north. altitudes: None if it descends from where it is. climbs: it climbs
         at the first point of the line.
         """

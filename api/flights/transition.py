@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import hypot
 
 from skyfolio.api.flights.flight import Flight
 from skyfolio.api.flights.traffic import Traffic
+from skyfolio.mavlink_bridge.altitudes import altitudes_of, lowest_over_ground_m
 from skyfolio.mavlink_bridge.corridors import Meeting, meetings
 from skyfolio.mavlink_bridge.errors import TransitionTooClose
 from skyfolio.mavlink_bridge.ghosts import Airspace, Conflict
 from skyfolio.mavlink_bridge.transitions import check_transition
 from skyfolio.planner import Plan, ReplanError
+from skyfolio.planner.altitudes import clearance_of
 from skyfolio.planner.geometry import Point, point_at
 
 SPEED_TOLERANCE = 1.25
 """Share of the maximum speed that a first leg may ask for before it is out of reach: it begins in mid-slot."""
+TRACKING_M = 1.0
+"""Metres by which a vehicle may be lower than planned: that alone makes no leg too low."""
 ROUNDING_M = 0.01
 """Metres of separation that a stored plan may miss by rounding; positions are not known to the centimetre."""
 
@@ -80,7 +84,7 @@ class Present:
     """The moment from which the missions change: fleet seconds since slot 0, places in metres east/north.
 
     `plan`: what the missions on board fly. `airspace`: air in which UAVs that were lost may still be. `traffic`: what
-    other operations fly.
+    other operations fly. altitudes_m: above mean sea level, as far as they are known.
     """
 
     now_s: float
@@ -88,11 +92,13 @@ class Present:
     plan: Plan
     airspace: Airspace
     traffic: Traffic | None = None
+    altitudes_m: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
     def of(cls, flight: Flight) -> Present:
         """Return the present of a flight."""
-        return cls(flight.now_s(), flight.positions_m(), flight.plan, flight.guidance.airspace, flight.traffic)
+        places = flight.now_s(), flight.positions_m()
+        return cls(*places, flight.plan, flight.guidance.airspace, flight.traffic, flight.altitudes_m())
 
     def require_located(self, uavs: Iterable[str]) -> None:
         """Raise ReplanError naming each of these UAVs that does not know where it is."""
@@ -124,8 +130,32 @@ def require_separated(plans: Mapping[str, Plan], present: Present) -> None:
         raise ReplanError(str(error)) from error
     for uav, plan in plans.items():
         _require_clear_of_ghosts(uav, plan, present, required_m)
+        require_over_ground(uav, plan, present.positions_m[uav], present.altitudes_m.get(uav), present.now_s)
     if present.traffic is not None:
         _require_clear_of_others(plans, present, present.traffic)
+
+
+def require_over_ground(uav: str, plan: Plan, live_m: Point, amsl_m: float | None, now_s: float) -> None:
+    """Refuse a first leg, from where the UAV is now, that comes too near to the ground; nothing without terrain.
+
+    live_m: metres east/north; amsl_m: its altitude, None if unknown. What it is too low already does not count against
+    the leg: the leg must not make it worse. Raises ReplanError naming the UAV and how near it would come.
+    """
+    scenario, altitudes = plan.scenario, altitudes_of(plan, uav)
+    if scenario.terrain is None or amsl_m is None or not altitudes.amsl:
+        return
+    slot = max(1, int(now_s // scenario.slot_duration_s) + 1 - plan.first_slot)
+    path = plan.trajectories_m[uav]
+    to_m = path[min(slot, len(path) - 1)]
+    lowest_m = min(amsl_m, altitudes.at(slot))
+    margin_m = lowest_over_ground_m(scenario, [live_m, to_m], lowest_m)
+    here_m = lowest_over_ground_m(scenario, [live_m], amsl_m)
+    required_m = clearance_of(scenario) - TRACKING_M
+    if margin_m is not None and here_m is not None and margin_m < min(required_m, here_m - TRACKING_M):
+        raise ReplanError(
+            f"transition: {uav!r} would come within {margin_m:.1f} m of the ground on its first leg; "
+            f"{clearance_of(scenario):g} m are asked for"
+        )
 
 
 def _require_clear_of_others(plans: Mapping[str, Plan], present: Present, traffic: Traffic) -> None:
@@ -137,7 +167,7 @@ def _require_clear_of_others(plans: Mapping[str, Plan], present: Present, traffi
     def meets(flown: Mapping[str, Plan]) -> dict[tuple[str, str], Meeting]:
         ours = [
             traffic.corridor(
-                uav, [present.positions_m[uav], *_rest_of(plan, uav, present.now_s)], _altitude_m(plan, uav)
+                uav, [present.positions_m[uav], *_rest_of(plan, uav, present.now_s)], altitudes_of(plan, uav)
             )
             for uav, plan in flown.items()
         ]
@@ -157,10 +187,6 @@ def _rest_of(plan: Plan, uav: str, now_s: float) -> Sequence[Point]:
     path = plan.trajectories_m[uav]
     slot = int(now_s // plan.scenario.slot_duration_s) + 1 - plan.first_slot
     return path[min(max(slot, 1), len(path) - 1) :]
-
-
-def _altitude_m(plan: Plan, uav: str) -> float:
-    return plan.scenario.altitude_of(plan.scenario.uav(uav))
 
 
 def _require_clear_of_ghosts(uav: str, plan: Plan, present: Present, required_m: float) -> None:

@@ -22,6 +22,7 @@ from skyfolio.mavlink_bridge import (
     geodetic_to_east_north,
     model_from_parameters,
 )
+from skyfolio.mavlink_bridge.altitudes import altitudes_of
 from skyfolio.mavlink_bridge.autopilots import FlightMode
 from skyfolio.mavlink_bridge.keeper import Keeper, Order
 from skyfolio.mavlink_bridge.mission_messages import Message
@@ -116,7 +117,7 @@ class VirtualFlight:
             1,
             self.path_m,
             scenario.slot_duration_s,
-            scenario.altitude_m,
+            altitudes_of(self.plan, self.uav_id),
             lambda point: east_north_to_geodetic(self.origin, *point),
         )
         every = round(1 / RATE_HZ / STEP_S)

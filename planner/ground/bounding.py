@@ -41,12 +41,13 @@ def _span(problem: Problem, ground: Ground) -> tuple[Array, Array]:
 
 def _nearest2(problem: Problem, ground: Ground) -> Array:
     """Return how near any UAV can come to each user at all, over the cells of the grid: (K, N or 1) m^2."""
-    west_south, east_north, least = ground.terrain.cells_in(problem.low_m, problem.high_m)
-    least = least + ground.low_m.min()
+    west_south, east_north, ground_m = ground.terrain.cells_in(problem.low_m, problem.high_m)
+    least: Array = ground_m + ground.low_m.min()
     nearest = np.empty(ground.user_ground_m.shape)
-    for k, places in enumerate(problem.user_m):
+    for k in range(nearest.shape[0]):
         for s in range(nearest.shape[1]):
-            away: Array = np.maximum(np.maximum(west_south - places[s], places[s] - east_north), 0.0)
+            at = problem.user_m[k, s]
+            away = np.maximum(np.maximum(west_south - at, at - east_north), 0.0)
             up = np.maximum(least - ground.user_ground_m[k, s], 0.0)
             nearest[k, s] = (np.square(away).sum(axis=1) + up**2).min()
     return np.maximum(nearest, 1e-6)

@@ -10,6 +10,7 @@ import sys
 import time
 
 from skyfolio.mavlink_bridge import Autopilot, FleetLink, HeartbeatMonitor, compile_mission, east_north_to_geodetic
+from skyfolio.mavlink_bridge.altitudes import Altitudes
 from skyfolio.mavlink_bridge.guard import Guard, Orders
 from skyfolio.mavlink_bridge.guidance import FallBack, Stream, Streamed
 from skyfolio.mavlink_bridge.stream import Streamer
@@ -53,7 +54,9 @@ async def main(url: str, autopilot: Autopilot) -> None:
 
 def _streamer(number: int) -> Streamer:
     origin, path = PLAN.scenario.origin, list(PATHS[f"uav-{number}"])
-    return Streamer(number, path, SLOT_S, 8.0, lambda point: east_north_to_geodetic(origin, *point))
+    return Streamer(
+        number, path, SLOT_S, Altitudes((8.0,) * len(path)), lambda point: east_north_to_geodetic(origin, *point)
+    )
 
 
 if __name__ == "__main__":

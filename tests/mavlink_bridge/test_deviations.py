@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from skyfolio.mavlink_bridge.altitudes import Altitudes
 from skyfolio.mavlink_bridge.deviations import AltitudeOffPlan, AltitudeWatch, Deviation, HomeMoved, HomeWatch
 
 HOME = (47.397742, 8.545594)
@@ -9,14 +10,22 @@ TEN_M_NORTH = (47.397832, 8.545594)
 
 
 def told_of(altitudes_m: list[float], step_s: float = 0.5) -> list[tuple[float, Deviation]]:
-    watch = AltitudeWatch(60.0)
-    looks = [(n * step_s, watch.look(n * step_s, up_m)) for n, up_m in enumerate(altitudes_m)]
+    watch = AltitudeWatch(Altitudes((60.0, 60.0)), 5.0)
+    looks = [(n * step_s, watch.look(n * step_s, up_m, 488.0 + up_m)) for n, up_m in enumerate(altitudes_m)]
     return [(at_s, said) for at_s, said in looks if said is not None]
 
 
 def test_twelve_metres_for_twelve_seconds_are_told_when_they_begin_to_last_and_when_they_are_over() -> None:
     told = told_of([60.0] * 20 + [48.0] * 24 + [60.0] * 20)
     assert told == [(13.0, AltitudeOffPlan(True, -12.0)), (25.0, AltitudeOffPlan(False, 0.0))]
+
+
+def test_over_terrain_it_is_judged_above_sea_level_on_the_climb_that_is_planned() -> None:
+    climbs = Altitudes((500.0, 505.0, 510.0, 515.0, 520.0), amsl=True)
+    watch, late = AltitudeWatch(climbs, 5.0), AltitudeWatch(climbs, 5.0)
+    assert [watch.look(at_s, 12.0, 500.0 + at_s) for at_s in range(20)] == [None] * 20
+    told = [said for at_s in range(20) if (said := late.look(at_s, 12.0, 500.0)) is not None]
+    assert told == [AltitudeOffPlan(True, -9.0)]
 
 
 def test_a_gust_and_an_altitude_between_the_limits_are_not_worth_an_event() -> None:

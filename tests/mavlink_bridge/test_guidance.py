@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 
 from skyfolio.mavlink_bridge import Autopilot, compile_mission, east_north_to_geodetic, geodetic_to_east_north
+from skyfolio.mavlink_bridge.altitudes import altitudes_of
 from skyfolio.mavlink_bridge.guidance import FallBack, Kept, Stream, Streamed, keep
 from skyfolio.mavlink_bridge.keeper import Keeper, Order, Slip
 from skyfolio.mavlink_bridge.stream import Streamer
@@ -53,7 +54,7 @@ def stream_of(field: Any, plan: Plan, mission: Any, fall_back: FallBack) -> Stre
         1,
         plan.trajectories_m["uav-1"],
         plan.scenario.slot_duration_s,
-        plan.scenario.altitude_m,
+        altitudes_of(plan, "uav-1"),
         lambda point: east_north_to_geodetic(plan.scenario.origin, *point),
     )
     streamed = Streamed(vehicle=field.link.vehicle(1), streamer=streamer, mission=mission)

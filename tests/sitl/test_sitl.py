@@ -25,6 +25,7 @@ from skyfolio.mavlink_bridge import (
     geodetic_to_east_north,
     mission_differences,
 )
+from skyfolio.mavlink_bridge.altitudes import Altitudes
 from skyfolio.mavlink_bridge.fence import fence_items
 from skyfolio.mavlink_bridge.guidance import FallBack, Kept, Stream, Streamed, keep
 from skyfolio.mavlink_bridge.keeper import Keeper, Slip
@@ -165,7 +166,7 @@ async def test_a_stream_is_followed_and_its_end_leaves_the_mission(ready: Ready)
     assert uploaded.verified, uploaded.error
     await ready.climb()
     place = partial(_place, ready.origin)
-    streamer = Streamer(SYSTEM, list(SQUARE), SLOT_S, ALTITUDE_M, place)
+    streamer = Streamer(SYSTEM, list(SQUARE), SLOT_S, Altitudes((ALTITUDE_M,) * len(SQUARE)), place)
     streamed = Streamed(vehicle=ready.link.vehicle(SYSTEM), streamer=streamer, mission=mission)
     stream = Stream({SYSTEM: streamed}, scale=1.0, fall_back=FallBack.MISSION)
     assert (await stream.begin())[SYSTEM] is None
