@@ -78,6 +78,9 @@ class Needs:
     hold when they end. lost_after_s: when a link is declared lost. items: the length of its mission; max_items: what it
     can store. start_within_m: a UAV further from its first point does not take off. altitude_m: the greatest, above
     its home. ground: what it needs over terrain.
+    battery_at_least: the charge (0..1) below
+    which no UAV should fly; battery_for_plan: with which it is proven to come home from the plan, None where the plan
+    says nothing of energy.
     """
 
     path_m: list[Point]
@@ -92,6 +95,7 @@ class Needs:
     lost_after_s: float = 5.5
     battery_at_least: float = 0.3
     ground: OverGround | None = None
+    battery_for_plan: float | None = None
 
 
 def blocker(name: str, found: str, should: str, why: str) -> Finding:

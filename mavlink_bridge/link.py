@@ -27,6 +27,7 @@ from skyfolio.mavlink_bridge.transfer import (
     upload_verified,
 )
 from skyfolio.mavlink_bridge.vehicle import NotDone, Vehicle
+from skyfolio.planner.energy.outlook import charge_needed
 from skyfolio.planner.geodesy import geodetic_to_east_north
 from skyfolio.planner.plans import Plan
 
@@ -229,6 +230,7 @@ class FleetLink(ListeningLink):
             force_stream=force_stream,
             start_within_m=start_within_m,
             lost_after_s=self.monitor.lost_after_s,
+            battery_for_plan=charge_needed(plan, uav_id),
         )
         return facts, needs
 

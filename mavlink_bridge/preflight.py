@@ -8,7 +8,7 @@ vehicle did not report are left out: names differ between versions.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import hypot
+from math import ceil, hypot
 
 from skyfolio.mavlink_bridge.findings import Facts, Finding, Level, Needs, OverGround, blocker, warning
 from skyfolio.mavlink_bridge.pace import mean_acceleration
@@ -121,6 +121,15 @@ def _over_ground(facts: Facts, ground: OverGround) -> Iterable[Finding]:
 
 
 def _battery(facts: Facts, needs: Needs) -> Iterable[Finding]:
+    if needs.battery_for_plan is not None and facts.battery is not None and facts.battery < needs.battery_for_plan:
+        yield Finding(
+            level=Level.BLOCKER,
+            name="battery for the plan",
+            found=f"{facts.battery:.0%}",
+            should=f"at least {ceil(needs.battery_for_plan * 100)}%",
+            why="it would not come home from this plan with its reserve",
+            refuses=True,
+        )
     if not facts.battery_told:
         yield warning("battery", "not reported", "reported once a second", "it is not known how long it can fly")
     elif facts.battery is None:

@@ -10,6 +10,7 @@ from typing import Any, TypeAlias
 
 from skyfolio.mavlink_bridge.autopilots import Autopilot, FlightMode
 from skyfolio.mavlink_bridge.e7 import from_e7
+from skyfolio.mavlink_bridge.power_log import PowerLog, power_w_of
 from skyfolio.mavlink_bridge.profile import AutopilotProfile
 from skyfolio.mavlink_bridge.speaker import Speaker
 
@@ -75,6 +76,10 @@ class Telemetry:
     """Heading of the nose, degrees clockwise from north; None if it is not reported."""
     battery: float | None = None
     """Share of charge, 0..1; None if it is not measured."""
+    power_w: float | None = None
+    """Electrical power drawn, W; None if it is not measured."""
+    used_wh: float | None = None
+    """Energy drawn since it was armed, Wh; None if it is not measured."""
 
     @property
     def place_deg(self) -> Place | None:
@@ -109,6 +114,8 @@ class TelemetryState:
         """Share of charge, 0..1; None if it is not measured."""
         self.battery_told = False
         """Whether it has sent a SYS_STATUS, which reports whether the battery is measured."""
+        self.power = PowerLog()
+        """What it draws from its battery."""
         self.gps_fix: int | None = None
         """GPS_FIX_TYPE; 3 is a 3D fix."""
         self.satellites: int | None = None
@@ -191,6 +198,8 @@ class TelemetryState:
             heard_at_s=self._position_at_s,
             heading_deg=_heading_deg(position),
             battery=self.battery,
+            power_w=self.power.power_w,
+            used_wh=self.power.used_wh,
         )
 
     @property
@@ -207,7 +216,10 @@ class TelemetryState:
         self.heartbeats += 1
         self.mav_type = int(fields["type"])
         self.mode = self._speaker.mode_of(int(fields["custom_mode"]))
-        self.armed = bool(int(fields["base_mode"]) & _ARMED)
+        armed, before = bool(int(fields["base_mode"]) & _ARMED), self.armed
+        self.armed = armed
+        if armed and not before:
+            self.power.arm()
 
     def _global_position(self, fields: Mapping[str, Any], heard_s: float) -> None:
         self._position, self._position_at_s = fields, heard_s
@@ -231,9 +243,11 @@ class TelemetryState:
         self.landed_state = _LANDED[state] if state < len(_LANDED) else LandedState.UNDEFINED
 
     def _sys_status(self, fields: Mapping[str, Any], heard_s: float) -> None:
-        del heard_s
         remaining = int(fields["battery_remaining"])
         self.battery, self.battery_told = None if remaining < 0 else remaining / 100, True
+        self.power.add(power_w_of(fields), heard_s, armed=self.armed)
+        if self._position is not None and self.landed_state is LandedState.IN_AIR:
+            self.power.sample(self._position, self._position_at_s, heard_s)
 
     def _gps(self, fields: Mapping[str, Any], heard_s: float) -> None:
         del heard_s

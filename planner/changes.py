@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 from skyfolio.planner.places import Parts, with_metres
 from skyfolio.planner.scenario import Frozen, Hertz, Identifier, Origin, Scenario, Uav, User, Utility
 
-_PLACED: Parts = {"users_joined": ("position", "positions"), "returned": ("start", "end")}
+_PLACED: Parts = {"users_joined": ("position", "positions"), "returned": ("start", "end", "home")}
 
 
 class ReplanError(ValueError):

@@ -10,6 +10,7 @@ import numpy as np
 
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.bound import upper_bound_kbps
+from skyfolio.planner.energy.account import account_of
 from skyfolio.planner.fast import served_rates_bps
 from skyfolio.planner.feasibility import MIN_RATE_ROUNDING, require_feasible
 from skyfolio.planner.ground.bounding import bound_over_kbps
@@ -62,9 +63,20 @@ def emit(
         summary=summarise(problem, rates_bps / 1e3, bound_kbps),
         history=solution.history,
         unmet_min_rate_slots=unmet,
+        **_energy(scenario, problem, solution.paths_m),
         **identity,
     )
     return require_feasible(emitted)
+
+
+def _energy(scenario: Scenario, problem: Problem, paths_m: Array) -> dict[str, dict[str, list[float]]]:
+    """Return the energy of the plan by field and UAV, of those with a battery."""
+    if problem.air is None or not problem.air.has_energy:
+        return {}
+    account = account_of(problem.air, paths_m, problem.n_flying)
+    tables = {"energy_wh": account.used_wh, "energy_margin_wh": account.margin_wh}
+    with_battery = [u for u, uav in enumerate(scenario.uavs) if uav.battery is not None]
+    return {field: {scenario.uav_ids[u]: table[u].tolist() for u in with_battery} for field, table in tables.items()}
 
 
 def _by_id(ids: Sequence[str], table: Array) -> dict[str, list[float]]:

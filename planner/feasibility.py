@@ -14,6 +14,7 @@ from shapely import LineString, Polygon
 from shapely import Point as GeoPoint
 
 from skyfolio.planner.clearance import breaches
+from skyfolio.planner.feasibility_air import air_faults
 from skyfolio.planner.geometry import distance_to_segment_m
 from skyfolio.planner.plans import Plan
 from skyfolio.planner.scenario import Frozen, NoFlyDisc, NoFlyPolygon, Uav
@@ -62,7 +63,14 @@ def violations(plan: Plan) -> list[Violation]:
         *_no_fly(plan),
         *_pins(plan),
         *(Violation(constraint=one.rule, where=one.where, message=one.message) for one in breaches(plan)),
+        *_air(plan),
     ]
+
+
+def _air(plan: Plan) -> Iterator[Violation]:
+    """Check airspeeds, and that every UAV can go home from every slot."""
+    for constraint, where, message in air_faults(plan):
+        yield Violation(constraint=constraint, where=where, message=message)
 
 
 def require_feasible(plan: Plan) -> Plan:

@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyfolio.planner.arrays import Array
+from skyfolio.planner.energy.account import ROUNDING_WH, account_of
+from skyfolio.planner.energy.air import Air
 from skyfolio.planner.feasibility import ROUNDING_M, no_fly_depth_m
 from skyfolio.planner.pins import Pins
 from skyfolio.planner.scenario import Point, Scenario, Uav
@@ -91,13 +93,13 @@ def _whole(scenario: Scenario, uav: Uav, given: Sequence[Point]) -> Array:
 
 def _caught_up(scenario: Scenario, uav: Uav, wanted: Sequence[Point]) -> Array:
     """Return the way from the start onto the wanted path, as fast as the UAV flies."""
-    limit = uav.max_speed_mps * scenario.slot_duration_s
+    limit, air = uav.max_speed_mps * scenario.slot_duration_s, scenario.air_of(uav)
     path = _whole(scenario, uav, wanted)
     for n in range(1, scenario.last_slot(uav) + 1):
         move = path[n] - path[n - 1]
-        length = float(np.hypot(*move))
-        if length > limit + ROUNDING_M:
-            path[n] = path[n - 1] + move * (limit * SHRINK / length)
+        length, longest = float(np.hypot(*move)), _longest_m(air, move, limit)
+        if length > longest + ROUNDING_M:
+            path[n] = path[n - 1] + move * (longest * SHRINK / length)
     path[scenario.last_slot(uav) + 1 :] = path[scenario.last_slot(uav)]
     return path
 
@@ -105,23 +107,43 @@ def _caught_up(scenario: Scenario, uav: Uav, wanted: Sequence[Point]) -> Array:
 def _checked(scenario: Scenario, uav: Uav, field: str, path: Array) -> Array:
     """Return the path. Raises PinError unless this UAV, alone in the air, may fly it."""
     (west, south), (east, north) = scenario.area_m
-    limit = uav.max_speed_mps * scenario.slot_duration_s
+    limit, air = uav.max_speed_mps * scenario.slot_duration_s, scenario.air_of(uav)
     flown: list[Point] = [(e, n) for e, n in path[: scenario.last_slot(uav) + 1].tolist()]
     for n, point in enumerate(flown):
         if not (west <= point[0] <= east and south <= point[1] <= north):
             raise PinError(f"{field}: {point} of {uav.id!r} in slot {n} lies outside area_m {scenario.area_m} (eq. 6f)")
     for n, (here, there) in enumerate(pairwise([*flown, flown[-1]])):
-        if dist(here, there) > limit + ROUNDING_M:
+        longest = _longest_m(air, np.subtract(there, here), limit)
+        if dist(here, there) > longest + ROUNDING_M:
             raise PinError(
                 f"{field}: {uav.id!r} would move {dist(here, there):.6g} m in slot {n}, "
-                f"but it can fly only {limit:.6g} m (eq. 6d)"
+                f"but it can fly only {longest:.6g} m (eq. 6d)"
             )
         for number, zone in enumerate(scenario.no_fly):
             if no_fly_depth_m(zone, here, there) > ROUNDING_M:
                 raise PinError(f"{field}: {uav.id!r} would enter no_fly.{number} in slot {n}")
     if uav.end_m is not None and dist(flown[-1], uav.end_m) > ROUNDING_M:
         raise PinError(f"{field}: {uav.id!r} would end at {flown[-1]}, not at its end_m {uav.end_m}")
+    _check_energy(scenario, uav, air, field, path)
     return path
+
+
+def _longest_m(air: Air | None, move_m: Array, limit_m: float) -> float:
+    """Return how far a UAV flies in a slot in the direction of a move (2,), metres; limit_m: its `D_max`."""
+    return limit_m if air is None else float(air.longest_m(np.asarray(move_m, dtype=float)[None])[0])
+
+
+def _check_energy(scenario: Scenario, uav: Uav, air: Air | None, field: str, path: Array) -> None:
+    """Raise PinError where the UAV could not go home from its path with its reserve."""
+    if air is None:
+        return
+    flying = scenario.last_slot(uav) + 1
+    margin = account_of(air, path[None], np.array([flying])).margin_wh[0, :flying]
+    if margin.min() < -ROUNDING_WH:
+        n = int(np.argmax(margin < -ROUNDING_WH))
+        raise PinError(
+            f"{field}: {uav.id!r} would not come home with its reserve after slot {n}: it lacks {-margin[n]:.3g} Wh"
+        )
 
 
 def _check_apart(scenario: Scenario, pins: Pins, paths_m: Mapping[str, Array]) -> None:

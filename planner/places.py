@@ -32,7 +32,12 @@ _SUNKEN_M = -10_000.0
 _DECIMALS_M, _DECIMALS_DEG = 6, 7
 _EARTH_KM = 6371.0
 Parts = Mapping[str, tuple[str, ...]]
-OF_SCENARIO: Parts = {"users": ("position", "positions"), "uavs": ("start", "end"), "no_fly": ("center", "vertices")}
+OF_SCENARIO: Parts = {
+    "users": ("position", "positions"),
+    "uavs": ("start", "end", "home"),
+    "no_fly": ("center", "vertices"),
+    "rally_points": ("position",),
+}
 """Lists of parts that have places, and what these are called without their unit."""
 _DEGREES = TypeAdapter(tuple[PositionDeg, ...])
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from enum import StrEnum
+from operator import not_
 from typing import Annotated, Literal, Self
 
 from pydantic import Field
@@ -115,6 +116,8 @@ class Plan(Frozen):
     `achieved_rates_bps` holds what each user got before that, and `disruption` what it changes.
     `pins` is what the plan was held to, with the paths of pinned UAVs written out; `dropped_pins` are those of the
     plan before that it was asked to keep and could not.
+    `energy_wh` is what each UAV with a battery is expected to have used by the end of each slot, Wh since it was full,
+    climb included; `energy_margin_wh` what it is then proven to have left above its reserve if it goes home and lands.
     """
 
     id: str
@@ -141,3 +144,5 @@ class Plan(Frozen):
     disruption: Disruption | None = None
     history: list[Iteration] = Field(default_factory=list)
     solve_ms: float | None = None
+    energy_wh: dict[str, list[float]] = Field(default_factory=dict, exclude_if=not_)
+    energy_margin_wh: dict[str, list[float]] = Field(default_factory=dict, exclude_if=not_)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.channel import expected_gains, fading_gains, squared_distances
+from skyfolio.planner.energy.air import Air
 from skyfolio.planner.scenario import NoFlyDisc, NoFlyPolygon, Scenario
 from skyfolio.planner.tracks import absences_of, tracks_of
 from skyfolio.planner.utility import utility_kbps
@@ -47,6 +48,7 @@ class Problem:
     (K, N), who has to serve each user, -1 where that is free; both empty without pins (`pins.py`). weight: (K,), as
     how many users each counts. absent: (K, N), whether it is not there, empty where all always are.
     demand_kbps: (K,), what it asks for in a slot: more is worth nothing; infinite where it has no limit.
+    air: wind and energy, None without.
     """
 
     start_m: Array
@@ -74,6 +76,7 @@ class Problem:
     weight: Array
     absent: NDArray[np.bool_]
     demand_kbps: Array
+    air: Air | None = None
 
     @cached_property
     def n_uavs(self) -> int:
@@ -186,6 +189,7 @@ def problem_of(scenario: Scenario, past: Past | None = None) -> Problem:
         demand_kbps=demand_kbps,
         weight=np.array([1.0 if user.weight is None else user.weight for user in scenario.users]),
         absent=absent if absent.any() else np.zeros((0, 0), dtype=bool),
+        air=scenario.air,
     )
 
 

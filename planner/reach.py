@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.problem import Problem
 
+UNLIMITED_MPS = 1e9
+"""Stands for an airspeed that nothing limits."""
+
 
 @dataclass(frozen=True)
 class Reach:
@@ -50,6 +53,7 @@ def squared_distance_range(
     spread_m2 = problem.spread_m2 if still else problem.spread_m2[:, chosen]
     near = np.linalg.norm(user - np.clip(user, problem.low_m, problem.high_m), axis=-1)[None]  # to the area
     far = np.linalg.norm(np.maximum(user - problem.low_m, problem.high_m - user), axis=-1)[None]  # to its corners
+    near, far = _by_air(problem, chosen, user, near, far)
     discs = [(problem.start_m, reach.from_start_m[:, chosen])]
     if ends:
         discs.append((problem.end_m, reach.to_end_m[:, chosen]))
@@ -59,3 +63,23 @@ def squared_distance_range(
         far = np.minimum(far, away + radius_m[:, None, :])
     height2 = problem.altitude_m[:, None, None] ** 2 + spread_m2
     return near**2 + height2, far**2 + height2
+
+
+def _by_air(
+    problem: Problem, slots: NDArray[np.intp], user: Array, near: Array, far: Array
+) -> tuple[Array, Array]:
+    """Return tighter distances to users, (U, K, S) metres: what wind carries a UAV to, and how far it flies from there.
+
+    user: (K, S or 1, 2), where they are.
+
+    After n slots it is in a disc of n times its way through the air around where n slots of wind alone carry it.
+    """
+    air = problem.air
+    if air is None or not air.has_wind:
+        return near, far
+    flown = np.minimum(slots[None], problem.n_flying[:, None] - 1)  # (U, S)
+    drifted = problem.start_m[:, None] + flown[..., None] * air.wind_mps * air.slot_s
+    away = np.linalg.norm(user - drifted[:, None], axis=-1)  # (U, K, S)
+    through_m = np.minimum(air.airspeed_mps - air.gust_mps, UNLIMITED_MPS) * air.slot_s
+    radius = (flown * through_m[:, None])[:, None]
+    return np.maximum(near, away - radius), np.minimum(far, away + radius)

@@ -16,6 +16,7 @@ from shapely import Polygon
 from skyfolio.planner.altitudes import plans_altitudes
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.changes import Changes, ReplanError, uavs_after, users_after
+from skyfolio.planner.endurance import in_the_air, proven_use_wh, while_energy_lasts
 from skyfolio.planner.plans import Cause, Plan
 from skyfolio.planner.problem import Past
 from skyfolio.planner.scenario import NoFlyDisc, NoFlyPolygon, Point, Scenario, Uav, zone_holds
@@ -67,9 +68,9 @@ def remaining(
         raise ReplanError("failed: no UAV would be left to plan for")
     utility = changes.utility or previous.scenario.utility
     try:
-        scenario = previous.scenario.with_changes(
-            uavs=uavs, users=users, utility=utility, slots=previous.scenario.slots - begin
-        )
+        slots = previous.scenario.slots - begin
+        uavs = while_energy_lasts(previous.scenario, uavs, slots)
+        scenario = previous.scenario.with_changes(uavs=uavs, users=users, utility=utility, slots=slots)
     except ValidationError as error:
         raise ReplanError(_whose_fault(error, changes)) from error
     past = _achieved(previous, begin, achieved_rates_bps)
@@ -133,7 +134,10 @@ def _moved_on(previous: Plan, uav: Uav, now: Sequence[float], begin: int) -> Uav
     moved: dict[str, Any] = {"start_m": _into_flying_area(scenario, now), "leaves_at_slot": leaves}
     if plans_altitudes(scenario) and previous.altitudes_m is not None:
         moved |= {"home_m": uav.home_m or uav.start_m, "start_altitude_m": previous.altitudes_m[uav.id][begin]}
-    return uav.model_copy(update=moved)
+    there = uav.model_copy(update=moved)
+    if uav.battery is None:
+        return there
+    return in_the_air(there, home_m=uav.home_m or uav.start_m, used_wh=proven_use_wh(previous, uav, begin))
 
 
 def _into_flying_area(scenario: Scenario, point: Sequence[float]) -> Point:

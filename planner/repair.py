@@ -6,6 +6,7 @@ import numpy as np
 import shapely
 
 from skyfolio.planner.arrays import Array
+from skyfolio.planner.energy.account import ROUNDING_WH, account_of
 from skyfolio.planner.geometry import nearest_to_origin
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.separation import closest_approach
@@ -14,6 +15,8 @@ SHRINK = 1.0 - 1e-9
 """Steps are kept this much below `D_max`, so that rounding never carries one over it."""
 ROUNDING_M = 2e-11
 """How far adding up positions within 100 km of the origin may be off in one step."""
+SHARE = 1e-12
+"""A step this little (relatively) too long is not: rounding."""
 INSIDE_M = 5e-10
 """A leg this little inside a no-fly zone touches its edge."""
 
@@ -46,10 +49,32 @@ def within_limits(problem: Problem, paths_m: Array) -> Array:
         target = np.where(arriving & np.isfinite(problem.end_m), problem.end_m, paths_m[:, n])
         move = np.where((last < n)[:, None], 0.0, target - fixed[:, n - 1])
         length = np.linalg.norm(move, axis=1)
-        reached = fixed[:, n - 1] + (limit / np.where(length > 0, length, 1.0))[:, None] * move
-        fixed[:, n] = np.where((length > limit)[:, None], reached, np.where(move == 0.0, fixed[:, n - 1], target))
+        longest = _in_wind(problem, limit, move)
+        reached = fixed[:, n - 1] + (longest / np.where(length > 0, length, 1.0))[:, None] * move
+        fixed[:, n] = np.where((length > longest)[:, None], reached, np.where(move == 0.0, fixed[:, n - 1], target))
         fixed[:, n] = np.clip(fixed[:, n], problem.low_m, problem.high_m)
+        if problem.air is not None and problem.air.has_wind:  # the edge has turned the step
+            move = fixed[:, n] - fixed[:, n - 1]
+            length = np.linalg.norm(move, axis=1)
+            share = np.minimum(1.0, _in_wind(problem, limit, move) / np.where(length > 0, length, 1.0))
+            fixed[:, n] = np.where(share[:, None] < 1.0 - SHARE, fixed[:, n - 1] + share[:, None] * move, fixed[:, n])
     return fixed
+
+
+def _in_wind(problem: Problem, limit_m: Array, move_m: Array) -> Array:
+    """Return how far each UAV may step in the direction of its move (U, 2): (U,) metres, at most `limit_m`."""
+    if problem.air is None or not problem.air.has_wind:
+        return limit_m
+    farthest: Array = np.minimum(limit_m, problem.air.longest_m(move_m[:, None])[:, 0])
+    return farthest
+
+
+def affordable(problem: Problem, paths_m: Array) -> bool:
+    """Return whether every UAV can go home from the end of each slot, with its reserve."""
+    air = problem.air
+    if air is None or not air.has_energy:
+        return True
+    return bool((account_of(air, paths_m, problem.n_flying).margin_wh >= -ROUNDING_WH).all())
 
 
 def separated(problem: Problem, paths_m: Array) -> bool:
@@ -87,8 +112,9 @@ def _least_distance(legs: Array, centre: Array) -> float:
 
 
 def flyable(problem: Problem, paths_m: Array) -> bool:
-    """Return whether paths within speed and area limits also keep apart, out of no-fly zones, and reach their ends."""
-    return arrived(problem, paths_m) and separated(problem, paths_m) and outside_zones(problem, paths_m)
+    """Return whether paths within speed and area limits keep apart, out of zones, reach their ends, and come home."""
+    free = arrived(problem, paths_m) and separated(problem, paths_m) and outside_zones(problem, paths_m)
+    return free and affordable(problem, paths_m)
 
 
 def toward(problem: Problem, feasible_m: Array, wanted_m: Array) -> Array:

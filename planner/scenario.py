@@ -10,14 +10,19 @@ from __future__ import annotations
 
 from collections import Counter
 from itertools import combinations
-from math import dist
+from math import dist, nan
+from operator import not_
 from typing import Annotated, Any, Literal, Self
 
+import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 from shapely import Point as GeoPoint
 from shapely import Polygon
 
 from skyfolio.planner.altitudes import Altitude, Amsl, ClimbRate, require_altitudes
+from skyfolio.planner.energy.air import Air, air_of
+from skyfolio.planner.energy.parts import Battery, RallyPoint, Rotors, Wind
+from skyfolio.planner.energy.rules import require_flyable
 from skyfolio.planner.parts import (
     MAX_VERTICES,
     BitsPerSecond,
@@ -39,6 +44,7 @@ from skyfolio.planner.users import User, require_tracks
 
 __all__ = [
     "Altitude",
+    "Battery",
     "BitsPerSecond",
     "Channel",
     "Coordinate",
@@ -51,11 +57,14 @@ __all__ = [
     "Origin",
     "Point",
     "PositionDeg",
+    "RallyPoint",
+    "Rotors",
     "Scenario",
     "Uav",
     "User",
     "Utility",
     "Watts",
+    "Wind",
     "zone_holds",
 ]
 
@@ -72,7 +81,10 @@ class Uav(Placed):
     """One flying base station: `q_0u`, `D_max`, `B_u` and `p_u` of the letter.
 
     Beyond the letter, each optional: `altitude_m` of its own, metres above its home; `end_m`, where it must be in its
-    last slot; `leaves_at_slot`, the slot (counted from 0) from which on it is gone, a battery's end known beforehand.
+    last slot; `leaves_at_slot`, the slot (counted from 0) from which on it is gone, a battery's end known beforehand;
+    `max_airspeed_mps`, its limit through the air where there is wind (default: `max_speed_mps`); `battery`, with which
+    it must come home from every slot, to `home_m` (default: its start) or the cheapest of the `rally_points`; `rotors`,
+    what flying costs it.
     """
 
     model_config = ConfigDict(json_schema_extra=either(("start_m",), ("start_deg",)))
@@ -93,7 +105,13 @@ class Uav(Placed):
     start_altitude_m: Amsl | None = left_out(
         "Its altitude in slot 0 if it flies already, metres above sea level (without terrain: above home)."
     )
-    home_m: Point | None = left_out("Where it took off, if that is not `start_m`: its ways home end there.")
+    max_airspeed_mps: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=200)] | None = left_out(
+        "Through the air, m/s; what it reaches over ground depends on the wind."
+    )
+    battery: Battery | None = left_out("What it may use; without it, energy is no limit.")
+    rotors: Rotors | None = left_out("What flying costs it; without it, a common quadcopter's.")
+    home_m: Point | None = left_out("Where it lands, if that is not `start_m`: its ways home end there.")
+    home_deg: PositionDeg | None = in_degrees("Where it lands, degrees; may be given instead of `home_m`.")
 
 
 class Channel(Frozen):
@@ -179,6 +197,8 @@ class Scenario(Frozen):
     channel: Channel = Channel()
     utility: Utility = Utility()
     no_fly: Annotated[tuple[NoFlyZone, ...], Field(max_length=100)] = ()
+    wind: Wind | None = left_out("The wind while it lasts; without it, the air is still.")
+    rally_points: Annotated[tuple[RallyPoint, ...], Field(max_length=100, exclude_if=not_)] = ()
     area_deg: Annotated[tuple[PositionDeg, ...], Field(min_length=2, max_length=MAX_VERTICES)] | None = in_degrees(
         "Corners south-west and north-east, or a polygon, degrees; may be given instead of `area_m`."
     )
@@ -217,7 +237,15 @@ class Scenario(Frozen):
             self._check_apart("start_m", a, b, a.start_m, b.start_m)
             if a.end_m is not None and b.end_m is not None and self.last_slot(a) == self.last_slot(b):
                 self._check_apart("end_m", a, b, a.end_m, b.end_m)
+        self._check_air()
         return self
+
+    def _check_air(self) -> None:
+        air = self.air
+        if air is not None:
+            free = (nan, nan)
+            starts, ends = np.array([[uav.start_m, uav.end_m or free] for uav in self.uavs], dtype=float).swapaxes(0, 1)
+            require_flyable(self.uav_ids, air, starts, ends, [self.last_slot(uav) for uav in self.uavs])
 
     def _check_degrees(self) -> None:
         twins = [
@@ -225,6 +253,11 @@ class Scenario(Frozen):
             *(Twin(f"users.{k}.positions", user.positions_m, user.positions_deg) for k, user in enumerate(self.users)),
             *(Twin(f"uavs.{u}.start", uav.start_m, uav.start_deg) for u, uav in enumerate(self.uavs)),
             *(Twin(f"uavs.{u}.end", uav.end_m, uav.end_deg) for u, uav in enumerate(self.uavs)),
+            *(Twin(f"uavs.{u}.home", uav.home_m, uav.home_deg) for u, uav in enumerate(self.uavs)),
+            *(
+                Twin(f"rally_points.{r}.position", p.position_m, p.position_deg)
+                for r, p in enumerate(self.rally_points)
+            ),
             *(
                 Twin(f"no_fly.{z}.center", zone.center_m, zone.center_deg)
                 if isinstance(zone, NoFlyDisc)
@@ -277,6 +310,23 @@ class Scenario(Frozen):
     def last_slot(self, uav: Uav) -> int:
         """Return the last slot, counted from 0, in which this UAV flies."""
         return min(uav.leaves_at_slot or self.slots, self.slots) - 1
+
+    @property
+    def air(self) -> Air | None:
+        """Wind and energy of the fleet, UAVs in planning order; None where the scenario has neither."""
+        heights = [self.altitude_of(uav) for uav in self.uavs]
+        return air_of(self.uavs, heights, self.wind, self.rally_points, self.slot_duration_s)
+
+    def air_of(self, uav: Uav) -> Air | None:
+        """Return wind and energy of one UAV; None where the scenario has neither."""
+        return air_of([uav], [self.altitude_of(uav)], self.wind, self.rally_points, self.slot_duration_s)
+
+    def longest_step_m(self, uav_id: str, move_m: tuple[float, float]) -> float:
+        """Return how far a UAV flies in one slot in the direction of a move, metres: `D_max`, or less in wind."""
+        uav = self.uav(uav_id)
+        air = self.air_of(uav) if self.wind else None
+        limit = uav.max_speed_mps * self.slot_duration_s
+        return limit if air is None else float(air.longest_m(np.array([move_m], dtype=float))[0])
 
     @property
     def uav_ids(self) -> tuple[str, ...]:

@@ -54,14 +54,18 @@ class Battery:
 
     @property
     def current_a(self) -> float:
-        """Current drawn, in amperes."""
-        return self.power_w / NOMINAL_V
+        """Current drawn, in amperes: times the voltage under it, it is the power drawn, as a power module measures."""
+        open_v = self._open_v
+        return (open_v - math.sqrt(max(0.0, open_v**2 - 4.0 * RESISTANCE_OHM * self.power_w))) / (2.0 * RESISTANCE_OHM)
 
     @property
     def voltage_v(self) -> float:
         """Voltage of the pack under its load."""
-        open_v = CELLS * (EMPTY_CELL_V + (FULL_CELL_V - EMPTY_CELL_V) * self.share)
-        return max(0.0, open_v - RESISTANCE_OHM * self.current_a)
+        return self._open_v - RESISTANCE_OHM * self.current_a
+
+    @property
+    def _open_v(self) -> float:
+        return CELLS * (EMPTY_CELL_V + (FULL_CELL_V - EMPTY_CELL_V) * self.share)
 
     def drain(self, power_w: float, dt_s: float, capacity_mah: float) -> None:
         """Draw `power_w` watts for `dt_s` seconds from a battery of `capacity_mah` when full."""

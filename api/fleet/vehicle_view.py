@@ -11,7 +11,8 @@ class VehicleView(BaseModel):
     """A registered vehicle as it last reported. Angles in degrees, altitude in metres above its own home.
 
     `condition`: what it is in, with `condition_cause`: what was last seen of it, with numbers. `heading_deg`: where the
-    nose points, clockwise from north. `mission_items`: the number of items of the mission on board.
+    nose points, clockwise from north. `power_w`: drawn from its battery; `used_wh`: since it was
+    armed. `mission_items`: the number of items of the mission on board.
     """
 
     uav_id: str
@@ -26,6 +27,8 @@ class VehicleView(BaseModel):
     relative_alt_m: float | None = None
     heading_deg: float | None = None
     battery_percent: float | None = None
+    power_w: float | None = None
+    used_wh: float | None = None
     armed: bool | None = None
     mode: str | None = None
     mission_item: int | None = None
@@ -59,6 +62,8 @@ def view_of(
             "relative_alt_m": telemetry.relative_alt_m,
             "heading_deg": telemetry.heading_deg,
             "battery_percent": None if telemetry.battery is None else round(telemetry.battery * 100, 1),
+            "power_w": None if telemetry.power_w is None else round(telemetry.power_w, 1),
+            "used_wh": None if telemetry.used_wh is None else round(telemetry.used_wh, 3),
             "armed": telemetry.armed,
             "mode": telemetry.mode,
             "mission_item": telemetry.mission_current,

@@ -12,6 +12,7 @@ from skyfolio.api.common.fleet_clock import FleetClock
 from skyfolio.api.common.surroundings import monotonic_s
 from skyfolio.api.fleet.commander import Action, OvertakenError
 from skyfolio.api.fleet.registry import HEARD_WITHIN_S, Fleet
+from skyfolio.api.flights.energy import EnergyWatch
 from skyfolio.api.flights.flight_timeline import FlightTimeline
 from skyfolio.api.flights.flown_rates import FlownRates
 from skyfolio.api.flights.guidance import FlightGuidance
@@ -48,6 +49,7 @@ class Flight(FlightTimeline):
         self._uavs = {system: uav for uav, system in systems.items()}
         homes_m = {uav: path[0] for uav, path in plan.trajectories_m.items()}
         self.guidance = FlightGuidance(systems, fleet, clock, elapsed_s=self.now_s, homes_m=homes_m, options=options)
+        self.energy = EnergyWatch(lambda: self.plan, self.elapsed_s, self.telemetry)
         self.roster = Roster(
             systems,
             plan.scenario.origin,
@@ -56,6 +58,7 @@ class Flight(FlightTimeline):
             now_s=self.now_s,
             last_change_s=(plan.scenario.slots - 2) * plan.scenario.slot_duration_s,
             last_slot_s=(plan.scenario.slots - 1) * plan.scenario.slot_duration_s,
+            lacking=self.energy.lacking,
         )
         self.take_off = TakeOff(plan, systems, fleet, clock, self.guidance)
         self.traffic: Traffic | None = None

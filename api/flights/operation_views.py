@@ -10,6 +10,7 @@ from pydantic import BaseModel
 
 from skyfolio.api.fleet.commander import Action
 from skyfolio.api.flights.ends import UavEnd, ends_of
+from skyfolio.api.flights.energy import EnergyView, energy_view
 from skyfolio.api.flights.flight import Flight
 from skyfolio.api.flights.recovery_report import RecoveryReport
 from skyfolio.api.flights.transition import scheduled_at
@@ -53,7 +54,8 @@ class UavView(BaseModel):
 
     `slip_m`: metres from where the plan has it now, None before slot 0 and after the last. `state`: lost, returned
     (heard again, and offered to the operator), grounded, flying its mission, holding, or another mode by its name.
-    `end`: where it was when the operation ended; None before that, and for an operation that never began slot 0.
+    `energy`: of one with a battery in the plan, once slot 0 has begun. `end`: where it was when the operation ended; None
+    before that, and for an operation that never began slot 0.
     """
 
     system_id: int
@@ -62,6 +64,7 @@ class UavView(BaseModel):
     mission_item: int | None = None
     relative_alt_m: float | None = None
     slip_m: float | None = None
+    energy: EnergyView | None = None
     end: UavEnd | None = None
 
 
@@ -164,6 +167,7 @@ def _uav(flight: Flight, uav: str, at_m: tuple[float, float] | None) -> UavView:
                 "mode": telemetry.mode.value,
                 "mission_item": telemetry.mission_current,
                 "relative_alt_m": telemetry.relative_alt_m,
+                "energy": energy_view(flight.energy.outlook(uav)),
             }
         )
     if uav in flight.returned:

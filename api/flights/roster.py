@@ -28,7 +28,8 @@ class Roster:
     """The UAVs of one flight.
 
     now_s: returns fleet seconds since slot 0 began. last_change_s: until then slots can be flown differently; later,
-    missions return and land as planned. last_slot_s: when the last slot begins.
+    missions return and land as planned. last_slot_s: when the last slot begins. lacking: returns in words what energy
+    a UAV lacks for its plan.
     """
 
     def __init__(
@@ -41,6 +42,7 @@ class Roster:
         now_s: Callable[[], float],
         last_change_s: float,
         last_slot_s: float,
+        lacking: Callable[[str], str | None] = lambda _uav: None,
     ) -> None:
         self.lost: dict[str, float] = {}
         """Since when each lost UAV was not heard, or was seen to be lost; fleet seconds since slot 0."""
@@ -54,6 +56,7 @@ class Roster:
         self._now_s, self._last_change_s, self.last_slot_s = now_s, last_change_s, last_slot_s
         self.own_link = fleet.own_link()
         """Judges whether a silence is that of our own link."""
+        self._lacking = lacking
         self._warned: dict[str, str] = {}
         self._last_seen_m: dict[str, Point] = {}
         self._converted: dict[str, tuple[Telemetry, Point | None]] = {}
@@ -231,12 +234,17 @@ class Roster:
 
     @property
     def low_on_battery(self) -> dict[str, str]:
-        """Return the UAVs that still count and whose battery is low, and how low: the operator may send them home."""
+        """Return the UAVs that still count and whose battery is low, and how low: the operator may send them home.
+
+        A battery is low, too, if it no longer suffices to fly the plan and come home.
+        """
         low = {}
         for uav, system in self._systems.items():
             change = self._fleet.condition(system)
-            if change is not None and change.after is Condition.LOW_BATTERY and self._may_retire(uav):
-                low[uav] = change.cause
+            is_low = change is not None and change.after is Condition.LOW_BATTERY
+            why = change.cause if change is not None and is_low else self._lacking(uav)
+            if why is not None and self._may_retire(uav):
+                low[uav] = why
         return low
 
     def _may_retire(self, uav: str) -> bool:

@@ -32,17 +32,17 @@ def expected_position(plan: Plan, uav_id: str, live_m: Point, now_s: float, at_s
     it is now. now_s: fleet seconds since slot 0 of the operation.
     """
     scenario = plan.scenario
-    speed = next(uav.max_speed_mps for uav in scenario.uavs if uav.id == uav_id)
-    budget = max(at_slot * scenario.slot_duration_s - now_s, 0.0) * speed
+    slots_left = max(at_slot - now_s / scenario.slot_duration_s, 0.0)
     first = int(now_s // scenario.slot_duration_s) + 1 - plan.first_slot
     path: Sequence[Point] = plan.trajectories_m[uav_id][max(first, 0) : at_slot - plan.first_slot + 1]
     here = live_m
     for point in path:
-        step = hypot(point[0] - here[0], point[1] - here[1])
-        if step > budget:
-            share = budget / step
-            return here[0] + share * (point[0] - here[0]), here[1] + share * (point[1] - here[1])
-        here, budget = point, budget - step
+        move = point[0] - here[0], point[1] - here[1]
+        step, in_a_slot = hypot(*move), scenario.longest_step_m(uav_id, move)
+        if step > slots_left * in_a_slot:
+            share = slots_left * in_a_slot / step
+            return here[0] + share * move[0], here[1] + share * move[1]
+        here, slots_left = point, slots_left - (step / in_a_slot if step > 0.0 else 0.0)
     return here
 
 
@@ -214,8 +214,9 @@ def require_in_reach(plan: Plan, live: Mapping[str, Point], left_s: float) -> No
     for uav in plan.scenario.uavs:
         first = plan.trajectories_m[uav.id][min(1, plan.scenario.slots - 1)]
         here = live[uav.id]
-        far = hypot(first[0] - here[0], first[1] - here[1])
-        if far > uav.max_speed_mps * SPEED_TOLERANCE * left_s + plan.scenario.min_separation_m:
+        move = first[0] - here[0], first[1] - here[1]
+        far, speed_mps = hypot(*move), plan.scenario.longest_step_m(uav.id, move) / plan.scenario.slot_duration_s
+        if far > speed_mps * SPEED_TOLERANCE * left_s + plan.scenario.min_separation_m:
             raise ReplanError(f"transition: {uav.id!r} is {far:.1f} m from its first point with {left_s:.1f} s to go")
 
 

@@ -6,6 +6,7 @@ reports (GLOBAL_POSITION_INT at 5 Hz, MISSION_CURRENT), with the delay of a link
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import hypot
 from typing import Any, Literal
@@ -51,10 +52,20 @@ class Flown:
 
 
 class VirtualFlight:
-    """One UAV of a plan at its altitude over its slot-0 point, ready to be guided; `parameters` are set first."""
+    """One UAV of a plan at its altitude over its slot-0 point, ready to be guided; `parameters` are set first.
+
+    weather: around it, with gusts drawn from `seed`.
+    """
 
     def __init__(
-        self, plan: Plan, uav_id: str, autopilot: Autopilot, parameters: dict[str, float] | None = None
+        self,
+        plan: Plan,
+        uav_id: str,
+        autopilot: Autopilot,
+        parameters: dict[str, float] | None = None,
+        *,
+        weather: sim.Weather | None = None,
+        seed: int = 0,
     ) -> None:
         self.plan, self.uav_id, self.autopilot = plan, uav_id, autopilot
         self.profile = profile_of(autopilot)
@@ -63,8 +74,10 @@ class VirtualFlight:
         self.clock = sim.VirtualClock()
         place = east_north_to_geodetic(self.origin, *self.path_m[0])
         spec = sim.VehicleSpec(1, *place, autopilot=autopilot.value)
-        self.fleet = sim.Fleet([spec], clock=self.clock, protocol_clock=self.clock.now)
+        self.fleet = sim.Fleet([spec], clock=self.clock, protocol_clock=self.clock.now, weather=weather, seed=seed)
         self.vehicle = self.fleet.vehicles[1]
+        self.after_step: Callable[[], None] = lambda: None
+        """Called after each step of the fleet."""
         self._pending: list[tuple[float, Message]] = []
         self._seen: tuple[float, Point, Point, int] | None = None
         for name, value in (parameters or {}).items():
@@ -179,6 +192,7 @@ class VirtualFlight:
         for message in due:
             self._tell(message)
         self.fleet.step_to(self.clock.advance(STEP_S))
+        self.after_step()
         if self._seen is None or self.clock.now() - self._seen[0] >= REPORT_S - 1e-9:
             body = self.vehicle.autopilot.body
             self._seen = (

@@ -138,6 +138,7 @@ def _with_rest(problem: Problem, sum_kbps: Array) -> Problem:
         weight=_and(problem.weight, 1.0),
         demand_kbps=_and(problem.demand_kbps, np.inf),
         pinned_m=_and(pinned, np.broadcast_to(far, (problem.n_slots, 2))),
+        air=None if problem.air is None else problem.air.and_one(),
     )
 
 

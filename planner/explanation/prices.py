@@ -56,7 +56,8 @@ def speed_price(ledger: Ledger, u: int) -> tuple[int, float | None]:
     last = int(problem.n_flying[u])
     steps = np.diff(ledger.paths_m[u][:last], axis=0)  # step n leads from slot n to slot n + 1
     length = np.linalg.norm(steps, axis=1)
-    tight = length >= problem.step_m[u] * (1 - TOUCHING)
+    longest = problem.step_m[u] if problem.air is None else problem.air.of([u]).longest_m(steps[None])[0]
+    tight = length >= longest * (1 - TOUCHING)
     if not tight.any() or problem.step_m[u] == 0.0:
         return 0, None
     anchor = len(steps)

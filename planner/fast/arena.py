@@ -6,14 +6,17 @@ the UAVs of a slot lie side by side. Bandwidth is kHz and rates are kbit/s, beca
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, NamedTuple, TypeAlias, TypeVar, cast
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from skyfolio.planner.arrays import Array
+from skyfolio.planner.fast.air import Breeze, breeze_of
+from skyfolio.planner.fast.jit import entry as entry  # noqa: PLC0414 - kernels get them from here
+from skyfolio.planner.fast.jit import inlined as inlined  # noqa: PLC0414 - kernels get them from here
+from skyfolio.planner.fast.jit import kernel as kernel  # noqa: PLC0414 - kernels get them from here
+from skyfolio.planner.fast.jit import smooth as smooth  # noqa: PLC0414 - kernels get them from here
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.repair import step_limits_m
 from skyfolio.planner.utilities import Expectation, kind_of
@@ -25,35 +28,6 @@ Flag: TypeAlias = bool | np.bool
 SUM, PER_USER, POOLED = map(int, Expectation)
 MARGIN = 1e-8
 """Minimum rates are kept this much (relatively) above what is asked, for rounding."""
-
-_OPTIONS = {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
-_LOOSE = {"nnan", "reassoc", "contract", "nsz", "arcp"}
-Function = TypeVar("Function", bound=Callable[..., Any])
-
-
-def entry(function: Function) -> Function:
-    """Compile a kernel that Python calls: serial, without the GIL, cached on disk.
-
-    Arguments are made new or pass through `plain`. numba looks only at a function's own file to see whether what is
-    cached is still right, and not at the kernels that it calls: `api.common.kernels` keeps a cache for each version
-    of all sources, and who uses the planner alone deletes the caches (`make clean`) after editing a kernel.
-    """
-    return cast("Function", njit(**_OPTIONS)(function))
-
-
-def kernel(function: Function) -> Function:
-    """Return the same for kernels that only kernels call."""
-    return cast("Function", njit(**_OPTIONS, no_cpython_wrapper=True)(function))
-
-
-def smooth(function: Function) -> Function:
-    """As `kernel`, and sums may be added up in any fixed order, eight at a time."""
-    return cast("Function", njit(**_OPTIONS, no_cpython_wrapper=True, fastmath=_LOOSE)(function))
-
-
-def inlined(function: Function) -> Function:
-    """As `kernel`, always put in place of its call, so that the loop that calls it can be vectorised."""
-    return cast("Function", njit(**_OPTIONS, no_cpython_wrapper=True, forceinline=True)(function))
 
 
 def plain(array: NDArray[Any], dtype: type = np.float64) -> NDArray[Any]:
@@ -88,6 +62,7 @@ class Arena(NamedTuple):
     within some `blur_m` of there it costs less (`priced.py`); empty without a price.
     weight: (K,), as how many users each counts. demand: (K,), kbit/s beyond which a rate is worth nothing.
     absent: (N, K), 1 where a user is not there; empty where all always are. gone: (K,), in how many slots that is.
+    breeze: wind and energy. has_wind: it limits steps. has_energy: some UAV might not be able to afford some path.
     """
 
     gain: Array
@@ -127,6 +102,7 @@ class Arena(NamedTuple):
     demand: Array
     absent: Ints
     gone: Array
+    breeze: Breeze
     has_pinned: bool
     has_pinned_to: bool
     has_ends: bool
@@ -136,6 +112,8 @@ class Arena(NamedTuple):
     has_absent: bool
     has_demand: bool
     has_floors: bool
+    has_wind: bool
+    has_energy: bool
 
 
 class Links(NamedTuple):
@@ -161,6 +139,7 @@ def arena_of(problem: Problem) -> Arena:
     asked = int(kind_of(problem.kind).expectation)
     kind = asked if problem.mu < 0 else SUM
     past_low, past_sum, past_count = _past(problem, kind)
+    breeze = breeze_of(problem)
     return Arena(
         gain=plain(gain),
         fading=plain(fading),
@@ -195,6 +174,7 @@ def arena_of(problem: Problem) -> Arena:
         former=np.zeros((0, 2, 0)),
         per_metre=0.0,
         blur_m=1.0,
+        breeze=breeze,
         has_pinned=problem.pinned_m.size > 0,
         has_pinned_to=problem.pinned_to.size > 0,
         has_ends=bool(np.isfinite(problem.end_m).any()),
@@ -208,6 +188,8 @@ def arena_of(problem: Problem) -> Arena:
         demand=plain(np.maximum(problem.demand_kbps, problem.min_kbps * (1.0 + MARGIN))),
         has_demand=problem.has_demand,
         has_floors=problem.has_demand or bool((problem.min_kbps > 0).any()),
+        has_wind=problem.air is not None and problem.air.has_wind,
+        has_energy=bool(np.isfinite(breeze.spare_wh).any()),
     )
 
 

@@ -49,5 +49,6 @@ def _fails(problem: Problem, uavs: tuple[int, ...]) -> bool:
         end_m=problem.end_m[few],
         pinned_m=problem.pinned_m[few] if problem.pinned_m.size else problem.pinned_m,
         pinned_to=np.zeros((0, 0), dtype=np.intp),
+        air=None if problem.air is None else problem.air.of(few),
     )
     return hovering(with_routes(part, arena_of(part))) is None

@@ -5,6 +5,7 @@ still be reached, and clipped to the area. Then the legs are checked against eac
 that comes too close is pushed out along the tangent, so that UAVs slide past each other; who still conflicts holds
 its position, which is always safe: relative motion can only stop. A feasible path passes unchanged. A UAV whose path
 is pinned flies just that: the others give way, and where they cannot, there is no path.
+In wind and with batteries a step is shortened along itself, to what the air and the way home allow (`air.py`).
 """
 
 from __future__ import annotations
@@ -12,11 +13,13 @@ from __future__ import annotations
 import numpy as np
 
 from skyfolio.planner.arrays import Array
+from skyfolio.planner.fast.air import affordable_share, home_wh, left_wh
 from skyfolio.planner.fast.arena import Arena, Flag, Ints, entry, is_pinned, kernel, smooth
-from skyfolio.planner.fast.routes import one_step, way_on
+from skyfolio.planner.fast.routes import one_step, reach_of_step, way_on
 from skyfolio.planner.fast.zones import SLACK_M, push_from_zones, push_out
 
 PUSHES = 8
+HALVINGS = 20
 
 
 @entry
@@ -30,20 +33,26 @@ def fly(arena: Arena, wish: Array, chase: Flag, path: Array) -> bool:
         path[0, 0, u], path[0, 1, u] = arena.start_m[0, u], arena.start_m[1, u]
     near = np.empty((n_uavs * (n_uavs - 1) // 2 + 1, 2), dtype=np.int64)
     zones = arena.discs.shape[0] > 0 or arena.first.shape[0] > 1
+    spare = _spare(arena)
     for n in range(1, path.shape[0]):
         for u in range(n_uavs):
             dx, dy = wish[n, 0, u], wish[n, 1, u]
             if chase:
                 dx, dy = dx - path[n - 1, 0, u], dy - path[n - 1, 1, u]
-            step(arena, path, n, u, dx, dy)
-        if not _resolve(arena, path, n, zones, near):
+            step(arena, path, n, u, dx, dy, spare)
+        if not _resolve(arena, path, n, zones, near, spare):
+            return False
+        if arena.has_energy and not _pay(arena, path, n, spare):
             return False
     return True
 
 
 @kernel
-def step(arena: Arena, path: Array, n: int, u: int, dx: float, dy: float) -> None:
-    """Move UAV u from slot n - 1 by (dx, dy) metres as far as speed, end and area allow."""
+def step(arena: Arena, path: Array, n: int, u: int, dx: float, dy: float, spare: Array) -> None:
+    """Move UAV u from slot n - 1 by (dx, dy) metres as far as speed, end, area, wind and energy allow.
+
+    spare: (2, U) Wh, what each has to spare in slot n - 1, and what its way home costs there.
+    """
     if arena.has_pinned and is_pinned(arena, u):
         path[n, 0, u], path[n, 1, u] = arena.pinned[n, 0, u], arena.pinned[n, 1, u]
         return
@@ -51,7 +60,7 @@ def step(arena: Arena, path: Array, n: int, u: int, dx: float, dy: float) -> Non
     if n > arena.last[u]:
         path[n, 0, u], path[n, 1, u] = x, y
         return
-    length2, limit = dx * dx + dy * dy, arena.step_m[u]
+    length2, limit = dx * dx + dy * dy, reach_of_step(arena, u, dx, dy)
     if length2 > limit * limit:
         scale = limit / np.sqrt(length2)
         dx, dy = dx * scale, dy * scale
@@ -60,11 +69,60 @@ def step(arena: Arena, path: Array, n: int, u: int, dx: float, dy: float) -> Non
         to_x, to_y = _towards_end(arena, n, u, x, y, to_x, to_y)
     path[n, 0, u] = min(max(to_x, arena.low[0]), arena.high[0])
     path[n, 1, u] = min(max(to_y, arena.low[1]), arena.high[1])
+    if arena.has_wind and (path[n, 0, u] != to_x or path[n, 1, u] != to_y):
+        _shorten(path, n, u, _share_in_wind(arena, u, path[n, 0, u] - x, path[n, 1, u] - y))
+    if arena.has_energy and spare[0, u] < arena.breeze.most_wh[u] and arena.breeze.each_wh[u] > 0.0:
+        dx, dy = path[n, 0, u] - x, path[n, 1, u] - y
+        _shorten(path, n, u, affordable_share(arena.breeze, u, spare[0, u], spare[1, u], x, y, dx, dy))
+
+
+@kernel
+def _share_in_wind(arena: Arena, u: int, dx: float, dy: float) -> float:
+    """Return the share of a step (dx, dy) that the wind allows: the edge of the area has turned it."""
+    limit, away = reach_of_step(arena, u, dx, dy), np.hypot(dx, dy)
+    return limit / away if away > limit else 1.0
+
+
+@kernel
+def _shorten(path: Array, n: int, u: int, share: float) -> None:
+    """Shorten the step of UAV u into slot n, along itself."""
+    if share < 1.0:
+        for axis in range(2):
+            here = path[n - 1, axis, u]
+            path[n, axis, u] = here + share * (path[n, axis, u] - here)
+
+
+@kernel
+def _spare(arena: Arena) -> Array:
+    """Return what each UAV has to spare in slot 0, Wh, and what its way home costs there: (2, U)."""
+    n_uavs = arena.start_m.shape[1]
+    spare = np.full((2, n_uavs), np.inf)
+    if arena.has_energy:
+        for u in range(n_uavs):
+            spare[0, u] = arena.breeze.spare_wh[u]
+            spare[1, u] = home_wh(arena.breeze, u, arena.start_m[0, u], arena.start_m[1, u])
+    return spare
+
+
+@kernel
+def _pay(arena: Arena, path: Array, n: int, spare: Array) -> bool:
+    """Take what the steps into slot n cost off `spare` (2, U) Wh; return whether everybody can afford them."""
+    for u in range(path.shape[2]):
+        if n > arena.last[u] or spare[0, u] == np.inf:
+            continue
+        x, y = path[n - 1, 0, u], path[n - 1, 1, u]
+        dx, dy = path[n, 0, u] - x, path[n, 1, u] - y
+        spare[0, u], spare[1, u] = left_wh(arena.breeze, u, spare[0, u], spare[1, u], x, y, dx, dy)
+        if not spare[0, u] >= 0.0:
+            return False
+    return True
 
 
 @kernel
 def _towards_end(arena: Arena, n: int, u: int, x: float, y: float, to_x: float, to_y: float) -> tuple[float, float]:
     """Return the point nearest to (to_x, to_y) in one step of (x, y) from which the end can still be reached."""
+    if arena.has_wind:
+        return _towards_end_in_wind(arena, n, u, x, y, to_x, to_y)
     end_x, end_y, limit = arena.end_m[0, u], arena.end_m[1, u], arena.step_m[u]
     left = (arena.last[u] - n) * limit
     if left == 0.0:
@@ -86,7 +144,38 @@ def _towards_end(arena: Arena, n: int, u: int, x: float, y: float, to_x: float, 
 
 
 @kernel
-def _resolve(arena: Arena, path: Array, n: int, zones: bool, near: Ints) -> bool:
+def _towards_end_in_wind(
+    arena: Arena, n: int, u: int, x: float, y: float, to_x: float, to_y: float
+) -> tuple[float, float]:
+    """Return the point nearest to (to_x, to_y), on the way there from a full step to the end, that is still in time.
+
+    From where the end is still in reach is convex, and so is where a step leads: all points between are fine.
+    """
+    left, end_x, end_y = arena.last[u] - n, arena.end_m[0, u], arena.end_m[1, u]
+    if left == 0:
+        return end_x, end_y
+    if _in_time(arena, u, to_x, to_y, left):
+        return to_x, to_y
+    sure_x, sure_y = one_step(arena, u, x, y, end_x, end_y)
+    low, high = 0.0, 1.0
+    for _ in range(HALVINGS):
+        share = (low + high) / 2.0
+        if _in_time(arena, u, sure_x + share * (to_x - sure_x), sure_y + share * (to_y - sure_y), left):
+            low = share
+        else:
+            high = share
+    return sure_x + low * (to_x - sure_x), sure_y + low * (to_y - sure_y)
+
+
+@kernel
+def _in_time(arena: Arena, u: int, x: float, y: float, left: int) -> bool:
+    """Return whether UAV u flies straight from (x, y) to its end in `left` slots."""
+    dx, dy = arena.end_m[0, u] - x, arena.end_m[1, u] - y
+    return bool(np.hypot(dx, dy) <= left * reach_of_step(arena, u, dx, dy))
+
+
+@kernel
+def _resolve(arena: Arena, path: Array, n: int, zones: bool, near: Ints, spare: Array) -> bool:
     """Push, then hold, until no leg into slot n conflicts; False where a hold would miss an end.
 
     near: scratch (U (U - 1) / 2 + 1, 2), for the pairs that can meet on the leg at all.
@@ -100,10 +189,10 @@ def _resolve(arena: Arena, path: Array, n: int, zones: bool, near: Ints) -> bool
         clear = True
         if zones:
             for u in range(n_uavs):
-                clear = _keep_out(arena, path, n, u, hold) and clear
+                clear = _keep_out(arena, path, n, u, hold, spare) and clear
                 clear = _on_the_way(arena, path, n, u) and clear
         for i in range(pairs):
-            clear = _keep_apart(arena, path, n, near[i, 0], near[i, 1], hold) and clear
+            clear = _keep_apart(arena, path, n, near[i, 0], near[i, 1], hold, spare) and clear
         if clear:
             return _ends_reachable(arena, path, n)
     return False
@@ -138,8 +227,8 @@ def _ends_reachable(arena: Arena, path: Array, n: int) -> bool:
         return True
     for u in range(path.shape[2]):
         if n <= arena.last[u] and not np.isnan(arena.end_m[0, u]) and not (arena.has_pinned and is_pinned(arena, u)):
-            away = np.hypot(path[n, 0, u] - arena.end_m[0, u], path[n, 1, u] - arena.end_m[1, u])
-            if away > (arena.last[u] - n) * arena.step_m[u] + SLACK_M:
+            dx, dy = arena.end_m[0, u] - path[n, 0, u], arena.end_m[1, u] - path[n, 1, u]
+            if np.hypot(dx, dy) > (arena.last[u] - n) * reach_of_step(arena, u, dx, dy) + SLACK_M:
                 return False
     return True
 
@@ -150,7 +239,7 @@ def _hold(path: Array, n: int, u: int) -> None:
 
 
 @kernel
-def _keep_out(arena: Arena, path: Array, n: int, u: int, hold: bool) -> bool:
+def _keep_out(arena: Arena, path: Array, n: int, u: int, hold: bool, spare: Array) -> bool:
     """Return whether the leg of u stays out of every zone; if not, it is pushed out, or held."""
     if n > arena.last[u] or (arena.has_pinned and is_pinned(arena, u)):
         return True
@@ -160,7 +249,8 @@ def _keep_out(arena: Arena, path: Array, n: int, u: int, hold: bool) -> bool:
     if hold:
         _hold(path, n, u)
     else:
-        step(arena, path, n, u, path[n, 0, u] + dx - path[n - 1, 0, u], path[n, 1, u] + dy - path[n - 1, 1, u])
+        dx, dy = path[n, 0, u] + dx - path[n - 1, 0, u], path[n, 1, u] + dy - path[n - 1, 1, u]
+        step(arena, path, n, u, dx, dy, spare)
     return False
 
 
@@ -185,7 +275,7 @@ def _on_the_way(arena: Arena, path: Array, n: int, u: int) -> bool:
 
 
 @kernel
-def _keep_apart(arena: Arena, path: Array, n: int, u: int, j: int, hold: bool) -> bool:
+def _keep_apart(arena: Arena, path: Array, n: int, u: int, j: int, hold: bool, spare: Array) -> bool:
     """Return whether the legs of u and j stay `D_min` apart; if not, each is pushed half the way, or held.
 
     Beside a UAV whose path is pinned the other is pushed all the way, and never held: staying is no safety there.
@@ -208,5 +298,5 @@ def _keep_apart(arena: Arena, path: Array, n: int, u: int, j: int, hold: bool) -
     for one, sign in ((u, share), (j, -share)):
         dx = path[n, 0, one] + sign * px - path[n - 1, 0, one]
         dy = path[n, 1, one] + sign * py - path[n - 1, 1, one]
-        step(arena, path, n, one, dx, dy)
+        step(arena, path, n, one, dx, dy, spare)
     return False

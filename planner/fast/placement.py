@@ -16,6 +16,7 @@ import shapely
 from scipy.optimize import linear_sum_assignment
 
 from skyfolio.planner.arrays import Array
+from skyfolio.planner.fast.air import longest_steps_m
 from skyfolio.planner.fast.appraisal import look
 from skyfolio.planner.fast.arena import SUM, Arena, Ints, mean_user_m, plain
 from skyfolio.planner.fast.settling import settle
@@ -139,13 +140,25 @@ def grounds_of(arena: Arena) -> Grounds:
     n_slots = arena.gain.shape[0]
     gain = arena.fading.mean(axis=0) if arena.fading.shape[0] else arena.gain.mean(axis=0)[:, None]
     site_m = sites_m(arena)
-    step_m = np.maximum(arena.step_m, 1e-9)[:, None]
-    there = np.hypot(*(arena.start_m[:, :, None] - site_m[:, None]))
-    back = np.nan_to_num(np.hypot(*(arena.end_m[:, :, None] - site_m[:, None])))
-    late = there + back > (arena.last * arena.step_m)[:, None]
     ending = np.isfinite(arena.end_m[0])[:, None]
-    lost = arena.khz[:, None] * np.minimum((there + back) / step_m, n_slots) / n_slots
+    lost_slots, late = _flights(arena, site_m)
+    lost = arena.khz[:, None] * np.minimum(lost_slots, n_slots) / n_slots
     return Grounds(mean_user_m(arena), plain(site_m), plain(gain), plain(np.where(late & ending, NO_WAY, lost)))
+
+
+def _flights(arena: Arena, site_m: Array) -> tuple[Array, Array]:
+    """Return how many slots each UAV flies to each site and on to its end, and if that is too late: both (U, K)."""
+    way_out = site_m[:, None] - arena.start_m[:, :, None]
+    way_on = np.nan_to_num(arena.end_m[:, :, None] - site_m[:, None])
+    there, back = np.hypot(*way_out), np.hypot(*way_on)
+    if not arena.has_wind:
+        step_m = np.maximum(arena.step_m, 1e-9)[:, None]
+        return (there + back) / step_m, there + back > (arena.last * arena.step_m)[:, None]
+    slots = sum(
+        length / np.maximum(longest_steps_m(arena.breeze, arena.step_m, way), 1e-9)
+        for length, way in ((there, way_out), (back, way_on))
+    )
+    return slots, slots > arena.last[:, None]
 
 
 def sites_m(arena: Arena) -> Array:

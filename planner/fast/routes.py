@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from skyfolio.planner.arrays import Array
+from skyfolio.planner.fast.air import longest
 from skyfolio.planner.fast.arena import Arena, Ints, entry, kernel
 from skyfolio.planner.fast.zones import push_from_zones
 from skyfolio.planner.problem import Problem
@@ -93,7 +94,7 @@ def slots_to(arena: Arena, sees: Ints, u: int, end_m: Array, left: Ints) -> None
     for c in range(count):
         left[c] = FAR
         if free(arena, turns[0, c], turns[1, c], end_m[0], end_m[1]):
-            left[c] = whole_slots(turns[0, c] - end_m[0], turns[1, c] - end_m[1], arena.step_m[u])
+            left[c] = whole_slots(arena, u, end_m[0] - turns[0, c], end_m[1] - turns[1, c])
     for _ in range(count):
         nearest = _nearest_open(left, done)
         if left[nearest] >= FAR:
@@ -101,8 +102,8 @@ def slots_to(arena: Arena, sees: Ints, u: int, end_m: Array, left: Ints) -> None
         done[nearest] = 1
         for c in range(count):
             if sees[c, nearest] == 1:
-                dx, dy = turns[0, c] - turns[0, nearest], turns[1, c] - turns[1, nearest]
-                left[c] = min(left[c], left[nearest] + whole_slots(dx, dy, arena.step_m[u]))
+                dx, dy = turns[0, nearest] - turns[0, c], turns[1, nearest] - turns[1, c]
+                left[c] = min(left[c], left[nearest] + whole_slots(arena, u, dx, dy))
 
 
 @kernel
@@ -115,11 +116,18 @@ def _nearest_open(left: Ints, done: Ints) -> int:
 
 
 @kernel
-def whole_slots(dx: float, dy: float, step_m: float) -> int:
-    """Slots for a straight way of (dx, dy) metres."""
+def reach_of_step(arena: Arena, u: int, dx: float, dy: float) -> float:
+    """Return how far UAV u flies in a slot in the direction (dx, dy), metres: `D_max`, or less in wind."""
+    return longest(arena.breeze, u, arena.step_m[u], dx, dy) if arena.has_wind else float(arena.step_m[u])
+
+
+@kernel
+def whole_slots(arena: Arena, u: int, dx: float, dy: float) -> int:
+    """Slots in which UAV u flies a straight way of (dx, dy) metres."""
     away = np.hypot(dx, dy)
     if away == 0.0:
         return 0
+    step_m = reach_of_step(arena, u, dx, dy)
     return int(np.ceil(away / step_m - 1e-9)) if step_m > 0.0 else FAR
 
 
@@ -129,12 +137,12 @@ def way_on(
 ) -> tuple[int, float, float]:
     """(slots from (x, y) to the end, where to fly next) for UAV u; left: (C,) slots from each turning point."""
     if free(arena, x, y, end_x, end_y):
-        return whole_slots(end_x - x, end_y - y, arena.step_m[u]), end_x, end_y
+        return whole_slots(arena, u, end_x - x, end_y - y), end_x, end_y
     turns, least, to_x, to_y = arena.turns, FAR, x, y
     for c in range(left.shape[0]):
         if left[c] >= least:
             continue
-        slots = left[c] + whole_slots(turns[0, c] - x, turns[1, c] - y, arena.step_m[u])
+        slots = left[c] + whole_slots(arena, u, turns[0, c] - x, turns[1, c] - y)
         if slots < least and free(arena, x, y, turns[0, c], turns[1, c]):
             least, to_x, to_y = slots, turns[0, c], turns[1, c]
     return least, to_x, to_y
@@ -144,9 +152,10 @@ def way_on(
 def one_step(arena: Arena, u: int, x: float, y: float, to_x: float, to_y: float) -> tuple[float, float]:
     """Straight on towards (to_x, to_y), at most `D_max`."""
     away = np.hypot(to_x - x, to_y - y)
-    if away <= arena.step_m[u]:
+    limit = reach_of_step(arena, u, to_x - x, to_y - y)
+    if away <= limit:
         return to_x, to_y
-    share = arena.step_m[u] / away
+    share = limit / away
     return x + share * (to_x - x), y + share * (to_y - y)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.fast.appraisal import weigh, worth
 from skyfolio.planner.fast.arena import Arena, entry, is_pinned, kernel
+from skyfolio.planner.fast.routes import reach_of_step
 from skyfolio.planner.fast.snapshots import Snapshots, aim, gather, keep, take_back
 from skyfolio.planner.fast.zones import holds
 
@@ -109,6 +110,10 @@ def _within_reach(arena: Arena, u: int, x: float, y: float) -> bool:
     """Return whether u can be at (x, y), flying straight, and still be at its end in time."""
     if not arena.has_ends or np.isnan(arena.end_m[0, u]):
         return True
-    there = np.hypot(x - arena.start_m[0, u], y - arena.start_m[1, u])
-    back = np.hypot(x - arena.end_m[0, u], y - arena.end_m[1, u])
-    return bool(there + back <= arena.last[u] * arena.step_m[u])
+    out_x, out_y = x - arena.start_m[0, u], y - arena.start_m[1, u]
+    on_x, on_y = arena.end_m[0, u] - x, arena.end_m[1, u] - y
+    there, back = np.hypot(out_x, out_y), np.hypot(on_x, on_y)
+    if not arena.has_wind:
+        return bool(there + back <= arena.last[u] * arena.step_m[u])
+    out, on = reach_of_step(arena, u, out_x, out_y), reach_of_step(arena, u, on_x, on_y)
+    return bool(out > 0.0 and on > 0.0 and there / out + back / on <= arena.last[u])

@@ -15,6 +15,7 @@ import numpy as np
 
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.fast.arena import PER_USER, Arena, Ints, is_pinned, kernel, smooth
+from skyfolio.planner.fast.routes import reach_of_step
 
 STRETCHES = (0.35, 0.8, 1.5, 3.0, 6.0)
 """Where the stretches that a moment stands for end, in flights to a neighbour; the last one ends with the plan."""
@@ -228,11 +229,11 @@ def position(arena: Arena, u: int, x: float, y: float, n: int) -> tuple[float, f
     """
     if arena.has_pinned and is_pinned(arena, u):
         return arena.pinned[n, 0, u], arena.pinned[n, 1, u]
-    x0, y0, step, last = arena.start_m[0, u], arena.start_m[1, u], arena.step_m[u], arena.last[u]
-    flown, way = min(n, last) * step, np.hypot(x - x0, y - y0)
+    x0, y0, last = arena.start_m[0, u], arena.start_m[1, u], arena.last[u]
+    flown, way = min(n, last) * reach_of_step(arena, u, x - x0, y - y0), np.hypot(x - x0, y - y0)
     if arena.has_ends and not np.isnan(arena.end_m[0, u]):
         x1, y1 = arena.end_m[0, u], arena.end_m[1, u]
-        left, back = max(last - n, 0) * step, np.hypot(x - x1, y - y1)
+        left, back = max(last - n, 0) * reach_of_step(arena, u, x1 - x, y1 - y), np.hypot(x - x1, y - y1)
         if left < back:
             return x1 + (x - x1) * left / back, y1 + (y - y1) * left / back
     if flown >= way:

@@ -98,6 +98,7 @@ def _motion(problem: Problem, u: int, path_m: Array, q: cp.Variable) -> list[cp.
         longest = np.maximum(step, np.linalg.norm(np.diff(path_m[:flying], axis=0), axis=1) / UNIT_M)
         constraints += [
             cp.norm(q[1:flying] - q[: flying - 1], axis=1) <= longest,  # (6d)
+            *_wind(problem, u, path_m[:flying], q[:flying]),
             q[1:flying] >= problem.low_m / UNIT_M,  # (6f)
             q[1:flying] <= problem.high_m / UNIT_M,
         ]
@@ -108,6 +109,17 @@ def _motion(problem: Problem, u: int, path_m: Array, q: cp.Variable) -> list[cp.
     if np.isfinite(problem.end_m[u]).all() and flying > 1:
         constraints.append(q[flying - 1] == problem.end_m[u] / UNIT_M)
     return constraints
+
+
+def _wind(problem: Problem, u: int, path_m: Array, q: cp.Expression) -> list[cp.Constraint]:
+    """Return the limit of the airspeed: steps lie in a disc around what the wind does in a slot."""
+    air = problem.air
+    if air is None or not np.isfinite(air.still_mps[u]):
+        return []
+    drift = air.wind_mps * air.slot_s / UNIT_M
+    now = np.linalg.norm(np.diff(path_m, axis=0) / UNIT_M - drift, axis=1)
+    longest = np.maximum(air.still_mps[u] * air.slot_s / UNIT_M * (1 - STEP_MARGIN), now)
+    return [cp.norm(q[1:] - q[:-1] - np.tile(drift, (len(now), 1)), axis=1) <= longest]
 
 
 def _separation(problem: Problem, paths_m: Array, q: list[cp.Variable]) -> list[cp.Constraint]:

@@ -1,0 +1,51 @@
+"""Batteries in a replan: what has been used by then, and until which slot each UAV can stay."""
+
+from __future__ import annotations
+
+from math import nan
+
+import numpy as np
+
+from skyfolio.planner.energy.air import air_of
+from skyfolio.planner.energy.rules import stays
+from skyfolio.planner.plans import Plan
+from skyfolio.planner.scenario import Point, Scenario, Uav
+
+
+def proven_use_wh(previous: Plan, uav: Uav, begin: int) -> float | None:
+    """Return what the UAV has used at most when slot `begin` of the plan begins, Wh; None while it is on the ground.
+
+    It is what the plan has proven: with it the rest of the plan is still affordable.
+    """
+    battery, air = uav.battery, previous.scenario.air_of(uav)
+    if battery is None or air is None or begin == 0 or uav.id not in previous.energy_margin_wh:
+        return None if battery is None else battery.used_wh
+    place_m = np.array([[previous.trajectories_m[uav.id][begin]]], dtype=float)
+    left = previous.energy_margin_wh[uav.id][begin - 1] + float(air.home_wh(place_m)[0, 0])
+    return max(0.0, battery.budget_wh - left)
+
+
+def in_the_air(uav: Uav, *, home_m: Point, used_wh: float | None) -> Uav:
+    """Return the UAV with so much used of its battery, and the home that it started from."""
+    assert uav.battery is not None  # noqa: S101 - the caller has looked
+    return uav.model_copy(update={"home_m": home_m, "battery": uav.battery.model_copy(update={"used_wh": used_wh})})
+
+
+def while_energy_lasts(scenario: Scenario, uavs: tuple[Uav, ...], slots: int) -> tuple[Uav, ...]:
+    """Return the UAVs of a replan of so many slots, those whose energy ends before leaving as late as they can.
+
+    One that has an end position, or cannot stay for a single slot, is left as it is: the scenario refuses it by name.
+    """
+    heights = [scenario.altitude_of(uav) for uav in uavs]
+    air = air_of(uavs, heights, scenario.wind, scenario.rally_points, scenario.slot_duration_s)
+    if air is None or not air.has_energy or not uavs:
+        return uavs
+    starts = np.array([uav.start_m for uav in uavs], dtype=float)
+    ends = np.array([uav.end_m or (nan, nan) for uav in uavs], dtype=float)
+    last = [min(uav.leaves_at_slot or slots, slots) - 1 for uav in uavs]
+    until = {
+        stay.uav: stay.slots for stay in stays(air, starts, ends, last) if stay.slots and uavs[stay.uav].end_m is None
+    }
+    return tuple(
+        uav.model_copy(update={"leaves_at_slot": until[u]}) if u in until else uav for u, uav in enumerate(uavs)
+    )
