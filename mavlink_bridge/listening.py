@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import AsyncGenerator, Callable, Collection, Coroutine
+from collections.abc import AsyncGenerator, Callable, Collection, Coroutine, Sequence
 from contextlib import suppress
 from functools import partial
 from math import inf
@@ -25,6 +25,7 @@ from skyfolio.mavlink_bridge.mission_messages import GROUND
 from skyfolio.mavlink_bridge.pace import VehicleModel
 from skyfolio.mavlink_bridge.pauses import PauseWatch
 from skyfolio.mavlink_bridge.ports import LinkPorts
+from skyfolio.mavlink_bridge.power_log import PowerSample
 from skyfolio.mavlink_bridge.profile import AutopilotProfile
 from skyfolio.mavlink_bridge.profiles import unknown_autopilot
 from skyfolio.mavlink_bridge.speeds import SpeedWatch
@@ -157,6 +158,11 @@ class ListeningLink:
         """
         vehicle = self._vehicles.get(system_id)
         return None if vehicle is None else vehicle.state.snapshot()
+
+    def power_samples(self, system_id: int) -> Sequence[PowerSample]:
+        """Return what a vehicle has reported of its power and velocity in flight, oldest first."""
+        vehicle = self._vehicles.get(system_id)
+        return () if vehicle is None else tuple(vehicle.state.power.samples)
 
     def home_deg(self, system_id: int) -> tuple[float, float] | None:
         """Return latitude and longitude of the home it has reported, degrees; None before that."""

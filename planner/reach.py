@@ -65,9 +65,7 @@ def squared_distance_range(
     return near**2 + height2, far**2 + height2
 
 
-def _by_air(
-    problem: Problem, slots: NDArray[np.intp], user: Array, near: Array, far: Array
-) -> tuple[Array, Array]:
+def _by_air(problem: Problem, slots: NDArray[np.intp], user: Array, near: Array, far: Array) -> tuple[Array, Array]:
     """Return tighter distances to users, (U, K, S) metres: what wind carries a UAV to, and how far it flies from there.
 
     user: (K, S or 1, 2), where they are.

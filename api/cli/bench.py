@@ -30,8 +30,8 @@ def planner(
     section: Annotated[
         list[str] | None,
         typer.Option(
-            help="Only this section (may be repeated): quality, fast, reference, ipopt, ablation, disruption, bound, "
-            "budgets, peers, proof, checked."
+            help="Only this section (may be repeated): quality, fast, reference, ipopt, ablation, energy, disruption, "
+            "bound, budgets, peers, proof, checked."
         ),
     ] = None,
     size: Annotated[list[str] | None, typer.Option(help="Only this size, such as 10x100x50 (may be repeated).")] = None,
@@ -169,6 +169,22 @@ def areas(
     if page is not None:
         write(markdown(figures), page)
     _give(figures, tables(figures), out, as_json=as_json)
+
+
+@bench.command()
+def energy(
+    flights: Annotated[int, typer.Option(min=2, help="Flights in wind, half of them of each autopilot.")] = 200,
+    out: Out = None,
+    page: Annotated[Path | None, typer.Option(help="Write the figures as Markdown here, too.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Measure how well plans predict the energy of flights in wind, on both simulated autopilots, in virtual time."""
+    from skyfolio.api.lab.bench.energy import energy_figures, markdown, table  # noqa: PLC0415
+
+    figures = energy_figures(flights, told=lambda text: typer.echo(text, err=True))
+    if page is not None:
+        write(markdown(figures), page)
+    _give(figures, [table(figures)], out, as_json=as_json)
 
 
 @bench.command()

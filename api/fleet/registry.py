@@ -18,6 +18,7 @@ from skyfolio.api.fleet.commander import Commander
 from skyfolio.api.fleet.fleet_connection import FleetConnection
 from skyfolio.api.fleet.fleet_ports import FleetPorts
 from skyfolio.api.fleet.own_link import Heard, OwnLink
+from skyfolio.api.fleet.rotor_fit import RotorFit, rotors_of
 from skyfolio.api.fleet.vehicle_news import FleetNews
 from skyfolio.api.fleet.vehicle_rights import VehicleRights
 from skyfolio.api.fleet.vehicle_view import VehicleView, view_of
@@ -28,6 +29,7 @@ from skyfolio.api.store.tables import vehicles as table
 from skyfolio.mavlink_bridge import FleetLink, LinkState, VehiclesMissing
 from skyfolio.mavlink_bridge.conditions import Change
 from skyfolio.mavlink_bridge.mission_messages import GROUND
+from skyfolio.planner.scenario import Wind
 
 HEARD_WITHIN_S = 5.0
 """Wall seconds that a vehicle may take to be heard before an upload, or the watch of its heartbeats, goes on without
@@ -226,6 +228,10 @@ class Fleet:
             simulated=uav_id in self._simulated,
             condition_cause=None if change is None else change.cause,
         )
+
+    def rotors_of(self, uav_id: str, wind: Wind) -> RotorFit:
+        """Return rotors fitted to what the vehicle reported in flight. Raises NotFoundError, ConflictError."""
+        return rotors_of(self.link, uav_id, self.find(uav_id).system_id, wind)
 
     @contextmanager
     def recorded(self, name: str) -> Iterator[None]:

@@ -54,8 +54,8 @@ class UavView(BaseModel):
 
     `slip_m`: metres from where the plan has it now, None before slot 0 and after the last. `state`: lost, returned
     (heard again, and offered to the operator), grounded, flying its mission, holding, or another mode by its name.
-    `energy`: of one with a battery in the plan, once slot 0 has begun. `end`: where it was when the operation ended; None
-    before that, and for an operation that never began slot 0.
+    `energy`: of one with a battery in the plan, once slot 0 has begun. `end`: where it was when the operation ended;
+    None before that, and for an operation that never began slot 0.
     """
 
     system_id: int

@@ -14,7 +14,7 @@ LEAST_SAMPLES = 30
 """With fewer the prior stands: a fit would be of noise."""
 INDUCED_MPS = np.linspace(2.0, 14.0, 49)
 """Tried in turn: the law is linear in everything else but the speed of the tips, which enters with blade_w."""
-PRIOR_SHARE = 1e-3
+PRIOR_SHARE = 1e-5
 """How much a relative change of a constant weighs beside a relative error of all samples: little, but it decides what
 the airspeeds that were flown leave open."""
 _MOST_TIP_MPS = 1000.0

@@ -18,7 +18,9 @@ from skyfolio.planner.energy.air import Air
 from skyfolio.planner.fast.jit import kernel
 from skyfolio.planner.problem import Problem
 
-HALVINGS = 12
+CHORDS = 4
+LITTLE_WH = 1e-5
+"""With less to spare a UAV goes no further."""
 
 
 class Breeze(NamedTuple):
@@ -151,14 +153,21 @@ def left_wh(
 def affordable_share(
     breeze: Breeze, u: int, spare_wh: float, home: float, x: float, y: float, dx: float, dy: float
 ) -> float:
-    """Return a share of the step (dx, dy) that UAV u can afford, of a UAV that can afford to hover: from 0 to 1."""
-    if left_wh(breeze, u, spare_wh, home, x, y, dx, dy)[0] >= 0.0:
+    """Return a share of the step (dx, dy) that UAV u can afford, of a UAV that can afford to hover: from 0 to 1.
+
+    What is left falls ever faster along the step, so that the chord between a share that leaves something and one that
+    leaves too little nearly always meets 0 at a share that is affordable; only such shares are returned.
+    """
+    low, left, high, short = 0.0, spare_wh, 1.0, left_wh(breeze, u, spare_wh, home, x, y, dx, dy)[0]
+    if short >= 0.0:
         return 1.0
-    low, high = 0.0, 1.0
-    for _ in range(HALVINGS):
-        share = (low + high) / 2.0
-        if left_wh(breeze, u, spare_wh, home, x, y, share * dx, share * dy)[0] >= 0.0:
-            low = share
+    for _ in range(CHORDS):
+        if left < LITTLE_WH or not short > -np.inf:
+            return low
+        share = low + (high - low) * left / (left - short)
+        value = left_wh(breeze, u, spare_wh, home, x, y, share * dx, share * dy)[0]
+        if value >= 0.0:
+            low, left = share, value
         else:
-            high = share
+            high, short = share, value
     return low

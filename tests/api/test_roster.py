@@ -31,6 +31,7 @@ class Sky:
         self.notes: list[tuple[str, dict[str, Any]]] = []
         self.reserved: set[str] = set()
         self.slots_s = 30.0
+        self.lacks: dict[str, str] = {}
         orders = dict.fromkeys(("hold", "land", "return_home"), self._return_home)
         self.link = SimpleNamespace(telemetry=self._telemetry, **orders)
         self.commander = Commander(lambda: cast("Link", self.link))
@@ -43,6 +44,7 @@ class Sky:
             now_s=lambda: self.slots_s,
             last_change_s=90.0,
             last_slot_s=95.0,
+            lacking=self.lacks.get,
         )
 
     def see(self, system_id: int, after: Condition, cause: str = "seen so") -> None:
@@ -249,3 +251,11 @@ def test_a_uav_that_a_human_has_just_taken_is_not_commanded_even_before_that_cou
     assert sky.roster.may_command("b")
     sky.flown_by.clear()
     assert sky.roster.may_command("a")
+
+
+def test_who_has_too_little_energy_for_the_plan_is_offered_as_low_on_battery() -> None:
+    sky = Sky()
+    sky.lacks["b"] = "3.0 Wh too little"
+    assert sky.roster.low_on_battery == {"b": "3.0 Wh too little"}
+    assert asyncio.run(sky.roster.retire("b")).detail == "sent home by the operator: 3.0 Wh too little"
+    assert sky.roster.low_on_battery == {}

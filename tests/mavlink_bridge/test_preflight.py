@@ -233,3 +233,11 @@ def test_old_and_new_names_of_arducopter_mean_the_same() -> None:
 def test_a_parameter_that_makes_no_sense_is_refused_by_name() -> None:
     with pytest.raises(ValueError, match="max_speed_mps"):
         model_from_parameters(Autopilot.PX4, {"MPC_XY_VEL_MAX": 0.0})
+
+
+def test_a_battery_that_does_not_cover_the_plan_keeps_it_on_the_ground() -> None:
+    needs = replace(NEEDS, battery_for_plan=0.85)
+    (finding,) = audit(facts(Autopilot.PX4, battery=0.84), needs)
+    assert (finding.name, finding.level, finding.refuses) == ("battery for the plan", Level.BLOCKER, True)
+    assert (finding.found, finding.should) == ("84%", "at least 85%")
+    assert audit(facts(Autopilot.PX4, battery=0.86), needs) == []

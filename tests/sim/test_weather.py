@@ -100,3 +100,10 @@ def test_the_distance_from_the_schedule_is_reported_when_each_slot_begins() -> N
 def test_a_grid_needs_a_duration() -> None:
     with pytest.raises(ValueError, match="duration_s must be a finite number above 0"):
         SlotGrid(0.0, 0.0, {})
+
+
+def test_a_power_module_measures_the_power_that_is_drawn() -> None:
+    fleet, _ = hover(Weather(wind_north_mps=5.0), 10.0)
+    battery = fleet.vehicles[1].autopilot.battery
+    assert battery.power_w > 100.0
+    assert battery.voltage_v * battery.current_a == pytest.approx(battery.power_w)

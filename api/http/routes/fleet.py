@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import APIRouter, Depends
+from fastapi import APIRouter, Depends, Query
 from pydantic import BaseModel, ConfigDict, Field
 
 from skyfolio.api.access.api_keys import Role
 from skyfolio.api.common.errors import ConflictError
 from skyfolio.api.common.idempotency import NewResource
+from skyfolio.api.fleet.rotor_fit import RotorFit
 from skyfolio.api.fleet.vehicle_view import VehicleView
 from skyfolio.api.flights.orders import OrderResult
 from skyfolio.api.http.routes.deps import KNOWN, ServiceDep, creates, requires
 from skyfolio.api.http.routes.examples import VEHICLE_EXAMPLES
+from skyfolio.planner.scenario import Wind
 
 router = APIRouter(prefix="/v1", tags=["fleet"], dependencies=[*KNOWN, requires(Role.VIEWER)])
 
@@ -78,6 +80,18 @@ async def list_vehicles(service: ServiceDep) -> list[VehicleView]:
 async def read_vehicle(uav_id: str, service: ServiceDep) -> VehicleView:
     """Return one vehicle, as it was last heard."""
     return service.fleet.find(uav_id)
+
+
+WindMps = Annotated[float, Query(ge=-100, le=100, allow_inf_nan=False)]
+
+
+@router.get("/fleet/vehicles/{uav_id}/rotors")
+async def fit_rotors_of_vehicle(
+    uav_id: str, service: ServiceDep, wind_east_mps: WindMps = 0.0, wind_north_mps: WindMps = 0.0
+) -> RotorFit:
+    """Return rotors for a scenario, fitted to the power that this vehicle has reported in flight through this wind."""
+    wind = Wind(east_mps=wind_east_mps, north_mps=wind_north_mps)
+    return service.fleet.rotors_of(uav_id, wind)
 
 
 @router.post("/fleet:hold", dependencies=[requires(Role.PILOT)])

@@ -8,7 +8,7 @@ from skyfolio.api.lab.bench.figures import Row, figures_of, measured, parts_of
 from skyfolio.api.lab.bench.tables import Lines, grid, on_terminal, provenance, target_lines
 from skyfolio.api.lab.bench.targets import growths, of_times, ratios
 
-SECTIONS = ("fast", "reference", "ipopt", "ablation", "users", "proof")
+SECTIONS = ("fast", "reference", "ipopt", "ablation", "users", "energy", "proof")
 TIMES = (
     "Warm milliseconds, p50 (p99), and the p50 of processor time, which a busy machine lengthens less; utility in "
     "kbit/s. Ours is the optimiser alone, from one start (hovering). The reference path is Algorithm 1 on cvxpy and "
@@ -44,6 +44,7 @@ def markdown(figures: Row) -> str:
         "## Whole calls, replans and memory",
         CALLS,
         grid(_calls(figures)),
+        *_windy(figures),
         "## Ablation at 3x9x20",
         *[_ablation(kind, case) for _, kind, case in measured(figures, "ablation")],
         "## Users beyond the letter's at 3x9x20",
@@ -109,6 +110,24 @@ def _calls(figures: Row) -> Lines:
             ]
         )
     return lines
+
+
+WINDY = (
+    "`plan()` and `replan()` at their defaults with wind (3.6 m/s, gusts of 1 m/s, at most 8 m/s through the air), and "
+    "with batteries that hold 2 % more than staying at the start takes; ratios are of processor time to still air."
+)
+
+
+def _windy(figures: Row) -> list[str]:
+    lines = [["U x K x N", "utility", "still: ms", "kbit/s", "wind: ms", "kbit/s", "ratio", "energy: ms", "kbit/s"]]
+    lines[0] += ["ratio", "replan ratio"]
+    for size, kind, case in measured(figures, "energy"):
+        row = [size, kind]
+        for name in ("still", "wind", "energy"):
+            row += [f"{case[name]['plan_call']['cpu_p50_ms']:.1f}", f"{case[name]['utility_kbps']:.2f}"]
+            row += [f"{case[name]['plan_call']['ratio']:.2f}"] if name != "still" else []
+        lines.append([*row, f"{case['energy']['replan_call']['ratio']:.2f}"])
+    return ["## With wind and batteries", WINDY, grid(lines)] if len(lines) > 1 else []
 
 
 def _ablation(kind: str, case: Row) -> str:

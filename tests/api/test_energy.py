@@ -1,0 +1,94 @@
+"""Batteries in operations: refused before take-off, watched in flight, and rotors fitted to what was reported."""
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+
+from skyfolio.api.common.errors import ConflictError
+from skyfolio.api.fleet.rotor_fit import rotors_of
+from skyfolio.api.flights.energy import EnergyWatch, energy_view
+from skyfolio.api.lab.bench.energy import Air, energy_figures, fitted, markdown, table
+from skyfolio.mavlink_bridge import Autopilot, FleetLink
+from skyfolio.mavlink_bridge.power_log import PowerSample
+from skyfolio.mavlink_bridge.telemetry import Telemetry
+from skyfolio.planner import EXAMPLES, MaxIterations, Plan, plan
+from skyfolio.planner.energy.power import law_of
+from skyfolio.planner.scenario import Battery, Rotors, Wind
+
+
+def planned(usable_wh: float = 40.0) -> Plan:
+    easy = EXAMPLES["minimal"]()
+    uavs = tuple(uav.model_copy(update={"battery": Battery(usable_wh=usable_wh)}) for uav in easy.uavs)
+    return plan(easy.with_changes(uavs=uavs), n_starts=1, stop=MaxIterations(1))
+
+
+def watch(made: Plan, charge: float | None, elapsed_s: float | None = 10.0) -> EnergyWatch:
+    told = cast("Telemetry", SimpleNamespace(battery=charge))
+    return EnergyWatch(lambda: made, lambda: elapsed_s, lambda _uav: told)
+
+
+def test_a_uav_lacks_energy_once_it_has_used_more_than_its_margin_beyond_the_plan() -> None:
+    made = planned()
+    slots = 10.0 / made.scenario.slot_duration_s
+    used, margin = made.energy_wh["uav-1"], min(made.energy_margin_wh["uav-1"])
+    assert slots == int(slots)
+    as_planned = used[int(slots) - 1]
+    enough, little = 1.0 - (as_planned + margin) / 40.0, 1.0 - (as_planned + margin + 1.0) / 40.0
+    assert watch(made, enough).lacking("uav-1") is None
+    said = watch(made, little).lacking("uav-1")
+    assert said is not None
+    assert "1.0 Wh too little to fly on and come home with its reserve" in said
+    assert watch(made, little, elapsed_s=None).lacking("uav-1") is None
+    assert watch(made, None).lacking("uav-1") is None
+    assert watch(EXAMPLES_PLAN, little).lacking("uav-1") is None
+
+
+EXAMPLES_PLAN = plan(EXAMPLES["minimal"](), n_starts=1, stop=MaxIterations(1))
+
+
+def test_clients_see_the_outlook() -> None:
+    view = energy_view(watch(planned(), 0.9).outlook("uav-1"))
+    assert view is not None
+    assert view.used_wh == pytest.approx(4.0)
+    assert view.at_end_wh > view.used_wh
+    assert energy_view(None) is None
+
+
+def test_rotors_are_fitted_to_the_reports_of_a_vehicle_and_not_before_there_are_enough() -> None:
+    true = Rotors(blade_w=120.0, induced_w=110.0)
+    wind = Wind(east_mps=3.0)
+    power = [float(law_of([true]).expected_w(_array(speed))[0]) for speed in range(12)]
+    samples = [PowerSample(power[speed], 3.0 + speed, 0.0, 0.0) for speed in range(12)] * 5
+    descents = [PowerSample(20.0, 0.0, 0.0, -2.0)] * 50
+
+    def link(kept: list[PowerSample]) -> FleetLink:
+        return cast("FleetLink", SimpleNamespace(power_samples=lambda _system: kept))
+
+    fit = rotors_of(link(samples + descents), "uav-1", 1, wind)
+    assert fit.samples == 60
+    assert fit.rms_w < 1.0
+    assert (fit.least_mps, fit.most_mps) == (0.0, 11.0)
+    with pytest.raises(ConflictError, match="'uav-1' has reported its power in flight 20 times"):
+        rotors_of(link(samples[:20] + descents), "uav-1", 1, wind)
+
+
+def _array(speed: float) -> Any:
+    return law_of([Rotors()]).blade_w * 0.0 + speed
+
+
+def test_a_fit_in_flight_predicts_the_energy_of_other_flights_in_other_winds() -> None:
+    figures = energy_figures(6)
+    assert figures["all"]["flights"] == 6
+    assert {row["autopilot"] for row in figures["rows"]} == {"px4", "ardupilot"}
+    assert figures["all"]["error_max"] <= figures["target_error"]
+    assert [row["expected_wh"] for row in figures["rows"]] == [row["expected_wh"] for row in energy_figures(6)["rows"]]
+    assert "| px4 | 3 |" in markdown(figures)
+    assert table(figures).row_count == 3
+
+
+def test_a_planner_that_does_not_know_the_vehicle_predicts_worse() -> None:
+    fit = fitted(Autopilot.PX4)
+    calm = law_of([fit.rotors, Rotors()]).expected_w(_array(5.0))
+    assert abs(calm[1] / calm[0] - 1.0) > 0.1
+    assert Air(wind_mps=3.0, towards_rad=0.0, gust_mps=0.5).wind().gust_mps == pytest.approx(1.5)
