@@ -43,11 +43,12 @@ def _nearest2(problem: Problem, ground: Ground) -> Array:
     """Return how near any UAV can come to each user at all, over the cells of the grid: (K, N or 1) m^2."""
     west_south, east_north, ground_m = ground.terrain.cells_in(problem.low_m, problem.high_m)
     least: Array = ground_m + ground.low_m.min()
-    nearest = np.empty(ground.user_ground_m.shape)
-    for k in range(nearest.shape[0]):
-        for s in range(nearest.shape[1]):
-            at = problem.user_m[k, s]
+    nearest: Array = np.zeros(ground.user_ground_m.shape)
+    for k in range(len(nearest)):
+        for s, over_m in enumerate(ground.user_ground_m[k].tolist()):
+            east, north = problem.user_m[k, s].tolist()
+            at = np.array([east, north])
             away = np.maximum(np.maximum(west_south - at, at - east_north), 0.0)
-            up = np.maximum(least - ground.user_ground_m[k, s], 0.0)
+            up = np.maximum(least - over_m, 0.0)
             nearest[k, s] = (np.square(away).sum(axis=1) + up**2).min()
     return np.maximum(nearest, 1e-6)

@@ -85,8 +85,8 @@ def broken_over_hills(seed: int) -> list[str]:
     scenario = over_hills(random_scenario(seed), seed)
     gone, at_slot = scenario.uav_ids[0], scenario.slots // 2
     try:
-        made = plan(scenario, n_starts=2, stop=MaxIterations(3))
-        rest = replan(made, failed=[gone], at_slot=at_slot, stop=MaxIterations(3))
+        made = plan(scenario, n_starts=1, stop=MaxIterations(2))
+        rest = replan(made, failed=[gone], at_slot=at_slot, n_starts=1, stop=MaxIterations(2))
     except UnreachableEndError as error:  # a refusal is no violation, but is told
         return [f"{REFUSED}: {error}"]
     except (InfeasiblePlanError, ReplanError) as error:

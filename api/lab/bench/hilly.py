@@ -68,7 +68,8 @@ def judged(plan: Plan) -> list[str]:
             turns = _along(here, there)
             home = uav.home_m or uav.start_m
             ways = [turns, *(_along(turn, np.array([*home, turn[2]])) for turn in turns[:: max(1, len(turns) // 4)])]
-            margin = min(float((way[:, 2] - terrain_heights(terrain, way[:, :2])).min()) for way in ways)
+            places = np.concatenate(ways)
+            margin = float((places[:, 2] - terrain_heights(terrain, places[:, :2])).min())
             if margin < (scenario.clearance_m or 0.0) - ROUNDING_M:
                 found.append(f"{uav.id} slot {n}: {margin:.3f} m over the ground")
     return found
