@@ -80,6 +80,18 @@ class Terrain(Frozen):
         heights: Array = self._at(self._in_cells(points_m))
         return heights
 
+    def height_at(self, east_m: float, north_m: float) -> float:
+        """Return the ground height at one point, metres above mean sea level, much faster than `height_m` does."""
+        rows, columns = len(self.heights_m), len(self.heights_m[0])
+        east = min(max((east_m - self.south_west_m[0]) / self.spacing_m, 0.0), columns - 1.0)
+        north = min(max((north_m - self.south_west_m[1]) / self.spacing_m, 0.0), rows - 1.0)
+        column, row = min(int(east), columns - 2), min(int(north), rows - 2)
+        x, y = east - column, north - row
+        south, above = self.heights_m[row], self.heights_m[row + 1]
+        low = (1.0 - x) * south[column] + x * south[column + 1]
+        high = (1.0 - x) * above[column] + x * above[column + 1]
+        return (1.0 - y) * low + y * high
+
     def highest_on_segments(self, start_m: Array, end_m: Array) -> Array:
         """Return the greatest ground height on straight segments, exact: (L,) metres above mean sea level.
 

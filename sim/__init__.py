@@ -43,6 +43,7 @@ from skyfolio.sim.faults import (
 from skyfolio.sim.fleet import DEFAULT_ENDPOINT, Fleet, serve
 from skyfolio.sim.impairments import Impairments
 from skyfolio.sim.kinematics import Limits
+from skyfolio.sim.land import Hills
 from skyfolio.sim.missions import Mission, MissionItem
 from skyfolio.sim.modes import Mode
 from skyfolio.sim.slots import SlotGrid
@@ -65,6 +66,7 @@ __all__ = [
     "Fleet",
     "Freeze",
     "GpsLoss",
+    "Hills",
     "Impair",
     "Impairments",
     "Kill",

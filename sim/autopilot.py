@@ -20,6 +20,7 @@ from skyfolio.sim.ground import Ground
 from skyfolio.sim.hosts import Refusal
 from skyfolio.sim.inbox import Inbox
 from skyfolio.sim.kinematics import Body, Limits
+from skyfolio.sim.land import Hills, Land, Level
 from skyfolio.sim.metadata import metadata_files
 from skyfolio.sim.mission_protocol import MissionProtocol
 from skyfolio.sim.mission_runner import MissionRunner
@@ -46,7 +47,8 @@ class Autopilot:
     `handle` answers a message, `step` flies, and `due` returns what is to be sent to everybody. `on_event(kind,
     detail)` is called with what really happens (kinds: see `sim.truth.Event`). `protocol_clock` gives wall seconds for
     the protocol's time-outs; `phase` in [0, 1) spreads the streams of a fleet. `limits` None takes the flavour's own.
-    `now_s` is the fleet time at which the vehicle joins; it was switched on `spec.booted_s_ago` seconds before.
+    `hills`: the ground, where it is not level. `now_s` is the fleet time at which the vehicle joins; it was switched on
+    `spec.booted_s_ago` seconds before.
     """
 
     def __init__(
@@ -59,6 +61,7 @@ class Autopilot:
         now_s: float = 0.0,
         phase: float = 0.0,
         air: Air | None = None,
+        hills: Hills | None = None,
     ) -> None:
         self.spec = spec
         self._flavour = flavour = FLAVOURS[spec.autopilot]
@@ -69,6 +72,7 @@ class Autopilot:
         self.parameters = ParameterStore(parameters, flavour.tuning, bytewise=flavour.bytewise)
         self.clock = OnboardClock(now_s, spec.booted_s_ago)
         self.air = air or Air(Weather(), "calm")
+        self.land: Land = Level() if hills is None else hills.around(self.frame, spec.home_alt_m)
         self.battery = Battery()
         self.dynamics = Dynamics(self)
         self.component_failures = ComponentFailures(self)

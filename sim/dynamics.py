@@ -6,6 +6,7 @@ from typing import Protocol
 
 from skyfolio.sim.airframe import ARMED_IDLE_W, GUST_SHARE, IDLE_W, MAX_AIRSPEED_MPS, Battery, flight_power_w
 from skyfolio.sim.kinematics import Body, Guidance, fall, step
+from skyfolio.sim.land import Land
 from skyfolio.sim.parameter_store import ParameterStore
 from skyfolio.sim.weather import Air
 
@@ -24,6 +25,7 @@ class DynamicsHost(Protocol):
     """The vehicle around the body; an empty battery disarms it."""
 
     air: Air
+    land: Land
     battery: Battery
     parameters: ParameterStore
     armed: bool
@@ -60,6 +62,7 @@ class Dynamics:
     def step(self, now_s: float, dt_s: float) -> None:
         """Fly for `dt_s` seconds, to arrive at fleet time `now_s`."""
         host = self._host
+        was_on_ground = self.body.on_ground
         host.air.step(dt_s, satellites=self.satellites)
         if host.battery.share <= 0.0 and host.armed:
             self.cut_power()
@@ -67,6 +70,7 @@ class Dynamics:
             self.body = fall(self.body, dt_s)
         elif host.armed:
             self._fly(now_s, dt_s)
+        self._meet_ground(was_on_ground=was_on_ground)
         self._drain(dt_s)
 
     def cut_power(self) -> None:
@@ -76,17 +80,35 @@ class Dynamics:
     def drift(self, dt_s: float) -> None:
         """Move for `dt_s` seconds while the autopilot does not run: the motors keep turning as they did."""
         body = self.body
+        was_on_ground = body.on_ground
         if not self.powered:
             self.body = fall(body, dt_s)
-        elif not body.on_ground:
-            up_m = max(0.0, body.up_m + body.up_mps * dt_s)
+        elif not was_on_ground:
+            up_m = max(body.ground_m, body.up_m + body.up_mps * dt_s)
             east_m, north_m = body.east_m + body.east_mps * dt_s, body.north_m + body.north_mps * dt_s
             self.body = replace(body, east_m=east_m, north_m=north_m, up_m=up_m)
             if self.body.on_ground:
                 soft = max(-body.up_mps, math.hypot(body.east_mps, body.north_mps)) <= SOFT_TOUCHDOWN_MPS
                 self.body = replace(self.body, east_mps=0.0, north_mps=0.0, up_mps=0.0)
                 self.crashed, self.powered = not soft, soft
+        self._meet_ground(was_on_ground=was_on_ground)
         self._drain(dt_s)
+
+    def _meet_ground(self, *, was_on_ground: bool) -> None:
+        """Note the ground beneath; a vehicle that flies into it, and does not land, crashes."""
+        body, land = self.body, self._host.land
+        ground_m = land.up_m((body.east_m, body.north_m))
+        if ground_m == body.ground_m:
+            return
+        stands = was_on_ground and body.on_ground
+        if not stands and body.up_m > ground_m:
+            self.body = replace(body, ground_m=ground_m)
+            return
+        still = {"east_mps": 0.0, "north_mps": 0.0, "up_mps": 0.0, "east_mps2": 0.0, "north_mps2": 0.0}
+        self.body = replace(body, up_m=ground_m, ground_m=ground_m, **still)
+        if not stands and not self.landing:
+            self.crashed = True
+            self.cut_power()
 
     def _fly(self, now_s: float, dt_s: float) -> None:
         host = self._host

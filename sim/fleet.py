@@ -15,6 +15,7 @@ from skyfolio.sim.faults import Fault, describe
 from skyfolio.sim.impairments import Impairments
 from skyfolio.sim.kinematics import Limits
 from skyfolio.sim.knobs import LONGEST_S, check_number, check_whole
+from skyfolio.sim.land import Hills
 from skyfolio.sim.link import Address, MemoryLink, Radio, endpoints_of, open_link
 from skyfolio.sim.signing import Signature
 from skyfolio.sim.slots import GeoPoint, SlotGrid
@@ -44,7 +45,8 @@ class Fleet:
     whole fleet in virtual time as fast as it computes, `attach` puts ground stations beside it in memory, and the same
     seed gives the same log byte for byte. `seed` decides phases, weather and links. `protocol_clock` gives the seconds
     for time-outs and links: by default wall time with sockets, fleet time without. `signing_key` (32 bytes): sign, and
-    refuse what is not signed. ValueError for no vehicles, duplicate ids, a bad endpoint or key.
+    refuse what is not signed. `hills`: the ground, where it is not level. ValueError for no vehicles, duplicate ids, a
+    bad endpoint or key.
     """
 
     def __init__(
@@ -58,6 +60,7 @@ class Fleet:
         protocol_clock: Callable[[], float] | None = None,
         weather: Weather | None = None,
         signing_key: bytes | None = None,
+        hills: Hills | None = None,
     ) -> None:
         vehicles = list(specs)
         if not vehicles:
@@ -77,6 +80,7 @@ class Fleet:
         self._protocol_clock = protocol_clock
         self._seed = seed
         self._signature = None if signing_key is None else Signature(signing_key, self._unix_time)
+        self._hills = hills
         spread = random.Random(seed)  # noqa: S311
         self.vehicles: dict[int, Vehicle] = {
             spec.system_id: self._vehicle(spec, limits, weather or Weather(), spread.random()) for spec in vehicles
@@ -94,6 +98,7 @@ class Fleet:
             air=Air(weather, name),
             tap=self.truth,
             encoder=Encoder(spec.system_id, self._signature),
+            hills=self._hills,
         )
 
     # -- what happens to it -------------------------------------------------------------------------------------

@@ -1,8 +1,8 @@
 """How a multirotor moves: pure kinematics with limits, no modes, no MAVLink, no clock.
 
-Frame: metres east, north and up of the vehicle's spawn point on level ground (up = 0). Yaw in radians, 0 = north,
-clockwise positive. `step` takes a body and its guidance, and returns the body a moment later. With a jerk
-limit (ArduCopter's WPNAV_JERK) the acceleration builds up and fades, which is what makes short legs late.
+Frame: metres east, north and up of the vehicle's spawn point (up = 0). The ground is at `Body.ground_m`. Yaw in
+radians, 0 = north, clockwise positive. `step` takes a body and its guidance, and returns the body a moment later. With a
+jerk limit (ArduCopter's WPNAV_JERK) the acceleration builds up and fades, which is what makes short legs late.
 """
 
 import math
@@ -53,7 +53,10 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """Position (m), velocity (m/s), heading (rad) and horizontal acceleration (m/s^2) of one vehicle."""
+    """Position (m), velocity (m/s), heading (rad) and horizontal acceleration (m/s^2) of one vehicle.
+
+    ground_m: how high the ground is beneath it, above the spawn point.
+    """
 
     east_m: float = 0.0
     north_m: float = 0.0
@@ -64,6 +67,7 @@ class Body:
     yaw_rad: float = 0.0
     east_mps2: float = 0.0
     north_mps2: float = 0.0
+    ground_m: float = 0.0
 
     @property
     def ground_speed_mps(self) -> float:
@@ -73,7 +77,7 @@ class Body:
     @property
     def on_ground(self) -> bool:
         """Whether the skids touch the ground."""
-        return self.up_m <= 0.0
+        return self.up_m <= self.ground_m
 
     def distance_to(self, east_m: float, north_m: float) -> float:
         """Return the horizontal distance to a point, metres."""
@@ -147,8 +151,8 @@ def step(body: Body, guidance: Guidance, limits: Limits, dt_s: float) -> Body:
     east_mps, north_mps = body.east_mps + east_mps2 * dt_s, body.north_mps + north_mps2 * dt_s
     up_mps = _vertical_velocity(body, guidance, limits, dt_s)
     up_m = body.up_m + (body.up_mps + up_mps) / 2.0 * dt_s
-    if up_m <= 0.0:
-        up_m = up_mps = 0.0
+    if up_m <= body.ground_m:
+        up_m, up_mps = body.ground_m, 0.0
         if guidance.landing:
             east_mps = north_mps = east_mps2 = north_mps2 = 0.0
     return Body(
@@ -161,19 +165,20 @@ def step(body: Body, guidance: Guidance, limits: Limits, dt_s: float) -> Body:
         yaw_rad=_yaw(body, guidance, east_mps, north_mps, dt_s),
         east_mps2=east_mps2,
         north_mps2=north_mps2,
+        ground_m=body.ground_m,
     )
 
 
 def fall(body: Body, dt_s: float) -> Body:
     """Return the body `dt_s` later with the motors stopped; at rest once it is on the ground."""
     if body.on_ground:
-        return replace(body, up_m=0.0, east_mps=0.0, north_mps=0.0, up_mps=0.0, east_mps2=0.0, north_mps2=0.0)
+        return replace(body, up_m=body.ground_m, east_mps=0.0, north_mps=0.0, up_mps=0.0, east_mps2=0.0, north_mps2=0.0)
     up_mps = max(body.up_mps - GRAVITY_MPS2 * dt_s, -TERMINAL_SPEED_MPS)
     return replace(
         body,
         east_m=body.east_m + body.east_mps * dt_s,
         north_m=body.north_m + body.north_mps * dt_s,
-        up_m=max(0.0, body.up_m + (body.up_mps + up_mps) / 2.0 * dt_s),
+        up_m=max(body.ground_m, body.up_m + (body.up_mps + up_mps) / 2.0 * dt_s),
         up_mps=up_mps,
     )
 

@@ -7,6 +7,7 @@ from typing import Any, Protocol
 
 from skyfolio.sim.autopilot import Autopilot
 from skyfolio.sim.kinematics import Limits
+from skyfolio.sim.land import Hills
 from skyfolio.sim.link import Address, Link, Radio
 from skyfolio.sim.missions import Mission
 from skyfolio.sim.modes import Mode
@@ -52,6 +53,7 @@ class Vehicle:
         air: Air,
         tap: Tap,
         encoder: Encoder,
+        hills: Hills | None = None,
     ) -> None:
         self.spec = spec
         self.radio = radio
@@ -63,6 +65,7 @@ class Vehicle:
             now_s=now_s,
             phase=phase,
             air=air,
+            hills=hills,
         )
         self.link: Link | None = None
         self._encoder = encoder

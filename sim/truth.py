@@ -20,7 +20,8 @@ MAX_MESSAGES = 200_000
 class Sample:
     """One vehicle at one moment of fleet time.
 
-    Degrees (WGS 84), metres above its home, m/s; `mission_id` is 0 without a mission, `battery` a share from 0 to 1.
+    Degrees (WGS 84), metres above home, above the ground beneath and above mean sea level, m/s; `mission_id` is 0
+    without a mission, `battery` a share from 0 to 1.
     """
 
     t_s: float
@@ -36,6 +37,8 @@ class Sample:
     mission_id: int
     mission_current: int
     battery: float = 1.0
+    over_ground_m: float = 0.0
+    altitude_amsl_m: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,6 +109,8 @@ class TruthLog:
             autopilot.runner.mission.mission_id,
             autopilot.runner.index,
             autopilot.battery.share,
+            autopilot.body.up_m - autopilot.body.ground_m,
+            autopilot.spec.home_alt_m + autopilot.body.up_m,
         )
         self.samples.append(sample)
         self._sink(sample)

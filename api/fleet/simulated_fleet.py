@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import socket
 import threading
+from dataclasses import replace
 from typing import Any
 
 from skyfolio import sim
@@ -23,12 +24,23 @@ def scenario_of(name: str) -> Scenario:
 def specs_at_starts(
     scenario: Scenario, autopilot: str = DEFAULT_AUTOPILOT.value, booted_s_ago: float = sim.BOOTED_S_AGO
 ) -> list[sim.VehicleSpec]:
-    """Return one vehicle on the ground at each UAV's start; system ids 1, 2, ... in the scenario's order."""
+    """Return one vehicle on the ground at each UAV's start; system ids 1, 2, ... in the scenario's order.
+
+    With terrain their homes are at its heights.
+    """
     specs = []
     for system_id, uav in enumerate(scenario.uavs, start=1):
         lat_deg, lon_deg = east_north_to_geodetic(scenario.origin, *uav.start_m)
-        specs.append(sim.VehicleSpec(system_id, lat_deg, lon_deg, autopilot=autopilot, booted_s_ago=booted_s_ago))
+        spec = sim.VehicleSpec(system_id, lat_deg, lon_deg, autopilot=autopilot, booted_s_ago=booted_s_ago)
+        if scenario.terrain is not None:
+            spec = replace(spec, home_alt_m=scenario.terrain.height_at(*uav.start_m))
+        specs.append(spec)
     return specs
+
+
+def hills_of(scenario: Scenario) -> sim.Hills | None:
+    """Return the ground of a scenario with terrain, for its simulated fleet."""
+    return None if scenario.terrain is None else sim.Hills(scenario.terrain, scenario.origin)
 
 
 def own_endpoint() -> str:
@@ -55,7 +67,10 @@ class SimulatedFleet:
 
     def __init__(self, scenario: Scenario, endpoint: str, speedup: float) -> None:
         self.fleet = sim.Fleet(
-            specs_at_starts(scenario), clock=sim.ScaledClock(speedup), endpoint=f"udpout://{endpoint}"
+            specs_at_starts(scenario),
+            clock=sim.ScaledClock(speedup),
+            endpoint=f"udpout://{endpoint}",
+            hills=hills_of(scenario),
         )
         for vehicle in self.fleet.vehicles.values():
             if "COM_OBL_RC_ACT" in vehicle.autopilot.parameters:

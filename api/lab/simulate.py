@@ -13,7 +13,7 @@ from typing import Any
 
 from rich.console import Console
 
-from skyfolio.api.fleet.simulated_fleet import specs_at_starts
+from skyfolio.api.fleet.simulated_fleet import hills_of, specs_at_starts
 from skyfolio.api.lab.radio import RadioTruth
 from skyfolio.mavlink_bridge import DEFAULT_AUTOPILOT, east_north_to_geodetic
 from skyfolio.planner import EXAMPLES, Plan, Scenario
@@ -89,6 +89,7 @@ def fleet_of(config: SimulateConfig) -> Fleet:
             seed=config.seed,
             weather=Weather(**_knobs("--weather", config.weather)),
             signing_key=bytes.fromhex(config.signing_key) if config.signing_key else None,
+            hills=None if scenario is None else hills_of(scenario),
         )
         fleet.impair(up=_impairments("--up", config.up), down=_impairments("--down", config.down))
         for text in config.faults:

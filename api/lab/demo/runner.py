@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from skyfolio import sim
-from skyfolio.api.fleet.simulated_fleet import specs_at_starts
+from skyfolio.api.fleet.simulated_fleet import hills_of, specs_at_starts
 from skyfolio.api.flights.operation_views import ENDED as ENDED_STATES
 from skyfolio.api.lab.demo import truth
 from skyfolio.api.lab.demo.client import DemoError, call, free_port, service_process
@@ -32,7 +32,12 @@ async def run_demo(config: DemoConfig, *, quiet: bool = False) -> DemoReport:
     config.out.mkdir(parents=True, exist_ok=True)
     began = time.monotonic()
     endpoint = f"127.0.0.1:{free_port(socket.SOCK_DGRAM)}"
-    fleet = sim.Fleet(specs_at_starts(scenario), clock=sim.ScaledClock(config.speedup), endpoint=f"udpout://{endpoint}")
+    fleet = sim.Fleet(
+        specs_at_starts(scenario),
+        clock=sim.ScaledClock(config.speedup),
+        endpoint=f"udpout://{endpoint}",
+        hills=hills_of(scenario),
+    )
     console = Console(quiet=quiet, stderr=quiet)
     with _progress(console) as progress:
         drill = Drill(config, scenario, fleet, progress)

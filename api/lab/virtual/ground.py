@@ -32,7 +32,7 @@ from skyfolio.api.common.fleet_clock import FleetClock
 from skyfolio.api.common.settings import Settings
 from skyfolio.api.common.surroundings import Surroundings, new_token, surrounded
 from skyfolio.api.fleet.fleet_ports import FleetPorts
-from skyfolio.api.fleet.simulated_fleet import specs_at_starts
+from skyfolio.api.fleet.simulated_fleet import hills_of, specs_at_starts
 from skyfolio.api.lab.virtual.disk import Disk, Line, MemoryBackend
 from skyfolio.api.lab.virtual.guards import carry_out
 from skyfolio.api.lab.virtual.leases import MemoryLeaseTable
@@ -87,7 +87,11 @@ class Ground:
         self.scenario = scenario
         self._loop = asyncio.get_running_loop()
         self.fleet = sim.Fleet(
-            specs_at_starts(scenario) if specs is None else specs, clock=_LoopClock(), seed=seed, weather=weather
+            specs_at_starts(scenario) if specs is None else specs,
+            clock=_LoopClock(),
+            seed=seed,
+            weather=weather,
+            hills=hills_of(scenario),
         )
         self.disk, self.workers = Disk(), Workers(solve_s)
         self.on_event: Callable[[Event], None] = lambda _event: None
