@@ -1,8 +1,8 @@
 """How a multirotor moves: pure kinematics with limits, no modes, no MAVLink, no clock.
 
 Frame: metres east, north and up of the vehicle's spawn point (up = 0). The ground is at `Body.ground_m`. Yaw in
-radians, 0 = north, clockwise positive. `step` takes a body and its guidance, and returns the body a moment later. With a
-jerk limit (ArduCopter's WPNAV_JERK) the acceleration builds up and fades, which is what makes short legs late.
+radians, 0 = north, clockwise positive. `step` takes a body and its guidance, and returns the body a moment later. With
+a jerk limit (ArduCopter's WPNAV_JERK) the acceleration builds up and fades, which is what makes short legs late.
 """
 
 import math
