@@ -105,6 +105,11 @@ class Vehicle:
         return self.autopilot.runner.mission
 
     @property
+    def item(self) -> int:
+        """The current item of the mission on board."""
+        return self.autopilot.runner.index
+
+    @property
     def alive(self) -> bool:
         """Whether the vehicle still works: neither killed nor crashed."""
         return not (self._killed or self.autopilot.dynamics.crashed)

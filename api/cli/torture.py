@@ -33,6 +33,12 @@ def torture(
         Path | None,
         typer.Option(help="Plant each bug of this folder in a copy of the package instead, and see which are found."),
     ] = None,
+    tries: Annotated[
+        int | None,
+        typer.Option(
+            min=1, help="With --mutations: fly only so many of the drills for each bug, the aimed ones first."
+        ),
+    ] = None,
     recording: Annotated[
         Path | None, typer.Option(help="With --replay: write a database here whose flight the dashboard replays.")
     ] = None,
@@ -48,7 +54,9 @@ def torture(
     if recording is not None and replay is None:
         raise UsageError("--recording: only a drill that is replayed is recorded; name its file with --replay")
     if mutations is not None:
-        broken = _hunt(mutations, seed, drills, out / "mutations.json", as_json=as_json)
+        broken = _hunt(
+            mutations, range(seed, seed + drills), out / "mutations.json", tries=tries, jobs=jobs, as_json=as_json
+        )
     elif replay is not None:
         broken = _replay(replay, recording, as_json=as_json)
     else:
@@ -111,7 +119,7 @@ def _show(tally: Tally, *, as_json: bool) -> None:
         typer.echo(f"{count:6}  {name}")
 
 
-def _hunt(folder: Path, seed: int, drills: int, results: Path, *, as_json: bool) -> bool:
+def _hunt(folder: Path, seeds: range, results: Path, *, tries: int | None, jobs: int, as_json: bool) -> bool:
     from skyfolio.api.lab.torture.mutations import Hunt, hunt_all, read_mutations  # noqa: PLC0415
 
     try:
@@ -121,9 +129,10 @@ def _hunt(folder: Path, seed: int, drills: int, results: Path, *, as_json: bool)
 
     def told(hunt: Hunt) -> None:
         what = ", ".join(hunt.broken or ()) or "not found"
-        typer.echo(f"{hunt.name}: {what} ({hunt.drills} drills)", err=True)
+        by = f"by drill {hunt.seed} after" if hunt.found else "by"
+        typer.echo(f"{hunt.name}: {what} ({by} {len(hunt.flown)} drills)", err=True)
 
-    hunts = hunt_all(planted, results, seed=seed, drills=drills, told=told)
+    hunts = hunt_all(planted, results, seeds=seeds, tries=tries, jobs=jobs, told=told)
     missed = [hunt.name for hunt in hunts if not hunt.found]
     if as_json:
         typer.echo(json.dumps({"mutations": [asdict(hunt) for hunt in hunts], "missed": missed}))

@@ -11,6 +11,7 @@ from skyfolio.api.flights.guidance_options import GuidanceOptions, Mode
 from skyfolio.api.flights.journal import Step
 from skyfolio.api.flights.operation_views import Policy, State
 from skyfolio.api.lab.virtual.ground import Ground
+from skyfolio.mavlink_bridge import OnEnd
 from skyfolio.mavlink_bridge.autopilots import DEFAULT_AUTOPILOT, Autopilot
 from skyfolio.mavlink_bridge.guidance import FallBack
 from skyfolio.planner import EXAMPLES, Scenario
@@ -82,7 +83,7 @@ class Blow(_Document):
 class Drill(_Document):
     """One drill.
 
-    guidance, fall_back: as of `GuidanceOptions`. loss: share of datagrams lost both ways. gust_mps, gps_m: as of
+    guidance, fall_back, at_end: as of `GuidanceOptions`. loss: share of datagrams lost both ways. gust_mps, gps_m: as of
     `sim.Weather`. solve_s: of a replan.
     """
 
@@ -94,6 +95,7 @@ class Drill(_Document):
     policy: Policy = "auto"
     guidance: Mode = "mission"
     fall_back: FallBack = FallBack.MISSION
+    at_end: OnEnd = OnEnd.LAND
     loss: float = Field(default=0.0, ge=0.0, le=1.0)
     gust_mps: float = Field(default=0.0, ge=0.0)
     gps_m: float = Field(default=0.0, ge=0.0)
@@ -117,7 +119,7 @@ class Drill(_Document):
 
     def options(self) -> GuidanceOptions:
         """Return how the flight is guided."""
-        return GuidanceOptions(mode=self.guidance, fall_back=self.fall_back)
+        return GuidanceOptions(mode=self.guidance, fall_back=self.fall_back, at_end=self.at_end)
 
     def ground(self) -> Ground:
         """Return the ground for it, on the running virtual loop."""

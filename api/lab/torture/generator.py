@@ -9,6 +9,7 @@ from typing import Any, get_args
 
 from skyfolio.api.flights.journal import Step
 from skyfolio.api.flights.operation_views import State
+from skyfolio.api.lab.torture.aims import aim_of, aimed
 from skyfolio.api.lab.torture.drill import Blow, Drill, Moment, VehicleNews
 from skyfolio.mavlink_bridge import Autopilot
 from skyfolio.mavlink_bridge.guidance import FallBack
@@ -27,7 +28,12 @@ _IMPAIRED = ({"loss": 0.3}, {"loss": 0.1, "burst": 4.0}, {"latency_s": 0.4}, {"c
 
 
 def drill_of(seed: int) -> Drill:
-    """Return the drill of this seed, always the same."""
+    """Return the drill of this seed, always the same: left to chance, or after something (`aims`)."""
+    drill, aim = _by_chance(seed), aim_of(seed)
+    return drill if aim is None else aimed(drill, aim)
+
+
+def _by_chance(seed: int) -> Drill:
     chance = random.Random(f"drill/{seed}")  # noqa: S311
     example = chance.choice(("paper", "paper", "paper", "minimal"))
     slots = chance.choice((8, 12, 16))

@@ -1,6 +1,6 @@
 """Flies the drills of some seeds until one breaks something, and prints which: one line of JSON, `null` if none does.
 
-    python -m skyfolio.api.lab.torture.hunter FIRST LAST        the seeds from FIRST to LAST - 1
+    echo '[1, 2, 3]' | python -m skyfolio.api.lab.torture.hunter
 
 A process of its own, so that it may run with a copy of the package.
 """
@@ -16,8 +16,7 @@ from skyfolio.api.lab.torture.campaign import begin_worker, one
 def main() -> None:
     """Fly, and print."""
     begin_worker()
-    first, last = map(int, sys.argv[1:])
-    for seed in range(first, last):
+    for seed in json.load(sys.stdin):
         result = one(seed)
         if result.broken:
             print(json.dumps({"seed": seed, "broken": result.broken}))  # noqa: T201

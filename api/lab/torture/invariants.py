@@ -10,15 +10,20 @@ from itertools import combinations
 from math import dist
 
 from skyfolio.api.flights.operation_views import State
-from skyfolio.api.lab.torture import records, recoveries, reserved_air
-from skyfolio.api.lab.torture.checks import AFTERWARDS, AT_END, MEANWHILE, at_end, look, meanwhile
+from skyfolio.api.lab.torture.checks import at_end, meanwhile
+from skyfolio.api.lab.torture.guiding import AFTER
 from skyfolio.api.lab.torture.missions import on_board_of, strangers
 from skyfolio.api.lab.torture.vehicles import LOW_M
 from skyfolio.api.lab.torture.watch import Seen
 from skyfolio.sim import Mode
 from skyfolio.sim.station import Vehicle
 
-__all__ = ["AFTERWARDS", "AT_END", "MEANWHILE", "look", "records", "recoveries", "reserved_air"]
+__all__ = [
+    *("AFTERWARDS", "AT_END", "MEANWHILE", "look"),
+    *("guiding", "losses", "records", "recoveries", "reserved_air"),
+]
+READ_BACK_S = 10.0
+"""A vehicle that has stored wrongly what it was sent may fly that for so long: by then it is read back, or it holds."""
 OFF_PLAN_M = 2.5
 """How much nearer than D_min two vehicles may come by being off their places, each by half of it."""
 NOTICED_S = 6.0
@@ -50,15 +55,18 @@ def _flies_a_plan(seen: Seen, vehicle: Vehicle) -> bool:
 def _whole_missions(seen: Seen) -> Iterator[str]:
     """Fly whole missions, old or new, never a mixture: people have lost aircraft to hybrids.
 
-    A vehicle that stores wrongly what it is sent flies that until it is read back: before that, it is not known.
+    A vehicle that stores wrongly what it is sent flies that until it is read back.
     """
     for vehicle in seen.ground.fleet.vehicles.values():
-        if "corrupt_upload" in seen.harms.get(vehicle.system_id, ()):
+        items = on_board_of(vehicle)
+        flies = vehicle.mode is Mode.MISSION and vehicle.armed and vehicle.alive
+        if not flies or not items or not strangers(seen, vehicle, items):
+            seen.strange_since_s.pop(vehicle.system_id, None)
             continue
-        if vehicle.mode is Mode.MISSION and vehicle.armed and vehicle.alive:
-            items = on_board_of(vehicle)
-            if items and strangers(seen, vehicle, items):
-                yield f"vehicle {vehicle.system_id} flies {len(items)} items that no assigned mission has"
+        since_s = seen.strange_since_s.setdefault(vehicle.system_id, seen.ground.now_s)
+        wrongly = "corrupt_upload" in seen.harms.get(vehicle.system_id, ())
+        if not wrongly or seen.ground.now_s - since_s > READ_BACK_S:
+            yield f"vehicle {vehicle.system_id} flies {len(items)} items that no assigned mission has"
 
 
 @meanwhile
@@ -103,7 +111,7 @@ def _vehicles_are_left_as_they_were_ordered(seen: Seen) -> Iterator[str]:
         ordered = dict.fromkeys((uav for uav in end.vehicles if uav not in end.lost), _NO_MISSION)
     elif end.abort is not None:
         ordered = dict.fromkeys(
-            (uav for uav, error in end.abort.vehicles.items() if error is None), _AFTER[end.abort.action]
+            (uav for uav, error in end.abort.vehicles.items() if error is None), AFTER[end.abort.action]
         )
     else:
         return
@@ -114,9 +122,3 @@ def _vehicles_are_left_as_they_were_ordered(seen: Seen) -> Iterator[str]:
 
 
 _NO_MISSION = frozenset(Mode) - {Mode.MISSION}
-_AFTER = {
-    "hold": frozenset({Mode.HOLD, Mode.GUIDED, Mode.BRAKE}),
-    "land": frozenset({Mode.LAND}),
-    "return": frozenset({Mode.RTL, Mode.LAND}),
-}
-"""Modes in which a vehicle may be after an order."""

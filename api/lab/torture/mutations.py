@@ -4,7 +4,8 @@ A mutation says nothing about a service that is right; it says whether drills wo
 survives its drills names an invariant that is missing, or a moment that the generator does not aim at.
 
 Mutations are tables of TOML files, `[[mutation]]`: `name`, `file` (in the package), `why` (what somebody got wrong),
-and `before` and `after`, the text that is replaced, which must be there exactly once.
+`before` and `after`, the text that is replaced, which must be there exactly once, and `aims`, of the drills that should
+find it. Those are flown first, because drills take time; but only those that a campaign of these seeds would fly too.
 """
 
 from __future__ import annotations
@@ -17,34 +18,43 @@ import subprocess
 import sys
 import tempfile
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from importlib import import_module
 from pathlib import Path
 
 import skyfolio
+from skyfolio.api.lab.torture.aims import AIMS, aim_of
 
 CHANGED_PARTS = ("api", "mavlink_bridge")
 """The parts of the package that mutations change."""
 HUNTER = "skyfolio.api.lab.torture.hunter"
-ENOUGH_DRILLS = 2000
 
 
 @dataclass(frozen=True, kw_only=True)
 class Mutation:
-    """One planted bug. file: its path in the package. why: what somebody got wrong."""
+    """One planted bug. file: its path in the package. why: what somebody got wrong. aims: names of `aims.AIMS`."""
 
     name: str
     file: str
     why: str
     before: str
     after: str
+    aims: Sequence[str] = ()
+
+    def __post_init__(self) -> None:
+        """Refuse aims that no drill has."""
+        unknown = [aim for aim in self.aims if aim not in AIMS]
+        if unknown:
+            raise ValueError(f"aims: {', '.join(unknown)} of mutation {self.name!r} is not one of {', '.join(AIMS)}")
 
     @property
     def digest(self) -> str:
         """Return what tells it from any other, and from itself before it was changed."""
-        return hashlib.sha256(json.dumps(asdict(self), sort_keys=True).encode()).hexdigest()[:16]
+        change = [self.name, self.file, self.before, self.after]
+        return hashlib.sha256(json.dumps(change).encode()).hexdigest()[:16]
 
     def applied(self, source: str) -> str:
         """Return the source with the bug in it. Raises ValueError if it does not fit, or does not compile."""
@@ -61,15 +71,14 @@ class Mutation:
 
 @dataclass(frozen=True, kw_only=True)
 class Hunt:
-    """How the hunt for one mutation went. drills: how many were flown. seed: of the drill that found it, if one did.
+    """How the hunt for one mutation went. flown: the seeds of its drills, in order. seed: of the one that found it.
 
     broken: what that drill broke, by invariant; the same drill breaks nothing without the mutation.
     """
 
     name: str
     digest: str
-    drills: int
-    next_seed: int
+    flown: Sequence[int]
     seed: int | None = None
     broken: Mapping[str, str] | None = None
 
@@ -131,31 +140,36 @@ class Baseline:
     def breaks(self, seed: int) -> bool:
         """Return whether the drill of this seed breaks something in this package as it is."""
         if seed not in self.known:
-            self.known[seed] = _first_failure(None, seed, seed + 1) is not None
+            self.known[seed] = _first_failure(None, [seed]) is not None
         return self.known[seed]
 
 
-def hunt(mutation: Mutation, baseline: Baseline, *, seed: int = 1, drills: int = ENOUGH_DRILLS, flown: int = 0) -> Hunt:
-    """Fly drills from `seed` on with a mutated copy, until one breaks what it does not break without the mutation.
+def hunt(
+    mutation: Mutation,
+    baseline: Baseline,
+    seeds: Sequence[int],
+    *,
+    tries: int | None = None,
+    flown: Collection[int] = (),
+) -> Hunt:
+    """Fly drills of these seeds with a mutated copy, until one breaks what it does not break without the mutation.
 
-    drills: the most that are flown, together with those that were `flown` for it before.
+    tries: the most that are flown, the aimed ones first; None flies all. flown: seeds that were flown for it before.
     """
-    last = seed + drills - flown
+    before = list(flown)
+    aimed_first = sorted(seeds, key=lambda seed: aim_of(seed) not in mutation.aims)
+    left = [seed for seed in aimed_first[:tries] if seed not in set(before)]
     found: tuple[int, dict[str, str]] | None = None
     with copy_with(mutation) as folder:
-        at = seed
-        while found is None and at < last:
-            found = _first_failure(folder, at, last)
-            if found is None:
-                break
-            at = found[0] + 1
-            found = None if baseline.breaks(found[0]) else found
-    next_seed = last if found is None else found[0] + 1
+        while left and found is None:
+            failure = _first_failure(folder, left)
+            count = len(left) if failure is None else left.index(failure[0]) + 1
+            before, left = before + left[:count], left[count:]
+            found = None if failure is None or baseline.breaks(failure[0]) else failure
     return Hunt(
         name=mutation.name,
         digest=mutation.digest,
-        drills=flown + next_seed - seed,
-        next_seed=next_seed,
+        flown=before,
         seed=None if found is None else found[0],
         broken=None if found is None else found[1],
     )
@@ -165,36 +179,41 @@ def hunt_all(
     mutations: Iterable[Mutation],
     results: Path,
     *,
-    seed: int,
-    drills: int,
+    seeds: Sequence[int],
+    tries: int | None = None,
+    jobs: int = 1,
     told: Callable[[Hunt], None],
 ) -> list[Hunt]:
-    """Hunt each mutation, and keep the results in a file as they come; what that file has already is not done again.
+    """Hunt each mutation, `jobs` at a time, and keep the results in a file; what that file has is not done again.
 
-    One that was not found before is hunted on, if more drills are allowed now than were flown then. The file belongs to
-    one state of the sources: delete it when they have changed.
+    One that was not found before is hunted on with the drills that were not flown for it yet. The file belongs to one
+    state of the sources: delete it when they have changed.
     """
     known, baseline = _read_results(results)
-    hunts = []
-    for mutation in mutations:
+    planted = list(mutations)
+
+    def hunt_one(mutation: Mutation) -> Hunt:
         done = known.get(mutation.digest)
-        if done is None:
-            done = hunt(mutation, baseline, seed=seed, drills=drills)
-        elif not done.found and done.drills < drills:
-            done = hunt(mutation, baseline, seed=done.next_seed, drills=drills, flown=done.drills)
-        known[mutation.digest] = done
-        _write_results(results, known.values(), baseline)
-        hunts.append(done)
-        told(done)
-    return hunts
+        if done is None or not done.found:
+            flown = () if done is None else done.flown
+            done = hunt(mutation, baseline, seeds, tries=tries, flown=flown)
+        return done
+
+    with ThreadPoolExecutor(jobs) as pool:
+        for done in as_completed([pool.submit(hunt_one, mutation) for mutation in planted]):
+            one = done.result()
+            known[one.digest] = one
+            _write_results(results, known.values(), baseline)
+            told(one)
+    return [known[mutation.digest] for mutation in planted]
 
 
 def _folder_of(part: str) -> Path:
     return Path(next(iter(import_module(f"skyfolio.{part}").__path__)))
 
 
-def _first_failure(folder: Path | None, seed: int, last: int) -> tuple[int, dict[str, str]] | None:
-    """Return the first seed before `last` whose drill breaks something, and what; None if none does.
+def _first_failure(folder: Path | None, seeds: Sequence[int]) -> tuple[int, dict[str, str]] | None:
+    """Return the first of these seeds whose drill breaks something, and what; None if none does.
 
     folder: where the package is imported from; None for this one.
     """
@@ -202,7 +221,8 @@ def _first_failure(folder: Path | None, seed: int, last: int) -> tuple[int, dict
     paths = [*map(str, [folder] if folder is not None else []), *sys.path]
     environment["PYTHONPATH"] = os.pathsep.join(path for path in paths if path)
     done = subprocess.run(  # noqa: S603 - our own module
-        [sys.executable, "-m", HUNTER, str(seed), str(last)],
+        [sys.executable, "-m", HUNTER],
+        input=json.dumps(list(seeds)),
         env=environment,
         cwd=tempfile.gettempdir(),
         capture_output=True,
@@ -225,7 +245,7 @@ def _read_results(file: Path) -> tuple[dict[str, Hunt], Baseline]:
 
 def _write_results(file: Path, hunts: Iterable[Hunt], baseline: Baseline) -> None:
     file.parent.mkdir(parents=True, exist_ok=True)
-    document = {"baseline": baseline.known, "mutations": [asdict(one) for one in hunts]}
+    document = {"baseline": dict(baseline.known), "mutations": [asdict(one) for one in hunts]}
     new = file.with_suffix(".new")
     new.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
     new.replace(file)

@@ -48,6 +48,15 @@ def _states_follow_each_other(seen: Seen) -> Iterator[str]:
             yield f"{before} is followed by {after}"
 
 
+@at_end
+def _an_operation_ends_once(seen: Seen) -> Iterator[str]:
+    """End an operation once, unless it is ordered again: of two orders that end it only the newest closes it."""
+    ends = [noted for noted in seen.own_noted if noted.event.kind == "operation" and noted.event.data.get("ends")]
+    for before, after in pairwise(ends):
+        if not any(one.blow.kind == "abort" and before.at_s <= one.at_s <= after.at_s for one in seen.struck):
+            yield f"it is {before.event.data['state']}, and {after.event.data['state']} again at {after.at_s:.1f} s"
+
+
 @meanwhile
 def _the_slot_clock_keeps_time(seen: Seen) -> Iterator[str]:
     """Let slots pass with the fleet's clock, also over a restart, and stand still in a pause: missions are timed by it.
@@ -70,7 +79,7 @@ def _slot_clock(seen: Seen) -> SlotClock | None:
     elapsed_s = None if operation is None else operation.flight.elapsed_s()
     if operation is None or elapsed_s is None:
         return seen.slot_clock
-    return SlotClock(at_s=seen.ground.now_s, elapsed_s=elapsed_s, paused=operation.flight.paused)
+    return SlotClock(at_s=seen.ground.now_s, elapsed_s=elapsed_s, paused=seen.state == "paused")
 
 
 @at_end

@@ -1,13 +1,15 @@
-"""What must hold of losses and of what is done about them: noticed, dealt with once and soon, by what is said."""
+"""What must hold of what is done about losses: once and soon, in order, and as it is said to be."""
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterator
 
 from skyfolio.api.flights.journal import Step
 from skyfolio.api.flights.losses import LOSS_KINDS
 from skyfolio.api.lab.torture.checks import at_end, meanwhile
+from skyfolio.api.lab.torture.losses import is_verdict
 from skyfolio.api.lab.torture.missions import assigned_mission
 from skyfolio.api.lab.torture.sightings import Noted, Reported
 from skyfolio.api.lab.torture.watch import Seen
@@ -16,10 +18,6 @@ RECOVERED_S = 20.0
 """Seconds from a verdict to the end of what is done about it, while nothing excuses a delay."""
 INSISTING_S = 45.0
 """The same where vehicles refuse uploads, or store them wrongly: each is tried again."""
-VERDICT_S = 12.0
-"""Seconds from the death of a vehicle, or from when a human takes it, to the verdict."""
-LEAST_SILENCE_S = 4.5
-"""No UAV is lost that was heard more recently than this."""
 LATE_S = 1.0
 """An incident is closed at most so long before its last upload arrives."""
 STEPS_S = 0.1
@@ -27,54 +25,8 @@ STEPS_S = 0.1
 _FLIES = frozenset({"flying", "partly_flying"})
 _PLANNED_IN = frozenset({"flying", "paused", "link_lost"})
 """States of an operation in which there may be slots left to plan."""
-_BY_ORDER = frozenset({"ordered", "battery"})
-"""Losses by order of the operator."""
-
-
-# -- losses ------------------------------------------------------------------------------------------------------------
-
-
-@at_end
-def _nobody_healthy_is_lost(seen: Seen) -> Iterator[str]:
-    """Lose no vehicle on a link that loses a tenth: a false loss takes a good UAV from its users."""
-    for event in filter(seen.is_own, seen.events):
-        if event.kind != "uav_lost" or event.data["cause"] in _BY_ORDER:
-            continue
-        uav, cause, silent_s = event.data["uav_id"], event.data["cause"], event.data["silent_for_s"]
-        system_id = seen.system_of(uav)
-        if seen.drill.loss <= 0.1 and system_id not in seen.harmed and system_id not in seen.ordered:
-            yield f"{uav} was declared lost ({event.data['detail']}) and nothing had happened to it"
-        if cause == "heartbeat_lost" and silent_s < LEAST_SILENCE_S:
-            yield f"{uav} was declared lost after a silence of {silent_s:.1f} s"
-
-
-@at_end
-def _who_is_gone_is_declared_lost(seen: Seen) -> Iterator[str]:
-    """Notice that a vehicle is dead, or flown by a human: otherwise it is not replaced."""
-    for system_id, gone in seen.gone.items():
-        uav = seen.uav_of(system_id)
-        if uav not in seen.uavs:
-            continue
-        verdict = next((one for one in seen.noted if _is_verdict(one, uav) and one.at_s >= gone.at_s), None)
-        until = verdict or _first_end(seen, gone.at_s)
-        if until is None or any(_is_verdict(one, uav) and one.at_s < gone.at_s for one in seen.noted):
-            continue
-        took_s = until.at_s - gone.at_s - (until.excused_s - gone.excused_s)
-        if took_s > VERDICT_S:
-            yield f"{uav} was gone at {gone.at_s:.1f} s, and not declared lost within {took_s:.0f} s"
-
-
-def _is_verdict(noted: Noted, uav: str) -> bool:
-    return noted.event.kind == "uav_lost" and noted.event.data["uav_id"] == uav
-
-
-def _first_end(seen: Seen, after_s: float) -> Noted | None:
-    """Return the event with which the operation stopped flying slots after that; None if it had stopped before."""
-    states = [noted for noted in seen.own_noted if noted.event.kind == "operation"]
-    before = [noted.event.data["state"] for noted in states if noted.at_s <= after_s]
-    if not before or before[-1] != "flying":
-        return None
-    return next((noted for noted in states if noted.at_s > after_s and noted.event.data["state"] != "flying"), None)
+_NOT_MADE_YET = re.compile(r"is (queued|running) and has no result")
+"""Why a plan is refused that is asked for before it is there."""
 
 
 # -- what is done about them -------------------------------------------------------------------------------------------
@@ -175,14 +127,45 @@ def _nothing_is_flown_that_the_operator_has_not_approved(seen: Seen) -> Iterator
 @at_end
 def _nothing_is_sent_to_who_is_lost(seen: Seen) -> Iterator[str]:
     """Plan without a UAV that is lost: it is not ours to command, and users would wait for it."""
-    if any(blow.blow.kind == "readmit" for blow in seen.struck):
-        return
     for one in seen.taken:
         began_s = seen.incident(one.entry.incident, Step.REPLANNED)
         if one.entry.step is Step.UPLOADING and began_s is not None:
             uav = str(one.entry.uav_id)
-            if any(_is_verdict(noted, uav) and noted.at_s < began_s for noted in seen.noted):
+            if _was_lost(seen, uav, began_s):
                 yield f"incident {one.entry.incident} sends to {uav}, which was lost before"
+
+
+def _was_lost(seen: Seen, uav: str, then_s: float) -> bool:
+    """Return whether a UAV had been declared lost by then, and was not readmitted since."""
+    lost_s = max((one.at_s for one in seen.noted if is_verdict(one, uav) and one.at_s < then_s), default=None)
+    if lost_s is None:
+        return False
+    asked_s = [one.at_s for one in seen.struck if one.blow.kind == "readmit" and one.blow.options.get("uav") == uav]
+    planned_s = [
+        one.at_s
+        for one in seen.taken
+        if one.entry.step is Step.DETECTED and one.entry.data.get("cause") == "uav_returned" and one.at_s <= then_s
+    ]
+    return not any(lost_s < asked <= planned for asked in asked_s for planned in planned_s)
+
+
+@at_end
+def _plans_begin_with_a_slot_that_is_not_flown_yet(seen: Seen) -> Iterator[str]:
+    """Change no slot that is being flown: the UAVs cannot be where a new plan would have them at its beginning."""
+    slot_s = seen.ground.scenario.slot_duration_s
+    for entry in seen.journal:
+        at_slot = entry.data.get("at_slot")
+        if entry.step is Step.REPLANNED and at_slot is not None and entry.elapsed_s is not None:
+            if at_slot * slot_s < entry.elapsed_s:
+                yield f"incident {entry.incident} plans from slot {at_slot} on at {entry.elapsed_s:.1f} s"
+
+
+@at_end
+def _plans_are_awaited(seen: Seen) -> Iterator[str]:
+    """Wait for a plan until it is made: one that is asked for too soon is none, and the loss is not dealt with."""
+    for entry in seen.journal:
+        if entry.step is Step.REFUSED and _NOT_MADE_YET.search(str(entry.data.get("error"))):
+            yield f"incident {entry.incident}: {entry.data['error']}"
 
 
 @at_end

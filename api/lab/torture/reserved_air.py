@@ -96,6 +96,17 @@ def _air_is_reserved_for_who_is_lost(seen: Seen) -> Iterator[str]:
             yield f"that of {uav}, which is not lost"
 
 
+@meanwhile
+def _the_air_of_who_is_lost_is_reserved(seen: Seen) -> Iterator[str]:
+    """Reserve the air of a UAV that is lost and may still fly, until it is seen on the ground, also over a restart."""
+    operation = seen.operation()
+    if operation is None or operation.flight.elapsed_s() is None:
+        return
+    for uav in seen.lost.keys() & operation.flight.lost.keys() - operation.flight.guidance.airspace.ghosts.keys():
+        if operation.flight.roster.losses[uav].in_the_air:
+            yield f"that of {uav} is not"
+
+
 def _to_line_m(point_m: Point, from_m: Point, to_m: Point) -> float:
     """Return the metres from a point to the nearest of a straight line."""
     east, north = to_m[0] - from_m[0], to_m[1] - from_m[1]

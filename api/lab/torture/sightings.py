@@ -73,6 +73,23 @@ class SlotClock:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Slipped:
+    """A slip as a keeper has told it, and what was true just then.
+
+    elapsed_s: on the slot clock. at_m: where the vehicle was, metres east/north. mission_id: of what it had on board.
+    start: which service told it, counted from 1.
+    """
+
+    system_id: int
+    slot: int
+    distance_m: float
+    elapsed_s: float
+    at_m: Point
+    mission_id: int
+    start: int
+
+
+@dataclass(frozen=True, kw_only=True)
 class Taken:
     """A step of the journal, once it was stored or held, and when (virtual seconds)."""
 

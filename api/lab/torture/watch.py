@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import inf
 from pathlib import Path
@@ -17,7 +17,7 @@ from skyfolio.api.flights.operation import Operation
 from skyfolio.api.flights.operation_views import OperationView
 from skyfolio.api.flights.recovery_report import RecoveryReport
 from skyfolio.api.lab.torture.drill import Blow
-from skyfolio.api.lab.torture.sightings import LostUav, Noted, Reported, SlotClock, Struck, Taken
+from skyfolio.api.lab.torture.sightings import LostUav, Noted, Reported, Slipped, SlotClock, Struck, Taken
 from skyfolio.api.lab.torture.vehicles import REFUSALS, Vehicles
 from skyfolio.api.lab.virtual.disk import COMMIT_S, FOLDER_PREFIX
 from skyfolio.api.store.event_log import Event
@@ -90,6 +90,17 @@ class Seen(Vehicles):
     """Ended operations that their service still holds."""
     slot_clock: SlotClock | None = None
     """The slot clock at the last look."""
+    slips: list[Slipped] = field(default_factory=list)
+    new_slips: list[Slipped] = field(default_factory=list)
+    """Those since the last look."""
+    silences: list[tuple[str, float, float]] = field(default_factory=list)
+    """UAVs that were declared lost because they are silent, when, and how long they really were, in seconds."""
+    sent_away: dict[str, tuple[float, str]] = field(default_factory=dict)
+    """UAVs that the operator has just ordered away from this operation: when, and to what."""
+    cursors: dict[int, tuple[int, int]] = field(default_factory=dict)
+    """What each vehicle flew at the last look: the id of its mission, and the item."""
+    strange_since_s: dict[int, float] = field(default_factory=dict)
+    """Since when vehicles fly what was not assigned to them."""
     _operations: WeakSet[Operation] = field(default_factory=WeakSet)
 
     def beside_it(self, uavs: Sequence[str]) -> Seen:
@@ -141,6 +152,9 @@ class Seen(Vehicles):
             self.state = event.data["state"]
         elif event.kind == "uav_lost":
             self._lose(event.data["uav_id"], event.data["cause"], event.data["silent_for_s"])
+            self._note_loss(event.data["uav_id"], event.data["cause"], event.data["detail"])
+        elif event.kind == "slip":
+            self._note_slip(event.data)
         elif event.kind == "uav_returned" and event.data["uav_id"] in self.lost:
             self.lost[event.data["uav_id"]].stood_m = None
 
@@ -221,6 +235,32 @@ class Seen(Vehicles):
                 stood_m = self._local(sample.lat_deg, sample.lon_deg)
                 break
         self.lost[uav] = LostUav(uav=uav, system_id=system_id, kind=kind, lost_at_s=self.ground.now_s, stood_m=stood_m)
+
+    def _note_loss(self, uav: str, kind: LossKind, detail: str) -> None:
+        ground, works = self.ground, self.ground.disk.refuses is None and self.ground.disk.commit_s <= COMMIT_S
+        if kind == "heartbeat_lost" and works:
+            self.silences.append((uav, ground.now_s, ground.now_s - ground.heard_s(self.system_of(uav))))
+        elif kind == "ordered":
+            self.sent_away[uav] = ground.now_s, detail.removeprefix("ordered to ")
+
+    def _note_slip(self, told: Mapping[str, Any]) -> None:
+        operation = self.operation()
+        elapsed_s = None if operation is None else operation.flight.elapsed_s()
+        if elapsed_s is None:
+            return
+        system_id = self.system_of(told["uav_id"])
+        vehicle = self.ground.fleet.vehicles[system_id]
+        slip = Slipped(
+            system_id=system_id,
+            slot=told["slot"],
+            distance_m=told["distance_m"],
+            elapsed_s=elapsed_s,
+            at_m=self.place_m(vehicle)[:2],
+            mission_id=vehicle.mission.mission_id,
+            start=len(self.starts_s),
+        )
+        self.slips.append(slip)
+        self.new_slips.append(slip)
 
     def break_once(self, invariant: str, detail: str) -> None:
         """Note what was broken, the first time."""

@@ -157,6 +157,10 @@ class Ground:
         """Return the names of the tasks of all services that have not ended."""
         return [task.get_name() for running in self._running for task in running.life.tasks.values()]
 
+    def heard_s(self, system_id: int) -> float:
+        """Return the virtual second in which something of a vehicle arrived last; 0 if nothing has."""
+        return max((port.heard_s.get(system_id, 0.0) for port in self._ports), default=0.0)
+
     def stored_events(self) -> list[Event]:
         """Return every event on the disk, in order."""
         with self.disk.engine.connect() as connection:

@@ -38,6 +38,8 @@ class Port:
     def __init__(self, fleet: sim.Fleet, place: int = 0) -> None:
         self.fleet, self.place = fleet, place
         self.holder: MemoryEndpoint | None = None
+        self.heard_s: dict[int, float] = {}
+        """When something of each vehicle arrived last at a living process, by its clock."""
 
     @property
     def is_free(self) -> bool:
@@ -98,6 +100,7 @@ class MemoryEndpoint:
         inbox, self._inbox = self._inbox, []
         for data, system_id in inbox:
             frames = self._framers.setdefault(system_id, Framer()).feed(data)
+            self._port.heard_s[system_id] = self._loop.time()
             if frames and self._send is not None and self._alive():
                 self._on_frames(self, frames)
 

@@ -1,0 +1,319 @@
+"""Aims: what a whole drill is after, where blows that strike one by one rarely come together.
+
+Half of all drills have one, each its turn, so that a campaign reaches every state with every fault that hurts there:
+an upload that is refused while a UAV is lost, an order in the moments in which a mission is sent, a second loss during a
+recovery. The others are left to chance.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+from typing import Any
+
+from skyfolio.api.flights.journal import Step
+from skyfolio.api.flights.operation_views import State
+from skyfolio.api.lab.torture.drill import Blow, Drill, Moment
+from skyfolio.mavlink_bridge import Autopilot, OnEnd
+
+Changes = dict[str, Any]
+Aim = Callable[[random.Random], Changes]
+AIMS: dict[str, Aim] = {}
+"""What a drill may be after, by name; each returns what it changes of a drill that is otherwise left to chance."""
+UAVS = 3
+BEFORE_SENDING = (Step.DETECTED, Step.CLASSIFIED, Step.REPLANNED, Step.CHECKED)
+_RECOVERY: Changes = {"example": "paper", "slots": 16, "policy": "auto", "guidance": "mission", "beside": False}
+"""A flight that leaves time to deal with a loss."""
+_SLOW_SOLVES: Changes = {"solve_s": 1.5, "plan_ahead": False}
+
+
+def aim_of(seed: int) -> str | None:
+    """Return the name of what the drill of this seed is after; None if it is left to chance."""
+    half, odd = divmod(seed, 2)
+    return None if odd else list(AIMS)[half % len(AIMS)]
+
+
+def aimed(drill: Drill, aim: str) -> Drill:
+    """Return the drill with what it is after."""
+    chance = random.Random(f"aim/{drill.seed}")  # noqa: S311
+    return drill.model_copy(update=AIMS[aim](chance))
+
+
+def _aim(function: Aim) -> Aim:
+    AIMS[function.__name__.removeprefix("_")] = function
+    return function
+
+
+# -- losses ------------------------------------------------------------------------------------------------------------
+
+
+@_aim
+def _two_losses_at_once(chance: random.Random) -> Changes:
+    one, other, _ = _uavs(chance)
+    when = _in_flight(chance, 3.0, 20.0)
+    return {**_RECOVERY, "plan_ahead": True, "blows": (_kill(when, one), _kill(when, other))}
+
+
+@_aim
+def _two_losses_in_turn(chance: random.Random) -> Changes:
+    one, other, _ = _uavs(chance)
+    first_s = _seconds(chance, 3.0, 12.0)
+    second_s = round(first_s + _seconds(chance, 11.0, 25.0), 2)
+    return {**_RECOVERY, "blows": (_gone(chance, _flying(first_s), one), _gone(chance, _flying(second_s), other))}
+
+
+@_aim
+def _a_loss_while_recovering(chance: random.Random) -> Changes:
+    one, other, _ = _uavs(chance)
+    first_s = _seconds(chance, 3.0, 15.0)
+    second_s = round(first_s + _seconds(chance, 0.1, 2.0), 2)
+    return {**_RECOVERY, **_SLOW_SOLVES, "blows": (_kill(_flying(first_s), one), _kill(_flying(second_s), other))}
+
+
+@_aim
+def _a_take_over_and_a_kill(chance: random.Random) -> Changes:
+    one, _, _ = _uavs(chance)
+    taken_s = _seconds(chance, 3.0, 20.0)
+    killed = _flying(round(taken_s + _seconds(chance, 0.1, 8.0), 2))
+    return {**_RECOVERY, "blows": (_human(_flying(taken_s), one), _killed_service(chance, killed))}
+
+
+@_aim
+def _readmitted(chance: random.Random) -> Changes:
+    back, gone, _ = _uavs(chance)
+    mute = Blow(
+        when=_in_flight(chance, 1.0, 6.0), kind="vehicle", options={"kind": "mute", "system_id": back, "for_s": 8.0}
+    )
+    first, second = Moment(step=Step.CLOSED, nth=1), Moment(step=Step.CLOSED, nth=2)
+    readmit = {"uav": f"uav-{back}"}
+    blows = [mute]
+    if chance.random() < 0.6:
+        blows.append(_kill(first, gone))
+        blows.append(Blow(when=_after(second, _seconds(chance, 1.0, 8.0)), kind="readmit", options=readmit))
+    else:
+        blows.append(Blow(when=_after(first, _seconds(chance, 7.0, 14.0)), kind="readmit", options=readmit))
+    return {**_RECOVERY, "blows": tuple(blows)}
+
+
+# -- the end of the service --------------------------------------------------------------------------------------------
+
+
+@_aim
+def _killed_while_recovering(chance: random.Random) -> Changes:
+    steps = (*BEFORE_SENDING, Step.UPLOADING, Step.UPLOADING, Step.UPLOADING, Step.VERIFIED, Step.FLYING, Step.CLOSED)
+    when = Moment(step=chance.choice(steps), stored=chance.random() < 0.7, after_s=chance.choice((0.0, 0.0, 0.05, 0.3)))
+    return {**_RECOVERY, "blows": (_early_kill(chance), _killed_service(chance, when))}
+
+
+@_aim
+def _killed_after_a_recovery(chance: random.Random) -> Changes:
+    one, other, _ = _uavs(chance)
+    down_s = chance.choice((0.2, 1.0, 3.0))
+    killed_s = _seconds(chance, 0.3, 6.0)
+    closed = Moment(step=Step.CLOSED)
+    again = _after(closed, round(killed_s + down_s + _seconds(chance, 0.5, 8.0), 2))
+    killed = Blow(when=_after(closed, killed_s), kind="kill_service", options={"down_s": down_s})
+    return {**_RECOVERY, "blows": (_kill(_in_flight(chance, 1.0, 6.0), one), killed, _gone(chance, again, other))}
+
+
+@_aim
+def _killed_while_a_vehicle_does_not_answer(chance: random.Random) -> Changes:
+    when = _in_flight(chance, 1.0, 20.0)
+    cut = {"kind": "impair", "system_id": chance.randint(1, UAVS), "up": {"cut": True}, "for_s": 25.0}
+    blows = (_killed_service(chance, when), Blow(when=when, kind="vehicle", options=cut))
+    return {**_RECOVERY, "guidance": chance.choice(("mission", "stream")), "blows": blows}
+
+
+@_aim
+def _killed_while_the_disk_is_slow(chance: random.Random) -> Changes:
+    slow = {"commit_s": chance.choice((0.4, 0.8)), "for_s": 20.0}
+    step = chance.choice((*BEFORE_SENDING, Step.UPLOADING))
+    when = Moment(step=step, stored=True, after_s=_seconds(chance, 0.0, 0.35))
+    blows = (
+        _early_kill(chance),
+        Blow(when=Moment(step=Step.DETECTED, stored=False), kind="slow_disk", options=slow),
+        _killed_service(chance, when),
+    )
+    return {**_RECOVERY, "blows": blows}
+
+
+@_aim
+def _killed_after_the_disk_was_full(chance: random.Random) -> Changes:
+    full_s = chance.choice((1.0, 3.0, 6.0))
+    when = Moment(step=chance.choice(BEFORE_SENDING), stored=False)
+    full = Blow(when=when, kind="full_disk", options={"for_s": full_s})
+    killed = _after(when, round(full_s + _seconds(chance, 3.0, 12.0), 2))
+    return {**_RECOVERY, "blows": (_early_kill(chance), full, _killed_service(chance, killed))}
+
+
+# -- the operator ------------------------------------------------------------------------------------------------------
+
+
+@_aim
+def _an_order_while_recovering(chance: random.Random) -> Changes:
+    step = chance.choice((*BEFORE_SENDING, Step.UPLOADING, Step.CLOSED))
+    when = Moment(step=step, stored=chance.random() < 0.5, after_s=chance.choice((0.0, 0.0, 0.1, 0.4)))
+    order = chance.choice(("pause", "pause", "abort", "retire"))
+    options: Changes = {
+        "pause": {"for_s": chance.choice((2.0, 6.0))},
+        "abort": {"actions": [chance.choice(("hold", "land", "return"))]},
+        "retire": {"uav": f"uav-{chance.randint(1, UAVS)}"},
+    }[order]
+    blow = Blow(when=when, kind=order, options=options)
+    return {**_RECOVERY, **_SLOW_SOLVES, "blows": (_early_kill(chance), blow)}
+
+
+@_aim
+def _an_order_while_missions_are_sent(chance: random.Random) -> Changes:
+    gone, one, _ = _uavs(chance)
+    when = Moment(step=Step.UPLOADING, after_s=_seconds(chance, 0.01, 0.25))
+    options = {"action": chance.choice(("hold", "land", "return")), "uavs": [f"uav-{one}"]}
+    order = Blow(when=when, kind="order", options=options)
+    return {**_RECOVERY, "blows": (_kill(_in_flight(chance, 1.0, 15.0), gone), order)}
+
+
+@_aim
+def _a_pause_and_an_abort(chance: random.Random) -> Changes:
+    when = Moment(step=Step.UPLOADING, after_s=_seconds(chance, 0.0, 0.05))
+    pause = Blow(when=when, kind="pause", options={"for_s": 4.0})
+    action = chance.choice(("hold", "land", "return"))
+    abort = Blow(when=_after(when, _seconds(chance, 0.02, 0.3)), kind="abort", options={"actions": [action]})
+    return {**_RECOVERY, "blows": (_early_kill(chance), pause, abort)}
+
+
+@_aim
+def _two_aborts(chance: random.Random) -> Changes:
+    actions = chance.sample(("hold", "land", "return"), 2)
+    blow = Blow(when=_in_flight(chance, 0.0, 20.0), kind="abort", options={"actions": actions})
+    return {**_RECOVERY, "plan_ahead": True, "solve_s": 1.5, "blows": (blow,)}
+
+
+@_aim
+def _a_pause_in_flight(chance: random.Random) -> Changes:
+    pause = Blow(when=_in_flight(chance, 8.0, 35.0), kind="pause", options={"for_s": chance.choice((3.0, 8.0))})
+    return {**_RECOVERY, "slots": 12, "blows": (pause,)}
+
+
+@_aim
+def _asked_and_declined(chance: random.Random) -> Changes:
+    when = Moment(step=Step.PROPOSED, after_s=chance.choice((0.0, 0.5)))
+    declined = Blow(when=when, kind="decide", options={"agreed": False})
+    blows = [_early_kill(chance), declined]
+    if chance.random() < 0.6:
+        closes = Moment(step=Step.CLOSED, stored=False)
+        slow = {"commit_s": 0.4, "for_s": 5.0}
+        blows.append(Blow(when=closes, kind="slow_disk", options=slow))
+        blows.append(Blow(when=_after(closes, 0.1), kind="pause", options={"for_s": 3.0}))
+    return {**_RECOVERY, "policy": "approve", "blows": tuple(blows)}
+
+
+# -- uploads, links and ends -------------------------------------------------------------------------------------------
+
+
+@_aim
+def _refused_in_flight(chance: random.Random) -> Changes:
+    gone, one, other = _uavs(chance)
+    refusing = (one, other) if chance.random() < 0.3 else (one,)
+    when = Moment(step=chance.choice((Step.DETECTED, Step.UPLOADING)), stored=False)
+    kind, uploads = chance.choice(("reject_mission", "corrupt_upload")), chance.choice((1, 2, 4, 8, 20))
+    refused = (
+        Blow(when=when, kind="vehicle", options={"kind": kind, "system_id": uav, "uploads": uploads})
+        for uav in refusing
+    )
+    return {**_RECOVERY, "blows": (_kill(_in_flight(chance, 1.0, 15.0), gone), *refused)}
+
+
+@_aim
+def _refused_on_the_ground(chance: random.Random) -> Changes:
+    kind, uploads = chance.choice(("reject_mission", "corrupt_upload")), chance.choice((1, 3, 20))
+    options = {"kind": kind, "system_id": chance.randint(1, UAVS), "uploads": uploads}
+    return {**_RECOVERY, "blows": (Blow(when=Moment(state=State.UPLOADING), kind="vehicle", options=options),)}
+
+
+@_aim
+def _a_bad_link_while_missions_are_sent(chance: random.Random) -> Changes:
+    gone, one, other = _uavs(chance)
+    way = chance.choice(({"loss": 0.3}, {"latency_s": 0.4}, {"loss": 0.1, "burst": 4.0}))
+    impaired = (
+        Blow(
+            when=Moment(step=Step.DETECTED, stored=False),
+            kind="vehicle",
+            options={"kind": "impair", "system_id": uav, "up": way, "down": way, "for_s": 20.0},
+        )
+        for uav in (one, other)
+    )
+    blows = (_kill(_in_flight(chance, 1.0, 15.0), gone), *impaired)
+    return {**_RECOVERY, "autopilots": _mostly_ardupilot(chance), "blows": blows}
+
+
+@_aim
+def _a_link_that_loses_half(chance: random.Random) -> Changes:
+    half = {"loss": 0.5}
+    blows = tuple(
+        Blow(
+            when=Moment(state=State.FLYING),
+            kind="vehicle",
+            options={"kind": "impair", "system_id": uav, "down": half, "for_s": 60.0},
+        )
+        for uav in _uavs(chance)
+    )
+    return {**_RECOVERY, "blows": blows}
+
+
+@_aim
+def _ends_as_asked_for(chance: random.Random) -> Changes:
+    at_end, autopilots = chance.choice(
+        ((OnEnd.RETURN, (Autopilot.PX4,)), (OnEnd.RETURN, (Autopilot.PX4,)), (OnEnd.HOLD, _mostly_ardupilot(chance)))
+    )
+    return {**_RECOVERY, "slots": 8, "at_end": at_end, "autopilots": autopilots, "loss": 0.1, "blows": ()}
+
+
+# -- parts -------------------------------------------------------------------------------------------------------------
+
+
+def _mostly_ardupilot(chance: random.Random) -> tuple[Autopilot, ...]:
+    return chance.choice(((Autopilot.ARDUPILOT,), (Autopilot.ARDUPILOT,), (Autopilot.ARDUPILOT, Autopilot.PX4)))
+
+
+def _uavs(chance: random.Random) -> list[int]:
+    return chance.sample(range(1, UAVS + 1), UAVS)
+
+
+def _seconds(chance: random.Random, least_s: float, most_s: float) -> float:
+    return round(chance.uniform(least_s, most_s), 2)
+
+
+def _flying(after_s: float) -> Moment:
+    return Moment(state=State.FLYING, after_s=after_s)
+
+
+def _in_flight(chance: random.Random, least_s: float, most_s: float) -> Moment:
+    return _flying(_seconds(chance, least_s, most_s))
+
+
+def _after(when: Moment, seconds: float) -> Moment:
+    return when.model_copy(update={"after_s": round(when.after_s + seconds, 2)})
+
+
+def _kill(when: Moment, system_id: int) -> Blow:
+    return Blow(when=when, kind="vehicle", options={"kind": "kill", "system_id": system_id})
+
+
+def _early_kill(chance: random.Random) -> Blow:
+    return _kill(_in_flight(chance, 1.0, 12.0), chance.randint(1, UAVS))
+
+
+def _human(when: Moment, system_id: int) -> Blow:
+    options = {"kind": "mode_change", "system_id": system_id, "mode": "POSITION"}
+    return Blow(when=when, kind="vehicle", options=options)
+
+
+def _gone(chance: random.Random, when: Moment, system_id: int) -> Blow:
+    if chance.random() < 0.3:
+        return _human(when, system_id)
+    kind = chance.choice(("kill", "kill", "motor_failure"))
+    return Blow(when=when, kind="vehicle", options={"kind": kind, "system_id": system_id})
+
+
+def _killed_service(chance: random.Random, when: Moment) -> Blow:
+    return Blow(when=when, kind="kill_service", options={"down_s": chance.choice((0.2, 1.0, 3.0))})
