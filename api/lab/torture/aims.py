@@ -1,7 +1,7 @@
 """Aims: what a whole drill is after, where blows that strike one by one rarely come together.
 
-Half of all drills have one, each its turn, so that a campaign reaches every state with every fault that hurts there:
-an upload that is refused while a UAV is lost, an order in the moments in which a mission is sent, a second loss during a
+Half of all drills have one, each its turn, so that a campaign reaches every state with every fault that hurts there: an
+upload that is refused while a UAV is lost, an order in the moments in which a mission is sent, a second loss during a
 recovery. The others are left to chance.
 """
 

@@ -83,8 +83,8 @@ class Blow(_Document):
 class Drill(_Document):
     """One drill.
 
-    guidance, fall_back, at_end: as of `GuidanceOptions`. loss: share of datagrams lost both ways. gust_mps, gps_m: as of
-    `sim.Weather`. solve_s: of a replan.
+    guidance, fall_back, at_end: as of `GuidanceOptions`. loss: share of datagrams lost both ways. gust_mps, gps_m: as
+    of `sim.Weather`. solve_s: of a replan.
     """
 
     seed: int

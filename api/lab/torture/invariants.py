@@ -10,7 +10,8 @@ from itertools import combinations
 from math import dist
 
 from skyfolio.api.flights.operation_views import State
-from skyfolio.api.lab.torture.checks import at_end, meanwhile
+from skyfolio.api.lab.torture import guiding, losses, records, recoveries, reserved_air
+from skyfolio.api.lab.torture.checks import AFTERWARDS, AT_END, MEANWHILE, at_end, look, meanwhile
 from skyfolio.api.lab.torture.guiding import AFTER
 from skyfolio.api.lab.torture.missions import on_board_of, strangers
 from skyfolio.api.lab.torture.vehicles import LOW_M
@@ -19,8 +20,15 @@ from skyfolio.sim import Mode
 from skyfolio.sim.station import Vehicle
 
 __all__ = [
-    *("AFTERWARDS", "AT_END", "MEANWHILE", "look"),
-    *("guiding", "losses", "records", "recoveries", "reserved_air"),
+    "AFTERWARDS",
+    "AT_END",
+    "MEANWHILE",
+    "guiding",
+    "look",
+    "losses",
+    "records",
+    "recoveries",
+    "reserved_air",
 ]
 READ_BACK_S = 10.0
 """A vehicle that has stored wrongly what it was sent may fly that for so long: by then it is read back, or it holds."""

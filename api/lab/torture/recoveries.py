@@ -155,9 +155,10 @@ def _plans_begin_with_a_slot_that_is_not_flown_yet(seen: Seen) -> Iterator[str]:
     slot_s = seen.ground.scenario.slot_duration_s
     for entry in seen.journal:
         at_slot = entry.data.get("at_slot")
-        if entry.step is Step.REPLANNED and at_slot is not None and entry.elapsed_s is not None:
-            if at_slot * slot_s < entry.elapsed_s:
-                yield f"incident {entry.incident} plans from slot {at_slot} on at {entry.elapsed_s:.1f} s"
+        if entry.step is not Step.REPLANNED or at_slot is None or entry.elapsed_s is None:
+            continue
+        if at_slot * slot_s < entry.elapsed_s:
+            yield f"incident {entry.incident} plans from slot {at_slot} on at {entry.elapsed_s:.1f} s"
 
 
 @at_end

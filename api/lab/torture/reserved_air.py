@@ -103,7 +103,8 @@ def _the_air_of_who_is_lost_is_reserved(seen: Seen) -> Iterator[str]:
     if operation is None or operation.flight.elapsed_s() is None:
         return
     for uav in seen.lost.keys() & operation.flight.lost.keys() - operation.flight.guidance.airspace.ghosts.keys():
-        if operation.flight.roster.losses[uav].in_the_air:
+        loss = operation.flight.roster.losses.get(uav)
+        if loss is None or loss.in_the_air:
             yield f"that of {uav} is not"
 
 
