@@ -22,8 +22,17 @@ AIMS: dict[str, Aim] = {}
 """What a drill may be after, by name; each returns what it changes of a drill that is otherwise left to chance."""
 UAVS = 3
 BEFORE_SENDING = (Step.DETECTED, Step.CLASSIFIED, Step.REPLANNED, Step.CHECKED)
-_RECOVERY: Changes = {"example": "paper", "slots": 16, "policy": "auto", "guidance": "mission", "beside": False}
+_RECOVERY: Changes = {
+    "example": "paper",
+    "slots": 16,
+    "policy": "auto",
+    "guidance": "mission",
+    "beside": False,
+    "loss": 0.0,
+}
 """A flight that leaves time to deal with a loss."""
+_FAR: Changes = {"latency_s": 0.1}
+"""A link on which it takes a second or two to send a mission, so that something may happen meanwhile."""
 _SLOW_SOLVES: Changes = {"solve_s": 1.5, "plan_ahead": False}
 
 
@@ -101,8 +110,12 @@ def _readmitted(chance: random.Random) -> Changes:
 @_aim
 def _killed_while_recovering(chance: random.Random) -> Changes:
     steps = (*BEFORE_SENDING, Step.UPLOADING, Step.UPLOADING, Step.UPLOADING, Step.VERIFIED, Step.FLYING, Step.CLOSED)
-    when = Moment(step=chance.choice(steps), stored=chance.random() < 0.7, after_s=chance.choice((0.0, 0.0, 0.05, 0.3)))
-    return {**_RECOVERY, "blows": (_early_kill(chance), _killed_service(chance, when))}
+    when = Moment(step=chance.choice(steps), stored=chance.random() < 0.7, after_s=chance.choice((0.0, 0.0, 0.1, 0.5)))
+    return {
+        **_RECOVERY,
+        "latency_s": chance.choice((0.0, 0.1)),
+        "blows": (_early_kill(chance), _killed_service(chance, when)),
+    }
 
 
 @_aim
@@ -160,25 +173,25 @@ def _an_order_while_recovering(chance: random.Random) -> Changes:
         "retire": {"uav": f"uav-{chance.randint(1, UAVS)}"},
     }[order]
     blow = Blow(when=when, kind=order, options=options)
-    return {**_RECOVERY, **_SLOW_SOLVES, "blows": (_early_kill(chance), blow)}
+    return {**_RECOVERY, **_SLOW_SOLVES, **_FAR, "blows": (_early_kill(chance), blow)}
 
 
 @_aim
 def _an_order_while_missions_are_sent(chance: random.Random) -> Changes:
     gone, one, _ = _uavs(chance)
-    when = Moment(step=Step.UPLOADING, after_s=_seconds(chance, 0.01, 0.25))
+    when = Moment(step=Step.UPLOADING, after_s=_seconds(chance, 0.1, 1.2))
     options = {"action": chance.choice(("hold", "land", "return")), "uavs": [f"uav-{one}"]}
     order = Blow(when=when, kind="order", options=options)
-    return {**_RECOVERY, "blows": (_kill(_in_flight(chance, 1.0, 15.0), gone), order)}
+    return {**_RECOVERY, **_FAR, "blows": (_kill(_in_flight(chance, 1.0, 15.0), gone), order)}
 
 
 @_aim
 def _a_pause_and_an_abort(chance: random.Random) -> Changes:
-    when = Moment(step=Step.UPLOADING, after_s=_seconds(chance, 0.0, 0.05))
+    when = Moment(step=Step.UPLOADING, after_s=_seconds(chance, 0.0, 0.4))
     pause = Blow(when=when, kind="pause", options={"for_s": 4.0})
     action = chance.choice(("hold", "land", "return"))
     abort = Blow(when=_after(when, _seconds(chance, 0.02, 0.3)), kind="abort", options={"actions": [action]})
-    return {**_RECOVERY, "blows": (_early_kill(chance), pause, abort)}
+    return {**_RECOVERY, **_FAR, "blows": (_early_kill(chance), pause, abort)}
 
 
 @_aim
@@ -198,13 +211,10 @@ def _a_pause_in_flight(chance: random.Random) -> Changes:
 def _asked_and_declined(chance: random.Random) -> Changes:
     when = Moment(step=Step.PROPOSED, after_s=chance.choice((0.0, 0.5)))
     declined = Blow(when=when, kind="decide", options={"agreed": False})
-    blows = [_early_kill(chance), declined]
-    if chance.random() < 0.6:
-        closes = Moment(step=Step.CLOSED, stored=False)
-        slow = {"commit_s": 0.4, "for_s": 5.0}
-        blows.append(Blow(when=closes, kind="slow_disk", options=slow))
-        blows.append(Blow(when=_after(closes, 0.1), kind="pause", options={"for_s": 3.0}))
-    return {**_RECOVERY, "policy": "approve", "blows": tuple(blows)}
+    closes = Moment(step=Step.CLOSED, stored=False)
+    slow = Blow(when=closes, kind="slow_disk", options={"commit_s": 0.4, "for_s": 5.0})
+    pause = Blow(when=_after(closes, _seconds(chance, 0.0, 0.2)), kind="pause", options={"for_s": 3.0})
+    return {**_RECOVERY, "policy": "approve", "blows": (_early_kill(chance), declined, slow, pause)}
 
 
 # -- uploads, links and ends -------------------------------------------------------------------------------------------

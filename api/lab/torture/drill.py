@@ -83,8 +83,8 @@ class Blow(_Document):
 class Drill(_Document):
     """One drill.
 
-    guidance, fall_back, at_end: as of `GuidanceOptions`. loss: share of datagrams lost both ways. gust_mps, gps_m: as
-    of `sim.Weather`. solve_s: of a replan.
+    guidance, fall_back, at_end: as of `GuidanceOptions`. loss: share of datagrams lost both ways.
+    latency_s: of datagrams, each way. gust_mps, gps_m: as of `sim.Weather`. solve_s: of a replan.
     """
 
     seed: int
@@ -97,6 +97,7 @@ class Drill(_Document):
     fall_back: FallBack = FallBack.MISSION
     at_end: OnEnd = OnEnd.LAND
     loss: float = Field(default=0.0, ge=0.0, le=1.0)
+    latency_s: float = Field(default=0.0, ge=0.0, le=1.0)
     gust_mps: float = Field(default=0.0, ge=0.0)
     gps_m: float = Field(default=0.0, ge=0.0)
     solve_s: float = Field(default=0.05, ge=0.0)
@@ -136,6 +137,7 @@ class Drill(_Document):
             for vehicle in made.fleet.vehicles.values():
                 if HOLDS[0] in vehicle.autopilot.parameters:
                     vehicle.autopilot.parameters[HOLDS[0]] = HOLDS[1]
-        if self.loss:
-            made.fleet.impair(up=sim.Impairments(loss=self.loss), down=sim.Impairments(loss=self.loss))
+        if self.loss or self.latency_s:
+            link = sim.Impairments(loss=self.loss, latency_s=self.latency_s)
+            made.fleet.impair(up=link, down=link)
         return made

@@ -79,7 +79,8 @@ def _slot_clock(seen: Seen) -> SlotClock | None:
     elapsed_s = None if operation is None else operation.flight.elapsed_s()
     if operation is None or elapsed_s is None:
         return seen.slot_clock
-    return SlotClock(at_s=seen.ground.now_s, elapsed_s=elapsed_s, paused=seen.state == "paused")
+    paused = operation.flight.paused or operation.state is State.PAUSED
+    return SlotClock(at_s=seen.ground.now_s, elapsed_s=elapsed_s, paused=paused)
 
 
 @at_end

@@ -8,7 +8,7 @@ from skyfolio.api.lab.torture.drill import Drill
 
 MOST_TRIES = 60
 _SETTINGS = (
-    *("gust_mps", "gps_m", "loss", "autopilots", "solve_s", "plan_ahead"),
+    *("gust_mps", "gps_m", "loss", "latency_s", "autopilots", "solve_s", "plan_ahead"),
     *("beside", "guidance", "fall_back", "at_end"),
 )
 Breaks = Callable[[Drill], bool]

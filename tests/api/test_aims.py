@@ -1,0 +1,54 @@
+"""What drills are after: each aim has its turn, and makes a drill that can be flown, always the same."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import pytest
+
+from skyfolio import sim
+from skyfolio.api.flights.journal import Step
+from skyfolio.api.lab.torture.aims import AIMS, aim_of
+from skyfolio.api.lab.torture.blows import BLOWS
+from skyfolio.api.lab.torture.drill import Drill
+from skyfolio.api.lab.torture.flight import fly
+from skyfolio.api.lab.torture.generator import drill_of
+
+
+def seeds_of(aim: str, most: int) -> list[int]:
+    return [seed for seed in range(1, 2001) if aim_of(seed) == aim][:most]
+
+
+def test_half_of_all_drills_are_left_to_chance_and_each_aim_has_its_turn() -> None:
+    counts = Counter(aim_of(seed) for seed in range(4 * len(AIMS)))
+    assert counts.pop(None) == 2 * len(AIMS)
+    assert counts == dict.fromkeys(AIMS, 2)
+
+
+@pytest.mark.parametrize("aim", sorted(AIMS))
+def test_an_aimed_drill_is_one_that_can_be_replayed(aim: str) -> None:
+    for seed in seeds_of(aim, 20):
+        drill = drill_of(seed)
+        assert drill == drill_of(seed)
+        assert Drill.model_validate_json(drill.model_dump_json()) == drill
+        for blow in drill.blows:
+            assert blow.kind in BLOWS
+            if blow.kind == "vehicle":
+                assert sim.fault_from(blow.options).system_id in (1, 2, 3)
+
+
+def test_aimed_drills_differ() -> None:
+    assert all(len({drill_of(seed).model_dump_json() for seed in seeds_of(aim, 5)}) == 5 for aim in AIMS)
+
+
+def test_a_second_loss_comes_while_the_first_is_dealt_with() -> None:
+    outcome = fly(drill_of(seeds_of("a_loss_while_recovering", 1)[0]))
+    assert outcome.broken == {}
+    closed = [step for step in outcome.steps if f"journal 1 {Step.CLOSED.value}" in step]
+    assert "superseded by another loss" in closed[0]
+
+
+def test_an_order_comes_while_a_mission_is_sent() -> None:
+    outcome = fly(drill_of(seeds_of("an_order_while_missions_are_sent", 1)[0]))
+    assert outcome.broken == {}
+    assert any("'cause': 'ordered'" in str(event.data) for event in outcome.events if event.kind == "uav_lost")
