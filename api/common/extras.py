@@ -13,6 +13,7 @@ EXTRAS = {
     "distributed": "sweep",
     "pandas": "sweep",
     "pyarrow": "sweep",
+    "rasterio": "terrain",
 }
 """The extra that installs each optional module, as `pyproject.toml` names it."""
 

@@ -24,6 +24,8 @@ MARGIN_DEG = 0.001
 the east and west."""
 DEFAULTS: Mapping[str, Any] = {"slots": 20, "slot_duration_s": 5.0, "altitude_m": 60.0, "min_separation_m": 4.0}
 """Those of the letter."""
+OVER_GROUND = ("clearance_m", "altitude_min_m", "altitude_max_m")
+"""Settings that count from the ground, which is read once the region is known."""
 LISTS: Mapping[Kind, str] = {"user": "users", "uav": "uavs", "no_fly": "no_fly"}
 _SHAPES: Mapping[Kind, tuple[type[BaseGeometry], ...]] = {"user": (Point, LineString), "uav": (Point,)}
 """A user that is a line has a place for each slot."""
@@ -40,6 +42,9 @@ class ScenarioSettings(Frozen):
     min_separation_m: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=10_000)] | None = None
     channel: Channel | None = None
     utility: Utility | None = None
+    clearance_m: Altitude | None = None
+    altitude_min_m: Altitude | None = None
+    altitude_max_m: Altitude | None = None
 
 
 class Assembly:
@@ -123,7 +128,7 @@ class Assembly:
     # --- what the files do not say ---
 
     def _settings(self, given: Mapping[str, Any]) -> dict[str, Any]:
-        names = ScenarioSettings.model_fields.keys() - {"origin"}
+        names = ScenarioSettings.model_fields.keys() - {"origin", *OVER_GROUND}
         known = {} if self._base is None else {name: getattr(self._base, name) for name in names}
         chosen = {name: value for name, value in DEFAULTS.items() if name not in known and name not in given}
         if chosen:

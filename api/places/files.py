@@ -13,6 +13,9 @@ from shapely.geometry.base import BaseGeometry
 from skyfolio.api.places.faults import Fault, FaultyFilesError
 
 MAX_BYTES = 10_000_000
+MAX_TILE_BYTES = 60_000_000
+"""Of an elevation tile: one of a degree with 3601 x 3601 heights has 26 MB."""
+_TILES = (".tif", ".tiff", ".hgt")
 MAX_FEATURES = 20_000
 Kind = Literal["user", "uav", "no_fly", "area"]
 Encoding = Literal["utf-8", "utf-16", "windows-1252", "iso-8859-1"]
@@ -28,8 +31,14 @@ class SourceFile:
     encoding: Encoding | None = None
 
     def __post_init__(self) -> None:
-        if len(self.content) > MAX_BYTES:
-            raise FaultyFilesError([self.fault("size", f"it has {len(self.content)} bytes; at most are {MAX_BYTES}")])
+        most = MAX_TILE_BYTES if self.is_tile else MAX_BYTES
+        if len(self.content) > most:
+            raise FaultyFilesError([self.fault("size", f"it has {len(self.content)} bytes; at most are {most}")])
+
+    @property
+    def is_tile(self) -> bool:
+        """Return whether its name says that it holds heights of the ground."""
+        return self.suffix in _TILES
 
     @property
     def suffix(self) -> str:

@@ -8,7 +8,7 @@ from pydantic import BaseModel, ValidationError
 
 from skyfolio.api.common.validation import broken_rules
 from skyfolio.api.places import geojson, kml, tables
-from skyfolio.api.places.assembling import Assembly, ScenarioSettings
+from skyfolio.api.places.assembling import OVER_GROUND, Assembly, ScenarioSettings
 from skyfolio.api.places.faults import Fault, FaultyFilesError
 from skyfolio.api.places.files import Holding, SourceFile
 from skyfolio.planner import Scenario
@@ -33,7 +33,7 @@ class Imported(BaseModel):
 def import_files(
     files: Sequence[SourceFile], base: Scenario | None = None, settings: ScenarioSettings | None = None
 ) -> Imported:
-    """Return the scenario that these files describe, all of them together.
+    """Return the scenario that these files describe, all of them together; tiles are the ground under it.
 
     Without users or without UAVs in the files, those of `base` are kept, and so are its origin, area and no-fly zones
     where the files have none. Files with both stand alone: of `base` only what is no place is used. `settings` count
@@ -41,6 +41,7 @@ def import_files(
     """
     if not files:
         raise FaultyFilesError([Fault(file="files", rule="missing", message="there must be at least one")])
+    tiles, files = [file for file in files if file.is_tile], [file for file in files if not file.is_tile]
     holdings = [_holding(file) for file in files]
     faults = [fault for holding in holdings for fault in holding.faults]
     said = _settings(files, holdings, faults)
@@ -48,13 +49,47 @@ def import_files(
     faults += assembly.faults
     if faults:
         raise FaultyFilesError(faults)
-    scenario = assembly.scenario({**said, **_given(settings)})
+    said = {**said, **_given(settings)}
+    above_ground = {name: said.pop(name) for name in OVER_GROUND if name in said}
+    scenario = assembly.scenario(said)
+    scenario, told = _over_ground(scenario, tiles, base, above_ground)
     ignored = [
         f"{file.name}: not used: {', '.join(sorted(holding.ignored))}"
         for file, holding in zip(files, holdings, strict=True)
         if holding.ignored
     ]
-    return Imported(scenario=scenario, notes=[*assembly.notes, *ignored])
+    return Imported(scenario=scenario, notes=[*assembly.notes, *told, *ignored])
+
+
+def _over_ground(
+    scenario: Scenario, tiles: Sequence[SourceFile], base: Scenario | None, given: Mapping[str, object]
+) -> tuple[Scenario, list[str]]:
+    """Return the scenario on the ground of these tiles, or of the base where that is the same region; and notes."""
+    kept = {name: getattr(base, name) for name in OVER_GROUND} if base is not None else {}
+    changes: dict[str, object] = {name: value for name, value in {**kept, **given}.items() if value is not None}
+    notes: list[str] = []
+    if tiles:
+        from skyfolio.api.places.elevation import lines_of, terrain_of  # noqa: PLC0415 - most imports have no tiles
+
+        terrain = terrain_of(tiles, scenario)
+        changes["terrain"] = terrain
+        notes += lines_of(terrain)
+    elif base is not None and base.terrain is not None and base.origin == scenario.origin:
+        changes["terrain"] = base.terrain
+        notes.append("terrain: kept that of the base scenario")
+    elif "clearance_m" not in given:
+        changes.pop("clearance_m", None)
+    if not changes:
+        return scenario, notes
+    try:
+        return scenario.with_changes(**changes), notes
+    except ValidationError as error:
+        raise FaultyFilesError(
+            [
+                Fault(file="files", rule=row["rule"], message=row["message"], column=row["field"])
+                for row in broken_rules(error.errors(), ())
+            ]
+        ) from error
 
 
 def _holding(file: SourceFile) -> Holding:

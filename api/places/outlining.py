@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from shapely.geometry import LineString, Point, Polygon
@@ -23,13 +23,17 @@ Metres = tuple[float, float]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Outlined:
-    """One feature. geometry: longitude and latitude, degrees; height_m: above home, of what flies."""
+    """One feature. geometry: longitude and latitude, degrees; height_m: of what flies, at each of its places.
+
+    above_sea: whether that counts from mean sea level, not from home.
+    """
 
     kind: str
     name: str
     geometry: BaseGeometry
     properties: Mapping[str, Any]
-    height_m: float | None = None
+    height_m: tuple[float, ...] | None = None
+    above_sea: bool = False
 
 
 def settings_of(scenario: Scenario) -> dict[str, Any]:
@@ -59,6 +63,7 @@ def positions(plan: Plan) -> Iterator[dict[str, Any]]:
     Slots and seconds count from the beginning of the operation; a UAV that has left has no more rows.
     """
     scenario = plan.scenario
+    heights = _heights_m(plan)
     degrees = {uav.id: _degrees(scenario, plan.trajectories_m[uav.id]) for uav in scenario.uavs}
     for n in range(scenario.slots):
         slot = plan.first_slot + n
@@ -73,13 +78,21 @@ def positions(plan: Plan) -> Iterator[dict[str, Any]]:
                 "uav_id": uav.id,
                 "lat_deg": lat,
                 "lon_deg": lon,
-                "altitude_m": scenario.altitude_of(uav),
+                "altitude_m": heights[uav.id][n],
                 "east_m": east_m,
                 "north_m": north_m,
                 "users": " ".join(served),
                 "bandwidth_hz": sum(plan.bandwidth_hz[user][n] for user in served),
                 "rate_bps": sum(plan.user_rates_bps[user][n] for user in served),
             }
+
+
+def _heights_m(plan: Plan) -> Mapping[str, Sequence[float]]:
+    """Return the altitudes of each UAV in each slot, in the plan's own datum."""
+    if plan.altitudes_m is not None:
+        return plan.altitudes_m
+    scenario = plan.scenario
+    return {uav.id: [scenario.altitude_of(uav)] * scenario.slots for uav in scenario.uavs}
 
 
 def _serves(plan: Plan, uav: str, user: str, n: int) -> bool:
@@ -89,19 +102,22 @@ def _serves(plan: Plan, uav: str, user: str, n: int) -> bool:
 def _flown(plan: Plan) -> list[Outlined]:
     """Return all paths, then all positions."""
     rows = list(positions(plan))
+    above_sea = plan.altitudes_m is not None and plan.scenario.terrain is not None
     paths, slots = [], []
     for uav in plan.scenario.uavs:
         own = [row for row in rows if row["uav_id"] == uav.id]
-        height_m = plan.scenario.altitude_of(uav)
+        heights = tuple(row["altitude_m"] for row in own)
         places = [(row["lon_deg"], row["lat_deg"]) for row in own]
-        told = {"uav_id": uav.id, "first_slot": plan.first_slot, "altitude_m": height_m}
+        told = {"uav_id": uav.id, "first_slot": plan.first_slot, "altitude_m": max(heights)}
         path = LineString(places if len(places) > 1 else places * 2)
-        paths.append(Outlined(kind="path", name=f"{uav.id}-path", geometry=path, properties=told, height_m=height_m))
+        way = Outlined(kind="path", name=f"{uav.id}-path", geometry=path, properties=told, above_sea=above_sea)
+        paths.append(replace(way, height_m=heights if len(places) > 1 else heights * 2))
         for row, place in zip(own, places, strict=True):
             told = {name: value for name, value in row.items() if name not in {"lat_deg", "lon_deg"}}
             name = f"{uav.id}-slot-{row['slot']}"
             at = Point(place)
-            slots.append(Outlined(kind="position", name=name, geometry=at, properties=told, height_m=height_m))
+            here = Outlined(kind="position", name=name, geometry=at, properties=told, above_sea=above_sea)
+            slots.append(replace(here, height_m=(row["altitude_m"],)))
     return [*paths, *slots]
 
 

@@ -109,7 +109,7 @@ def _placemark(folder: Element, one: Outlined) -> None:
     elif isinstance(shape, Point | LineString):
         element = SubElement(placemark, shape.geom_type)
         if one.height_m is not None:
-            SubElement(element, "altitudeMode").text = "relativeToGround"
+            SubElement(element, "altitudeMode").text = "absolute" if one.above_sea else "relativeToGround"
         _coordinates(element, shape.coords, one.height_m)
 
 
@@ -119,9 +119,10 @@ def _extended(element: Element, data: Mapping[str, Any]) -> None:
         SubElement(SubElement(extended, "Data", name=name), "value").text = str(value)
 
 
-def _coordinates(element: Element, places: Iterable[tuple[float, ...]], height_m: float | None) -> None:
-    height = "" if height_m is None else f",{height_m:.12g}"
-    SubElement(element, "coordinates").text = " ".join(f"{_deg(lon)},{_deg(lat)}{height}" for lon, lat, *_ in places)
+def _coordinates(element: Element, places: Iterable[tuple[float, ...]], heights_m: Sequence[float] | None) -> None:
+    flat = [f"{_deg(lon)},{_deg(lat)}" for lon, lat, *_ in places]
+    shown = flat if heights_m is None else [f"{at},{up:.12g}" for at, up in zip(flat, heights_m, strict=True)]
+    SubElement(element, "coordinates").text = " ".join(shown)
 
 
 def _deg(value: float) -> str:
