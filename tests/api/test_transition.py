@@ -2,10 +2,18 @@
 
 import pytest
 
-from skyfolio.api.flights.transition import Present, begun_at, expected_position, require_separated, way_into
+from skyfolio.api.flights.transition import (
+    Present,
+    begun_at,
+    expected_position,
+    require_over_ground,
+    require_separated,
+    way_into,
+)
 from skyfolio.mavlink_bridge.ghosts import Airspace, Ghost, Way
 from skyfolio.mavlink_bridge.route import Route
 from skyfolio.planner import EXAMPLES, Plan, ReplanError, plan
+from skyfolio.planner.terrain import Terrain
 
 
 @pytest.fixture(scope="module")
@@ -89,3 +97,25 @@ def test_nobody_is_sent_into_the_air_of_a_lost_uav_that_it_would_stay_out_of(eas
     require_separated({"uav-1": through}, Present(1.0, live, through, air))  # no worse than flying on
     air.release("uav-2")
     require_separated({"uav-1": through}, Present(1.0, live, away, air))
+
+
+def test_a_first_leg_that_comes_too_near_to_the_ground_is_refused() -> None:
+    flat = plan(EXAMPLES["minimal"]())
+    ridge = Terrain(  # 60 m high at 100 m east, level at 400 m from 150 m on and up to 50 m
+        south_west_m=(0.0, 0.0), spacing_m=50.0, heights_m=((400.0, 400.0, 460.0, 400.0, 400.0, 400.0, 400.0),) * 7
+    )
+    scenario = flat.scenario.model_copy(update={"terrain": ridge, "clearance_m": 20.0, "slots": 2})
+    paths = {"uav-1": [(50.0, 50.0), (150.0, 50.0)]}
+    over = flat.model_copy(
+        update={"scenario": scenario, "trajectories_m": paths, "altitudes_m": {"uav-1": [480.0] * 2}}
+    )
+    require_over_ground("uav-1", over, (50.0, 50.0), 480.0, 1.0)
+    require_over_ground("uav-1", over, (50.0, 50.0), 479.5, 1.0)  # vehicles are not that exact
+    require_over_ground("uav-1", over, (50.0, 50.0), None, 1.0)
+    require_over_ground("uav-1", over, (100.0, 50.0), 475.0, 1.0)  # too low already, and it only gets better
+    with pytest.raises(ReplanError, match=r"transition: 'uav-1' would come within 10\.0 m of the ground on its"):
+        require_over_ground("uav-1", over, (50.0, 50.0), 470.0, 1.0)
+    low = over.model_copy(update={"altitudes_m": {"uav-1": [480.0, 470.0]}})
+    with pytest.raises(ReplanError, match=r"20 m are asked for"):
+        require_over_ground("uav-1", low, (50.0, 50.0), 480.0, 1.0)
+    require_over_ground("uav-1", flat, (50.0, 50.0), 1.0, 1.0)
