@@ -8,13 +8,13 @@ legs that meet in a slot.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import Annotated, NamedTuple, Protocol
 
 from pydantic import Field
 
-if TYPE_CHECKING:
-    from skyfolio.planner.scenario import Scenario, Uav
+from skyfolio.planner.parts import Point
+from skyfolio.planner.terrain import Terrain
 
 CLEARANCE_M = 30.0
 """Kept over ground where a scenario with terrain does not say."""
@@ -28,6 +28,58 @@ Amsl = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-500, le=30_0
 ClimbRate = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=50)]
 
 
+class Limited(Protocol):
+    """What a scenario and a UAV say alike of altitudes."""
+
+    @property
+    def altitude_min_m(self) -> float | None:
+        """The least altitude to choose from."""
+
+    @property
+    def altitude_max_m(self) -> float | None:
+        """The greatest altitude to choose from."""
+
+
+class LimitedUav(Limited, Protocol):
+    """What a UAV says of its altitudes."""
+
+    @property
+    def id(self) -> str:
+        """Its name."""
+
+    @property
+    def altitude_m(self) -> float | None:
+        """Its own altitude."""
+
+    @property
+    def start_altitude_m(self) -> float | None:
+        """How high it flies already."""
+
+
+class LimitedFleet(Limited, Protocol):
+    """What a scenario says of altitudes and ground."""
+
+    @property
+    def altitude_m(self) -> float:
+        """The altitude of UAVs that have none of their own."""
+
+    @property
+    def clearance_m(self) -> float | None:
+        """What is kept over the terrain."""
+
+    @property
+    def terrain(self) -> Terrain | None:
+        """The ground."""
+
+    @property
+    def area_m(self) -> tuple[Point, Point]:
+        """Where UAVs fly."""
+
+    @property
+    def uavs(self) -> Sequence[LimitedUav]:
+        """The UAVs."""
+
+
 class AltitudeLimits(NamedTuple):
     """The least and the greatest height of a UAV above the highest ground under its legs, metres.
 
@@ -38,32 +90,32 @@ class AltitudeLimits(NamedTuple):
     high_m: float | None
 
 
-def plans_altitudes(scenario: Scenario) -> bool:
+def plans_altitudes(scenario: LimitedFleet) -> bool:
     """Return whether plans of this scenario have altitudes."""
     return scenario.terrain is not None or any(limits_of(scenario, uav).high_m is not None for uav in scenario.uavs)
 
 
-def limits_of(scenario: Scenario, uav: Uav) -> AltitudeLimits:
+def limits_of(scenario: LimitedFleet, uav: LimitedUav) -> AltitudeLimits:
     """Return the limits of a UAV, its own before the fleet's; no upper one where none of both is given.
 
     Without an upper limit nothing is to be decided: it flies as low as ground, ways home and its climb rate allow.
     """
     low = scenario.altitude_min_m if uav.altitude_min_m is None else uav.altitude_min_m
     high = scenario.altitude_max_m if uav.altitude_max_m is None else uav.altitude_max_m
-    wanted = scenario.altitude_of(uav)
+    wanted = scenario.altitude_m if uav.altitude_m is None else uav.altitude_m
     if low is None and high is None:
         return AltitudeLimits(wanted, None)
     return AltitudeLimits(wanted if low is None else low, wanted if high is None else high)
 
 
-def clearance_of(scenario: Scenario) -> float:
+def clearance_of(scenario: LimitedFleet) -> float:
     """Return the metres that are kept over ground everywhere; 0 without terrain."""
     if scenario.terrain is None:
         return 0.0
     return CLEARANCE_M if scenario.clearance_m is None else scenario.clearance_m
 
 
-def require_altitudes(scenario: Scenario) -> None:
+def require_altitudes(scenario: LimitedFleet) -> None:
     """Check terrain, clearance and limits. Raises ValueError that names field and rule."""
     for index, uav in enumerate(scenario.uavs):
         low, high = limits_of(scenario, uav)
@@ -82,7 +134,7 @@ def require_altitudes(scenario: Scenario) -> None:
         raise ValueError(wrong)
 
 
-def _out_of_place(scenario: Scenario) -> Iterator[str]:
+def _out_of_place(scenario: LimitedFleet) -> Iterator[str]:
     """Yield what is given though nothing asks for it, and terrain that is too small."""
     if scenario.terrain is None and scenario.clearance_m is not None:
         yield "clearance_m: it is kept over terrain, and there is none"

@@ -1,10 +1,8 @@
 """The ground under a vehicle, where it is not level: what it stands on, lands on, and can fly into."""
 
+from collections.abc import Callable
 from typing import Protocol
 
-from skyfolio.planner.geodesy import geodetic_to_east_north
-from skyfolio.planner.parts import Origin
-from skyfolio.planner.terrain import Terrain
 from skyfolio.sim.geo import LocalFrame, Place
 
 
@@ -24,14 +22,10 @@ class Level:
 
 
 class Hills:
-    """Ground by a grid of heights above sea level; metres east/north of `origin`, as scenarios have them."""
+    """Ground of any height. `amsl_m(lat_deg, lon_deg)` returns it in metres above mean sea level."""
 
-    def __init__(self, terrain: Terrain, origin: Origin) -> None:
-        self._terrain, self._origin = terrain, origin
-
-    def amsl_m(self, lat_deg: float, lon_deg: float) -> float:
-        """Return the height of the ground at a point given in degrees, metres above mean sea level."""
-        return self._terrain.height_at(*geodetic_to_east_north(self._origin, lat_deg, lon_deg))
+    def __init__(self, amsl_m: Callable[[float, float], float]) -> None:
+        self.amsl_m = amsl_m
 
     def around(self, frame: LocalFrame, home_alt_m: float) -> Land:
         """Return the ground as a vehicle has it that was put down at the origin of `frame`, at this height."""

@@ -10,7 +10,7 @@ from typing import Any
 
 from skyfolio import sim
 from skyfolio.api.common.errors import InvalidError
-from skyfolio.mavlink_bridge import DEFAULT_AUTOPILOT, east_north_to_geodetic
+from skyfolio.mavlink_bridge import DEFAULT_AUTOPILOT, east_north_to_geodetic, geodetic_to_east_north
 from skyfolio.planner import EXAMPLES, Scenario
 
 
@@ -40,7 +40,10 @@ def specs_at_starts(
 
 def hills_of(scenario: Scenario) -> sim.Hills | None:
     """Return the ground of a scenario with terrain, for its simulated fleet."""
-    return None if scenario.terrain is None else sim.Hills(scenario.terrain, scenario.origin)
+    terrain = scenario.terrain
+    if terrain is None:
+        return None
+    return sim.Hills(lambda lat, lon: terrain.height_at(*geodetic_to_east_north(scenario.origin, lat, lon)))
 
 
 def own_endpoint() -> str:

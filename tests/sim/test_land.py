@@ -6,19 +6,17 @@ from typing import Any
 
 import pytest
 
-from skyfolio.planner.parts import Origin
-from skyfolio.planner.terrain import Terrain
 from skyfolio.sim import Fleet, Hills, VehicleSpec, VirtualClock
+from skyfolio.sim.geo import LocalFrame
 from skyfolio.sim.modes import Mode
 
 HOME = (47.397742, 8.545594)
-ORIGIN = Origin(lat_deg=HOME[0], lon_deg=HOME[1])
 
 
 def slope(rise: float = 0.5) -> Hills:
-    """Ground that rises by `rise` metres a metre to the east from 400 m at the origin, and is level to the west."""
-    row = (400.0, 400.0, 400.0 + 1000.0 * rise)
-    return Hills(Terrain(south_west_m=(-1000.0, -1000.0), spacing_m=1000.0, heights_m=(row, row, row)), ORIGIN)
+    """Ground that rises by `rise` metres a metre to the east of home, which is at 400 m, and is level to the west."""
+    frame = LocalFrame(*HOME)
+    return Hills(lambda lat, lon: 400.0 + rise * max(frame.to_local(lat, lon)[0], 0.0))
 
 
 def fleet_on(hills: Hills, home_alt_m: float = 400.0) -> Fleet:
