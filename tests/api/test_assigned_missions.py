@@ -1,5 +1,7 @@
 """Missions that were assigned to UAVs, stored for the next service."""
 
+import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -38,6 +40,15 @@ def test_a_mission_comes_back_as_it_was(minimal: Plan, autopilot: Autopilot) -> 
     for name in ("uav_id", "slot_of_item", "duration_s", "start_item", "autopilot"):
         assert getattr(after.mission, name) == getattr(before.mission, name)
     assert after.mission.autopilot is autopilot
+
+
+def test_altitudes_over_terrain_come_back_too_and_older_documents_are_level(minimal: Plan) -> None:
+    level = assigned(minimal, "uav-1", Autopilot.PX4)
+    assert (level.altitudes.amsl, set(level.altitudes.metres)) == (False, {60.0})
+    climbs = replace(level, altitudes_m=[500.0 + n for n in range(len(level.path_m))], amsl=True)
+    assert AssignedMission.of_document(climbs.document()).altitudes == climbs.altitudes
+    older = {name: value for name, value in json.loads(level.document()).items() if name not in ("altitudes_m", "amsl")}
+    assert AssignedMission.of_document(json.dumps(older)).altitudes == level.altitudes
 
 
 async def test_the_newest_mission_of_each_uav_comes_first(minimal: Plan, tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ from skyfolio.api.places.writing import Format, write_plan, write_scenario
 from skyfolio.planner import EXAMPLES, Origin, Plan, Scenario, Uav, User, Utility
 from skyfolio.planner.plans import Summary
 from skyfolio.planner.scenario import NoFlyDisc, NoFlyPolygon, NoFlyZone, PositionDeg
+from skyfolio.planner.terrain import Terrain
 
 GOLDEN = Path(__file__).parent / "golden"
 FORMATS: tuple[Format, ...] = ("geojson", "kml", "csv")
@@ -263,3 +264,30 @@ def test_the_table_has_a_row_for_each_slot_and_uav_that_still_flies(written: Cal
 def _local_system() -> str:
     """East and north of the origin as PROJ computes them: near the origin the same as ours, and not our code."""
     return f"+proj=aeqd +lat_0={ORIGIN.lat_deg} +lon_0={ORIGIN.lon_deg} +datum=WGS84 +units=m"
+
+
+def test_over_terrain_a_plan_is_written_above_sea_level_as_high_as_it_is_in_each_slot() -> None:
+    row = (400.0, 410.0)
+    ground = Terrain(south_west_m=(-50.0, -50.0), spacing_m=400.0, heights_m=(row, row))
+    flat = EXAMPLES["minimal"]().with_changes(slots=2)
+    path = {uav.id: [uav.start_m, uav.start_m] for uav in flat.uavs}
+    users = flat.user_ids
+    hilly = Plan(
+        id="hilly",
+        method="by hand",
+        scenario=flat.with_changes(terrain=ground),
+        trajectories_m=path,
+        altitudes_m={uav: [470.0, 471.5] for uav in path},
+        association={user: [next(iter(path))] * 2 for user in users},
+        bandwidth_hz={user: [0.0, 0.0] for user in users},
+        user_rates_bps={user: [0.0, 0.0] for user in users},
+        summary=Summary.steady(),
+    )
+    rows = list(csv.DictReader(write_plan(hilly, "csv").splitlines()))
+    assert [(row["slot"], row["altitude_m"]) for row in rows[: len(path)]] == [("0", "470.0")] * len(path)
+    assert rows[-1]["altitude_m"] == "471.5"
+    kml = write_plan(hilly, "kml")
+    assert "<altitudeMode>absolute</altitudeMode>" in kml
+    assert "relativeToGround" not in kml
+    assert ",470 " in kml
+    assert ",471.5</coordinates>" in kml
