@@ -37,8 +37,8 @@ Plans where a fleet of flying base stations goes and which users each one serves
 replans for the survivors when an aircraft is lost.
 
 **Units** are in names: `_m` metres, `_s` seconds, `_hz`, `_bps` bit/s, `_w` watts, `_deg` degrees WGS-84. Positions are
-metres east and north of the scenario's `origin`; altitude is metres above each vehicle's own home, over terrain above mean
-sea level. Slots count from 0.
+metres east and north of the scenario's `origin`; altitude is metres above each vehicle's own home, over terrain above
+mean sea level. Slots count from 0.
 
 **Conventions.** Requests that take time return `202` with `Location` and `Retry-After`; `wait_s` waits for the result.
 `Idempotency-Key` makes every creating POST safe to repeat. Operations have an `ETag`; commands take `If-Match`. Lists
