@@ -10,10 +10,10 @@ from typing import Literal
 class Blocked:
     """What stands in the way of an end position, for UAVs by their index.
 
-    `zones` of one, each `other` of two, the `ground` of some, or all together.
+    `zones` or `energy` of one, each `other` of two, the `ground` of some, or all together.
     """
 
-    by: Literal["zones", "other", "fleet", "ground"]
+    by: Literal["zones", "energy", "other", "fleet", "ground"]
     uavs: tuple[int, ...] = ()
 
 
@@ -41,6 +41,12 @@ def _words(blocked: Blocked, ids: tuple[str, ...] | None) -> str:
         return (
             f"terrain: no path was found on which {', '.join(who)} keeps clear of the ground, also on the way home, "
             "within its climb rate and altitude_max_m, and reaches its end or keeps its pinned path"
+        )
+    if blocked.by == "energy":
+        (u,) = blocked.uavs
+        return (
+            f"uavs.{u}.battery: {who[0]} finds no way to its end_m by its last slot on which it could always come home "
+            "with its reserve"
         )
     if blocked.by == "other":
         a, b = blocked.uavs

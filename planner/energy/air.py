@@ -87,6 +87,10 @@ class Air:
         rows = {name: getattr(self, name)[few] for name in _PER_UAV}
         return replace(self, law=Law(*(constants[few] for constants in self.law)), **rows)
 
+    def without_limits(self) -> Air:
+        """Return the same with batteries that never end."""
+        return replace(self, budget_wh=np.full(len(self.budget_wh), np.inf))
+
     def and_one(self) -> Air:
         """Return that of a fleet with one UAV more, which nothing limits: the stand-in for what flies elsewhere."""
         more = self.of([*range(len(self.speed_mps)), 0])

@@ -19,6 +19,8 @@ from skyfolio.planner.fast.jit import kernel
 from skyfolio.planner.problem import Problem
 
 CHORDS = 4
+KEPT_WH = 1e-6
+"""Never spent, so that rounding leaves a replan something: staying costs nothing of it."""
 LITTLE_WH = 1e-5
 """With less to spare a UAV goes no further."""
 
@@ -76,7 +78,8 @@ def _spare_wh(problem: Problem, air: Air, hover_wh: Array, ending: Array) -> Arr
     )
     extent = np.linalg.norm(corners[None] - air.homes_m[:, :1], axis=-1).max(axis=1)
     most = air.most_spare_used_wh(slots, extent) + np.where(ending, hover_wh * slots, 0.0)
-    kept: Array = np.where(spare >= most, np.inf, spare + ROUNDING_WH / 2)
+    bent = np.where(spare > -ROUNDING_WH, np.maximum(spare - KEPT_WH, 0.0), spare)
+    kept: Array = np.where(spare >= most, np.inf, np.where(ending, spare + ROUNDING_WH / 2, bent))
     return kept
 
 

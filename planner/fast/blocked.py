@@ -26,12 +26,17 @@ def who_is_blocked(problem: Problem) -> Blocked:
     ending = [u for u in range(problem.n_uavs) if np.isfinite(problem.end_m[u, 0])]
     for u in ending:
         if _fails(problem, (u,)):
-            return Blocked("zones", (u,))
+            return Blocked("zones" if _fails(_with_full_batteries(problem), (u,)) else "energy", (u,))
     pairs = [pair for pair in combinations(range(problem.n_uavs), 2) if set(pair) & set(ending)]
     for pair in pairs[:MOST_PAIRS]:
         if _fails(problem, pair):
             return Blocked("other", pair)
     return Blocked("fleet")
+
+
+def _with_full_batteries(problem: Problem) -> Problem:
+    """Return the problem without any limit of energy."""
+    return problem if problem.air is None else replace(problem, air=problem.air.without_limits())
 
 
 def _fails(problem: Problem, uavs: tuple[int, ...]) -> bool:

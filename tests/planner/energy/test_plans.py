@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from skyfolio.planner import EXAMPLES, MaxIterations, PinError, Pins, Plan, Scenario, plan, replan, violations
 from skyfolio.planner.energy.outlook import charge_needed, outlook_of
-from skyfolio.planner.scenario import Battery, Origin, RallyPoint, Uav, User, Wind
+from skyfolio.planner.scenario import Battery, NoFlyPolygon, Origin, RallyPoint, Uav, User, Wind
 from skyfolio.planner.unreachable import UnreachableEndError
 
 QUICK: dict[str, Any] = {"n_starts": 3, "stop": MaxIterations(4)}
@@ -26,7 +26,7 @@ def far_user(usable_wh: float | None = None, wind: Wind | None = None, slots: in
         slot_duration_s=5.0,
         altitude_m=60.0,
         min_separation_m=4.0,
-        uavs=(Uav(id="uav-1", start_m=(50.0, 0.0), max_speed_mps=8.0, **{**battery, **uav}),),
+        uavs=(Uav(id="uav-1", start_m=(50.0, 0.0), **{"max_speed_mps": 8.0, **battery, **uav}),),
         users=(User(id="user-1", position_m=(850.0, 0.0)),),
         **({} if wind is None else {"wind": wind}),
     )
@@ -257,3 +257,27 @@ def test_an_outlook_takes_what_was_used_beyond_the_plan_off_the_margin() -> None
     assert thirsty.at_end_wh == pytest.approx(used[-1] + 3.0)
     assert charge_needed(made, "uav-1") == pytest.approx(1.0 - min(margins) / 60.0)
     assert outlook_of(plan(far_user(slots=4), **QUICK), "uav-1", 1.0, 0.5) is None
+
+
+def test_a_plan_that_spends_all_that_it_has_can_be_replanned_again_and_again() -> None:
+    made = plan(far_user(1.03 * least_for(far_user())), **QUICK)
+    for at_slot in (3, 9, 10, 17, 25, 38):
+        made = replan(made, at_slot=at_slot, **QUICK)
+        assert violations(made) == []
+        assert made.scenario.uavs[0].leaves_at_slot is None
+
+
+def test_an_end_from_the_way_to_which_it_would_not_come_home_is_refused_for_that_reason() -> None:
+    scenario = far_user(max_speed_mps=20.0, end_m=(950.0, 0.0))
+    least = least_for(scenario)
+    with pytest.raises(ValueError, match=r"uavs\.0\.battery: 'uav-1' would not come home .* flew straight to its end"):
+        far_user(1.001 * least, max_speed_mps=20.0, end_m=(950.0, 0.0))
+    zone = NoFlyPolygon(vertices_m=((400.0, -199.0), (500.0, -199.0), (500.0, 199.0), (400.0, 199.0)))
+    for share in np.linspace(1.0, 1.3, 61):
+        try:
+            around = far_user(share * least, max_speed_mps=20.0, end_m=(950.0, 0.0)).with_changes(no_fly=(zone,))
+        except ValueError:
+            continue
+        with pytest.raises(UnreachableEndError, match=r"uavs\.0\.battery: 'uav-1' finds no way to its end_m"):
+            plan(around, **QUICK)
+        return
