@@ -32,8 +32,8 @@ def flown(arena: Arena, wish: Array, *, chase: bool) -> Array | None:
 def hovering(arena: Arena) -> Array | None:
     """Everyone stays at the start as long as its end allows: (N, 2, U) metres.
 
-    Where that lets UAVs meet on their ways, ends are sought at once, or half of the UAVs go first. Where it is in the
-    way of pinned UAVs, the others give way.
+    Where that lets UAVs meet on their ways, ends are sought at once, or half of the UAVs go first; where it costs too
+    much energy, they go slowly. Where it is in the way of pinned UAVs, the others give way.
     """
     n_slots, n_uavs = arena.gain.shape
     stay = np.repeat(arena.start_m[None], n_slots, axis=0)
@@ -53,7 +53,15 @@ def hovering(arena: Arena) -> Array | None:
         path = flown(arena, wish, chase=True)
         if path is not None:
             return path
-    return None
+    return flown(arena, _unhurried(arena, stay), chase=True) if arena.has_energy else None
+
+
+def _unhurried(arena: Arena, stay: Array) -> Array:
+    """Return straight ways to the ends that take until the last slot: hovering costs more than flying slowly."""
+    share = np.minimum(np.arange(len(stay))[:, None] / np.maximum(arena.last, 1), 1.0)[:, None]
+    way = np.nan_to_num(arena.end_m - arena.start_m)
+    straight: Array = stay + share * way[None]
+    return straight
 
 
 def _one_after_the_other(arena: Arena) -> Array | None:

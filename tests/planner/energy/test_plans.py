@@ -9,8 +9,9 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from skyfolio.planner import EXAMPLES, MaxIterations, PinError, Pins, Plan, Scenario, plan, replan, violations
+from skyfolio.planner.energy.account import account_of, idle_paths_m
 from skyfolio.planner.energy.outlook import charge_needed, outlook_of
-from skyfolio.planner.scenario import Battery, NoFlyPolygon, Origin, RallyPoint, Uav, User, Wind
+from skyfolio.planner.scenario import Battery, NoFlyDisc, Origin, RallyPoint, Uav, User, Wind
 from skyfolio.planner.unreachable import UnreachableEndError
 
 QUICK: dict[str, Any] = {"n_starts": 3, "stop": MaxIterations(4)}
@@ -268,16 +269,25 @@ def test_a_plan_that_spends_all_that_it_has_can_be_replanned_again_and_again() -
 
 
 def test_an_end_from_the_way_to_which_it_would_not_come_home_is_refused_for_that_reason() -> None:
-    scenario = far_user(max_speed_mps=20.0, end_m=(950.0, 0.0))
-    least = least_for(scenario)
+    scenario = far_user(max_speed_mps=20.0, end_m=END)
     with pytest.raises(ValueError, match=r"uavs\.0\.battery: 'uav-1' would not come home .* flew straight to its end"):
-        far_user(1.001 * least, max_speed_mps=20.0, end_m=(950.0, 0.0))
-    zone = NoFlyPolygon(vertices_m=((400.0, -199.0), (500.0, -199.0), (500.0, 199.0), (400.0, 199.0)))
-    for share in np.linspace(1.0, 1.3, 61):
-        try:
-            around = far_user(share * least, max_speed_mps=20.0, end_m=(950.0, 0.0)).with_changes(no_fly=(zone,))
-        except ValueError:
-            continue
-        with pytest.raises(UnreachableEndError, match=r"uavs\.0\.battery: 'uav-1' finds no way to its end_m"):
-            plan(around, **QUICK)
-        return
+        far_user(0.998 * straight_wh(scenario), max_speed_mps=20.0, end_m=END)
+    assert violations(plan(far_user(1.002 * straight_wh(scenario), max_speed_mps=20.0, end_m=END), **QUICK)) == []
+    zone = NoFlyDisc(center_m=(450.0, 0.0), radius_m=150.0)
+    around = far_user(1.002 * straight_wh(scenario), max_speed_mps=20.0, end_m=END).with_changes(no_fly=(zone,))
+    with pytest.raises(UnreachableEndError, match=r"uavs\.0\.battery: 'uav-1' finds no way to its end_m"):
+        plan(around, **QUICK)
+    rich = far_user(2.0 * straight_wh(scenario), max_speed_mps=20.0, end_m=END).with_changes(no_fly=(zone,))
+    assert violations(plan(rich, **QUICK)) == []
+
+
+END = (950.0, 0.0)
+
+
+def straight_wh(scenario: Scenario) -> float:
+    """Return Wh with which the UAV can just fly straight to its end, and home from there."""
+    ample = scenario.with_changes(uavs=(scenario.uavs[0].model_copy(update={"battery": Battery(usable_wh=1e4)}),))
+    assert ample.air is not None
+    last = np.array([scenario.slots])
+    paths = idle_paths_m(np.array([scenario.uavs[0].start_m]), np.array([END]), last, scenario.slots)
+    return float(8e3 - account_of(ample.air, paths, last).margin_wh.min()) / 0.8
