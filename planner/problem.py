@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,7 +12,7 @@ from skyfolio.planner.arrays import Array
 from skyfolio.planner.channel import expected_gains, fading_gains, squared_distances
 from skyfolio.planner.energy.air import Air
 from skyfolio.planner.scenario import NoFlyDisc, NoFlyPolygon, Scenario
-from skyfolio.planner.tracks import absences_of, tracks_of
+from skyfolio.planner.tracks import absences_of, demands_bps, tracks_of
 from skyfolio.planner.utility import utility_kbps
 
 
@@ -139,6 +139,50 @@ class Problem:
         """Whether each user is there in each slot: (K, N)."""
         return ~self.absent if self.absent.size else np.ones((self.n_users, self.n_slots), dtype=bool)
 
+    def only(self, uavs: NDArray[np.intp] | None = None, users: NDArray[np.intp] | None = None) -> Problem:
+        """Return the problem of some UAVs and some users, given by their indices, as if there were no others.
+
+        Default: all. Users who are pinned to a UAV that is left out may be served by any.
+        """
+        some = self if users is None else self._only_users(users)
+        return some if uavs is None else some._only_uavs(uavs)
+
+    def _only_users(self, users: NDArray[np.intp]) -> Problem:
+        gain = self.snr_gain
+        alike = np.broadcast_to(gain[:, :1], (len(gain), len(users), gain.shape[2]))
+        return replace(
+            self,
+            snr_gain=alike if gain.strides[1] == 0 else gain[:, users],
+            draws=self.draws[:, :, users] if self.draws.size else self.draws,
+            user_m=self.user_m[users],
+            spread_m2=self.spread_m2[users],
+            past_kbps=self.past_kbps[users],
+            min_kbps=self.min_kbps[users],
+            weight=self.weight[users],
+            absent=self.absent[users] if self.absent.size else self.absent,
+            demand_kbps=self.demand_kbps[users],
+            pinned_to=self.pinned_to[users] if self.pinned_to.size else self.pinned_to,
+        )
+
+    def _only_uavs(self, uavs: NDArray[np.intp]) -> Problem:
+        gain, number = self.snr_gain, np.full(self.n_uavs + 1, -1)
+        number[uavs] = np.arange(len(uavs))  # and -1, whom any may serve, stays -1
+        alike = np.broadcast_to(gain[uavs, :1], (len(uavs), *gain.shape[1:]))
+        return replace(
+            self,
+            start_m=self.start_m[uavs],
+            step_m=self.step_m[uavs],
+            altitude_m=self.altitude_m[uavs],
+            bandwidth_hz=self.bandwidth_hz[uavs],
+            snr_gain=alike if gain.strides[1] == 0 else gain[uavs],
+            draws=self.draws[:, uavs] if self.draws.size else self.draws,
+            n_flying=self.n_flying[uavs],
+            end_m=self.end_m[uavs],
+            pinned_m=self.pinned_m[uavs] if self.pinned_m.size else self.pinned_m,
+            pinned_to=number[self.pinned_to] if self.pinned_to.size else self.pinned_to,
+            air=None if self.air is None else self.air.of(uavs),
+        )
+
     def hover(self) -> Array:
         """Return paths on which every UAV stays at its start, which is always feasible: (U, N, 2) metres."""
         return np.repeat(self.start_m[:, None, :], self.n_slots, axis=1)
@@ -157,7 +201,7 @@ def problem_of(scenario: Scenario, past: Past | None = None) -> Problem:
     before = absences_of(scenario, -past_kbps.shape[1], past_kbps.shape[1])
     past_kbps = np.where(before, np.nan, past_kbps) if before.any() else past_kbps
     absent = absences_of(scenario)
-    demand_kbps = np.array([np.inf if user.demand_bps is None else user.demand_bps / 1e3 for user in scenario.users])
+    demand_kbps = demands_bps(scenario) / 1e3
     past_kbps = np.minimum(past_kbps, demand_kbps[:, None])
     excluded = scenario.utility.exclude_fixed_slots
     n_flying = np.array([scenario.last_slot(uav) + 1 for uav in scenario.uavs])

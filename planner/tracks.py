@@ -1,4 +1,4 @@
-"""Where the users of a scenario are in each slot, as arrays, and when they are not there."""
+"""Where the users of a scenario are in each slot, when they are not there, and what they ask for, as arrays."""
 
 from __future__ import annotations
 
@@ -20,6 +20,11 @@ def tracks_of(scenario: Scenario) -> tuple[Array, Array]:
     places_m = np.array([[user.place_m(n, slot_s) for n in slots] for user in users], dtype=float)
     radii_m = np.array([[user.radius_m(n, slot_s) for n in slots] for user in users])
     return places_m, radii_m**2 / 2
+
+
+def demands_bps(scenario: Scenario) -> Array:
+    """Return what each user asks for, (K,) bit/s, infinite where it has no limit."""
+    return np.array([np.inf if user.demand_bps is None else user.demand_bps for user in scenario.users])
 
 
 def are_plain(scenario: Scenario) -> bool:

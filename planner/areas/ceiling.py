@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from skyfolio.planner.areas.sketch import of_users
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.crowding.bound import Stretch, first_field, stretches_of
 from skyfolio.planner.crowding.field import Field
@@ -54,7 +53,7 @@ def _reached_kbps(problem: Problem, n: int) -> float:
     """Return what all UAVs have at most in slot n, each with the best user in reach; some users at a time."""
     best = np.zeros(problem.n_uavs)
     for users in np.array_split(np.arange(problem.n_users), -(-problem.n_users // USERS_AT_ONCE)):
-        rates = optimistic_rates_kbps(of_users(problem, users), np.array([n]))
+        rates = optimistic_rates_kbps(problem.only(users=users), np.array([n]))
         np.maximum(best, rates.max(axis=(1, 2)), out=best)
     return float(best.sum())
 

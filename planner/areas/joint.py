@@ -103,20 +103,9 @@ def area_problem(problem: Problem, joint: Joint, area: Area, users: Ints) -> Are
     pinned = paths_m[uavs].copy()
     pinned[: len(area.own)] = np.nan
     inner = replace(
-        problem,
-        start_m=problem.start_m[uavs],
-        user_m=problem.user_m[users],
-        spread_m2=problem.spread_m2[users],
-        step_m=problem.step_m[uavs],
-        altitude_m=problem.altitude_m[uavs],
-        bandwidth_hz=problem.bandwidth_hz[uavs],
+        problem.only(uavs, users),
         snr_gain=alike[uavs][:, None],
         past_kbps=_past(problem, users),
-        n_flying=problem.n_flying[uavs],
-        end_m=problem.end_m[uavs],
-        min_kbps=problem.min_kbps[users],
-        weight=problem.weight[users],
-        demand_kbps=problem.demand_kbps[users],
         pinned_m=pinned if len(area.around) else np.zeros((0, 0, 2)),
         air=None if problem.air is None else problem.air.of(uavs),
     )

@@ -7,7 +7,7 @@ area; the fine ones look at many, with the other regions' UAVs on the flights of
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -31,7 +31,7 @@ REGION = 64
 def coarse_places(problem: Problem, seed: int, halted: Callable[[], bool]) -> Array:
     """Return hover points for the whole fleet, (U, 2) metres; its starts when there was no time for any."""
     users = drawn(problem.n_users, COARSE_USERS * problem.n_uavs, seed)
-    arena = arena_of(of_users(problem, users))
+    arena = arena_of(problem.only(users=users))
     effort = Effort(COARSE_SKETCHES, 1, COARSE_TRIES * problem.n_uavs)
     found = places(arena, np.random.default_rng(seed), effort, halted=halted)
     return found[0].T.copy() if found else problem.start_m.copy()
@@ -64,18 +64,3 @@ def drawn(n_users: int, some: int, seed: int) -> Ints:
     if n_users <= some:
         return np.arange(n_users)
     return np.sort(np.random.default_rng(seed).choice(n_users, some, replace=False))
-
-
-def of_users(problem: Problem, users: Ints) -> Problem:
-    """Return the problem of a fleet on the mean channel with only some of its users."""
-    gain = problem.snr_gain
-    return replace(
-        problem,
-        snr_gain=np.broadcast_to(gain[:, :1], (len(gain), len(users), gain.shape[2])),
-        user_m=problem.user_m[users],
-        spread_m2=problem.spread_m2[users],
-        past_kbps=problem.past_kbps[users],
-        min_kbps=problem.min_kbps[users],
-        weight=problem.weight[users],
-        demand_kbps=problem.demand_kbps[users],
-    )

@@ -119,9 +119,9 @@ def _of_some(ledger: Ledger, users: NDArray[np.intp]) -> dict[int, Ladder]:
 def _nearer(problem: Problem, users: NDArray[np.intp], interfering: Array, may_serve: NDArray[np.bool_]) -> list[Array]:
     """Return the rungs from `distance` on: (k, N) kbit/s each, of the whole band of the UAV that gives most."""
     stay = np.full(problem.n_uavs, problem.n_slots)
-    there = problem.snr_gain[:, users]
+    some = problem.only(users=users)
+    there = some.snr_gain
     lasting = np.array([_lasting(problem, u, users) for u in range(problem.n_uavs)])
-    some = replace(problem, user_m=problem.user_m[users], spread_m2=problem.spread_m2[users], snr_gain=there)
     near2, _ = squared_distance_range(some)
     stay2, _ = squared_distance_range(replace(some, n_flying=stay))
     height2 = problem.altitude_m[:, None, None] ** 2 + some.spread_m2

@@ -6,7 +6,6 @@ for in the fleet.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -41,19 +40,5 @@ def _with_full_batteries(problem: Problem) -> Problem:
 
 def _fails(problem: Problem, uavs: tuple[int, ...]) -> bool:
     """Return whether these UAVs, with no other UAV in the air, find no way to their ends."""
-    few = list(uavs)
-    part = replace(
-        problem,
-        start_m=problem.start_m[few],
-        step_m=problem.step_m[few],
-        altitude_m=problem.altitude_m[few],
-        bandwidth_hz=problem.bandwidth_hz[few],
-        snr_gain=problem.snr_gain[few],
-        draws=problem.draws[:, few] if problem.draws.size else problem.draws,
-        n_flying=problem.n_flying[few],
-        end_m=problem.end_m[few],
-        pinned_m=problem.pinned_m[few] if problem.pinned_m.size else problem.pinned_m,
-        pinned_to=np.zeros((0, 0), dtype=np.intp),
-        air=None if problem.air is None else problem.air.of(few),
-    )
+    part = problem.only(uavs=np.array(uavs))
     return hovering(with_routes(part, arena_of(part))) is None
