@@ -124,7 +124,8 @@ def lifted_kbps(problem: Problem, per_slot_kbps: Array) -> float:
 
 def asked_for_kbps(problem: Problem, weights: Array) -> Array:
     """Return what the weighted sum rate (weights: (K, N)) of each slot comes to if all have what they ask for: (N,)."""
-    worth = np.where(weights > 0.0, weights * problem.demand_kbps[:, None], 0.0) if problem.has_demand else np.inf
+    most = np.where(weights > 0.0, problem.demand_kbps[:, None], 0.0)
+    worth = weights * most if problem.has_demand else np.inf
     total: Array = np.broadcast_to(worth, weights.shape).sum(axis=0)
     return total
 

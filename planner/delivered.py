@@ -11,7 +11,7 @@ from skyfolio.planner.ground.links import planned_heights2
 from skyfolio.planner.plans import Plan
 from skyfolio.planner.scenario import Scenario
 from skyfolio.planner.sinr import mean_efficiency
-from skyfolio.planner.tracks import tracks_of
+from skyfolio.planner.tracks import demands_bps, tracks_of
 
 
 def delivered_rates_bps(
@@ -23,7 +23,8 @@ def delivered_rates_bps(
 
     S samples; slots: (S,) index on the plan's own grid (0 is its first slot). positions_m: (S, U, 2) metres east/north
     of the origin, in the plan's UAV order. transmitting: (S, U): a UAV that is off serves no user and does not
-    interfere. Raises ValueError when the shapes do not agree or a slot lies outside the plan.
+    interfere. No user takes more than it asks for. Raises ValueError when the shapes do not agree or a slot lies
+    outside the plan.
     """
     scenario = plan.scenario
     n_samples, n_uavs = len(slots), len(scenario.uavs)
@@ -53,7 +54,7 @@ def delivered_rates_bps(
     serving = np.array([[index[row[n]] for row in links] for n in asked], dtype=np.intp)[column]  # (S, K)
     bandwidth = np.array([[row[n] for row in bands] for n in asked])[column]
     chosen = np.take_along_axis(efficiency, serving[None], axis=0)[0]
-    rates: Array = bandwidth * chosen
+    rates: Array = np.minimum(bandwidth * chosen, demands_bps(scenario))
     return rates
 
 

@@ -81,12 +81,21 @@ class Ledger:
         """What each UAV's band is worth in each slot to first order: (U, N), kbit/s of utility.
 
         Rates are proportional to bandwidth, so the gradient times the rates is what a relative change of the band
-        changes, and, at the best shares, what a hertz is worth times the band.
+        changes, and, at the best shares, what a hertz is worth times the band. Who has all that it asks for takes no
+        more of a wider band: all of it goes to the others.
         """
-        earned = np.zeros((self.problem.n_uavs, self.problem.n_slots))
+        earned = self.by_uav(self.weights * self.rates_kbps)
+        if not self.problem.has_demand:
+            return earned
+        taking_hz = self.by_uav(self.bandwidth_hz * (self.weights > 0.0))
+        return earned * (self.problem.bandwidth_hz[:, None] / np.where(taking_hz > 0.0, taking_hz, np.inf))
+
+    def by_uav(self, of_users: Array) -> Array:
+        """Return the sums (U, N) of what users have, (K, N), over the users of each UAV."""
+        sums = np.zeros((self.problem.n_uavs, self.problem.n_slots))
         slots = np.broadcast_to(np.arange(self.problem.n_slots), self.serving.shape)
-        np.add.at(earned, (self.serving, slots), self.weights * self.rates_kbps)
-        return earned
+        np.add.at(sums, (self.serving, slots), of_users)
+        return sums
 
     @cached_property
     def total_snr(self) -> Array:

@@ -19,10 +19,9 @@ def band_prices(ledger: Ledger) -> Array:
 
 def full_slots(ledger: Ledger) -> Array:
     """Return in how many slots each UAV gives away its whole band: (U,)."""
-    used = np.zeros((ledger.problem.n_uavs, ledger.problem.n_slots))
-    slots = np.broadcast_to(np.arange(ledger.problem.n_slots), ledger.serving.shape)
-    np.add.at(used, (ledger.serving, slots), ledger.bandwidth_hz)
-    full: Array = (used >= ledger.problem.bandwidth_hz[:, None] * (1 - TOUCHING)).sum(axis=1)
+    full: Array = (ledger.by_uav(ledger.bandwidth_hz) >= ledger.problem.bandwidth_hz[:, None] * (1 - TOUCHING)).sum(
+        axis=1
+    )
     return full
 
 
@@ -90,5 +89,6 @@ def head_start_kbps(ledger: Ledger, u: int) -> tuple[float, float]:
     interfering = ledger.total_snr - ledger.own_snr + np.where(ledger.serving == u, 0.0, change)
     own = ledger.own_snr + np.where(ledger.serving == u, change, 0.0)
     rates = ledger.bandwidth_hz / (1e3 * LN2) * np.log1p(own / (1.0 + np.maximum(interfering, 0.0)))
+    rates = np.minimum(rates, ledger.problem.demand_kbps[:, None])
     gain = ledger.utility_kbps(rates) - ledger.utility_kbps(ledger.rates_kbps)
     return gain, float((rates - ledger.rates_kbps).sum() / ledger.problem.n_slots)

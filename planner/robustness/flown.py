@@ -13,7 +13,7 @@ from skyfolio.planner.channel import fading_gains, squared_distances, sum_of_oth
 from skyfolio.planner.ground.links import planned_heights2
 from skyfolio.planner.plans import Plan
 from skyfolio.planner.scenario import Scenario
-from skyfolio.planner.tracks import tracks_of
+from skyfolio.planner.tracks import demands_bps, tracks_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,7 +32,10 @@ class Flown:
     heights2_m2: Array
 
     def rates_bps(self, gains: Array, errors_m: Array | None = None) -> Array:
-        """Return the rates of eqs. (1)-(4) under fading `gains` (U, K, N) and errors (U, N, 2): (K, N) bit/s."""
+        """Return the rates of eqs. (1)-(4) under fading `gains` (U, K, N) and errors (U, N, 2): (K, N) bit/s.
+
+        No user takes more than it asks for.
+        """
         scenario = self.scenario
         user_m, spread_m2 = tracks_of(scenario)
         power_w = np.array([uav.transmit_power_w for uav in scenario.uavs])
@@ -44,8 +47,9 @@ class Flown:
         at = self.serving[None]
         own = np.take_along_axis(snr, at, axis=0)[0]
         others = np.take_along_axis(sum_of_others(snr), at, axis=0)[0]
-        rates: Array = self.bandwidth_hz * np.log1p(own / (1.0 + others)) / np.log(2)
-        return rates
+        rates = self.bandwidth_hz * np.log1p(own / (1.0 + others)) / np.log(2)
+        taken: Array = np.minimum(rates, demands_bps(scenario)[:, None])
+        return taken
 
 
 def flown_as_planned(plan: Plan) -> Flown:

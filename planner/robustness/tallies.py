@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.robustness.findings import Percentiles
 from skyfolio.planner.scenario import Scenario
-from skyfolio.planner.tracks import absences_of
+from skyfolio.planner.tracks import absences_of, demands_bps
+from skyfolio.planner.utility import SATED
 
 DUST_BPS = 1e-6
 """A rate below this is none."""
@@ -17,12 +18,13 @@ DUST_BPS = 1e-6
 def thresholds_bps(scenario: Scenario, planned_bps: Array, share: float, outage_bps: float | None) -> Array:
     """Return below which rate a user is in outage, by slot: (K, N) bit/s, NaN for slots that do not count.
 
-    outage_bps counts in every slot; without it a user's `min_rate_bps` does, and for users that have none `share` of
-    what was planned, in the slots in which something was. Slots in which a user is not there do not count.
+    outage_bps counts in every slot, or what a user asks for where that is less; without it a user's `min_rate_bps`
+    does, and for users that have none `share` of what was planned, in the slots in which something was. Slots in which
+    a user is not there do not count.
     """
-    there = ~absences_of(scenario)
+    there, enough = ~absences_of(scenario), demands_bps(scenario)[:, None] * (1.0 - SATED)
     if outage_bps is not None:
-        return np.where(there, outage_bps, np.nan)
+        return np.where(there, np.minimum(outage_bps, enough), np.nan)
     least = np.array([user.min_rate_bps for user in scenario.users])[:, None]
     relative = np.where(planned_bps > DUST_BPS, share * planned_bps, np.nan)
     thresholds: Array = np.where(there, np.where(least > 0.0, least, relative), np.nan)

@@ -150,6 +150,10 @@ BEYOND_THE_LETTER: dict[str, dict[str, Any]] = {
     "windows": {"absent": np.arange(4) < np.arange(8)[:, None] % 4},
     "nobody there in a slot": {"absent": np.repeat(SLOT_1[None], 8, axis=0)},
     "demands of some": {"demand_kbps": np.array([4.0, np.inf] * 4)},
+    "windows, and demands of some": {
+        "absent": np.arange(4) < np.arange(8)[:, None] % 4,
+        "demand_kbps": np.array([4.0, np.inf] * 4),
+    },
     "demands that are met": {"demand_kbps": np.full(8, 0.01)},
 }
 
