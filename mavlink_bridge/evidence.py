@@ -83,18 +83,13 @@ class Evidence:
         self.crashed = Lasting(timing.crash_after_s, timing.withdrawn_after_s)
 
     def was_flying(self, up_m: float, told_s: float) -> None:
-        """Take in that it was in the air, `up_m` above its home, when it was last heard before this process started.
-
-        It may have reported already what became of it.
-        """
+        """Take in that it was in the air when an earlier process heard it last; it may have told what became of it."""
         if not self.armed and self._mode_s > float("-inf"):
-            since_s = self._mode_s
-            self.disarmed = Disarmed(since_s=since_s, up_m=up_m, told_s=told_s, landing=False)
+            self.disarmed = Disarmed(since_s=self._mode_s, up_m=up_m, told_s=told_s, landing=False)
             self.disarmed.see(self.height, self._timing)
-        elif not self.armed:
-            self.armed = True
+        else:
             self.height.assume(up_m, told_s)
-        self.flew = True
+        self.flew, self.armed = True, self.disarmed is None
 
     # -- who flies it -------------------------------------------------------------------------------------------
 

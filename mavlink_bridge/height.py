@@ -36,6 +36,8 @@ class Height:
         """How fast it came down when it was so low that it could no longer brake; None if it never was."""
         self.hit_m = 0.0
         """How high it was then."""
+        self.falling_mps = 0.0
+        """How fast it descends, m/s: the lesser of its reported speed and the change of its reported height."""
         self._heights: deque[tuple[float, float]] = deque(maxlen=64)
 
     def hear(self, fields: Mapping[str, Any], now_s: float) -> None:
@@ -48,6 +50,7 @@ class Height:
         self._heights.append((now_s, self.up_m))
         while now_s - self._heights[0][0] > 2 * _RATE_OVER_S:
             self._heights.popleft()
+        self.falling_mps = self._falls_at_mps()
 
     def _judge_hit(self, now_s: float) -> None:
         """Judge by the speed it reports, and by its height now and just before, whether it is about to hit the ground.
@@ -77,15 +80,12 @@ class Height:
         """Return whether it was reported lately."""
         return now_s - self.heard_s <= FRESH_S
 
-    @property
-    def falling_mps(self) -> float:
-        """Return how fast it descends, m/s: the lesser of its reported speed and the change of its reported height."""
-        at_s, up_m = self._heights[-1] if self._heights else (0.0, 0.0)
-        earlier = [(then_s, then_m) for then_s, then_m in self._heights if 0 < at_s - then_s <= _RATE_OVER_S]
-        if not earlier:
-            return 0.0
-        then_s, then_m = earlier[0]
-        return min(self.sinking_mps, (then_m - up_m) / (at_s - then_s))
+    def _falls_at_mps(self) -> float:
+        at_s, up_m = self._heights[-1]
+        for then_s, then_m in self._heights:
+            if 0 < at_s - then_s <= _RATE_OVER_S:
+                return min(self.sinking_mps, (then_m - up_m) / (at_s - then_s))
+        return 0.0
 
     def is_steady(self, now_s: float) -> bool:
         """Return whether it keeps its height, by positions that span long enough."""

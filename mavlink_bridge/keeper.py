@@ -92,6 +92,8 @@ class Keeper:
         self._mission = mission
         self._restarts_hold = profile_of(mission.autopilot).restarts_hold
         self._stops = sorted(mission.slot_of_item.items())
+        self._departures = [self._departs(number) for number in range(len(self._stops))]
+        """The last slot spent at each stop: the leg that follows begins with it."""
         self._ordered_s = -EVERY_S
         self._ordered_item = -1
         self._speed_mps: float | None = None
@@ -151,7 +153,7 @@ class Keeper:
         seq, _ = self._stops[number]
         left_m = self._to_stop_m(number, point_m)
         item, nearest_m, since_s = self._nearest
-        overdue_s = self._route.due_s(self._departs(number))
+        overdue_s = self._route.due_s(self._departures[number])
         if item != seq or left_m < nearest_m - NEARER_M or now_s < overdue_s:
             self._nearest = (seq, left_m, now_s)
             return None
@@ -216,7 +218,7 @@ class Keeper:
 
     def _leaves_s(self, number: int) -> float:
         """Return when it should leave a stop: with the leg that follows, or at the end of the last slot."""
-        departs = self._departs(number)
+        departs = self._departures[number]
         if number + 1 >= len(self._stops):
             return self._route.due_s(departs) + self._route.slot_s
         return self._route.due_s(departs) - head_start_s(self._route.path_m, departs, self._route.slot_s, self.model)
@@ -229,7 +231,7 @@ class Keeper:
         return self._to_stop_m(number, point_m) <= max(NEAR_M, self.model.acceptance_radius_m)
 
     def _departs(self, number: int) -> int:
-        """Return the last slot spent at a stop: the leg that follows begins with it."""
+        """Return the last slot spent at a stop."""
         slot = self._stops[number][1]
         following = self._stops[number + 1][1] if number + 1 < len(self._stops) else self._route.last + 1
         while slot + 1 < following and self._route.way_m(slot, slot + 1) < SAME_PLACE_M:
@@ -277,6 +279,6 @@ class Keeper:
 
     def _target(self, number: int, now_s: float) -> int:
         """Return the slot whose point is aimed at: the next that is far enough in time, on this leg or after it."""
-        before = self._departs(number - 1) if number else 0
+        before = self._departures[number - 1] if number else 0
         slot = int((now_s + LEAST_TIME_S) // self._route.slot_s) + 1
         return min(max(slot, before + 1), self._route.last)

@@ -13,7 +13,7 @@ from skyfolio.api.flights.operation_views import State
 from skyfolio.api.lab.torture import guiding, losses, records, recoveries, reserved_air
 from skyfolio.api.lab.torture.checks import AFTERWARDS, AT_END, MEANWHILE, at_end, look, meanwhile
 from skyfolio.api.lab.torture.guiding import AFTER
-from skyfolio.api.lab.torture.missions import on_board_of, strangers
+from skyfolio.api.lab.torture.missions import has_a_strange_mission
 from skyfolio.api.lab.torture.vehicles import LOW_M
 from skyfolio.api.lab.torture.watch import Seen
 from skyfolio.sim import Mode
@@ -66,15 +66,14 @@ def _whole_missions(seen: Seen) -> Iterator[str]:
     A vehicle that stores wrongly what it is sent flies that until it is read back.
     """
     for vehicle in seen.ground.fleet.vehicles.values():
-        items = on_board_of(vehicle)
         flies = vehicle.mode is Mode.MISSION and vehicle.armed and vehicle.alive
-        if not flies or not items or not strangers(seen, vehicle, items):
+        if not flies or not has_a_strange_mission(seen, vehicle):
             seen.strange_since_s.pop(vehicle.system_id, None)
             continue
         since_s = seen.strange_since_s.setdefault(vehicle.system_id, seen.ground.now_s)
         wrongly = "corrupt_upload" in seen.harms.get(vehicle.system_id, ())
         if not wrongly or seen.ground.now_s - since_s > READ_BACK_S:
-            yield f"vehicle {vehicle.system_id} flies {len(items)} items that no assigned mission has"
+            yield f"vehicle {vehicle.system_id} flies {len(vehicle.mission.items)} items that no assigned mission has"
 
 
 @meanwhile

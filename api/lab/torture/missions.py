@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from sqlalchemy import select
 
 from skyfolio.api.flights.assigned_missions import AssignedMission
@@ -24,21 +22,18 @@ def on_board_of(vehicle: Vehicle) -> tuple[MissionItem, ...]:
     )
 
 
-def strangers(seen: Seen, vehicle: Vehicle, items: Sequence[MissionItem]) -> bool:
-    """Return whether no mission that the service has assigned to this vehicle has these items."""
-    return _found(seen, vehicle, items) is None
+def has_a_strange_mission(seen: Seen, vehicle: Vehicle) -> bool:
+    """Return whether a vehicle has a mission on board that the service has not assigned to it."""
+    return bool(vehicle.mission.items) and assigned_mission(seen, vehicle) is None
 
 
 def assigned_mission(seen: Seen, vehicle: Vehicle) -> AssignedMission | None:
     """Return the assigned mission that a vehicle has on board; None if there is none, or it is none of the service."""
-    items = on_board_of(vehicle)
-    return _found(seen, vehicle, items) if items else None
-
-
-def _found(seen: Seen, vehicle: Vehicle, items: Sequence[MissionItem]) -> AssignedMission | None:
-    key = (vehicle.system_id, vehicle.mission.mission_id, len(items))
+    if not vehicle.mission.items:
+        return None
+    key = (vehicle.system_id, vehicle.mission.mission_id, len(vehicle.mission.items))
     if key not in seen.known_missions:
-        autopilot = Autopilot(vehicle.spec.autopilot)
+        autopilot, items = Autopilot(vehicle.spec.autopilot), on_board_of(vehicle)
         for mission in reversed(_assigned(seen, seen.uav_of(vehicle.system_id))):
             if not mission_differences(mission.mission.items, items, autopilot=autopilot):
                 seen.known_missions[key] = mission
