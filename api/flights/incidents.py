@@ -118,7 +118,7 @@ class Incidents:
         if self._task is not None and self._task.done():
             await self._collect(self._task.result())
         incident = self._incident
-        if incident is not None and self._requested is not None and not incident.log.sending:
+        if incident is not None and self._requested is not None and incident.log.may_be_broken_off:
             await self.supersede("another loss")
         if self._task is None and may_start:
             if self._requested is not None:
@@ -133,12 +133,12 @@ class Incidents:
     async def supersede(self, why: str) -> None:
         """End a recovery before anything was sent; its losses stay pending.
 
-        Wait for a recovery that is already sending.
+        Wait for a recovery that is already sending, and for one that is being closed: it has dealt with its losses.
         """
         task, recovery = self._task, self._recovery
         if task is None or recovery is None or self._incident is None:
             return
-        if self._incident.log.sending:
+        if not self._incident.log.may_be_broken_off:
             await asyncio.wait([task])
             await self._collect(task.result())
             return
@@ -152,9 +152,9 @@ class Incidents:
     async def link_lost(self) -> None:
         """End a recovery that has sent nothing yet, so that it is begun again when the link is back.
 
-        A recovery that is sending runs to its end.
+        A recovery that is sending, or being closed, runs to its end.
         """
-        if self._incident is not None and not self._incident.log.sending:
+        if self._incident is not None and self._incident.log.may_be_broken_off:
             await self.supersede("our own link being lost")
 
     # -- what the operator decides --------------------------------------------------------------------------------

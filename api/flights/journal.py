@@ -100,6 +100,11 @@ class IncidentLog:
         self.timings_s: dict[str, float] = {}
         self._last = (Step.DETECTED, monotonic_s())
 
+    @property
+    def may_be_broken_off(self) -> bool:
+        """Return whether nothing has been sent, and the last step is not being written."""
+        return not self.sending and not self.closed
+
     async def step(self, step: Step, **data: Any) -> None:
         """Store that `step` is about to be taken."""
         self._time(step)

@@ -80,11 +80,12 @@ def _a_loss_while_recovering(chance: random.Random) -> Changes:
 
 
 @_aim
-def _a_take_over_and_a_kill(chance: random.Random) -> Changes:
+def _killed_about_a_verdict(chance: random.Random) -> Changes:
     one, _, _ = _uavs(chance)
-    taken_s = _seconds(chance, 3.0, 20.0)
-    killed = _flying(round(taken_s + _seconds(chance, 0.1, 8.0), 2))
-    return {**_RECOVERY, "blows": (_human(_flying(taken_s), one), _killed_service(chance, killed))}
+    gone_s = _seconds(chance, 3.0, 20.0)
+    killed = _killed_service(chance, _flying(round(gone_s + _seconds(chance, 0.1, 8.0), 2)))
+    gone = _human if chance.random() < 0.6 else _kill
+    return {**_RECOVERY, "blows": (gone(_flying(gone_s), one), killed)}
 
 
 @_aim
@@ -213,8 +214,11 @@ def _asked_and_declined(chance: random.Random) -> Changes:
     declined = Blow(when=when, kind="decide", options={"agreed": False})
     closes = Moment(step=Step.CLOSED, stored=False)
     slow = Blow(when=closes, kind="slow_disk", options={"commit_s": 0.4, "for_s": 5.0})
-    pause = Blow(when=_after(closes, _seconds(chance, 0.0, 0.2)), kind="pause", options={"for_s": 3.0})
-    return {**_RECOVERY, "policy": "approve", "blows": (_early_kill(chance), declined, slow, pause)}
+    when = _after(closes, _seconds(chance, 0.0, 0.2))
+    order = Blow(when=when, kind="pause", options={"for_s": 3.0})
+    if chance.random() < 0.5:
+        order = Blow(when=when, kind="abort", options={"actions": ["land"]})
+    return {**_RECOVERY, "policy": "approve", "blows": (_early_kill(chance), declined, slow, order)}
 
 
 # -- uploads, links and ends -------------------------------------------------------------------------------------------
@@ -257,17 +261,10 @@ def _a_bad_link_while_missions_are_sent(chance: random.Random) -> Changes:
 
 
 @_aim
-def _a_link_that_loses_half(chance: random.Random) -> Changes:
-    half = {"loss": 0.5}
-    blows = tuple(
-        Blow(
-            when=Moment(state=State.FLYING),
-            kind="vehicle",
-            options={"kind": "impair", "system_id": uav, "down": half, "for_s": 60.0},
-        )
-        for uav in _uavs(chance)
-    )
-    return {**_RECOVERY, "blows": blows}
+def _a_loss_far_from_home(chance: random.Random) -> Changes:
+    one, _, _ = _uavs(chance)
+    when, options = _in_flight(chance, 25.0, 50.0), {"kind": chance.choice(("kill", "mute")), "system_id": one}
+    return {**_RECOVERY, "blows": (Blow(when=when, kind="vehicle", options=options),)}
 
 
 @_aim

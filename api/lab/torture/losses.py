@@ -12,6 +12,8 @@ VERDICT_S = 12.0
 """Seconds from the death of a vehicle, or from when a human takes it, to the verdict."""
 LEAST_SILENCE_S = 4.5
 """No UAV is lost that was heard more recently than this."""
+_LEAVES_IT_OURS = frozenset({"pause", "decide", "readmit", "slow_disk", "full_disk", "dead_workers", "kill"})
+"""Blows after which a vehicle that flies by our orders is known to."""
 _BY_ORDER = frozenset({"ordered", "battery"})
 """Losses by order of the operator."""
 
@@ -24,13 +26,20 @@ def _nobody_healthy_is_lost(seen: Seen) -> Iterator[str]:
             continue
         uav, cause, silent_s = event.data["uav_id"], event.data["cause"], event.data["silent_for_s"]
         system_id = seen.system_of(uav)
-        if seen.drill.loss <= 0.1 and system_id not in seen.harmed and system_id not in seen.ordered:
+        if seen.drill.loss <= 0.1 and system_id not in seen.harmed and not _may_look_taken(seen, system_id, cause):
             yield f"{uav} was declared lost ({event.data['detail']}) and nothing had happened to it"
         if cause == "heartbeat_lost" and silent_s < LEAST_SILENCE_S:
             yield f"{uav} was declared lost after a silence of {silent_s:.1f} s"
     for uav, at_s, truly_silent_s in seen.silences:
         if truly_silent_s < LEAST_SILENCE_S:
             yield f"{uav} was declared lost at {at_s:.1f} s, and had been heard {truly_silent_s:.1f} s before"
+
+
+def _may_look_taken(seen: Seen, system_id: int, cause: str) -> bool:
+    """Return whether an order may have led to a loss; one to pause is no reason to see a human at work."""
+    if system_id not in seen.ordered:
+        return False
+    return cause != "human_took_over" or any(one.blow.kind not in _LEAVES_IT_OURS for one in seen.struck)
 
 
 @at_end
