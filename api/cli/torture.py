@@ -36,7 +36,7 @@ def torture(
     tries: Annotated[
         int | None,
         typer.Option(
-            min=1, help="With --mutations: fly only so many of the drills for each bug, the aimed ones first."
+            min=1, help="With --mutations: fly only so many of the drills for each bug, the likely ones first."
         ),
     ] = None,
     recording: Annotated[

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 from typer.testing import CliRunner
 
 from skyfolio.api.cli.main import cli
+from skyfolio.api.lab.torture.aims import AIMS, aim_of
 from skyfolio.api.lab.torture.mutations import Hunt, Mutation, copy_with, hunt_all, read_mutations, source_of
 
 FOLDER = Path(__file__).parent / "mutations"
@@ -27,8 +29,15 @@ def test_a_planted_bug_fits_the_source(mutation: Mutation) -> None:
     assert mutation.applied(source) != source
 
 
-def mutation(**changes: str) -> Mutation:
-    given = {"name": "one", "file": "api/store/errors.py", "why": "because", "before": "class", "after": "class"}
+def mutation(**changes: Any) -> Mutation:
+    given: dict[str, Any] = {"name": "one", "file": "api/store/errors.py", "why": "because"}
+    given |= {"before": "class", "after": "class"}
+        "name": "one",
+        "file": "api/store/errors.py",
+        "why": "because",
+        "before": "class",
+        "after": "class",
+    }
     return Mutation(**{**given, **changes})
 
 
@@ -44,6 +53,19 @@ def test_a_bug_that_does_not_fit_is_refused(changed: dict[str, str], message: st
     planted = mutation(**changed)
     with pytest.raises(ValueError, match=message):
         planted.applied(source_of(planted))
+
+
+def test_drills_that_are_after_a_bug_are_flown_first_and_the_one_that_found_it_before_them() -> None:
+    aim = next(iter(AIMS))
+    aimed = [seed for seed in range(1, 101) if aim_of(seed) == aim]
+    order = sorted(range(1, 101), key=mutation(aims=[aim], found_by=7).rank)
+    assert order[: len(aimed) + 1] == [7, *aimed]
+    assert sorted(order) == list(range(1, 101))
+
+
+def test_an_aim_that_no_drill_has_is_refused() -> None:
+    with pytest.raises(ValueError, match="aims: nothing of mutation 'one' is not one of two_losses"):
+        mutation(aims=["nothing"])
 
 
 def test_only_what_is_copied_is_changed() -> None:

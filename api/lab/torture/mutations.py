@@ -4,8 +4,9 @@ A mutation says nothing about a service that is right; it says whether drills wo
 survives its drills names an invariant that is missing, or a moment that the generator does not aim at.
 
 Mutations are tables of TOML files, `[[mutation]]`: `name`, `file` (in the package), `why` (what somebody got wrong),
-`before` and `after`, the text that is replaced, which must be there exactly once, and `aims`, of the drills that should
-find it. Those are flown first, because drills take time; but only those that a campaign of these seeds would fly too.
+`before` and `after`, the text that is replaced, which must be there exactly once, `aims`, of drills that should find
+it, and `found_by`, the seed of a drill that has. Those are flown first, because drills take time; but only those that a
+campaign of these seeds would fly too.
 """
 
 from __future__ import annotations
@@ -35,7 +36,11 @@ HUNTER = "skyfolio.api.lab.torture.hunter"
 
 @dataclass(frozen=True, kw_only=True)
 class Mutation:
-    """One planted bug. file: its path in the package. why: what somebody got wrong. aims: names of `aims.AIMS`."""
+    """One planted bug.
+
+    file: its path in the package. why: what somebody got wrong. aims: names of `aims.AIMS`. found_by: the seed of a
+    drill that has found it, None if none has.
+    """
 
     name: str
     file: str
@@ -43,6 +48,7 @@ class Mutation:
     before: str
     after: str
     aims: Sequence[str] = ()
+    found_by: int | None = None
 
     def __post_init__(self) -> None:
         """Refuse aims that no drill has."""
@@ -55,6 +61,10 @@ class Mutation:
         """Return what tells it from any other, and from itself before it was changed."""
         change = [self.name, self.file, self.before, self.after]
         return hashlib.sha256(json.dumps(change).encode()).hexdigest()[:16]
+
+    def rank(self, seed: int) -> int:
+        """Return how soon the drill of a seed should be flown for it: the lowest first."""
+        return 0 if seed == self.found_by else 1 if aim_of(seed) in self.aims else 2
 
     def applied(self, source: str) -> str:
         """Return the source with the bug in it. Raises ValueError if it does not fit, or does not compile."""
@@ -154,11 +164,10 @@ def hunt(
 ) -> Hunt:
     """Fly drills of these seeds with a mutated copy, until one breaks what it does not break without the mutation.
 
-    tries: the most that are flown, the aimed ones first; None flies all. flown: seeds that were flown for it before.
+    tries: the most that are flown, the likely ones first; None flies all. flown: seeds that were flown for it before.
     """
     before = list(flown)
-    aimed_first = sorted(seeds, key=lambda seed: aim_of(seed) not in mutation.aims)
-    left = [seed for seed in aimed_first[:tries] if seed not in set(before)]
+    left = [seed for seed in sorted(seeds, key=mutation.rank)[:tries] if seed not in set(before)]
     found: tuple[int, dict[str, str]] | None = None
     with copy_with(mutation) as folder:
         while left and found is None:
