@@ -32,12 +32,6 @@ def test_a_planted_bug_fits_the_source(mutation: Mutation) -> None:
 def mutation(**changes: Any) -> Mutation:
     given: dict[str, Any] = {"name": "one", "file": "api/store/errors.py", "why": "because"}
     given |= {"before": "class", "after": "class"}
-        "name": "one",
-        "file": "api/store/errors.py",
-        "why": "because",
-        "before": "class",
-        "after": "class",
-    }
     return Mutation(**{**given, **changes})
 
 
