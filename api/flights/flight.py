@@ -260,6 +260,7 @@ class Flight(FlightTimeline):
         """Take over the record of positions from before a restart."""
         for at_s, positions_m in record:
             self._record.append(at_s, positions_m)
+            self.roster.remember(positions_m)
 
     def recall_who_flew(self) -> None:
         """Tell the fleet who flew the plan when it was last heard, as the record from before a restart has it.

@@ -73,6 +73,10 @@ class Roster:
         self.losses = {uav: losses.get(uav, silent(0.0)) for uav in lost}
         self.retired = retired
 
+    def remember(self, positions_m: Mapping[str, Point]) -> None:
+        """Take in where UAVs were before a restart, metres east/north: one that is not heard again was there last."""
+        self._last_seen_m |= positions_m
+
     @contextmanager
     def following(self) -> Iterator[asyncio.Queue[LinkEvent]]:
         """Return a queue that is sent every change of a link's state meanwhile."""

@@ -471,6 +471,13 @@ def _not_reserved(seen: Seen) -> None:
     operation.flight.guidance.airspace.ghosts.clear()  # type: ignore[attr-defined]
 
 
+@breaks("what is flown counts after a restart")
+def _flown_and_interrupted(seen: Seen) -> None:
+    seen.taken += [Taken(at_s=20.5, entry=entry(Step.VERIFIED, uav)) for uav in ("uav-1", "uav-2")]
+    interrupted = REPORT.model_copy(update={"outcome": "interrupted"})
+    seen.new_reports = [replace(seen.new_reports[0], report=interrupted)]
+
+
 @breaks("an operation ends once")
 def _ends_again(seen: Seen) -> None:
     seen.noted.append(replace(seen.noted[-1], at_s=85.0))
@@ -675,6 +682,11 @@ def flies_a_new_mission_from_its_beginning(seen: Seen) -> None:
     seen.cursors[1] = (2, 7)
 
 
+def sent_the_next_plan_already(seen: Seen) -> None:
+    vehicle_of(seen, 1).mode = Mode.HOLD
+    seen.taken.append(Taken(at_s=89.0, entry=entry(Step.UPLOADING, "uav-1", incident=2)))
+
+
 def aborted_again(seen: Seen) -> None:
     _ends_again(seen)
     blow = Blow(when=Moment(), kind="abort", options={"actions": ["land"]})
@@ -689,6 +701,7 @@ def aborted_again(seen: Seen) -> None:
         ("who is ordered away obeys", ordered_once_more),
         ("nobody flies an item again", flies_a_new_mission_from_its_beginning),
         ("an operation ends once", aborted_again),
+        ("who is said to fly a new plan does", sent_the_next_plan_already),
     ],
     ids=lambda change: getattr(change, "__name__", ""),
 )

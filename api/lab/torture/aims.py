@@ -229,7 +229,7 @@ def _refused_in_flight(chance: random.Random) -> Changes:
     gone, one, other = _uavs(chance)
     refusing = (one, other) if chance.random() < 0.3 else (one,)
     when = Moment(step=chance.choice((Step.DETECTED, Step.UPLOADING)), stored=False)
-    kind, uploads = chance.choice(("reject_mission", "corrupt_upload")), chance.choice((1, 2, 4, 8, 20))
+    kind, uploads = chance.choice(("reject_mission", "corrupt_upload")), chance.choice((1, 2, 4, 8, 60))
     refused = (
         Blow(when=when, kind="vehicle", options={"kind": kind, "system_id": uav, "uploads": uploads})
         for uav in refusing

@@ -8,11 +8,13 @@ from collections.abc import Iterator
 
 from skyfolio.api.flights.journal import Step
 from skyfolio.api.flights.losses import LOSS_KINDS
+from skyfolio.api.flights.recovery_report import RecoveryReport
 from skyfolio.api.lab.torture.checks import at_end, meanwhile
 from skyfolio.api.lab.torture.losses import is_verdict
 from skyfolio.api.lab.torture.missions import assigned_mission
 from skyfolio.api.lab.torture.sightings import Noted, Reported
 from skyfolio.api.lab.torture.watch import Seen
+from skyfolio.sim import Mode
 
 RECOVERED_S = 20.0
 """Seconds from a verdict to the end of what is done about it, while nothing excuses a delay."""
@@ -231,12 +233,38 @@ def _who_is_said_to_fly_a_new_plan_does(seen: Seen) -> Iterator[str]:
             yield f"incident {report.incident} is flying, and {', '.join(failed)} is not"
         for uav in report.vehicles.keys() - set(failed):
             vehicle = seen.ground.fleet.vehicles[seen.system_of(uav)]
-            if not seen.is_ours(uav) or not seen.is_aloft(vehicle):
+            if not seen.is_ours(uav) or not seen.is_aloft(vehicle) or _is_sent_a_newer_one(seen, uav, report.incident):
                 continue
             assigned = assigned_mission(seen, vehicle)
             if assigned is None or assigned.first_slot != report.at_slot or not seen.follows_a_plan(vehicle):
                 flown = "none of its missions" if assigned is None else f"the plan from slot {assigned.first_slot} on"
                 yield f"{uav} has {flown} in mode {vehicle.mode.name}, not the plan from slot {report.at_slot} on"
+
+
+@meanwhile
+def _what_is_flown_counts_after_a_restart(seen: Seen) -> Iterator[str]:
+    """Ask the vehicles before a recovery counts as interrupted: what all of them fly is not to be planned again."""
+    for one in seen.new_reports:
+        if one.report.outcome != "interrupted" or seen.state != "flying":
+            continue
+        steps = [taken.entry for taken in seen.taken if taken.entry.incident == one.report.incident]
+        sent = {str(entry.uav_id) for entry in steps if entry.step is Step.UPLOADING}
+        verified = {str(entry.uav_id) for entry in steps if entry.step is Step.VERIFIED}
+        if sent and sent <= verified and all(_flies_its_plan(seen, uav, one.report) for uav in sent):
+            yield f"incident {one.report.incident} is interrupted, and {', '.join(sorted(sent))} fly its plan"
+
+
+def _flies_its_plan(seen: Seen, uav: str, report: RecoveryReport) -> bool:
+    vehicle = seen.ground.fleet.vehicles[seen.system_of(uav)]
+    assigned = assigned_mission(seen, vehicle)
+    flies = assigned is not None and assigned.first_slot == report.at_slot and vehicle.mode is Mode.MISSION
+    return flies and seen.is_ours(uav)
+
+
+def _is_sent_a_newer_one(seen: Seen, uav: str, incident: int) -> bool:
+    """Return whether a later recovery has begun to send this UAV its mission."""
+    sent = seen.last_taken(Step.UPLOADING, uav)
+    return sent is not None and sent.entry.incident > incident
 
 
 @at_end
