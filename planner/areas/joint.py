@@ -107,7 +107,6 @@ def area_problem(problem: Problem, joint: Joint, area: Area, users: Ints) -> Are
         snr_gain=alike[uavs][:, None],
         past_kbps=_past(problem, users),
         pinned_m=pinned if len(area.around) else np.zeros((0, 0, 2)),
-        air=None if problem.air is None else problem.air.of(uavs),
     )
     serves = (joint.solution.bandwidth_hz[users] > 0.0) & np.isin(joint.solution.serving[users], others)
     if not is_assignment(problem):
