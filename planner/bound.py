@@ -25,8 +25,8 @@ TANGENTS, TANGENTS_OF_A_REPLAN = 12, 3
 """How many tangent planes are tried: each costs one assignment per slot, and a fleet in flight waits for its replan."""
 STEP_ACCURACY = 0.003
 """Of the line search between two of them, as a share of the way."""
-SMALL = 200_000
-"""U K N up to which every plan gets a bound from tangent planes."""
+SMALL, SMALL_CROWD = 200_000, 10_000
+"""U K N up to which every plan gets a bound from tangent planes; where crowding bounds all slots, that proves more."""
 CROWD = 4
 """From how many UAVs on the crowding bound is worth its milliseconds."""
 
@@ -47,10 +47,10 @@ def upper_bound_kbps(problem: Problem, rates_kbps: Array | None = None) -> float
         from skyfolio.planner.crowding.bound import crowded_slot_bounds_kbps  # noqa: PLC0415 - small fleets go without
 
         crowded = crowded_slot_bounds_kbps(problem, rates_kbps)
-    mean_bound = lifted_kbps(problem, _with_reach(problem, crowded))
-    if problem.kind == "sum" or problem.mu == 0.0 or problem.snr_gain.size > SMALL:
+    mean_bound, known = lifted_kbps(problem, _with_reach(problem, crowded)), bool(np.isfinite(crowded).all())
+    if problem.kind == "sum" or problem.mu == 0.0 or problem.snr_gain.size > (SMALL_CROWD if known else SMALL):
         return mean_bound
-    tangents = TANGENTS_OF_A_REPLAN if problem.past_kbps.shape[1] else TANGENTS
+    tangents = TANGENTS_OF_A_REPLAN if problem.past_kbps.shape[1] and not known else TANGENTS
     return min(mean_bound, tangent_bound_kbps(problem, best_tables(optimistic_rates_kbps(problem)), tangents))
 
 

@@ -13,11 +13,10 @@ import numpy as np
 from skyfolio.planner import areas
 from skyfolio.planner.branch_and_bound import certificate
 from skyfolio.planner.crowding.bound import first_field
-from skyfolio.planner.crowding.slots import ground_of, slot_of
+from skyfolio.planner.crowding.slots import everywhere, ground_of
 from skyfolio.planner.examples import minimal
 from skyfolio.planner.fast import PricedClimb, Tolls, optimise, served_rates_bps
 from skyfolio.planner.problem import problem_of
-from skyfolio.planner.reach import squared_distance_range
 from skyfolio.planner.scenario import NoFlyDisc
 from skyfolio.planner.stopping import MaxIterations
 
@@ -43,7 +42,6 @@ def rehearse() -> None:
     for made in PricedClimb(shared, free, 1.0).steps(optimise(shared, MaxIterations(1), n_starts=1)):
         served_rates_bps(shared, made)
     certificate(problem, np.ascontiguousarray(rates_kbps), max_nodes=1)
-    near2, far2 = squared_distance_range(problem)
     ground = ground_of(problem)
-    slot = slot_of(problem, ground, 1, near2[:, :, 1], far2[:, :, 1])
-    first_field(problem, ground, slot, None).improve(slot, 1, close=True)
+    slot = everywhere(problem, ground, 1)
+    first_field(ground, slot, None).improve(slot, 1)

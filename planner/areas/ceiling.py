@@ -99,8 +99,8 @@ def _stretches(problem: Problem, rates_kbps: Array | None, ground: Ground) -> It
         n = stretch.end - 1
         if problem.flying[:, n].sum() < 2:
             continue
-        slot = everywhere(problem, ground, _reached_slot(problem, ground, n), n)
-        yield stretch, slot, first_field(problem, ground, slot, None if rates_kbps is None else rates_kbps[:, n])
+        slot = everywhere(problem, ground, n)
+        yield stretch, slot, first_field(ground, slot, None if rates_kbps is None else rates_kbps[:, n])
 
 
 def _reached_slot(problem: Problem, ground: Ground, n: int) -> Slot:

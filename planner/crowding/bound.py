@@ -16,28 +16,28 @@ from skyfolio.planner.problem import Problem
 from skyfolio.planner.reach import squared_distance_range
 
 Ints: TypeAlias = NDArray[np.int64]
-STAGES = (1, 2, 4, 7, 12, 20)
-"""The slots of a stretch that get a bound of their own; those between have the next one's."""
-STEPS = 2
-"""Of the field, for each of the other stages."""
-MOST_LOOKS = 100_000
+MOST_LOOKS = 400_000
 """Looks at the field, times classes, times users: some tenths of a second. Beyond, a stretch goes without."""
 
 
 @dataclass(frozen=True)
 class Effort:
-    """first, a_uav: steps of the field for the last slot, and more for each UAV; stages: slots before it."""
+    """first: steps of the field for a fleet that can be anywhere.
+
+    stages: slots of a stretch that get a bound of their own beside its last one; those between have the next one's.
+    then: steps for each of them.
+    """
 
     first: int
-    a_uav: float
     stages: tuple[int, ...]
+    then: int
 
-    def first_steps(self, n_uavs: int) -> int:
-        """Return the steps for the last slot of a stretch."""
-        return self.first + int(self.a_uav * n_uavs)
+    def looks(self, n_stages: int) -> int:
+        """Return how often the field is looked at."""
+        return self.first + self.then * n_stages
 
 
-OF_A_PLAN, OF_A_REPLAN = Effort(8, 0.6, STAGES), Effort(4, 0.15, ())
+OF_A_PLAN, OF_A_REPLAN = Effort(50, (1, 2, 4, 7, 12, 20), 2), Effort(30, (), 0)
 """A fleet in flight waits for its replan: it gets by with a few hundredths more of a gap, in a third of the time."""
 
 
@@ -68,7 +68,7 @@ def crowded_slot_bounds_kbps(problem: Problem, rates_kbps: Array | None = None) 
     looks_left = MOST_LOOKS
     for stretch in reversed(stretches_of(problem, ground)):
         flying = np.flatnonzero(problem.flying[:, stretch.first])
-        looks = effort.first_steps(len(flying)) + STEPS * len(stretch.stages(effort.stages))
+        looks = effort.looks(len(stretch.stages(effort.stages)))
         looks_left -= looks * problem.n_users * len(np.unique(ground.classes[flying]))
         if looks_left < 0:
             break
@@ -84,35 +84,35 @@ def stretches_of(problem: Problem, ground: Ground) -> list[Stretch]:
     return [Stretch(first, end) for first, end in zip(begins, [*begins[1:], problem.n_slots], strict=True)]
 
 
-def first_field(problem: Problem, ground: Ground, slot: Slot, rates_kbps: Array | None) -> Field:
+def first_field(ground: Ground, slot: Slot, rates_kbps: Array | None) -> Field:
     """Return a field under the standard kappa: of the best served users at the end of a plan, or of users far apart.
 
     rates_kbps: (K,) of the slot.
     """
-    some = min(len(slot.classes), problem.n_users)
-    if rates_kbps is None or (rates_kbps > 0.0).sum() < some:
-        users = far_apart(ground.user, some)
-    else:
-        users = np.argpartition(-rates_kbps, some - 1)[:some]
-    return Field(ground, standard_repulsion(ground, slot), mass_of(ground, slot, users))
+    apart = far_apart(ground.user, min(slot.n_uavs, len(ground.user)))
+    gain = float(np.median(slot.links.power))
+    users = apart
+    if rates_kbps is not None and (rates_kbps > 0.0).sum() >= len(apart):
+        users = np.argpartition(-rates_kbps, len(apart) - 1)[: len(apart)]
+    mass = mass_of(ground, gain, slot.links.scale[0, users], users)
+    return Field(ground, standard_repulsion(ground, gain, apart), mass)
 
 
 def _bound_stretch(
     problem: Problem, ground: Ground, stretch: Stretch, effort: Effort, rates_kbps: Array | None, bounds: Array
 ) -> None:
     """Fill in the bounds of a stretch, from its last slot on, in which the fleet is freest."""
-    stages = stretch.stages(effort.stages)
-    near2, far2 = squared_distance_range(problem, stages, ends=False)
     weights = None if (problem.weight == 1.0).all() else problem.weight
-    last = slot_of(problem, ground, int(stages[-1]), near2[:, :, -1], far2[:, :, -1], weights)
-    field = first_field(problem, ground, last, None if rates_kbps is None else rates_kbps[:, stages[-1]])
-    least = field.improve(everywhere(problem, ground, last, int(stages[-1])), effort.first_steps(len(last.classes)))
-    until = stretch.end
-    for at in range(len(stages) - 1, -1, -1):
-        n = int(stages[at])
-        slot = slot_of(problem, ground, n, near2[:, :, at], far2[:, :, at], weights)
+    last = everywhere(problem, ground, stretch.end - 1, weights)
+    field = first_field(ground, last, None if rates_kbps is None else rates_kbps[:, stretch.end - 1])
+    least = field.improve(last, effort.first)
+    bounds[stretch.first : stretch.end] = least
+    stages = stretch.stages(effort.stages)
+    if not effort.then:
+        return
+    near2, far2 = squared_distance_range(problem, stages, ends=False)
+    for at in range(len(stages) - 1, -1, -1):  # what is true of a slot is true of those before: less can be reached
+        slot = slot_of(problem, ground, int(stages[at]), near2[:, :, at], far2[:, :, at], weights)
         field.renew()
-        least = min(least, field.improve(slot, STEPS))
-        begin = int(stages[at - 1]) + 1 if at else stretch.first
-        bounds[begin:until] = least
-        until = begin
+        least = min(least, field.improve(slot, effort.then))
+        bounds[stretch.first : int(stages[at]) + 1] = least

@@ -11,16 +11,13 @@ from collections.abc import Callable
 
 import numpy as np
 from scipy.optimize import linprog
-from scipy.special import j0
+from scipy.special import k0
 
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.crowding.field import Field
-from skyfolio.planner.crowding.repulsion import repulsion_of
+from skyfolio.planner.crowding.repulsion import STEP, frequencies, phi, repulsion_of, waves_of
 from skyfolio.planner.crowding.slots import Slot
 
-FREQUENCIES = 24
-SPACING = 0.8
-"""Of the frequencies, so that pi / SPACING spans are the period of the slowest."""
 CUTS = 12
 TRUST, DISTRUST = 0.3, 0.6
 """How far a weight may move, as a share of the greatest, and what becomes of that when nothing was gained."""
@@ -29,33 +26,27 @@ AGE = 20
 
 
 def sharpened(
-    field: Field,
-    slot: Slot,
-    rounds: int,
-    steps: int,
-    *,
-    close: bool = False,
-    stop: Callable[[], bool] = lambda: False,
+    field: Field, slot: Slot, rounds: int, steps: int, *, stop: Callable[[], bool] = lambda: False
 ) -> tuple[float, Field]:
     """Return the least bound of the slot that is found under this and `rounds` more kappas, and the field of the best.
 
     steps: of the field under each.
     """
     ground = field.ground
-    frequency, distance = frequencies(ground.span), looked_at(ground.span)
-    waves, ceiling = j0(np.outer(distance, frequency)), 1.0 / (1.0 + distance**2)
-    least, best = field.improve(slot, steps, close=close), field
+    looked_at = _looked_at(ground.span)
+    waves, ceiling = waves_of(ground.span)[looked_at], 1.0 / phi(looked_at * STEP)
+    least, best = field.improve(slot, steps), field
     radius = TRUST * float(field.repulsion.weight.max())
     slopes: list[Array] = []
     offsets: list[float] = []
     for _ in range(rounds):
         if stop():
             break
-        slopes = [*slopes, field.half_square - 0.5 * _norm2(field, frequency)][-CUTS:]
+        slopes = [*slopes, field.half_square - 0.5 * _norm2(field)][-CUTS:]
         offsets = [*offsets, field.bare][-CUTS:]
         weight = _best_weight(slopes, offsets, waves, ceiling, best.repulsion.weight, radius)
-        field = field.under(repulsion_of(frequency, weight, ground.span, ground.rings), AGE)
-        found = field.improve(slot, steps, close=close)
+        field = field.under(repulsion_of(weight, ground.span), AGE)
+        found = field.improve(slot, steps)
         if found < least:
             least, best = found, field
         else:
@@ -63,9 +54,13 @@ def sharpened(
     return least, best
 
 
-def frequencies(span: float) -> Array:
-    """Return the frequencies of the Bessel functions that kappa is mixed of: (W,)."""
-    return np.asarray(np.arange(FREQUENCIES) * (np.pi / (SPACING * span)), dtype=float)
+def bell(width2: float, span: float) -> Array:
+    """Return weights (W,) of about 1 / (width2 + D^2), which is positive definite and a kappa to begin with."""
+    frequency = frequencies(span)
+    apart = float(frequency[1])
+    argument = np.sqrt(width2) * np.maximum(frequency, apart / 4)  # the first one stands for half as much
+    weight: Array = k0(argument) * np.maximum(frequency, apart / 8) * apart
+    return weight
 
 
 def _best_weight(
@@ -88,14 +83,18 @@ def _best_weight(
     return weight
 
 
-def _norm2(field: Field, frequency: Array) -> Array:
-    """Return what each frequency has of the field's square: (W,)."""
+def _norm2(field: Field) -> Array:
+    """Return what each frequency has of the field's square: (W,), from how much mass is how far from how much."""
     sources = np.flatnonzero(field.mass)
     at, mass = field.ground.user[sources], field.mass[sources]
     apart = np.linalg.norm(at[:, None] - at[None], axis=2)
-    return np.array([mass @ j0(apart * one) @ mass for one in frequency])
+    waves = waves_of(field.ground.span)
+    both = np.bincount(np.rint(apart / STEP).astype(np.int64).ravel(), np.outer(mass, mass).ravel(), len(waves))
+    norm2: Array = both @ waves
+    return norm2
 
 
-def looked_at(span: float) -> Array:
-    """Return distances at which a linear program keeps kappa low enough; between them, scaling it does."""
-    return np.concatenate([np.arange(0, min(8.0, span), 0.1), np.arange(8.0, span + 0.3, 0.3)])
+def _looked_at(span: float) -> np.ndarray:
+    """Return entries of the tables at which a linear program keeps kappa low enough; between them, scaling it does."""
+    distance = np.concatenate([np.arange(0, min(8.0, span), 0.1), np.arange(8.0, span + 0.3, 0.3)])
+    return np.minimum(np.rint(distance / STEP).astype(np.int64), len(waves_of(span)) - 1)

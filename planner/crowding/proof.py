@@ -104,8 +104,8 @@ class Proof:
         last = end - 1
         turns = [Turn(n, self._slot(n)) for n in range(last, max(first, 1) - 1, -1) if n >= self.problem.counted_from]
         if self.weights is None and turns and not self.stop():
-            slot = everywhere(self.problem, self.ground, turns[0].slot, last)
-            field = first_field(self.problem, self.ground, slot, self.rates_kbps[:, last])
+            slot = everywhere(self.problem, self.ground, last)
+            field = first_field(self.ground, slot, self.rates_kbps[:, last])
             least, best = self._sharpened(field, slot, FREE)
             least = min(least, best.improve(slot, LAST_STEPS))
             turns[0].field = best
@@ -126,7 +126,7 @@ class Proof:
             later = [one for one in turns if one.n > turn.n and one.field is not None]
             before = min(later, key=lambda one: one.n).field if later else None
         if before is None:
-            before = first_field(self.problem, self.ground, turn.slot, self.rates_kbps[:, turn.n])
+            before = first_field(self.ground, turn.slot, self.rates_kbps[:, turn.n])
         least, turn.field = self._sharpened(before.under(before.repulsion, AGE // 2), turn.slot, visit)
         self.bounds[turn.n] = min(self.bounds[turn.n], least)
         if self.growing:
@@ -137,7 +137,7 @@ class Proof:
 
     def _sharpened(self, field: Field, slot: Slot, visit: Visit) -> tuple[float, Field]:
         self.looks += (visit.kappas + 1) * visit.steps
-        return sharpened(field, slot, visit.kappas, visit.steps, close=True, stop=self.stop)
+        return sharpened(field, slot, visit.kappas, visit.steps, stop=self.stop)
 
     def _slot(self, n: int) -> Slot:
         near2, far2 = squared_distance_range(self.problem, np.array([n]))

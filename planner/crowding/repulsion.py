@@ -1,4 +1,4 @@
-"""Positive definite minorants of 1 / (1 + D^2): mixtures of Bessel functions, checked, and tabulated by distance.
+"""Positive definite minorants of 1 / phi(D): mixtures of Bessel functions, checked, and tabulated by distance.
 
 J0(w |x|) is positive definite on the plane for every w, and every radial function that is, is a mixture of them
 (Schoenberg). Lengths are in units of the greatest altitude.
@@ -7,41 +7,34 @@ J0(w |x|) is positive definite on the plane for every w, and every radial functi
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
-from scipy.special import j0, j1
+from scipy.special import j0
 
 from skyfolio.planner.arrays import Array
 
 STEP = 0.015
 """Between two entries of the tables."""
-NEAR_RINGS = (0.0, 0.03, 0.08, 0.15, 0.22, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0)
-"""Edges of the rings of distance between a UAV and its user within which a field is bounded by its slope."""
-FAR_RINGS = (1.25, 1.6, 2.0, 2.8, 4.0, 6.0, 10.0)
-"""The edges beyond, where each source is taken as far from the middle as it can be."""
+RINGS = np.array([0.0, *np.geomspace(0.1, 100.0, 45)])
+"""Edges (R,) of distance between a UAV and its user, from which on the cost of a pair is bounded by ring."""
+FREQUENCIES = 24
+SPACING = 0.8
+"""Of the frequencies, so that pi / SPACING spans are the period of the slowest."""
 
 
 @dataclass(frozen=True)
 class Repulsion:
-    """A positive definite kappa(D) = sum_w weight_w J0(frequency_w D) <= 1 / (1 + D^2) for D up to the table's end.
+    """A positive definite kappa(D) = sum_w weight_w J0(frequency_w D) <= 1 / phi(D) for D up to the span.
 
-    value, slope, bend: (T,), kappa and its derivative at STEP, and the greatest second derivative in any direction
-    within the outermost near ring. low: (F, T), the least kappa within half of the outer edge of each far ring.
-    rings: (R + 1,), edges. share: (R,), the factor s of each ring's features. value_error, slope_error: what linear
-    interpolation is off by at most.
+    weight: (W,) of `frequencies`. value: (T,), kappa at multiples of STEP. room: (R,), s^2 of a UAV in each ring or
+    farther out. value_error: what linear interpolation is off by at most.
     """
 
-    frequency: Array
     weight: Array
     value: Array
-    slope: Array
-    bend: Array
-    low: Array
-    rings: Array
-    share: Array
+    room: Array
     value_error: float
-    slope_error: float
 
     @property
     def at_zero(self) -> float:
@@ -49,62 +42,54 @@ class Repulsion:
         return float(self.weight.sum())
 
 
-def rings_until(farthest: float) -> Array:
-    """Return the edges of the rings for distances up to `farthest`."""
-    return np.array([*NEAR_RINGS, *(edge for edge in FAR_RINGS if edge < farthest), max(farthest, 1.1)])
+def frequencies(span: float) -> Array:
+    """Return the frequencies of the Bessel functions that kappa is mixed of: (W,)."""
+    return np.asarray(np.arange(FREQUENCIES) * (np.pi / (SPACING * span)), dtype=float)
 
 
-def repulsion_of(frequency: Array, weight: Array, span: float, rings: Array) -> Repulsion:
-    """Return the mixture scaled until it is a minorant, with its tables; weight >= 0. span: the greatest D."""
-    distance = np.asarray(np.arange(int(span / STEP) + 3) * STEP, dtype=float)
-    argument = np.outer(distance, frequency)
-    bessel: Array = j0(argument)
-    value = np.asarray(bessel @ weight, dtype=float)
-    # Between two entries a function leaves its chord by at most STEP^2 / 8 times its second derivative.
-    value_error = STEP**2 / 8 * float(weight @ frequency**2) / 2 + 1e-13
-    excess = max(1e-9, _excess(distance, value + value_error))
-    weight, value, value_error = weight / excess, value / excess, value_error / excess
-    first = j1(argument)
-    ratio = np.divide(first, argument, out=np.full(argument.shape, 0.5), where=argument > 0)
-    slope = -(first * frequency) @ weight
-    across, along = -(ratio * frequency**2) @ weight, -((bessel - ratio) * frequency**2) @ weight
-    third = float(weight @ frequency**3)
-    bend = _widest(np.maximum(np.abs(across), np.abs(along)), NEAR_RINGS[-1] / 2) + STEP * third
-    far = rings[len(NEAR_RINGS) :]
-    low = np.array([minimum_filter1d(value, _entries(edge / 2), mode="nearest") for edge in far]) - value_error
-    low = low.reshape(len(far), len(value))
-    share = _shares(distance, value + value_error, rings[1:])
-    slope_error = STEP**2 / 8 * third + 1e-13
-    return Repulsion(frequency, weight, value, slope, bend, low, rings, share, value_error, slope_error)
+def phi(distance: Array) -> Array:
+    """Return what a pair of users so far apart is divided by at most, with the UAVs anywhere."""
+    return np.asarray(np.exp(2.0 * np.arcsinh(distance / 2.0)), dtype=float)
 
 
-def _excess(distance: Array, upper: Array) -> float:
-    """Return the greatest ratio of kappa and 1 / (1 + D^2), whose second derivative is at most 6 / (1 + D^2)^2."""
-    wanted = 1.0 / (1.0 + distance**2)
-    slack = STEP**2 / 8 * 6.0 * wanted[:-1] ** 2
-    return float(max((upper[:-1] / (wanted[:-1] - slack)).max(), (upper[1:] / (wanted[1:] - slack)).max()))
+def psi(least: float, distance: Array) -> Array:
+    """Return the greatest (1 + (D + r)^2) / (1 + r^2) over r >= least: it rises until r^2 + D r = 1, then falls."""
+    r = np.maximum(least, (np.sqrt(distance**2 + 4.0) - distance) / 2.0)
+    return np.asarray((1.0 + (distance + r) ** 2) / (1.0 + r**2), dtype=float)
 
 
-def _shares(distance: Array, upper: Array, edges: Array) -> Array:
-    """S >= 0 of each ring with s s' kappa(D) <= 1 / (1 + D^2 + ((r + r')/2)^2) for all D and all pairs of edges r, r'.
+def repulsion_of(weight: Array, span: float) -> Repulsion:
+    """Return the mixture of `frequencies` scaled until it is a minorant, with its tables; weight >= 0 (W,), not all 0.
 
-    It falls with the distance, so the outer edge of a ring stands for all of it.
+    span: the greatest D.
     """
-    highest = np.maximum(np.maximum(upper[:-1], upper[1:]), 1e-12)
-    beyond = 1.0 + distance[1:] ** 2
-    shares: list[float] = []
-    for edge in edges:
-        middle = ((edge + np.append(edges[: len(shares)], edge)) / 2) ** 2
-        most = (1.0 / (highest * (beyond + middle[:, None]))).min(axis=1)
-        before = [room / share for room, share in zip(most[:-1], shares, strict=True) if share > 0.0]
-        shares.append(float(min([1.0, most[-1] ** 0.5, *before])))
-    return np.array(shares)
+    tables = _tables(span)
+    value = np.asarray(tables.waves @ weight, dtype=float)
+    # Between two entries a function leaves its chord by at most STEP^2 / 8 times its second derivative.
+    value_error = STEP**2 / 8 * float(weight @ frequencies(span) ** 2) / 2 + 1e-13
+    # kappa is at most `highest` between two entries, where 1 / phi and 1 / psi are least at the end.
+    highest = np.maximum(np.maximum(value[:-1], value[1:]) + value_error, 1e-12)
+    excess = float((highest * tables.phi).max())
+    room = excess / (highest * tables.pairs).max(axis=1)
+    return Repulsion(weight / excess, value / excess, room, value_error / excess)
 
 
-def _entries(radius: float) -> int:
-    return 2 * (int(radius / STEP) + 2) + 1
+@dataclass(frozen=True)
+class _Tables:
+    """waves: (T, W), J0. phi: (T - 1,), from the second distance on. pairs: (R, T - 1), (1 + q^2) psi_q(D)."""
+
+    waves: Array
+    phi: Array
+    pairs: Array
 
 
-def _widest(values: Array, radius: float) -> Array:
-    widest: Array = maximum_filter1d(values, _entries(radius), mode="nearest")
-    return widest
+@lru_cache(maxsize=16)
+def _tables(span: float) -> _Tables:
+    distance = np.asarray(np.arange(int(span / STEP) + 3) * STEP, dtype=float)
+    pairs = np.stack([(1.0 + edge**2) * psi(float(edge), distance[1:]) for edge in RINGS])
+    return _Tables(j0(np.outer(distance, frequencies(span))), phi(distance[1:]), pairs)
+
+
+def waves_of(span: float) -> Array:
+    """Return J0 of each frequency at multiples of STEP: (T, W)."""
+    return _tables(span).waves

@@ -1,4 +1,4 @@
-"""Kappa: positive definite, below 1 / (1 + D^2), and its tables say what they claim."""
+"""Kappa: positive definite, below 1 / phi, and what a pair of UAVs costs is never less than it says."""
 
 import numpy as np
 import pytest
@@ -7,19 +7,31 @@ from hypothesis import strategies as st
 from scipy.special import j0
 
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.crowding.repulsion import STEP, Repulsion, repulsion_of, rings_until
+from skyfolio.planner.crowding.fit import bell
+from skyfolio.planner.crowding.repulsion import (
+    FREQUENCIES,
+    RINGS,
+    STEP,
+    Repulsion,
+    frequencies,
+    phi,
+    psi,
+    repulsion_of,
+    waves_of,
+)
 
 SPAN = 14.0
 
 
 def random_repulsion(seed: int) -> Repulsion:
     rng = np.random.default_rng(seed)
-    frequency = np.sort(rng.uniform(0, 2.5, int(rng.integers(1, 12))))
-    return repulsion_of(frequency, rng.exponential(size=len(frequency)) ** 2, SPAN, rings_until(SPAN))
+    weight = rng.exponential(size=FREQUENCIES) ** 2 * rng.integers(0, 2, FREQUENCIES)
+    weight[rng.integers(FREQUENCIES)] = 1.0
+    return repulsion_of(weight, SPAN)
 
 
 def exact(repulsion: Repulsion, distance: Array) -> Array:
-    values: Array = j0(np.multiply.outer(distance, repulsion.frequency)) @ repulsion.weight
+    values: Array = j0(np.multiply.outer(distance, frequencies(SPAN))) @ repulsion.weight
     return values
 
 
@@ -27,9 +39,9 @@ def exact(repulsion: Repulsion, distance: Array) -> Array:
 def test_kappa_is_a_minorant_and_touches_what_it_is_below(seed: int) -> None:
     repulsion = random_repulsion(seed)
     distance = np.random.default_rng(seed).uniform(0, SPAN, 3000)
-    share = exact(repulsion, distance) * (1 + distance**2)
-    assert share.max() <= 1.0
-    assert (exact(repulsion, np.arange(0, SPAN, 0.002)) * (1 + np.arange(0, SPAN, 0.002) ** 2)).max() > 0.9
+    assert (exact(repulsion, distance) * phi(distance)).max() <= 1.0
+    everywhere = np.arange(0, SPAN, 0.002)
+    assert (exact(repulsion, everywhere) * phi(everywhere)).max() > 0.9
 
 
 @given(st.integers(0, 2**31))
@@ -40,14 +52,38 @@ def test_kappa_is_positive_definite(seed: int) -> None:
     assert np.linalg.eigvalsh(gram).min() >= -1e-9 * repulsion.at_zero * 30
 
 
-@given(st.integers(0, 2**31))
-def test_the_shares_leave_room_for_both_uavs_to_be_beside_their_users(seed: int) -> None:
-    repulsion, rng = random_repulsion(seed), np.random.default_rng(seed)
-    one, other = rng.integers(0, len(repulsion.share), (2, 2000))
-    distance = rng.uniform(0, SPAN, 2000) * rng.integers(0, 2, 2000) ** 2
-    beside = (repulsion.rings[one + 1] + repulsion.rings[other + 1]) / 2
-    kept = repulsion.share[one] * repulsion.share[other] * exact(repulsion, distance)
-    assert (kept <= 1.0 / (1.0 + distance**2 + beside**2) + 1e-12).all()
+@given(st.integers(0, 2**31), st.floats(0.0, 3.0))
+def test_a_pair_costs_at_least_what_its_features_say_wherever_the_uavs_are(seed: int, near: float) -> None:
+    """Of users, UAVs, prices, gains and least distances at random; `near` leaves some UAVs right above their users."""
+    repulsion, rng, n = random_repulsion(seed), np.random.default_rng(seed), 2000
+    user = rng.uniform(0, SPAN / 2**0.5, (2, n, 2)) * rng.integers(0, 2, n)[:, None]
+    uav = user + rng.normal(size=(2, n, 2)) * near * rng.random((2, n, 1)) ** 3
+    price, gain = 10 ** rng.uniform(-3, 3, (2, n)), 10 ** rng.uniform(0, 3, (2, n))
+    away = np.linalg.norm(uav - user, axis=2)
+    ring = np.maximum(np.searchsorted(RINGS, away * rng.integers(0, 2, (2, n)), side="right") - 1, 0)
+    across = np.linalg.norm(uav[::-1] - user, axis=2)
+    cost = (price * gain[::-1] * (1 + away**2) / ((1 + RINGS[ring] ** 2) * (1 + across**2))).sum(axis=0)
+    feature = np.sqrt(repulsion.room[ring] * 2.0 * price * gain)
+    apart = np.linalg.norm(user[0] - user[1], axis=1)
+    assert (feature[0] * feature[1] * exact(repulsion, apart) <= cost * (1 + 1e-12)).all()
+
+
+def test_two_uavs_on_either_side_of_their_users_cost_no_more_than_phi_says() -> None:
+    for distance in (0.3, 1.0, 4.0):
+        r = (np.sqrt(distance**2 + 4) - distance) / 2
+        assert phi(np.array(distance)) == pytest.approx((1 + (distance + r) ** 2) / (1 + r**2))
+        beside = np.linspace(0, 10, 2001)
+        ratio = (1 + (distance + beside) ** 2) / (1 + beside**2)
+        assert ratio.max() == pytest.approx(float(phi(np.array(distance))), rel=1e-6)
+        for least in (0.2, 1.5):
+            assert ratio[beside >= least].max() == pytest.approx(float(psi(least, np.array(distance))), rel=1e-2)
+
+
+def test_who_must_be_far_from_a_user_leaves_more_room() -> None:
+    repulsion = repulsion_of(bell(10.0, SPAN), SPAN)
+    share = repulsion.room * (1.0 + RINGS**2)
+    assert repulsion.room[0] == pytest.approx(1.0, rel=1e-3)
+    assert share[RINGS > 3.0].min() > 2.0
 
 
 @given(st.integers(0, 2**31))
@@ -58,24 +94,4 @@ def test_tables_are_off_by_no_more_than_they_say(seed: int) -> None:
     part = distance / STEP - entry
     between = (1 - part) * repulsion.value[entry] + part * repulsion.value[entry + 1]
     assert (np.abs(between - exact(repulsion, distance)) <= repulsion.value_error).all()
-    for row, edge in zip(repulsion.low, repulsion.rings[-len(repulsion.low) :], strict=True):
-        nearby = np.clip(distance + rng.uniform(-edge / 2, edge / 2, 500), 0, SPAN)
-        assert (np.minimum(row[entry], row[entry + 1]) <= exact(repulsion, nearby) + 1e-12).all()
-
-
-@given(st.integers(0, 2**31), st.floats(0, 6.28), st.floats(0, 0.5))
-def test_a_field_falls_no_faster_than_its_slope_and_bend_allow(seed: int, direction: float, away: float) -> None:
-    repulsion = random_repulsion(seed)
-    distance = np.random.default_rng(seed).uniform(0.01, SPAN - 1.0, 300)
-    entry = (distance / STEP).astype(int)
-    slope = (repulsion.slope[entry] + repulsion.slope[entry + 1]) / 2
-    bend = np.maximum(repulsion.bend[entry], repulsion.bend[entry + 1])
-    moved = np.hypot(distance + away * np.cos(direction), away * np.sin(direction))
-    least = exact(repulsion, distance) + slope * away * np.cos(direction) - bend * away**2 / 2
-    third = float(repulsion.weight @ repulsion.frequency**2)
-    assert (least <= exact(repulsion, moved) + STEP * third * away + 1e-12).all()
-
-
-def test_far_rings_end_where_no_user_can_be_farther() -> None:
-    assert rings_until(3.0)[-1] == pytest.approx(3.0)
-    assert (np.diff(rings_until(40.0)) > 0).all()
+    assert len(repulsion.value) == len(waves_of(SPAN)) > SPAN / STEP + 1
