@@ -6,6 +6,7 @@ for in the fleet.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
