@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from skyfolio.planner.explanation.findings import Explanation
     from skyfolio.planner.explanation.resolving import Budget
     from skyfolio.planner.feasibility import InfeasiblePlanError, Violation, violations
+    from skyfolio.planner.learning import Observation, learned_corrections_db
     from skyfolio.planner.methods import METHODS
     from skyfolio.planner.pinning import PinError, pinned
     from skyfolio.planner.pins import DroppedPin, Pins
@@ -57,6 +58,7 @@ __all__ = [
     "Iteration",
     "Losses",
     "MaxIterations",
+    "Observation",
     "Origin",
     "Past",
     "PinError",
@@ -82,6 +84,7 @@ __all__ = [
     "converged",
     "delivered_rates_bps",
     "explain",
+    "learned_corrections_db",
     "letter",
     "pinned",
     "plan",
@@ -111,6 +114,10 @@ _HOMES = {
         "InfeasiblePlanError",
         "Violation",
         "violations",
+    ),
+    "learning": (
+        "Observation",
+        "learned_corrections_db",
     ),
     "methods": ("METHODS",),
     "pinning": (

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyfolio.planner.arrays import Array
+from skyfolio.planner.corrections import link_factors
 from skyfolio.planner.scenario import Channel
 
 ANGLE = np.uint64(0xD1B54A32D192ED03)
@@ -41,24 +42,27 @@ def sum_of_others(values: Array) -> Array:
 def fading_gains(
     channel: Channel, uav_ids: Sequence[str], user_ids: Sequence[str], first_slot: int, n_slots: int
 ) -> Array:
-    """Return small-scale power gains |h|^2 of eq. (2): (U, K, N), mean 1.
+    """Return small-scale power gains |h|^2 of eq. (2), mean 1, times the corrections of the links: (U, K, N).
 
     `"mean"` is all ones. `"sampled"` draws Rician gains that depend only on (seed, uav id, user id, slot), so that a
     replan with fewer UAVs, other users or later slots sees the very same channel. `"held"` gives each link the draw of
     slot 0 for all slots. `"expected"` has no gains: its rates are means over those of `expected_gains`.
     """
     shape = (len(uav_ids), len(user_ids), n_slots)
-    if channel.fading in ("mean", "expected"):
+    if channel.fading == "expected":
         return np.ones(shape)
+    if channel.fading == "mean":
+        return _corrected(channel, uav_ids, user_ids, np.ones(shape))
     drawn = np.arange(first_slot, first_slot + n_slots, dtype=np.uint64)
     slot = (np.zeros_like(drawn) if channel.fading == "held" else drawn)[None, None, :]
     key = _link_keys(channel, uav_ids, user_ids) ^ slot
-    return _rician(channel, _uniform(_mix(key)), _uniform(_mix(key ^ ANGLE)))
+    return _corrected(channel, uav_ids, user_ids, _rician(channel, _uniform(_mix(key)), _uniform(_mix(key ^ ANGLE))))
 
 
 def expected_gains(channel: Channel, uav_ids: Sequence[str], user_ids: Sequence[str]) -> Array:
     """Return the S common draws of |h|^2 over which rates are averaged: (S, U, K), `channel.draws` of them.
 
+    Corrections of links are factors of them too.
     The same draws serve all slots and all paths, so that paths are compared on equal terms. They depend only on
     (seed, uav id, user id), and not one of them is a draw of `fading_gains`. Each link's draws are stratified (one from
     each S-th of both distributions behind a Rician gain, in an order of its own), so that no link looks lucky; a single
@@ -71,7 +75,16 @@ def expected_gains(channel: Channel, uav_ids: Sequence[str], user_ids: Sequence[
     for salt in (np.uint64(0), ANGLE):
         order = _mix(_mix(key ^ salt) ^ ORDER).argsort(axis=2).argsort(axis=2)
         uniforms.append((order + _uniform(_mix(key ^ salt))) / n_draws)
-    return np.ascontiguousarray(_rician(channel, *uniforms).transpose(2, 0, 1))
+    drawn = _corrected(channel, uav_ids, user_ids, _rician(channel, *uniforms))
+    return np.ascontiguousarray(drawn.transpose(2, 0, 1))
+
+
+def _corrected(channel: Channel, uav_ids: Sequence[str], user_ids: Sequence[str], gains: Array) -> Array:
+    """Return gains (U, K, ...) times the corrections of their links."""
+    if not channel.corrections_db:
+        return gains
+    corrected: Array = gains * link_factors(channel.corrections_db, uav_ids, user_ids)[:, :, None]
+    return corrected
 
 
 def _link_keys(channel: Channel, uav_ids: Sequence[str], user_ids: Sequence[str]) -> NDArray[np.uint64]:

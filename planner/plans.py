@@ -42,6 +42,7 @@ class Cause(Frozen):
         "users_changed",
         "uav_returned",
         "retuned",
+        "rates_off",
     ] = "requested"
     uav_ids: tuple[str, ...] = ()
     detail: str = ""

@@ -246,15 +246,15 @@ def _draws(scenario: Scenario) -> Array:
 def _snr_gain(scenario: Scenario, first_slot: int, n_flying: NDArray[np.intp]) -> Array:
     """Return `p_u rho |h_uk[n]|^2 / sigma^2`: (U, K, N) m^2, 0 where the UAV has left.
 
-    Under mean fading, and under expected fading, whose draws are factors of it, all users share one row in memory,
-    read-only: the fast path recognises this by the stride and saves a table of U K N numbers.
+    Under mean fading without corrections, and under expected fading, whose draws are factors of it, all users share one
+    row in memory, read-only: the fast path recognises this by the stride and saves a table of U K N numbers.
     """
     channel = scenario.channel
     power_w = np.array([uav.transmit_power_w for uav in scenario.uavs])
     noise_w = 10 ** (channel.noise_dbm / 10 - 3)
     flying = np.arange(scenario.slots) < n_flying[:, None]
     alike = power_w[:, None] * 10 ** (channel.reference_gain_db / 10) / noise_w * flying  # (U, N)
-    if channel.fading in ("mean", "expected"):
+    if channel.fading == "expected" or (channel.fading == "mean" and not channel.corrections_db):
         return np.broadcast_to(alike[:, None, :], (len(scenario.uavs), len(scenario.users), scenario.slots))
     fading = fading_gains(channel, scenario.uav_ids, scenario.user_ids, first_slot, scenario.slots)
     gain: Array = alike[:, None, :] * fading

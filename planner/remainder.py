@@ -16,6 +16,7 @@ from shapely import Polygon
 from skyfolio.planner.altitudes import plans_altitudes
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.changes import Changes, ReplanError, uavs_after, users_after
+from skyfolio.planner.corrections import CorrectionsDb
 from skyfolio.planner.endurance import in_the_air, proven_use_wh, while_energy_lasts
 from skyfolio.planner.plans import Cause, Plan
 from skyfolio.planner.problem import Past
@@ -44,6 +45,7 @@ def remaining(
     positions_m: Mapping[str, tuple[float, float]] | None = None,
     achieved_rates_bps: Mapping[str, Sequence[float]] | None = None,
     changes: Changes | None = None,
+    corrections_db: CorrectionsDb | None = None,
 ) -> tuple[Scenario, Past]:
     """Return the remaining scenario, with survivors at their live positions, and the past that counts; as in `replan`.
 
@@ -66,11 +68,16 @@ def remaining(
     uavs, users = uavs_after(survivors, changes), users_after(previous.scenario, changes, begin)
     if not uavs:
         raise ReplanError("failed: no UAV would be left to plan for")
-    utility = changes.utility or previous.scenario.utility
+    again: dict[str, Any] = {
+        "utility": changes.utility or previous.scenario.utility,
+        "channel": previous.scenario.channel.model_copy(
+            update={} if corrections_db is None else {"corrections_db": corrections_db}
+        ),
+        "slots": previous.scenario.slots - begin,
+    }
     try:
-        slots = previous.scenario.slots - begin
-        uavs = while_energy_lasts(previous.scenario, uavs, slots)
-        scenario = previous.scenario.with_changes(uavs=uavs, users=users, utility=utility, slots=slots)
+        uavs = while_energy_lasts(previous.scenario, uavs, again["slots"])
+        scenario = previous.scenario.with_changes(uavs=uavs, users=users, **again)
     except ValidationError as error:
         raise ReplanError(_whose_fault(error, changes)) from error
     past = _achieved(previous, begin, achieved_rates_bps)

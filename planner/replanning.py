@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from skyfolio.planner.areas.size import is_large
 from skyfolio.planner.carrying import Carried, carried
 from skyfolio.planner.changes import Changes
+from skyfolio.planner.corrections import CorrectionsDb
 from skyfolio.planner.disruption import former_of
 from skyfolio.planner.methods import AREAS, DEFAULT_METHOD
 from skyfolio.planner.pinning import PinError
@@ -31,6 +33,7 @@ def replan(
     keep_pins: bool = False,
     disruption_weight: float = 0.0,
     in_force: Plan | None = None,
+    corrections_db: CorrectionsDb | None = None,
     **options: Any,
 ) -> Plan:
     """Plan the remaining slots of `previous` for the UAVs and users that are left.
@@ -43,13 +46,16 @@ def replan(
     be kept (`carrying.py`; the plan's `dropped_pins` says which cannot); otherwise they hold no longer.
     disruption_weight: kbit/s of utility that it must gain to let another UAV serve a user throughout, or to fly 100 m
     off the old paths (`disruption.py`). in_force: the plan that is being flown, by which changes are counted, where
-    that is not `previous`: when a UAV returns to an operation whose first plan had it.
+    that is not `previous`: when a UAV returns to an operation whose first plan had it. corrections_db: by UAV and user,
+    by how much each link is better than the channel model says (default: as the previous plan assumed); a fleet that is
+    planned by areas is planned without.
     options: as for `plan`; the method is the previous plan's unless another is named. After `areas` it is the default
     one, which is `areas` as long as the fleet is large; then only areas around what is different are planned anew.
     Raises ReplanError as `remaining` does, and PinError for `pins`; the previous plan stays as it is.
     """
     changes, given = changes or Changes(), pins or Pins()
-    scenario, past = remaining(previous, failed, at_slot, positions_m, achieved_rates_bps, changes)
+    corrections_db = None if is_large(previous.scenario) else corrections_db
+    scenario, past = remaining(previous, failed, at_slot, positions_m, achieved_rates_bps, changes, corrections_db)
     rest_m = rest_of_paths_m(previous, at_slot, changes)
     flown = in_force or previous
     kept_m = set(rest_m) & set(flown.trajectories_m)

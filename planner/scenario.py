@@ -20,6 +20,7 @@ from shapely import Point as GeoPoint
 from shapely import Polygon
 
 from skyfolio.planner.altitudes import Altitude, Amsl, ClimbRate, require_altitudes
+from skyfolio.planner.corrections import kept, require_known
 from skyfolio.planner.energy.air import Air, air_of
 from skyfolio.planner.energy.parts import Battery, RallyPoint, Rotors, Wind
 from skyfolio.planner.energy.rules import require_flyable
@@ -70,6 +71,7 @@ __all__ = [
 
 Hertz = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=1, le=1e11)]
 Watts = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=1e-12, le=1e6)]
+Decibels = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-100, le=100)]
 REACH_ROUNDING_M = 1e-10
 """An end position this little further away than a UAV can fly is in reach: what adding up its steps is off by."""
 
@@ -120,6 +122,8 @@ class Channel(Frozen):
     `fading="mean"` sets the small-scale gain |h|^2 to 1; `"sampled"` draws it per (uav, user, slot) from `seed`;
     `"held"` draws it once per (uav, user), for all slots. `"expected"` is for planners that know the statistics and not
     the draws: a rate is the mean of the rates over `draws` draws from `seed` (only then has `draws` a meaning).
+    `corrections_db`: by UAV and user, by how much a link is better than this model says, as measured in flight
+    (`corrections.py`); 0 where nothing is said.
     """
 
     reference_gain_db: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-200, le=100)] = -20.0
@@ -128,6 +132,9 @@ class Channel(Frozen):
     fading: Fading = "mean"
     draws: Annotated[int, Field(strict=True, ge=1, le=256)] = 64
     seed: Annotated[int, Field(strict=True, ge=0, lt=2**63)] = 0
+    corrections_db: dict[Identifier, dict[Identifier, Decibels]] = Field(
+        default_factory=dict, exclude_if=lambda value: not value
+    )
 
 
 class NoFlyDisc(Placed):
@@ -226,6 +233,7 @@ class Scenario(Frozen):
         _require_unique("uavs", [uav.id for uav in self.uavs])
         _require_unique("users", [user.id for user in self.users])
         require_tracks(self.users, self.slots, self.slot_duration_s)
+        require_known(self.channel.corrections_db, {*self.uav_ids}, {*self.user_ids})
         for index, uav in enumerate(self.uavs):
             self._check_point(f"uavs.{index}.start_m", uav.start_m, uav.id)
             if uav.end_m is not None:
@@ -343,7 +351,12 @@ class Scenario(Frozen):
         fields = {name: getattr(self, name) for name in type(self).model_fields}
         if "no_fly" in changes:  # zones close off what is outside of a polygon
             changes = {"area_deg": None, **changes}
-        return type(self)(**{**fields, **without_stale_degrees(type(self), changes)})
+        fields |= without_stale_degrees(type(self), changes)
+        channel: Channel = fields["channel"]
+        if channel.corrections_db and {"uavs", "users"} & changes.keys():
+            links = kept(channel.corrections_db, *({one.id for one in fields[name]} for name in ("uavs", "users")))
+            fields["channel"] = channel.model_copy(update={"corrections_db": links})
+        return type(self)(**fields)
 
 
 def zone_holds(zone: NoFlyDisc | NoFlyPolygon, point: Point) -> bool:

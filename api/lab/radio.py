@@ -20,7 +20,7 @@ from skyfolio.planner.arrays import Array
 
 def in_unseen_air(plan: Plan, seed: int) -> Plan:
     """Return the plan under a Rician draw from `seed`, whatever fading it was made for."""
-    channel = plan.scenario.channel.model_copy(update={"fading": "sampled", "seed": seed})
+    channel = plan.scenario.channel.model_copy(update={"fading": "sampled", "seed": seed, "corrections_db": {}})
     return plan.model_copy(update={"scenario": plan.scenario.model_copy(update={"channel": channel})})
 
 

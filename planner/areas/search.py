@@ -109,7 +109,9 @@ def optimise(
 
 def _require_able(problem: Problem) -> None:
     if problem.draws.size or (problem.n_users > 1 and problem.snr_gain.strides[1] != 0):
-        raise ValueError("channel.fading: the method 'areas' plans the 'mean' channel alone; use 'fast'")
+        raise ValueError(
+            "channel.fading, corrections_db: 'areas' plans the 'mean' channel without corrections; use 'fast'"
+        )
     if problem.pinned_m.size or problem.pinned_to.size:
         raise ValueError("pins: the method 'areas' keeps no pins")
     if not problem.has_plain_users:

@@ -13,7 +13,9 @@ MOST_AT_ONCE = 20_000_000
 def is_large(scenario: Scenario) -> bool:
     """Return whether the scenario is planned by areas unless another method is named."""
     cells = len(scenario.uavs) * len(scenario.users) * scenario.slots
-    return cells > MOST_AT_ONCE and scenario.channel.fading == "mean" and are_plain(scenario)
+    channel = scenario.channel
+    plain = channel.fading == "mean" and not channel.corrections_db and are_plain(scenario)
+    return cells > MOST_AT_ONCE and plain
 
 
 def is_large_problem(problem: Problem) -> bool:
