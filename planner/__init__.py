@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from skyfolio.planner.plans import Cause, Disruption, Iteration, Plan, PlanStatus, Summary
     from skyfolio.planner.previewing import preview
     from skyfolio.planner.problem import Past
+    from skyfolio.planner.reassociation import reassociate
     from skyfolio.planner.remainder import cause_of, remaining, rest_of_paths_m
     from skyfolio.planner.replanning import replan
     from skyfolio.planner.robustness.assess import assess
@@ -89,6 +90,7 @@ __all__ = [
     "pinned",
     "plan",
     "preview",
+    "reassociate",
     "remaining",
     "replan",
     "require_possible",
@@ -138,6 +140,7 @@ _HOMES = {
     ),
     "previewing": ("preview",),
     "problem": ("Past",),
+    "reassociation": ("reassociate",),
     "remainder": (
         "cause_of",
         "remaining",

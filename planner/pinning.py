@@ -80,7 +80,7 @@ def _paths(scenario: Scenario, pins: Pins, current_m: Mapping[str, Sequence[Poin
     for uav_id in pins.uavs:
         uav = scenario.uav(uav_id)
         wanted = current_m.get(uav_id, [uav.start_m] * scenario.slots)
-        yield uav_id, _checked(scenario, uav, "pins.uavs", _caught_up(scenario, uav, wanted))
+        yield uav_id, _checked(scenario, uav, "pins.uavs", caught_up_m(scenario, uav, wanted))
 
 
 def _whole(scenario: Scenario, uav: Uav, given: Sequence[Point]) -> Array:
@@ -91,7 +91,7 @@ def _whole(scenario: Scenario, uav: Uav, given: Sequence[Point]) -> Array:
     return path
 
 
-def _caught_up(scenario: Scenario, uav: Uav, wanted: Sequence[Point]) -> Array:
+def caught_up_m(scenario: Scenario, uav: Uav, wanted: Sequence[Point]) -> Array:
     """Return the way from the start onto the wanted path, as fast as the UAV flies."""
     limit, air = uav.max_speed_mps * scenario.slot_duration_s, scenario.air_of(uav)
     path = _whole(scenario, uav, wanted)
