@@ -9,6 +9,7 @@ differ, the simulator is wrong; the recordings are never edited. More in docs/si
     flavours       `traits` (data), `px4_*` and `ardupilot_*` (behaviour), `flavours` (one table for each autopilot)
     decisions      `navigator`, `mission_runner`, `failsafes`, `refusals`, `ground`; `hosts`: the vehicle as they see it
     one vehicle    `autopilot` puts the parts together, in virtual time; `station` adds a radio (`link`, `impairments`)
+                   and a `base_station`; `radio_truth`: what users on the ground get from those of a fleet
     the fleet      `fleet` steps all vehicles on one clock; `faults` are what can go wrong; `truth` logs what happened
 
 A part takes a protocol of `hosts` or its own, never the whole autopilot. A difference between the autopilots belongs to
@@ -19,6 +20,7 @@ A part takes a protocol of `hosts` or its own, never the whole autopilot. A diff
         ...
 """
 
+from skyfolio.sim.base_station import BaseStation, Served
 from skyfolio.sim.clock import Clock, ScaledClock, VirtualClock
 from skyfolio.sim.fault_schedule import parse_fault, value_of
 from skyfolio.sim.faults import (
@@ -46,6 +48,8 @@ from skyfolio.sim.kinematics import Limits
 from skyfolio.sim.land import Hills
 from skyfolio.sim.missions import Mission, MissionItem
 from skyfolio.sim.modes import Mode
+from skyfolio.sim.radio_faults import StationDeaf, StationJammed, StationLate, StationPower
+from skyfolio.sim.radio_truth import RadioTruth, Received, TruthChannel
 from skyfolio.sim.slots import SlotGrid
 from skyfolio.sim.specs import AUTOPILOTS, BOOTED_S_AGO, VehicleSpec, grid_of
 from skyfolio.sim.station import Vehicle
@@ -58,6 +62,7 @@ __all__ = [
     "BOOTED_S_AGO",
     "DEFAULT_ENDPOINT",
     "FAULTS",
+    "BaseStation",
     "Clock",
     "ClockJump",
     "CorruptUpload",
@@ -78,12 +83,20 @@ __all__ = [
     "ModeChange",
     "MotorFailure",
     "Mute",
+    "RadioTruth",
     "Reboot",
+    "Received",
     "RejectMission",
     "Sample",
     "ScaledClock",
+    "Served",
     "SlotGrid",
+    "StationDeaf",
+    "StationJammed",
+    "StationLate",
+    "StationPower",
     "TlogWriter",
+    "TruthChannel",
     "TruthLog",
     "Vehicle",
     "VehicleSpec",

@@ -12,6 +12,7 @@ from typing import Any, Protocol
 from skyfolio.sim.impairments import Impairments
 from skyfolio.sim.knobs import LONGEST_S, MOST_UPLOADS, check_duration, check_number, check_vehicle, check_whole
 from skyfolio.sim.modes import Mode
+from skyfolio.sim.radio_faults import RADIO_FAULTS
 from skyfolio.sim.station import REBOOT_S, Vehicle
 
 
@@ -248,6 +249,7 @@ FAULTS: dict[str, type[Any]] = {
     "corrupt_upload": CorruptUpload,
     "clock_jump": ClockJump,
     "impair": Impair,
+    **RADIO_FAULTS,
 }
 _NAMES = {fault: name for name, fault in FAULTS.items()}
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable
 from typing import Any, Protocol
 
 from skyfolio.sim.autopilot import Autopilot
+from skyfolio.sim.base_station import BaseStation
 from skyfolio.sim.kinematics import Limits
 from skyfolio.sim.land import Hills
 from skyfolio.sim.link import Address, Link, Radio
@@ -67,6 +68,7 @@ class Vehicle:
             air=air,
             hills=hills,
         )
+        self.base_station = BaseStation()
         self.link: Link | None = None
         self._encoder = encoder
         self._emit = on_event
