@@ -59,6 +59,9 @@ class Settings(BaseSettings):
     root_path: the sub-path under which a proxy offers the service; a trusted proxy may say it in `X-Forwarded-Prefix`.
     rate_per_s, rate_burst: requests of one client. failed_keys_per_minute: wrong API keys that one address may try.
     swap_attempts: attempts at a mission swap before falling back to the last good plan.
+    reassociate: whether users of a lost UAV are served by the others at once, before any UAV has moved.
+    replan_rates_share: a new plan is made when measured rates differ from those planned by more than this share; 0:
+    never.
     disruption_weight: what a recovery's change of the plan must be worth, kbit/s, where an operation does not say it.
     """
 
@@ -94,6 +97,8 @@ class Settings(BaseSettings):
     ] = None
     plan_ahead: bool = True
     swap_attempts: Annotated[int, Field(ge=1, le=5)] = 2
+    reassociate: bool = True
+    replan_rates_share: Annotated[float, Field(ge=0, le=10, allow_inf_nan=False)] = 0.25
     disruption_weight: Annotated[float, Field(ge=0, le=MOST_WEIGHT, allow_inf_nan=False)] = 0.0
     telemetry_hz: Annotated[float, Field(gt=0, le=50)] = 10.0
     plan_starts: Annotated[int, Field(ge=1, le=64)] = 24

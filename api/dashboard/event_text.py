@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from skyfolio.api.dashboard.changes import disruption_words
+from skyfolio.api.dashboard.radio_text import RADIO_DESCRIPTIONS
 from skyfolio.api.dashboard.views import ServiceEvent
 
 Data = Mapping[str, Any]
@@ -278,4 +279,5 @@ DESCRIPTIONS: Mapping[str, Callable[[Data], tuple[str, str]]] = {
     "stream_ended": _stream_ended,
     "operation_taken_over": _taken_over,
     "operation_left": _left,
+    **RADIO_DESCRIPTIONS,
 }

@@ -17,6 +17,7 @@ from skyfolio.api.flights.flight_timeline import FlightTimeline
 from skyfolio.api.flights.flown_rates import FlownRates
 from skyfolio.api.flights.guidance import FlightGuidance
 from skyfolio.api.flights.guidance_options import GuidanceOptions
+from skyfolio.api.flights.measured_rates import MeasuredRates
 from skyfolio.api.flights.roster import Roster
 from skyfolio.api.flights.take_off import LOOK_EVERY_S, FlightError, TakeOff, in_words
 from skyfolio.api.flights.track import Seen, Track
@@ -65,6 +66,8 @@ class Flight(FlightTimeline):
         """What it knows of other flights, once it has entered the shared airspace."""
         self._record = Track(systems)
         self._rates = FlownRates(self._record, plan.scenario.user_ids, self.n_slots, self.slot_s)
+        self.measured = MeasuredRates(self, self._record, lambda: self.lost)
+        """What users were measured to get."""
 
     # --- commands ---
 
@@ -285,12 +288,20 @@ class Flight(FlightTimeline):
         now = self.now_s()
         if not self._record or now - self._record.at_s(-1) >= SAMPLE_EVERY_S:
             self._record.append(now, self.positions_m())
-        self._rates.work(self.timeline, self.lost)
+        self._rates.work(self.serving, self.lost)
 
     async def settle_rates(self) -> None:
         """Evaluate what users got at every sample that still waits for it, and let other tasks run meanwhile."""
-        await self._rates.settle(self.timeline, self.lost)
+        await self._rates.settle(self.serving, self.lost)
+
+    def modelled_rates_bps(self) -> Mapping[str, Sequence[float | None]]:
+        """Return the bit/s of each user in each slot by the plans' channel model at the reported positions."""
+        return self._rates.by_user
 
     def reported_rates_bps(self) -> Mapping[str, Sequence[float | None]]:
-        """Return the bit/s of each user in each slot by reported positions; None for slots not evaluated (yet)."""
-        return self._rates.by_user
+        """Return the bit/s of each user in each slot; None for slots that were not evaluated (yet).
+
+        They are what was measured in slots in which something was, else what the channel model says at the reported
+        positions.
+        """
+        return self.measured.over(self._rates.by_user)

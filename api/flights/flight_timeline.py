@@ -12,6 +12,8 @@ class FlightTimeline:
 
     def __init__(self, plan: Plan, clock: FleetClock) -> None:
         self.timeline = [InForce(0.0, plan)]
+        self.serving = [InForce(0.0, plan)]
+        """By which plans users were served: those of the timeline, and those that only changed who serves whom."""
         self._clock = clock
         self._began: float | None = None
         """The fleet second in which slot 0 began."""
@@ -30,7 +32,16 @@ class FlightTimeline:
 
     def take_over(self, plan: Plan) -> None:
         """Put this plan into force: users and vehicles follow it from now on."""
-        self.timeline.append(InForce(self.now_s(), plan))
+        self.take_over_since(self.now_s(), plan)
+
+    def take_over_since(self, from_s: float, plan: Plan) -> None:
+        """Put this plan into force from that fleet second on."""
+        self.timeline.append(InForce(from_s, plan))
+        self.serving.append(InForce(max(from_s, self.serving[-1].from_s), plan))
+
+    def serve_by(self, plan: Plan) -> None:
+        """Serve users by this plan from now on, while the vehicles go on as they do."""
+        self.serving.append(InForce(self.now_s(), plan))
 
     @property
     def n_slots(self) -> int:

@@ -22,7 +22,9 @@ from skyfolio.api.store.event_log import EventLog
 from skyfolio.planner import Plan
 
 log = structlog.get_logger()
-Cause = LossKind | Literal["uav_returned", "retuned"]
+Cause = LossKind | Literal["uav_returned", "retuned", "rates_off"]
+ASKED = frozenset({*LOSS_KINDS, "rates_off"})
+"""What an operator who wants to approve new plans is asked about; the rest they ordered themselves."""
 
 
 async def _save_nothing() -> None:
@@ -54,6 +56,7 @@ class Incidents:
         self._journal, self._events = journal, events
         self._requested: Cause | None = None
         self._readmitted: tuple[str, ...] = ()
+        self._detail = ""
         self._offered_back: set[str] = set()
         self._reported_low: set[str] = set()
         self._incident: Incident | None = None
@@ -126,9 +129,9 @@ class Incidents:
             elif self._policy != "off":
                 self._plans_ahead.go_on()
 
-    def request_recovery(self, cause: Cause, readmitted: tuple[str, ...] = ()) -> None:
+    def request_recovery(self, cause: Cause, readmitted: tuple[str, ...] = (), detail: str = "") -> None:
         """Request a recovery for another cause than a loss."""
-        self._requested, self._readmitted = cause, readmitted
+        self._requested, self._readmitted, self._detail = cause, readmitted, detail
 
     async def supersede(self, why: str) -> None:
         """End a recovery before anything was sent; its losses stay pending.
@@ -197,9 +200,16 @@ class Incidents:
             return
         self.number += 1
         steps = IncidentLog(self._journal, self._operation_id, self.number, self._flight.now_s)
-        ask = self._policy == "approve" and cause in LOSS_KINDS
-        self._incident = Incident(steps, cause, dict(self.pending), self._weight, ask=ask, readmitted=self._readmitted)
-        self._readmitted = ()
+        self._incident = Incident(
+            steps,
+            cause,
+            dict(self.pending),
+            self._weight,
+            ask=self._policy == "approve" and cause in ASKED,
+            readmitted=self._readmitted,
+            detail="" if cause in LOSS_KINDS else self._detail,
+        )
+        self._readmitted, self._detail = (), ""
         await self.save()
         self._recovery = Recovery(self._shared, self._flight, self._incident)
         self._task = asyncio.create_task(self._recover(self._recovery, self._incident))

@@ -108,6 +108,7 @@ class Operation(OperationRecord):
         finally:
             await flight.guidance.end()
             await self.incidents.end()
+            await self.radio.end()
             self._rows.write_track(flight.record)
         up = ", ".join(flight.still_up())
         if up and flight.roster.own_link.is_lost:
@@ -132,6 +133,7 @@ class Operation(OperationRecord):
             lost = flight.roster.newly_lost(news)
             await self._follow_link()
             await self.incidents.take_in(lost)
+            self.radio.tick(lost)
             await self.incidents.advance(may_start=self.state == State.FLYING)
             if self.state == State.LANDING and not self.incidents.has_work:
                 await self._stragglers.look(flight)

@@ -15,6 +15,7 @@ from skyfolio.api.flights.incidents import Incidents
 from skyfolio.api.flights.journal import Journal
 from skyfolio.api.flights.operation_store import OperationIdentity, OperationRows, Stores
 from skyfolio.api.flights.operation_views import ENDED, Abort, OperationView, Proposal, State, uav_views
+from skyfolio.api.flights.radio import Radio
 from skyfolio.api.flights.shared_services import SharedServices
 from skyfolio.api.store.writer import Statement
 
@@ -35,6 +36,15 @@ class OperationRecord:
         self._stopped = False
         self.incidents = Incidents(identity, flight, shared, stores.journal, stores.events)
         self.incidents.save = self.save
+        self.radio = Radio(
+            identity,
+            flight,
+            shared,
+            stores,
+            save=self.save_soon,
+            may_replan=self._may_replan,
+            request_replan=lambda why: self.incidents.request_recovery("rates_off", detail=why),
+        )
         flight.guidance.mission_store = AssignedMissionStore(stores.database, identity.id)
 
     @property
@@ -76,6 +86,7 @@ class OperationRecord:
             recoveries=incidents.reports,
             proposal=Proposal(incident=proposal[0], plan_id=proposal[1].id, lost=proposal[2]) if proposal else None,
             user_rates_bps={user: list(row) for user, row in flight.reported_rates_bps().items()},
+            measured_slots=flight.measured.slots,
             error=self.error,
             abort=self.aborted_by,
         )
@@ -112,6 +123,16 @@ class OperationRecord:
         self.version += 1
         await self._rows.save(self.state, self.version, self._document())
 
+    def save_soon(self) -> None:
+        """Begin to store everything that a restart needs, where nothing that can be commanded has changed."""
+        self._rows.save_soon(self.state, self.version, self._document())
+
+    def _may_replan(self) -> bool:
+        """Return whether a new plan may be requested that nobody needs: nothing else is done, and there is time."""
+        slot = self.flight.slot()
+        in_time = slot is not None and slot < self.flight.n_slots - 2
+        return self.state == State.FLYING and in_time and not self.incidents.has_work
+
     def mark_track_stored(self) -> None:
         """Note that the track recorded so far is stored already."""
         self._rows.has_track_of(self.flight.record)
@@ -134,6 +155,7 @@ class OperationRecord:
             "disruption_weight": self.identity.disruption_weight,
             "error": self.error,
             **self.incidents.document(),
+            **self.radio.document(),
             "view": self._stored_view(),
         }
 

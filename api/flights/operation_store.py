@@ -85,12 +85,16 @@ class OperationRows:
 
     async def save(self, state: State, version: int, document: dict[str, Any]) -> None:
         """Store the operation as it is now. The flight goes on if the database does not answer."""
+        await self._database.kept(self.save_soon(state, version, document))
+
+    def save_soon(self, state: State, version: int, document: dict[str, Any]) -> asyncio.Future[None]:
+        """Begin to store the operation as it is now; return what is done when it is durable."""
         row = {f"new_{name}": value for name, value in _values(state, version, document).items()}
-        flown = self._flown([entry["plan_id"] for entry in document["timeline"]])
+        flown = self._flown([entry["plan_id"] for name in ("timeline", "serving") for entry in document[name]])
         statement = (_UPDATE, {"operation_id": self._identity.id, **row})
         owned = self._database.owned(self._identity.id)
         self.saved = self._database.write_soon(*owned, statement, *flown, keep=True)
-        await self._database.kept(self.saved)
+        return self.saved
 
     def _flown(self, plan_ids: Sequence[str]) -> list[Statement]:
         """Return statements that mark plans as flown by this operation, each once."""

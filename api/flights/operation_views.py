@@ -95,8 +95,9 @@ class OperationView(BaseModel):
     `returned` and `low_on_battery` are offers, and nothing happens to these UAVs unless the operator asks for it:
     `:readmit` plans with the former again, `:retire` sends the latter home and plans without them. `version` is the
     ETag: it counts changes of what can be commanded, not of what is measured. `disruption_weight`: what a change of
-    the plan must be worth to a recovery, kbit/s. `owner`: the name of the service that it belongs to, where several
-    share one database; other services show it as it was last stored.
+    the plan must be worth to a recovery, kbit/s. `user_rates_bps` are measured in the `measured_slots` of each user;
+    otherwise they are what the channel model says at the positions that vehicles report. `owner`: the name of the
+    service that it belongs to, where several share one database; other services show it as it was last stored.
     """
 
     id: str
@@ -117,6 +118,7 @@ class OperationView(BaseModel):
     recoveries: list[RecoveryReport]
     proposal: Proposal | None = None
     user_rates_bps: dict[str, list[float | None]]
+    measured_slots: dict[str, list[int]] = {}
     error: str | None
     abort: Abort | None = None
 

@@ -40,15 +40,16 @@ class Incident:
     """What has to be dealt with, and how far the recovery is.
 
     disruption_weight: what a change of the plan must be worth, kbit/s. ask: whether the operator is asked before a new
-    plan is flown. approval: set when the operator has decided.
+    plan is flown. detail: of a cause that is no loss. approval: set when the operator has decided.
     """
 
     log: IncidentLog
-    cause: LossKind | Literal["uav_returned", "retuned"]
+    cause: LossKind | Literal["uav_returned", "retuned", "rates_off"]
     lost: dict[str, float]
     disruption_weight: float = 0.0
     ask: bool = False
     readmitted: tuple[str, ...] = ()
+    detail: str = ""
     proposed: Plan | None = None
     approval: asyncio.Future[bool] | None = None
     attempts: list[str] = field(default_factory=list)
@@ -170,7 +171,7 @@ class Recovery:
 
     async def _plan(self, at_slot: int, *, use_ready: bool) -> Plan:
         flight, incident = self._flight, self._incident
-        detail = ", ".join(
+        detail = incident.detail or ", ".join(
             f"{uav} {flight.roster.losses[uav].detail}" for uav in incident.lost if uav in flight.roster.losses
         )
         cause = Cause(
@@ -211,7 +212,7 @@ class Recovery:
         """Return the plan made ahead for exactly this loss, if the survivors can still get into it."""
         flight = self._flight
         lost = [uav for uav in flight.plan.scenario.uav_ids if uav in flight.lost]
-        if len(lost) != 1:
+        if len(lost) != 1 or flight.measured.differ_from(flight.plan.scenario.channel.corrections_db):
             return None
         weight = self._incident.disruption_weight
         plan = self._shared.contingencies.ready(flight.plan, at_slot, lost[0], weight)
@@ -238,6 +239,7 @@ class Recovery:
                 if uav in positions_m and uav not in flight.lost
             },
             "achieved_rates_bps": achieved(flight, at_slot),
+            "corrections_db": flight.measured.corrections_db,
         }
 
     def _check(self, plan: Plan) -> None:

@@ -66,6 +66,10 @@ async def restored(
     operation = Operation(identity, flight, shared, stores)
     operation.state, operation.version, operation.error = State(row.state), row.version, document["error"]
     operation.incidents.restore(document)
+    serving = [
+        InForce(entry["from_s"], await shared.plans.finished(entry["plan_id"])) for entry in document.get("serving", [])
+    ]
+    await operation.radio.restore(document.get("allocation_revision", 0), serving)
     await flight.guidance.restore(document.get("ghosts", []))
     operation.mark_track_stored()
     return operation
@@ -177,7 +181,7 @@ async def _put_into_force(operation: Operation, entries: list[Entry], plan_id: s
     if operation.flight.plan.id != plan_id:
         plan: Plan = await operation.shared.plans.finished(plan_id)
         times_s = [entry.elapsed_s for entry in entries if entry.step in {Step.VERIFIED, Step.UPLOADING}]
-        operation.flight.timeline.append(InForce(max(at_s or 0.0 for at_s in times_s), plan))
+        operation.flight.take_over_since(max(at_s or 0.0 for at_s in times_s), plan)
     verified = {entry.uav_id for entry in entries if entry.step is Step.VERIFIED}
     for uav in sorted(uavs - verified):
         await _write(operation, entries[0].incident, Step.VERIFIED, {"plan_id": plan_id, "after_restart": True}, uav)

@@ -15,6 +15,7 @@ from skyfolio.api.http import problems
 from skyfolio.api.http.middleware import AdmissionMiddleware
 from skyfolio.api.http.proxies import ForwardedHeadersMiddleware
 from skyfolio.api.http.routes import (
+    allocations,
     contingencies,
     drills,
     events,
@@ -90,6 +91,7 @@ def create_app(
         fleet,
         operations,
         operation_commands,
+        allocations,
         drills,
         events,
         service,

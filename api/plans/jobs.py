@@ -14,13 +14,14 @@ class Job:
 
     `request`: further arguments of `planner.plan` or `planner.replan`, as pins.
 
-    `task`: beside `plan`, which is both of these, `explain` explains the previous plan with `request` (a
+    `task`: beside `plan`, which is both of these, `reassociate` lets the survivors of the previous plan serve its users
+    by `request` (arguments of `planner.reassociate`), `explain` explains the previous plan with `request` (a
     `planner.Budget`), `preview` compares it with a scenario or, without one, with a replan by `request`, and `assess`
     puts it through `request` (a `planner.Trial`).
     `starts`: how many the optimiser climbs from; None lets it choose by size, a plan's then at most `most_starts`.
     """
 
-    task: Literal["plan", "explain", "preview", "assess"] = "plan"
+    task: Literal["plan", "reassociate", "explain", "preview", "assess"] = "plan"
     scenario: str | None = None
     previous: str | None = None
     request: dict[str, Any] = field(default_factory=dict)

@@ -126,6 +126,15 @@ class PlanBook:
             asked=Asked.model_validate({name: request[name] for name in Asked.model_fields if name in request}),
         )
 
+    async def reassociated(self, previous: Plan, request: dict[str, Any], cause: Cause, plan_id: str) -> Plan:
+        """Return a finished plan whose users are served anew, at once and on its own paths; it is not stored.
+
+        request: arguments of `planner.reassociate`. Raises BusyError, SolveError.
+        """
+        identity = {"id": plan_id, "cause": cause.model_dump(mode="json")}
+        job = Job(task="reassociate", previous=previous.model_dump_json(), request=request, identity=identity)
+        return Plan.model_validate_json((await self._solver[LaneName.FLIGHT].solve(job)).plan)
+
     async def adopt(self, plan: Plan, creation: NewResource) -> Plan:
         """Store a plan that was made ahead of time, under a new id. Durable when it returns."""
         plan = plan.model_copy(update={"id": creation.id})

@@ -28,6 +28,7 @@ from skyfolio.planner import (
     explain,
     plan,
     preview,
+    reassociate,
     replan,
 )
 from skyfolio.planner.areas.size import is_large
@@ -82,7 +83,13 @@ def attempt(job: Job, board: Board, token: int, clock: Clock = time.monotonic) -
 
 def work(job: Job, board: Board, token: int, clock: Clock = time.monotonic) -> Solved:
     """Do one job, showing on the board how far it is. Raises ValueError when the problem has no solution."""
-    tasks = {"plan": _planned, "explain": _explained, "preview": _previewed, "assess": _assessed}
+    tasks = {
+        "plan": _planned,
+        "reassociate": _reassociated,
+        "explain": _explained,
+        "preview": _previewed,
+        "assess": _assessed,
+    }
     return tasks[job.task](job, board, token, clock)
 
 
@@ -114,7 +121,18 @@ def solve(job: Job, board: Board, token: int, clock: Clock = time.monotonic) -> 
 
 
 def _planned(job: Job, board: Board, token: int, clock: Clock) -> Solved:
-    made = solve(job, board, token, clock)
+    return _as_solved(solve(job, board, token, clock))
+
+
+def _reassociated(job: Job, board: Board, token: int, clock: Clock) -> Solved:
+    del board, token  # it takes milliseconds: there is nothing to show, and nothing to stop
+    began_s = clock()
+    identity = {**job.identity, "cause": Cause.model_validate(job.identity.get("cause", {}))}
+    made = reassociate(_previous(job), **job.request, **identity)
+    return _as_solved(made.model_copy(update={"solve_ms": (clock() - began_s) * 1e3}))
+
+
+def _as_solved(made: Plan) -> Solved:
     return Solved(
         status=made.status,
         plan=made.model_dump_json(),

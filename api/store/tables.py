@@ -146,6 +146,20 @@ track = Table(
     Index(None, "operation_id"),
 )
 
+measurements = Table(
+    "measurements",
+    metadata,
+    Column("id", _Number, primary_key=True, autoincrement=True),
+    Column("operation_id", String(64), nullable=False),
+    Column("uav_id", String(64), nullable=False),
+    Column("user_id", String(64), nullable=False),
+    Column("elapsed_s", Double, nullable=False),
+    Column("rate_bps", Double),
+    Column("sinr_db", Double),
+    ForeignKeyConstraint(["operation_id"], ["operations.id"], ondelete="CASCADE"),
+    Index(None, "operation_id"),
+)
+
 assigned_missions = Table(
     "given",
     metadata,
