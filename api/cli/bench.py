@@ -244,6 +244,24 @@ def radio(
     _print(figures, *(() if as_json else [table(figures)]))
 
 
+@bench.command()
+def allocations(
+    seeds: Annotated[int, typer.Option(min=1, help="Of the fleet and of the shadowing; each takes some minutes.")] = 3,
+    out: Out = None,
+    page: Annotated[Path | None, typer.Option(help="Write the figures as Markdown here, too.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Measure, in virtual time, what correcting the channel in flight and serving users at once after a loss gain."""
+    from skyfolio.api.lab.bench.allocations import allocation_figures, markdown, tables  # noqa: PLC0415
+    from skyfolio.api.lab.torture.campaign import quiet  # noqa: PLC0415
+
+    with quiet():
+        figures = allocation_figures(seeds, told=lambda row: typer.echo(json.dumps(row), err=True))
+    if page is not None:
+        write(markdown(figures), page)
+    _give(figures, tables(figures), out, as_json=as_json)
+
+
 def _print(figures: dict[str, Any], *tables: Table) -> None:
     """Print the tables, or the figures as JSON when there are none."""
     if tables:

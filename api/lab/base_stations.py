@@ -1,0 +1,155 @@
+"""Joins the base stations of a simulated fleet to the service that flies it, as an integrator joins real ones.
+
+Again and again they ask what they must serve (`operations/{id}/allocations`), acknowledge what they are ready for, and
+report what their users get. What users truly get is the simulator's (`sim.RadioTruth`): the service is told of it only
+by those reports.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from skyfolio import sim
+from skyfolio.api.flights.allocations import AllocationsView, SlotAllocation, UavAllocation
+from skyfolio.api.flights.measured_rates import LEAST_DB, Measurement
+from skyfolio.mavlink_bridge import east_north_to_geodetic
+from skyfolio.planner import Scenario
+
+
+class RadioPort(Protocol):
+    """How base stations reach the service."""
+
+    def allocations(self) -> Awaitable[AllocationsView | None]:
+        """Return what they must serve; None if there is nothing to serve any more, or no answer."""
+        ...
+
+    def acknowledge(self, uav_id: str, revision: int) -> Awaitable[bool]:
+        """Acknowledge a revision; return whether that was accepted."""
+        ...
+
+    def measure(self, measurements: Sequence[Measurement]) -> Awaitable[None]:
+        """Report what users get."""
+        ...
+
+
+@dataclass
+class Log:
+    """What users truly got: (fleet seconds since slot 0, bit/s by user), and how often something was refused."""
+
+    rates_bps: list[tuple[float, dict[str, float]]] = field(default_factory=list)
+    refused: int = 0
+
+
+def radio_truth(fleet: sim.Fleet, scenario: Scenario, channel: sim.TruthChannel | None = None) -> sim.RadioTruth:
+    """Return what the users of a scenario get from a fleet whose system ids 1, 2, ... are its UAVs in their order.
+
+    channel: by default what planners of the scenario assume.
+    """
+    assumed = scenario.channel
+    given = channel or sim.TruthChannel(reference_gain_db=assumed.reference_gain_db, noise_dbm=assumed.noise_dbm)
+    places = {user.id: east_north_to_geodetic(scenario.origin, *user.position_m) for user in scenario.users}
+    power_w = {number: uav.transmit_power_w for number, uav in enumerate(scenario.uavs, start=1)}
+    return sim.RadioTruth(fleet, given, places, power_w)
+
+
+class BaseStations:
+    """The base stations of one fleet in one operation. system_of: the system id of each UAV.
+
+    report: whether they measure and report; measure_every_s: how often, in fleet seconds.
+    """
+
+    def __init__(
+        self,
+        fleet: sim.Fleet,
+        truth: sim.RadioTruth,
+        port: RadioPort,
+        system_of: Mapping[str, int],
+        *,
+        report: bool = True,
+        measure_every_s: float = 1.0,
+    ) -> None:
+        self._fleet, self._truth, self._port, self._system_of = fleet, truth, port, dict(system_of)
+        self._uav_of = {system: uav for uav, system in system_of.items()}
+        self._report, self._measure_every_s = report, measure_every_s
+        self._measure_at_s = 0.0
+        self._revision = -1
+        self.log = Log()
+
+    async def step(self) -> bool:
+        """Ask, acknowledge, and report once; return whether there is anything left to serve."""
+        view = await self._port.allocations()
+        if view is None:
+            return False
+        if view.revision != self._revision:
+            self._revision = view.revision
+            self._tell(view)
+        for uav, system in self._system_of.items():
+            station = self._fleet.vehicles[system].base_station
+            revision = station.ready(self._fleet.now_s)
+            if revision is None or not self._is_reached(system):
+                continue
+            if await self._port.acknowledge(uav, revision):
+                station.acknowledge(revision)
+            else:
+                self.log.refused += 1
+        await self._measure(view)
+        return True
+
+    def _is_reached(self, system: int) -> bool:
+        """Return whether the link on board works, over which base stations are reached too."""
+        vehicle = self._fleet.vehicles[system]
+        return vehicle.alive and vehicle.transmitting
+
+    def _tell(self, view: AllocationsView) -> None:
+        """Let every base station hear what it must serve; slots begin and end by the fleet's clock."""
+        now_s = self._fleet.now_s
+        slot0_s = now_s - (view.elapsed_s or 0.0)
+        for uav, allocation in view.uavs.items():
+            system = self._system_of[uav]
+            if self._is_reached(system):
+                slots = served(allocation, slot0_s)
+                self._fleet.vehicles[system].base_station.hear(view.revision, slots, now_s)
+
+    async def _measure(self, view: AllocationsView) -> None:
+        elapsed_s = view.elapsed_s
+        if elapsed_s is None:
+            return
+        received = self._truth.received()
+        self.log.rates_bps.append((elapsed_s, {one.user_id: one.rate_bps for one in received}))
+        if not self._report or elapsed_s < self._measure_at_s:
+            return
+        self._measure_at_s = elapsed_s + self._measure_every_s
+        measured = self._reports(view, received, round(elapsed_s, 3))
+        if measured:
+            await self._port.measure(measured)
+
+    def _reports(self, view: AllocationsView, received: Sequence[sim.Received], elapsed_s: float) -> list[Measurement]:
+        """Return what base stations that are reached report: their users' rates, 0 of those that get nothing."""
+        got = {(self._uav_of[one.system_id], one.user_id): one for one in received}
+        meant = {
+            (uav, user)
+            for uav, allocation in view.uavs.items()
+            if allocation.now is not None
+            for user in allocation.now.bandwidth_hz
+        }
+        served_users = {user for _, user in got}
+        missed = {link for link in meant if link[1] not in served_users}
+        return [
+            Measurement(
+                uav_id=uav,
+                user_id=user,
+                elapsed_s=elapsed_s,
+                rate_bps=got[uav, user].rate_bps if (uav, user) in got else 0.0,
+                sinr_db=max(got[uav, user].sinr_db, LEAST_DB) if (uav, user) in got else None,
+            )
+            for uav, user in sorted({*got, *missed})
+            if self._is_reached(self._system_of[uav])
+        ]
+
+
+def served(allocation: UavAllocation, slot0_s: float) -> list[sim.Served]:
+    """Return an allocation as the simulator's base station takes it; slot0_s: fleet second in which slot 0 began."""
+    slots: list[SlotAllocation] = [slot for slot in (allocation.now, allocation.next) if slot is not None]
+    return [sim.Served(slot0_s + slot.valid_from_s, slot0_s + slot.valid_until_s, slot.bandwidth_hz) for slot in slots]
