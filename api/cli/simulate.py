@@ -48,6 +48,16 @@ def simulate(
         str,
         typer.Option(envvar="SKYFOLIO_SIM_SIGNING_KEY", help="64 hex digits: sign, and accept signed messages only."),
     ] = "",
+    radio: Annotated[
+        str,
+        typer.Option(help="URL of a service: base stations serve what it says, and report what users truly get."),
+    ] = "",
+    radio_channel: Annotated[
+        str, typer.Option(help="How the true channel differs: bias_db=-6,shadowing_db=4,rician_k_db=3,seed=1.")
+    ] = "",
+    radio_key: Annotated[
+        str | None, typer.Option(envvar="SKYFOLIO_SIM_RADIO_KEY", help="API key of the base stations, of a planner.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Fly a software-only fleet that speaks MAVLink, until interrupted."""
@@ -73,6 +83,9 @@ def simulate(
         log=log,
         tlog=tlog,
         signing_key=signing_key,
+        radio_url=radio,
+        radio_channel=radio_channel,
+        radio_key=radio_key,
         booted_s_ago=booted_s_ago,
         as_json=as_json,
     )

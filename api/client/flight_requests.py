@@ -8,9 +8,11 @@ from typing import Any, Literal
 from skyfolio.api.client.transport import Transport
 from skyfolio.api.fleet.commander import Action
 from skyfolio.api.fleet.vehicle_view import VehicleView
+from skyfolio.api.flights.allocations import Acknowledgement, AllocationsView
 from skyfolio.api.flights.drills import DrillView
 from skyfolio.api.flights.guidance_options import Mode
 from skyfolio.api.flights.journal import Entry
+from skyfolio.api.flights.measured_rates import Measurement
 from skyfolio.api.flights.operation_views import OperationRow, OperationView, Policy
 from skyfolio.api.flights.orders import OrderResult
 
@@ -90,6 +92,22 @@ class FlightRequests(Transport):
         """Return every step of every incident."""
         rows = self.call("GET", f"/v1/operations/{operation_id}/journal").json()
         return [Entry.model_validate(row) for row in rows]
+
+    def allocations(self, operation_id: str) -> AllocationsView:
+        """Return what the base station of each UAV must serve now and next."""
+        answer = self.call("GET", f"/v1/operations/{operation_id}/allocations")
+        return AllocationsView.model_validate_json(answer.content)
+
+    def acknowledge(self, operation_id: str, uav_id: str, revision: int) -> Acknowledgement:
+        """Say that the base station of a UAV serves by this revision from now on."""
+        body = {"uav_id": uav_id, "revision": revision}
+        answer = self.call("POST", f"/v1/operations/{operation_id}/allocations:acknowledge", json=body)
+        return Acknowledgement.model_validate_json(answer.content)
+
+    def measure(self, operation_id: str, measurements: Sequence[Measurement]) -> int:
+        """Report what users get; return how many measurements were new."""
+        body = {"measurements": [one.model_dump() for one in measurements]}
+        return int(self.call("POST", f"/v1/operations/{operation_id}/measurements", json=body).json()["new"])
 
     def drill(
         self, operation_id: str, uav_id: str, *, fault: str = "kill", at_slot: int | None = None, **options: Any

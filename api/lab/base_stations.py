@@ -42,15 +42,22 @@ class Log:
     refused: int = 0
 
 
-def radio_truth(fleet: sim.Fleet, scenario: Scenario, channel: sim.TruthChannel | None = None) -> sim.RadioTruth:
-    """Return what the users of a scenario get from a fleet whose system ids 1, 2, ... are its UAVs in their order.
+def radio_truth(
+    fleet: sim.Fleet,
+    scenario: Scenario,
+    channel: sim.TruthChannel | None = None,
+    system_of: Mapping[str, int] | None = None,
+) -> sim.RadioTruth:
+    """Return what the users of a scenario get from a fleet.
 
-    channel: by default what planners of the scenario assume.
+    channel: by default what planners of the scenario assume. system_of: the system id of each UAV; by default 1, 2, ...
+    in their order.
     """
+    systems = system_of or {uav: number for number, uav in enumerate(scenario.uav_ids, start=1)}
     assumed = scenario.channel
     given = channel or sim.TruthChannel(reference_gain_db=assumed.reference_gain_db, noise_dbm=assumed.noise_dbm)
     places = {user.id: east_north_to_geodetic(scenario.origin, *user.position_m) for user in scenario.users}
-    power_w = {number: uav.transmit_power_w for number, uav in enumerate(scenario.uavs, start=1)}
+    power_w = {systems[uav.id]: uav.transmit_power_w for uav in scenario.uavs}
     return sim.RadioTruth(fleet, given, places, power_w)
 
 

@@ -13,8 +13,10 @@ from typing import Any
 
 from rich.console import Console
 
+from skyfolio.api.client import Client
 from skyfolio.api.fleet.simulated_fleet import hills_of, specs_at_starts
 from skyfolio.api.lab.radio import RadioTruth
+from skyfolio.api.lab.radio_client import RadioClient
 from skyfolio.mavlink_bridge import DEFAULT_AUTOPILOT, east_north_to_geodetic
 from skyfolio.planner import EXAMPLES, Plan, Scenario
 from skyfolio.sim import (
@@ -23,6 +25,7 @@ from skyfolio.sim import (
     Impairments,
     ScaledClock,
     TlogWriter,
+    TruthChannel,
     Weather,
     as_line,
     grid_of,
@@ -48,7 +51,9 @@ class SimulateConfig:
     faults: `KIND:VEHICLE[@SECONDS|@slot=N][,KNOB=VALUE...]`. up, down, weather: `FIELD=VALUE,...` of `sim.Impairments`
     and `sim.Weather`. plan: gives the starts, the slots (slot 0 begins when every vehicle flies its mission), the
     distance from the schedule at each, and each slot's true rates, drawn from radio_seed. booted_s_ago: how long the
-    vehicles have been on; switched on with the fleet, an ArduCopter cannot be armed for 40 s.
+    vehicles have been on; switched on with the fleet, an ArduCopter cannot be armed for 40 s. radio_url: the service
+    whose allocations the base stations serve, and to which they report; radio_channel: `FIELD=VALUE,...` of
+    `sim.TruthChannel`, by how much the true channel differs; radio_key: an API key.
     """
 
     vehicles: int = 3
@@ -67,6 +72,9 @@ class SimulateConfig:
     log: Path | None = None
     tlog: Path | None = None
     signing_key: str = ""
+    radio_url: str = ""
+    radio_channel: str = ""
+    radio_key: str | None = None
     booted_s_ago: float = 0.0
     as_json: bool = False
     console: Console = field(default_factory=Console)
@@ -109,13 +117,19 @@ async def run_fleet(config: SimulateConfig) -> None:
     if not config.as_json:
         words = f"{len(fleet.vehicles)} {config.autopilot} vehicles send to {config.endpoint}"
         config.console.print(f"{words} at {config.speedup:g} times real time; Ctrl-C ends them")
+    channel = _channel(config.radio_channel)
     with ExitStack() as files:
         _record(fleet, config, files)
-        watcher = asyncio.create_task(_watch(fleet, config))
+        beside = [asyncio.create_task(_watch(fleet, config))]
+        if config.radio_url:
+            client = files.enter_context(Client(config.radio_url, key=config.radio_key))
+            radio = RadioClient(fleet, client, channel, config.speedup)
+            beside.append(asyncio.create_task(radio.run(), name="base-stations"))
         try:
             await serve(fleet, until=until, for_s=config.duration_s)
         finally:
-            watcher.cancel()
+            for task in beside:
+                task.cancel()
             fleet.truth.sink = fleet.truth.tlog = None
 
 
@@ -182,6 +196,13 @@ def _print_rates(row: dict[str, Any], config: SimulateConfig) -> None:
 def _print_json(row: dict[str, Any]) -> None:
     sys.stdout.write(json.dumps(row) + "\n")
     sys.stdout.flush()
+
+
+def _channel(text: str) -> TruthChannel:
+    try:
+        return TruthChannel(**_knobs("--radio-channel", text))
+    except (ValueError, TypeError) as error:
+        raise SimulateError(f"--radio-channel: {error}") from error
 
 
 def _impairments(option: str, text: str) -> Impairments | None:

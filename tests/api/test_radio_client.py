@@ -1,0 +1,62 @@
+"""Base stations over REST: what refusals mean to them, and which operation they serve."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import httpx2
+import pytest
+
+from skyfolio.api.client import ApiError, Client
+from skyfolio.api.flights.measured_rates import Measurement
+from skyfolio.api.lab.radio_client import RestPort
+from skyfolio.api.lab.simulate import SimulateConfig, SimulateError, run_fleet
+
+VIEW = {"operation_id": "op", "revision": 3, "plan_id": "p", "elapsed_s": 1.0, "paused": False, "uavs": {}}
+
+
+def port(status: int, body: Any, seen: list[httpx2.Request] | None = None) -> RestPort:
+    def answer(request: httpx2.Request) -> httpx2.Response:
+        if seen is not None:
+            seen.append(request)
+        return httpx2.Response(status, json=body)
+
+    http = httpx2.Client(transport=httpx2.MockTransport(answer), base_url="http://service")
+    return RestPort(Client(http=http), "op")
+
+
+def problem(status: int) -> dict[str, Any]:
+    return {"type": "t", "title": "t", "status": status, "detail": "no"}
+
+
+def test_an_operation_that_has_ended_has_nothing_to_serve() -> None:
+    view = asyncio.run(port(200, VIEW).allocations())
+    assert view is not None
+    assert view.revision == 3
+    assert asyncio.run(port(409, problem(409)).allocations()) is None
+    with pytest.raises(ApiError):
+        asyncio.run(port(503, problem(503)).allocations())
+
+
+def test_a_stale_acknowledgement_is_no_error_and_anything_else_is() -> None:
+    accepted = {"uav_id": "u", "revision": 3, "allocation": {"now": None, "next": None, "acknowledged": 3}}
+    assert asyncio.run(port(200, accepted).acknowledge("u", 3)) is True
+    assert asyncio.run(port(409, problem(409)).acknowledge("u", 2)) is False
+    with pytest.raises(ApiError):
+        asyncio.run(port(422, problem(422)).acknowledge("u", 9))
+
+
+def test_measurements_are_sent_as_they_are() -> None:
+    seen: list[httpx2.Request] = []
+    one = Measurement(uav_id="u", user_id="k", elapsed_s=2.5, rate_bps=0.0)
+    asyncio.run(port(200, {"new": 1}, seen).measure([one]))
+    assert seen[0].url.path == "/v1/operations/op/measurements"
+    assert b'"rate_bps":0.0' in seen[0].content
+
+
+def test_a_true_channel_that_cannot_be_is_refused_naming_the_option() -> None:
+    with pytest.raises(SimulateError, match=r"--radio-channel: bias_db must be between"):
+        asyncio.run(run_fleet(SimulateConfig(radio_channel="bias_db=500", as_json=True)))
+    with pytest.raises(SimulateError, match="--radio-channel: .*colour"):
+        asyncio.run(run_fleet(SimulateConfig(radio_channel="colour=3", as_json=True)))
