@@ -98,7 +98,7 @@ class Settings(BaseSettings):
     plan_ahead: bool = True
     swap_attempts: Annotated[int, Field(ge=1, le=5)] = 2
     reassociate: bool = True
-    replan_rates_share: Annotated[float, Field(ge=0, le=10, allow_inf_nan=False)] = 0.25
+    replan_rates_share: Annotated[float, Field(ge=0, le=10, allow_inf_nan=False)] = 0.1
     disruption_weight: Annotated[float, Field(ge=0, le=MOST_WEIGHT, allow_inf_nan=False)] = 0.0
     telemetry_hz: Annotated[float, Field(gt=0, le=50)] = 10.0
     plan_starts: Annotated[int, Field(ge=1, le=64)] = 24

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from skyfolio.api.dashboard.comparison import without
+from skyfolio.api.dashboard.measured import source_words
 from skyfolio.api.dashboard.views import Drill, Operation, TrackPoint
 from skyfolio.planner import Plan
 from skyfolio.planner.utility import jain_index
@@ -109,8 +110,9 @@ def _rows(
         ("sum rate after the replan", _mean(flown[back:]), _mean(unchanged[back:])),
         ("variance of the sum rate", _variance(flown), _variance(unchanged)),
         ("Jain index of the users", _jain(table), "-"),
+        ("rates of users", source_words(table, operation.measured_slots), "-"),
     ]
-    for recovery in operation.recoveries:
+    for recovery in (one for one in operation.recoveries if one.lost):
         silence = max(recovery.lost.values(), default=0.0)
         rows.append((f"{', '.join(recovery.lost)}: declared after", f"{silence:.2f} s of silence", "-"))
         if recovery.in_force_at_s is not None and recovery.declared_at_s is not None:

@@ -11,6 +11,7 @@ from skyfolio.api.dashboard import charts
 from skyfolio.api.dashboard.elements import FleetTable, MapView, panel, text
 from skyfolio.api.dashboard.event_text import describe
 from skyfolio.api.dashboard.map_scene import Json
+from skyfolio.api.dashboard.measured import source_words
 from skyfolio.api.dashboard.views import Recovery, ServiceEvent
 from skyfolio.planner import Plan
 from skyfolio.planner.utility import jain_index
@@ -168,11 +169,14 @@ def stats_line(name: str, plan: Plan) -> str:
     return f"{name} {plan.summary.sum_rate_variance_kbps2:.1f}, {plan.summary.jain:.3f}"
 
 
-def achieved_line(table: Mapping[str, Row]) -> str | None:
-    """Return the same of achieved rates in bit/s, over the slots in which all are known; None before the second."""
+def achieved_line(table: Mapping[str, Row], measured_slots: Mapping[str, Sequence[int]]) -> str | None:
+    """Return the same of achieved rates in bit/s, over the slots in which all are known; None before the second.
+
+    It says whether they were measured.
+    """
     rows = np.array([[np.nan if x is None else x for x in row] for row in table.values()], dtype=float)
     known = rows[:, ~np.isnan(rows).any(axis=0)] / 1e3 if rows.size else rows
     if known.size == 0 or known.shape[1] < 2:
         return None
     jain = jain_index(known) if known.any() else 0.0
-    return f"achieved {float(known.sum(axis=0).var()):.1f}, {jain:.3f}"
+    return f"achieved {float(known.sum(axis=0).var()):.1f}, {jain:.3f} ({source_words(table, measured_slots)})"

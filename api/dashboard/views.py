@@ -82,7 +82,8 @@ OVER = frozenset({"completed", "completed_partly", "aborted", "failed"})
 class Operation(View):
     """An operation as it is now.
 
-    `slot` counts from 0; `user_rates_bps` holds None for slots that are not recorded (yet). `ends` has the end of each
+    `slot` counts from 0; `user_rates_bps` holds None for slots that are not recorded (yet); those in `measured_slots`
+    were measured, and others are computed from positions. `ends` has the end of each
     UAV once the operation has ended: flown, returned, landed_elsewhere, lost or in_the_air.
     """
 
@@ -99,6 +100,7 @@ class Operation(View):
     elapsed_s: float | None = None
     slot: int | None = None
     user_rates_bps: dict[str, list[float | None]] = {}
+    measured_slots: dict[str, list[int]] = {}
     recoveries: tuple[Recovery, ...] = ()
     error: str | None = None
 

@@ -133,7 +133,7 @@ def test_small_differences_change_no_plan(sky: Sky) -> None:
     operation_id = sky.take_off()
     for slot in range(1, 6):
         slot_is(sky, operation_id, slot)
-        assert post(sky, operation_id, *of_everybody(sky, operation_id, slot - 1, 0.85)).status_code == 200
+        assert post(sky, operation_id, *of_everybody(sky, operation_id, slot - 1, 0.93)).status_code == 200
     assert sky.client.operation(operation_id).recoveries == []
 
 

@@ -58,5 +58,5 @@ def test_measurements_are_sent_as_they_are() -> None:
 def test_a_true_channel_that_cannot_be_is_refused_naming_the_option() -> None:
     with pytest.raises(SimulateError, match=r"--radio-channel: bias_db must be between"):
         asyncio.run(run_fleet(SimulateConfig(radio_channel="bias_db=500", as_json=True)))
-    with pytest.raises(SimulateError, match="--radio-channel: .*colour"):
+    with pytest.raises(SimulateError, match=r"--radio-channel: .*colour"):
         asyncio.run(run_fleet(SimulateConfig(radio_channel="colour=3", as_json=True)))

@@ -101,7 +101,7 @@ class FlyPage:
             "planned": charts.total(first.user_rates_bps, n),
             "achieved": charts.total(operation.user_rates_bps, n),
         }
-        stats = [stats_line("planned", first), achieved_line(operation.user_rates_bps)]
+        stats = [stats_line("planned", first), achieved_line(operation.user_rates_bps, operation.measured_slots)]
         if plan.id != first.id:
             begun: list[float | None] = [None] * plan.first_slot
             lines["after replan"] = [*begun, *charts.total(plan.user_rates_bps, plan.scenario.slots)]

@@ -174,7 +174,7 @@ class ReplayPage:
             "planned": charts.total(first.user_rates_bps, n),
             "achieved": charts.total(operation.user_rates_bps, n),
         }
-        stats = [stats_line("planned", first), achieved_line(operation.user_rates_bps)]
+        stats = [stats_line("planned", first), achieved_line(operation.user_rates_bps, operation.measured_slots)]
         last = recording.in_force(recording.ends_s)
         if last.id != first.id:
             begun: list[float | None] = [None] * last.first_slot
