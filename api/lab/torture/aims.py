@@ -168,12 +168,12 @@ def _an_order_while_recovering(chance: random.Random) -> Changes:
     step = chance.choice((*BEFORE_SENDING, Step.UPLOADING, Step.CLOSED))
     when = Moment(step=step, stored=chance.random() < 0.5, after_s=chance.choice((0.0, 0.0, 0.1, 0.4)))
     order = chance.choice(("pause", "pause", "abort", "retire"))
-    options: Changes = {
+    orders: dict[str, Changes] = {
         "pause": {"for_s": chance.choice((2.0, 6.0))},
         "abort": {"actions": [chance.choice(("hold", "land", "return"))]},
         "retire": {"uav": f"uav-{chance.randint(1, UAVS)}"},
-    }[order]
-    blow = Blow(when=when, kind=order, options=options)
+    }
+    blow = Blow(when=when, kind=order, options=orders[order])
     return {**_RECOVERY, **_SLOW_SOLVES, **_FAR, "blows": (_early_kill(chance), blow)}
 
 
