@@ -63,7 +63,7 @@ def sketch(data: Json, pins: Pins | None = None) -> tuple[Json, Json]:
         "origin": data["origin"],
         "no_fly": data["no_fly"],
         "users": [(user["id"], *user["position_m"]) for user in data["users"]],
-        "user_tracks": {user["id"]: user["positions_m"] for user in data["users"] if user.get("positions_m")},
+        "user_tracks": {user["id"]: track for user in data["users"] if (track := _sketched_track(user, data))},
         "uavs": [uav["id"] for uav in data["uavs"]],
         "d_min": data["min_separation_m"] or 0.0,
         "rate_max": None,
@@ -74,6 +74,15 @@ def sketch(data: Json, pins: Pins | None = None) -> tuple[Json, Json]:
     }
     spots = [Spot(uav_id=uav["id"], at_m=tuple(uav["start_m"])) for uav in data["uavs"]]
     return drawn, frame(spots, None, None, {}, live=False)
+
+
+def _sketched_track(user: Json, data: Json) -> list[Point]:
+    """Return the track that a user of a draft is given, or the line that its velocity says; else nothing."""
+    (east, north), velocity_mps = user["position_m"], user.get("velocity_mps")
+    if user.get("positions_m") or not velocity_mps:
+        return list(user.get("positions_m") or ())
+    seconds = ((data["slots"] or 1) - 1) * (data["slot_duration_s"] or 0.0)
+    return [(east, north), (east + velocity_mps[0] * seconds, north + velocity_mps[1] * seconds)]
 
 
 def user_tracks(scenario: Scenario) -> dict[str, list[Point]]:

@@ -7,7 +7,7 @@ import pytest
 from skyfolio.api.dashboard import map_scene
 from skyfolio.api.dashboard.map_scene import Spot
 from skyfolio.api.dashboard.views import Operation, Vehicle
-from skyfolio.planner import EXAMPLES, Changes, Plan, User, replan
+from skyfolio.planner import EXAMPLES, Changes, Plan, Scenario, User, replan
 from skyfolio.planner.plans import Summary
 
 
@@ -96,6 +96,18 @@ def test_a_scenario_that_breaks_rules_is_sketched_all_the_same(small_plan: Plan)
     scene, frame = map_scene.sketch(data)
     assert frame["uavs"][0]["e"] == -900.0
     assert scene["users"][0] == ("user-1", 20.0, 50.0)
+
+
+def test_where_users_of_a_draft_will_go_is_sketched(minimal: Scenario) -> None:
+    data = minimal.model_dump(mode="json")
+    data["slots"], data["slot_duration_s"] = 5, 2.0
+    data["users"] = [
+        {"id": "stays", "position_m": [1.0, 2.0]},
+        {"id": "drives", "position_m": [1.0, 2.0], "velocity_mps": [1.0, -0.5]},
+        {"id": "walks", "position_m": [1.0, 2.0], "positions_m": [[1.0, 2.0], [3.0, 4.0]]},
+    ]
+    scene, _ = map_scene.sketch(data)
+    assert scene["user_tracks"] == {"drives": [(1.0, 2.0), (9.0, -2.0)], "walks": [[1.0, 2.0], [3.0, 4.0]]}
 
 
 def test_slip_is_only_told_while_the_plan_is_flown(small_plan: Plan) -> None:
