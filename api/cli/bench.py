@@ -30,8 +30,8 @@ def planner(
     section: Annotated[
         list[str] | None,
         typer.Option(
-            help="Only this section (may be repeated): quality, fast, reference, ipopt, ablation, energy, disruption, "
-            "bound, budgets, peers, proof, checked."
+            help="Only this section (may be repeated): quality, fast, reference, ipopt, ablation, users, energy, "
+            "disruption, bound, budgets, peers, proof, checked."
         ),
     ] = None,
     size: Annotated[list[str] | None, typer.Option(help="Only this size, such as 10x100x50 (may be repeated).")] = None,

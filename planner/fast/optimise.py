@@ -24,8 +24,9 @@ from skyfolio.planner.solution import Observer, Solution, ignore
 from skyfolio.planner.stopping import StoppingRule
 from skyfolio.planner.unreachable import UnreachableEndError
 
-STEPS = 30
-TOLERANCE = 3e-6
+STEPS, STEPS_WITH_DEMANDS = 30, 8
+TOLERANCE, TOLERANCE_WITH_DEMANDS = 3e-6, 1e-5
+"""Of one pass. Under `sum` a met demand sends its UAV on to others: links are out of date after a few steps."""
 HOPELESS = 3.0
 """A further climb is given up when so many passes as good as its last one would not reach the best."""
 WORK_OF_ALL_STARTS = 3.0e5
@@ -237,7 +238,9 @@ def _begin(arena: Arena, path: Array, log_weight: Array | None = None) -> Climb:
 def _advance(arena: Arena, climb: Climb) -> None:
     """One pass; undone when it made things worse, which only minimum rates and rounding can bring about."""
     path, links = climb.path.copy(), copy_of(climb.links)
-    unmet, utility, sum_rate, climb.settled = climb_on(arena, path, links, STEPS, TOLERANCE)
+    brief = arena.has_demand and arena.kind == SUM
+    pace = (STEPS_WITH_DEMANDS, TOLERANCE_WITH_DEMANDS) if brief else (STEPS, TOLERANCE)
+    unmet, utility, sum_rate, climb.settled = climb_on(arena, path, links, *pace)
     if (-unmet, utility) >= climb.rank:
         climb.path, climb.links = path, links
         climb.unmet, climb.utility_kbps, climb.sum_rate_kbps = unmet, utility, sum_rate

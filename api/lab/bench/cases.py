@@ -178,4 +178,4 @@ def proof(size: Size, kind: str, effort: Effort) -> dict[str, Any]:
 
 def users(size: Size, kind: str, effort: Effort) -> dict[str, Any]:
     """Measure what tracks, windows, weights and demands of users cost."""
-    return extensions(instance(size, kind), effort)
+    return extensions([instance(size, kind, seed) for seed in range(effort.small_layouts)], effort)
