@@ -42,12 +42,14 @@ class Vehicles:
     refusing: set[int] = field(default_factory=set)
     """Vehicles that refuse uploads, or store them wrongly, and fly well all the same."""
     fell_unheard: set[int] = field(default_factory=set)
-    """Vehicles that crashed while a fault kept them from being heard well, or no service lived."""
+    """Vehicles that crashed while a fault kept them from being heard well, or while no service could know more."""
     excused_s: float = 0.0
     """Virtual seconds in which something kept the service from dealing with an incident."""
     _disturbed_until_s: dict[int, float] = field(default_factory=dict)
     _blind: set[int] = field(default_factory=set)
     _truth_seen: int = 0
+    fell_at_s: dict[int, float] = field(default_factory=dict)
+    """When each vehicle was killed, or crashed."""
     _frame: LocalFrame | None = None
 
     def __post_init__(self) -> None:
@@ -95,8 +97,7 @@ class Vehicles:
                 self._follow_fault(system_id, event.t_s, event.detail)
             elif event.kind in {"killed", "crashed"}:
                 self._follow_gone(system_id, event.t_s)
-                if self.ground.service is None or self._is_disturbed(system_id):
-                    self.fell_unheard.add(system_id)
+                self._follow_fall(system_id, event.t_s)
             elif event.kind == "failsafe" and takes_over(event.detail):
                 self.harmed.setdefault(system_id, event.t_s)
                 self.foreign.setdefault(system_id, event.t_s)
@@ -107,6 +108,11 @@ class Vehicles:
             elif event.kind == "gps_back":
                 self._blind.discard(system_id)
         self._truth_seen = len(events)
+
+    def _follow_fall(self, system_id: int, at_s: float) -> None:
+        self.fell_at_s[system_id] = at_s
+        if self._is_disturbed(system_id):
+            self.fell_unheard.add(system_id)
 
     def _follow_gone(self, system_id: int, at_s: float) -> None:
         self.gone.setdefault(system_id, Gone(at_s=at_s, excused_s=self.excused_s))

@@ -26,6 +26,8 @@ NOT_IN_THE_AIR = frozenset({"crashed", "landed"})
 """Losses of UAVs that are on the ground, whose air is free."""
 SETTLED_S = 15.0
 """Seconds in which a service that was just started waits for its vehicles, and asks them what they fly."""
+HEARD_WITHIN_S = 6.0
+"""A vehicle that has crashed, and one that restarts, is heard again within so many seconds."""
 _WAITS = frozenset({"paused", "link_lost", "interrupted"})
 """States of an operation in which nothing is planned."""
 
@@ -186,6 +188,17 @@ class Seen(Vehicles):
     def look_into_memory(self) -> None:
         """Note the ended operations that are still held while their service lives, after garbage was collected."""
         self.remembered = [operation.id for operation in self._operations]
+
+    def follow_truth(self) -> None:
+        """Take in what happened to vehicles since the last look, and who fell about when a service was dead.
+
+        A service that has just been started has not heard a vehicle yet; one that is killed soon hears it no more.
+        """
+        super().follow_truth()
+        for system_id, at_s in self.fell_at_s.items():
+            dies_soon = self.ground.service is None and self.ground.now_s <= at_s + HEARD_WITHIN_S
+            if dies_soon or any(abs(start_s - at_s) <= HEARD_WITHIN_S for start_s in self.starts_s[1:]):
+                self.fell_unheard.add(system_id)
 
     def excuse(self, seconds: float, *, down: bool) -> None:
         """Excuse these last seconds if the service was down, or could not deal with an incident. down: it is dead."""
