@@ -100,19 +100,19 @@ def checked(
     processes: int = 1,
     told: Callable[[int, int], None] = lambda _done, _broken: None,
     *,
-    wrong_with: Callable[[int], list[str]] = broken,
+    wrong_with: Callable[[int], list[str]] | None = None,
 ) -> dict[str, Any]:
     """Check the plans and replans of these scenarios, and return how many there were and what is wrong, by seed.
 
     told: called after each scenario with how many are done, and how many of those are broken. wrong_with: returns what
-    is wrong with the plans of one seed.
+    is wrong with the plans of one seed (default: `broken`).
     """
     found: dict[str, list[str]] = {}
     with ExitStack() as stack:
         mapped: Callable[..., Iterator[list[str]]] = map
         if processes > 1:
             mapped = stack.enter_context(ProcessPoolExecutor(processes, mp_context=get_context("spawn"))).map
-        for seed, wrong in zip(seeds, mapped(wrong_with, seeds), strict=True):
+        for seed, wrong in zip(seeds, mapped(wrong_with or broken, seeds), strict=True):
             if wrong:
                 found[str(seed)] = wrong
             told(seed - seeds.start + 1, len(found))
