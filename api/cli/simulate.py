@@ -56,7 +56,8 @@ def simulate(
         str, typer.Option(help="How the true channel differs: bias_db=-6,shadowing_db=4,rician_k_db=3,seed=1.")
     ] = "",
     radio_key: Annotated[
-        str | None, typer.Option(envvar="SKYFOLIO_SIM_RADIO_KEY", help="API key of the base stations, of a planner.")
+        str | None,
+        typer.Option(envvar="SKYFOLIO_KEY", help="API key of the base stations; the role planner is enough."),
     ] = None,
     as_json: Json = False,
 ) -> None:

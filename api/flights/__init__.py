@@ -11,6 +11,8 @@
     journal, restart                                the steps of incidents, and how a restart goes on from them
     orders, aborts, stragglers, drills              orders of the operator, ends by order, late landings, practice
     rates, flown_rates, track                       what users got, and who was where
+    radio, allocations                              whom base stations must serve, and who serves users of a lost UAV
+    measured_rates, rates_watch                     what users were measured to get, and when that calls for a new plan
 
 It may import `common`, `store`, `plans` and `fleet` (`tests/test_floors.py`). A step that reaches a vehicle is in the
 journal before it is sent: a change that adds one keeps to that, and adds it to the kill matrix
