@@ -153,9 +153,9 @@ def history() -> Seen:
     }
     seen.harmed, seen.harms = {3: 14.0}, {3: {"kill"}}
     seen.gone = {3: Gone(at_s=14.0, excused_s=0.0)}
-    path_m = [(100.0 + 2.0 * slot, 0.0) for slot in range(4)]
-    assigned = SimpleNamespace(first_slot=6, altitude_m=10.0, slot_s=5.0, path_m=path_m)
-    seen.known_missions = {(n, 1, 1): assigned for n in (1, 2, 3)}  # type: ignore[misc]
+    seen.known_missions = {
+        (n, 1, 1): assigned(path_m=[(100.0 * n + 2.0 * slot, 0.0) for slot in range(4)]) for n in (1, 2, 3)
+    }
     seen.received = [(20.5, 1, message("MISSION_COUNT", mission_type=0, count=5))]
     seen.slips, seen.new_slips = [slip(5.0)], [slip(5.0)]
     seen.silences = [("uav-3", 19.0, 5.0)]
@@ -164,6 +164,11 @@ def history() -> Seen:
     seen.slot_clock = SlotClock(at_s=89.5, elapsed_s=44.5, paused=False)
     seen.end = view()
     return seen
+
+
+def assigned(**changes: Any) -> Any:
+    """An assigned mission from slot 6 on."""
+    return SimpleNamespace(**{"first_slot": 6, "altitude_m": 10.0, "slot_s": 5.0, "path_m": [], **changes})
 
 
 def message(name: str, **fields: Any) -> Any:
@@ -478,6 +483,11 @@ def _flown_and_interrupted(seen: Seen) -> None:
     seen.new_reports = [replace(seen.new_reports[0], report=interrupted)]
 
 
+@breaks("missions keep out of reserved air")
+def _through_the_air_of_the_lost_one(seen: Seen) -> None:
+    seen.known_missions[1, 1, 1].path_m[:] = [(100.0, 0.0), (320.0, 0.0)]
+
+
 @breaks("an operation ends once")
 def _ends_again(seen: Seen) -> None:
     seen.noted.append(replace(seen.noted[-1], at_s=85.0))
@@ -589,7 +599,8 @@ def superseded(seen: Seen) -> None:
 
 def flies_above(seen: Seen) -> None:
     _where_the_lost_one_was(seen)
-    seen.known_missions[1, 1, 1] = SimpleNamespace(first_slot=6, altitude_m=15.0, slot_s=5.0, path_m=[])  # type: ignore[assignment]
+    _through_the_air_of_the_lost_one(seen)
+    seen.known_missions[1, 1, 1] = assigned(altitude_m=15.0)
 
 
 def on_its_first_leg(seen: Seen) -> None:

@@ -5,16 +5,18 @@ The geometry is this file's own, so that a service whose ghosts are wrong does n
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from math import dist, hypot
 
+from skyfolio.api.flights.assigned_missions import AssignedMission
 from skyfolio.api.flights.journal import Step
 from skyfolio.api.lab.torture.checks import meanwhile
 from skyfolio.api.lab.torture.missions import assigned_mission
 from skyfolio.api.lab.torture.sightings import LostUav
 from skyfolio.api.lab.torture.vehicles import LOW_M
 from skyfolio.api.lab.torture.watch import Seen
-from skyfolio.planner.geometry import Point
+from skyfolio.planner.geometry import Point, between
 from skyfolio.sim.station import Vehicle
 
 OFF_LINE_M = 1.0
@@ -23,6 +25,8 @@ OFF_SCHEDULE_M = 2.5
 """How much nearer two vehicles may come because neither is where its schedule has it."""
 RAISED_M = 4.0
 """A mission that is this much higher than the plan crosses reserved air above it."""
+STEPS = 20
+"""Points of each leg that are looked at."""
 SETTLES_S = 3.0
 """Seconds after its first leg in which a vehicle may still climb."""
 
@@ -54,7 +58,7 @@ def _is_to_stay_out(seen: Seen, vehicle: Vehicle, lost: LostUav, elapsed_s: floa
     if began_s is None or began_s < lost.lost_at_s:
         return False
     assigned = assigned_mission(seen, vehicle)
-    if assigned is None or assigned.altitude_m >= seen.drill.altitude_m + RAISED_M:
+    if assigned is None or _is_raised(seen, assigned):
         return False
     first_leg_ends_s = (assigned.first_slot + 1) * assigned.slot_s
     last_slot_s = (seen.drill.slots - 1) * assigned.slot_s
@@ -73,6 +77,33 @@ def _too_close(seen: Seen, vehicle: Vehicle, lost: LostUav) -> Iterator[str]:
     ghost_m = seen.place_m(ghost)
     if seen.is_aloft(ghost) and dist(at_m, ghost_m) < required_m - OFF_SCHEDULE_M:
         yield f"vehicle {vehicle.system_id} is {dist(at_m, ghost_m):.1f} m from {lost.uav}, which was lost"
+
+
+@meanwhile
+def _missions_keep_out_of_reserved_air(seen: Seen) -> Iterator[str]:
+    """Send no mission through the air of a UAV that was lost before, unless it is flown above that."""
+    for one in seen.new_reports:
+        began_s = seen.incident(one.report.incident, Step.DETECTED)
+        flying = [uav for uav, error in one.report.vehicles.items() if error is None]
+        for uav in flying if began_s is not None else ():
+            assigned = assigned_mission(seen, seen.ground.fleet.vehicles[seen.system_of(uav)])
+            if assigned is None or assigned.first_slot != one.report.at_slot or _is_raised(seen, assigned):
+                continue
+            for lost in seen.lost.values():
+                if lost.uav != uav and lost.stood_m is not None and lost.lost_at_s <= (began_s or 0.0):
+                    yield from _crosses(seen, uav, assigned.path_m, lost.uav, lost.stood_m)
+
+
+def _is_raised(seen: Seen, assigned: AssignedMission) -> bool:
+    return assigned.altitude_m >= seen.drill.altitude_m + RAISED_M
+
+
+def _crosses(seen: Seen, uav: str, path_m: Sequence[Point], lost: str, stood_m: Point) -> Iterator[str]:
+    home_m, required_m = seen.ground.scenario.uav(lost).start_m, seen.ground.scenario.min_separation_m
+    points_m = [between(start, end, step / STEPS) for start, end in pairwise(path_m) for step in range(STEPS + 1)]
+    apart_m = min((_to_line_m(point_m, stood_m, home_m) for point_m in points_m), default=required_m)
+    if apart_m < required_m - 2 * OFF_LINE_M:
+        yield f"that of {uav} comes within {apart_m:.1f} m of where {lost} was, or its way home"
 
 
 @meanwhile
