@@ -82,7 +82,8 @@ def entry(step: Step, uav: str | None = None, incident: int = 1, **data: Any) ->
 
 def slip(distance_m: float, **changes: Any) -> Slipped:
     """What the keeper of the first UAV has told of slot 9, which begins in the 45th second."""
-    told = {"system_id": 1, "slot": 9, "elapsed_s": 45.1, "at_m": (100.0, 0.0), "mission_id": 1, "start": 1, **changes}
+    told = {"system_id": 1, "slot": 9, "at_s": 89.6, "elapsed_s": 45.1, "at_m": (100.0, 0.0), "mission_id": 1}
+    told |= {"start": 1, **changes}
     return Slipped(distance_m=distance_m, **told)
 
 
@@ -100,6 +101,8 @@ STEPS = (
     (20.1, entry(Step.REPLANNED, at_slot=6)),
     (20.2, entry(Step.UPLOADING, "uav-1", plan_id="plan-2", attempt=1)),
     (20.2, entry(Step.UPLOADING, "uav-2", plan_id="plan-2", attempt=1)),
+    (20.9, entry(Step.VERIFIED, "uav-1")),
+    (20.9, entry(Step.VERIFIED, "uav-2")),
     (21.0, entry(Step.CLOSED, outcome="flying")),
 )
 EVENTS = (
@@ -318,7 +321,7 @@ def _another_under_its_number(seen: Seen) -> None:
 
 @breaks("steps outlive the service")
 def _a_step_is_gone(seen: Seen) -> None:
-    seen.taken.append(Taken(at_s=22.0, entry=entry(Step.VERIFIED, "uav-1")))
+    seen.taken.append(Taken(at_s=22.0, entry=entry(Step.FLYING)))
 
 
 @breaks("nothing is left in the local file")
@@ -478,7 +481,6 @@ def _not_reserved(seen: Seen) -> None:
 
 @breaks("what is flown counts after a restart")
 def _flown_and_interrupted(seen: Seen) -> None:
-    seen.taken += [Taken(at_s=20.5, entry=entry(Step.VERIFIED, uav)) for uav in ("uav-1", "uav-2")]
     interrupted = REPORT.model_copy(update={"outcome": "interrupted"})
     seen.new_reports = [replace(seen.new_reports[0], report=interrupted)]
 
@@ -693,6 +695,11 @@ def flies_a_new_mission_from_its_beginning(seen: Seen) -> None:
     seen.cursors[1] = (2, 7)
 
 
+def told_while_a_mission_was_sent(seen: Seen) -> None:
+    _by_another_mission(seen)
+    seen.taken.append(Taken(at_s=89.0, entry=entry(Step.UPLOADING, "uav-1", incident=2)))
+
+
 def sent_the_next_plan_already(seen: Seen) -> None:
     vehicle_of(seen, 1).mode = Mode.HOLD
     seen.taken.append(Taken(at_s=89.0, entry=entry(Step.UPLOADING, "uav-1", incident=2)))
@@ -713,6 +720,7 @@ def aborted_again(seen: Seen) -> None:
         ("nobody flies an item again", flies_a_new_mission_from_its_beginning),
         ("an operation ends once", aborted_again),
         ("who is said to fly a new plan does", sent_the_next_plan_already),
+        ("slips are told as they are", told_while_a_mission_was_sent),
     ],
     ids=lambda change: getattr(change, "__name__", ""),
 )

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import dist
 
+from skyfolio.api.flights.journal import Step
 from skyfolio.api.lab.torture.checks import at_end, meanwhile
 from skyfolio.api.lab.torture.missions import assigned_mission
+from skyfolio.api.lab.torture.sightings import Slipped
 from skyfolio.api.lab.torture.watch import Seen
 from skyfolio.sim import Mode
 
@@ -37,6 +39,7 @@ def _slips_are_told_as_they_are(seen: Seen) -> Iterator[str]:
             yield f"vehicle {slip.system_id}: that of slot {slip.slot} {-late_s:.1f} s before the slot began"
             continue
         same = vehicle.mission.mission_id == slip.mission_id and slip.system_id not in seen.harmed
+        same = same and not _was_being_sent(seen, slip)
         assigned = assigned_mission(seen, vehicle) if same and late_s <= SOON_S else None
         place = -1 if assigned is None else slip.slot - assigned.first_slot
         if assigned is None or not 0 <= place < len(assigned.path_m):
@@ -44,6 +47,14 @@ def _slips_are_told_as_they_are(seen: Seen) -> Iterator[str]:
         truly_m = dist(slip.at_m, assigned.path_m[place])
         if abs(truly_m - slip.distance_m) > SLIP_M:
             yield f"vehicle {slip.system_id} in slot {slip.slot}: {slip.distance_m:.1f} m, and truly {truly_m:.1f} m"
+
+
+def _was_being_sent(seen: Seen, slip: Slipped) -> bool:
+    """Return whether a mission was being sent to the vehicle then: its keeper follows once that is verified."""
+    uav = seen.uav_of(slip.system_id)
+    sent = seen.last_taken(Step.UPLOADING, uav, until_s=slip.at_s)
+    verified = seen.last_taken(Step.VERIFIED, uav, until_s=slip.at_s)
+    return sent is not None and (verified is None or verified.at_s < sent.at_s)
 
 
 @at_end

@@ -76,13 +76,14 @@ class SlotClock:
 class Slipped:
     """A slip as a keeper has told it, and what was true just then.
 
-    elapsed_s: on the slot clock. at_m: where the vehicle was, metres east/north. mission_id: of what it had on board.
+    at_s: virtual seconds. elapsed_s: on the slot clock. at_m: where the vehicle was, metres east/north. mission_id: of what it had on board.
     start: which service told it, counted from 1.
     """
 
     system_id: int
     slot: int
     distance_m: float
+    at_s: float
     elapsed_s: float
     at_m: Point
     mission_id: int

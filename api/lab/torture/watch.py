@@ -267,6 +267,7 @@ class Seen(Vehicles):
             system_id=system_id,
             slot=told["slot"],
             distance_m=told["distance_m"],
+            at_s=self.ground.now_s,
             elapsed_s=elapsed_s,
             at_m=self.place_m(vehicle)[:2],
             mission_id=vehicle.mission.mission_id,
