@@ -137,7 +137,7 @@ def history() -> Seen:
         now_s=90.0,
         alive_tasks=[],
         clock_ahead_s=0.0,
-        disk=SimpleNamespace(refuses=None, commit_s=COMMIT_S),
+        disk=SimpleNamespace(refuses=None, commit_s=COMMIT_S, denied=[]),
         workers=SimpleNamespace(dead=False),
     )
     seen = Seen(DRILL, ground, operation_id=OPERATION, state="flying")  # type: ignore[arg-type]
@@ -317,6 +317,11 @@ def _announced_again(seen: Seen) -> None:
 @breaks("events are stored as they were announced")
 def _another_under_its_number(seen: Seen) -> None:
     seen.events[-1] = event(seen.events[-1].id, "operation", state="completed", error="another")
+
+
+@breaks("nothing is denied by the database")
+def _a_number_given_twice(seen: Seen) -> None:
+    seen.ground.disk.denied.append("UNIQUE constraint failed: events.id")
 
 
 @breaks("steps outlive the service")

@@ -153,11 +153,17 @@ def _killed_while_the_disk_is_slow(chance: random.Random) -> Changes:
 
 @_aim
 def _killed_after_the_disk_was_full(chance: random.Random) -> Changes:
-    full_s = chance.choice((1.0, 3.0, 6.0))
+    one, other, _ = _uavs(chance)
+    full_s = chance.choice((1.0, 3.0))
     when = Moment(step=chance.choice(BEFORE_SENDING), stored=False)
-    full = Blow(when=when, kind="full_disk", options={"for_s": full_s})
-    killed = _after(when, round(full_s + _seconds(chance, 3.0, 12.0), 2))
-    return {**_RECOVERY, "blows": (_early_kill(chance), full, _killed_service(chance, killed))}
+    blows = (
+        _kill(_in_flight(chance, 1.0, 6.0), one),
+        Blow(when=when, kind="slow_disk", options={"commit_s": 0.4, "for_s": full_s}),
+        Blow(when=when, kind="full_disk", options={"for_s": full_s}),
+        _kill(Moment(step=Step.CLOSED, after_s=2.0), other),
+        _killed_service(chance, Moment(step=Step.CLOSED, nth=2, after_s=_seconds(chance, 0.5, 4.0))),
+    )
+    return {**_RECOVERY, "blows": blows}
 
 
 # -- the operator ------------------------------------------------------------------------------------------------------
@@ -168,12 +174,12 @@ def _an_order_while_recovering(chance: random.Random) -> Changes:
     step = chance.choice((*BEFORE_SENDING, Step.UPLOADING, Step.CLOSED))
     when = Moment(step=step, stored=chance.random() < 0.5, after_s=chance.choice((0.0, 0.0, 0.1, 0.4)))
     order = chance.choice(("pause", "pause", "abort", "retire"))
-    orders: dict[str, Changes] = {
+    options: dict[str, Changes] = {
         "pause": {"for_s": chance.choice((2.0, 6.0))},
         "abort": {"actions": [chance.choice(("hold", "land", "return"))]},
         "retire": {"uav": f"uav-{chance.randint(1, UAVS)}"},
     }
-    blow = Blow(when=when, kind=order, options=orders[order])
+    blow = Blow(when=when, kind=order, options=options[order])
     return {**_RECOVERY, **_SLOW_SOLVES, **_FAR, "blows": (_early_kill(chance), blow)}
 
 

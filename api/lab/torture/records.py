@@ -128,6 +128,12 @@ def _events_are_stored_as_they_were_announced(seen: Seen) -> Iterator[str]:
 
 
 @at_end
+def _nothing_is_denied_by_the_database(seen: Seen) -> Iterator[str]:
+    """Write nothing that contradicts what is stored, such as a number given twice: it is lost, and nobody is told."""
+    yield from seen.ground.disk.denied
+
+
+@at_end
 def _steps_outlive_the_service(seen: Seen) -> Iterator[str]:
     """Keep each step that was taken: the next service learns from the journal what may have been sent."""
     stored = Counter((entry.incident, entry.step, entry.uav_id) for entry in seen.journal)

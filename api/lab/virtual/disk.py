@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 from sqlalchemy import Connection, Engine, Executable, Row, create_engine
 from sqlalchemy.engine import URL, make_url
-from sqlalchemy.exc import OperationalError
+from sqlalchemy.exc import IntegrityError, OperationalError
 from sqlalchemy.pool import StaticPool
 
 from skyfolio.api.store.migrate import upgrade
@@ -34,6 +34,8 @@ class Disk:
         """Virtual seconds that a commit takes."""
         self.refuses: str | None = None
         """Why nothing can be written, as SQLite words it; None while the disk works."""
+        self.denied: list[str] = []
+        """What the database has denied for good, such as a number that is given twice."""
         self.commits = 0
         self.engine = _engine()
         raw = self.engine.raw_connection()
@@ -125,9 +127,13 @@ class MemoryBackend:
         if self._disk.refuses is not None:
             raise OperationalError("COMMIT", {}, sqlite3.OperationalError(self._disk.refuses))
         self._disk.commits += 1
-        with self._disk.connection.begin():
-            for statement, params in statements:
-                self._disk.connection.execute(statement, params or None)
+        try:
+            with self._disk.connection.begin():
+                for statement, params in statements:
+                    self._disk.connection.execute(statement, params or None)
+        except IntegrityError as error:
+            self._disk.denied.append(str(error.orig))
+            raise
         await self._pass(half_s)
 
     async def shrink(self) -> None:
