@@ -129,7 +129,7 @@ def history() -> Seen:
         guidance=SimpleNamespace(airspace=SimpleNamespace(ghosts={"uav-3": object()})),
         roster=SimpleNamespace(losses={"uav-3": silent(5.0)}),
     )
-    operation = SimpleNamespace(flight=flight)
+    operation = SimpleNamespace(flight=flight, state=State.FLYING)
     ground = SimpleNamespace(
         scenario=SCENARIO,
         fleet=fleet,
@@ -363,7 +363,7 @@ def _told_too_early(seen: Seen) -> None:
 
 
 def _a_slot_clock_that_runs_in_a_pause(seen: Seen) -> None:
-    seen.state = "paused"
+    seen.operation().state = State.PAUSED  # type: ignore[union-attr]
     seen.slot_clock = SlotClock(at_s=89.5, elapsed_s=44.5, paused=True)
 
 
