@@ -130,6 +130,11 @@ def default_starts(problem: Problem, *, warm: bool = False) -> int:
     return int(np.clip(WORK_OF_ALL_STARTS / work, 2, MOST_STARTS_OF_SUMS if is_sum else MOST_STARTS))
 
 
+def _affordable_starts(arena: Arena, starts: int) -> int:
+    """Return so many starts, or half of them (at least 2) where energy is short: each climb takes twice as long."""
+    return max(2, starts // 2) if arena.has_energy else starts
+
+
 def optimise(
     problem: Problem,
     stop: StoppingRule,
@@ -149,7 +154,7 @@ def optimise(
     arena = with_routes(problem, arena_of(problem))
     search = Search(problem, arena, stop, observer)
     warm = start_m is not None
-    most = default_starts(problem, warm=warm) if n_starts is None else n_starts
+    most = _affordable_starts(arena, default_starts(problem, warm=warm)) if n_starts is None else n_starts
     brief = n_starts is None and warm and arena.kind != SUM and problem.n_uavs > FEW
     for start in _starts(search, start_m, np.random.default_rng(seed), brief=brief):
         search.take(start)

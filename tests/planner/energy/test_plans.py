@@ -11,6 +11,9 @@ from hypothesis import strategies as st
 from skyfolio.planner import EXAMPLES, MaxIterations, PinError, Pins, Plan, Scenario, plan, replan, violations
 from skyfolio.planner.energy.account import account_of, idle_paths_m
 from skyfolio.planner.energy.outlook import charge_needed, outlook_of
+from skyfolio.planner.fast.arena import arena_of
+from skyfolio.planner.fast.optimise import _affordable_starts
+from skyfolio.planner.problem import problem_of
 from skyfolio.planner.scenario import Battery, NoFlyDisc, Origin, RallyPoint, Uav, User, Wind
 from skyfolio.planner.unreachable import UnreachableEndError
 
@@ -291,3 +294,11 @@ def straight_wh(scenario: Scenario) -> float:
     last = np.array([scenario.slots])
     paths = idle_paths_m(np.array([scenario.uavs[0].start_m]), np.array([END]), last, scenario.slots)
     return float(8e3 - account_of(ample.air, paths, last).margin_wh.min()) / 0.8
+
+
+def test_where_energy_is_short_half_as_many_starts_are_climbed_from() -> None:
+    still = problem_of(EXAMPLES["minimal"]())
+    short = problem_of(far_user(1.03 * least_for(far_user())))
+    assert _affordable_starts(arena_of(still), 32) == 32
+    assert _affordable_starts(arena_of(short), 32) == 16
+    assert _affordable_starts(arena_of(problem_of(far_user(1e4))), 32) == 32
