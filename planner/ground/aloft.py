@@ -46,7 +46,7 @@ def at_its_best(
     first = raised(problem, ground, solution, known_m)
     if climb is None:
         return _with_history(problem, ground, [first])
-    steps = [first, _linked(problem, ground, first)]
+    steps = [first, _with_links(problem, ground, first)]
     seen = _seen(problem, ground, steps[-1])
     again = raised(problem, ground, climb(seen, first.paths_m), first.paths_m)
     steps.append(_linked(problem, ground, again))

@@ -13,7 +13,7 @@ from skyfolio.planner.ground.room import Room, highest_slopes
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.solution import Solution
 
-SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
+SHARES = (0.0, 0.5, 1.0)
 """Of the way from the floor to the ceiling: the altitudes that are tried."""
 MOST_CELLS = 2_000_000
 """U K N beyond which UAVs keep to the floor: trying costs U times that."""

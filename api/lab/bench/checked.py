@@ -134,8 +134,10 @@ def main() -> None:
 
     wrong_with = broken_over_hills if given.hills else broken
     found = checked(range(given.seed, given.seed + given.count), given.processes, told, wrong_with=wrong_with)
-    wrong = found["broken"]
-    print(f"{given.count} plans and {given.count} replans, {len(wrong)} with violations", *wrong.items(), sep="\n")  # noqa: T201
+    refused = {seed: told for seed, told in found["broken"].items() if all(REFUSED in one for one in told)}
+    wrong = {seed: told for seed, told in found["broken"].items() if seed not in refused}
+    counts = f"{len(wrong)} with violations, {len(refused)} refused"
+    print(f"{given.count} plans and {given.count} replans, {counts}", *found["broken"].items(), sep="\n")  # noqa: T201
     raise SystemExit(bool(wrong))
 
 
