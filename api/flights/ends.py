@@ -20,6 +20,10 @@ GROUND_M = 3.0
 """Metres above home; a UAV that is disarmed higher than this is falling, and has not landed."""
 
 
+_FELL = frozenset({"crashed", "disarmed_in_air"})
+"""Without thrust a multirotor falls, and one that is seen to have landed after all is lost as `landed`."""
+
+
 class UavEnd(StrEnum):
     """Where a UAV was when its operation ended."""
 
@@ -66,7 +70,7 @@ def end_of(seen: LastSeen | None, loss: Loss | None) -> UavEnd:
 
     loss: why it no longer counted, or left its plan before the end; None if it did neither.
     """
-    if seen is None or (loss is not None and loss.kind == "crashed"):
+    if seen is None or (loss is not None and loss.kind in _FELL):
         return UavEnd.LOST
     if seen.armed:
         return UavEnd.IN_THE_AIR if seen.heard else UavEnd.LOST

@@ -132,6 +132,9 @@ class Operation(OperationRecord):
         async with self._commands:  # commands of the operator come before or after a tick, never within one
             lost = flight.roster.newly_lost(news)
             await self._follow_link()
+            if flight.roster.has_news:
+                flight.roster.has_news = False
+                await self.save()
             await self.incidents.take_in(lost)
             self.radio.tick(lost)
             await self.incidents.advance(may_start=self.state == State.FLYING)

@@ -57,6 +57,8 @@ class Roster:
         self.own_link = fleet.own_link()
         """Judges whether a silence is that of our own link."""
         self._lacking = lacking
+        self.has_news = False
+        """Whether more is known of a loss than when the operation was last stored."""
         self._warned: dict[str, str] = {}
         self._last_seen_m: dict[str, Point] = {}
         self._converted: dict[str, tuple[Telemetry, Point | None]] = {}
@@ -187,6 +189,7 @@ class Roster:
         """Note what more is known of a loss; reserve the air of a UAV that may be in the air after all."""
         was_down = not self.losses[uav].in_the_air
         self.losses[uav] = loss
+        self.has_news = True
         self.returned.discard(uav)
         if was_down and loss.in_the_air:
             self._reserve(uav)
@@ -203,6 +206,7 @@ class Roster:
         if telemetry is None or not telemetry.armed or telemetry.relative_alt_m <= LOW_M:
             return
         self._reserve(uav)
+        self.has_news = True
         self.returned.add(uav)
         self._fleet.note(
             "verdict_withdrawn",

@@ -43,6 +43,7 @@ def seen(**changes: Any) -> LastSeen:
         (seen(at_m=None), FAILSAFE, UavEnd.LANDED_ELSEWHERE),
         (seen(armed=True, up_m=60.0, heard=False), SILENT, UavEnd.LOST),
         (seen(at_m=HOME), CRASHED, UavEnd.LOST),
+        (seen(at_m=HOME), Loss("disarmed_in_air", "disarmed at 10.1 m"), UavEnd.LOST),
         (seen(up_m=55.0), Loss("rebooted", "its clock runs backwards"), UavEnd.LOST),
         (None, SILENT, UavEnd.LOST),
         (None, None, UavEnd.LOST),

@@ -157,6 +157,10 @@ def test_contradictory_evidence_is_a_loss_whose_air_stays_reserved_and_which_is_
     assert sky.look() == {"a": "disarmed_in_air"}
     assert sky.reserved == {"a"}
     assert not sky.roster.is_down("a")
+    assert not sky.roster.has_news  # a new loss is stored with its incident
+    sky.see(1, Condition.CRASHED)
+    assert sky.look() == {}
+    assert sky.roster.has_news
 
 
 def test_while_nobody_is_heard_losses_by_other_evidence_stay() -> None:

@@ -93,7 +93,8 @@ def _ends_are_as_they_are_said_to_be(seen: Seen) -> Iterator[str]:
         return
     for uav, view in seen.end.uavs.items():
         vehicle = seen.ground.fleet.vehicles[seen.system_of(uav)]
-        if vehicle.system_id in seen.fell_unheard and vehicle.mode not in {Mode.MISSION, Mode.GUIDED}:
+        unheard = vehicle.system_id in seen.fell_unheard - seen.seen_crashed
+        if unheard and vehicle.mode not in {Mode.MISSION, Mode.GUIDED}:
             continue
         if view.end is not None and view.end.is_down and (not vehicle.alive or seen.is_aloft(vehicle)):
             yield f"{uav} has {view.end.value}, and is {'up' if vehicle.alive else 'crashed'}"

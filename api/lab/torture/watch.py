@@ -86,6 +86,8 @@ class Seen(Vehicles):
     """UAVs whose air is reserved."""
     files_open: list[int] = field(default_factory=list)
     """How many files this process has open: before the drill, and after it."""
+    seen_crashed: set[int] = field(default_factory=set)
+    """Vehicles of which a service has said that they crashed."""
     held_lines: int = 0
     """Transactions in the local file once the service has stopped."""
     remembered: list[str] = field(default_factory=list)
@@ -159,6 +161,8 @@ class Seen(Vehicles):
             self._note_slip(event.data)
         elif event.kind == "uav_returned" and event.data["uav_id"] in self.lost:
             self.lost[event.data["uav_id"]].stood_m = None
+        elif event.kind == "condition" and event.data["after"] == "crashed":
+            self.seen_crashed.add(self.system_of(event.data["uav_id"]))
 
     def note_step(self, entry: Entry) -> None:
         """Take in a step of the journal that was stored, or is held, if it is one of this operation."""
