@@ -83,7 +83,7 @@ class Evidence:
         self.crashed = Lasting(timing.crash_after_s, timing.withdrawn_after_s)
 
     def was_flying(self, up_m: float, told_s: float) -> None:
-        """Take in that it was in the air when an earlier process heard it last; it may have told what became of it."""
+        """Take in that it was in the air when an earlier process heard it last; it may have reported its end."""
         if not self.armed and self._mode_s > float("-inf"):
             self.disarmed = Disarmed(since_s=self._mode_s, up_m=up_m, told_s=told_s, landing=False)
             self.disarmed.see(self.height, self._timing)
