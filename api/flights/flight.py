@@ -268,7 +268,7 @@ class Flight(FlightTimeline):
     def recall_who_flew(self) -> None:
         """Tell the fleet who flew the plan when it was last heard, as the record from before a restart has it.
 
-        Nobody knows when that was if the slot clock stands still.
+        It is not known when that was where the slot clock stands still.
         """
         for uav in self.surviving():
             at_s = self._record.still_since_s(uav)

@@ -196,7 +196,7 @@ class Seen(Vehicles):
     def follow_truth(self) -> None:
         """Take in what happened to vehicles since the last look, and who fell about when a service was dead.
 
-        A service that has just been started has not heard a vehicle yet; one that is killed soon no longer hears it.
+        A service that has just been started has received nothing yet; one that is killed soon receives nothing more.
         """
         super().follow_truth()
         for system_id, at_s in self.fell_at_s.items():
