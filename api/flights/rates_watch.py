@@ -15,7 +15,8 @@ OVER_SLOTS = 2
 """Rates of so many of the last slots are compared."""
 LEAST_MEASURED = 0.5
 """Share of the promised rates whose users must have been measured."""
-PAUSE_SLOTS = 5
+PAUSE_SLOTS = 2
+"""The first new plan may know little of what has changed: the second one may follow soon."""
 
 
 @dataclass

@@ -68,7 +68,7 @@ def test_one_that_is_later_than_a_slot_is_refused_and_serves_nobody() -> None:
 def test_wrong_power_is_learned_as_that_of_one_uav() -> None:
     noisy = FLEET.with_changes(channel=FLEET.channel.model_copy(update={"noise_dbm": -35.0}), slots=16)
     weak = fly(replace(CASE, scenario=noisy, faults=(sim.StationPower(1, db=-25.0),)))
-    assert [report.cause for report in weak.view.recoveries] == ["rates_off"]
+    assert {report.cause for report in weak.view.recoveries} == {"rates_off"}
     learned = weak.serving[-1].plan.scenario.channel.corrections_db
     assert np.mean([learned["uav-1"].get(user, 0.0) for user in OF_UAV_1]) < -10.0
     others = [db for uav, row in learned.items() if uav != "uav-1" for db in row.values()]

@@ -104,13 +104,14 @@ def test_what_cannot_be_is_refused_and_nothing_of_the_batch_is_taken(
     assert sky.client.operation(operation_id).measured_slots == {}
 
 
-def test_rates_far_off_those_of_the_plan_correct_the_channel_and_lead_to_one_new_plan(sky: Sky) -> None:
+def test_rates_far_off_those_of_the_plan_correct_the_channel_and_lead_to_few_new_plans(sky: Sky) -> None:
     operation_id = sky.take_off()
     for slot in range(1, 6):  # whatever is planned, half of it arrives: no plan mends that
         slot_is(sky, operation_id, slot)
         assert post(sky, operation_id, *of_everybody(sky, operation_id, slot - 1, 0.5)).status_code == 200
     view = sky.client.operation(operation_id)
-    assert [(report.cause, report.outcome) for report in view.recoveries] == [("rates_off", "flying")]
+    assert {(report.cause, report.outcome) for report in view.recoveries} == {("rates_off", "flying")}
+    assert len(view.recoveries) <= 2
     again = sky.client.read_plan(str(view.recoveries[0].plan_id))
     assert isinstance(again, Plan)
     assert again.cause.kind == "rates_off"
@@ -140,10 +141,10 @@ def test_small_differences_change_no_plan(sky: Sky) -> None:
 # -- the watch, by itself ---------------------------------------------------------------------------------------------
 
 
-def test_after_one_replan_there_is_another_only_once_it_was_better_meanwhile() -> None:
+def test_after_one_replan_there_is_another_once_it_was_better_meanwhile_or_after_a_pause() -> None:
     watch = RatesWatch(0.25)
     assert [watch.is_off(slot, off) for slot, off in enumerate([0.1, 0.3, 0.3, 0.3, 0.2, 0.3])] == [
-        *(False, True, False, False, False, False)
+        *(False, True, False, True, False, False)
     ]
     assert [watch.is_off(slot, off) for slot, off in ((10, 0.1), (11, 0.3))] == [False, True]
 
@@ -151,7 +152,7 @@ def test_after_one_replan_there_is_another_only_once_it_was_better_meanwhile() -
 def test_a_difference_that_no_plan_mends_leads_to_ever_fewer_plans() -> None:
     watch = RatesWatch(0.25)
     slots = [slot for slot in range(100) if watch.is_off(slot, 0.9)]
-    assert slots == [0, PAUSE_SLOTS, 3 * PAUSE_SLOTS, 7 * PAUSE_SLOTS, 15 * PAUSE_SLOTS]
+    assert slots == [0, *((2**n - 1) * PAUSE_SLOTS for n in range(1, 6))]
 
 
 def test_it_may_be_switched_off_and_knows_what_it_does_not_know() -> None:
