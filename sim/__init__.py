@@ -48,7 +48,7 @@ from skyfolio.sim.kinematics import Limits
 from skyfolio.sim.land import Hills
 from skyfolio.sim.missions import Mission, MissionItem
 from skyfolio.sim.modes import Mode
-from skyfolio.sim.radio_faults import StationDeaf, StationJammed, StationLate, StationPower
+from skyfolio.sim.radio_faults import RADIO_FAULTS, StationDeaf, StationJammed, StationLate, StationPower
 from skyfolio.sim.radio_truth import RadioTruth, Received, TruthChannel
 from skyfolio.sim.slots import SlotGrid
 from skyfolio.sim.specs import AUTOPILOTS, BOOTED_S_AGO, VehicleSpec, grid_of
@@ -62,6 +62,7 @@ __all__ = [
     "BOOTED_S_AGO",
     "DEFAULT_ENDPOINT",
     "FAULTS",
+    "RADIO_FAULTS",
     "BaseStation",
     "Clock",
     "ClockJump",

@@ -57,6 +57,11 @@ def fault_of(kind: str, system_id: int, options: dict[str, Any]) -> sim.Fault:
     """Return a fault that is ready to strike. Raises InvalidError for an unknown kind or option."""
     if kind not in sim.FAULTS:
         raise InvalidError(f"fault: {kind!r} must be one of {', '.join(sim.FAULTS)}")
+    if kind in sim.RADIO_FAULTS:
+        raise InvalidError(
+            f"fault: {kind!r} strikes a base station, and those of a fleet inside the service serve nobody; "
+            "use `skyfolio simulate --radio`"
+        )
     if {"kind", "system_id"} & set(options):
         raise InvalidError("options: the kind and the vehicle are given beside them")
     try:

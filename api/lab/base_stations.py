@@ -89,7 +89,7 @@ class BaseStations:
         view = await self._port.allocations()
         if view is None:
             return False
-        if view.revision != self._revision:
+        if view.revision != self._revision and view.elapsed_s is not None:  # before slot 0 there is no time to serve by
             self._revision = view.revision
             self._tell(view)
         for uav, system in self._system_of.items():

@@ -9,6 +9,8 @@ import httpx2
 import pytest
 
 from skyfolio.api.client import ApiError, Client
+from skyfolio.api.common.errors import InvalidError
+from skyfolio.api.fleet.simulated_fleet import fault_of
 from skyfolio.api.flights.measured_rates import Measurement
 from skyfolio.api.lab.radio_client import RestPort
 from skyfolio.api.lab.simulate import SimulateConfig, SimulateError, run_fleet
@@ -60,3 +62,8 @@ def test_a_true_channel_that_cannot_be_is_refused_naming_the_option() -> None:
         asyncio.run(run_fleet(SimulateConfig(radio_channel="bias_db=500", as_json=True)))
     with pytest.raises(SimulateError, match=r"--radio-channel: .*colour"):
         asyncio.run(run_fleet(SimulateConfig(radio_channel="colour=3", as_json=True)))
+
+
+def test_base_stations_that_serve_nobody_cannot_be_struck() -> None:
+    with pytest.raises(InvalidError, match="'station_deaf' strikes a base station"):
+        fault_of("station_deaf", 1, {})
