@@ -82,7 +82,14 @@ def entry(step: Step, uav: str | None = None, incident: int = 1, **data: Any) ->
 
 def slip(distance_m: float, **changes: Any) -> Slipped:
     """What the keeper of the first UAV has told of slot 9, which begins in the 45th second."""
-    told = {"system_id": 1, "slot": 9, "at_s": 89.6, "elapsed_s": 45.1, "at_m": (100.0, 0.0), "mission_id": 1}
+    told: dict[str, Any] = {
+        "system_id": 1,
+        "slot": 9,
+        "at_s": 89.6,
+        "elapsed_s": 45.1,
+        "at_m": (100.0, 0.0),
+        "mission_id": 1,
+    }
     told |= {"start": 1, **changes}
     return Slipped(distance_m=distance_m, **told)
 
