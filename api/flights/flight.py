@@ -173,7 +173,9 @@ class Flight(FlightTimeline):
     def _has_reported_mission(self, uav: str) -> bool:
         """Return whether a MISSION_CURRENT of the UAV was received, or nothing at all."""
         telemetry = self.telemetry(uav)
-        return telemetry is None or telemetry.mission_current is not None
+        if telemetry is None:
+            return not self._fleet.link.is_heard(self.systems[uav])
+        return telemetry.mission_current is not None
 
     def telemetry(self, uav: str) -> Telemetry | None:
         """Return what the vehicle last reported, its mission included; None before the first report."""

@@ -243,13 +243,17 @@ def _who_is_said_to_fly_a_new_plan_does(seen: Seen) -> Iterator[str]:
 
 @meanwhile
 def _what_is_flown_counts_after_a_restart(seen: Seen) -> Iterator[str]:
-    """Ask the vehicles before a recovery counts as interrupted: what all of them fly is not to be planned again."""
+    """Ask the vehicles before a recovery counts as interrupted: what all of them fly is not to be planned again.
+
+    What was verified before the restart, that is: a mission that is found on board only then may be flown later.
+    """
     for one in seen.new_reports:
         if one.report.outcome != "interrupted" or seen.state != "flying":
             continue
         steps = [taken.entry for taken in seen.taken if taken.entry.incident == one.report.incident]
         sent = {str(entry.uav_id) for entry in steps if entry.step is Step.UPLOADING}
-        verified = {str(entry.uav_id) for entry in steps if entry.step is Step.VERIFIED}
+        proven = [entry for entry in steps if entry.step is Step.VERIFIED and not entry.data.get("after_restart")]
+        verified = {str(entry.uav_id) for entry in proven}
         if sent and sent <= verified and all(_flies_its_plan(seen, uav, one.report) for uav in sent):
             yield f"incident {one.report.incident} is interrupted, and {', '.join(sorted(sent))} fly its plan"
 
