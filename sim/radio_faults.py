@@ -11,7 +11,7 @@ MOST_DB = 60.0
 
 @dataclass(frozen=True, slots=True)
 class StationDeaf:
-    """The base station hears no orders: it serves what it has acknowledged until that ends, and then nobody."""
+    """The base station receives no orders: it serves what it has acknowledged until that ends, and then no user."""
 
     system_id: int
     for_s: float | None = None
@@ -21,7 +21,7 @@ class StationDeaf:
         _check_for(self.for_s)
 
     def strike(self, vehicle: Vehicle) -> None:
-        """Let the base station hear nothing."""
+        """Let the base station receive nothing."""
         vehicle.base_station.deaf = True
         vehicle.after(self.for_s, lambda: setattr(vehicle.base_station, "deaf", False))
 
@@ -66,7 +66,7 @@ class StationPower:
 
 @dataclass(frozen=True, slots=True)
 class StationJammed:
-    """The users that the base station serves hear `db` more noise."""
+    """The users of the base station receive `db` more noise."""
 
     system_id: int
     db: float = 20.0
