@@ -4,12 +4,12 @@ Every UAV interferes with every served user, and U of them have to be somewhere.
 that only depends on where the users are (log is natural, lengths are in units of the greatest altitude H, gains in
 units of H^2; h is a UAV's own altitude):
 
-1. *Pairs.* A UAV at distance r from its user k, who hears noise plus interference x, serves k with log(1 + S/y), where
+1. *Pairs.* A UAV at distance r from its user k, who receives noise plus interference x, serves k with log(1 + S/y), where
    S = G / (h^2 + q^2), y = x (h^2 + r^2) / (h^2 + q^2), and q <= r is the least distance that it can have by then. Cut
    the values of y into intervals; in [y_l, y_h] and for any b >= 0, log(1 + S/y) <= a - b y with a the greater of
    log(1 + S/y) + b y at the two ends (it is convex). As (h^2 + r^2) / (h^2 + q^2) >= (1 + r^2) / (1 + q^2) >= 1, the
    slot is worth at most the sum of (a - b), less b g' (1 + r^2) / ((1 + q^2) (1 + |p' - k|^2)) for each other UAV: one
-   that is at p' and that k hears with the gain g' at least. That is a sum over pairs.
+   that is at p' and reaches k with the gain g' at least. That is a sum over pairs.
 2. *A positive definite minorant.* Let D be the distance of two served users. What a pair costs is at least twice the
    root of the product of its two terms. With |p' - k| <= D + r' and |p - k'| <= D + r the product separates, and a UAV
    contributes (1 + r^2) / (1 + (D + r)^2) >= 1 / psi_q(D), the least over r >= q: wherever it is. With q = 0 that is

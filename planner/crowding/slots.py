@@ -136,7 +136,7 @@ def everywhere(problem: Problem, ground: Ground, n: int, weights: Array | None =
 
 
 def _slot(problem: Problem, ground: Ground, n: int, ring: Ints, heard: Array, weights: Array | None) -> Slot:
-    """Return the slot in which each flying UAV is in this ring (U, K) of a user or beyond, who hears `heard` (U, K)."""
+    """Return the slot in which each flying UAV is in this ring (U, K) of a user or beyond; `heard` (U, K) by it."""
     flying = np.flatnonzero(problem.flying[:, n])
     kinds, first, classes = np.unique(ground.classes[flying], return_index=True, return_inverse=True)
     code = classes.reshape(-1, 1) * len(RINGS) + ring
