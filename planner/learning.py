@@ -5,8 +5,8 @@ correction is taken as the sum of what all links of the fleet have in common, wh
 (its power is wrong), and what is the link's own (it is shadowed), each with a prior that pulls it to 0. The most likely
 corrections are found by Gauss-Newton steps; a measurement that fits badly counts less, and one that does not fit at all
 counts nothing (errors by Student's t: Lange, Little and Taylor, "Robust Statistical Modeling Using the t Distribution",
-doi:10.1080/01621459.1989.10478852; from a start by Huber's weights, which has no choice of optima). Links that nobody
-has measured get what is common. Where interference drowns the noise, what all links have in common changes no SINR, and
+doi:10.1080/01621459.1989.10478852; from a start by Huber's weights, which has no choice of optima). Links without
+measurements get what is common. Where interference drowns the noise, what all links have in common changes no SINR, and
 stays 0.
 """
 

@@ -33,7 +33,7 @@ def reassociate(
     corrections_db: CorrectionsDb | None = None,
     **identity: Any,
 ) -> Plan:
-    """Return the rest of `previous` with the best association and bandwidth on its own paths, which nobody leaves.
+    """Return the rest of `previous` with the best association and bandwidth on its own paths, which no UAV leaves.
 
     Exact for `sum` without minimum rates, as `fast.linked` is; no pins of associations are kept. failed, at_slot,
     achieved_rates_bps, corrections_db: as for `replan`. positions_m: where survivors are, metres east/north, from where

@@ -18,7 +18,7 @@ class Served:
 
 @dataclass(frozen=True, slots=True)
 class _Order:
-    """What it was told to serve, and when it will be ready to."""
+    """What it was ordered to serve, and when it will be ready to."""
 
     revision: int
     ready_s: float
@@ -26,10 +26,10 @@ class _Order:
 
 
 class BaseStation:
-    """Hears orders, acknowledges them, and serves by the newest that it has acknowledged.
+    """Receives orders, acknowledges them, and serves by the newest that it has acknowledged.
 
-    power_db: how much more it sends than it was built for. jam_db: by how much more noise its users hear. late_s: how
-    long it takes to get ready for an order. deaf: whether it hears none.
+    power_db: how much more it sends than it was built for. jam_db: how much more noise its users receive. late_s: how
+    long it takes to get ready for an order. deaf: whether it receives none.
     """
 
     def __init__(self) -> None:

@@ -18,7 +18,7 @@ def _allocations(data: Data) -> tuple[str, str]:
 def _reassociated(data: Data) -> tuple[str, str]:
     lost = ", ".join(data.get("lost") or ())
     if data.get("error"):
-        return f"users of {lost} are served by nobody until there is a new plan: {data.get('error')}", "alarm"
+        return f"users of {lost} are not served until there is a new plan: {data.get('error')}", "alarm"
     if data.get("plan_id") is None:
         return "", ""  # a new plan was there before
     return f"users of {lost} are served by the others at once", "ok"

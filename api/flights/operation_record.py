@@ -128,7 +128,7 @@ class OperationRecord:
         self._rows.save_soon(self.state, self.version, self._document())
 
     def _may_replan(self) -> bool:
-        """Return whether a new plan may be requested that nobody needs: nothing else is done, and there is time."""
+        """Return whether a new plan may be requested without an incident: nothing else is done, and there is time."""
         slot = self.flight.slot()
         in_time = slot is not None and slot < self.flight.n_slots - 2
         return self.state == State.FLYING and in_time and not self.incidents.has_work

@@ -1,9 +1,9 @@
 """The radio half of an operation: who serves whom is published, measured, and changed at once after a loss.
 
-Called in each tick of the operation. A loss is answered here before any UAV moves: the users of the lost UAV are shared
-among the others, from where those are (`planner.reassociate`); the recovery's new plan replaces that as it replaces the
-paths. Measurements correct the channel of all plans that are made from then on, and lead to a new plan by themselves
-when rates are too far off (`rates_watch`).
+Called in each tick of the operation. Here the recovery from a loss begins before any UAV moves: the users of the lost
+UAV are shared among the others, from where those are (`planner.reassociate`); the recovery's new plan replaces that as
+it replaces the paths. Measurements correct the channel of all plans that are made from then on, and lead to a new plan
+by themselves when rates are too far off (`rates_watch`).
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ from skyfolio.planner import Cause, Plan, ReplanError
 
 log = structlog.get_logger()
 MOST_IN_EVENT = 2_000
-"""Links that an event spells out; of larger fleets it tells the revision alone."""
+"""Links that an event spells out; of larger fleets it has the revision alone."""
 
 
 class Radio:
     """What base stations must serve in one operation, and what they report.
 
-    save: stores the operation as it is; called before clients are told of a revision. may_replan: returns whether a new
+    save: stores the operation as it is; called before clients see a revision. may_replan: returns whether a new
     plan may be requested now. request_replan: requests one, with the reason in words.
     """
 
@@ -154,7 +154,7 @@ class Radio:
             self._save()
 
     async def _served_by_others(self, cause: Cause, plan_id: str) -> Plan | None:
-        """Return the plan in force with the best links of its survivors; None if nobody is lost of it, or all are."""
+        """Return the plan in force with the best links of its survivors; None if no UAV of it is lost, or all are."""
         flight = self._flight
         plan, lost, slot = flight.plan, {*flight.lost}, flight.slot()
         flying = {*plan.scenario.uav_ids}

@@ -2,7 +2,7 @@
 
 With a hysteresis: after a replan for this reason there is another one only once the difference has been below half
 the limit meanwhile, or after a number of slots that doubles each time. So a difference that no plan mends, as that of a
-base station that serves nobody, does not lead to one replan after the other.
+base station that serves no user, does not lead to one replan after the other.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Joins the base stations of a simulated fleet to the service that flies it, as an integrator joins real ones.
 
 Again and again they ask what they must serve (`operations/{id}/allocations`), acknowledge what they are ready for, and
-report what their users get. What users truly get is the simulator's (`sim.RadioTruth`): the service is told of it only
+report what their users get. What users truly get is the simulator's (`sim.RadioTruth`): the service knows of it only
 by those reports.
 """
 
@@ -110,7 +110,7 @@ class BaseStations:
         return vehicle.alive and vehicle.transmitting
 
     def _tell(self, view: AllocationsView) -> None:
-        """Let every base station hear what it must serve; slots begin and end by the fleet's clock."""
+        """Let every base station receive what it must serve; slots begin and end by the fleet's clock."""
         now_s = self._fleet.now_s
         slot0_s = now_s - (view.elapsed_s or 0.0)
         for uav, allocation in view.uavs.items():

@@ -4,7 +4,7 @@ Every UAV interferes with every served user, and U of them have to be somewhere.
 that only depends on where the users are (log is natural, lengths are in units of the greatest altitude H, gains in
 units of H^2; h is a UAV's own altitude):
 
-1. *Pairs.* A UAV at distance r from its user k, who receives noise plus interference x, serves k with log(1 + S/y), where
+1. *Pairs.* A UAV at distance r from its user k, who receives noise plus interference x, serves k with log(1 + S/y):
    S = G / (h^2 + q^2), y = x (h^2 + r^2) / (h^2 + q^2), and q <= r is the least distance that it can have by then. Cut
    the values of y into intervals; in [y_l, y_h] and for any b >= 0, log(1 + S/y) <= a - b y with a the greater of
    log(1 + S/y) + b y at the two ends (it is convex). As (h^2 + r^2) / (h^2 + q^2) >= (1 + r^2) / (1 + q^2) >= 1, the

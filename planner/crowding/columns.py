@@ -39,7 +39,7 @@ class Medium(NamedTuple):
 class Links(NamedTuple):
     """Who could serve whom: (M, K) each.
 
-    snr: S, from the nearest that the UAV can come to; 0 where none is asked for. power: with what it interferes at least.
+    snr: S, from the nearest that the UAV can come to; 0 where none is needed. power: with what it interferes at least.
     scale: kbit/s per nat, weighted. least: the least y. ring: in which, or beyond which, the UAV must be.
     """
 

@@ -1,7 +1,7 @@
 """Kappas to begin with, for fleets and areas of about the same size: fitted once to users that are as crowded.
 
-They stand evenly over a rectangle whose diagonal is the span: the narrower it is, the more a fleet above it is
-heard by itself. Which one is like the users at hand shows in the interference of UAVs that hover as far apart as they can.
+They stand evenly over a rectangle whose diagonal is the span: the narrower it is, the more a fleet above it is heard by
+itself. Which one is like the users at hand shows in the interference of UAVs that hover as far apart as they can.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ SERVED_BPS = 1.0
 """A user that gets less has no service."""
 LOST = "uav-3"
 UTILITY = Utility(kind="pooled", mu_per_kbps=-0.1)
-"""Under it everybody is served, as in the demo."""
+"""Under it all users are served, as in the demo."""
 
 
 # -- a wrong channel --------------------------------------------------------------------------------------------------

@@ -16,7 +16,7 @@ from skyfolio.planner.scenario import Battery, Wind
 WIND = Wind(east_mps=3.0, north_mps=2.0, gust_mps=1.0)
 MAX_AIRSPEED_MPS = 8.0
 SPARE_SHARE = 0.02
-"""Batteries hold this much more than staying at the start takes: who flies far has to turn back."""
+"""Batteries hold this much more than staying at the start takes: a UAV that flies far has to turn back."""
 
 
 def windy(scenario: Scenario) -> Scenario:

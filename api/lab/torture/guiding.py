@@ -1,4 +1,4 @@
-"""What must hold of guidance: slips are told as they are, no item is flown again, and orders are obeyed."""
+"""What must hold of guidance: slips are reported as they are, no item is flown again, and orders are obeyed."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from skyfolio.api.lab.torture.watch import Seen
 from skyfolio.sim import Mode
 
 SOON_S = 0.7
-"""A slip is told at most so long after its slot began, if it is to be compared with where the vehicle is."""
+"""A slip is reported at most so long after its slot began, if it is to be compared with where the vehicle is."""
 EARLY_S = 0.5
 """A slot begins for the service at most so long before it does for the drill."""
 SLIP_M = 6.0
-"""How far a slip may be told from what it is: telemetry comes at 5 Hz, and GPS is off."""
+"""How far a reported slip may be from what it is: telemetry comes at 5 Hz, and GPS is off."""
 OBEYS_S = 5.0
 """Seconds after an order in which a vehicle is seen to obey."""
 AFTER = {

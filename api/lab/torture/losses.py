@@ -1,4 +1,4 @@
-"""What must hold of losses: who is gone is lost, and nobody else is."""
+"""What must hold of losses: what is gone is lost, and no other vehicle is."""
 
 from __future__ import annotations
 

@@ -74,7 +74,7 @@ class SlotClock:
 
 @dataclass(frozen=True, kw_only=True)
 class Slipped:
-    """A slip as a keeper has told it, and what was true just then.
+    """A slip as a keeper has reported it, and what was true just then.
 
     at_s: virtual seconds. elapsed_s: on the slot clock. at_m: where the vehicle was, metres east/north. mission_id: of
     what it had on board. start: which service told it, counted from 1.
