@@ -180,16 +180,20 @@ class Stream:
         return {system_id: task.result() for system_id, task in changing.items()}
 
     async def run(self, elapsed_s: Callable[[], float]) -> None:
-        """Guide until the last slot ends. However it ends, no vehicle is left without guidance."""
+        """Guide until the last slot ends. However it ends, no vehicle is left without guidance.
+
+        A vehicle that is let go gets setpoints until it flies something else: a PX4 whose setpoints end first holds.
+        """
         last_s = (self._last + 1) * self._slot_s
         try:
             while not self._ended and elapsed_s() < last_s:
                 self._send(elapsed_s())
                 await self._pause()
         finally:
-            handed_over = self.hand_over(elapsed_s())
-            if handed_over:
-                await asyncio.shield(asyncio.wait(handed_over.values()))
+            self.hand_over(elapsed_s())
+            while not all(task.done() for task in self._handing.values()):
+                self._send(elapsed_s())
+                await self._pause()
 
     def leave(self, system_id: int) -> None:
         """Stop sending to one vehicle, and leave its mode to what flies it now, at once."""
@@ -198,7 +202,7 @@ class Stream:
             self._handing[system_id].cancel()
 
     def hand_over(self, elapsed_s: float) -> Mapping[int, asyncio.Task[str | None]]:
-        """Stop the setpoints and let each vehicle go, once; return the tasks that do it, by system id."""
+        """Let each vehicle go, once; return the tasks that do it, by system id."""
         if not self._ended:
             self._ended = True
             slot = next_slot(elapsed_s, self._slot_s, self._last)
@@ -219,7 +223,9 @@ class Stream:
         self._handing = {}
 
     def _send(self, elapsed_s: float) -> None:
-        for streamed in list(self._streamed.values()):
+        for system_id, streamed in list(self._streamed.items()):
+            if system_id in self._handing and self._handing[system_id].done():
+                continue  # it flies something else
             try:
                 streamed.vehicle.send(streamed.streamer.setpoint(elapsed_s, streamed.vehicle.state.boot_ms or 0))
             except NotDone:

@@ -13,9 +13,9 @@ from typing import Any
 
 import pytest
 
-from skyfolio.mavlink_bridge import Autopilot, compile_mission, east_north_to_geodetic, geodetic_to_east_north
+from skyfolio.mavlink_bridge import Autopilot, compile_mission, east_north_to_geodetic, geodetic_to_east_north, guidance
 from skyfolio.mavlink_bridge.altitudes import altitudes_of
-from skyfolio.mavlink_bridge.guidance import FallBack, Kept, Stream, Streamed, keep
+from skyfolio.mavlink_bridge.guidance import FallBack, Kept, Stream, Streamed, keep, let_go
 from skyfolio.mavlink_bridge.keeper import Keeper, Order, Slip
 from skyfolio.mavlink_bridge.stream import Streamer
 from skyfolio.planner.plans import Plan
@@ -114,6 +114,33 @@ async def test_when_the_stream_ends_the_vehicle_goes_on_from_its_mission_or_hold
         holding = Mode.HOLD if autopilot is Autopilot.PX4 else Mode.GUIDED
         wanted = Mode.MISSION if fall_back is FallBack.MISSION else holding
         assert field.fleet.vehicles[1].autopilot.mode is wanted
+
+
+@BOTH
+@in_virtual_time
+async def test_a_vehicle_gets_setpoints_until_it_flies_its_mission_however_late_the_command_arrives(
+    airfield: Open, plan_of: PlanOf, autopilot: Autopilot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan = plan_of({"uav-1": PATH}, altitude_m=8.0)
+    async with airfield(plan, autopilot=autopilot) as field:
+        mission = await airborne(field, plan, autopilot)
+        stream = stream_of(field, plan, mission, FallBack.MISSION)
+        await stream.begin()
+        began, seen = field.clock.now(), list[Mode]()
+
+        async def let_go_late(*arguments: Any) -> str | None:
+            for _ in range(30):
+                await field.fly_for(0.1)
+                seen.append(field.fleet.vehicles[1].autopilot.mode)
+            return await let_go(*arguments)
+
+        monkeypatch.setattr(guidance, "let_go", let_go_late)
+        running = asyncio.create_task(stream.run(lambda: field.clock.now() - began))
+        await field.fly_for(10.0)
+        running.cancel()
+        await asyncio.gather(running, return_exceptions=True)
+        assert set(seen) == {Mode.GUIDED}
+        assert field.fleet.vehicles[1].autopilot.mode is Mode.MISSION
 
 
 @BOTH
