@@ -13,6 +13,7 @@ import structlog
 from skyfolio.api.access.api_keys import KeyRing
 from skyfolio.api.access.audit_log import AuditLog
 from skyfolio.api.access.key_attempts import KeyAuthenticator
+from skyfolio.api.common.configuration import simulated_scenario
 from skyfolio.api.common.errors import BusyError
 from skyfolio.api.common.fleet_clock import FleetClock
 from skyfolio.api.common.metrics import Metrics
@@ -21,7 +22,7 @@ from skyfolio.api.common.supervision import Supervisor
 from skyfolio.api.common.surroundings import monotonic_s, utc_s
 from skyfolio.api.fleet.fleet_ports import FleetPorts
 from skyfolio.api.fleet.registry import Fleet
-from skyfolio.api.fleet.simulated_fleet import SimulatedFleet, own_endpoint, scenario_of
+from skyfolio.api.fleet.simulated_fleet import SimulatedFleet, own_endpoint
 from skyfolio.api.flights.drills import Drills
 from skyfolio.api.flights.journal import Entry, Journal
 from skyfolio.api.flights.operation_store import Stores
@@ -163,7 +164,7 @@ class Service:
         await self.operations.start_up()  # before the solver is warm: vehicles in the air wait for nothing
         if self.simulated is not None:
             self.simulated.start()
-            for system_id, uav_id in enumerate(scenario_of(str(self.settings.simulate)).uav_ids, start=1):
+            for system_id, uav_id in enumerate(simulated_scenario(str(self.settings.simulate)).uav_ids, start=1):
                 await self.fleet.register(uav_id, system_id, simulated=True)
         self.ready = True
 
@@ -336,5 +337,5 @@ def _simulated(settings: Settings) -> tuple[SimulatedFleet | None, Settings]:
     if settings.simulate is None:
         return None, settings
     endpoint = own_endpoint()
-    fleet = SimulatedFleet(scenario_of(settings.simulate), endpoint, settings.time_scale)
+    fleet = SimulatedFleet(simulated_scenario(settings.simulate), endpoint, settings.time_scale)
     return fleet, settings.model_copy(update={"fleet_url": f"udpin://{endpoint}"})

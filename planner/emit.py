@@ -63,17 +63,17 @@ def emit(
         summary=summarise(problem, rates_bps / 1e3, bound_kbps),
         history=solution.history,
         unmet_min_rate_slots=unmet,
-        **_energy(scenario, problem, solution.paths_m),
+        **_energy(scenario, problem, solution),
         **identity,
     )
     return require_feasible(emitted)
 
 
-def _energy(scenario: Scenario, problem: Problem, paths_m: Array) -> dict[str, dict[str, list[float]]]:
+def _energy(scenario: Scenario, problem: Problem, solution: Solution) -> dict[str, dict[str, list[float]]]:
     """Return the energy of the plan by field and UAV, of those with a battery."""
     if problem.air is None or not problem.air.has_energy:
         return {}
-    account = account_of(problem.air, paths_m, problem.n_flying)
+    account = account_of(problem.air, solution.paths_m, problem.n_flying, solution.altitudes_m)
     tables = {"energy_wh": account.used_wh, "energy_margin_wh": account.margin_wh}
     with_battery = [u for u, uav in enumerate(scenario.uavs) if uav.battery is not None]
     return {field: {scenario.uav_ids[u]: table[u].tolist() for u in with_battery} for field, table in tables.items()}

@@ -6,7 +6,6 @@ from math import nan
 
 import numpy as np
 
-from skyfolio.planner.energy.air import air_of
 from skyfolio.planner.energy.rules import stays
 from skyfolio.planner.plans import Plan
 from skyfolio.planner.scenario import Point, Scenario, Uav
@@ -21,7 +20,8 @@ def proven_use_wh(previous: Plan, uav: Uav, begin: int) -> float | None:
     if battery is None or air is None or begin == 0 or uav.id not in previous.energy_margin_wh:
         return None if battery is None else battery.used_wh
     place_m = np.array([[previous.trajectories_m[uav.id][begin]]], dtype=float)
-    left = previous.energy_margin_wh[uav.id][begin - 1] + float(air.home_wh(place_m)[0, 0])
+    altitude_m = None if previous.altitudes_m is None else np.array([[previous.altitudes_m[uav.id][begin]]])
+    left = previous.energy_margin_wh[uav.id][begin - 1] + float(air.home_wh(place_m, altitude_m)[0, 0])
     return max(0.0, battery.budget_wh - left)
 
 
@@ -36,8 +36,7 @@ def while_energy_lasts(scenario: Scenario, uavs: tuple[Uav, ...], slots: int) ->
 
     One that has an end position, or cannot stay for a single slot, is left as it is: the scenario refuses it by name.
     """
-    heights = [scenario.altitude_of(uav) for uav in uavs]
-    air = air_of(uavs, heights, scenario.wind, scenario.rally_points, scenario.slot_duration_s)
+    air = scenario.air_for(uavs)
     if air is None or not air.has_energy or not uavs:
         return uavs
     starts = np.array([uav.start_m for uav in uavs], dtype=float)

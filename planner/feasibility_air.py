@@ -47,22 +47,26 @@ def _energy(plan: Plan, uav: Uav, flown: list[Point]) -> Iterator[Fault]:
     scenario, battery = plan.scenario, uav.battery
     rotors, slot_s = uav.rotors or Rotors(), plan.scenario.slot_duration_s
     assert battery is not None  # noqa: S101 - the caller has looked
-    wind, height = _wind(scenario), scenario.altitude_of(uav)
+    wind, heights = _wind(scenario), _heights_m(plan, uav, len(flown))
+    if heights is None:
+        return  # `clearance.py` tells of missing altitudes
     told_used, told_margin = plan.energy_wh.get(uav.id, []), plan.energy_margin_wh.get(uav.id, [])
     if len(told_used) != scenario.slots or len(told_margin) != scenario.slots:
         yield "energy", uav.id, f"energy_wh or energy_margin_wh does not hold {scenario.slots} slots"
         return
     hover_j = _worst_w(rotors, wind, 0.0, 0.0)
-    landing_j = hover_j * height / rotors.descend_mps
     still_j = _power_w(rotors, hypot(wind.east_mps, wind.north_mps))
-    lift_s, lift_j = height / rotors.climb_mps, rotors.climb_w_per_mps * height
+    lift_s, lift_j = heights[0] / rotors.climb_mps, rotors.climb_w_per_mps * heights[0]
     on_ground = battery.used_wh is None
     worst = hover_j * lift_s + lift_j if on_ground else (battery.used_wh or 0.0) * 3600.0
     expected = still_j * lift_s + lift_j if on_ground else worst
     for n, ((e0, n0), (e1, n1)) in enumerate(pairwise([*flown, flown[-1]])):
         east, north = (e1 - e0) / slot_s, (n1 - n0) / slot_s
-        worst += _worst_w(rotors, wind, east, north) * slot_s
-        expected += _power_w(rotors, hypot(east - wind.east_mps, north - wind.north_mps)) * slot_s
+        ends_at = heights[min(n + 1, len(flown) - 1)]
+        rise_j = rotors.climb_w_per_mps * max(0.0, ends_at - heights[n])
+        worst += _worst_w(rotors, wind, east, north) * slot_s + rise_j
+        expected += _power_w(rotors, hypot(east - wind.east_mps, north - wind.north_mps)) * slot_s + rise_j
+        landing_j = hover_j * ends_at / rotors.descend_mps
         home_j = min(_way_j(scenario, uav, rotors, (e1, n1), place) for place in _places(scenario, uav)) + landing_j
         margin = battery.usable_wh * (1.0 - battery.reserve_share) - (worst + home_j) / 3600.0
         if margin < -ROUNDING_WH:
@@ -127,4 +131,33 @@ def _wind(scenario: Scenario) -> Wind:
 
 
 def _places(scenario: Scenario, uav: Uav) -> list[Point]:
-    return [uav.home_m or uav.start_m, *(point.position_m for point in scenario.rally_points)]
+    """Return where it may land; over terrain only its way home is checked to be clear of the ground."""
+    home = uav.home_m or uav.start_m
+    return [home] if scenario.terrain is not None else [home, *(point.position_m for point in scenario.rally_points)]
+
+
+def _heights_m(plan: Plan, uav: Uav, n_slots: int) -> list[float] | None:
+    """Return how high above its home it is when each slot begins; None where the plan does not say."""
+    if plan.altitudes_m is None:
+        return [plan.scenario.altitude_of(uav)] * n_slots
+    row = plan.altitudes_m.get(uav.id, [])
+    if len(row) < n_slots:
+        return None
+    ground = _ground_m(plan.scenario, uav.home_m or uav.start_m)
+    return [altitude - ground for altitude in row[:n_slots]]
+
+
+def _ground_m(scenario: Scenario, place: Point) -> float:
+    """Return the height of the ground at a place, by weighing the four heights around it; 0 without terrain."""
+    terrain = scenario.terrain
+    if terrain is None:
+        return 0.0
+    rows, columns = len(terrain.heights_m), len(terrain.heights_m[0])
+    east = min(max((place[0] - terrain.south_west_m[0]) / terrain.spacing_m, 0.0), columns - 1.0)
+    north = min(max((place[1] - terrain.south_west_m[1]) / terrain.spacing_m, 0.0), rows - 1.0)
+    column, row = min(int(east), columns - 2), min(int(north), rows - 2)
+    return sum(
+        terrain.heights_m[row + up][column + right] * abs(1 - right - (east - column)) * abs(1 - up - (north - row))
+        for up in (0, 1)
+        for right in (0, 1)
+    )

@@ -9,6 +9,7 @@ Where a field ends in `_m`, its twin in `_deg` may be given instead, in degrees:
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from itertools import combinations
 from math import dist, nan
 from operator import not_
@@ -22,6 +23,7 @@ from shapely import Polygon
 from skyfolio.planner.altitudes import Altitude, Amsl, ClimbRate, require_altitudes
 from skyfolio.planner.corrections import kept, require_known
 from skyfolio.planner.energy.air import Air, air_of
+from skyfolio.planner.energy.heights import home_heights
 from skyfolio.planner.energy.parts import Battery, RallyPoint, Rotors, Wind
 from skyfolio.planner.energy.rules import require_flyable
 from skyfolio.planner.parts import (
@@ -322,12 +324,21 @@ class Scenario(Frozen):
     @property
     def air(self) -> Air | None:
         """Wind and energy of the fleet, UAVs in planning order; None where the scenario has neither."""
-        heights = [self.altitude_of(uav) for uav in self.uavs]
-        return air_of(self.uavs, heights, self.wind, self.rally_points, self.slot_duration_s)
+        return self.air_for(self.uavs)
 
     def air_of(self, uav: Uav) -> Air | None:
         """Return wind and energy of one UAV; None where the scenario has neither."""
-        return air_of([uav], [self.altitude_of(uav)], self.wind, self.rally_points, self.slot_duration_s)
+        return self.air_for([uav])
+
+    def air_for(self, uavs: Sequence[Uav]) -> Air | None:
+        """Return wind and energy of these UAVs over this ground; None where there is neither.
+
+        Over terrain they land at home only: no other way down is planned to be clear of the ground.
+        """
+        if self.wind is None and all(uav.battery is None for uav in uavs):
+            return None
+        rally = self.rally_points if self.terrain is None else ()
+        return air_of(uavs, home_heights(self, uavs), self.wind, rally, self.slot_duration_s)
 
     def longest_step_m(self, uav_id: str, move_m: tuple[float, float]) -> float:
         """Return how far a UAV flies in one slot in the direction of a move, metres: `D_max`, or less in wind."""

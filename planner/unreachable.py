@@ -40,7 +40,7 @@ def _words(blocked: Blocked, ids: tuple[str, ...] | None) -> str:
     if blocked.by == "ground":
         return (
             f"terrain: no path was found on which {', '.join(who)} keeps clear of the ground, also on the way home, "
-            "within its climb rate and altitude_max_m, and reaches its end or keeps its pinned path"
+            "within its climb rate, altitude_max_m and battery, and reaches its end or keeps its pinned path"
         )
     if blocked.by == "energy":
         (u,) = blocked.uavs

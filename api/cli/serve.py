@@ -19,7 +19,9 @@ def serve(
     port: Annotated[int | None, typer.Option(min=0, max=65535, help="TCP port.")] = None,
     database_url: Annotated[str | None, typer.Option(help="SQLite or PostgreSQL URL, or 'temporary'.")] = None,
     fleet_url: Annotated[str | None, typer.Option(help="Where vehicles are, e.g. udpin://127.0.0.1:14540.")] = None,
-    simulate: Annotated[str | None, typer.Option(help="Simulate this example's fleet, for drills.")] = None,
+    simulate: Annotated[
+        str | None, typer.Option(help="Simulate the fleet of this example, or of a scenario in a .json file.")
+    ] = None,
     time_scale: Annotated[float | None, typer.Option(help="Speed-up of a simulated fleet; 1 for real ones.")] = None,
     ui: Annotated[bool, typer.Option("--ui/--no-ui", help="Serve the dashboard at /ui.")] = True,
     as_json: Json = False,

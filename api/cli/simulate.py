@@ -33,7 +33,9 @@ def simulate(
     ] = None,
     up: Annotated[str, typer.Option(help="Impairment of the links to the vehicles: loss=0.1,latency_s=0.05.")] = "",
     down: Annotated[str, typer.Option(help="Impairment of the links from the vehicles.")] = "",
-    weather: Annotated[str, typer.Option(help="E.g. wind_east_mps=4,gust_mps=1.5,gps_m=0.8.")] = "",
+    weather: Annotated[
+        str, typer.Option(help="E.g. wind_east_mps=4,gust_mps=1.5,gps_m=0.8; default: the scenario's wind.")
+    ] = "",
     seed: Annotated[int, typer.Option(help="Of links, weather and stream phases.")] = 0,
     radio_seed: Annotated[int, typer.Option(min=0, help="Of the fading that users truly experience.")] = 1,
     log: Annotated[Path | None, typer.Option(help="Write the ground truth here, as JSON lines.")] = None,

@@ -9,15 +9,20 @@ import tempfile
 from collections.abc import Collection, Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from pydantic import ValidationError
 from pydantic_settings import SettingsError
 
 from skyfolio.api.common import extras
 from skyfolio.api.common.errors import InvalidError
 from skyfolio.api.common.settings import NESTED, PREFIX, SET_ELSEWHERE, Settings
+from skyfolio.api.common.validation import broken_rules
 from skyfolio.mavlink_bridge import Signing
 from skyfolio.mavlink_bridge.errors import SigningKeyInvalid
+
+if TYPE_CHECKING:
+    from skyfolio.planner import Scenario
 
 OF_COMMANDS = frozenset({"SERVICE", "KEY", "SIM_SIGNING_KEY", "API"})
 """Variables that are not settings: of `fly`, `status` and `drill`, of `simulate`, of the tour of the API."""
@@ -55,10 +60,30 @@ def require_usable(settings: Settings) -> None:
     if settings.scheduler is not None:
         extras.require_all("sweep", "solver: Dask")
     if settings.simulate is not None:
-        from skyfolio.planner import EXAMPLES  # noqa: PLC0415 - other commands do without it
+        simulated_scenario(settings.simulate)
 
-        if settings.simulate not in EXAMPLES:
-            raise InvalidError(f"simulate: {settings.simulate!r} must be one of {', '.join(sorted(EXAMPLES))}")
+
+def simulated_scenario(named: str) -> Scenario:
+    """Return the scenario whose fleet is simulated: an example, or that in a file `*.json`.
+
+    Raises InvalidError naming the setting when there is none, or what is wrong in the file.
+    """
+    from skyfolio.planner import EXAMPLES, Scenario  # noqa: PLC0415 - other commands do without them
+
+    if named in EXAMPLES:
+        return EXAMPLES[named]()
+    if not named.endswith(".json"):
+        known = ", ".join(sorted(EXAMPLES))
+        raise InvalidError(
+            f"simulate: {named!r} must be one of {known}, or a scenario in a file whose name ends in .json"
+        )
+    try:
+        return Scenario.model_validate_json(Path(named).read_bytes())
+    except OSError as error:
+        raise InvalidError(f"simulate: {named}: {error.strerror or error}") from error
+    except ValidationError as error:
+        first = broken_rules(error.errors(), ())[0]
+        raise InvalidError(f"simulate: {named}: {first['field']}: {first['message']}") from error
 
 
 def bound(settings: Settings) -> socket.socket:

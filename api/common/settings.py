@@ -40,7 +40,8 @@ class Settings(BaseSettings):
     (or 64 hexadecimal digits); MAVLink is then signed both ways. telemetry_log_dir: one .tlog an operation.
     preflight: whether a blocker of the audit only is an event, or keeps the fleet on the ground. start_within_m: a
     vehicle further than this from its first point keeps the fleet on the ground in any case.
-    simulate: fly this example's fleet in software inside the service, ready for drills.
+    simulate: fly the fleet of this example, or of the scenario in this .json file, in software inside the service and
+    in the scenario's wind, ready for drills.
     heartbeat_stale_s, heartbeat_lost_s: fleet seconds of silence. timing: when everything else about a vehicle counts
     (`mavlink_bridge.conditions.Timing`), as JSON: `{"takeover_after_s": 2, "proof_s": 4}`, or one by one:
     `SKYFOLIO_TIMING__PROOF_S=4`.

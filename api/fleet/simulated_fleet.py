@@ -11,14 +11,10 @@ from typing import Any
 from skyfolio import sim
 from skyfolio.api.common.errors import InvalidError
 from skyfolio.mavlink_bridge import DEFAULT_AUTOPILOT, east_north_to_geodetic, geodetic_to_east_north
-from skyfolio.planner import EXAMPLES, Scenario
+from skyfolio.planner import Scenario
 
-
-def scenario_of(name: str) -> Scenario:
-    """Return the example scenario of this name. Raises InvalidError if there is none."""
-    if name not in EXAMPLES:
-        raise InvalidError(f"simulate: {name!r} must be one of {', '.join(sorted(EXAMPLES))}")
-    return EXAMPLES[name]()
+GUST_SPREADS = 3.0
+"""The bound on gusts in a scenario, over the spread of simulated gusts on one axis."""
 
 
 def specs_at_starts(
@@ -44,6 +40,15 @@ def hills_of(scenario: Scenario) -> sim.Hills | None:
     if terrain is None:
         return None
     return sim.Hills(lambda lat, lon: terrain.height_at(*geodetic_to_east_north(scenario.origin, lat, lon)))
+
+
+def weather_of(scenario: Scenario) -> sim.Weather | None:
+    """Return the wind of a scenario for its simulated fleet; its bound on gusts is three times their spread."""
+    wind = scenario.wind
+    if wind is None:
+        return None
+    spread_mps = wind.gust_mps / GUST_SPREADS
+    return sim.Weather(wind_east_mps=wind.east_mps, wind_north_mps=wind.north_mps, gust_mps=spread_mps)
 
 
 def own_endpoint() -> str:
@@ -78,6 +83,7 @@ class SimulatedFleet:
             specs_at_starts(scenario),
             clock=sim.ScaledClock(speedup),
             endpoint=f"udpout://{endpoint}",
+            weather=weather_of(scenario),
             hills=hills_of(scenario),
         )
         for vehicle in self.fleet.vehicles.values():

@@ -14,7 +14,7 @@ from typing import Any
 from rich.console import Console
 
 from skyfolio.api.client import Client
-from skyfolio.api.fleet.simulated_fleet import hills_of, specs_at_starts
+from skyfolio.api.fleet.simulated_fleet import hills_of, specs_at_starts, weather_of
 from skyfolio.api.lab.radio import RadioTruth
 from skyfolio.api.lab.radio_client import RadioClient
 from skyfolio.mavlink_bridge import DEFAULT_AUTOPILOT, east_north_to_geodetic
@@ -95,7 +95,7 @@ def fleet_of(config: SimulateConfig) -> Fleet:
             clock=ScaledClock(config.speedup),
             endpoint=config.endpoint,
             seed=config.seed,
-            weather=Weather(**_knobs("--weather", config.weather)),
+            weather=_weather(config, scenario),
             signing_key=bytes.fromhex(config.signing_key) if config.signing_key else None,
             hills=None if scenario is None else hills_of(scenario),
         )
@@ -106,6 +106,13 @@ def fleet_of(config: SimulateConfig) -> Fleet:
     except (ValueError, TypeError) as error:
         raise SimulateError(str(error)) from error
     return fleet
+
+
+def _weather(config: SimulateConfig, scenario: Scenario | None) -> Weather | None:
+    """Return the weather that is asked for; without any, the wind of the scenario."""
+    if config.weather or scenario is None:
+        return Weather(**_knobs("--weather", config.weather))
+    return weather_of(scenario)
 
 
 async def run_fleet(config: SimulateConfig) -> None:

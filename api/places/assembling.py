@@ -14,10 +14,10 @@ from shapely.geometry.base import BaseGeometry
 from skyfolio.api.common.validation import broken_rules
 from skyfolio.api.places.faults import Fault, FaultyFilesError
 from skyfolio.api.places.files import Feature, Kind
-from skyfolio.api.places.properties import VELOCITY
+from skyfolio.api.places.properties import NESTED, VELOCITY
 from skyfolio.planner import Channel, Origin, Scenario, Utility
 from skyfolio.planner.places import require_one_region
-from skyfolio.planner.scenario import Altitude, Frozen, PositionDeg
+from skyfolio.planner.scenario import Altitude, Frozen, PositionDeg, Wind
 
 MARGIN_DEG = 0.001
 """An area that no file gives reaches this far beyond all users and UAVs: 111 m to the north and south, and as far to
@@ -42,6 +42,7 @@ class ScenarioSettings(Frozen):
     min_separation_m: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=10_000)] | None = None
     channel: Channel | None = None
     utility: Utility | None = None
+    wind: Wind | None = None
     clearance_m: Altitude | None = None
     altitude_min_m: Altitude | None = None
     altitude_max_m: Altitude | None = None
@@ -129,7 +130,8 @@ class Assembly:
 
     def _settings(self, given: Mapping[str, Any]) -> dict[str, Any]:
         names = ScenarioSettings.model_fields.keys() - {"origin", *OVER_GROUND}
-        known = {} if self._base is None else {name: getattr(self._base, name) for name in names}
+        kept = {} if self._base is None else {name: getattr(self._base, name) for name in names}
+        known = {name: value for name, value in kept.items() if value is not None}
         chosen = {name: value for name, value in DEFAULTS.items() if name not in known and name not in given}
         if chosen:
             values = ", ".join(f"{name} {value:g}" for name, value in chosen.items())
@@ -249,12 +251,21 @@ def _parts(feature: Feature) -> Iterator[dict[str, Any]]:
     elif feature.kind == "uav":
         end = values.pop("end_lat_deg", None), values.pop("end_lon_deg", None)
         ends = {} if end == (None, None) else {"end_deg": {"lat": end[0], "lon": end[1]}}
-        yield {**values, "start_deg": _place(shape), **ends}
+        yield {**_nested(values), "start_deg": _place(shape), **ends}
     elif isinstance(shape, Point):
         yield {"kind": "disc", "center_deg": _place(shape), "radius_m": values["radius_m"]}
     else:
         for polygon in _polygons(shape):
             yield {"kind": "polygon", "vertices_deg": _outline(polygon)}
+
+
+def _nested(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values of a UAV, those of its battery and its rotors as parts."""
+    made: dict[str, Any] = {name: value for name, value in values.items() if name not in NESTED}
+    for column, (part, name) in NESTED.items():
+        if column in values:
+            made.setdefault(part, {})[name] = values[column]
+    return made
 
 
 def _polygons(shape: BaseGeometry) -> list[Polygon]:

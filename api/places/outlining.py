@@ -10,7 +10,7 @@ from shapely.geometry import LineString, Point, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from skyfolio.api.places.assembling import ScenarioSettings
-from skyfolio.api.places.properties import VELOCITY
+from skyfolio.api.places.properties import NESTED, VELOCITY
 from skyfolio.planner import Plan, Scenario, Uav
 from skyfolio.planner.geodesy import points_to_geodetic
 from skyfolio.planner.places import closings_m, four_corners
@@ -173,8 +173,10 @@ def _uavs(scenario: Scenario) -> Iterator[Outlined]:
 def _numbers(part: User | Uav) -> dict[str, Any]:
     """Return what is said of a user or UAV beside its id and its places."""
     told = {name: value for name, value in part.model_dump(mode="json").items() if isinstance(value, int | float)}
-    velocity = part.velocity_mps if isinstance(part, User) else None
-    return told if velocity is None else told | dict(zip(VELOCITY, velocity, strict=True))
+    if isinstance(part, Uav):
+        owned = {column: getattr(getattr(part, whose), name, None) for column, (whose, name) in NESTED.items()}
+        return told | {column: value for column, value in owned.items() if value is not None}
+    return told if part.velocity_mps is None else told | dict(zip(VELOCITY, part.velocity_mps, strict=True))
 
 
 def _place(scenario: Scenario, metres: Metres, degrees: PositionDeg | None) -> Point:

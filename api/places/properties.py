@@ -14,7 +14,7 @@ from shapely.geometry.base import BaseGeometry
 
 from skyfolio.api.places.faults import Fault
 from skyfolio.api.places.files import MAX_FEATURES, Feature, Holding, Kind, SourceFile
-from skyfolio.planner.scenario import Identifier, NoFlyDisc, Uav, User
+from skyfolio.planner.scenario import Battery, Identifier, NoFlyDisc, Rotors, Uav, User
 
 KINDS: Mapping[str, Kind] = {
     "user": "user",
@@ -39,6 +39,12 @@ ALIASES: Mapping[str, tuple[str, ...]] = {
 }
 VELOCITY = ("velocity_east_mps", "velocity_north_mps")
 """Columns of a user's `velocity_mps`."""
+NESTED: Mapping[str, tuple[str, str]] = {
+    f"{part}_{name}": (part, name)
+    for part, model in (("battery", Battery), ("rotors", Rotors))
+    for name in model.model_fields
+}
+"""Columns of what a UAV has, as `battery_usable_wh`: the part and the field of it."""
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
 _IDENTIFIER = TypeAdapter(Identifier)
@@ -162,13 +168,16 @@ def number_fields(kind: Kind) -> dict[str, type]:
     places = {name.removesuffix("_deg") for name in part.model_fields if name.endswith("_deg")}
     ends = {"end_lat_deg": float, "end_lon_deg": float} if "end" in places else {}
     moving = dict.fromkeys(VELOCITY, float) if "velocity_mps" in part.model_fields else {}
+    owned = {name: float for name, (whose, _) in NESTED.items() if whose in part.model_fields}
     return (
         ends
         | moving
+        | owned
         | {
             name: float if "float" in str(info.annotation) or "float" in str(info.metadata) else int
             for name, info in part.model_fields.items()
-            if name not in {"id", "kind", "velocity_mps"} and name.removesuffix("_deg").removesuffix("_m") not in places
+            if name not in {"id", "kind", "velocity_mps", "battery", "rotors"}
+            and name.removesuffix("_deg").removesuffix("_m") not in places
         }
     )
 

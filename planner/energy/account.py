@@ -25,8 +25,12 @@ class Account(NamedTuple):
     margin_wh: Array
 
 
-def account_of(air: Air, paths_m: Array, n_flying: NDArray[np.intp]) -> Account:
-    """Return the energy of paths (U, N, 2), metres at which slots begin; in its last slot a UAV stays where it is."""
+def account_of(air: Air, paths_m: Array, n_flying: NDArray[np.intp], altitudes_m: Array | None = None) -> Account:
+    """Return the energy of paths (U, N, 2), metres at which slots begin; in its last slot a UAV stays where it is.
+
+    altitudes_m: (U, N), likewise; without them every UAV keeps its `height_m` above home. A climb costs what it lifts
+    on top of the power of flying, a descent saves nothing.
+    """
     last = n_flying[:, None] - 1
     ends_at = np.minimum(np.arange(paths_m.shape[1])[None] + 1, last)
     ended_m = np.take_along_axis(paths_m, ends_at[..., None], axis=1)
@@ -34,8 +38,17 @@ def account_of(air: Air, paths_m: Array, n_flying: NDArray[np.intp]) -> Account:
     moves_m = np.where(flown[..., None], ended_m - paths_m, 0.0)
     expected = np.cumsum(air.spent_wh(moves_m, proven=False) * flown, axis=1)
     proven = np.cumsum(air.spent_wh(moves_m, proven=True) * flown, axis=1)
-    left = (air.budget_wh - air.before_wh)[:, None] - proven
-    return Account(air.expected_before_wh[:, None] + expected, left - air.home_wh(ended_m))
+    before, expected_before = air.before_wh[:, None], air.expected_before_wh[:, None]
+    ended_at_m = None
+    if altitudes_m is not None:
+        ended_at_m = np.take_along_axis(altitudes_m, ends_at, axis=1)
+        climbed = np.cumsum(np.maximum(ended_at_m - altitudes_m, 0.0) * flown, axis=1) * air.per_m.climb_wh[:, None]
+        higher = air.higher_m(altitudes_m[:, :1])
+        before = before + air.per_m.before_wh[:, None] * higher
+        expected_before = expected_before + air.per_m.expected_before_wh[:, None] * higher
+        expected, proven = expected + climbed, proven + climbed
+    left = air.budget_wh[:, None] - before - proven
+    return Account(expected_before + expected, left - air.home_wh(ended_m, ended_at_m))
 
 
 def idle_paths_m(start_m: Array, end_m: Array, n_flying: NDArray[np.intp], n_slots: int) -> Array:

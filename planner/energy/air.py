@@ -11,12 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skyfolio.planner.arrays import Array
+from skyfolio.planner.energy.heights import HomeHeight
 from skyfolio.planner.energy.parts import Battery, RallyPoint, Rotors, Wind
 from skyfolio.planner.energy.power import Law, law_of
 
@@ -42,6 +43,19 @@ class AirUav(Protocol):
     def home_m(self) -> tuple[float, float] | None: ...  # noqa: D102
 
 
+class PerMetre(NamedTuple):
+    """What each metre of height costs, Wh, (U,) each.
+
+    before_wh, expected_before_wh: higher in slot 0, of a UAV that is on the ground before it; proven and expected.
+    climb_wh: of climbing on the way, beside the power of flying. landing_wh: proven, higher when it turns home.
+    """
+
+    before_wh: Array
+    expected_before_wh: Array
+    climb_wh: Array
+    landing_wh: Array
+
+
 @dataclass(frozen=True, kw_only=True)
 class Air:
     """Wind and energy of a fleet of U UAVs, in SI units but for Wh.
@@ -50,7 +64,8 @@ class Air:
     the latter is infinite where nothing limits it. law: of the rotors, (U,) each. budget_wh: (U,), what may be spent
     until landed, infinite without a battery; before_wh: (U,), proven to be spent before slot 0 (what was used, or the
     climb); expected_before_wh: the same in the steady wind; landing_wh: (U,), proven to suffice from over the landing
-    place to the ground. homes_m: (U, H, 2), where each may land.
+    place to the ground. homes_m: (U, H, 2), where each may land. All of it is for `height_m`, (U,), above home.
+    ground_m: (U,), altitude of the ground at home, in the datum of a plan's altitudes. per_m: what other heights cost.
     """
 
     wind_mps: Array
@@ -64,6 +79,9 @@ class Air:
     expected_before_wh: Array
     landing_wh: Array
     homes_m: Array
+    height_m: Array
+    ground_m: Array
+    per_m: PerMetre
 
     @property
     def has_wind(self) -> bool:
@@ -85,7 +103,8 @@ class Air:
         """Return that of some UAVs."""
         few = np.asarray(uavs, dtype=np.intp)
         rows = {name: getattr(self, name)[few] for name in _PER_UAV}
-        return replace(self, law=Law(*(constants[few] for constants in self.law)), **rows)
+        per_m = PerMetre(*(costs[few] for costs in self.per_m))
+        return replace(self, law=Law(*(constants[few] for constants in self.law)), per_m=per_m, **rows)
 
     def without_limits(self) -> Air:
         """Return the same with batteries that never end."""
@@ -136,11 +155,16 @@ class Air:
         """Return what a slot of hovering is proven to cost: (U,) Wh."""
         return self.spent_wh(np.zeros((len(self.speed_mps), 1, 2)), proven=True)[:, 0]
 
-    def home_wh(self, points_m: Array) -> Array:
+    def higher_m(self, altitudes_m: Array) -> Array:
+        """Return how much higher above home than `height_m` altitudes (U, S) are: (U, S) metres."""
+        higher: Array = altitudes_m - (self.ground_m + self.height_m)[:, None]
+        return higher
+
+    def home_wh(self, points_m: Array, altitudes_m: Array | None = None) -> Array:
         """Return what is proven to suffice from each point (U, S, 2) to the cheapest landing place: (U, S) Wh.
 
         It flies straight, as fast as its `max_speed_mps` and the wind allow, and lands there. Infinite where the wind
-        lets it reach none.
+        lets it reach none. altitudes_m: (U, S), which it keeps on its way; `height_m` above home by default.
         """
         way = self.homes_m[:, None] - points_m[:, :, None]  # (U, S, H, 2)
         away = np.linalg.norm(way, axis=-1)
@@ -149,14 +173,17 @@ class Air:
         airspeed = np.linalg.norm(course * speed[..., None] - self.wind_mps, axis=-1)
         power = self._law_over(airspeed).worst_w(airspeed, self.gust_mps)
         time_s = np.where(away > 0.0, np.where(speed > _TINY_MPS, away / np.maximum(speed, _TINY_MPS), np.inf), 0.0)
-        flown: Array = (power * time_s).min(axis=-1) / 3600.0
-        return flown + self.landing_wh[:, None]
+        flown: Array = (power * time_s).min(axis=-1) / 3600.0 + self.landing_wh[:, None]
+        return flown if altitudes_m is None else flown + self.per_m.landing_wh[:, None] * self.higher_m(altitudes_m)
 
     def _law_over(self, table: Array) -> Law:
         return Law(*(_over(constants, table) for constants in self.law))
 
 
-_PER_UAV = ("speed_mps", "airspeed_mps", "budget_wh", "before_wh", "expected_before_wh", "landing_wh", "homes_m")
+_PER_UAV = (
+    "speed_mps", "airspeed_mps", "budget_wh", "before_wh", "expected_before_wh", "landing_wh", "homes_m", "height_m",
+    "ground_m",
+)  # fmt: skip
 
 
 def _over(per_uav: Array, table: Array) -> Array:
@@ -165,24 +192,33 @@ def _over(per_uav: Array, table: Array) -> Array:
 
 
 def air_of(
-    uavs: Sequence[AirUav], altitudes_m: Sequence[float], wind: Wind | None, rally: Sequence[RallyPoint], slot_s: float
+    uavs: Sequence[AirUav],
+    heights: Sequence[HomeHeight],
+    wind: Wind | None,
+    rally: Sequence[RallyPoint],
+    slot_s: float,
 ) -> Air | None:
-    """Return wind and energy of a fleet at these altitudes above home; None where it has neither."""
+    """Return wind and energy of a fleet at these heights above home; None where it has neither."""
     if wind is None and all(uav.battery is None for uav in uavs):
         return None
     blows = wind or Wind()
     rotors = [uav.rotors or Rotors() for uav in uavs]
     law, wind_mps = law_of(rotors), np.array([blows.east_mps, blows.north_mps])
     still = np.full(len(uavs), float(np.linalg.norm(wind_mps)))
-    height_m = np.array(altitudes_m, dtype=float)
-    climb_s = height_m / np.array([one.climb_mps for one in rotors])
+    height_m = np.array([one.height_m for one in heights], dtype=float)
+    climb_mps, descend_mps = np.array([(one.climb_mps, one.descend_mps) for one in rotors]).T
+    climb_s = height_m / climb_mps
+    climb_wh = np.array([one.climb_w_per_mps for one in rotors]) / 3600.0
     lift_wh = np.array([one.climb_w_per_mps for one in rotors]) * height_m / 3600.0
     used_wh = np.array([np.nan if not uav.battery else _or_nan(uav.battery.used_wh) for uav in uavs])
 
     def before(power_w: Array) -> Array:
         return np.where(np.isnan(used_wh), power_w * climb_s / 3600.0 + lift_wh, used_wh)
 
-    worst_w = law.worst_w(still, blows.gust_mps)
+    def before_per_m(power_w: Array) -> Array:
+        return np.where(np.isnan(used_wh), power_w / climb_mps / 3600.0 + climb_wh, 0.0)
+
+    worst_w, expected_w = law.worst_w(still, blows.gust_mps), law.expected_w(still)
     homes = [[uav.home_m or uav.start_m, *(point.position_m for point in rally)] for uav in uavs]
     limits = [np.inf if wind is None else _airspeed(uav) for uav in uavs]
     return Air(
@@ -194,9 +230,17 @@ def air_of(
         law=law,
         budget_wh=np.array([np.inf if uav.battery is None else uav.battery.budget_wh for uav in uavs]),
         before_wh=before(worst_w),
-        expected_before_wh=before(law.expected_w(still)),
-        landing_wh=worst_w * height_m / np.array([one.descend_mps for one in rotors]) / 3600.0,
+        expected_before_wh=before(expected_w),
+        landing_wh=worst_w * height_m / descend_mps / 3600.0,
         homes_m=np.array(homes, dtype=float),
+        height_m=height_m,
+        ground_m=np.array([one.ground_m for one in heights], dtype=float),
+        per_m=PerMetre(
+            before_wh=before_per_m(worst_w),
+            expected_before_wh=before_per_m(expected_w),
+            climb_wh=climb_wh,
+            landing_wh=worst_w / descend_mps / 3600.0,
+        ),
     )
 
 

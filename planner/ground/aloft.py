@@ -14,6 +14,7 @@ from skyfolio.planner.ground.ground import Ground
 from skyfolio.planner.ground.links import seen_aloft
 from skyfolio.planner.ground.room import room_over
 from skyfolio.planner.ground.shortening import safe_over
+from skyfolio.planner.ground.thrift import saving
 from skyfolio.planner.plans import Iteration
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.solution import Solution
@@ -47,7 +48,7 @@ def at_its_best(
     if climb is None:
         return _with_history(problem, ground, [first])
     steps = [first, _with_links(problem, ground, first)]
-    seen = _seen(problem, ground, steps[-1])
+    seen = _seen(saving(problem, ground, solution.paths_m), ground, steps[-1])
     again = raised(problem, ground, climb(seen, first.paths_m), first.paths_m)
     steps.append(_linked(problem, ground, again))
     return _with_history(problem, ground, steps)

@@ -1,4 +1,7 @@
-"""Paths that no altitude makes safe are cut short: the UAV stays at the last point from which it is."""
+"""Paths that no altitude makes safe are cut short: the UAV stays at the last point from which it is.
+
+So are paths whose climbs leave too little energy to come home: the planner of paths knows nothing of them.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +14,7 @@ from skyfolio.planner import fast
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.ground.ground import Ground
 from skyfolio.planner.ground.room import room_over
+from skyfolio.planner.ground.thrift import come_home
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.repair import flyable, within_limits
 from skyfolio.planner.unreachable import Blocked, UnreachableEndError
@@ -24,7 +28,7 @@ def safe_over(problem: Problem, ground: Ground, paths_m: Array, known_m: Array |
     The given paths keep all other limits of the problem. known_m: paths that were safe before, which are taken where
     cutting short does not help. Raises UnreachableEndError.
     """
-    stuck = np.flatnonzero(~room_over(ground, paths_m).is_flyable())
+    stuck = np.flatnonzero(~_is_safe(problem, ground, paths_m))
     for u in stuck.tolist():
         safer = next(_safer(problem, ground, paths_m, known_m, u), None)
         if safer is None:
@@ -43,7 +47,7 @@ def _safer(problem: Problem, ground: Ground, paths_m: Array, known_m: Array | No
         candidate[u] = row
         candidate = within_limits(problem, candidate)
         is_kept = _is_close(candidate[u], row) and flyable(problem, candidate)
-        if is_kept and room_over(alone, candidate[u : u + 1]).is_flyable().all():
+        if is_kept and _is_safe(problem.only(np.array([u])), alone, candidate[u : u + 1]).all():
             yield candidate
 
 
@@ -59,9 +63,15 @@ def _fallen_back(problem: Problem, ground: Ground, known_m: Array | None, stuck:
     is_pinned = bool(problem.pinned_m.size and np.isfinite(problem.pinned_m).any())
     for wanted_m in [] if is_pinned else [*([] if known_m is None else [known_m]), problem.hover()]:
         paths_m = fast.flyable(problem, wanted_m)
-        if room_over(ground, paths_m).is_flyable().all():
+        if _is_safe(problem, ground, paths_m).all():
             return paths_m
     raise UnreachableEndError(Blocked("ground", tuple(stuck.tolist())))
+
+
+def _is_safe(problem: Problem, ground: Ground, paths_m: Array) -> NDArray[np.bool_]:
+    """Return for each UAV whether there are altitudes for its path, and energy to come home from the lowest: (U,)."""
+    room = room_over(ground, paths_m)
+    return room.is_flyable() & come_home(problem, paths_m, room.floor_m)
 
 
 def _is_close(path_m: Array, wanted_m: Array) -> bool:

@@ -32,7 +32,7 @@ from skyfolio.api.common.fleet_clock import FleetClock
 from skyfolio.api.common.settings import Settings
 from skyfolio.api.common.surroundings import Surroundings, new_token, surrounded
 from skyfolio.api.fleet.fleet_ports import FleetPorts
-from skyfolio.api.fleet.simulated_fleet import hills_of, specs_at_starts
+from skyfolio.api.fleet.simulated_fleet import hills_of, specs_at_starts, weather_of
 from skyfolio.api.lab.virtual.disk import Disk, Line, MemoryBackend
 from skyfolio.api.lab.virtual.guards import carry_out
 from skyfolio.api.lab.virtual.leases import MemoryLeaseTable
@@ -69,7 +69,8 @@ def small_solve_s(job: Job) -> float:
 class Ground:
     """A fleet at the starts of a scenario, with a disk and workers for its service.
 
-    seed: decides every id, phase and gust. specs: the vehicles; by default PX4 at the starts. several: several services
+    seed: decides every id, phase and gust. specs: the vehicles; by default PX4 at the starts. weather: by default the
+    scenario's. several: several services
     may live at once, which share the disk and the fleet by leases. settings: beside those that virtual time needs.
     """
 
@@ -90,7 +91,7 @@ class Ground:
             specs_at_starts(scenario) if specs is None else specs,
             clock=_LoopClock(),
             seed=seed,
-            weather=weather,
+            weather=weather or weather_of(scenario),
             hills=hills_of(scenario),
         )
         self.disk, self.workers = Disk(), Workers(solve_s)
