@@ -49,10 +49,11 @@ def import_files(
     faults += assembly.faults
     if faults:
         raise FaultyFilesError(faults)
-    said = {**said, **_given(settings)}
+    asked = _given(settings)
+    said = {**said, **asked}
     above_ground = {name: said.pop(name) for name in OVER_GROUND if name in said}
     scenario = assembly.scenario(said)
-    scenario, told = _over_ground(scenario, tiles, base, above_ground)
+    scenario, told = _over_ground(scenario, tiles, base, above_ground, is_asked="clearance_m" in asked)
     ignored = [
         f"{file.name}: not used: {', '.join(sorted(holding.ignored))}"
         for file, holding in zip(files, holdings, strict=True)
@@ -62,9 +63,17 @@ def import_files(
 
 
 def _over_ground(
-    scenario: Scenario, tiles: Sequence[SourceFile], base: Scenario | None, given: Mapping[str, object]
+    scenario: Scenario,
+    tiles: Sequence[SourceFile],
+    base: Scenario | None,
+    given: Mapping[str, object],
+    *,
+    is_asked: bool,
 ) -> tuple[Scenario, list[str]]:
-    """Return the scenario on the ground of these tiles, or of the base where that is the same region; and notes."""
+    """Return the scenario on the ground of these tiles, or of the base where that is the same region; and notes.
+
+    is_asked: whether the request itself, not a file, names a clearance: then there must be ground to keep it from.
+    """
     kept = {name: getattr(base, name) for name in OVER_GROUND} if base is not None else {}
     changes: dict[str, object] = {name: value for name, value in {**kept, **given}.items() if value is not None}
     notes: list[str] = []
@@ -77,8 +86,8 @@ def _over_ground(
     elif base is not None and base.terrain is not None and base.origin == scenario.origin:
         changes["terrain"] = base.terrain
         notes.append("terrain: kept that of the base scenario")
-    elif "clearance_m" not in given:
-        changes.pop("clearance_m", None)
+    elif not is_asked and changes.pop("clearance_m", None) is not None and "clearance_m" in given:
+        notes.append("clearance_m: not used: it is kept over terrain, and no tile is given")
     if not changes:
         return scenario, notes
     try:
