@@ -13,6 +13,8 @@ from skyfolio.planner.arrays import Array
 from skyfolio.planner.corrections import CorrectionsDb
 from skyfolio.planner.emit import emit
 from skyfolio.planner.fast import linked
+from skyfolio.planner.ground.ground import ground_of
+from skyfolio.planner.ground.links import seen_aloft
 from skyfolio.planner.pinning import caught_up_m
 from skyfolio.planner.plans import Plan
 from skyfolio.planner.problem import problem_of
@@ -49,9 +51,21 @@ def reassociate(
     rest_m = rest_of_paths_m(previous, at_slot)
     planned_m = np.array([rest_m[uav] for uav in scenario.uav_ids], dtype=float)
     least_kbps = np.maximum(problem.min_kbps, _left_behind(previous, failed, at_slot, scenario) * LEAST_BPS / 1e3)
-    links = linked(replace(problem, min_kbps=least_kbps), _flown_m(scenario, planned_m, positions_m or {}))
+    flown_m = _flown_m(scenario, planned_m, positions_m or {})
+    ground, altitudes_m = ground_of(scenario), _altitudes_m(previous, at_slot, scenario)
+    asked = replace(problem, min_kbps=least_kbps)
+    if ground is not None and altitudes_m is not None:
+        asked = seen_aloft(asked, ground, flown_m, altitudes_m)
+    kept = replace(linked(asked, flown_m), paths_m=planned_m, altitudes_m=altitudes_m)
     told: dict[str, Any] = {"parent": previous.id, "revision": previous.revision + 1, "method": previous.method}
-    return emit(scenario, past, problem, replace(links, paths_m=planned_m), ["reassociate"], **{**told, **identity})
+    return emit(scenario, past, problem, kept, ["reassociate"], ground=ground, **{**told, **identity})
+
+
+def _altitudes_m(previous: Plan, at_slot: int, scenario: Scenario) -> Array | None:
+    """Return the altitudes that the plan has for the rest of the paths: (U, N) metres; None where it has none."""
+    if previous.altitudes_m is None:
+        return None
+    return np.array([previous.altitudes_m[uav][at_slot - previous.first_slot :] for uav in scenario.uav_ids])
 
 
 def _left_behind(previous: Plan, failed: Sequence[str], at_slot: int, scenario: Scenario) -> NDArray[np.bool_]:

@@ -11,7 +11,9 @@ import pytest
 from skyfolio.planner import EXAMPLES, Plan, ReplanError, Scenario, Utility, plan, reassociate, violations
 from skyfolio.planner.problem import problem_of
 from skyfolio.planner.reassociation import LEAST_BPS
+from skyfolio.planner.scenario import Battery
 from skyfolio.planner.sinr import spectral_efficiency
+from tests.planner.hills import over_the_hill
 
 
 @pytest.fixture(scope="module")
@@ -24,6 +26,21 @@ def test_survivors_stay_on_their_paths_and_everything_else_holds(pooled: Plan) -
     assert again.trajectories_m == {uav: pooled.trajectories_m[uav][10:] for uav in ("uav-1", "uav-2")}
     assert (again.first_slot, again.parent, again.revision) == (10, pooled.id, 2)
     assert violations(again) == []
+
+
+@pytest.mark.parametrize("limits", [{}, {"altitude_min_m": 35.0, "altitude_max_m": 90.0}])
+def test_over_hills_survivors_keep_their_altitudes_and_batteries(limits: dict[str, float]) -> None:
+    scenario = over_the_hill(clearance_m=25.0, utility=Utility(kind="pooled", mu_per_kbps=-0.1), **limits)
+    with_battery = tuple(uav.model_copy(update={"battery": Battery(usable_wh=40.0)}) for uav in scenario.uavs)
+    made = plan(scenario.with_changes(uavs=with_battery), n_starts=2)
+    left_behind = [user for user in made.association if made.association[user][4] == "south"]
+    again = reassociate(made, failed=["south"], at_slot=4)
+    assert violations(again) == []
+    assert made.altitudes_m is not None
+    assert again.altitudes_m == {"west": made.altitudes_m["west"][4:]}
+    assert left_behind
+    for user in left_behind:
+        assert min(again.user_rates_bps[user]) >= LEAST_BPS * 0.999
 
 
 def test_every_user_of_the_lost_uav_is_served_again(pooled: Plan) -> None:
