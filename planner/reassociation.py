@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.corrections import CorrectionsDb
 from skyfolio.planner.emit import emit
-from skyfolio.planner.fast import linked
+from skyfolio.planner.fast import as_asked, linked
 from skyfolio.planner.ground.ground import ground_of
 from skyfolio.planner.ground.links import seen_aloft
 from skyfolio.planner.pinning import caught_up_m
 from skyfolio.planner.plans import Plan
-from skyfolio.planner.problem import problem_of
+from skyfolio.planner.problem import Problem, problem_of
 from skyfolio.planner.remainder import remaining, rest_of_paths_m
 from skyfolio.planner.scenario import Point, Scenario
 
@@ -53,10 +53,14 @@ def reassociate(
     least_kbps = np.maximum(problem.min_kbps, _left_behind(previous, failed, at_slot, scenario) * LEAST_BPS / 1e3)
     flown_m = _flown_m(scenario, planned_m, positions_m or {})
     ground, altitudes_m = ground_of(scenario), _altitudes_m(previous, at_slot, scenario)
-    asked = replace(problem, min_kbps=least_kbps)
-    if ground is not None and altitudes_m is not None:
-        asked = seen_aloft(asked, ground, flown_m, altitudes_m)
-    kept = replace(linked(asked, flown_m), paths_m=planned_m, altitudes_m=altitudes_m)
+
+    def seen(paths_m: Array) -> Problem:
+        if ground is None or altitudes_m is None:
+            return problem
+        return seen_aloft(problem, ground, paths_m, altitudes_m)
+
+    links = linked(replace(seen(flown_m), min_kbps=least_kbps), flown_m)
+    kept = as_asked(seen(planned_m), replace(links, paths_m=planned_m, altitudes_m=altitudes_m))
     told: dict[str, Any] = {"parent": previous.id, "revision": previous.revision + 1, "method": previous.method}
     return emit(scenario, past, problem, kept, ["reassociate"], ground=ground, **{**told, **identity})
 

@@ -26,10 +26,12 @@ MET = 1.0 - 1e-9
 def raised(problem: Problem, ground: Ground, solution: Solution, known_m: Array | None = None) -> Solution:
     """Return the solution at the lowest altitudes that keep clear of the ground, its paths cut short where none do.
 
-    known_m: paths (U, N, 2) that were safe before, metres. Raises UnreachableEndError where no safe paths were found.
+    Users who get more up there than they ask for leave the rest of the band free. known_m: paths (U, N, 2) that were
+    safe before, metres. Raises UnreachableEndError where no safe paths were found.
     """
     paths_m = safe_over(problem, ground, solution.paths_m, known_m)
-    return replace(solution, paths_m=paths_m, altitudes_m=room_over(ground, paths_m).floor_m)
+    aloft = replace(solution, paths_m=paths_m, altitudes_m=room_over(ground, paths_m).floor_m)
+    return as_asked(_seen(problem, ground, aloft), aloft) if problem.has_demand else aloft
 
 
 def at_its_best(

@@ -73,6 +73,15 @@ def test_a_uav_that_is_far_off_its_path_serves_whom_it_reaches_from_there() -> N
     assert not served[0] & near_uav_3 or served[0] != served[1]
 
 
+def test_users_ask_for_no_more_on_the_path_than_where_a_uav_is_now() -> None:
+    """Whom a UAV serves is decided by where it is; on its path, nearer to a user, this band would be too much."""
+    paper = EXAMPLES["paper"]()
+    asking = tuple(user.model_copy(update={"demand_bps": 6_000.0}) for user in paper.users)
+    made = plan(paper.with_changes(users=asking, utility=Utility(kind="pooled", mu_per_kbps=-0.1)))
+    away = reassociate(made, failed=["uav-3"], at_slot=5, positions_m={"uav-1": paper.uav("uav-2").start_m})
+    assert violations(away) == []
+
+
 def test_corrections_count(pooled: Plan) -> None:
     bad = {"uav-1": dict.fromkeys(pooled.scenario.user_ids, -30.0)}
     again = reassociate(pooled, failed=["uav-3"], at_slot=10, corrections_db=bad)
