@@ -27,6 +27,8 @@ NEEDED = {
     ("POST", "/v1/plans"): Role.PLANNER,
     ("POST", "/v1/plans/{plan_id}/replans"): Role.PLANNER,
     ("POST", "/v1/plans/{plan_id}:cancel"): Role.PLANNER,
+    ("POST", "/v1/operations/{operation_id}/allocations:acknowledge"): Role.PLANNER,
+    ("POST", "/v1/operations/{operation_id}/measurements"): Role.PLANNER,
     ("POST", "/v1/scenarios:import"): Role.VIEWER,
     ("POST", "/v1/scenarios:validate"): Role.VIEWER,
     ("GET", "/v1/audit"): Role.PILOT,

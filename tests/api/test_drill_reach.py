@@ -33,11 +33,15 @@ def between(outcome: Outcome, first: str, last: str) -> list[str]:
     return outcome.steps[begin:end]
 
 
-@pytest.mark.parametrize(("fall_back", "modes"), [(FallBack.MISSION, 3), (FallBack.HOLD, 0)])
-def test_a_guard_flies_the_missions_of_a_service_that_died_while_it_streamed(fall_back: FallBack, modes: int) -> None:
+@pytest.mark.parametrize(
+    ("fall_back", "modes", "then"), [(FallBack.MISSION, 3, "guidance_resumed"), (FallBack.HOLD, 0, "detected")]
+)
+def test_a_guard_flies_the_missions_of_a_service_that_died_while_it_streamed(
+    fall_back: FallBack, modes: int, then: str
+) -> None:
     outcome = fly(Drill(seed=2, slots=10, guidance="stream", fall_back=fall_back, blows=(killed(12.0),)))
-    assert outcome.broken == {}
-    dead = between(outcome, "STRIKE", "guidance_resumed")
+    assert (outcome.broken, outcome.state) == ({}, "completed")
+    dead = between(outcome, "STRIKE", then)
     assert sum("mode {'mode': 'MISSION'}" in step for step in dead) == modes
 
 

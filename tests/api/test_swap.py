@@ -55,6 +55,9 @@ class OneFlight:
     def positions_m(self) -> dict[str, Point]:
         return dict(self._live)
 
+    def altitudes_m(self) -> dict[str, float]:
+        return {}
+
     def take_over(self, plan: Plan) -> None:
         self.plan = plan
 

@@ -29,8 +29,8 @@ AEROB = 16
 PX4_MISSION_MODE = 4 << 16 | 4 << 24
 NAMES_ONE = {"autopilots.py", "px4.py", "ardupilot.py"}
 """Files that may name an autopilot: the names themselves, the profiles, and the default of the command line."""
-PICKS_FLEETS = {"api/lab/bench/bridge_virtual.py"}
-"""The bench lists the fleets it measures."""
+PICKS_FLEETS = {"api/lab/bench/bridge_virtual.py", "api/lab/bench/energy.py", "api/lab/torture/aims.py"}
+"""Benches list the fleets they measure, drills those that some faults need."""
 
 
 def heartbeat(autopilot: int, custom_mode: int) -> dict[str, Any]:
