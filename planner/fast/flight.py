@@ -71,9 +71,20 @@ def step(arena: Arena, path: Array, n: int, u: int, dx: float, dy: float, spare:
     path[n, 1, u] = min(max(to_y, arena.low[1]), arena.high[1])
     if arena.has_wind and (path[n, 0, u] != to_x or path[n, 1, u] != to_y):
         _shorten(path, n, u, _share_in_wind(arena, u, path[n, 0, u] - x, path[n, 1, u] - y))
+        if arena.has_ends and not np.isnan(arena.end_m[0, u]) and n < arena.last[u]:
+            _keep_in_time(arena, path, n, u)
     if arena.has_energy and spare[0, u] < arena.breeze.most_wh[u] and arena.breeze.each_wh[u] > 0.0:
         dx, dy = path[n, 0, u] - x, path[n, 1, u] - y
         _shorten(path, n, u, affordable_share(arena.breeze, u, spare[0, u], spare[1, u], x, y, dx, dy))
+
+
+@kernel
+def _keep_in_time(arena: Arena, path: Array, n: int, u: int) -> None:
+    """Step straight on to the end where a step that the edge has turned would let the wind keep the UAV from it."""
+    if not _in_time(arena, u, path[n, 0, u], path[n, 1, u], arena.last[u] - n):
+        end_x, end_y = arena.end_m[0, u], arena.end_m[1, u]
+        x, y = one_step(arena, u, path[n - 1, 0, u], path[n - 1, 1, u], end_x, end_y)
+        path[n, 0, u], path[n, 1, u] = x, y
 
 
 @kernel

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import HealthCheck, assume, example, given, settings
 from hypothesis import strategies as st
 
 from skyfolio.planner import EXAMPLES, MaxIterations, PinError, Pins, Plan, Scenario, plan, replan, violations
@@ -160,6 +160,7 @@ def random_windy(seed: int) -> Scenario | None:
         return None
 
 
+@example(93)  # the edge of the area turns a step, and the wind nearly keeps the UAV from its end
 @given(st.integers(0, 10**6))
 @settings(max_examples=150, suppress_health_check=[HealthCheck.filter_too_much])
 def test_every_plan_and_replan_keeps_its_energy_and_flies_through_the_wind(seed: int) -> None:
