@@ -38,11 +38,11 @@ def saving(problem: Problem, ground: Ground, paths_m: Array) -> Problem:
         return problem
     level_wh = account_of(air, paths_m, problem.n_flying).margin_wh
     aloft_wh = account_of(air, paths_m, problem.n_flying, room_over(ground, paths_m).floor_m).margin_wh
-    lacks = np.any(aloft_wh < -ROUNDING_WH, axis=1)
-    if not lacks.any():
+    lacks = np.flatnonzero(np.any(aloft_wh < -ROUNDING_WH, axis=1))
+    if not lacks.size:
         return problem
     idle_wh = account_of(air, problem.hover(), problem.n_flying).margin_wh.min(axis=1)
-    dearer_wh = np.zeros(problem.n_uavs)
-    dearer_wh[lacks] = (level_wh[lacks] - aloft_wh[lacks]).max(axis=1)
-    less_wh = np.minimum(dearer_wh, np.where(lacks, np.maximum(idle_wh, 0.0), 0.0))
+    less_wh = np.zeros(len(idle_wh))
+    dearer_wh = (level_wh[lacks] - aloft_wh[lacks]).max(axis=1)
+    less_wh[lacks] = np.minimum(dearer_wh, np.maximum(idle_wh[lacks], 0.0))
     return replace(problem, air=replace(air, budget_wh=air.budget_wh - less_wh))

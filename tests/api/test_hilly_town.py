@@ -96,7 +96,7 @@ def goes_on_where_it_was(before: Plan, after: Plan) -> None:
         assert uav.battery is not None
         assert uav.battery.used_wh is not None
         assert before.energy_wh[uav.id][passed - 1] <= uav.battery.used_wh < before.energy_wh[uav.id][passed - 1] + 2.0
-    for user, same in zip(after.scenario.users, before.scenario.users, strict=True):
-        assert (user.id, user.demand_bps, user.weight) == (same.id, same.demand_bps, same.weight)
+    for user, then in zip(after.scenario.users, before.scenario.users, strict=True):
+        assert (user.id, user.demand_bps, user.weight) == (then.id, then.demand_bps, then.weight)
         for slot in range(after.scenario.slots):
-            assert user.is_there(slot) == same.is_there(slot + passed)
+            assert user.is_there(slot) == then.is_there(slot + passed)
