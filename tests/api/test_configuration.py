@@ -6,13 +6,16 @@ from pathlib import Path
 import pytest
 
 from skyfolio.api.cli.main import main
-from skyfolio.api.common.configuration import bound, require_known, require_usable, settings_from
+from skyfolio.api.common.configuration import bound, require_known, require_usable, settings_from, simulated_scenario
 from skyfolio.api.common.errors import InvalidError
 from skyfolio.api.common.settings import Settings
+from skyfolio.api.fleet.simulated_fleet import weather_of
 from skyfolio.api.http.routes.deps import require_within_limits
 from skyfolio.mavlink_bridge.conditions import Timing
+from skyfolio.planner import EXAMPLES
 from skyfolio.planner.areas.size import is_large
 from skyfolio.planner.layouts import laid_out
+from skyfolio.planner.scenario import Wind
 from tests.ports import free_port
 
 
@@ -190,3 +193,32 @@ def test_a_fleet_that_is_planned_by_areas_is_accepted_by_default() -> None:
 def test_what_is_too_large_is_named_with_its_limit(size: tuple[int, int, int], message: str) -> None:
     with pytest.raises(InvalidError, match=f"{message} that this service plans at once; `skyfolio plan` has no limit"):
         require_within_limits(laid_out("uniform", *size, seed=1), Settings())
+
+
+def test_the_fleet_of_a_scenario_in_a_file_is_simulated_in_its_wind(tmp_path: Path) -> None:
+    file = tmp_path / "windy.json"
+    windy = EXAMPLES["minimal"]().with_changes(wind=Wind(east_mps=2.0, gust_mps=1.5))
+    file.write_text(windy.model_dump_json())
+    assert simulated_scenario(str(file)) == windy
+    weather = weather_of(windy)
+    assert weather is not None
+    assert (weather.wind_east_mps, weather.wind_north_mps, weather.gust_mps) == (2.0, 0.0, 0.5)
+    assert weather_of(EXAMPLES["minimal"]()) is None
+
+
+@pytest.mark.parametrize(
+    ("named", "content", "said"),
+    [
+        ("nowhere", None, "simulate: 'nowhere' must be one of .* whose name ends in .json"),
+        ("none.json", None, "simulate: .*none.json: No such file"),
+        ("half.json", '{"slots": 3}', "simulate: .*half.json: "),
+    ],
+)
+def test_a_fleet_that_cannot_be_simulated_is_refused_by_name(
+    tmp_path: Path, named: str, content: str | None, said: str
+) -> None:
+    file = tmp_path / named
+    if content is not None:
+        file.write_text(content)
+    with pytest.raises(InvalidError, match=said):
+        simulated_scenario(str(file) if named.endswith(".json") else named)
