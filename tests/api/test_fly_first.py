@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import sqlite3
 from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -210,7 +211,11 @@ async def test_a_killed_service_leaves_what_it_held_to_the_next_one(url: str, tm
 
 
 def held_in(folder: Path) -> list[str]:
-    return [line for file in folder.glob("skyfolio-held-*") for line in file.read_text().splitlines()]
+    lines: list[str] = []
+    for file in folder.glob("skyfolio-held-*"):
+        with suppress(FileNotFoundError):  # it is removed as soon as all of it is stored
+            lines += file.read_text().splitlines()
+    return lines
 
 
 def modes_in(folder: Path) -> list[int]:
