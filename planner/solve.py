@@ -15,6 +15,7 @@ from skyfolio.planner.areas.size import is_large
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.disruption import Former, disruption_of
 from skyfolio.planner.emit import emit
+from skyfolio.planner.fast import as_asked
 from skyfolio.planner.ground.aloft import at_its_best, raised
 from skyfolio.planner.ground.ground import ground_of
 from skyfolio.planner.little_change import least_disruptive
@@ -97,7 +98,7 @@ def plan(
     try:
         solution = _solver(method, run_areas, around_m)(problem, stop, warm_start_m, told, n_starts=n_starts, seed=seed)
         if former is not None:
-            solution = least_disruptive(problem, former, solution, stop, seed)
+            solution = as_asked(problem, least_disruptive(problem, former, solution, stop, seed))
         if ground is not None:
             climb = _climbing_again(method, former, stop, seed)
             solution = at_its_best(problem, ground, solution, climb, warm_start_m)
