@@ -98,9 +98,9 @@ class Needs:
     battery_for_plan: float | None = None
 
 
-def blocker(name: str, found: str, should: str, why: str) -> Finding:
+def blocker(name: str, found: str, should: str, why: str, *, refuses: bool = False) -> Finding:
     """Return a finding of this level: what was found, what it should be, and why."""
-    return Finding(level=Level.BLOCKER, name=name, found=found, should=should, why=why)
+    return Finding(level=Level.BLOCKER, name=name, found=found, should=should, why=why, refuses=refuses)
 
 
 def warning(name: str, found: str, should: str, why: str) -> Finding:

@@ -57,7 +57,7 @@ def _measurements(facts: Facts, needs: Needs) -> Iterable[Finding]:
     if facts.mav_type is not None and facts.mav_type not in MULTIROTORS:
         why = "it cannot hover in its slots, and its modes mean something else"
         kind, should = f"MAV_TYPE {facts.mav_type}", f"a multirotor ({', '.join(map(str, MULTIROTORS))})"
-        yield Finding(level=Level.BLOCKER, name="vehicle type", found=kind, should=should, why=why, refuses=True)
+        yield blocker("vehicle type", kind, should, why, refuses=True)
     if not facts.parameters:
         yield warning(
             "parameters",
@@ -101,8 +101,7 @@ def _over_ground(facts: Facts, ground: OverGround) -> Iterable[Finding]:
     if facts.home_amsl_m is not None:
         off_m = facts.home_amsl_m - ground.home_ground_m
         if abs(off_m) > _CONTRADICTS * ground.clearance_m:
-            yield Finding(
-                level=Level.BLOCKER,
+            yield blocker(
                 name="home altitude",
                 found=f"{facts.home_amsl_m:.1f} m above sea level",
                 should=f"{ground.home_ground_m:.1f} m, as the terrain has it, within {_CONTRADICTS:.0%} of clearance_m",
@@ -110,8 +109,7 @@ def _over_ground(facts: Facts, ground: OverGround) -> Iterable[Finding]:
                 refuses=True,
             )
     if ground.way_home_m < ground.clearance_m - _HOME_STRAY_M:
-        yield Finding(
-            level=Level.BLOCKER,
+        yield blocker(
             name="way home",
             found=f"{ground.way_home_m:.1f} m over the ground at its lowest",
             should=f"at least {ground.clearance_m:g} m (clearance_m)",
@@ -122,8 +120,7 @@ def _over_ground(facts: Facts, ground: OverGround) -> Iterable[Finding]:
 
 def _battery(facts: Facts, needs: Needs) -> Iterable[Finding]:
     if needs.battery_for_plan is not None and facts.battery is not None and facts.battery < needs.battery_for_plan:
-        yield Finding(
-            level=Level.BLOCKER,
+        yield blocker(
             name="battery for the plan",
             found=f"{facts.battery:.0%}",
             should=f"at least {ceil(needs.battery_for_plan * 100)}%",

@@ -10,7 +10,15 @@ from dataclasses import MISSING, asdict, dataclass, fields
 from typing import Any, Protocol
 
 from skyfolio.sim.impairments import Impairments
-from skyfolio.sim.knobs import LONGEST_S, MOST_UPLOADS, check_duration, check_number, check_vehicle, check_whole
+from skyfolio.sim.knobs import (
+    LONGEST_S,
+    MOST_UPLOADS,
+    check_duration,
+    check_lasting,
+    check_number,
+    check_vehicle,
+    check_whole,
+)
 from skyfolio.sim.modes import Mode
 from skyfolio.sim.radio_faults import RADIO_FAULTS
 from skyfolio.sim.station import REBOOT_S, Vehicle
@@ -52,7 +60,7 @@ class Mute:
 
     def __post_init__(self) -> None:
         check_vehicle(self.system_id)
-        _check_for(self.for_s)
+        check_lasting(self.for_s)
 
     def strike(self, vehicle: Vehicle) -> None:
         """Mute the vehicle."""
@@ -84,7 +92,7 @@ class Freeze:
 
     def __post_init__(self) -> None:
         check_vehicle(self.system_id)
-        _check_for(self.for_s)
+        check_lasting(self.for_s)
 
     def strike(self, vehicle: Vehicle) -> None:
         """Freeze the autopilot."""
@@ -116,7 +124,7 @@ class GpsLoss:
 
     def __post_init__(self) -> None:
         check_vehicle(self.system_id)
-        _check_for(self.for_s)
+        check_lasting(self.for_s)
 
     def strike(self, vehicle: Vehicle) -> None:
         """Lose the satellites."""
@@ -217,7 +225,7 @@ class Impair:
 
     def __post_init__(self) -> None:
         check_vehicle(self.system_id)
-        _check_for(self.for_s)
+        check_lasting(self.for_s)
         for direction in ("up", "down"):
             value = getattr(self, direction)
             if value is not None and not isinstance(value, Impairments):
@@ -228,12 +236,6 @@ class Impair:
         before = (vehicle.radio.up.impairments, vehicle.radio.down.impairments)
         vehicle.radio.impair(up=self.up, down=self.down)
         vehicle.after(self.for_s, lambda: vehicle.radio.impair(up=before[0], down=before[1]))
-
-
-def _check_for(for_s: Any) -> None:
-    """Raise ValueError unless `for_s` is None (for good) or a duration in seconds."""
-    if for_s is not None:
-        check_duration("for_s", for_s)
 
 
 FAULTS: dict[str, type[Any]] = {

@@ -33,3 +33,9 @@ def check_duration(name: str, value: Any) -> None:
     number = isinstance(value, int | float) and not isinstance(value, bool)
     if not number or not 0.0 < value <= LONGEST_S:
         raise ValueError(f"{name} must be a number of seconds above 0 and at most {LONGEST_S:.9g}, got {value!r}")
+
+
+def check_lasting(for_s: Any) -> None:
+    """Raise ValueError unless `for_s` is None (for good) or a duration in seconds."""
+    if for_s is not None:
+        check_duration("for_s", for_s)

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-from skyfolio.sim.knobs import check_duration, check_number, check_vehicle
+from skyfolio.sim.knobs import check_lasting, check_number, check_vehicle
 from skyfolio.sim.station import Vehicle
 
 MOST_DB = 60.0
@@ -18,7 +18,7 @@ class StationDeaf:
 
     def __post_init__(self) -> None:
         check_vehicle(self.system_id)
-        _check_for(self.for_s)
+        check_lasting(self.for_s)
 
     def strike(self, vehicle: Vehicle) -> None:
         """Let the base station receive nothing."""
@@ -37,7 +37,7 @@ class StationLate:
     def __post_init__(self) -> None:
         check_vehicle(self.system_id)
         check_number("seconds", self.seconds, 0.0, 3600.0)
-        _check_for(self.for_s)
+        check_lasting(self.for_s)
 
     def strike(self, vehicle: Vehicle) -> None:
         """Let the base station be late."""
@@ -56,7 +56,7 @@ class StationPower:
     def __post_init__(self) -> None:
         check_vehicle(self.system_id)
         check_number("db", self.db, -MOST_DB, MOST_DB)
-        _check_for(self.for_s)
+        check_lasting(self.for_s)
 
     def strike(self, vehicle: Vehicle) -> None:
         """Let the base station send with the wrong power."""
@@ -75,18 +75,12 @@ class StationJammed:
     def __post_init__(self) -> None:
         check_vehicle(self.system_id)
         check_number("db", self.db, 0.0, MOST_DB)
-        _check_for(self.for_s)
+        check_lasting(self.for_s)
 
     def strike(self, vehicle: Vehicle) -> None:
         """Jam the users of the base station."""
         vehicle.base_station.jam_db = self.db
         vehicle.after(self.for_s, lambda: setattr(vehicle.base_station, "jam_db", 0.0))
-
-
-def _check_for(for_s: Any) -> None:
-    """Raise ValueError unless `for_s` is None (for good) or a duration in seconds."""
-    if for_s is not None:
-        check_duration("for_s", for_s)
 
 
 RADIO_FAULTS: dict[str, type[Any]] = {
