@@ -164,7 +164,7 @@ class Service:
         await self.operations.start_up()  # before the solver is warm: vehicles in the air wait for nothing
         if self.simulated is not None:
             self.simulated.start()
-            for system_id, uav_id in enumerate(simulated_scenario(str(self.settings.simulate)).uav_ids, start=1):
+            for system_id, uav_id in enumerate(self.simulated.uav_ids, start=1):
                 await self.fleet.register(uav_id, system_id, simulated=True)
         self.ready = True
 

@@ -79,6 +79,8 @@ class SimulatedFleet:
     """Vehicles at the starts of a scenario, which fly in their own thread from `start` to `stop`."""
 
     def __init__(self, scenario: Scenario, endpoint: str, speedup: float) -> None:
+        self.uav_ids = scenario.uav_ids
+        """Which UAV each vehicle is, by system id from 1 on."""
         self.fleet = sim.Fleet(
             specs_at_starts(scenario),
             clock=sim.ScaledClock(speedup),
