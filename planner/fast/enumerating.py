@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.fast.arena import Arena, Ints, kernel
+from skyfolio.planner.fast.arena import Ints, kernel
 from skyfolio.planner.fast.market import Market, fill, join
 
 FEW_WAYS = 1024
@@ -17,7 +17,7 @@ FEW_WAYS = 1024
 
 
 @kernel
-def try_all(arena: Arena, market: Market, serving: Ints, khz: Array) -> None:
+def try_all(market: Market, serving: Ints, khz: Array) -> None:
     """Write the association `serving` (K,) of the least cost, and its bands `khz` (K,): given ones stay if they tie."""
     n_users, n_uavs = market.eff.shape
     best, best_serving, best_khz = 0.0, serving.copy(), khz.copy()
@@ -25,7 +25,7 @@ def try_all(arena: Arena, market: Market, serving: Ints, khz: Array) -> None:
         best += market.cost[u]
     trial = np.zeros(n_users, dtype=np.int64)
     for _ in range(n_uavs**n_users):
-        cost = _cost(arena, market, trial, khz)
+        cost = _cost(market, trial, khz)
         if cost < best - 1e-12 * abs(best):
             best = cost
             best_serving[:], best_khz[:] = trial, khz
@@ -39,7 +39,7 @@ def try_all(arena: Arena, market: Market, serving: Ints, khz: Array) -> None:
 
 
 @kernel
-def _cost(arena: Arena, market: Market, serving: Ints, khz: Array) -> float:
+def _cost(market: Market, serving: Ints, khz: Array) -> float:
     """Return what the slot costs with this association, and its bands in `khz` (K,)."""
     cost = 0.0
     for u in range(market.size.shape[0]):
@@ -49,6 +49,6 @@ def _cost(arena: Arena, market: Market, serving: Ints, khz: Array) -> float:
         if market.eff[k, serving[k]] <= 0.0 < market.eff[k].max():
             return np.inf
     for u in range(market.size.shape[0]):
-        fill(arena, market, u, khz)
+        fill(market, u, khz)
         cost += market.cost[u]
     return cost

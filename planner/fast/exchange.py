@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.fast.arena import SUM, Arena, Ints, kernel, smooth
+from skyfolio.planner.fast.arena import SUM, Ints, kernel, smooth
 from skyfolio.planner.fast.elementary import exp, log
 from skyfolio.planner.fast.market import Market, fill, join, leave
 
@@ -17,7 +17,7 @@ LEAST_GAIN = 1e-12
 
 
 @kernel
-def share_slot(arena: Arena, market: Market, serving: Ints, khz: Array) -> None:
+def share_slot(market: Market, serving: Ints, khz: Array) -> None:
     """Improve `serving` (K,) of a slot, and fill `khz` (K,): moves of single users until none helps."""
     n_users, n_uavs = market.eff.shape
     for u in range(n_uavs):
@@ -25,59 +25,60 @@ def share_slot(arena: Arena, market: Market, serving: Ints, khz: Array) -> None:
     for k in range(n_users):
         join(market, k, serving[k])
     for u in range(n_uavs):
-        fill(arena, market, u, khz)
+        fill(market, u, khz)
     # Fields are read once, out here: inside the loops numba would count references to each of them.
     eff, weight, log_weight, price = market.eff, market.weight, market.log_weight, market.price
-    band, least, decay = arena.khz, market.least, 0.0 if arena.kind == SUM else -arena.mu
+    band, least, decay = market.band, market.least, 0.0 if market.kind == SUM else -market.mu
+    times, demand, has_demand = market.times, market.demand, market.has_demand
     for _ in range(SWEEPS):
         moved = False
         for k in range(n_users):
             u = serving[k]
-            if decay > 0.0 and least[k] == 0.0 and not arena.has_demand:
+            if decay > 0.0 and least[k] == 0.0 and not has_demand:
                 to = _promising(decay, eff, weight[k], log_weight[k], price, band, k, u)
             else:
                 to = _promising_with_floor(
-                    decay, eff, arena.weight[k], log_weight[k], price, band, least[k], arena.demand[k], k, u, khz[k]
+                    decay, eff, times[k], log_weight[k], price, band, least[k], demand[k], k, u, khz[k]
                 )
-            if to >= 0 and _try_move(arena, market, k, to, serving, khz):
+            if to >= 0 and _try_move(market, k, to, serving, khz):
                 moved = True
         if not moved:
             return
 
 
 @kernel
-def exchange(arena: Arena, market: Market, serving: Ints, khz: Array) -> None:
+def exchange(market: Market, serving: Ints, khz: Array) -> None:
     """After `share_slot`: moves of one user and exchanges of two until none helps.
 
     Beside the one that the prices promise most of, `share_slot` tries no other.
     """
     for u in range(market.eff.shape[1]):
-        _charge(arena, market, u)
+        _charge(market, u)
     for _ in range(SWEEPS):
-        if not _thorough_sweep(arena, market, serving, khz):
+        if not _thorough_sweep(market, serving, khz):
             return
 
 
 @kernel
-def _thorough_sweep(arena: Arena, market: Market, serving: Ints, khz: Array) -> bool:
+def _thorough_sweep(market: Market, serving: Ints, khz: Array) -> bool:
     """Try every move and every exchange that can help; whether any was kept."""
     n_users, n_uavs = market.eff.shape
-    blind, changed = arena.has_minimum, False
+    blind, changed = market.has_minimum, False
     for k in range(n_users):
         for to in range(n_uavs):
             u = serving[k]
             if to != u and market.eff[k, to] > 0.0 and (blind or _can_move(market, k, u, to)):
-                changed = _recharged(arena, market, u, to, _try_move(arena, market, k, to, serving, khz)) or changed
+                changed = _recharged(market, u, to, _try_move(market, k, to, serving, khz)) or changed
         for other in range(k):
             u, to = serving[k], serving[other]
             if to != u and (blind or _can_exchange(market, k, u, other, to)):
-                kept = _try_exchange(arena, market, k, other, serving, khz)
-                changed = _recharged(arena, market, u, to, kept) or changed
+                kept = _try_exchange(market, k, other, serving, khz)
+                changed = _recharged(market, u, to, kept) or changed
     return changed
 
 
 @kernel
-def _charge(arena: Arena, market: Market, u: int) -> None:
+def _charge(market: Market, u: int) -> None:
     """Write what each user would add to the minimised sum at UAV u into `market.charge`, at the present price.
 
     Whatever the price, what the users of a UAV cost is no less than the sum of these less the price of the band: that
@@ -85,11 +86,11 @@ def _charge(arena: Arena, market: Market, u: int) -> None:
     no less than the difference of their charges. Without users there is no price, and the first one takes the band,
     or as much of it as it asks for.
     """
-    decay, price, band = -arena.mu, market.price[u], arena.khz[u]
-    if arena.kind == SUM:
-        _charge_for_sum(arena, market, u)
-    elif arena.has_demand:
-        _charge_up_to_demand(arena, market, u)
+    decay, price, band = -market.mu, market.price[u], market.band[u]
+    if market.kind == SUM:
+        _charge_for_sum(market, u)
+    elif market.has_demand:
+        _charge_up_to_demand(market, u)
     elif market.size[u] > 0:
         _charge_by_price(decay, market.weight, market.eff, price, u, market.charge)
     else:
@@ -107,38 +108,38 @@ def _charge_by_price(decay: float, weight: Array, eff: Array, price: float, u: i
 
 
 @kernel
-def _charge_for_sum(arena: Arena, market: Market, u: int) -> None:
+def _charge_for_sum(market: Market, u: int) -> None:
     """Do the same where bands are worth the rates: who is worth more than the price takes all that it asks for."""
-    price, band = market.price[u] if market.size[u] > 0 else 0.0, arena.khz[u]
+    price, band = market.price[u] if market.size[u] > 0 else 0.0, market.band[u]
     for k in range(market.eff.shape[0]):
         eff, charge = market.eff[k, u], 0.0
         if eff > 0.0:
-            charge = min(0.0, price - arena.weight[k] * eff) * min(band, arena.demand[k] / eff)
+            charge = min(0.0, price - market.times[k] * eff) * min(band, market.demand[k] / eff)
         market.charge[k, u] = charge
 
 
 @kernel
-def _charge_up_to_demand(arena: Arena, market: Market, u: int) -> None:
+def _charge_up_to_demand(market: Market, u: int) -> None:
     """Do the same where users take no more than they ask for, nor than there is."""
-    price, band = market.price[u] if market.size[u] > 0 else 0.0, arena.khz[u]
+    price, band = market.price[u] if market.size[u] > 0 else 0.0, market.band[u]
     for k in range(market.eff.shape[0]):
         eff, worth = market.eff[k, u], market.weight[k]
-        slope = -arena.mu * eff
+        slope = -market.mu * eff
         if worth * slope <= price:
             market.charge[k, u] = worth
             continue
-        taken = min(band, arena.demand[k] / eff)
+        taken = min(band, market.demand[k] / eff)
         if price > 0.0:
             taken = min(taken, log(worth * slope / price) / slope)
         market.charge[k, u] = worth * exp(-slope * taken) + price * taken
 
 
 @kernel
-def _recharged(arena: Arena, market: Market, u: int, to: int, changed: bool) -> bool:
+def _recharged(market: Market, u: int, to: int, changed: bool) -> bool:
     """Return whether the users of two UAVs have `changed`, after charging what they cost now."""
     if changed:
-        _charge(arena, market, u)
-        _charge(arena, market, to)
+        _charge(market, u)
+        _charge(market, to)
     return changed
 
 
@@ -225,30 +226,30 @@ def _promising_with_floor(
 
 
 @kernel
-def _try_move(arena: Arena, market: Market, k: int, to: int, serving: Ints, khz: Array) -> bool:
+def _try_move(market: Market, k: int, to: int, serving: Ints, khz: Array) -> bool:
     """Move user k to UAV `to` when the slot really costs less for it; whether it moved."""
-    return _try(arena, market, k, to, -1, serving, khz)
+    return _try(market, k, to, -1, serving, khz)
 
 
 @kernel
-def _try_exchange(arena: Arena, market: Market, k: int, other: int, serving: Ints, khz: Array) -> bool:
+def _try_exchange(market: Market, k: int, other: int, serving: Ints, khz: Array) -> bool:
     """Let two users change places when the slot really costs less for it; whether they did."""
     to = serving[other]
     if market.eff[k, to] <= 0.0 or market.eff[other, serving[k]] <= 0.0:
         return False
-    return _try(arena, market, k, to, other, serving, khz)
+    return _try(market, k, to, other, serving, khz)
 
 
 @kernel
-def _try(arena: Arena, market: Market, k: int, to: int, other: int, serving: Ints, khz: Array) -> bool:
+def _try(market: Market, k: int, to: int, other: int, serving: Ints, khz: Array) -> bool:
     """Move k to UAV `to`, and `other`, unless it is -1, from there to where k was; undone when that costs more."""
     u = serving[k]
     _remember(market, u, khz)
     _remember(market, to, khz)
     cost_u, price_u, cost_to, price_to = market.cost[u], market.price[u], market.cost[to], market.price[to]
     _trade(market, k, u, to, other)
-    fill(arena, market, u, khz)
-    fill(arena, market, to, khz)
+    fill(market, u, khz)
+    fill(market, to, khz)
     before = cost_u + cost_to
     if market.cost[u] + market.cost[to] < before - LEAST_GAIN * abs(before):
         serving[k] = to

@@ -14,7 +14,7 @@ import numpy as np
 
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.fast.air import affordable_share, home_wh, left_wh
-from skyfolio.planner.fast.arena import Arena, Flag, Ints, entry, is_pinned, kernel, smooth
+from skyfolio.planner.fast.arena import Arena, Flag, Ints, entry, inlined, is_pinned, kernel, smooth
 from skyfolio.planner.fast.routes import one_step, reach_of_step, way_on
 from skyfolio.planner.fast.zones import SLACK_M, push_from_zones, push_out
 
@@ -34,17 +34,35 @@ def fly(arena: Arena, wish: Array, chase: Flag, path: Array) -> bool:
     near = np.empty((n_uavs * (n_uavs - 1) // 2 + 1, 2), dtype=np.int64)
     zones = arena.discs.shape[0] > 0 or arena.first.shape[0] > 1
     spare = _spare(arena)
+    plain = not (arena.has_pinned or arena.has_ends or arena.has_wind or arena.has_energy)
+    step_m, last, low, high, separation_m = arena.step_m, arena.last, arena.low, arena.high, arena.separation_m
     for n in range(1, path.shape[0]):
         for u in range(n_uavs):
             dx, dy = wish[n, 0, u], wish[n, 1, u]
             if chase:
                 dx, dy = dx - path[n - 1, 0, u], dy - path[n - 1, 1, u]
-            step(arena, path, n, u, dx, dy, spare)
-        if not _resolve(arena, path, n, zones, near, spare):
+            if plain and n <= last[u]:
+                plain_step(path, n, u, dx, dy, step_m[u], low, high)
+            else:
+                step(arena, path, n, u, dx, dy, spare)
+        pairs = _near_pairs(path, n, step_m, separation_m, near)
+        if (pairs > 0 or zones) and not _resolve(arena, path, n, zones, near[:pairs], spare):
             return False
         if arena.has_energy and not _pay(arena, path, n, spare):
             return False
     return True
+
+
+@inlined
+def plain_step(path: Array, n: int, u: int, dx: float, dy: float, limit: float, low: Array, high: Array) -> None:
+    """Do as `step` where only speed and area limit it: handing over a whole arena would take longer than the step."""
+    x, y = path[n - 1, 0, u], path[n - 1, 1, u]
+    length2 = dx * dx + dy * dy
+    if length2 > limit * limit:
+        scale = limit / np.sqrt(length2)
+        dx, dy = dx * scale, dy * scale
+    path[n, 0, u] = min(max(x + dx, low[0]), high[0])
+    path[n, 1, u] = min(max(y + dy, low[1]), high[1])
 
 
 @kernel
@@ -60,7 +78,7 @@ def step(arena: Arena, path: Array, n: int, u: int, dx: float, dy: float, spare:
     if n > arena.last[u]:
         path[n, 0, u], path[n, 1, u] = x, y
         return
-    length2, limit = dx * dx + dy * dy, reach_of_step(arena, u, dx, dy)
+    length2, limit = dx * dx + dy * dy, reach_of_step(arena, u, dx, dy) if arena.has_wind else arena.step_m[u]
     if length2 > limit * limit:
         scale = limit / np.sqrt(length2)
         dx, dy = dx * scale, dy * scale
@@ -189,12 +207,9 @@ def _in_time(arena: Arena, u: int, x: float, y: float, left: int) -> bool:
 def _resolve(arena: Arena, path: Array, n: int, zones: bool, near: Ints, spare: Array) -> bool:
     """Push, then hold, until no leg into slot n conflicts; False where a hold would miss an end.
 
-    near: scratch (U (U - 1) / 2 + 1, 2), for the pairs that can meet on the leg at all.
+    near: (P, 2), the pairs that can meet on the leg at all.
     """
-    n_uavs = path.shape[2]
-    pairs = _near_pairs(path, n, arena.step_m, arena.separation_m, near)
-    if pairs == 0 and not zones:
-        return True
+    n_uavs, separation_m = path.shape[2], arena.separation_m
     for attempt in range(PUSHES + n_uavs + 1):
         hold = attempt >= PUSHES
         clear = True
@@ -202,8 +217,10 @@ def _resolve(arena: Arena, path: Array, n: int, zones: bool, near: Ints, spare: 
             for u in range(n_uavs):
                 clear = _keep_out(arena, path, n, u, hold, spare) and clear
                 clear = _on_the_way(arena, path, n, u) and clear
-        for i in range(pairs):
-            clear = _keep_apart(arena, path, n, near[i, 0], near[i, 1], hold, spare) and clear
+        for i in range(near.shape[0]):
+            px, py = _push_apart(path, n, near[i, 0], near[i, 1], separation_m)
+            if px != 0.0 or py != 0.0:
+                clear = _keep_apart(arena, path, n, near[i, 0], near[i, 1], px, py, hold, spare) and clear
         if clear:
             return _ends_reachable(arena, path, n)
     return False
@@ -286,19 +303,24 @@ def _on_the_way(arena: Arena, path: Array, n: int, u: int) -> bool:
 
 
 @kernel
-def _keep_apart(arena: Arena, path: Array, n: int, u: int, j: int, hold: bool, spare: Array) -> bool:
-    """Return whether the legs of u and j stay `D_min` apart; if not, each is pushed half the way, or held.
+def _push_apart(path: Array, n: int, u: int, j: int, separation_m: float) -> tuple[float, float]:
+    """Return by how much the leg of u must be pushed away from that of j to stay `D_min` apart: 0, 0 where it does."""
+    x0, y0 = path[n - 1, 0, u] - path[n - 1, 0, j], path[n - 1, 1, u] - path[n - 1, 1, j]
+    x1, y1 = path[n, 0, u] - path[n, 0, j], path[n, 1, u] - path[n, 1, j]
+    return push_out(x0, y0, x1, y1, separation_m)
+
+
+@kernel
+def _keep_apart(
+    arena: Arena, path: Array, n: int, u: int, j: int, px: float, py: float, hold: bool, spare: Array
+) -> bool:
+    """Push each of u and j half of (px, py) apart, or hold them; return whether that was not theirs to do.
 
     Beside a UAV whose path is pinned the other is pushed all the way, and never held: staying is no safety there.
     """
     u_pinned = arena.has_pinned and is_pinned(arena, u)
     j_pinned = arena.has_pinned and is_pinned(arena, j)
     if n > min(arena.last[u], arena.last[j]) or (u_pinned and j_pinned):
-        return True
-    x0, y0 = path[n - 1, 0, u] - path[n - 1, 0, j], path[n - 1, 1, u] - path[n - 1, 1, j]
-    x1, y1 = path[n, 0, u] - path[n, 0, j], path[n, 1, u] - path[n, 1, j]
-    px, py = push_out(x0, y0, x1, y1, arena.separation_m)
-    if px == 0.0 and py == 0.0:
         return True
     one_pinned = u_pinned or j_pinned
     if hold and not one_pinned:

@@ -23,7 +23,9 @@ class Market(NamedTuple):
     UAV add to the minimised sum, and what a kHz is worth there, lambda (for `sum` its rate). decay, first, given,
     place: (K,), scratch of the members of one UAV; was: (K,), bands before a trial. charge: (K, U), what each would
     add at the present prices (`exchange.py`). least: (K,), kbit/s, the minimum rates of users who are there. most, who:
-    (K,), scratch: lids and users that have not reached them.
+    (K,), scratch: lids and users that have not reached them. The rest is the arena's, kept here because a call that
+    is given a whole arena takes longer than what most of these kernels do: band: (U,), kHz; times: (K,), as how many
+    users each counts; demand: (K,), kbit/s.
     """
 
     eff: Array
@@ -42,12 +44,19 @@ class Market(NamedTuple):
     least: Array
     most: Array
     who: Ints
+    band: Array
+    times: Array
+    demand: Array
+    mu: float
+    kind: int
+    has_minimum: bool
+    has_demand: bool
 
 
 @kernel
-def market_of(n_uavs: int, log_weight: Array) -> Market:
+def market_of(arena: Arena, log_weight: Array) -> Market:
     """Tables of the right size, with the weights exp(log_weight) (K,)."""
-    n_users = log_weight.shape[0]
+    n_uavs, n_users = arena.khz.shape[0], log_weight.shape[0]
     return Market(
         np.zeros((n_users, n_uavs)),
         np.exp(log_weight),
@@ -65,6 +74,13 @@ def market_of(n_uavs: int, log_weight: Array) -> Market:
         np.zeros(n_users),
         np.empty(n_users),
         np.empty(n_users, dtype=np.int64),
+        arena.khz,
+        arena.weight,
+        arena.demand,
+        arena.mu,
+        arena.kind,
+        arena.has_minimum,
+        arena.has_demand,
     )
 
 
@@ -95,7 +111,7 @@ def leave(market: Market, k: int, u: int) -> None:
 
 
 @kernel
-def fill(arena: Arena, market: Market, u: int, khz: Array) -> None:
+def fill(market: Market, u: int, khz: Array) -> None:
     """Share the band of UAV u among its users, minimum rates first, into `khz` (K,), and note cost and price.
 
     No user gets band beyond what it asks for; what no user of the UAV asks for stays free, at a price of 0.
@@ -104,19 +120,19 @@ def fill(arena: Arena, market: Market, u: int, khz: Array) -> None:
     market.cost[u] = market.price[u] = 0.0
     if count == 0:
         return
-    left, cost = arena.khz[u], 0.0
+    left, cost = market.band[u], 0.0
     for i in range(count):
         khz[members[i]] = 0.0
-    if arena.has_minimum:
-        left, cost = _reserve(arena, market, u, khz)
-    if arena.has_demand:
+    if market.has_minimum:
+        left, cost = _reserve(market, u, khz)
+    if market.has_demand:
         cost += (
-            serve_in_order(arena, market, u, left, khz)
-            if arena.kind == SUM
-            else share_up_to_demand(arena, market, u, left, khz)
+            serve_in_order(market, u, left, khz)
+            if market.kind == SUM
+            else share_up_to_demand(market, u, left, khz)
         )
-    elif arena.kind == SUM:
-        top, weight = members[0], arena.weight
+    elif market.kind == SUM:
+        top, weight = members[0], market.times
         for i in range(count):
             if weight[members[i]] * eff[members[i], u] > weight[top] * eff[top, u]:
                 top = members[i]
@@ -126,18 +142,18 @@ def fill(arena: Arena, market: Market, u: int, khz: Array) -> None:
             cost -= khz[members[i]] * (weight[members[i]] * eff[members[i], u])
         market.price[u] = weight[top] * eff[top, u]
     else:
-        cost += _share(arena, market, u, left, khz)
+        cost += _share(market, u, left, khz)
     market.cost[u] = cost
 
 
 @kernel
-def serve_in_order(arena: Arena, market: Market, u: int, left: float, khz: Array) -> float:
+def serve_in_order(market: Market, u: int, left: float, khz: Array) -> float:
     """Add `left` kHz to what `khz` (K,) gives the users of UAV u, who is worth most per kHz first, up to its demand.
 
     Notes the price, and returns what the users cost then: less what their rates are worth. That is exact, as in a
     knapsack whose last item may be cut.
     """
-    count, members, eff, weight, demand = market.size[u], market.member[u], market.eff, arena.weight, arena.demand
+    count, members, eff, weight, demand = market.size[u], market.member[u], market.eff, market.times, market.demand
     while True:
         top, best = -1, 0.0
         for i in range(count):
@@ -162,7 +178,7 @@ def serve_in_order(arena: Arena, market: Market, u: int, left: float, khz: Array
 
 
 @kernel
-def share_up_to_demand(arena: Arena, market: Market, u: int, left: float, khz: Array) -> float:
+def share_up_to_demand(market: Market, u: int, left: float, khz: Array) -> float:
     """Do as `_share`, up to what each user asks for.
 
     Water-filling with lids: who would get more than it asks for gets that, and the rest is shared anew among the
@@ -174,10 +190,10 @@ def share_up_to_demand(arena: Arena, market: Market, u: int, left: float, khz: A
     count = market.size[u]
     for i in range(count):
         k = members[i]
-        who[i], decay[i], first[i] = k, -arena.mu * market.eff[k, u], market.log_weight[k]
+        who[i], decay[i], first[i] = k, -market.mu * market.eff[k, u], market.log_weight[k]
         most[i] = 0.0
         if market.eff[k, u] > 0.0:
-            most[i] = max(0.0, arena.demand[k] / market.eff[k, u] - khz[k])
+            most[i] = max(0.0, market.demand[k] / market.eff[k, u] - khz[k])
     _next_worth(decay, first, count)
     for i in range(count):
         first[i] -= decay[i] * khz[who[i]] if decay[i] > 0.0 else 0.0
@@ -203,14 +219,14 @@ def share_up_to_demand(arena: Arena, market: Market, u: int, left: float, khz: A
     cost = 0.0
     for i in range(count):
         k = members[i]
-        cost += exp(market.log_weight[k] + arena.mu * market.eff[k, u] * khz[k])
+        cost += exp(market.log_weight[k] + market.mu * market.eff[k, u] * khz[k])
     return cost
 
 
 @kernel
-def _reserve(arena: Arena, market: Market, u: int, khz: Array) -> tuple[float, float]:
+def _reserve(market: Market, u: int, khz: Array) -> tuple[float, float]:
     """Give each member what its minimum rate takes, the cheapest first while it lasts: (kHz left, penalty)."""
-    left, waiting, members, count = arena.khz[u], 0, market.member[u], market.size[u]
+    left, waiting, members, count = market.band[u], 0, market.member[u], market.size[u]
     for i in range(count):
         waiting += market.least[members[i]] > 0.0
     while waiting > 0:
@@ -228,13 +244,13 @@ def _reserve(arena: Arena, market: Market, u: int, khz: Array) -> tuple[float, f
 
 
 @kernel
-def _share(arena: Arena, market: Market, u: int, left: float, khz: Array) -> float:
+def _share(market: Market, u: int, left: float, khz: Array) -> float:
     """Add `left` kHz to what `khz` (K,) gives the members of UAV u, note the price, and return what they cost then."""
-    count, members, floors = market.size[u], market.member[u], arena.has_minimum
+    count, members, floors = market.size[u], market.member[u], market.has_minimum
     decay, first, given, place, weight = market.decay, market.first, market.given, market.place, market.weight
     for i in range(count):
         k = members[i]
-        decay[i], first[i], place[i] = -arena.mu * market.eff[k, u], market.log_weight[k], i
+        decay[i], first[i], place[i] = -market.mu * market.eff[k, u], market.log_weight[k], i
     _next_worth(decay, first, count)
     for i in range(count if floors else 0):
         first[i] -= decay[i] * khz[members[i]]

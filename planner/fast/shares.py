@@ -28,7 +28,7 @@ def share_all(arena: Arena, path: Array, links: Links, thorough: bool) -> None:
     """
     n_uavs, n_users = path.shape[2], arena.user_m.shape[2]
     signal, total, best = np.empty((n_uavs, n_users)), np.empty(n_users), np.empty(n_users)
-    market = market_of(n_uavs, links.log_weight)
+    market = market_of(arena, links.log_weight)
     eff = market.eff
     for n in range(path.shape[0]):
         slot_signals(arena, path[n], n, signal, total)
@@ -41,11 +41,11 @@ def share_all(arena: Arena, path: Array, links: Links, thorough: bool) -> None:
         if fresh and n > 0:
             links.uav[n] = links.uav[n - 1]
         candidates(signal, total, links.uav[n], fresh and n == 0, best, eff)
-        share_slot(arena, market, links.uav[n], links.khz[n])
+        share_slot(market, links.uav[n], links.khz[n])
         if thorough and n_users <= THOROUGH:
-            exchange(arena, market, links.uav[n], links.khz[n])
+            exchange(market, links.uav[n], links.khz[n])
         if thorough and arena.has_demand and float(n_uavs) ** n_users <= FEW_WAYS:
-            try_all(arena, market, links.uav[n], links.khz[n])
+            try_all(market, links.uav[n], links.khz[n])
         for k in range(n_users if arena.has_floors else 0):
             links.floor[n, k] = _floor(arena, market, k, links.khz[n, k] * eff[k, links.uav[n, k]])
         if fresh:

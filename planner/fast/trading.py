@@ -57,7 +57,7 @@ def trade_links(arena: Arena, path: Array, serving: Ints, khz: Array, before: In
     """
     n_users, n_uavs = arena.user_m.shape[2], path.shape[2]
     signal, total, loudest = np.empty((n_uavs, n_users)), np.empty(n_users), np.empty(n_users)
-    rate, market = np.empty((path.shape[0], n_users)), market_of(n_uavs, np.zeros(n_users))
+    rate, market = np.empty((path.shape[0], n_users)), market_of(arena, np.zeros(n_users))
     for n in range(path.shape[0]):
         _efficiencies(arena, path, n, signal, total, loudest, serving[n], market.eff)
         for k in range(n_users):
@@ -70,7 +70,7 @@ def trade_links(arena: Arena, path: Array, serving: Ints, khz: Array, before: In
         enter_slot(arena, market, n)
         for u in range(n_uavs):
             _gather(market, slot.serving, u)
-            fill(arena, market, u, spare)  # for the price of its band
+            fill(market, u, spare)  # for the price of its band
             _trade(arena, market, book, slot, n, -1, u, toll)
         for k in range(n_users):
             old = slot.before[k]
@@ -217,7 +217,7 @@ def _share(arena: Arena, market: Market, slot: Slot, u: int, v: int, khz: Array)
     """Share the bands of two UAVs among the users that they serve now, into `khz` (K,)."""
     for one in (u, v):
         _gather(market, slot.serving, one)
-        fill(arena, market, one, khz)
+        fill(market, one, khz)
 
 
 @kernel

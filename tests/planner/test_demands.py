@@ -96,13 +96,13 @@ def _best_by_hand(problem: Problem, efficiency: Array, mu: float, weights: Array
 
 
 def _slot(arena: Arena, eff: Array, log_weight: Array, serving: Any, khz: Array, every: Any) -> float:
-    market = market_of(eff.shape[1], log_weight)
+    market = market_of(arena, log_weight)
     market.eff[:] = eff
     enter_slot(arena, market, 0)
-    share_slot(arena, market, serving, khz)
-    exchange(arena, market, serving, khz)
+    share_slot(market, serving, khz)
+    exchange(market, serving, khz)
     if every:
-        try_all(arena, market, serving, khz)
+        try_all(market, serving, khz)
     cost = 0.0
     for u in range(eff.shape[1]):
         market.size[u] = 0
@@ -110,7 +110,7 @@ def _slot(arena: Arena, eff: Array, log_weight: Array, serving: Any, khz: Array,
             if serving[k] == u:
                 market.member[u, market.size[u]] = k
                 market.size[u] += 1
-        fill(arena, market, u, khz)
+        fill(market, u, khz)
         cost += market.cost[u]
     return cost
 

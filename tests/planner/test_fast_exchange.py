@@ -19,24 +19,24 @@ from skyfolio.planner.scenario import Utility
 
 def _charged(arena: Arena, eff: Array, log_weight: Array, serving: Any, charge: Array, price: Array) -> Array:
     """The cost of each UAV's users; into `charge` and `price` what belongs to it."""
-    market: Market = market_of(eff.shape[1], log_weight)
+    market: Market = market_of(arena, log_weight)
     khz = np.zeros(eff.shape[0])
     market.eff[:] = eff
     market.size[:] = 0
     for k in range(len(serving)):
         join(market, k, serving[k])
     for u in range(eff.shape[1]):
-        fill(arena, market, u, khz)
-        _charge(arena, market, u)
+        fill(market, u, khz)
+        _charge(market, u)
     charge[:], price[:] = market.charge, market.price
     return market.cost
 
 
 def _exchanged(arena: Arena, eff: Array, log_weight: Array, serving: Any) -> None:
-    market, khz = market_of(eff.shape[1], log_weight), np.zeros(eff.shape[0])
+    market, khz = market_of(arena, log_weight), np.zeros(eff.shape[0])
     market.eff[:] = eff
-    share_slot(arena, market, serving, khz)
-    exchange(arena, market, serving, khz)
+    share_slot(market, serving, khz)
+    exchange(market, serving, khz)
 
 
 charged, exchanged = njit(_charged, error_model="numpy"), njit(_exchanged, error_model="numpy")
