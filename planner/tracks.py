@@ -34,6 +34,8 @@ def are_plain(scenario: Scenario) -> bool:
 
 def absences_of(scenario: Scenario, first_slot: int = 0, n_slots: int | None = None) -> NDArray[np.bool_]:
     """Return whether each user is not there in some slots, by default all of the scenario's: (K, N)."""
-    slots = range(first_slot, first_slot + (scenario.slots if n_slots is None else n_slots))
-    away = [[not user.is_there(n) for n in slots] for user in scenario.users]
-    return np.array(away, dtype=bool).reshape(len(scenario.users), len(slots))
+    slots = first_slot + np.arange(scenario.slots if n_slots is None else n_slots)
+    came = [-np.inf if user.arrives_at_slot is None else user.arrives_at_slot for user in scenario.users]
+    goes = [np.inf if user.leaves_at_slot is None else user.leaves_at_slot for user in scenario.users]
+    away: NDArray[np.bool_] = (slots < np.array(came)[:, None]) | (slots >= np.array(goes)[:, None])
+    return away
