@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.fast.arena import PER_USER, SUM, Arena, Ints, entry, kernel, smooth
+from skyfolio.planner.fast.arena import PER_USER, SUM, Arena, Ints, entry, inlined, kernel, smooth
 from skyfolio.planner.fast.elementary import PER_LN2, exp, log
 from skyfolio.planner.fast.snapshots import Snapshots, gather, keep
 
@@ -79,7 +79,7 @@ def _sum_worth(arena: Arena, shots: Snapshots) -> float:
     return float(total / n_all if arena.mu == 0.0 else least + np.log(total / n_all) / arena.mu)
 
 
-@kernel
+@inlined
 def _sum_rate(arena: Arena, shots: Snapshots, m: int) -> float:
     """Give each band to the best of the users that its UAV serves, after the minimum rates."""
     serving, sinr, best, left, rate = shots.heard.serving[m], shots.first, shots.top, shots.left, 0.0
@@ -155,7 +155,7 @@ def _sinr(own: Array, total: Array, sinr: Array) -> None:
         sinr[k] = own[k] / max(total[k] - own[k], 1.0)
 
 
-@kernel
+@inlined
 def _share_moment(arena: Arena, shots: Snapshots, m: int) -> float:
     """Share the bands of one moment for the minorant with `log_weight`, and add exp(mu rate) of each user to `z`.
 

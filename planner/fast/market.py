@@ -126,11 +126,7 @@ def fill(market: Market, u: int, khz: Array) -> None:
     if market.has_minimum:
         left, cost = _reserve(market, u, khz)
     if market.has_demand:
-        cost += (
-            serve_in_order(market, u, left, khz)
-            if market.kind == SUM
-            else share_up_to_demand(market, u, left, khz)
-        )
+        cost += serve_in_order(market, u, left, khz) if market.kind == SUM else share_up_to_demand(market, u, left, khz)
     elif market.kind == SUM:
         top, weight = members[0], market.times
         for i in range(count):

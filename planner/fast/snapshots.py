@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.fast.arena import PER_USER, Arena, Ints, is_pinned, kernel, smooth
+from skyfolio.planner.fast.arena import PER_USER, Arena, Ints, inlined, is_pinned, kernel, smooth
 from skyfolio.planner.fast.routes import reach_of_step
 
 STRETCHES = (0.35, 0.8, 1.5, 3.0, 6.0)
@@ -137,11 +137,17 @@ def gather(arena: Arena, shots: Snapshots, place_m: Array) -> None:
     shots.place[:] = place_m
     total, own, serving = shots.heard
     total[:], own[:], serving[:] = 1.0, 0.0, 0
+    plain, start_m, last, step_m = _fly_plainly(arena), arena.start_m, arena.last, arena.step_m
+    user_m, per_slot, height2 = arena.user_m, arena.per_slot, arena.height2
     for m in range(shots.slot.shape[0]):
         for u in range(place_m.shape[1]):
-            x, y = position(arena, u, place_m[0, u], place_m[1, u], shots.slot[m])
+            x, y, n = place_m[0, u], place_m[1, u], shots.slot[m]
+            if plain:
+                x, y = _after(start_m[0, u], start_m[1, u], x, y, min(n, last[u]) * step_m[u])
+            else:
+                x, y = position(arena, u, x, y, n)
             row, gain = shots.signal[m, u], shots.gain[m, u]
-            _hear(arena.user_m[shots.slot[m] * arena.per_slot], gain, x, y, arena.height2[u], row)
+            _hear(user_m[n * per_slot], gain, x, y, height2[u], row)
             _add(row, u, total[m], own[m], serving[m])
 
 
@@ -171,11 +177,15 @@ def aim(arena: Arena, shots: Snapshots, u: int, x: float, y: float, second: bool
     shots.place[0, u], shots.place[1, u] = x, y
     old_total, old_own, old_serving = shots.heard if second else shots.kept
     total, own, serving = shots.heard
+    plain, x0, y0 = _fly_plainly(arena), arena.start_m[0, u], arena.start_m[1, u]
+    last, step_m = arena.last[u], arena.step_m[u]
+    user_m, per_slot, height2 = arena.user_m, arena.per_slot, arena.height2[u]
     for m in range(shots.slot.shape[0]):
-        px, py = position(arena, u, x, y, shots.slot[m])
+        n = shots.slot[m]
+        px, py = _after(x0, y0, x, y, min(n, last) * step_m) if plain else position(arena, u, x, y, n)
         signal, before = shots.signal[m], shots.kept_signal[int(second), m]
         before[:] = signal[u]
-        _hear(arena.user_m[shots.slot[m] * arena.per_slot], shots.gain[m, u], px, py, arena.height2[u], signal[u])
+        _hear(user_m[n * per_slot], shots.gain[m, u], px, py, height2, signal[u])
         _exchange(old_total[m], before, signal[u], total[m])
         _follow(signal, old_own[m], old_serving[m], before, u, own[m], serving[m])
 
@@ -230,12 +240,25 @@ def position(arena: Arena, u: int, x: float, y: float, n: int) -> tuple[float, f
     if arena.has_pinned and is_pinned(arena, u):
         return arena.pinned[n, 0, u], arena.pinned[n, 1, u]
     x0, y0, last = arena.start_m[0, u], arena.start_m[1, u], arena.last[u]
-    flown, way = min(n, last) * reach_of_step(arena, u, x - x0, y - y0), np.hypot(x - x0, y - y0)
+    flown = min(n, last) * reach_of_step(arena, u, x - x0, y - y0)
     if arena.has_ends and not np.isnan(arena.end_m[0, u]):
         x1, y1 = arena.end_m[0, u], arena.end_m[1, u]
         left, back = max(last - n, 0) * reach_of_step(arena, u, x1 - x, y1 - y), np.hypot(x - x1, y - y1)
         if left < back:
             return x1 + (x - x1) * left / back, y1 + (y - y1) * left / back
+    return _after(x0, y0, x, y, flown)
+
+
+@kernel
+def _fly_plainly(arena: Arena) -> bool:
+    """Return whether everybody flies straight to its place and stays: then nothing of the arena need be handed on."""
+    return not (arena.has_pinned or arena.has_ends or arena.has_wind)
+
+
+@inlined
+def _after(x0: float, y0: float, x: float, y: float, flown: float) -> tuple[float, float]:
+    """Return where a UAV is after `flown` metres from (x0, y0) towards (x, y), where it stays."""
+    way = np.hypot(x - x0, y - y0)
     if flown >= way:
         return x, y
     return x0 + (x - x0) * flown / way, y0 + (y - y0) * flown / way

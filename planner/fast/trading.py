@@ -199,7 +199,7 @@ def _trade(arena: Arena, market: Market, book: Book, slot: Slot, n: int, k: int,
     u, khz = slot.serving[k] if k >= 0 else v, slot.khz.copy()
     if k >= 0:
         slot.serving[k] = v
-    _share(arena, market, slot, u, v, khz)
+    _share(market, slot, u, v, khz)
     met = _met(market, slot, u, v, khz) if arena.has_minimum else 0
     if met >= 0:
         gain = _utility_gain(arena, market, book, slot, n, u, v, khz) - toll * _more_paying(slot, k, u, v, khz)
@@ -208,12 +208,12 @@ def _trade(arena: Arena, market: Market, book: Book, slot: Slot, n: int, k: int,
             return k >= 0
     if k >= 0:
         slot.serving[k] = u
-    _share(arena, market, slot, u, v, khz)
+    _share(market, slot, u, v, khz)
     return False
 
 
 @kernel
-def _share(arena: Arena, market: Market, slot: Slot, u: int, v: int, khz: Array) -> None:
+def _share(market: Market, slot: Slot, u: int, v: int, khz: Array) -> None:
     """Share the bands of two UAVs among the users that they serve now, into `khz` (K,)."""
     for one in (u, v):
         _gather(market, slot.serving, one)
