@@ -28,4 +28,3 @@ fi
 mkdir -p "$venv/typing/skyfolio"
 for part in planner mavlink_bridge sim api; do ln -sfn "$PWD/$part" "$venv/typing/skyfolio/$part"; done
 for part in __init__.py __main__.py sweep.py py.typed; do ln -sfn "$PWD/api/skyfolio/$part" "$venv/typing/skyfolio/$part"; done
-"$venv/bin/skyfolio" warm-up # compiles the optimiser once, for a minute, so that nobody waits for it later

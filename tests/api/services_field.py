@@ -22,7 +22,8 @@ from skyfolio.sim.truth import LoggedMessage
 from tests.ports import free_port
 
 SPEEDUP = 2.0
-SCENARIO = EXAMPLES["paper"]().with_changes(slots=16, altitude_m=8.0)
+SCENARIO = EXAMPLES["paper"]().with_changes(altitude_m=8.0)
+SLOTS = 16
 ROOT = Path(__file__).resolve().parents[2]
 SERVE = "from tests.api.dying_service import main; main()"
 STARTS_WITHIN_S = 250.0
@@ -168,13 +169,14 @@ class Service:
 
 
 class SharedField:
-    """Two services, `first` and `second`, and a fleet that sends to both."""
+    """Two services, `first` and `second`, and a fleet that sends to both; a flight has so many slots."""
 
-    def __init__(self, folder: Path, database_url: str, **changes: Any) -> None:
+    def __init__(self, folder: Path, database_url: str, slots: int = SLOTS, **changes: Any) -> None:
+        self.scenario = SCENARIO.with_changes(slots=slots)
         self.first = Service("first", database_url, folder / "first.log", **changes)
         self.second = Service("second", database_url, folder / "second.log", **changes)
         ends = ",".join(f"udpout://127.0.0.1:{service.fleet_port}" for service in (self.first, self.second))
-        self.fleet = sim.Fleet(specs_at_starts(SCENARIO), clock=sim.ScaledClock(SPEEDUP), endpoint=ends)
+        self.fleet = sim.Fleet(specs_at_starts(self.scenario), clock=sim.ScaledClock(SPEEDUP), endpoint=ends)
         self.late_s = 0.0
         """Wall seconds that this process has waited for the machine in all: what a service may be late through no fault
         of its own."""
@@ -201,13 +203,13 @@ class SharedField:
     async def take_off(self) -> str:
         """Plan, register and fly at the first service; the operation's path once slot 0 has begun."""
         client = self.first.client
-        scenario = SCENARIO.model_dump(mode="json")
+        scenario = self.scenario.model_dump(mode="json")
         plan = (await client.post("/v1/plans", json=scenario)).json()
         async with asyncio.timeout(STARTS_WITHIN_S):
             while plan["status"] in {"queued", "running"}:
                 await asyncio.sleep(0.2)
                 plan = (await client.get(f"/v1/plans/{plan['id']}")).json()
-        for number, uav in enumerate(SCENARIO.uav_ids, start=1):
+        for number, uav in enumerate(self.scenario.uav_ids, start=1):
             answer = await client.post("/v1/fleet/vehicles", json={"uav_id": uav, "system_id": number})
             assert answer.status_code == 201, answer.text
         started = await client.post("/v1/operations", json={"plan_id": plan["id"]})

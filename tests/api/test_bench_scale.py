@@ -106,6 +106,7 @@ def test_what_limits_a_sweep_is_named_from_where_the_core_seconds_went(second: d
     assert found[1]["used"] == pytest.approx(second["cases_per_s"] * 0.1 / 2)
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 def test_the_quick_form_shows_every_part_and_nothing_is_lost(tmp_path: Path) -> None:
     page = tmp_path / "scale.md"

@@ -45,6 +45,14 @@ def run(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
     return code if isinstance(code, int) else 0
 
 
+def test_a_demo_that_makes_no_sense_is_refused(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    assert run(monkeypatch, "demo", "--kill", "uav-9", "--out", str(tmp_path / "out")) == 1
+    assert "kill: 'uav-9' must be one of uav-1, uav-2, uav-3" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
 def test_plan_prints_a_feasible_plan_as_json(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

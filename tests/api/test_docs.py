@@ -43,6 +43,7 @@ def api(tmp_path: Path) -> Iterator[str]:
             process.wait()
 
 
+@pytest.mark.long
 def test_the_session_of_the_api_page_works(api: str, tmp_path: Path) -> None:
     blocks = re.findall(r"^```sh\n(.*?)^```$", PAGE.read_text(), flags=re.MULTILINE | re.DOTALL)
     assert len(blocks) >= 8

@@ -165,6 +165,7 @@ def kill_at(case: Case, flown: Sky) -> None:
     flown.service.journal.listeners.append(die)
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 async def test_a_process_that_is_killed_with_uavs_in_the_air_is_followed_by_one_that_sees_the_flight_through(
     tmp_path: Path,

@@ -272,7 +272,7 @@ def switches(http: TestClient) -> list[Any]:
 
 
 @pytest.mark.e2e
-def test_vehicles_hear_nothing_of_us_while_the_solver_is_stopped_and_hear_us_again_after() -> None:
+def test_vehicles_hear_nothing_of_us_while_the_solver_is_stopped_or_dead_and_hear_us_again_unasked() -> None:
     with watched() as (http, lane, listener):
         beats_again(listener)
         (pid,) = pids(lane)
@@ -294,13 +294,6 @@ def test_vehicles_hear_nothing_of_us_while_the_solver_is_stopped_and_hear_us_aga
         assert metric(http, 'skyfolio_solver_answers{lane="flight"}') == 1.0
         wait(lambda: switches(http) == [False, True])
         assert http.get("/ready").status_code == 200
-
-
-@pytest.mark.e2e
-def test_killed_workers_are_replaced_and_vehicles_hear_us_again_unasked() -> None:
-    with watched() as (http, lane, listener):
-        beats_again(listener)
-        (pid,) = pids(lane)
         os.kill(pid, signal.SIGKILL)
         wait(lambda: not lane.answers)
         wait(lambda: lane.answers)

@@ -116,6 +116,7 @@ async def settled(field: Field) -> None:
     raise AssertionError(f"not settled: {links}, {modes}")
 
 
+@pytest.mark.long
 async def test_twenty_minutes_of_random_faults_loses_no_event_and_no_memory(tmp_path: Path) -> None:
     rng = random.Random(SEED)
     field = Field(tmp_path / "field", SPEEDUP)

@@ -162,6 +162,7 @@ async def test_a_vehicle_a_human_took_from_the_stream_is_left_to_the_human(
         assert field.fleet.vehicles[1].autopilot.mode is Mode.POSITION
 
 
+@pytest.mark.long
 @pytest.mark.e2e
 async def test_vehicles_whose_service_is_killed_go_on_from_their_mission_or_hold_by_policy() -> None:
     await asyncio.gather(*(stream_until_killed(autopilot) for autopilot in Autopilot))

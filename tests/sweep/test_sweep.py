@@ -27,8 +27,6 @@ from tests.ports import free_port
 from tests.sweep import work
 from tests.sweep.dask_processes import ROOT, dask_cluster
 
-KILL_EVERY_S = 30.0
-
 
 @pytest.fixture(autouse=True)
 def log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -155,28 +153,6 @@ async def test_a_worker_of_another_version_ends_the_sweep_with_an_error(tmp_path
     with pytest.raises(SweepError, match="a worker of the cluster cannot take part"):
         await swept(cases(8, batch=2), tmp_path, None, work=work.of_another_version)
     assert Parts(tmp_path).there() == set()
-
-
-@pytest.mark.e2e
-async def test_with_a_worker_killed_every_30_s_at_most_2_percent_is_computed_again(tmp_path: Path) -> None:
-    spec = cases(2400, batch=8)  # two minutes for two workers that wait
-    with dask_cluster(2) as real:
-
-        async def killing() -> None:
-            while True:
-                await asyncio.sleep(KILL_EVERY_S)
-                real.kill_worker()
-                real.add_worker()
-
-        killer = asyncio.create_task(killing())
-        outcome = await swept(spec, tmp_path, real.address, work=work.waiting)
-        killer.cancel()
-    assert outcome.complete
-    assert outcome.seconds > 3 * KILL_EVERY_S
-    assert_complete(spec, tmp_path)
-    finished = work.logged()
-    assert set(finished) == set(range(2400))
-    assert len(finished) <= 1.02 * 2400
 
 
 LONG = """
