@@ -27,14 +27,17 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 @pytest.hookimpl(optionalhook=True)
-def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> object | None:
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     """With `--dist loadscope` a worker gets one test at a time; those of one browser stay together."""
     if config.getvalue("dist") != "loadscope":
         return None
     from xdist.scheduler import LoadScopeScheduling  # noqa: PLC0415 - not needed without workers
 
-    class OneByOne(LoadScopeScheduling):
-        def _split_scope(self, nodeid: str) -> str:
-            return nodeid.partition("::")[0] if nodeid.startswith("tests/dashboard/") else nodeid
+    made: Any = LoadScopeScheduling(config, log)
+    made._split_scope = _together
+    return made
 
-    return OneByOne(config, log)
+
+def _together(nodeid: str) -> str:
+    """What a worker gets as a whole."""
+    return nodeid.partition("::")[0] if nodeid.startswith("tests/dashboard/") else nodeid
