@@ -13,7 +13,7 @@ import structlog
 from skyfolio.api.access.api_keys import KeyRing
 from skyfolio.api.access.audit_log import AuditLog
 from skyfolio.api.access.key_attempts import KeyAuthenticator
-from skyfolio.api.common.configuration import simulated_scenario
+from skyfolio.api.common.configuration import simulated_channel, simulated_scenario
 from skyfolio.api.common.errors import BusyError
 from skyfolio.api.common.fleet_clock import FleetClock
 from skyfolio.api.common.metrics import Metrics
@@ -28,6 +28,7 @@ from skyfolio.api.flights.journal import Entry, Journal
 from skyfolio.api.flights.operation_store import Stores
 from skyfolio.api.flights.operations import Operations
 from skyfolio.api.flights.orders import Orders
+from skyfolio.api.flights.own_stations import OwnStations
 from skyfolio.api.flights.shared_services import SharedServices
 from skyfolio.api.plans.contingencies import Contingencies
 from skyfolio.api.plans.explanations import Explanations
@@ -166,6 +167,10 @@ class Service:
             self.simulated.start()
             for system_id, uav_id in enumerate(self.simulated.uav_ids, start=1):
                 await self.fleet.register(uav_id, system_id, simulated=True)
+            if self.simulated.stations:
+                channel = simulated_channel(self.settings.simulate_channel)
+                stations = OwnStations(self.simulated, self.fleet, self.operations, channel)
+                self.background.start("base-stations", stations.run)
         self.ready = True
 
     async def _start_leases(self) -> None:
@@ -337,5 +342,6 @@ def _simulated(settings: Settings) -> tuple[SimulatedFleet | None, Settings]:
     if settings.simulate is None:
         return None, settings
     endpoint = own_endpoint()
-    fleet = SimulatedFleet(simulated_scenario(settings.simulate), endpoint, settings.time_scale)
+    scenario, joined = simulated_scenario(settings.simulate), settings.simulate_stations
+    fleet = SimulatedFleet(scenario, endpoint, settings.time_scale, stations=joined)
     return fleet, settings.model_copy(update={"fleet_url": f"udpin://{endpoint}"})

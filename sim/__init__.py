@@ -49,7 +49,7 @@ from skyfolio.sim.land import Hills
 from skyfolio.sim.missions import Mission, MissionItem
 from skyfolio.sim.modes import Mode
 from skyfolio.sim.radio_faults import RADIO_FAULTS, StationDeaf, StationJammed, StationLate, StationPower
-from skyfolio.sim.radio_truth import RadioTruth, Received, TruthChannel
+from skyfolio.sim.radio_truth import RadioTruth, Received, TruthChannel, channel_from
 from skyfolio.sim.slots import SlotGrid
 from skyfolio.sim.specs import AUTOPILOTS, BOOTED_S_AGO, VehicleSpec, grid_of
 from skyfolio.sim.station import Vehicle
@@ -104,6 +104,7 @@ __all__ = [
     "VirtualClock",
     "Weather",
     "as_line",
+    "channel_from",
     "describe",
     "fault_from",
     "grid_of",

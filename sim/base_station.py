@@ -40,6 +40,10 @@ class BaseStation:
         self._heard: _Order | None = None
         self._serves: _Order | None = None
 
+    def join(self) -> None:
+        """Serve no user, and wait for orders of another operation, whose revisions begin anew."""
+        self._heard = self._serves = None
+
     def hear(self, revision: int, slots: Sequence[Served], now_s: float) -> None:
         """Take an order of a revision, or not, if it is deaf; it replaces an older one that it was not ready for."""
         if self.deaf or (self._heard is not None and revision <= self._heard.revision):

@@ -9,8 +9,10 @@ from __future__ import annotations
 import math
 import random
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any
 
+from skyfolio.sim.fault_schedule import value_of
 from skyfolio.sim.fleet import Fleet
 from skyfolio.sim.geo import LocalFrame
 from skyfolio.sim.knobs import check_number
@@ -60,6 +62,23 @@ class TruthChannel:
         scatter = math.sqrt(0.5 / (k + 1))
         real = math.sqrt(k / (k + 1)) + drawn.gauss(0.0, scatter)
         return real**2 + drawn.gauss(0.0, scatter) ** 2
+
+
+def channel_from(text: str) -> TruthChannel:
+    """Return the true channel that `FIELD=VALUE,...` describes, e.g. `bias_db=-6,seed=1`.
+
+    ValueError names what is wrong.
+    """
+    values: dict[str, Any] = {}
+    known = {field.name for field in fields(TruthChannel)}
+    for part in text.split(",") if text else []:
+        name, equals, value = part.partition("=")
+        if not equals:
+            raise ValueError(f"{part!r} must look like FIELD=VALUE")
+        if name not in known:
+            raise ValueError(f"{name}: a channel has no such field, it has {', '.join(sorted(known))}")
+        values[name] = value_of(value)
+    return TruthChannel(**values)
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,6 +22,10 @@ def serve(
     simulate: Annotated[
         str | None, typer.Option(help="Simulate the fleet of this example, or of a scenario in a .json file.")
     ] = None,
+    radio_channel: Annotated[
+        str | None,
+        typer.Option(help="How the true channel of that fleet's users differs: bias_db=-6,shadowing_db=4,seed=1."),
+    ] = None,
     time_scale: Annotated[float | None, typer.Option(help="Speed-up of a simulated fleet; 1 for real ones.")] = None,
     ui: Annotated[bool, typer.Option("--ui/--no-ui", help="Serve the dashboard at /ui.")] = True,
     as_json: Json = False,
@@ -33,6 +37,7 @@ def serve(
         "database_url": database_url,
         "fleet_url": fleet_url,
         "simulate": simulate,
+        "simulate_channel": radio_channel,
         "time_scale": time_scale,
     }
     _run({name: value for name, value in options.items() if value is not None}, as_json=as_json, ui=ui)

@@ -23,6 +23,7 @@ from skyfolio.mavlink_bridge.errors import SigningKeyInvalid
 
 if TYPE_CHECKING:
     from skyfolio.planner import Scenario
+    from skyfolio.sim import TruthChannel
 
 OF_COMMANDS = frozenset({"SERVICE", "KEY", "SIM_SIGNING_KEY", "API"})
 """Variables that are not settings: of `fly`, `status` and `drill`, of `simulate`, of the tour of the API."""
@@ -61,6 +62,17 @@ def require_usable(settings: Settings) -> None:
         extras.require_all("sweep", "solver: Dask")
     if settings.simulate is not None:
         simulated_scenario(settings.simulate)
+    simulated_channel(settings.simulate_channel)
+
+
+def simulated_channel(text: str) -> TruthChannel:
+    """Return how the true channel of the simulated fleet differs. Raises InvalidError naming the setting."""
+    from skyfolio.sim import channel_from  # noqa: PLC0415 - other commands do without it
+
+    try:
+        return channel_from(text)
+    except ValueError as error:
+        raise InvalidError(f"simulate_channel: {error}") from error
 
 
 def simulated_scenario(named: str) -> Scenario:

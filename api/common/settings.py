@@ -41,7 +41,9 @@ class Settings(BaseSettings):
     preflight: whether a blocker of the audit only is an event, or keeps the fleet on the ground. start_within_m: a
     vehicle further than this from its first point keeps the fleet on the ground in any case.
     simulate: fly the fleet of this example, or of the scenario in this .json file, in software inside the service and
-    in the scenario's wind, ready for drills.
+    in the scenario's wind, ready for drills. simulate_stations: whether the base stations of that fleet serve, and
+    report. simulate_channel: how what users truly get from them differs from what is planned with (`FIELD=VALUE,...` of
+    `sim.TruthChannel`).
     heartbeat_stale_s, heartbeat_lost_s: fleet seconds of silence. timing: when everything else about a vehicle counts
     (`mavlink_bridge.conditions.Timing`), as JSON: `{"takeover_after_s": 2, "proof_s": 4}`, or one by one:
     `SKYFOLIO_TIMING__PROOF_S=4`.
@@ -82,6 +84,8 @@ class Settings(BaseSettings):
     preflight: Literal["report", "enforce"] = "report"
     start_within_m: Annotated[float, Field(gt=0)] = START_WITHIN_M
     simulate: str | None = None
+    simulate_stations: bool = True
+    simulate_channel: Annotated[str, Field(max_length=200)] = ""
     time_scale: Annotated[float, Field(gt=0, le=100)] = 1.0
     workers: Annotated[int, Field(ge=1, le=64)] = 1
     warm_up: bool = True

@@ -5,14 +5,16 @@ from __future__ import annotations
 import asyncio
 import socket
 import threading
+from collections.abc import Coroutine
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 from skyfolio import sim
 from skyfolio.api.common.errors import InvalidError
 from skyfolio.mavlink_bridge import DEFAULT_AUTOPILOT, east_north_to_geodetic, geodetic_to_east_north
 from skyfolio.planner import Scenario
 
+Result = TypeVar("Result")
 GUST_SPREADS = 3.0
 """The bound on gusts in a scenario, over the spread of simulated gusts on one axis."""
 
@@ -58,14 +60,17 @@ def own_endpoint() -> str:
         return f"127.0.0.1:{probe.getsockname()[1]}"
 
 
-def fault_of(kind: str, system_id: int, options: dict[str, Any]) -> sim.Fault:
-    """Return a fault that is ready to strike. Raises InvalidError for an unknown kind or option."""
+def fault_of(kind: str, system_id: int, options: dict[str, Any], *, stations: bool = True) -> sim.Fault:
+    """Return a fault that is ready to strike. stations: whether base stations of the fleet are joined.
+
+    Raises InvalidError for an unknown kind or option, and for a fault of a base station that serves no user.
+    """
     if kind not in sim.FAULTS:
         raise InvalidError(f"fault: {kind!r} must be one of {', '.join(sim.FAULTS)}")
-    if kind in sim.RADIO_FAULTS:
+    if kind in sim.RADIO_FAULTS and not stations:
         raise InvalidError(
-            f"fault: {kind!r} strikes a base station, and those of a fleet inside the service serve nobody; "
-            "use `skyfolio simulate --radio`"
+            f"fault: {kind!r} strikes a base station, and those of the simulated fleet serve no user "
+            "(SKYFOLIO_SIMULATE_STATIONS=false)"
         )
     if {"kind", "system_id"} & set(options):
         raise InvalidError("options: the kind and the vehicle are given beside them")
@@ -76,9 +81,13 @@ def fault_of(kind: str, system_id: int, options: dict[str, Any]) -> sim.Fault:
 
 
 class SimulatedFleet:
-    """Vehicles at the starts of a scenario, which fly in their own thread from `start` to `stop`."""
+    """Vehicles at the starts of a scenario, which fly in their own thread from `start` to `stop`.
 
-    def __init__(self, scenario: Scenario, endpoint: str, speedup: float) -> None:
+    stations: whether their base stations are joined to the operations that they fly.
+    """
+
+    def __init__(self, scenario: Scenario, endpoint: str, speedup: float, *, stations: bool = True) -> None:
+        self.speedup, self.stations = speedup, stations
         self.uav_ids = scenario.uav_ids
         """Which UAV each vehicle is, by system id from 1 on."""
         self.fleet = sim.Fleet(
@@ -102,6 +111,10 @@ class SimulatedFleet:
     def inject(self, fault: sim.Fault) -> None:
         """Let a fault strike now."""
         self._loop.call_soon_threadsafe(self.fleet.inject, fault)
+
+    async def meanwhile(self, work: Coroutine[Any, Any, Result]) -> Result:
+        """Do some work in the thread of the vehicles, between two of their steps; return its result."""
+        return await asyncio.wrap_future(asyncio.run_coroutine_threadsafe(work, self._loop))
 
     def stop(self) -> None:
         """End the thread, wherever the vehicles are."""

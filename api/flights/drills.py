@@ -91,7 +91,8 @@ class Drills:
             raise ConflictError(f"uav_id: {drill.uav_id!r} is not simulated by this service; drills need one that is")
         if drill.at_slot is not None and not 0 <= drill.at_slot < operation.flight.n_slots:
             raise InvalidError(f"at_slot: {drill.at_slot} must lie in 0..{operation.flight.n_slots - 1}")
-        fault = fault_of(drill.fault, self._fleet.system_of(drill.uav_id), drill.options)
+        system_id, joined = self._fleet.system_of(drill.uav_id), self._simulated.stations
+        fault = fault_of(drill.fault, system_id, drill.options, stations=joined)
         await self._store(creation, drill)
         self._events.add("drill", **drill.model_dump(mode="json"))
         task = asyncio.create_task(self._strike(drill, operation, self._simulated, fault))

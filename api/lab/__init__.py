@@ -1,7 +1,7 @@
 """Experiments with the product: simulated fleets, the demonstration drill, benchmarks, the letter's figures.
 
     simulate, radio              `skyfolio simulate`, and the true rates of users while a plan is flown
-    base_stations, radio_client  base stations of a simulated fleet, and how they reach the service that flies it
+    radio_client                 how base stations of a simulated fleet reach the service that flies it
     demo/                        `skyfolio demo`: a drill whose every claim is checked against the ground truth
     bench/                       `skyfolio bench`: planner, bridge, service, simulator, start
     sweep/                       `skyfolio sweep`: many cases on the workers of a Dask cluster

@@ -11,15 +11,13 @@ import structlog
 from skyfolio import sim
 from skyfolio.api.client import ApiError, Client
 from skyfolio.api.flights.allocations import AllocationsView
+from skyfolio.api.flights.base_stations import ASK_EVERY_S, BaseStations, radio_truth, true_channel
 from skyfolio.api.flights.measured_rates import Measurement
 from skyfolio.api.flights.operation_views import ENDED, OperationView
-from skyfolio.api.lab.base_stations import BaseStations, radio_truth
-from skyfolio.planner import Plan, Scenario
+from skyfolio.planner import Plan
 
 log = structlog.get_logger()
 CONFLICT = 409
-ASK_EVERY_S = 0.2
-"""Fleet seconds between two looks of base stations at what they must serve."""
 LOOK_EVERY_S = 1.0
 """Wall seconds between two looks for an operation."""
 
@@ -87,18 +85,7 @@ class RadioClient:
         plan = await asyncio.to_thread(self._client.read_plan, operation.plan_ids[0])
         if not isinstance(plan, Plan):
             return
-        truth = radio_truth(self._fleet, plan.scenario, _of_scenario(self._channel, plan.scenario), operation.vehicles)
+        truth = radio_truth(self._fleet, plan.scenario, true_channel(plan.scenario, self._channel), operation.vehicles)
         stations = BaseStations(self._fleet, truth, RestPort(self._client, operation.id), operation.vehicles)
         while await stations.step():  # noqa: ASYNC110 - it asks another process
             await asyncio.sleep(ASK_EVERY_S / self._speedup)
-
-
-def _of_scenario(channel: sim.TruthChannel, scenario: Scenario) -> sim.TruthChannel:
-    return sim.TruthChannel(
-        reference_gain_db=scenario.channel.reference_gain_db,
-        noise_dbm=scenario.channel.noise_dbm,
-        bias_db=channel.bias_db,
-        shadowing_db=channel.shadowing_db,
-        rician_k_db=channel.rician_k_db,
-        seed=channel.seed,
-    )

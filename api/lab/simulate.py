@@ -28,6 +28,7 @@ from skyfolio.sim import (
     TruthChannel,
     Weather,
     as_line,
+    channel_from,
     grid_of,
     impairments_from,
     parse_fault,
@@ -207,8 +208,8 @@ def _print_json(row: dict[str, Any]) -> None:
 
 def _channel(text: str) -> TruthChannel:
     try:
-        return TruthChannel(**_knobs("--radio-channel", text))
-    except (ValueError, TypeError) as error:
+        return channel_from(text)
+    except ValueError as error:
         raise SimulateError(f"--radio-channel: {error}") from error
 
 

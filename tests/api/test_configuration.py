@@ -123,6 +123,7 @@ def test_a_folder_that_takes_no_files_is_named(tmp_path: Path) -> None:
         ({"SKYFOLIO_DATABASE_URL": "sqlite+aiosqlite:////dev/null/x.db"}, "database_url: "),
         ({"SKYFOLIO_HOST": "192.0.2.1"}, "host, port: 192.0.2.1:"),
         ({"SKYFOLIO_SIMULATE": "papr"}, "simulate: 'papr' must be one of"),
+        ({"SKYFOLIO_SIMULATE_CHANNEL": "bias_db=x"}, "simulate_channel: bias_db must be a number, got 'x'"),
         ({"SKYFOLIO_ROOT_PATH": "sky"}, "root_path: "),
         ({"SKYFOLIO_TRUSTED_PROXIES": "nginx"}, "trusted_proxies: "),
         ({"SKYFOLIO_ALLOWED_HOSTS": "*"}, "allowed_hosts: "),

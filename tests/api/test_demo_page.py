@@ -49,6 +49,7 @@ def report(**changes: Any) -> DemoReport:
         "upload_s": 0.1,
         "new_plan_in_force_at_s": 14.0,
         "slots_without_service": 0.8,
+        "measured_slots": [0, 1, 2],
         "flown": everybody,
         "no_replan": some,
         "foreseen": everybody,
@@ -62,8 +63,8 @@ def report(**changes: Any) -> DemoReport:
 
 def test_the_first_sentence_says_who_lost_service_for_how_long_and_what_it_would_have_been() -> None:
     assert headline(report()) == (
-        "uav-2 fell in slot 3: user-3 and user-4 had no service for 4.0 s, until the others flew a new plan; without "
-        "one it would have been 10 s, to the end."
+        "uav-2 fell in slot 3: user-3 and user-4 had no service for 4.0 s, until others served them; without "
+        "that it would have been 10 s, to the end."
     )
 
 
@@ -85,7 +86,14 @@ def test_served_users_and_the_worst_of_all_are_counted_in_each_slot() -> None:
 def test_every_row_and_every_panel_shows_what_no_replan_and_foresight_would_give() -> None:
     shown = report()
     assert all(len(row) == 4 for row in figures(shown))
-    assert figures(shown)[0] == ("users without service after", "none", "2 (user-3, user-4)", "none")
+    assert figures(shown)[0] == (
+        "rates of users",
+        "75% measured, the rest computed at true positions",
+        *["computed"] * 2,
+    )
+    assert figures(report(measured_slots=[]))[0][1] == "computed at true positions"
+    assert figures(report(measured_slots=[0, 1, 2, 3]))[0][1] == "measured"
+    assert figures(shown)[1] == ("users without service after", "none", "2 (user-3, user-4)", "none")
     assert service(shown).startswith("<svg")
 
 

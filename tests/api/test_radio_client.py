@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Sequence
 from typing import Any
 
 import httpx2
 import pytest
 
+from skyfolio import sim
 from skyfolio.api.client import ApiError, Client
 from skyfolio.api.common.errors import InvalidError
-from skyfolio.api.fleet.simulated_fleet import fault_of
+from skyfolio.api.fleet.simulated_fleet import fault_of, specs_at_starts
+from skyfolio.api.flights.allocations import AllocationsView, SlotAllocation, UavAllocation
+from skyfolio.api.flights.base_stations import BaseStations, radio_truth
 from skyfolio.api.flights.measured_rates import Measurement
 from skyfolio.api.lab.radio_client import RestPort
 from skyfolio.api.lab.simulate import SimulateConfig, SimulateError, run_fleet
+from skyfolio.planner import EXAMPLES
 
 VIEW = {"operation_id": "op", "revision": 3, "plan_id": "p", "elapsed_s": 1.0, "paused": False, "uavs": {}}
 
@@ -49,6 +54,38 @@ def test_a_stale_acknowledgement_is_no_error_and_anything_else_is() -> None:
         asyncio.run(port(422, problem(422)).acknowledge("u", 9))
 
 
+class Told:
+    """A service that allocates everything to uav-1 in one revision, and what is acknowledged."""
+
+    def __init__(self, revision: int) -> None:
+        slot = SlotAllocation(slot=0, valid_from_s=0.0, valid_until_s=1e6, bandwidth_hz={"user-1": 1e4})
+        uavs = {"uav-1": UavAllocation(now=slot, next=None), "uav-2": UavAllocation(now=None, next=None)}
+        self.view = AllocationsView(
+            operation_id="op", revision=revision, plan_id="p", elapsed_s=1.0, paused=False, uavs=uavs
+        )
+        self.acknowledged: list[tuple[str, int]] = []
+
+    async def allocations(self) -> AllocationsView:
+        return self.view
+
+    async def acknowledge(self, uav_id: str, revision: int) -> bool:
+        self.acknowledged.append((uav_id, revision))
+        return True
+
+    async def measure(self, measurements: Sequence[Measurement]) -> None:
+        del measurements
+
+
+def test_a_second_operation_is_served_though_its_revisions_begin_anew() -> None:
+    scenario = EXAMPLES["minimal"]()
+    fleet = sim.Fleet(specs_at_starts(scenario), clock=sim.ScaledClock(1.0))
+    for revision in (9, 1):
+        told = Told(revision)
+        asyncio.run(BaseStations(fleet, radio_truth(fleet, scenario), told, {"uav-1": 1, "uav-2": 2}).step())
+        assert told.acknowledged == [("uav-1", revision), ("uav-2", revision)]
+        assert fleet.vehicles[1].base_station.serves(fleet.now_s) == {"user-1": 1e4}
+
+
 def test_measurements_are_sent_as_they_are() -> None:
     seen: list[httpx2.Request] = []
     one = Measurement(uav_id="u", user_id="k", elapsed_s=2.5, rate_bps=0.0)
@@ -66,4 +103,5 @@ def test_a_true_channel_that_cannot_be_is_refused_naming_the_option() -> None:
 
 def test_base_stations_that_serve_nobody_cannot_be_struck() -> None:
     with pytest.raises(InvalidError, match="'station_deaf' strikes a base station"):
-        fault_of("station_deaf", 1, {})
+        fault_of("station_deaf", 1, {}, stations=False)
+    assert fault_of("station_deaf", 1, {}) == sim.StationDeaf(1)

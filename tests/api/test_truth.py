@@ -95,6 +95,24 @@ def test_a_flight_that_was_flown_passes_with_the_right_timings(plans: list[Plan]
     assert report.tracking["uav-1"].worst_m < 10.0
 
 
+def test_what_base_stations_measured_counts_and_what_they_did_not_is_computed(plans: list[Plan]) -> None:
+    computed = judge(CONFIG, plans[0].scenario, flown(plans), outcome(plans), wall_s=1.0)
+    assert computed.measured_slots == []
+    users = plans[0].scenario.user_ids
+    orphans = {user for user, row in plans[0].association.items() if row[2] == "uav-2" and is_served(plans[0], user)}
+    dark = dict.fromkeys(set(users) - orphans, 400.0)
+    everybody = dict.fromkeys(users, 400.0)
+    served = [(at, everybody) for at in range(10)]
+    received = [*served, (10.5, dark), (12.0, dark), *((float(at), everybody) for at in range(13, 55))]
+    report = judge(CONFIG, plans[0].scenario, flown(plans), replace(outcome(plans), received=received), wall_s=1.0)
+    assert report.measured_slots == list(range(11))
+    assert report.slots_without_service == pytest.approx((13.0 - KILL_S) / 5), "before the new plan was in force"
+    orphan = orphans.pop()
+    assert report.flown.user_rates_bps[orphan][:4] == pytest.approx([400.0, 400.0, 400.0 * 2 / 4, 400.0])
+    assert report.flown.user_rates_bps[orphan][11] == computed.flown.user_rates_bps[orphan][11]
+    assert report.flown.mean_sum_rate_before_bps == pytest.approx(400.0 * len(users))
+
+
 @pytest.mark.parametrize("clock_error_s", [-1e-6, 0.0, 1e-6, 0.05])
 def test_a_user_is_unserved_after_the_loss_though_the_uav_served_an_instant_longer(
     plans: list[Plan], clock_error_s: float

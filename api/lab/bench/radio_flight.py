@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf
 from typing import Any
 
 from skyfolio import sim
-from skyfolio.api.common.errors import ConflictError
 from skyfolio.api.common.idempotency import fresh
-from skyfolio.api.flights.allocations import AllocationsView
-from skyfolio.api.flights.measured_rates import Measurement
+from skyfolio.api.flights.base_stations import BaseStations, radio_truth
 from skyfolio.api.flights.operation import Operation
 from skyfolio.api.flights.operation_views import ENDED, OperationView, Policy, State
 from skyfolio.api.flights.rates import InForce
-from skyfolio.api.lab.base_stations import BaseStations, radio_truth
 from skyfolio.api.lab.virtual.ground import Ground
 from skyfolio.api.lab.virtual.loop import run
-from skyfolio.api.service import Service
+from skyfolio.api.lab.virtual.stations import GroundPort
 from skyfolio.planner import Scenario
 
 STEP_S = 0.25
@@ -28,34 +24,6 @@ STRIKES_AT_S = 31.7
 """Fleet seconds since slot 0 when a UAV falls, in the midst of a slot."""
 SOLVE_S = 0.3
 """What a solve takes."""
-
-
-class ServicePort:
-    """Reaches a service on the same ground, as REST clients do over HTTP."""
-
-    def __init__(self, ground: Ground, service: Service, operation_id: str) -> None:
-        self._ground, self._service, self._id = ground, service, operation_id
-
-    async def allocations(self) -> AllocationsView | None:
-        """Return what base stations must serve; None once the operation has ended."""
-        operation = self._service.operations.active(self._id)
-        return None if operation is None else operation.radio.allocations.view()
-
-    async def acknowledge(self, uav_id: str, revision: int) -> bool:
-        """Acknowledge a revision; return whether that was accepted."""
-        operation = self._service.operations.active(self._id)
-        try:
-            return operation is not None and bool(operation.radio.allocations.acknowledge(uav_id, revision))
-        except ConflictError:
-            return False
-
-    async def measure(self, measurements: Sequence[Measurement]) -> None:
-        """Report what users get."""
-
-        async def take_in() -> None:
-            (await self._service.operations.commanded(self._id)).radio.measure(measurements)
-
-        await self._ground.ask(take_in())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,8 +77,8 @@ async def _fly(case: Case) -> Flown:
         operation = await ground.ask(service.operations.start(record.id, policy, fresh("operation")))
         assert isinstance(operation, Operation)  # noqa: S101 - it was made just now
         truth = radio_truth(ground.fleet, case.scenario, case.channel)
-        port = ServicePort(ground, service, operation.id)
-        stations = BaseStations(ground.fleet, truth, port, operation.flight.systems, report=case.report)
+        port = GroundPort(ground, operation.id)
+        stations = BaseStations(ground.fleet, truth, port, operation.flight.systems, report=case.report, keep=True)
         pilot = _Pilot(case, ground, operation)
         until_s = ground.now_s + LIMIT_S
         while operation.state not in ENDED and ground.now_s < until_s:

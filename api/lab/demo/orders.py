@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -27,9 +28,13 @@ class DemoConfig:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What the service reported in the end, and when slot 0 began on the simulator's clock."""
+    """What the service reported in the end, and when slot 0 began on the simulator's clock.
+
+    received: what users got from base stations, as `received.Received`; empty where nothing was measured.
+    """
 
     operation: dict[str, Any]
     plans: list[Plan]
     slot0_s: float
     kill_at_s: float
+    received: Sequence[tuple[float, Mapping[str, float]]] = ()

@@ -29,7 +29,7 @@ def headline(report: DemoReport) -> str:
     still = report.flown.unserved_after
     after = f"; {', '.join(still)} stayed without it" if still else ""
     return (
-        f"{fell}: {who} had no service for {outage_s:.1f} s, until the others flew a new plan; without one it would "
+        f"{fell}: {who} had no service for {outage_s:.1f} s, until others served them; without that it would "
         f"have been {to_the_end_s:.0f} s, to the end{after}."
     )
 
@@ -50,6 +50,7 @@ def figures(report: DemoReport) -> list[tuple[str, str, str, str]]:
         return (name, form(flown), form(without), form(known))
 
     return [
+        ("rates of users", rates_from(report), "computed", "computed"),
         each("users without service after", lambda one: _named(one.unserved_after)),
         each("worst user's mean rate after", lambda one: kbps(one.worst_user_after_bps)),
         ("slots without service of the lost UAV's users", f"{report.slots_without_service:.1f}", f"{left:.1f}", "0.0"),
@@ -63,6 +64,14 @@ def figures(report: DemoReport) -> list[tuple[str, str, str, str]]:
         each("variance of the sum rate", lambda one: f"{one.sum_rate_variance_kbps2:.1f} (kbit/s)²"),
         each("Jain index of the users", lambda one: f"{one.jain:.3f}"),
     ]
+
+
+def rates_from(report: DemoReport) -> str:
+    """Return in words whether the rates of users in the flight were measured."""
+    share = len(report.measured_slots) / len(report.flown.sum_rate_bps)
+    if share == 0.0:
+        return "computed at true positions"
+    return "measured" if share == 1.0 else f"{share:.0%} measured, the rest computed at true positions"
 
 
 def _named(users: list[str]) -> str:
@@ -105,7 +114,7 @@ def write_page(report: DemoReport, path: Path) -> None:
         f"<h1>Drill: {escape(report.killed)} falls when slot {report.killed_at_slot} begins</h1>"
         f"<p><b>{escape(headline(report))}</b></p>"
         f"<p><b>{'Passed' if report.passed else 'Failed'}.</b> Flown by a simulated fleet at {report.speedup:g} times "
-        f"real time; slots count from 1. Rates are what users truly got at the simulator's true positions.</p>"
+        f"real time; slots count from 1. Rates in flight are what users truly got: {rates_from(report)}.</p>"
         f"<figure>{service(report)}<figcaption>In each slot: users served, the worst user's rate, the sum rate. UAVs "
         "that serve everybody carry less in sum than the same UAVs if they leave the lost one's users without service; "
         "the variance of the sum rate counts that as a fluctuation.</figcaption>"

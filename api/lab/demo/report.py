@@ -47,9 +47,11 @@ class Tracking(BaseModel):
 class DemoReport(BaseModel):
     """The whole drill. Times named `_s` are fleet seconds, `replan_ms` and `upload_s` wall time.
 
-    `flown` is what users truly got. `no_replan` is what they would have got had the survivors flown the first plan to
-    its end: computed from the planned positions, with the lost UAV silent. `foreseen` is computed likewise for a plan
-    that knows of the loss from the start.
+    `flown` is what users truly got: measured by the base stations in the `measured_slots` (from 0), and computed at the
+    true positions in the others. `slots_without_service` counts until the users of the lost UAV were served again, on
+    average, or where that was not measured until the new plan came into force. `no_replan` is what they would have got
+    had the survivors flown the first plan to its end: computed from the planned positions, with the lost UAV silent.
+    `foreseen` is computed likewise for a plan that knows of the loss from the start.
     """
 
     passed: bool
@@ -65,6 +67,7 @@ class DemoReport(BaseModel):
     upload_s: float | None
     new_plan_in_force_at_s: float | None
     slots_without_service: float
+    measured_slots: list[int]
     flown: Rates
     no_replan: Rates
     foreseen: Rates

@@ -12,13 +12,16 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from skyfolio import sim
+from skyfolio.api.client import Client
 from skyfolio.api.fleet.simulated_fleet import hills_of, specs_at_starts
+from skyfolio.api.flights.base_stations import ASK_EVERY_S, BaseStations, Log, radio_truth
 from skyfolio.api.flights.operation_views import ENDED as ENDED_STATES
 from skyfolio.api.lab.demo import truth
 from skyfolio.api.lab.demo.client import DemoError, call, free_port, service_process
 from skyfolio.api.lab.demo.orders import DemoConfig, Outcome
 from skyfolio.api.lab.demo.page import result_table, write_page
 from skyfolio.api.lab.demo.report import DemoReport
+from skyfolio.api.lab.radio_client import RestPort
 from skyfolio.planner import EXAMPLES, Plan, Scenario
 
 POLL_S = 0.1
@@ -71,6 +74,17 @@ class Drill:
         order = {"plan_id": plan["id"], "replanning": "auto" if self._config.replan else "off"}
         operation = await call(client, "POST", "/v1/operations", json=order)
         path = f"/v1/operations/{operation['id']}"
+        with Client(str(client.base_url)) as rest:
+            stations = self._stations(RestPort(rest, operation["id"]))
+            serving = asyncio.create_task(self._serve(stations), name="base-stations")
+            try:
+                outcome = await self._flown(client, path, stations.log)
+                await serving  # it ends with the operation
+            finally:
+                serving.cancel()
+        return outcome
+
+    async def _flown(self, client: httpx2.AsyncClient, path: str, log: Log) -> Outcome:
         operation = await self._until(client, path, {"flying"} | ENDED)
         slot0_s = await self._slot0(client, path)
         kill_at_s = slot0_s + (self._config.kill_slot - 1) * self._scenario.slot_duration_s
@@ -80,7 +94,16 @@ class Drill:
         plans = [
             Plan.model_validate(await call(client, "GET", f"/v1/plans/{plan_id}")) for plan_id in operation["plan_ids"]
         ]
-        return Outcome(operation, plans, slot0_s, kill_at_s)
+        return Outcome(operation, plans, slot0_s, kill_at_s, log.rates_bps)
+
+    def _stations(self, port: RestPort) -> BaseStations:
+        """Return the base stations of the fleet, which serve what the service allocates, and measure."""
+        systems = {uav: number for number, uav in enumerate(self._scenario.uav_ids, start=1)}
+        return BaseStations(self._fleet, radio_truth(self._fleet, self._scenario), port, systems, keep=True)
+
+    async def _serve(self, stations: BaseStations) -> None:
+        while await stations.step():  # noqa: ASYNC110 - it asks another process
+            await asyncio.sleep(ASK_EVERY_S / self._config.speedup)
 
     async def _slot0(self, client: httpx2.AsyncClient, path: str) -> float:
         """Return when slot 0 began on the simulator's clock, from the quickest of a few round trips."""

@@ -12,6 +12,7 @@ import numpy as np
 from skyfolio import sim
 from skyfolio.api.flights.rates import InForce, Sample, rates_by_sample, rates_by_slot
 from skyfolio.api.lab.demo.orders import DemoConfig, Outcome
+from skyfolio.api.lab.demo.received import Received, measured_over, sums, without_service_s
 from skyfolio.api.lab.demo.report import UNSERVED_BPS, Check, DemoReport, Rates, Tracking
 from skyfolio.mavlink_bridge import geodetic_to_east_north
 from skyfolio.planner import Plan, Scenario, plan
@@ -86,6 +87,8 @@ def judge(config: DemoConfig, scenario: Scenario, log: sim.TruthLog, outcome: Ou
     ]
     checks = _checks(config, course, outcome, kill_s)
     slot_s, end_s = scenario.slot_duration_s, scenario.slots * scenario.slot_duration_s
+    flown, measured = _flown(timeline, course, outcome.received, kill_s, in_force_s)
+    outage_s = without_service_s(outcome.plans[0], config.kill, kill_s, outcome.received)
     return DemoReport(
         passed=all(check.passed for check in checks),
         checks=checks,
@@ -99,8 +102,9 @@ def judge(config: DemoConfig, scenario: Scenario, log: sim.TruthLog, outcome: Ou
         replan_ms=recovery.get("replan_ms"),
         upload_s=recovery.get("upload_s"),
         new_plan_in_force_at_s=in_force_s,
-        slots_without_service=((in_force_s or end_s) - kill_s) / slot_s,
-        flown=_flown(timeline, course, kill_s, in_force_s),
+        slots_without_service=((in_force_s or end_s) - kill_s if outage_s is None else outage_s) / slot_s,
+        measured_slots=measured,
+        flown=flown,
         no_replan=_computed(outcome.plans[0], config, kill_s, in_force_s),
         foreseen=_computed(_foreseeing(scenario, config), config, kill_s, in_force_s),
         tracking=_tracking(course, timeline, config.kill, kill_s),
@@ -114,11 +118,19 @@ def _in_force(outcome: Outcome) -> list[dict[str, float]]:
     return [each for each in outcome.operation["recoveries"] if each["in_force_at_s"] is not None]
 
 
-def _flown(timeline: list[InForce], course: Course, kill_s: float, in_force_s: float | None) -> Rates:
+def _flown(
+    timeline: list[InForce], course: Course, received: Received, kill_s: float, in_force_s: float | None
+) -> tuple[Rates, list[int]]:
+    """Return what users truly got, and the slots in which that was measured."""
     samples = course.samples()
-    by_slot = rates_by_slot(timeline, samples, course.scenario.slots)
-    at = np.array([sample.elapsed_s for sample in samples])
-    return _rates(course.scenario, by_slot, at, rates_by_sample(timeline, samples).sum(axis=1), kill_s, in_force_s)
+    computed = rates_by_slot(timeline, samples, course.scenario.slots)
+    by_slot, measured = measured_over(computed, received, course.scenario)
+    if received:
+        at, in_sum = sums(received)
+    else:
+        at = np.array([sample.elapsed_s for sample in samples])
+        in_sum = rates_by_sample(timeline, samples).sum(axis=1)
+    return _rates(course.scenario, by_slot, at, in_sum, kill_s, in_force_s), measured
 
 
 def _foreseeing(scenario: Scenario, config: DemoConfig) -> Plan:

@@ -1,4 +1,4 @@
-"""Joins the base stations of a simulated fleet to the service that flies it, as an integrator joins real ones.
+"""Joins the base stations of a simulated fleet to the operation that flies it, as an integrator joins real ones.
 
 Again and again they ask what they must serve (`operations/{id}/allocations`), acknowledge what they are ready for, and
 report what their users get. What users truly get is the simulator's (`sim.RadioTruth`): the service knows of it only
@@ -8,14 +8,19 @@ by those reports.
 from __future__ import annotations
 
 from collections.abc import Awaitable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 from skyfolio import sim
+from skyfolio.api.common.errors import ConflictError
 from skyfolio.api.flights.allocations import AllocationsView, SlotAllocation, UavAllocation
 from skyfolio.api.flights.measured_rates import LEAST_DB, Measurement
+from skyfolio.api.flights.operations import Operations
 from skyfolio.mavlink_bridge import east_north_to_geodetic
 from skyfolio.planner import Scenario
+
+ASK_EVERY_S = 0.2
+"""Fleet seconds between two looks of base stations at what they must serve."""
 
 
 class RadioPort(Protocol):
@@ -34,9 +39,35 @@ class RadioPort(Protocol):
         ...
 
 
+class OperationPort:
+    """Reaches an operation of this service, as REST clients do over HTTP."""
+
+    def __init__(self, operations: Operations, operation_id: str) -> None:
+        self._operations, self._id = operations, operation_id
+
+    async def allocations(self) -> AllocationsView | None:
+        """Return what base stations must serve; None once the operation has ended."""
+        operation = self._operations.active(self._id)
+        return None if operation is None else operation.radio.allocations.view()
+
+    async def acknowledge(self, uav_id: str, revision: int) -> bool:
+        """Acknowledge a revision; return whether that was accepted: it may be stale by now."""
+        operation = self._operations.active(self._id)
+        try:
+            return operation is not None and bool(operation.radio.allocations.acknowledge(uav_id, revision))
+        except ConflictError:
+            return False
+
+    async def measure(self, measurements: Sequence[Measurement]) -> None:
+        """Report what users get, unless the operation has ended."""
+        operation = self._operations.active(self._id)
+        if operation is not None:
+            operation.radio.measure(measurements)
+
+
 @dataclass
 class Log:
-    """What users truly got: (fleet seconds since slot 0, bit/s by user), and how often something was refused."""
+    """What users truly got: (fleet seconds since slot 0, bit/s by user), and how many acknowledgements were refused."""
 
     rates_bps: list[tuple[float, dict[str, float]]] = field(default_factory=list)
     refused: int = 0
@@ -61,10 +92,17 @@ def radio_truth(
     return sim.RadioTruth(fleet, given, places, power_w)
 
 
+def true_channel(scenario: Scenario, differs: sim.TruthChannel) -> sim.TruthChannel:
+    """Return the channel that planners of a scenario assume, but for that by which the true one `differs`."""
+    assumed = scenario.channel
+    return replace(differs, reference_gain_db=assumed.reference_gain_db, noise_dbm=assumed.noise_dbm)
+
+
 class BaseStations:
     """The base stations of one fleet in one operation. system_of: the system id of each UAV.
 
-    report: whether they measure and report; measure_every_s: how often, in fleet seconds.
+    report: whether they measure and report; measure_every_s: how often, in fleet seconds. keep: whether to log what
+    users get at every step.
     """
 
     def __init__(
@@ -76,12 +114,13 @@ class BaseStations:
         *,
         report: bool = True,
         measure_every_s: float = 1.0,
+        keep: bool = False,
     ) -> None:
         self._fleet, self._truth, self._port, self._system_of = fleet, truth, port, dict(system_of)
         self._uav_of = {system: uav for uav, system in system_of.items()}
-        self._report, self._measure_every_s = report, measure_every_s
+        self._report, self._measure_every_s, self._keep = report, measure_every_s, keep
         self._measure_at_s = 0.0
-        self._revision = -1
+        self._revision: int | None = None
         self.log = Log()
 
     async def step(self) -> bool:
@@ -89,6 +128,8 @@ class BaseStations:
         view = await self._port.allocations()
         if view is None:
             return False
+        if self._revision is None:
+            self._join()
         if view.revision != self._revision and view.elapsed_s is not None:  # before slot 0 there is no time to serve by
             self._revision = view.revision
             self._tell(view)
@@ -103,6 +144,11 @@ class BaseStations:
                 self.log.refused += 1
         await self._measure(view)
         return True
+
+    def _join(self) -> None:
+        self._revision = -1
+        for system in self._system_of.values():
+            self._fleet.vehicles[system].base_station.join()
 
     def _is_reached(self, system: int) -> bool:
         """Return whether the link on board works, over which base stations are reached too."""
@@ -123,9 +169,11 @@ class BaseStations:
         elapsed_s = view.elapsed_s
         if elapsed_s is None:
             return
-        received = self._truth.received()
-        self.log.rates_bps.append((elapsed_s, {one.user_id: one.rate_bps for one in received}))
-        if not self._report or elapsed_s < self._measure_at_s:
+        is_due = self._report and elapsed_s >= self._measure_at_s
+        received = self._truth.received() if is_due or self._keep else []
+        if self._keep:
+            self.log.rates_bps.append((elapsed_s, {one.user_id: one.rate_bps for one in received}))
+        if not is_due:
             return
         self._measure_at_s = elapsed_s + self._measure_every_s
         measured = self._reports(view, received, round(elapsed_s, 3))
