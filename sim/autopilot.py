@@ -287,14 +287,18 @@ class Autopilot:
     def step(self, now_s: float, dt_s: float) -> None:
         """Fly for `dt_s` seconds, to arrive at fleet time `now_s`."""
         self.clock.now_s = now_s
-        was_on_ground, sinking_mps = self.body.on_ground, self.body.up_mps
-        self.dynamics.step(now_s, dt_s)
-        if was_on_ground and not self.body.on_ground:
-            self.ground.took_off()
-        elif self.body.on_ground and not was_on_ground:
-            self.ground.touched(sinking_mps)
+        dynamics = self.dynamics
+        before = dynamics.body
+        dynamics.step(now_s, dt_s)
+        on_ground = dynamics.body.on_ground
+        if on_ground is not before.on_ground:
+            if on_ground:
+                self.ground.touched(before.up_mps)
+            else:
+                self.ground.took_off()
         self.boot_plan.step()
-        self.ground.disarm_when_idle()
+        if self.armed:
+            self.ground.disarm_when_idle()
         self.failsafes.check(now_s, self.protocol_clock())
 
     def _item_reached(self, seq: int) -> None:

@@ -85,6 +85,7 @@ class Boot:
         self._words = [entry for entry in plan.words if entry[0] > age_s]
         self._home_is_set = age_s >= plan.home_s
         self._reminder_s = plan.reminder_s
+        self._is_ready = self._is_over = False
 
     @property
     def age_s(self) -> float:
@@ -104,10 +105,14 @@ class Boot:
     @property
     def ready(self) -> bool:
         """Whether the estimate is good enough to fly by."""
-        return self.age_s >= self._plan.ready_s
+        if not self._is_ready:
+            self._is_ready = self.age_s >= self._plan.ready_s
+        return self._is_ready
 
     def step(self) -> None:
         """Send what is due by now."""
+        if self._is_over:
+            return
         host = self._host
         while self._words and self._words[0][0] <= self.age_s:
             _, severity, words = self._words.pop(0)
@@ -115,6 +120,7 @@ class Boot:
         if not self._home_is_set and self.has_home:
             self._home_is_set = True
             host.set_home_here()
+        self._is_over = self.ready and self._home_is_set and not self._words
         if self._reminder_s is not None and not self.ready and self.age_s >= self._reminder_s:
             self._reminder_s += self._plan.reminder_s or LONGEST_S
             for words, severity in host.arming_refusal(tag="PreArm"):

@@ -1,7 +1,6 @@
 """One vehicle's body in the air, moved by its guidance, with weather, a draining battery, and failures."""
 
 import math
-from dataclasses import replace
 from typing import Protocol
 
 from skyfolio.sim.airframe import ARMED_IDLE_W, GUST_SHARE, IDLE_W, MAX_AIRSPEED_MPS, Battery, flight_power_w
@@ -57,7 +56,7 @@ class Dynamics:
         if error == (0.0, 0.0, 0.0):
             return self.body
         up_m = self.body.up_m if self.body.on_ground else self.body.up_m + error[2]
-        return replace(self.body, east_m=self.body.east_m + error[0], north_m=self.body.north_m + error[1], up_m=up_m)
+        return self.body._replace(east_m=self.body.east_m + error[0], north_m=self.body.north_m + error[1], up_m=up_m)
 
     def step(self, now_s: float, dt_s: float) -> None:
         """Fly for `dt_s` seconds, to arrive at fleet time `now_s`."""
@@ -86,10 +85,10 @@ class Dynamics:
         elif not was_on_ground:
             up_m = max(body.ground_m, body.up_m + body.up_mps * dt_s)
             east_m, north_m = body.east_m + body.east_mps * dt_s, body.north_m + body.north_mps * dt_s
-            self.body = replace(body, east_m=east_m, north_m=north_m, up_m=up_m)
+            self.body = body._replace(east_m=east_m, north_m=north_m, up_m=up_m)
             if self.body.on_ground:
                 soft = max(-body.up_mps, math.hypot(body.east_mps, body.north_mps)) <= SOFT_TOUCHDOWN_MPS
-                self.body = replace(self.body, east_mps=0.0, north_mps=0.0, up_mps=0.0)
+                self.body = self.body._replace(east_mps=0.0, north_mps=0.0, up_mps=0.0)
                 self.crashed, self.powered = not soft, soft
         self._meet_ground(was_on_ground=was_on_ground)
         self._drain(dt_s)
@@ -102,10 +101,10 @@ class Dynamics:
             return
         stands = was_on_ground and body.on_ground
         if not stands and body.up_m > ground_m:
-            self.body = replace(body, ground_m=ground_m)
+            self.body = body._replace(ground_m=ground_m)
             return
         still = {"east_mps": 0.0, "north_mps": 0.0, "up_mps": 0.0, "east_mps2": 0.0, "north_mps2": 0.0}
-        self.body = replace(body, up_m=ground_m, ground_m=ground_m, **still)
+        self.body = body._replace(up_m=ground_m, ground_m=ground_m, **still)
         if not stands and not self.landing:
             self.crashed = True
             self.cut_power()
@@ -125,8 +124,8 @@ class Dynamics:
     def _as_steered(self, guidance: Guidance) -> Guidance:
         """Return the guidance in true places: moved by the error of the estimate."""
         east, north, up = self._host.air.error_m
-        return replace(
-            guidance, east_m=guidance.east_m - east, north_m=guidance.north_m - north, up_m=guidance.up_m - up
+        return guidance._replace(
+            east_m=guidance.east_m - east, north_m=guidance.north_m - north, up_m=guidance.up_m - up
         )
 
     def _blown(self, body: Body, dt_s: float) -> Body:
@@ -140,8 +139,7 @@ class Dynamics:
             east, north = wind_east + (east - wind_east) * share, wind_north + (north - wind_north) * share
         moved_east = (east - body.east_mps + GUST_SHARE * air.gust_mps[0]) * dt_s
         moved_north = (north - body.north_mps + GUST_SHARE * air.gust_mps[1]) * dt_s
-        return replace(
-            body,
+        return body._replace(
             east_m=body.east_m + moved_east,
             north_m=body.north_m + moved_north,
             east_mps=east,
@@ -150,7 +148,7 @@ class Dynamics:
 
     def _drain(self, dt_s: float) -> None:
         host, body = self._host, self.body
-        if body.on_ground or not self.powered:
+        if not self.powered or body.up_m <= body.ground_m:
             power_w = ARMED_IDLE_W if host.armed else IDLE_W
         else:
             wind_east, wind_north = host.air.wind_mps

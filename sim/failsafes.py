@@ -90,7 +90,9 @@ class Failsafes(ABC):
     def _check_battery(self) -> None:
         levels = self._host.parameters.tuning.batteries
         share = self._host.battery.share
-        passed = sum([share < level.share for level in levels])
+        passed = 0
+        for level in levels:
+            passed += share < level.share
         if passed > self._levels_passed:
             self._battery_fell(levels[self._levels_passed : passed])
         self._levels_passed = passed

@@ -41,24 +41,32 @@ class Fence:
             return Breach.CEILING
         if body.distance_to(*home_m) > rule.radius_m:
             return Breach.RADIUS
-        drawn = bool(self._polygons or self._circles)
-        broken = rule.shapes and drawn and self._breaks_shapes((body.east_m, body.north_m))
-        return Breach.SHAPES if broken else None
+        drawn = rule.shapes and (self._polygons or self._circles)
+        return Breach.SHAPES if drawn and self._breaks_shapes((body.east_m, body.north_m)) else None
 
     def _breaks_shapes(self, place: Place) -> bool:
+        has_inclusion = is_included = False
         inside = [(keep_in, _in_polygon(place, corners)) for keep_in, corners in self._polygons]
-        inside += [(keep_in, math.dist(place, centre) <= radius) for keep_in, centre, radius in self._circles]
-        inclusions = [within for keep_in, within in inside if keep_in]
-        return any(within for keep_in, within in inside if not keep_in) or (bool(inclusions) and not any(inclusions))
+        if self._circles:
+            inside += [(keep_in, math.dist(place, centre) <= radius) for keep_in, centre, radius in self._circles]
+        for keep_in, within in inside:
+            if keep_in:
+                has_inclusion, is_included = True, is_included or within
+            elif within:
+                return True
+        return has_inclusion and not is_included
 
 
 def _in_polygon(place: Place, corners: Sequence[Place]) -> bool:
     """Return whether a place lies in a polygon, by the even-odd rule with a ray to the east."""
     crossed = False
-    previous = corners[-1]
-    for corner in corners:
-        if (corner[1] > place[1]) != (previous[1] > place[1]):
-            at = corner[0] + (place[1] - corner[1]) / (previous[1] - corner[1]) * (previous[0] - corner[0])
-            crossed ^= place[0] < at
-        previous = corner
+    east, north = place
+    previous_east, previous_north = corners[-1]
+    previous_above = previous_north > north
+    for corner_east, corner_north in corners:
+        above = corner_north > north
+        if above != previous_above:
+            share = (north - corner_north) / (previous_north - corner_north)
+            crossed ^= east < corner_east + share * (previous_east - corner_east)
+        previous_east, previous_north, previous_above = corner_east, corner_north, above
     return crossed

@@ -61,16 +61,15 @@ class Ground:
             host.emit("crashed", {"impact_mps": round(abs(sinking_mps), 2)})
 
     def disarm_when_idle(self) -> None:
-        """Disarm a vehicle that has landed, never took off, or lies there broken, once its time has come."""
+        """Disarm an armed vehicle that has landed, never took off, or lies there broken, once its time has come."""
         host = self._host
-        if not host.armed:
-            return
         now_s, tuning, words = host.clock.now_s, host.parameters.tuning, host.traits.words
         if host.dynamics.crashed and words.crashed:
             if now_s - self._landed_s >= CRASH_NOTICED_S:
                 host.send_text(words.crashed, dialect.MAV_SEVERITY_EMERGENCY)
                 host.disarm()
             return
-        waits = ((self._landed_s, tuning.disarm_after_landing_s), (self._armed_s, tuning.disarm_on_ground_s))
-        if any(wait_s is not None and now_s - since_s >= wait_s for since_s, wait_s in waits):
+        landing_s, idle_s = tuning.disarm_after_landing_s, tuning.disarm_on_ground_s
+        landed = landing_s is not None and now_s - self._landed_s >= landing_s
+        if landed or (idle_s is not None and now_s - self._armed_s >= idle_s):
             host.disarm(words=words.disarmed_by_landing)

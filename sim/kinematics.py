@@ -6,7 +6,8 @@ a jerk limit (ArduCopter's WPNAV_JERK) the acceleration builds up and fades, whi
 """
 
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 GRAVITY_MPS2 = 9.81
 TERMINAL_SPEED_MPS = 20.0
@@ -51,8 +52,7 @@ class Limits:
                 raise ValueError(f"{field.name} must be a positive number, got {value}")
 
 
-@dataclass(frozen=True, slots=True)
-class Body:
+class Body(NamedTuple):
     """Position (m), velocity (m/s), heading (rad) and horizontal acceleration (m/s^2) of one vehicle.
 
     ground_m: how high the ground is beneath it, above the spawn point.
@@ -84,8 +84,7 @@ class Body:
         return math.hypot(east_m - self.east_m, north_m - self.north_m)
 
 
-@dataclass(frozen=True, slots=True)
-class Guidance:
+class Guidance(NamedTuple):
     """What to fly: towards a point at `speed_mps`, to be passed at `passing_mps`; `landing` sinks to the ground.
 
     `velocity_mps` (east, north, up) makes the point a moving one, as streamed setpoints do; `yaw_rad` None turns the
@@ -148,34 +147,34 @@ def stopping_point(body: Body, limits: Limits) -> tuple[float, float]:
 def step(body: Body, guidance: Guidance, limits: Limits, dt_s: float) -> Body:
     """Return the body `dt_s` later under power; speeds and accelerations stay within `limits`."""
     east_mps2, north_mps2 = _horizontal_acceleration(body, guidance, limits, dt_s)
-    east_mps, north_mps = body.east_mps + east_mps2 * dt_s, body.north_mps + north_mps2 * dt_s
+    east_m, north_m, up_m, was_east_mps, was_north_mps, was_up_mps, _, _, _, ground_m = body
+    east_mps, north_mps = was_east_mps + east_mps2 * dt_s, was_north_mps + north_mps2 * dt_s
     up_mps = _vertical_velocity(body, guidance, limits, dt_s)
-    up_m = body.up_m + (body.up_mps + up_mps) / 2.0 * dt_s
-    if up_m <= body.ground_m:
-        up_m, up_mps = body.ground_m, 0.0
+    up_m += (was_up_mps + up_mps) / 2.0 * dt_s
+    if up_m <= ground_m:
+        up_m, up_mps = ground_m, 0.0
         if guidance.landing:
             east_mps = north_mps = east_mps2 = north_mps2 = 0.0
     return Body(
-        east_m=body.east_m + (body.east_mps + east_mps) / 2.0 * dt_s,
-        north_m=body.north_m + (body.north_mps + north_mps) / 2.0 * dt_s,
-        up_m=up_m,
-        east_mps=east_mps,
-        north_mps=north_mps,
-        up_mps=up_mps,
-        yaw_rad=_yaw(body, guidance, east_mps, north_mps, dt_s),
-        east_mps2=east_mps2,
-        north_mps2=north_mps2,
-        ground_m=body.ground_m,
+        east_m + (was_east_mps + east_mps) / 2.0 * dt_s,
+        north_m + (was_north_mps + north_mps) / 2.0 * dt_s,
+        up_m,
+        east_mps,
+        north_mps,
+        up_mps,
+        _yaw(body, guidance, east_mps, north_mps, dt_s),
+        east_mps2,
+        north_mps2,
+        ground_m,
     )
 
 
 def fall(body: Body, dt_s: float) -> Body:
     """Return the body `dt_s` later with the motors stopped; at rest once it is on the ground."""
     if body.on_ground:
-        return replace(body, up_m=body.ground_m, east_mps=0.0, north_mps=0.0, up_mps=0.0, east_mps2=0.0, north_mps2=0.0)
+        return body._replace(up_m=body.ground_m, east_mps=0.0, north_mps=0.0, up_mps=0.0, east_mps2=0.0, north_mps2=0.0)
     up_mps = max(body.up_mps - GRAVITY_MPS2 * dt_s, -TERMINAL_SPEED_MPS)
-    return replace(
-        body,
+    return body._replace(
         east_m=body.east_m + body.east_mps * dt_s,
         north_m=body.north_m + body.north_mps * dt_s,
         up_m=max(body.ground_m, body.up_m + (body.up_mps + up_mps) / 2.0 * dt_s),

@@ -127,9 +127,9 @@ class Navigator:
             self._hold = self._stop_here()
         hold = self._hold or self._here(body)
         if self.speed_mps is not None:
-            hold = replace(hold, speed_mps=self.speed_mps)
+            hold = hold._replace(speed_mps=self.speed_mps)
         if mode is Mode.LAND:
-            return replace(hold, landing=True)
+            return hold._replace(landing=True)
         return self._home(body, now_s) if mode is Mode.RTL else hold
 
     def _mission(self, body: Body, now_s: float) -> Guidance | None:
@@ -169,7 +169,7 @@ class Navigator:
         if self._takeoff_up_m is None:
             self._takeoff_up_m = host.parameters.tuning.takeoff_alt_m
         up_m = max(self._takeoff_up_m, self._hold.up_m)
-        guidance = replace(self._hold, up_m=up_m)
+        guidance = self._hold._replace(up_m=up_m)
         if abs(up_m - body.up_m) <= host.parameters.tuning.altitude_radius_m / 2.0:
             self._taking_off = False
             if host.mode is Mode.TAKEOFF:
@@ -191,16 +191,16 @@ class Navigator:
             if host.traits.restores_mode:
                 amsl_m, above_m = math.ceil(host.spec.home_alt_m + up_m), math.ceil(up_m)
                 host.send_text(f"RTL: start return at {amsl_m} m ({above_m} m above destination)\t")
-        way = replace(way, speed_mps=self.speed_mps or tuning.limits.cruise_speed_mps)
+        way = way._replace(speed_mps=self.speed_mps or tuning.limits.cruise_speed_mps)
         if body.distance_to(way.east_m, way.north_m) <= tuning.acceptance_radius_m and self._over_home_s is None:
             self._over_home_s = now_s
             if host.traits.restores_mode:
                 host.send_text("RTL: land at destination\t")
         if self._over_home_s is not None:
             landing = now_s - self._over_home_s >= tuning.return_loiter_s
-            return replace(way, up_m=0.0 if landing else way.up_m, landing=landing)
+            return way._replace(up_m=0.0 if landing else way.up_m, landing=landing)
         if way.up_m - body.up_m > tuning.altitude_radius_m and self._hold is not None:
-            return replace(self._hold, up_m=way.up_m)
+            return self._hold._replace(up_m=way.up_m)
         return way
 
     def _to_setpoint(self, body: Body, now_s: float, setpoint: Setpoint) -> Guidance | None:
@@ -215,7 +215,7 @@ class Navigator:
         if body.on_ground:
             return None
         east_m, north_m = stopping_point(body, self._host.parameters.limits)
-        return replace(self._here(body), east_m=east_m, north_m=north_m)
+        return self._here(body)._replace(east_m=east_m, north_m=north_m)
 
     def _here(self, body: Body) -> Guidance:
         limits = self._host.parameters.limits

@@ -57,6 +57,8 @@ class Vehicle:
         hills: Hills | None = None,
     ) -> None:
         self.spec = spec
+        self.system_id = spec.system_id
+        """The MAVLink system id."""
         self.radio = radio
         self.autopilot = Autopilot(
             spec,
@@ -79,11 +81,6 @@ class Vehicle:
         self._later: list[tuple[float, Callable[[], None]]] = []
         self._frozen_since: tuple[float, float] | None = None
         self._unread: deque[tuple[Any, Address]] = deque(maxlen=UNREAD)
-
-    @property
-    def system_id(self) -> int:
-        """The MAVLink system id."""
-        return self.spec.system_id
 
     @property
     def position(self) -> tuple[float, float, float]:
@@ -119,7 +116,8 @@ class Vehicle:
     @property
     def running(self) -> bool:
         """Whether the autopilot runs: neither killed, frozen nor booting."""
-        return not self._killed and self._now_s >= max(self._frozen_until_s, self._booting_until_s)
+        now_s = self._now_s
+        return now_s >= self._frozen_until_s and now_s >= self._booting_until_s and not self._killed
 
     @property
     def transmitting(self) -> bool:
@@ -135,9 +133,8 @@ class Vehicle:
     def step(self, now_s: float, dt_s: float) -> None:
         """Fly for `dt_s` seconds, to arrive at fleet time `now_s`, and send what is due."""
         self._now_s = now_s
-        for due_s, action in [entry for entry in self._later if entry[0] <= now_s + 1e-9]:
-            self._later.remove((due_s, action))
-            action()
+        if self._later:
+            self._do_what_is_due(now_s)
         if self.running or self._killed:
             self.autopilot.step(now_s, dt_s)
         else:
@@ -147,12 +144,17 @@ class Vehicle:
             self.reboot(REBOOT_S)
         self.flush()
 
+    def _do_what_is_due(self, now_s: float) -> None:
+        for due_s, action in [entry for entry in self._later if entry[0] <= now_s + 1e-9]:
+            self._later.remove((due_s, action))
+            action()
+
     def flush(self) -> None:
         """Broadcast what the autopilot sends, and deliver what the link has delayed."""
         messages = self.autopilot.due() if self.running else []
         if self.link is None or not self.link.is_open:
             return
-        if self.transmitting:
+        if messages and self.transmitting:
             for datagram in self._datagrams(messages):
                 self.link.broadcast(datagram)
         self.link.pump()

@@ -106,9 +106,11 @@ class Telemetry:
 
         Only PX4 sends MISSION_CURRENT whenever the index changes or the mission ends.
         """
-        messages: list[Message] = []
         runner = self._host.runner
         before, self._announced = self._announced, (runner.index, runner.finished)
+        if before == self._announced and self._reached is None:
+            return []
+        messages: list[Message] = []
         if self._host.traits.announces_mission and before not in (None, self._announced) and runner.mission.items:
             messages += filter(None, [self.build(MISSION_CURRENT)])
         reached, self._reached = self._reached, None

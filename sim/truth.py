@@ -4,7 +4,7 @@ import json
 from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field, is_dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from skyfolio.sim.link import Address
 from skyfolio.sim.station import Vehicle
@@ -16,8 +16,7 @@ MAX_SAMPLES = 1_000_000
 MAX_MESSAGES = 200_000
 
 
-@dataclass(frozen=True, slots=True)
-class Sample:
+class Sample(NamedTuple):
     """One vehicle at one moment of fleet time.
 
     Degrees (WGS 84), metres above home, above the ground beneath and above mean sea level, m/s; `mission_id` is 0
@@ -97,11 +96,12 @@ class TruthLog:
     def record(self, t_s: float, vehicle: Vehicle) -> None:
         """Add a sample of a vehicle."""
         autopilot = vehicle.autopilot
+        body = autopilot.dynamics.body
         sample = Sample(
             t_s,
             vehicle.system_id,
             *vehicle.position,
-            autopilot.body.ground_speed_mps,
+            body.ground_speed_mps,
             autopilot.mode.name,
             autopilot.armed,
             vehicle.alive,
@@ -109,11 +109,12 @@ class TruthLog:
             autopilot.runner.mission.mission_id,
             autopilot.runner.index,
             autopilot.battery.share,
-            autopilot.body.up_m - autopilot.body.ground_m,
-            autopilot.spec.home_alt_m + autopilot.body.up_m,
+            body.up_m - body.ground_m,
+            autopilot.spec.home_alt_m + body.up_m,
         )
         self.samples.append(sample)
-        self._sink(sample)
+        if self.sink is not None:
+            self.sink(row_of(sample))
 
     def add_event(self, event: Event) -> None:
         """Add an event."""
@@ -156,7 +157,7 @@ class TruthLog:
 
     def rows(self) -> list[Row]:
         """Return the samples as plain dictionaries, ready for JSON or a table."""
-        return [asdict(sample) for sample in self.samples]
+        return [sample._asdict() for sample in self.samples]
 
     def lines(self) -> Iterator[str]:
         """Return everything as JSON lines: samples, events, messages, notes."""
@@ -178,8 +179,9 @@ def row_of(entry: Sample | Event | LoggedMessage) -> Row:
     if isinstance(entry, Event):
         row = {"log": "event", "t_s": round(entry.t_s, 6), "system_id": entry.system_id, "kind": entry.kind}
         return {**row, **entry.detail}
-    name = "sample" if isinstance(entry, Sample) else "message"
-    return {"log": name, **asdict(entry), "t_s": round(entry.t_s, 6)}
+    if isinstance(entry, Sample):
+        return {"log": "sample", **entry._asdict(), "t_s": round(entry.t_s, 6)}
+    return {"log": "message", **asdict(entry), "t_s": round(entry.t_s, 6)}
 
 
 def as_line(row: Row) -> str:

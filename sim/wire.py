@@ -5,8 +5,12 @@ fields are not part of a message's checksum seed, so they can be appended to the
 """
 
 import struct
-from typing import Any, Protocol
+from collections.abc import Callable
+from functools import cache
+from operator import attrgetter
+from typing import Any, NamedTuple, Protocol
 
+from fastcrc import crc16
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -52,9 +56,13 @@ class Extended:
     def pack(self, mav: Any) -> bytes:
         """Return the frame."""
         base = self.base
-        payload = base.unpacker.pack(*(getattr(base, name) for name in base.ordered_fieldnames))
-        payload += struct.pack(f"<{len(self.extension)}I", *self.extension.values())
+        payload = base.unpacker.pack(*(getattr(base, name) for name in base.ordered_fieldnames)) + self.extension_bytes
         return bytes(base._pack(mav, base.crc_extra, payload))
+
+    @property
+    def extension_bytes(self) -> bytes:
+        """Return the extension fields as they are sent."""
+        return struct.pack(f"<{len(self.extension)}I", *self.extension.values())
 
 
 class Unlisted:
@@ -97,11 +105,49 @@ class Encoder:
 
     def encode(self, message: Message) -> bytes:
         """Return the MAVLink 2 frame of `message`."""
+        mav = self._mav
         if self._signature is not None:
-            self._mav.signing.timestamp = max(self._mav.signing.timestamp, self._signature.timestamp)
-        frame = message.pack(self._mav)
-        self._mav.seq = (self._mav.seq + 1) % 256
+            mav.signing.timestamp = max(mav.signing.timestamp, self._signature.timestamp)
+            frame = message.pack(mav)
+        else:
+            frame = _plain_frame(message, mav) or message.pack(mav)
+        mav.seq = (mav.seq + 1) % 256
         return frame
+
+
+class _Layout(NamedTuple):
+    """How a message without arrays is laid out: its number, how its fields are read and packed, and its seed."""
+
+    number: bytes
+    values: Callable[[Any], tuple[Any, ...]]
+    pack: Callable[..., bytes]
+    seed: bytes
+
+
+@cache
+def _layout_of(kind: Any) -> _Layout | None:
+    """Return the layout of a class of messages; None for one that has arrays, or packs itself in its own way."""
+    if not issubclass(kind, dialect.MAVLink_message) or any(kind.array_lengths):
+        return None
+    names = kind.ordered_fieldnames
+    values = attrgetter(*names) if len(names) > 1 else lambda message, only=attrgetter(*names): (only(message),)
+    return _Layout(kind.id.to_bytes(3, "little"), values, kind.unpacker.pack, bytes((kind.crc_extra,)))
+
+
+def _plain_frame(message: Any, mav: Any) -> bytes | None:
+    """Return the unsigned frame of a message, as pymavlink packs it, in a fraction of the time; None if it has to."""
+    extended = type(message) is Extended
+    base = message.base if extended else message
+    layout = _layout_of(base.__class__)
+    if layout is None:
+        return None
+    payload = layout.pack(*layout.values(base))
+    if extended:
+        payload += message.extension_bytes
+    payload = payload.rstrip(b"\0") or payload[:1]
+    head = bytes((len(payload), 0, 0, mav.seq, mav.srcSystem, mav.srcComponent)) + layout.number
+    checksum = crc16.mcrf4xx(head + payload + layout.seed)
+    return b"%c%b%b%b" % (MAVLINK_2_MARKER, head, payload, checksum.to_bytes(2, "little"))
 
 
 class Decoder:

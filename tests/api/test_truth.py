@@ -159,7 +159,7 @@ def test_a_service_that_says_it_failed_fails(plans: list[Plan]) -> None:
 def test_two_uavs_that_truly_came_too_close_fail(plans: list[Plan]) -> None:
     log = flown(plans)
     near = next(sample for sample in log.samples if sample.system_id == 1 and sample.t_s == SLOT0_S + 5.0)
-    rows = [replace(near, system_id=2) if (row.t_s, row.system_id) == (near.t_s, 2) else row for row in log.samples]
+    rows = [near._replace(system_id=2) if (row.t_s, row.system_id) == (near.t_s, 2) else row for row in log.samples]
     log.samples.clear()
     log.samples.extend(rows)
     assert failed_checks(plans, log, outcome(plans)) == ["separation kept"]

@@ -1,7 +1,6 @@
 """sim.autopilot and sim.command_table"""
 
 from collections.abc import Callable
-from dataclasses import astuple
 from math import isfinite
 from typing import TYPE_CHECKING
 
@@ -264,6 +263,6 @@ def test_no_order_of_commands_with_any_numbers_breaks_it(
         for answer in bench.autopilot.handle(bench.gcs.command(command, *params)):
             answer.pack(mav)
         bench.fly(1.0)
-    assert all(isfinite(number) for number in astuple(bench.autopilot.body))
+    assert all(isfinite(number) for number in bench.autopilot.body)
     for message in bench.sent:
         message.pack(mav)

@@ -1,7 +1,6 @@
 """Base stations on vehicles: they serve what they acknowledged, and faults strike them alone."""
 
 import math
-from dataclasses import replace
 
 import pytest
 
@@ -62,7 +61,7 @@ def test_a_late_one_is_ready_when_it_is_and_not_before() -> None:
 def hover(vehicle: sim.Vehicle) -> None:
     """It is 20 m up, from one moment to the next."""
     dynamics = vehicle.autopilot.dynamics
-    dynamics.body = replace(dynamics.body, up_m=20.0)
+    dynamics.body = dynamics.body._replace(up_m=20.0)
 
 
 def fleet_above(users: dict[str, tuple[float, float]], channel: TruthChannel) -> tuple[sim.Fleet, RadioTruth]:

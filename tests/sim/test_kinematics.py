@@ -19,6 +19,8 @@ guidances = st.builds(
     speed_mps=st.floats(0.1, 30.0),
     passing_mps=st.floats(0.0, 30.0),
     landing=st.booleans(),
+    velocity_mps=st.none(),
+    yaw_rad=st.none(),
 )
 limits_of_all_kinds = st.builds(
     Limits,

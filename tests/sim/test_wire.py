@@ -28,6 +28,26 @@ def test_frames_are_numbered() -> None:
     assert frames[0][5:7] == bytes([9, 1])
 
 
+@given(
+    velocity=st.tuples(*[st.integers(-(2**15), 2**15 - 1)] * 3),
+    seq=st.integers(0, 255),
+    checksum=st.integers(0, 2**32 - 1),
+)
+def test_frames_are_those_that_pymavlink_packs(velocity: tuple[int, int, int], seq: int, checksum: int) -> None:
+    messages = [
+        dialect.MAVLink_global_position_int_message(1, 2, 3, 4, 0, *velocity, 0),
+        dialect.MAVLink_ping_message(0, 0, 0, 0),
+        dialect.MAVLink_mission_item_reached_message(seq),
+        dialect.MAVLink_battery_status_message(0, 1, 1, 0x7FFF, [3900] * 4 + [0xFFFF] * 6, 10, 20, -1, 90),
+        Extended(dialect.MAVLink_mission_current_message(3, 9, 2, 1), mission_id=checksum),
+        text("hello"),
+    ]
+    for message in messages:
+        mav, encoder = dialect.MAVLink(None, 9, 1), Encoder(9)
+        mav.seq = encoder._mav.seq = seq
+        assert encoder.encode(message) == bytes(message.pack(mav))
+
+
 def test_damaged_and_mavlink_1_frames_are_dropped_and_the_next_is_still_decoded(gcs: "GroundStation") -> None:
     good = gcs.frame("ping", 1, 2, 0, 0)
     damaged = bytearray(good)
