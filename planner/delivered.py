@@ -19,43 +19,71 @@ def delivered_rates_bps(
 ) -> Array:
     """Return the rates of eqs. (3)-(4) by the plan's association and bandwidth, at the given positions: (S, K) bit/s.
 
-    UAVs are at the plan's altitudes.
-
-    S samples; slots: (S,) index on the plan's own grid (0 is its first slot). positions_m: (S, U, 2) metres east/north
-    of the origin, in the plan's UAV order. transmitting: (S, U): a UAV that is off serves no user and does not
-    interfere. No user takes more than it asks for. Raises ValueError when the shapes do not agree or a slot lies
-    outside the plan.
+    See `Delivery.rates_bps`, for which one `Delivery` serves where the same plan is asked for again and again.
     """
-    scenario = plan.scenario
-    n_samples, n_uavs = len(slots), len(scenario.uavs)
-    if positions_m.shape != (n_samples, n_uavs, 2) or transmitting.shape != (n_samples, n_uavs):
-        raise ValueError(
-            f"positions_m {positions_m.shape} and transmitting {transmitting.shape} must be (S, U, 2), (S, U)"
+    return Delivery(plan).rates_bps(slots, positions_m, transmitting)
+
+
+class Delivery:
+    """The rates of one plan at positions other than planned; what does not depend on them is made once."""
+
+    def __init__(self, plan: Plan) -> None:
+        self._plan, scenario = plan, plan.scenario
+        self._n_slots, self._n_uavs, self._n_users = scenario.slots, len(scenario.uavs), len(scenario.users)
+        self._user_m, self._spread_m2 = tracks_of(scenario)
+        power_w = np.array([uav.transmit_power_w for uav in scenario.uavs])
+        noise_w = 10 ** (scenario.channel.noise_dbm / 10 - 3)
+        self._snr_at_1_m = power_w[:, None] * 10 ** (scenario.channel.reference_gain_db / 10) / noise_w
+        self._heights2 = planned_heights2(plan)
+        self._draws = _draws(scenario)
+        self._demands_bps = demands_bps(scenario)
+        self._index = {uav: u for u, uav in enumerate(scenario.uav_ids)}
+        self._links = [plan.association[user] for user in scenario.user_ids]
+        self._bands = [plan.bandwidth_hz[user] for user in scenario.user_ids]
+        self._last: tuple[tuple[int, ...], Array, NDArray[np.intp], Array] | None = None
+
+    def rates_bps(self, slots: NDArray[np.intp], positions_m: Array, transmitting: NDArray[np.bool_]) -> Array:
+        """Return the rates of eqs. (3)-(4) by the plan's association and bandwidth: (S, K) bit/s.
+
+        UAVs are at the plan's altitudes.
+
+        S samples; slots: (S,) index on the plan's own grid (0 is its first slot). positions_m: (S, U, 2) metres
+        east/north of the origin, in the plan's UAV order. transmitting: (S, U): a UAV that is off serves no user and
+        does not interfere. No user takes more than it asks for. Raises ValueError when the shapes do not agree or a
+        slot lies outside the plan.
+        """
+        n_samples = len(slots)
+        if positions_m.shape != (n_samples, self._n_uavs, 2) or transmitting.shape != (n_samples, self._n_uavs):
+            raise ValueError(
+                f"positions_m {positions_m.shape} and transmitting {transmitting.shape} must be (S, U, 2), (S, U)"
+            )
+        if n_samples == 0:
+            return np.zeros((0, self._n_users))
+        if not 0 <= slots.min() <= slots.max() < self._n_slots:
+            raise ValueError(f"slots: {slots.min()}..{slots.max()} must lie in 0..{self._n_slots - 1}")
+        asked, column = np.unique(slots, return_inverse=True)  # what depends on the slot is made for these alone
+        fading, serving, bandwidth = self._in_slots(asked)
+        user_m, spread_m2 = (
+            table[:, slots if table.shape[1] > 1 else [0]] for table in (self._user_m, self._spread_m2)
         )
-    if n_samples == 0:
-        return np.zeros((0, len(scenario.users)))
-    if not 0 <= slots.min() <= slots.max() < scenario.slots:
-        raise ValueError(f"slots: {slots.min()}..{slots.max()} must lie in 0..{scenario.slots - 1}")
-    asked, column = np.unique(slots, return_inverse=True)  # what depends on the slot is made for these alone
-    user_m, spread_m2 = (table[:, slots if table.shape[1] > 1 else [0]] for table in tracks_of(scenario))
-    power_w = np.array([uav.transmit_power_w for uav in scenario.uavs])
-    channel = scenario.channel
-    noise_w = 10 ** (channel.noise_dbm / 10 - 3)
-    fading = _fading(plan, asked)[:, :, column]
-    apart = positions_m[:, :, None, :] - user_m.transpose(1, 0, 2)[:, None]  # (S, U, K, 2)
-    heights2 = planned_heights2(plan)[:, :, slots]  # (U, K, S)
-    distance2 = np.einsum("sukd,sukd->suk", apart, apart) + np.moveaxis(heights2, 2, 0) + spread_m2.T[:, None]
-    on = power_w[:, None] * 10 ** (channel.reference_gain_db / 10) / noise_w * transmitting[:, :, None]
-    snr = np.moveaxis(on / distance2 * np.moveaxis(fading, 2, 0), 0, 2)  # (U, K, S)
-    efficiency = np.moveaxis(mean_efficiency(snr, snr, _draws(scenario)), 2, 1)  # (U, S, K)
-    index = {uav: u for u, uav in enumerate(scenario.uav_ids)}
-    links = [plan.association[user] for user in scenario.user_ids]
-    bands = [plan.bandwidth_hz[user] for user in scenario.user_ids]
-    serving = np.array([[index[row[n]] for row in links] for n in asked], dtype=np.intp)[column]  # (S, K)
-    bandwidth = np.array([[row[n] for row in bands] for n in asked])[column]
-    chosen = np.take_along_axis(efficiency, serving[None], axis=0)[0]
-    rates: Array = np.minimum(bandwidth * chosen, demands_bps(scenario))
-    return rates
+        apart = positions_m[:, :, None, :] - user_m.transpose(1, 0, 2)[:, None]  # (S, U, K, 2)
+        heights2 = self._heights2[:, :, slots]  # (U, K, S)
+        distance2 = np.einsum("sukd,sukd->suk", apart, apart) + heights2.transpose(2, 0, 1) + spread_m2.T[:, None]
+        on = self._snr_at_1_m * transmitting[:, :, None]
+        snr = (on / distance2 * fading[:, :, column].transpose(2, 0, 1)).transpose(1, 2, 0)  # (U, K, S)
+        efficiency = mean_efficiency(snr, snr, self._draws).transpose(0, 2, 1)  # (U, S, K)
+        chosen = np.take_along_axis(efficiency, serving[column][None], axis=0)[0]
+        rates: Array = np.minimum(bandwidth[column] * chosen, self._demands_bps)
+        return rates
+
+    def _in_slots(self, asked: NDArray[np.intp]) -> tuple[Array, NDArray[np.intp], Array]:
+        """Return |h|^2 (U, K, A), who serves whom and on which bandwidth (A, K) in some slots, in rising order."""
+        key = tuple(asked.tolist())
+        if self._last is None or self._last[0] != key:
+            serving = np.array([[self._index[row[n]] for row in self._links] for n in key], dtype=np.intp)
+            bandwidth = np.array([[row[n] for row in self._bands] for n in key])
+            self._last = key, _fading(self._plan, asked), serving, bandwidth
+        return self._last[1:]
 
 
 def _draws(scenario: Scenario) -> Array:

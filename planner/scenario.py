@@ -308,7 +308,10 @@ class Scenario(Frozen):
 
     def uav(self, uav_id: str) -> Uav:
         """Return the UAV of this id. Raises KeyError."""
-        return {uav.id: uav for uav in self.uavs}[uav_id]
+        for uav in self.uavs:
+            if uav.id == uav_id:
+                return uav
+        raise KeyError(uav_id)
 
     def altitude_of(self, uav: Uav) -> float:
         """Return the altitude of this UAV: its own `altitude_m`, or the fleet's.

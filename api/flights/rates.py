@@ -5,11 +5,13 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from skyfolio.planner import Plan, delivered_rates_bps
+from skyfolio.planner import Plan
 from skyfolio.planner.arrays import Array
+from skyfolio.planner.delivered import Delivery
 from skyfolio.planner.geometry import Point
 
 AT_ONCE = 64
@@ -32,6 +34,11 @@ class InForce:
     from_s: float
     plan: Plan
 
+    @cached_property
+    def delivery(self) -> Delivery:
+        """Return the rates of this plan wherever its UAVs are."""
+        return Delivery(self.plan)
+
 
 def rates_by_sample(timeline: Sequence[InForce], samples: Sequence[Sample]) -> Array:
     """Return the rate of each user at each sample: (S, K) bit/s, users in the order of the first plan's scenario."""
@@ -42,7 +49,7 @@ def rates_by_sample(timeline: Sequence[InForce], samples: Sequence[Sample]) -> A
         rows = [row for row, chosen in enumerate(entry_of) if chosen == number]
         for begin in range(0, len(rows), AT_ONCE):
             batch = rows[begin : begin + AT_ONCE]
-            rates[batch] = _rates_under(entry.plan, [samples[row] for row in batch])
+            rates[batch] = _rates_under(entry, [samples[row] for row in batch])
     return rates
 
 
@@ -58,8 +65,8 @@ def rates_by_slot(timeline: Sequence[InForce], samples: Sequence[Sample], n_slot
     return table
 
 
-def _rates_under(plan: Plan, samples: Sequence[Sample]) -> Array:
-    scenario = plan.scenario
+def _rates_under(entry: InForce, samples: Sequence[Sample]) -> Array:
+    plan, scenario = entry.plan, entry.plan.scenario
     last = scenario.slots - 1
     local = [int(sample.elapsed_s // scenario.slot_duration_s) - plan.first_slot for sample in samples]
     slots = np.clip(np.array(local, dtype=np.intp), 0, last)
@@ -72,4 +79,4 @@ def _rates_under(plan: Plan, samples: Sequence[Sample]) -> Array:
         dtype=float,
     )
     transmitting = np.array([[uav in sample.transmitting for uav in scenario.uav_ids] for sample in samples])
-    return delivered_rates_bps(plan, slots, positions, transmitting)
+    return entry.delivery.rates_bps(slots, positions, transmitting)
