@@ -163,7 +163,7 @@ class Classifier:
         """Return the gravest thing that is true, and what was seen of it."""
         silent_s = self.links.silent_for_s(system_id, now_s)
         link = self.links.state(system_id)
-        self._update(system_id, known, link, now_s)
+        self._update(known, link, silent_s, now_s)
         for judge in (self._end, self._loss, self._doing):
             verdict = judge(known, link, silent_s, now_s)
             if verdict is not None:
@@ -172,7 +172,7 @@ class Classifier:
             return Condition.LOW_BATTERY, f"{known.charge:.0%} of charge left, low below {self.timing.low_battery:.0%}"
         return Condition.LIVE, f"heard {silent_s:.1f} s ago, in mode '{known.mode}'"
 
-    def _update(self, system_id: int, known: Evidence, link: LinkState, now_s: float) -> None:
+    def _update(self, known: Evidence, link: LinkState, silent_s: float, now_s: float) -> None:
         """Let time pass over what has to last; an autopilot that is not heard reports nothing new."""
         heard = link is LinkState.LIVE
         known.judge_mode(now_s)
@@ -180,7 +180,7 @@ class Classifier:
         fails, human = flying and known.fails, flying and known.is_taken_by_human
         known.human.update(human if heard and not known.may_have_ended(now_s) else None, now_s)
         known.failsafe.update(fails if heard else None, now_s)
-        talks = self.links.silent_for_s(system_id, now_s) < self.links.stale_after_s
+        talks = silent_s < self.links.stale_after_s
         known.landed.update((fate is Fate.LANDED) if talks else None, now_s)
         known.aloft.update((fate is Fate.ALOFT) if talks else None, now_s)
         known.crashed.update(self._has_crashed(known, fate, now_s) if talks or known.crashed.on else None, now_s)

@@ -84,6 +84,8 @@ class HomeWatch:
         if before is None:
             self._home = (*home_deg, amsl_m)
             return None
+        if before[:2] == home_deg and before[2] == amsl_m:
+            return None
         moved_m = hypot(*geodetic_to_east_north(Origin(lat_deg=before[0], lon_deg=before[1]), *home_deg))
         up_m = 0.0 if amsl_m is None or before[2] is None else amsl_m - before[2]
         if max(moved_m, abs(up_m)) <= HOME_M:

@@ -10,11 +10,10 @@ it up.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Heard:
+class Heard(NamedTuple):
     """How one vehicle is heard: fleet seconds of silence, and whether the monitor has declared it lost."""
 
     silent_for_s: float

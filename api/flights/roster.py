@@ -94,7 +94,8 @@ class Roster:
         A UAV is lost if it fell silent in flight, or is seen in a condition in which it cannot serve.
         """
         silent_uavs = {}
-        self._last_seen_m |= self.positions_m()
+        at_m = self.positions_m()
+        self._last_seen_m |= at_m
         while not queue.empty():
             event = queue.get_nowait()
             uav = self._uavs.get(event.system_id)
@@ -104,26 +105,25 @@ class Roster:
                 self.returned.add(uav)  # its air stays reserved: what it flies is not known yet
             if event.after == LinkState.LOST:
                 self.returned.discard(uav)
-        for uav in self._newly_silent():
-            silent_uavs[uav] = self._declare_lost(uav, silent(self._heard()[uav].silent_for_s))
-        for uav, at_m in self.positions_m().items():
-            self._guidance.airspace.seen(uav, at_m)
+        heard = self._fleet.heard()
+        for uav in self._newly_silent(heard):
+            silent_uavs[uav] = self._declare_lost(uav, silent(heard[self._systems[uav]].silent_for_s))
+        for uav, place_m in at_m.items():
+            self._guidance.airspace.seen(uav, place_m)
         self._report_warnings()
         self._note_left_early()
         ordered, self._ordered = self._ordered, {}
         return ordered | silent_uavs | self._seen_lost()
 
-    def _heard(self) -> dict[str, Heard]:
-        heard = self._fleet.heard()
-        return {uav: heard[system] for uav, system in self._systems.items() if system in heard}
-
-    def _newly_silent(self) -> list[str]:
+    def _newly_silent(self, heard: Mapping[int, Heard]) -> list[str]:
         """Return the UAVs in the air that are silent while others, or at least the link, are not."""
         counting = {
-            uav: heard for uav, heard in self._heard().items() if uav not in self.lost and not self.is_down(uav)
+            uav: heard[system]
+            for uav, system in self._systems.items()
+            if system in heard and uav not in self.lost and not self.is_down(uav)
         }
         ours = {self._systems[uav] for uav in counting}
-        others = [heard for system, heard in self._fleet.heard().items() if system not in ours]
+        others = [one for system, one in heard.items() if system not in ours]
         return self.own_link.judge(counting, others, self._fleet.now_s())
 
     def _report_warnings(self) -> None:
