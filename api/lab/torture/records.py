@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterator
-from itertools import pairwise
+from itertools import pairwise, takewhile
 
 from skyfolio.api.flights.operation_views import ENDED, State
 from skyfolio.api.lab.torture.checks import afterwards, at_end, meanwhile
@@ -67,7 +67,8 @@ def _the_slot_clock_keeps_time(seen: Seen) -> Iterator[str]:
     after = seen.slot_clock
     if before is None or after is None or before.paused is not after.paused or seen.ground.clock_ahead_s:
         return
-    if any(noted.event.kind == "operation" and noted.at_s >= before.at_s for noted in seen.own_noted):
+    since = takewhile(lambda noted: noted.at_s >= before.at_s, reversed(seen.noted))
+    if any(noted.event.kind == "operation" and seen.is_own(noted.event) for noted in since):
         return
     passed_s = 0.0 if after.paused else after.at_s - before.at_s
     if abs(after.elapsed_s - before.elapsed_s - passed_s) > SLOT_CLOCK_S:

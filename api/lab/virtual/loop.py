@@ -9,9 +9,9 @@ from __future__ import annotations
 import asyncio
 from asyncio.base_events import BaseEventLoop
 from collections import deque
-from collections.abc import Callable, Coroutine
-from contextvars import Context, ContextVar
-from heapq import heapify, heappop
+from collections.abc import Callable, Coroutine, Sequence
+from contextvars import Context, ContextVar, copy_context
+from heapq import heapify, heappop, heappush
 from typing import Any, TypeVar
 
 Result = TypeVar("Result")
@@ -63,14 +63,57 @@ class NumberedTask(asyncio.Task[Any]):
 
 
 class NumberedFuture(asyncio.Future[Any]):
-    """A future that hashes by the order of creation."""
+    """A future that hashes by a number, which it takes when it is first asked for it: few are ever put into a set."""
 
-    def __init__(self, *, loop: VirtualLoop) -> None:
-        self.number = loop.next_number()
-        super().__init__(loop=loop)
+    number: int | None = None
 
     def __hash__(self) -> int:
+        if self.number is None:
+            loop = self.get_loop()
+            assert isinstance(loop, VirtualLoop)  # noqa: S101
+            self.number = loop.next_number()
         return self.number
+
+
+class Turn(asyncio.Handle):
+    """What is to be done in the next turn: an `asyncio.Handle` without the looks for debugging."""
+
+    __slots__ = ()
+
+    def __init__(
+        self, callback: Callable[..., Any], args: Sequence[Any], loop: VirtualLoop, context: Context | None
+    ) -> None:
+        self._callback, self._args, self._loop = callback, args, loop
+        self._context = copy_context() if context is None else context
+        self._cancelled, self._repr, self._source_traceback = False, None, None
+
+
+class Timer(asyncio.TimerHandle):
+    """What is to be done at some second: an `asyncio.TimerHandle` without the looks for debugging."""
+
+    __slots__ = ()
+    _when: float
+    _loop: VirtualLoop
+    _scheduled: bool
+
+    def __init__(
+        self, when: float, callback: Callable[..., Any], args: Sequence[Any], loop: VirtualLoop, context: Context | None
+    ) -> None:
+        self._callback, self._args, self._loop = callback, args, loop
+        self._context = copy_context() if context is None else context
+        self._cancelled, self._repr, self._source_traceback = False, None, None
+        self._when, self._scheduled = when, True
+
+    def __lt__(self, other: Timer) -> bool:  # type: ignore[override]
+        return self._when < other._when
+
+    def cancel(self) -> None:
+        """Forget it; if it still waits, the loop drops it later."""
+        if not self._cancelled:
+            self._cancelled = True
+            self._callback, self._args = _nothing, ()
+            if self._scheduled:
+                self._loop._timer_cancelled_count += 1
 
 
 class VirtualLoop(BaseEventLoop):
@@ -102,6 +145,30 @@ class VirtualLoop(BaseEventLoop):
     def create_future(self) -> asyncio.Future[Any]:
         """Return a new future."""
         return NumberedFuture(loop=self)
+
+    def call_soon(  # type: ignore[override]
+        self, callback: Callable[..., Any], *args: Any, context: Context | None = None
+    ) -> Turn:
+        """Do something in the next turn."""
+        turn = Turn(callback, args, self, context)
+        self._ready.append(turn)
+        return turn
+
+    def call_later(  # type: ignore[override]
+        self, delay: float, callback: Callable[..., Any], *args: Any, context: Context | None = None
+    ) -> Timer:
+        """Do something after so many virtual seconds."""
+        timer = Timer(self._now_s + delay, callback, args, self, context)
+        heappush(self._scheduled, timer)
+        return timer
+
+    def call_at(  # type: ignore[override]
+        self, when: float, callback: Callable[..., Any], *args: Any, context: Context | None = None
+    ) -> Timer:
+        """Do something at a virtual second."""
+        timer = Timer(when, callback, args, self, context)
+        heappush(self._scheduled, timer)
+        return timer
 
     def run_in_executor(  # type: ignore[override]
         self, executor: Any, func: Callable[..., Result], *args: Any
@@ -135,7 +202,14 @@ class VirtualLoop(BaseEventLoop):
         for _ in range(len(ready)):
             handle = ready.popleft()
             if not handle._cancelled:
-                handle._run()
+                try:
+                    handle._context.run(handle._callback, *handle._args)
+                except (SystemExit, KeyboardInterrupt):
+                    raise
+                except BaseException as error:  # noqa: BLE001 - reported, as every loop does
+                    self.call_exception_handler(
+                        {"message": f"Exception in {handle!r}", "exception": error, "handle": handle}
+                    )
 
     def _forget_cancelled(self) -> None:
         """Drop the timers that were cancelled: all of them when they are many, else those that are next."""
@@ -156,6 +230,10 @@ class VirtualLoop(BaseEventLoop):
 
     def _write_to_self(self) -> None:
         """Do nothing: no other thread wakes this loop."""
+
+
+def _nothing() -> None:
+    """Do nothing: what a cancelled timer would do."""
 
 
 def _numbered(

@@ -127,13 +127,15 @@ class MemoryMessages:
 
     def take_in(self, data: bytes) -> None:
         """Take in whole frames that vehicles have sent."""
-        heard_s = self._now_s()
+        heard_s, wanted = self._now_s(), []
         for message in decode(data):
             if message.system_id not in self._heard:
                 self._discover(message.system_id)
             receive = self._listeners.get((message.system_id, message.name))
             if receive is not None and message.component_id == AUTOPILOT:
-                self._loop.call_soon(self._hand_over, receive, message, heard_s)
+                wanted.append((receive, message))
+        if wanted:
+            self._loop.call_soon(self._hand_over, wanted, heard_s)
 
     async def systems(self) -> Collection[int]:
         """Return the ids of the systems that were heard so far."""
@@ -163,9 +165,10 @@ class MemoryMessages:
         if self._beating is not None:
             self._beating.cancel()
 
-    def _hand_over(self, receive: Receive, message: Decoded, heard_s: float) -> None:
-        if not self._closed:
-            receive(message.name, message.fields, heard_s)
+    def _hand_over(self, wanted: list[tuple[Receive, Decoded]], heard_s: float) -> None:
+        for receive, message in wanted:
+            if not self._closed:
+                receive(message.name, message.fields, heard_s)
 
     def _discover(self, system_id: int) -> None:
         self._heard[system_id] = None
