@@ -33,6 +33,21 @@ def rate_weights(problem: Problem, rates_kbps: Array) -> Array:
     return planned * problem.there
 
 
+def log_weights(problem: Problem, rates_kbps: Array) -> Array:
+    """Return the logarithm of what exp(mu rate) of each user weighs in the minorant that is exact at these rates: (K,).
+
+    rates_kbps: (K, N). The greatest is 0. A user who has all it asks for in every slot weighs as little as any.
+    """
+    slopes = rate_weights(problem, rates_kbps)
+    counts = slopes > 0.0
+    logs = np.where(counts, np.log(np.where(counts, slopes, 1.0)) - problem.mu * rates_kbps, -np.inf).max(axis=1)
+    known = np.isfinite(logs)
+    least = float(logs.min(where=known, initial=np.inf)) if known.any() else 0.0
+    logs = np.where(known, logs, least)
+    weights: Array = logs - logs.max()
+    return weights
+
+
 def _softmax(exponents: Array, times: Array) -> Array:
     """Return the share of each entry in the sum of times exp(exponent) of its row; 0 in rows without any entry."""
     most = exponents.max(axis=1, keepdims=True)

@@ -9,7 +9,7 @@ maximum at all: the highest point of a triangle is on its edges or at a place of
 from __future__ import annotations
 
 from functools import cached_property
-from math import ceil, floor
+from math import ceil
 from typing import Annotated, Self
 
 import numpy as np
@@ -23,6 +23,8 @@ MAX_HEIGHTS = 40_000
 """Of one grid: 6 km by 6 km at the 30 m of a global tile."""
 _AT_ONCE = 400_000
 """So many crossings of grid lines are looked at together, which bounds the memory."""
+_ROUNDING = 1e-9
+"""In grid units: what places that count as inside of a triangle may be outside of it."""
 
 Height = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-500, le=9_000)]
 
@@ -112,7 +114,9 @@ class Terrain(Frozen):
         starts, ends = np.concatenate([a, b, c]), np.concatenate([b, c, a])
         edges = self.highest_on_segments(starts, ends).reshape(3, -1).max(axis=0)
         corners = np.stack([self._in_cells(a), self._in_cells(b), self._in_cells(c)], axis=1)
-        inside = np.array([self._highest_place_in(triangle) for triangle in corners], dtype=float)
+        in_rows = int((corners[:, :, 1].max(axis=1) - corners[:, :, 1].min(axis=1)).sum()) + 2 * len(corners)
+        pieces = np.array_split(corners, max(1, ceil(in_rows / _AT_ONCE)))
+        inside = np.concatenate([self._highest_places_in(piece) for piece in pieces])
         highest: Array = np.maximum(edges, inside)
         return highest
 
@@ -186,24 +190,54 @@ class Terrain(Frozen):
         highest: Array = np.maximum(at.max(axis=1), (at[:, :-1] + rise).max(axis=1))
         return highest
 
-    def _highest_place_in(self, triangle: Array) -> float:
-        """Return the greatest height of the grid's places in a triangle (3, 2) in grid units, -inf without any."""
-        (ax, ay), (bx, by), (cx, cy) = triangle.tolist()
-        turn = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+    def _highest_places_in(self, triangles: Array) -> Array:
+        """Return the greatest height of the grid's places in each triangle (L, 3, 2) in grid units: (L,).
+
+        Without any it is -inf. Places that are outside by no more than rounding count too.
+        """
         rows, columns = self.grid_m.shape
-        west, east = max(ceil(min(ax, bx, cx)), 0), min(floor(max(ax, bx, cx)), columns - 1)
-        south, north = max(ceil(min(ay, by, cy)), 0), min(floor(max(ay, by, cy)), rows - 1)
-        if turn == 0.0 or west > east or south > north:
-            return -np.inf
-        x, y = np.arange(west, east + 1.0)[None], np.arange(south, north + 1.0)[:, None]
-        sides = (
-            (bx - ax) * (y - ay) - (by - ay) * (x - ax),
-            (cx - bx) * (y - by) - (cy - by) * (x - bx),
-            (ax - cx) * (y - cy) - (ay - cy) * (x - cx),
-        )
-        inside = np.logical_and.reduce([side * turn >= 0.0 for side in sides])
-        heights = self.grid_m[south : north + 1, west : east + 1]
-        return float(heights.max(where=inside, initial=-np.inf))
+        y = triangles[:, :, 1]
+        first = np.clip(np.ceil(y.min(axis=1) - _ROUNDING), 0.0, rows).astype(np.intp)
+        last = np.clip(np.floor(y.max(axis=1) + _ROUNDING), -1.0, rows - 1.0).astype(np.intp)
+        count = np.maximum(last - first + 1, 0)
+        of = np.repeat(np.arange(len(triangles)), count)
+        row = first[of] + np.arange(len(of)) - np.repeat(np.cumsum(count) - count, count)
+        west, east = _spans(triangles[of], row)
+        start = np.clip(np.ceil(west - _ROUNDING), 0.0, columns).astype(np.intp)
+        end = np.clip(np.floor(east + _ROUNDING), -1.0, columns - 1.0).astype(np.intp)
+        some = start <= end
+        highest = np.full(len(triangles), -np.inf)
+        np.maximum.at(highest, of[some], self._highest_in_rows(row[some], start[some], end[some]))
+        return highest
+
+    def _highest_in_rows(self, row: NDArray[np.intp], start: NDArray[np.intp], end: NDArray[np.intp]) -> Array:
+        """Return the greatest height of some rows between columns `start` and `end`, both counted: (n,)."""
+        level = np.frexp(end - start + 1.0)[1] - 1
+        over = self._over_columns
+        highest: Array = np.maximum(over[level, row, start], over[level, row, end - (1 << level) + 1])
+        return highest
+
+    @cached_property
+    def _over_columns(self) -> Array:
+        """The greatest of 2^l heights from each place on eastwards: (l, rows, columns); beyond the edge none count."""
+        levels = [self.grid_m]
+        for level in range(int(self.grid_m.shape[1]).bit_length() - 1):
+            reach, last = 1 << level, levels[-1]
+            levels.append(np.concatenate([np.maximum(last[:, :-reach], last[:, reach:]), last[:, -reach:]], axis=1))
+        return np.array(levels)
+
+
+def _spans(triangles: Array, row: NDArray[np.intp]) -> tuple[Array, Array]:
+    """Return between which columns each triangle (n, 3, 2) meets its row, (n,) each; where it does not, in no order."""
+    here, there = triangles, np.roll(triangles, -1, axis=1)
+    y, rise = row[:, None] - here[..., 1], there[..., 1] - here[..., 1]
+    share = np.clip(y / np.where(rise == 0.0, np.inf, rise), 0.0, 1.0)
+    east = here[..., 0] + share * (there[..., 0] - here[..., 0])
+    meets = np.abs(here[..., 1] + share * rise - row[:, None]) <= 2.0 * _ROUNDING
+    ends = np.where(np.abs(y) <= _ROUNDING, here[..., 0], east)  # of a level edge both corners count
+    west_of = np.where(meets, np.minimum(east, ends), np.inf)
+    east_of = np.where(meets, np.maximum(east, ends), -np.inf)
+    return west_of.min(axis=1), east_of.max(axis=1)
 
 
 def _crossings(start: Array, end: Array) -> Array:

@@ -18,6 +18,7 @@ from skyfolio.planner.fast.placement import FEW, effort_of, places
 from skyfolio.planner.fast.routes import with_routes
 from skyfolio.planner.fast.seeds import bound, bound_for, flown, hovering, scattered, varied
 from skyfolio.planner.fast.served import as_asked
+from skyfolio.planner.gradient import log_weights
 from skyfolio.planner.plans import Iteration
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.solution import Observer, Solution, ignore
@@ -210,15 +211,19 @@ def flyable(problem: Problem, wanted_m: Array | None = None) -> Array:
     return np.ascontiguousarray(path.transpose(2, 0, 1))
 
 
-def linked(problem: Problem, paths_m: Array) -> Solution:
+def linked(
+    problem: Problem, paths_m: Array, *, near_kbps: Array | None = None, tolerance: float = TOLERANCE
+) -> Solution:
     """Return the best association and bandwidth at flyable paths (U, N, 2), metres.
 
-    Exact for `sum` without minimum rates.
+    Exact for `sum` without minimum rates. near_kbps: rates (K, N) that are near to the best, to begin from. tolerance:
+    links are taken anew until that gains no more than this share of the utility.
     """
     arena = arena_of(problem)
-    still = _begin(arena, plain(paths_m.transpose(1, 2, 0)))
+    log_weight = None if near_kbps is None or arena.kind == SUM else log_weights(problem, near_kbps)
+    still = _begin(arena, plain(paths_m.transpose(1, 2, 0)), log_weight)
     before = -np.inf
-    while still.utility_kbps - before > TOLERANCE * abs(still.utility_kbps):
+    while still.utility_kbps - before > tolerance * abs(still.utility_kbps):
         before = still.utility_kbps
         _, still.utility_kbps, _, _ = climb_on(arena, still.path, still.links, 0, 0.0)
     return _solution(problem, arena, still, [])

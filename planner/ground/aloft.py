@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,6 +21,8 @@ from skyfolio.planner.solution import Solution
 
 MET = 1.0 - 1e-9
 """A minimum rate counts as met from this share of it on."""
+ROUGHLY, FINELY = 3e-5, 3e-6
+"""How near to the best links are taken, relatively: of what is compared, and of the best of it."""
 
 
 def raised(problem: Problem, ground: Ground, solution: Solution, known_m: Array | None = None) -> Solution:
@@ -46,57 +48,81 @@ def at_its_best(
     climb: climbs from paths with the gains of links as they are aloft; None: the links stay as they are.
     known_m: as for `raised`.
     """
-    first = raised(problem, ground, solution, known_m)
+    first = _step(problem, ground, raised(problem, ground, solution, known_m))
+    steps = Steps(first)
     if climb is None:
-        return _with_history(problem, ground, [first])
-    steps = [first, _with_links(problem, ground, first)]
-    seen = _seen(saving(problem, ground, solution.paths_m), ground, steps[-1])
-    again = raised(problem, ground, climb(seen, first.paths_m), first.paths_m)
-    steps.append(_linked(problem, ground, again))
-    return _with_history(problem, ground, steps)
+        return steps.solution()
+    steps.offer(_linked(first, ROUGHLY))
+    seen = seen_aloft(saving(problem, ground, solution.paths_m), ground, *_place(first.solution))
+    again = raised(problem, ground, climb(seen, first.solution.paths_m), first.solution.paths_m)
+    steps.offer(_linked(_step(problem, ground, again), ROUGHLY))
+    if ground.chooses:
+        best = steps.best.solution
+        altitudes_m = chosen_altitudes(problem, ground, room_over(ground, best.paths_m), best)
+        if not np.array_equal(altitudes_m, _place(best)[1]):
+            steps.offer(_linked(_step(problem, ground, replace(best, altitudes_m=altitudes_m)), ROUGHLY))
+    steps.offer(_linked(steps.best, FINELY))
+    return steps.solution()
 
 
-def _linked(problem: Problem, ground: Ground, solution: Solution) -> Solution:
-    """Return the solution with links that are best at its altitudes, then altitudes for these links, and links anew."""
-    made = _with_links(problem, ground, solution)
-    if not ground.chooses:
-        return made
-    altitudes_m = chosen_altitudes(problem, ground, room_over(ground, made.paths_m), made)
-    if made.altitudes_m is not None and np.array_equal(altitudes_m, made.altitudes_m):
-        return made
-    return _with_links(problem, ground, replace(made, altitudes_m=altitudes_m))
+@dataclass(frozen=True)
+class Step:
+    """A solution on the way; seen: the problem whose rates at its paths are those at its altitudes."""
+
+    solution: Solution
+    seen: Problem
+    rates_kbps: Array
+    rank: tuple[float, float]
+    """Greater is better: first fewer minimum rates unmet, then utility, kbit/s."""
 
 
-def _with_links(problem: Problem, ground: Ground, solution: Solution) -> Solution:
-    seen = _seen(problem, ground, solution)
-    best = as_asked(seen, linked(seen, solution.paths_m))
-    return replace(solution, serving=best.serving, bandwidth_hz=best.bandwidth_hz)
+class Steps:
+    """The best of the steps so far, and the history: those that were better than all before them."""
+
+    def __init__(self, first: Step) -> None:
+        """Begin with a step."""
+        self.best, self.history = first, [_iteration(1, first)]
+
+    def offer(self, step: Step) -> None:
+        """Take a step if it is better than all before."""
+        if step.rank <= self.best.rank:
+            return
+        if step.rank[1] < self.best.rank[1]:
+            self.history.clear()  # more least rates are met now: another count begins
+        self.best = step
+        self.history.append(_iteration(len(self.history) + 1, step))
+
+    def solution(self) -> Solution:
+        """Return the best solution with its history."""
+        return replace(self.best.solution, history=self.history)
+
+
+def _step(problem: Problem, ground: Ground, solution: Solution) -> Step:
+    return _ranked(_seen(problem, ground, solution), solution)
+
+
+def _ranked(seen: Problem, solution: Solution) -> Step:
+    rates = served_rates_bps(seen, solution) / 1e3
+    unmet = int(((rates < seen.min_kbps[:, None] * MET) & seen.there).sum())
+    return Step(solution, seen, rates, (-float(unmet), seen.utility_kbps(rates)))
+
+
+def _linked(step: Step, tolerance: float) -> Step:
+    """Return the step with the links that are best at its places and altitudes."""
+    near = linked(step.seen, step.solution.paths_m, near_kbps=step.rates_kbps, tolerance=tolerance)
+    best = as_asked(step.seen, near)
+    return _ranked(step.seen, replace(step.solution, serving=best.serving, bandwidth_hz=best.bandwidth_hz))
 
 
 def _seen(problem: Problem, ground: Ground, solution: Solution) -> Problem:
+    return seen_aloft(problem, ground, *_place(solution))
+
+
+def _place(solution: Solution) -> tuple[Array, Array]:
     assert solution.altitudes_m is not None  # noqa: S101 - made by `raised`
-    return seen_aloft(problem, ground, solution.paths_m, solution.altitudes_m)
+    return solution.paths_m, solution.altitudes_m
 
 
-def _with_history(problem: Problem, ground: Ground, steps: list[Solution]) -> Solution:
-    """Return the best of these steps; its history holds those that were better than all before them."""
-    best, rank = steps[0], (-np.inf, -np.inf)
-    history: list[Iteration] = []
-    for step in steps:
-        seen = _seen(problem, ground, step)
-        rates = served_rates_bps(seen, step) / 1e3
-        unmet = int(((rates < problem.min_kbps[:, None] * MET) & problem.there).sum())
-        reached = (-float(unmet), problem.utility_kbps(rates))
-        if reached <= rank:
-            continue
-        if reached[1] < rank[1]:
-            history.clear()  # more least rates are met now: another count begins
-        best, rank = step, reached
-        history.append(
-            Iteration(
-                iteration=len(history) + 1,
-                utility_bps=reached[1] * 1e3,
-                mean_sum_rate_bps=float(rates.sum(axis=0).mean()) * 1e3,
-            )
-        )
-    return replace(best, history=history)
+def _iteration(number: int, step: Step) -> Iteration:
+    mean = float(step.rates_kbps.sum(axis=0).mean())
+    return Iteration(iteration=number, utility_bps=step.rank[1] * 1e3, mean_sum_rate_bps=mean * 1e3)

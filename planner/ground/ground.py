@@ -39,10 +39,10 @@ class Ground:
         """Whether any altitude is chosen between limits."""
         return bool(np.isfinite(self.high_m).any())
 
-    def alone(self, u: int) -> Ground:
-        """Return the same ground for one UAV of the fleet."""
+    def of(self, uavs: NDArray[np.intp]) -> Ground:
+        """Return the same ground for some UAVs of the fleet; one may be there several times."""
         of_uavs = ("low_m", "high_m", "climb_m", "home_m", "start_m", "n_flying")
-        return replace(self, **{name: getattr(self, name)[u : u + 1] for name in of_uavs})
+        return replace(self, **{name: getattr(self, name)[uavs] for name in of_uavs})
 
 
 def ground_of(scenario: Scenario) -> Ground | None:

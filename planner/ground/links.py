@@ -19,9 +19,14 @@ from skyfolio.planner.problem import Problem
 
 def seen_aloft(problem: Problem, ground: Ground, paths_m: Array, altitudes_m: Array) -> Problem:
     """Return the problem whose rates at these paths (U, N, 2) are those at these altitudes (U, N), metres."""
-    level = problem.distances2(paths_m)
-    true = level + heights2_over(altitudes_m, ground.user_ground_m) - problem.altitude_m[:, None, None] ** 2
-    return replace(problem, snr_gain=problem.snr_gain * (level / true))
+    apart2: Array = (paths_m[:, None, :, 0] - problem.user_m[None, :, :, 0]) ** 2  # in place: tables are large
+    apart2 += (paths_m[:, None, :, 1] - problem.user_m[None, :, :, 1]) ** 2
+    apart2 += problem.spread_m2
+    gain: Array = apart2 + problem.altitude_m[:, None, None] ** 2
+    apart2 += heights2_over(altitudes_m, ground.user_ground_m)
+    gain /= apart2
+    gain *= problem.snr_gain
+    return replace(problem, snr_gain=gain)
 
 
 def heights2_over(altitudes_m: Array, user_ground_m: Array) -> Array:

@@ -6,6 +6,7 @@ So are paths whose climbs leave too little energy to come home: the planner of p
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,8 @@ from skyfolio.planner.repair import flyable, within_limits
 from skyfolio.planner.unreachable import Blocked, UnreachableEndError
 
 ROUNDING_M = 1e-6
+AT_ONCE = 16
+"""Shorter paths that are looked at together."""
 
 
 def safe_over(problem: Problem, ground: Ground, paths_m: Array, known_m: Array | None = None) -> Array:
@@ -39,16 +42,26 @@ def safe_over(problem: Problem, ground: Ground, paths_m: Array, known_m: Array |
 
 def _safer(problem: Problem, ground: Ground, paths_m: Array, known_m: Array | None, u: int) -> Iterator[Array]:
     """Yield the paths with that of one UAV made safe: cut short, as late as possible first, or the known one."""
-    alone = ground.alone(u)
+    alone, one = ground.of(np.array([u])), problem.only(np.array([u]))
     if problem.pinned_m.size and np.isfinite(problem.pinned_m[u]).any():
         return
-    for row in _shorter(paths_m[u], int(ground.n_flying[u]), None if known_m is None else known_m[u]):
+    rows = _shorter(paths_m[u], int(ground.n_flying[u]), None if known_m is None else known_m[u])
+    for row in _climbable(alone, rows):
+        if not _is_safe(one, alone, row[None]).all():
+            continue
         candidate = paths_m.copy()
         candidate[u] = row
         candidate = within_limits(problem, candidate)
         is_kept = _is_close(candidate[u], row) and flyable(problem, candidate)
-        if is_kept and _is_safe(problem.only(np.array([u])), alone, candidate[u : u + 1]).all():
+        if is_kept and _is_safe(one, alone, candidate[u : u + 1]).all():
             yield candidate
+
+
+def _climbable(alone: Ground, rows_m: Iterator[Array]) -> Iterator[Array]:
+    """Yield those paths (N, 2) of one UAV for which there are altitudes; `AT_ONCE` are looked at together."""
+    while block := list(islice(rows_m, AT_ONCE)):
+        room = room_over(alone.of(np.zeros(len(block), dtype=np.intp)), np.array(block))
+        yield from (row for row, fits in zip(block, room.is_flyable(), strict=True) if fits)
 
 
 def _shorter(path_m: Array, n_flying: int, known_m: Array | None) -> Iterator[Array]:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from skyfolio.planner.arrays import Array
@@ -56,6 +57,37 @@ def test_a_peak_amid_a_triangle_counts_though_no_edge_meets_it() -> None:
     assert peak.highest_in_triangles(*corners) == pytest.approx([80.0])
     edges = [peak.highest_on_segments(corners[i], corners[(i + 1) % 3])[0] for i in range(3)]
     assert max(edges) < 80.0
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.integers(0, 10_000))
+def test_of_many_triangles_each_has_the_places_that_are_inside_of_it_and_no_others(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    rows, columns = int(rng.integers(2, 12)), int(rng.integers(2, 12))
+    terrain = Terrain(
+        south_west_m=(-20.0, 30.0),
+        spacing_m=10.0,
+        heights_m=tuple(map(tuple, rng.uniform(0.0, 100.0, size=(rows, columns)).tolist())),
+    )
+    a, b, c = rng.uniform(-80.0, 180.0, size=(3, 50, 2))
+    a[:20], b[:10] = np.round(a[:20], -1), np.round(b[:10], -1)  # corners that are places, and level edges
+    c[::7] = b[::7]
+    highest = terrain.highest_in_triangles(a, b, c)
+    edges = [terrain.highest_on_segments(one, other) for one, other in ((a, b), (b, c), (c, a))]
+    corners: NDArray[np.float64] = np.stack([a, b, c], axis=1)
+    places = [(-20.0 + 10.0 * i, 30.0 + 10.0 * j, terrain.heights_m[j][i]) for j in range(rows) for i in range(columns)]
+    inside = [
+        max((up for *at, up in places if is_inside(triangle, at)), default=-np.inf) for triangle in corners.tolist()
+    ]
+    assert highest == pytest.approx(np.maximum(np.max(edges, axis=0), inside), abs=1e-6)
+
+
+def is_inside(triangle: list[list[float]], at: list[float]) -> bool:
+    sides = [
+        (b[0] - a[0]) * (at[1] - a[1]) - (b[1] - a[1]) * (at[0] - a[0])
+        for a, b in zip(triangle, [*triangle[1:], triangle[0]], strict=True)
+    ]
+    return all(side > 0.0 for side in sides) or all(side < 0.0 for side in sides)
 
 
 @pytest.mark.parametrize(
