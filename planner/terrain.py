@@ -59,6 +59,17 @@ class Terrain(Frozen):
             )
         return self
 
+    def __eq__(self, other: object) -> bool:
+        """Return whether both are the same ground; what is worked out once, and kept, has no say in it."""
+        if not isinstance(other, Terrain):
+            return NotImplemented
+        mine, others = ((one.south_west_m, one.spacing_m, one.heights_m) for one in (self, other))
+        return mine == others
+
+    def __hash__(self) -> int:
+        """Return the same for the same ground."""
+        return hash((self.south_west_m, self.spacing_m, self.heights_m))
+
     @classmethod
     def flat(cls, height_m: float = 0.0) -> Self:
         """Return level ground everywhere."""

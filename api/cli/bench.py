@@ -31,7 +31,7 @@ def planner(
         list[str] | None,
         typer.Option(
             help="Only this section (may be repeated): quality, fast, reference, ipopt, ablation, users, energy, "
-            "disruption, bound, budgets, peers, proof, checked."
+            "terrain, disruption, bound, budgets, peers, proof, checked."
         ),
     ] = None,
     size: Annotated[list[str] | None, typer.Option(help="Only this size, such as 10x100x50 (may be repeated).")] = None,

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from typer.testing import CliRunner
 
 from skyfolio.api.cli import bench
 from skyfolio.api.cli import main as cli
@@ -38,13 +39,14 @@ from skyfolio.api.lab.bench.report import markdown, table
 from skyfolio.api.lab.bench.setting import stop, value_kbps
 from skyfolio.api.lab.bench.shares import replan_shares, standard_rows
 from skyfolio.api.lab.bench.targets import of_quality, of_times, ratios
+from skyfolio.api.lab.bench.terrain import over_terrain, with_altitudes
 from skyfolio.api.plans.certificate import certify, shown
 from skyfolio.planner import EXAMPLES, Scenario, letter, plan
 from skyfolio.planner.fast import linked, optimise
 from skyfolio.planner.problem import problem_of
 
 TINY = ((2, 4, 5), (3, 5, 6))
-ONE_SIZE = {"ablation", "proof", "checked", "disruption", "budgets", "bound"}
+ONE_SIZE = {"ablation", "proof", "checked", "disruption", "budgets", "bound", "terrain"}
 LITTLE = replace(QUICK, plan_runs=1, runs=3, budget_s=0.1, peers_s=0.2, bound_s=0.3, checked=2, runs_of_yardsticks=1)
 
 
@@ -137,6 +139,32 @@ def test_every_part_is_measured_and_every_target_judged(figures: dict[str, Any])
             continue
         limit = target.get("at_most", target.get("at_least"))
         assert target["met"] == (target["measured"] <= limit if "at_most" in target else target["measured"] >= limit)
+
+
+def test_plans_over_hills_stand_beside_level_ones_of_the_same_run(figures: dict[str, Any]) -> None:
+    hilly = figures_of(figures, "terrain", "2x4x5", "sum")
+    assert hilly is not None
+    for name in ("terrain", "altitudes"):
+        for call in ("plan_call", "replan_call"):
+            ratio = hilly[name][call]["cpu_p50_ms"] / hilly["level"][call]["cpu_p50_ms"]
+            assert hilly[name][call]["ratio"] == pytest.approx(ratio)
+    assert hilly["altitudes"]["utility_kbps"] >= hilly["terrain"]["utility_kbps"] * (1 - 1e-9)
+    assert hilly["terrain"]["utility_kbps"] != hilly["level"]["utility_kbps"]
+    row = next(line for line in markdown(figures).split("## Over hills")[1].splitlines() if "| 2x4x5 | sum |" in line)
+    assert f"{hilly['terrain']['utility_kbps']:.2f} | {hilly['terrain']['plan_call']['ratio']:.2f}" in row
+    asked = {one["what"]: one for one in of_times(figures)}
+    over = asked["2x4x5 sum: `plan()` with altitudes chosen over hills, times the level one"]
+    assert over["measured"] == hilly["altitudes"]["plan_call"]["ratio"]
+    assert over["at_most"] == 2.0
+
+
+def test_the_layouts_over_hills_are_level_ones_with_hills_and_limits_and_nothing_else() -> None:
+    level = instance(TINY[1], "sum")
+    hilly = over_terrain(level, 1)
+    assert hilly.terrain is not None
+    assert hilly.with_changes(terrain=None, clearance_m=None) == level
+    assert hilly == over_terrain(level, 1) != over_terrain(level, 2)
+    assert with_altitudes(hilly).with_changes(altitude_max_m=None) == hilly
 
 
 def test_the_report_holds_the_figures_and_nothing_else(figures: dict[str, Any], tmp_path: Path) -> None:
@@ -246,6 +274,11 @@ def test_parts_are_chosen_by_section_size_and_utility() -> None:
         chosen(DEFAULT, sizes=["11x100x50"])
     with pytest.raises(ValueError, match="no section has a part"):
         chosen(DEFAULT, sections=["bound"], kinds=["pooled"])
+
+
+def test_the_help_names_every_section_in_the_order_in_which_they_run() -> None:
+    told = " ".join(CliRunner().invoke(cli.cli, ["bench", "planner", "--help"], env={"COLUMNS": "400"}).output.split())
+    assert f"(may be repeated): {', '.join(SECTIONS)}." in told
 
 
 def test_the_command_names_what_is_wrong_and_says_how_far_it_is(

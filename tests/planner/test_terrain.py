@@ -34,6 +34,17 @@ def test_the_top_of_a_saddle_between_two_places_is_found() -> None:
     assert across == pytest.approx([50.0])  # both ends are at 0
 
 
+def test_grounds_are_the_same_by_their_heights_whatever_was_asked_of_them_before() -> None:
+    one, same, other = rough(1), rough(1), rough(2)
+    for ground in (one, same, other):
+        corners = np.array([[[0.0, 0.0]], [[90.0, 0.0]], [[0.0, 90.0]]])
+        ground.highest_in_triangles(*corners)
+    assert one == same
+    assert hash(one) == hash(same)
+    assert one != other
+    assert one != "ground"
+
+
 @settings(deadline=None, max_examples=60)
 @given(st.integers(0, 10_000))
 def test_no_sample_of_a_line_or_a_triangle_is_higher_than_the_highest_and_some_come_near(seed: int) -> None:

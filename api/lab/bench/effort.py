@@ -18,7 +18,7 @@ class Effort:
     on how many sizes each yardstick runs; runs_of_yardsticks: how often. small_layouts: of ablation and proof.
     layouts: of the quality instances. plan_runs: timed calls of one plan up to LARGE. multiples: budgets, on so many
     layouts (small, middle and large fleets). peers_s: for each peer. bound_s: for each proof; bound_seeds: layouts with
-    a greater seed are left out. disruption_layouts: of each size. checked: scenarios.
+    a greater seed are left out. disruption_layouts, ground_layouts: of each size. checked: scenarios.
     """
 
     name: str
@@ -37,6 +37,7 @@ class Effort:
     bound_s: float = 60.0
     bound_seeds: int = 1
     disruption_layouts: tuple[int, int, int] = (3, 1, 1)
+    ground_layouts: tuple[int, int, int] = (6, 3, 1)
     checked: int = 500
 
     def instances(self, size: Size, kind: str) -> list[Instance]:
@@ -84,6 +85,7 @@ QUICK = Effort(
     peers_s=1.0,
     bound_s=2.0,
     disruption_layouts=(1, 1, 1),
+    ground_layouts=(1, 1, 1),
     checked=20,
 )
 FULL = Effort(

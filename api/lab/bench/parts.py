@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
-from skyfolio.api.lab.bench import bounding, cases, checked, peers, quality, windy
+from skyfolio.api.lab.bench import bounding, cases, checked, peers, quality, terrain, windy
 from skyfolio.api.lab.bench.effort import Effort
 from skyfolio.api.lab.bench.instances import FLEETS, LETTER, Size, size_of, text_of
 from skyfolio.planner.utilities import UTILITIES
@@ -62,6 +62,7 @@ SECTIONS = {
     "ablation": Section(measure=cases.ablation, sizes=(LETTER,), kinds=cases.KINDS, timed=True),
     "users": Section(measure=cases.users, sizes=(LETTER,), kinds=cases.KINDS, timed=True),
     "energy": Section(measure=windy.energy, sizes=ALL_SIZES, kinds=cases.KINDS, timed=True),
+    "terrain": Section(measure=terrain.terrain, sizes=ALL_SIZES, kinds=cases.KINDS, timed=True),
     "disruption": Section(measure=quality.disruption, sizes=ALL_SIZES, timed=True),
     "bound": Section(measure=bounding.bound, sizes=FLEETS[:2], kinds=("sum",)),
     "budgets": Section(measure=quality.budgets, sizes=FLEETS),

@@ -8,7 +8,7 @@ from skyfolio.api.lab.bench.figures import Row, figures_of, measured, parts_of
 from skyfolio.api.lab.bench.tables import Lines, grid, on_terminal, provenance, target_lines
 from skyfolio.api.lab.bench.targets import growths, of_times, ratios
 
-SECTIONS = ("fast", "reference", "ipopt", "ablation", "users", "energy", "proof")
+SECTIONS = ("fast", "reference", "ipopt", "ablation", "users", "energy", "terrain", "proof")
 TIMES = (
     "Warm milliseconds, p50 (p99), and the p50 of processor time, which a busy machine lengthens less; utility in "
     "kbit/s. Ours is the optimiser alone, from one start (hovering). The reference path is Algorithm 1 on cvxpy and "
@@ -45,6 +45,7 @@ def markdown(figures: Row) -> str:
         CALLS,
         grid(_calls(figures)),
         *_windy(figures),
+        *_hilly(figures),
         "## Ablation at 3x9x20",
         *[_ablation(kind, case) for _, kind, case in measured(figures, "ablation")],
         "## Users beyond the letter's at 3x9x20",
@@ -128,6 +129,25 @@ def _windy(figures: Row) -> list[str]:
             row += [f"{case[name]['plan_call']['ratio']:.2f}"] if name != "still" else []
         lines.append([*row, f"{case['energy']['replan_call']['ratio']:.2f}"])
     return ["## With wind and batteries", WINDY, grid(lines)] if len(lines) > 1 else []
+
+
+HILLY = (
+    "`plan()` and `replan()` at their defaults over level ground, over random hills up to 300 m high (60 m above the "
+    "highest ground under a leg), and with altitudes chosen between there and 120 m; means over layouts, ratios of "
+    "processor time to level ground."
+)
+
+
+def _hilly(figures: Row) -> list[str]:
+    lines = [["U x K x N", "utility", "layouts", "level: ms", "kbit/s", "hills: ms", "kbit/s", "ratio", "replan ratio"]]
+    lines[0] += ["altitudes chosen: ms", "kbit/s", "ratio", "replan ratio"]
+    for size, kind, case in measured(figures, "terrain"):
+        row = [size, kind, str(case["layouts"])]
+        for name in ("level", "terrain", "altitudes"):
+            row += [f"{case[name]['plan_call']['cpu_p50_ms']:.1f}", f"{case[name]['utility_kbps']:.2f}"]
+            row += [f"{case[name][call]['ratio']:.2f}" for call in ("plan_call", "replan_call") if name != "level"]
+        lines.append(row)
+    return ["## Over hills", HILLY, grid(lines)] if len(lines) > 1 else []
 
 
 def _ablation(kind: str, case: Row) -> str:

@@ -70,9 +70,7 @@ def of_times(figures: Row) -> list[Row]:
                 rows.append(_at_most(f"{size} {kind}: {what}, ms", ours[key]["cpu_p50_ms"], slack * limits[size]))
         if kind == "sum":
             rows += _against_yardsticks(figures, size, ours)
-    for size, kind, of_users in measured(figures, "users"):
-        for row in of_users["rows"]:
-            rows.append(_at_most(f"{size} {kind}: `plan()` of {row['what']}, times the plain one", row["ratio"], 2.0))
+    rows += _of_extensions(figures)
     for kind, growth in growths(figures):
         rows.append(_at_most(f"{kind}: exponent of cold plan time", growth["plan"], 1.1))
     for _, kind, proven in measured(figures, "proof"):
@@ -80,6 +78,16 @@ def of_times(figures: Row) -> list[Row]:
             rows.append(_at_most("sum: root gap at the letter's size", proven["root_gap_mean"], 0.25))
             rows.append(_at_most("sum: gap after branch and bound", proven["gap_mean"], 0.05))
     return rows
+
+
+def _of_extensions(figures: Row) -> Iterator[Row]:
+    for size, kind, of_users in measured(figures, "users"):
+        for row in of_users["rows"]:
+            yield _at_most(f"{size} {kind}: `plan()` of {row['what']}, times the plain one", row["ratio"], 2.0)
+    for size, kind, ground in measured(figures, "terrain"):
+        for name, what in (("terrain", "over hills"), ("altitudes", "with altitudes chosen over hills")):
+            ratio = ground[name]["plan_call"]["ratio"]
+            yield _at_most(f"{size} {kind}: `plan()` {what}, times the level one", ratio, 2.0)
 
 
 def _against_yardsticks(figures: Row, size: str, ours: Row) -> Iterator[Row]:

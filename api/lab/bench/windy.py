@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from skyfolio.api.lab.bench.calls import timed_calls
 from skyfolio.api.lab.bench.cases import instance
 from skyfolio.api.lab.bench.effort import Effort
 from skyfolio.api.lab.bench.instances import Size
-from skyfolio.api.lab.bench.measure import timed
-from skyfolio.planner import Scenario, plan, replan
+from skyfolio.planner import Scenario
 from skyfolio.planner.scenario import Battery, Wind
 
 WIND = Wind(east_mps=3.0, north_mps=2.0, gust_mps=1.0)
@@ -57,12 +57,5 @@ def energy(size: Size, kind: str, effort: Effort) -> dict[str, Any]:
 
 def _measured(scenario: Scenario, effort: Effort) -> dict[str, Any]:
     """Return the times of a plan and a replan after a loss half-way, what the plan is worth, and its least margin."""
-    call, made = timed(lambda: plan(scenario), runs=effort.runs, budget_s=effort.budget_s)
-    half, lost = scenario.slots // 2, scenario.uav_ids[-1]
-    again, _ = timed(lambda: replan(made, failed=[lost], at_slot=half), runs=effort.runs, budget_s=effort.budget_s)
-    return {
-        "plan_call": call,
-        "replan_call": again,
-        "utility_kbps": made.summary.utility_bps / 1e3,
-        "least_margin_wh": min((min(row) for row in made.energy_margin_wh.values()), default=None),
-    }
+    figures, made = timed_calls(scenario, effort)
+    return figures | {"least_margin_wh": min((min(row) for row in made.energy_margin_wh.values()), default=None)}
