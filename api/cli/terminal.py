@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from rich.console import Group
 from rich.table import Table
 
 from skyfolio.api.common.slots import slot_ranges
 from skyfolio.planner import Plan
+from skyfolio.planner.energy.outlook import landing_of
 
 
 def plan_table(plan: Plan) -> Group:
-    """Return the summary of a plan and the average rate of each user, as tables."""
+    """Return the summary of a plan, the average rate of each user, and the energy of each UAV that has a battery."""
     summary = Table(title=f"{plan.id} (revision {plan.revision}, {plan.status.value})", show_header=False)
     measures = plan.summary
     for name, value in (
@@ -27,7 +30,19 @@ def plan_table(plan: Plan) -> Group:
     for user, rates in plan.user_rates_bps.items():
         serving = [uav for uav, rate in zip(plan.association[user], rates, strict=True) if rate > 0]
         users.add_row(user, f"{sum(rates) / len(rates) / 1e3:.2f}", ", ".join(sorted(set(serving))) or "-")
-    return Group(summary, users)
+    return Group(summary, users, *_energy(plan))
+
+
+def _energy(plan: Plan) -> Iterator[Table]:
+    """Yield a table of who comes home with how much, where UAVs have batteries."""
+    landings = [(uav, landing) for uav in plan.scenario.uav_ids if (landing := landing_of(plan, uav)) is not None]
+    if not landings:
+        return
+    table = Table("UAV", "used in the end, Wh", "left at home, at least, Wh", "of it reserve, Wh", "least spare, Wh")
+    for uav, landing in landings:
+        left = f"{landing.home_wh:.1f} ({landing.home_wh / landing.usable_wh:.0%})"
+        table.add_row(uav, f"{landing.used_wh:.1f}", left, f"{landing.reserve_wh:.1f}", f"{landing.spare_wh:.1f}")
+    yield table
 
 
 def unmet(plan: Plan) -> list[str]:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from skyfolio.api.dashboard import map_scene
-from skyfolio.api.dashboard.views import Operation
+from skyfolio.api.dashboard.views import Operation, Vehicle
 from skyfolio.api.dashboard.watch import TrackedVehicle, Watch
 from skyfolio.planner import Plan
+from skyfolio.planner.energy.outlook import Outlook, outlook_of
 
 
 def spots(watch: Watch) -> list[map_scene.Spot]:
@@ -26,9 +27,23 @@ def spots(watch: Watch) -> list[map_scene.Spot]:
                 vehicle=tracked.vehicle,
                 lost=lost,
                 slip_s=map_scene.slip_of(plan, uav, elapsed, at) if under_way and not lost else None,
+                energy=energy_of(plan, uav, elapsed, tracked.vehicle) if under_way and not lost else None,
             )
         )
     return found
+
+
+def energy_of(plan: Plan | None, uav: str, elapsed_s: float | None, vehicle: Vehicle | None) -> Outlook | None:
+    """Return the energy of a UAV by its own gauge; None before slot 0, and where plan or vehicle do not tell of it.
+
+    elapsed_s: since slot 0 of the operation.
+    """
+    if plan is None or elapsed_s is None or elapsed_s < 0 or uav not in plan.trajectories_m:
+        return None
+    if vehicle is None or vehicle.battery_percent is None:
+        return None
+    slots = elapsed_s / plan.scenario.slot_duration_s - plan.first_slot
+    return outlook_of(plan, uav, slots, vehicle.battery_percent / 100.0)
 
 
 def frame(watch: Watch, operation: Operation, plan: Plan, first: Plan) -> map_scene.Json:

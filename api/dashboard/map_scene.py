@@ -10,6 +10,7 @@ from typing import Any
 from skyfolio.api.dashboard.schedule import slip_s
 from skyfolio.api.dashboard.views import Operation, Vehicle
 from skyfolio.planner import Pins, Plan, Scenario
+from skyfolio.planner.energy.outlook import Outlook
 from skyfolio.planner.geometry import Point, point_at
 
 Json = dict[str, Any]
@@ -33,6 +34,7 @@ class Spot:
     vehicle: Vehicle | None = None
     lost: bool = False
     slip_s: float | None = None
+    energy: Outlook | None = None
 
 
 def scene(scenario: Scenario, plans: Sequence[tuple[str, Plan]] = (), **more: Any) -> Json:
@@ -206,7 +208,7 @@ def rows(spots: Sequence[Spot], operation: Operation | None) -> list[Json]:
 def recorded_row(number: int, uav_id: str, *, lost: bool, slip_s: float | None) -> Json:
     """Return a row of the fleet table from a recording, which has positions only."""
     state, level = ("LOST", "alarm") if lost else ("RECORDED", "ok")
-    nothing = dict.fromkeys(("age", "battery", "alt", "item", "items", "quality", "cause"))
+    nothing = dict.fromkeys(("age", "battery", "alt", "item", "items", "quality", "cause", "energy"))
     colour = PALETTE[number % len(PALETTE)]
     known = {
         "id": uav_id,
@@ -266,6 +268,7 @@ def _row(number: int, spot: Spot, operation: Operation | None) -> Json:
         "items": vehicle.mission_items if vehicle else None,
         "slip": spot.slip_s,
         "quality": vehicle.link_quality if vehicle else None,
+        "energy": None if spot.energy is None else [spot.energy.used_wh, spot.energy.margin_wh],
         "colour": PALETTE[number % len(PALETTE)],
     }
 

@@ -8,6 +8,7 @@ from skyfolio.api.common.slots import slot_ranges
 from skyfolio.api.dashboard import charts
 from skyfolio.api.dashboard.views import WhatIf
 from skyfolio.planner import Plan, Scenario
+from skyfolio.planner.energy.outlook import landing_of
 
 
 def title(scenario: Scenario) -> str:
@@ -57,6 +58,24 @@ def unmet(plan: Plan) -> list[tuple[str, ...]]:
             slot_ranges([plan.first_slot + slot for slot in slots]),
         )
         for user, slots in plan.unmet_min_rate_slots.items()
+    ]
+
+
+ENERGY_HEAD = ("energy, Wh", "used in the end", "left at home", "reserve", "least spare")
+
+
+def energy(plan: Plan) -> list[tuple[str, ...]]:
+    """Return a row for each UAV with a battery: what it uses, what is proven to be left at home, and above reserve."""
+    landings = [(uav, landing) for uav in plan.scenario.uav_ids if (landing := landing_of(plan, uav)) is not None]
+    return [
+        (
+            uav,
+            f"{landing.used_wh:.1f}",
+            f"{landing.home_wh:.1f} ({landing.home_wh / landing.usable_wh:.0%})",
+            f"{landing.reserve_wh:.1f}",
+            f"{landing.spare_wh:.1f}",
+        )
+        for uav, landing in landings
     ]
 
 

@@ -1,4 +1,4 @@
-"""A battery in flight against its plan: what has been used, and whether what is left still suffices to come home."""
+"""A battery and its plan: what is left at home, and in flight what has been used and whether the rest suffices."""
 
 from __future__ import annotations
 
@@ -19,6 +19,39 @@ class Outlook:
     expected_wh: float
     at_end_wh: float
     margin_wh: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Landing:
+    """One UAV's energy as planned, Wh.
+
+    used_wh: expected to be used by the end of its last slot, since its battery was full. home_wh: proven to be left
+    when it has come home from there and landed. reserve_wh: of it never planned with. spare_wh: the least that is
+    proven to be left above the reserve, from wherever on the way it goes home. usable_wh: in a full battery.
+    """
+
+    used_wh: float
+    home_wh: float
+    reserve_wh: float
+    spare_wh: float
+    usable_wh: float
+
+
+def landing_of(plan: Plan, uav_id: str) -> Landing | None:
+    """Return how a UAV comes home by the plan; None for one without a battery in the plan."""
+    battery = plan.scenario.uav(uav_id).battery
+    usable, used, margins = _rows(plan, uav_id)
+    if battery is None or usable is None or not used:
+        return None
+    last = plan.scenario.last_slot(plan.scenario.uav(uav_id))
+    reserve = usable * battery.reserve_share
+    return Landing(
+        used_wh=used[last],
+        home_wh=margins[last] + reserve,
+        reserve_wh=reserve,
+        spare_wh=min(margins[: last + 1]),
+        usable_wh=usable,
+    )
 
 
 def outlook_of(plan: Plan, uav_id: str, slots: float, charge: float) -> Outlook | None:

@@ -33,6 +33,8 @@ from skyfolio.planner import (
     plan,
     violations,
 )
+from skyfolio.planner.energy.outlook import landing_of
+from skyfolio.planner.scenario import Battery
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -65,6 +67,26 @@ def test_plan_prints_a_feasible_plan_as_json(
 def test_plan_shows_a_table_without_json(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(monkeypatch, "plan", "--example", "minimal") == 0
     assert "mean sum rate" in capsys.readouterr().out
+
+
+def test_plan_shows_how_uavs_with_a_battery_come_home(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    minimal, scenario, file = EXAMPLES["minimal"](), tmp_path / "scenario.json", tmp_path / "plan.json"
+    full = minimal.uavs[0].model_copy(update={"battery": Battery(usable_wh=60.0)})
+    scenario.write_text(minimal.with_changes(uavs=(full, *minimal.uavs[1:])).model_dump_json())
+    monkeypatch.setenv("COLUMNS", "200")
+    assert run(monkeypatch, "plan", str(scenario)) == 0
+    shown = capsys.readouterr().out
+    assert run(monkeypatch, "plan", str(scenario), "--json", "--out", str(file)) == 0
+    landing = landing_of(Plan.model_validate_json(file.read_text()), "uav-1")
+    assert landing is not None
+    row = next(line for line in shown.split("left at home")[1].splitlines() if "uav-1" in line)
+    told = f"{landing.home_wh:.1f} ({landing.home_wh / 60.0:.0%})"
+    assert [cell.strip() for cell in row.strip("│ ").split("│")] == [
+        "uav-1", f"{landing.used_wh:.1f}", told, "12.0", f"{landing.spare_wh:.1f}",
+    ]  # fmt: skip
+    assert "uav-2" not in shown.split("left at home")[1]  # it has none
 
 
 def test_replan_and_export_take_the_file_that_plan_wrote(

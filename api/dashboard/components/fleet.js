@@ -6,6 +6,7 @@ export default {
         <th scope="col">UAV</th><th scope="col">State</th><th scope="col" title="mission item being flown">Item</th>
         <th scope="col" title="seconds behind (+) or ahead of (-) the schedule">Slip</th>
         <th scope="col" title="seconds since the last heartbeat">Heartbeat</th><th scope="col">Batt</th>
+        <th v-if="has_energy" scope="col" title="Wh used since the battery was full; what is proven to be spare above the reserve when it comes home">Energy</th>
         <th scope="col" title="metres above home">Alt</th>
       </tr></thead>
       <tbody>
@@ -20,12 +21,18 @@ export default {
           <td :class="{ late: Math.abs(row.slip ?? 0) > 3 }">{{ signed(row.slip) }}</td>
           <td><span class="sf-bars" :data-bars="bars(row)" aria-hidden="true"><i></i><i></i><i></i><i></i></span> {{ row.age === null ? "–" : row.age.toFixed(1) + " s" }}</td>
           <td :class="{ late: row.battery !== null && row.battery < 25 }">{{ row.battery === null ? "–" : Math.round(row.battery) + " %" }}</td>
+          <td v-if="has_energy" class="sf-energy" :class="{ late: row.energy && row.energy[1] < 0 }">{{ energy(row.energy) }}</td>
           <td>{{ row.alt === null ? "–" : row.alt.toFixed(0) + " m" }}</td>
         </tr>
-        <tr v-if="!rows.length"><td colspan="7" class="sf-empty">No vehicle is registered. Start an operation from the Plan page.</td></tr>
+        <tr v-if="!rows.length"><td :colspan="has_energy ? 8 : 7" class="sf-empty">No vehicle is registered. Start an operation from the Plan page.</td></tr>
       </tbody>
     </table>`,
   data: () => ({ rows: [], selected: null }),
+  computed: {
+    has_energy() {
+      return this.rows.some((row) => row.energy);
+    },
+  },
   methods: {
     set_rows(rows) {
       this.rows = rows;
@@ -43,6 +50,11 @@ export default {
     signed(slip) {
       if (slip === null || slip === undefined) return "–";
       return (slip >= 0 ? "+" : "−") + Math.abs(slip).toFixed(1) + " s";
+    },
+    energy(wh) {
+      if (!wh) return "–";
+      const sign = wh[1] < 0 ? "−" : "";
+      return wh[0].toFixed(1) + " Wh, " + sign + Math.abs(wh[1]).toFixed(1) + " spare";
     },
     bars(row) {
       if (row.lost || row.link === "lost") return 0;

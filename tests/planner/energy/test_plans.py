@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from skyfolio.planner import EXAMPLES, MaxIterations, PinError, Pins, Plan, Scenario, plan, replan, violations
 from skyfolio.planner.energy.account import account_of, idle_paths_m
-from skyfolio.planner.energy.outlook import charge_needed, outlook_of
+from skyfolio.planner.energy.outlook import Landing, charge_needed, landing_of, outlook_of
 from skyfolio.planner.fast.arena import arena_of
 from skyfolio.planner.fast.optimise import _affordable_starts
 from skyfolio.planner.problem import problem_of
@@ -262,6 +262,20 @@ def test_an_outlook_takes_what_was_used_beyond_the_plan_off_the_margin() -> None
     assert thirsty.at_end_wh == pytest.approx(used[-1] + 3.0)
     assert charge_needed(made, "uav-1") == pytest.approx(1.0 - min(margins) / 60.0)
     assert outlook_of(plan(far_user(slots=4), **QUICK), "uav-1", 1.0, 0.5) is None
+
+
+def test_how_a_uav_comes_home_is_told_from_its_last_slot_with_the_reserve_and_only_with_a_battery() -> None:
+    staying = Uav(id="uav-2", start_m=(50.0, 100.0), max_speed_mps=1.0)
+    first = far_user(60.0, slots=10)
+    leaving = first.uavs[0].model_copy(update={"leaves_at_slot": 7})
+    made = plan(first.with_changes(uavs=(leaving, staying)), **QUICK)
+    used, margins = made.energy_wh["uav-1"], made.energy_margin_wh["uav-1"]
+    told = landing_of(made, "uav-1")
+    assert told == Landing(
+        used_wh=used[6], home_wh=margins[6] + 12.0, reserve_wh=12.0, spare_wh=min(margins[:7]), usable_wh=60.0
+    )
+    assert told.used_wh + told.home_wh < told.usable_wh  # the way home takes the rest
+    assert landing_of(made, "uav-2") is None
 
 
 def test_a_plan_that_spends_all_that_it_has_can_be_replanned_again_and_again() -> None:
