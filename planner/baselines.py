@@ -162,6 +162,8 @@ def _sum_rates(problem: Problem, gain: Array, placements_m: Array) -> Array:
     apart = placements_m[:, :, None] - problem.mean_user_m
     distance2 = np.einsum("cukd,cukd->cuk", apart, apart) + problem.altitude_m[:, None] ** 2
     snr = gain / distance2
+    if problem.bends is not None:
+        snr = snr * np.moveaxis(problem.bends.at(np.moveaxis(np.einsum("cukd,cukd->cuk", apart, apart), 1, 0)), 0, 1)
     mine = distance2 == distance2.min(axis=1, keepdims=True)
     efficiency = np.log2(1 + snr / (1 + np.maximum(snr.sum(axis=1, keepdims=True) - snr, 0.0)))
     best = np.where(mine, efficiency, 0.0).max(axis=2)

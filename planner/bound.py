@@ -55,8 +55,9 @@ def upper_bound_kbps(problem: Problem, rates_kbps: Array | None = None) -> float
 
 
 def may_crowd(problem: Problem) -> bool:
-    """Return whether `crowding` speaks of this problem: of one realisation of the channel, and of users that stay."""
-    return not problem.draws.size and problem.user_m.shape[1] == 1 and not problem.spread_m2.any()
+    """Return whether `crowding` speaks of this problem: of one realisation of an inverse square, users that stay."""
+    still = problem.user_m.shape[1] == 1 and not problem.spread_m2.any()
+    return still and not problem.draws.size and problem.bends is None
 
 
 def reachability_bound_kbps(problem: Problem) -> float:

@@ -57,10 +57,13 @@ def certificate(
 
     rates_kbps: (K, N), those of a good plan: the first tangent plane of a concave utility touches it there, the next
     ones at the Frank-Wolfe iterates that follow. tolerance: relative gap at which a slot is closed. max_nodes: for all
-    planes together. Raises ValueError for more than three UAVs.
+    planes together. Raises ValueError for more than three UAVs, and for channels
+    that are no inverse square.
     """
     if problem.n_uavs > MAX_UAVS:
         raise ValueError(f"uavs: branch and bound takes at most {MAX_UAVS} UAVs, not {problem.n_uavs}")
+    if problem.bends is not None:
+        raise ValueError("channel.kind, channel.antenna: branch and bound knows inverse squares alone")
     root = reachability_bound_kbps(problem)
     if problem.kind == "sum" or problem.mu == 0.0:
         slots, nodes = _branched(problem, problem.weight[:, None] * problem.there, tolerance, max_nodes, stop)

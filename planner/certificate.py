@@ -38,6 +38,11 @@ def prove(
             "channel.fading: of 'expected' rates only the bound that comes with the plan is known; a search tightens "
             "that of 'mean', 'sampled' and 'held'"
         )
+    if problem.bends is not None:
+        raise ValueError(
+            "channel.kind, channel.antenna: a search tightens the bound of the letter's channel without an antenna; "
+            "of others only the bound that comes with the plan is known"
+        )
     if problem.n_uavs > MAX_UAVS and not may_crowd(problem):
         raise ValueError(
             f"users: with more than {MAX_UAVS} UAVs, and users that move or whose place is uncertain, only the bound "

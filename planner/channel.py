@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyfolio.planner.arrays import Array
+from skyfolio.planner.channels.radio import RadioChannel
 from skyfolio.planner.corrections import link_factors
-from skyfolio.planner.scenario import Channel
 
 ANGLE = np.uint64(0xD1B54A32D192ED03)
 ORDER = np.uint64(0x8CB92BA72F3D8DD7)
@@ -40,7 +40,7 @@ def sum_of_others(values: Array) -> Array:
 
 
 def fading_gains(
-    channel: Channel, uav_ids: Sequence[str], user_ids: Sequence[str], first_slot: int, n_slots: int
+    channel: RadioChannel, uav_ids: Sequence[str], user_ids: Sequence[str], first_slot: int, n_slots: int
 ) -> Array:
     """Return small-scale power gains |h|^2 of eq. (2), mean 1, times the corrections of the links: (U, K, N).
 
@@ -59,7 +59,7 @@ def fading_gains(
     return _corrected(channel, uav_ids, user_ids, _rician(channel, _uniform(_mix(key)), _uniform(_mix(key ^ ANGLE))))
 
 
-def expected_gains(channel: Channel, uav_ids: Sequence[str], user_ids: Sequence[str]) -> Array:
+def expected_gains(channel: RadioChannel, uav_ids: Sequence[str], user_ids: Sequence[str]) -> Array:
     """Return the S common draws of |h|^2 over which rates are averaged: (S, U, K), `channel.draws` of them.
 
     Corrections of links are factors of them too.
@@ -79,7 +79,7 @@ def expected_gains(channel: Channel, uav_ids: Sequence[str], user_ids: Sequence[
     return np.ascontiguousarray(drawn.transpose(2, 0, 1))
 
 
-def _corrected(channel: Channel, uav_ids: Sequence[str], user_ids: Sequence[str], gains: Array) -> Array:
+def _corrected(channel: RadioChannel, uav_ids: Sequence[str], user_ids: Sequence[str], gains: Array) -> Array:
     """Return gains (U, K, ...) times the corrections of their links."""
     if not channel.corrections_db:
         return gains
@@ -87,14 +87,14 @@ def _corrected(channel: Channel, uav_ids: Sequence[str], user_ids: Sequence[str]
     return corrected
 
 
-def _link_keys(channel: Channel, uav_ids: Sequence[str], user_ids: Sequence[str]) -> NDArray[np.uint64]:
+def _link_keys(channel: RadioChannel, uav_ids: Sequence[str], user_ids: Sequence[str]) -> NDArray[np.uint64]:
     """Return a key of each pair: (U, K, 1)."""
     uav = np.array([crc32(one.encode()) for one in uav_ids], dtype=np.uint64)[:, None, None]
     user = np.array([crc32(one.encode()) for one in user_ids], dtype=np.uint64)[None, :, None]
     return _mix(_mix(_mix(np.full(1, channel.seed, dtype=np.uint64)) ^ uav) ^ user)
 
 
-def _rician(channel: Channel, first: Array, second: Array) -> Array:
+def _rician(channel: RadioChannel, first: Array, second: Array) -> Array:
     """Return the Rician gain of eq. (2) from two uniform numbers in (0, 1), for scattered amplitude and phase."""
     radius, angle = np.sqrt(-np.log(first)), 2 * np.pi * second  # |CN(0, 1)| and its phase
     rician = 10 ** (channel.rician_k_db / 10)  # `M` of eq. (1)

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.channel import expected_gains, fading_gains
-from skyfolio.planner.ground.links import planned_heights2
+from skyfolio.planner.ground.links import planned_heights
+from skyfolio.planner.heard import factors, reference_snr
 from skyfolio.planner.plans import Plan
 from skyfolio.planner.scenario import Scenario
 from skyfolio.planner.sinr import mean_efficiency
@@ -31,10 +32,8 @@ class Delivery:
         self._plan, scenario = plan, plan.scenario
         self._n_slots, self._n_uavs, self._n_users = scenario.slots, len(scenario.uavs), len(scenario.users)
         self._user_m, self._spread_m2 = tracks_of(scenario)
-        power_w = np.array([uav.transmit_power_w for uav in scenario.uavs])
-        noise_w = 10 ** (scenario.channel.noise_dbm / 10 - 3)
-        self._snr_at_1_m = power_w[:, None] * 10 ** (scenario.channel.reference_gain_db / 10) / noise_w
-        self._heights2 = planned_heights2(plan)
+        self._snr_at_1_m = reference_snr(scenario)[:, None]
+        self._heights_m = planned_heights(plan)
         self._draws = _draws(scenario)
         self._demands_bps = demands_bps(scenario)
         self._index = {uav: u for u, uav in enumerate(scenario.uav_ids)}
@@ -67,10 +66,12 @@ class Delivery:
             table[:, slots if table.shape[1] > 1 else [0]] for table in (self._user_m, self._spread_m2)
         )
         apart = positions_m[:, :, None, :] - user_m.transpose(1, 0, 2)[:, None]  # (S, U, K, 2)
-        heights2 = self._heights2[:, :, slots]  # (U, K, S)
-        distance2 = np.einsum("sukd,sukd->suk", apart, apart) + heights2.transpose(2, 0, 1) + spread_m2.T[:, None]
+        heights_m = self._heights_m[:, :, slots].transpose(2, 0, 1)  # (S, U, K)
+        over2 = np.einsum("sukd,sukd->suk", apart, apart)
+        distance2 = over2 + heights_m**2 + spread_m2.T[:, None]
+        bent = factors(self._plan.scenario.channel, over2 + spread_m2.T[:, None], heights_m)
         on = self._snr_at_1_m * transmitting[:, :, None]
-        snr = (on / distance2 * fading[:, :, column].transpose(2, 0, 1)).transpose(1, 2, 0)  # (U, K, S)
+        snr = (on / distance2 * bent * fading[:, :, column].transpose(2, 0, 1)).transpose(1, 2, 0)  # (U, K, S)
         efficiency = mean_efficiency(snr, snr, self._draws).transpose(0, 2, 1)  # (U, S, K)
         chosen = np.take_along_axis(efficiency, serving[column][None], axis=0)[0]
         rates: Array = np.minimum(bandwidth[column] * chosen, self._demands_bps)

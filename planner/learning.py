@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.channel import fading_gains, sum_of_others
 from skyfolio.planner.corrections import by_id
+from skyfolio.planner.heard import factors, reference_snr
 from skyfolio.planner.scenario import Point, Scenario
 
 OF_MEASUREMENT_DB = 3.0
@@ -104,13 +105,13 @@ def _snr(scenario: Scenario, observations: Sequence[Observation], user: NDArray[
     at_m = np.array([[one.positions_m.get(uav, nowhere) for uav in scenario.uav_ids] for one in observations])
     users_m = np.array([one.position_m for one in scenario.users])[user]
     altitude_m = np.array([scenario.altitude_of(uav) for uav in scenario.uavs])
-    squared_m2 = ((at_m - users_m[:, None, :]) ** 2).sum(axis=2) + altitude_m**2
-    power_w = np.array([uav.transmit_power_w for uav in scenario.uavs])
-    gain = power_w * 10 ** (channel.reference_gain_db / 10) / 10 ** (channel.noise_dbm / 10 - 3)
+    over2 = ((at_m - users_m[:, None, :]) ** 2).sum(axis=2)
+    squared_m2 = over2 + altitude_m**2
+    gain = reference_snr(scenario)
     slots = np.array([one.slot for one in observations])
     first = int(slots.min())
     fading = fading_gains(channel, scenario.uav_ids, scenario.user_ids, first, int(slots.max()) - first + 1)
-    snr: Array = gain / squared_m2 * fading[:, user, slots - first].T
+    snr: Array = gain / squared_m2 * factors(channel, over2, altitude_m) * fading[:, user, slots - first].T
     return snr
 
 

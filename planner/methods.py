@@ -42,11 +42,17 @@ def _paper(
 ) -> Solution:
     """Run Algorithm 1 as printed; cvxpy is imported here, on first use, because that takes a second.
 
-    Raises ValueError for rates averaged over draws, for which the letter has no surrogate.
+    Raises ValueError for rates averaged over draws, and for channels that are no inverse square: the letter has no
+    surrogate of them.
     """
     if problem.draws.size:
         raise ValueError(
             "channel.fading: the method 'paper' knows one gain of each link (eq. 2), not 'expected' rates; use 'fast'"
+        )
+    if problem.bends is not None:
+        raise ValueError(
+            "channel.kind, channel.antenna: the method 'paper' knows the letter's channel without an antenna (eq. 2); "
+            "use 'fast'"
         )
     from skyfolio.planner.reference import algorithm_1  # noqa: PLC0415
 

@@ -17,8 +17,7 @@ def optimistic_rates_kbps(problem: Problem, slots: NDArray[np.intp] | None = Non
     slots: (S,), which ones; default all. (U, K, S) kbit/s.
     """
     near2, far2 = squared_distance_range(problem, slots)
-    gain = problem.snr_gain if slots is None else problem.snr_gain[:, :, slots]
-    rates = mean_efficiency(gain / near2, gain / far2, problem.draws)
+    rates = mean_efficiency(*problem.snr_range(near2, far2, slots), problem.draws)
     rates *= (problem.bandwidth_hz / 1e3)[:, None, None]
     if problem.absent.size:
         rates *= problem.there if slots is None else problem.there[:, slots]

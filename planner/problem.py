@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.channel import expected_gains, fading_gains, squared_distances
+from skyfolio.planner.channels.bends import Bends, bends_of
 from skyfolio.planner.energy.air import Air
 from skyfolio.planner.scenario import NoFlyDisc, NoFlyPolygon, Scenario
 from skyfolio.planner.tracks import absences_of, demands_bps, tracks_of
@@ -48,7 +49,7 @@ class Problem:
     (K, N), who has to serve each user, -1 where that is free; both empty without pins (`pins.py`). weight: (K,), as
     how many users each counts. absent: (K, N), whether it is not there, empty where all always are.
     demand_kbps: (K,), what it asks for in a slot: more is worth nothing; infinite where it has no limit.
-    air: wind and energy, None without.
+    air: wind and energy, None without. bends: factors by which SNRs differ from `snr_gain / d^2`, None without.
     """
 
     start_m: Array
@@ -77,6 +78,7 @@ class Problem:
     absent: NDArray[np.bool_]
     demand_kbps: Array
     air: Air | None = None
+    bends: Bends | None = None
 
     @cached_property
     def n_uavs(self) -> int:
@@ -102,6 +104,31 @@ class Problem:
     def distances2(self, paths_m: Array) -> Array:
         """Return `d_uk^2[n]` of eq. (1) on these paths (U, N, 2), metres: (U, K, N) m^2."""
         return squared_distances(paths_m, self.user_m, self.altitude_m, self.spread_m2)
+
+    def snr(self, distances2: Array) -> Array:
+        """Return the mean SNR of all links at squared distances in space, (U, K, N) m^2."""
+        snr: Array = self.snr_gain / distances2
+        return snr if self.bends is None else snr * self.bends.at(self._over_ground2(distances2))
+
+    def snr_range(self, near2: Array, far2: Array, slots: NDArray[np.intp] | None = None) -> tuple[Array, Array]:
+        """Return bounds of SNRs at squared distances from `near2` to `far2`, (U, K, S) m^2: an upper and a lower one.
+
+        slots: (S,), which ones; default all.
+        """
+        gain = self.snr_gain if slots is None else self.snr_gain[:, :, slots]
+        if self.bends is None:
+            return gain / near2, gain / far2
+        most, least = self.bends.gain_range(near2, far2)
+        return gain * most, gain * least
+
+    def bent(self, u: int, over2: Array) -> tuple[Array | float, Array | float]:
+        """Return the factor of UAV u's SNR at squared distances over ground, m^2, and its slope in them, 1/m^2."""
+        return (1.0, 0.0) if self.bends is None else self.bends.of_uav(u, over2)
+
+    def _over_ground2(self, distances2: Array) -> Array:
+        """Return squared distances over ground, users' spreads in them: (U, ...) m^2."""
+        over2: Array = np.maximum(distances2 - (self.altitude_m**2).reshape(-1, *[1] * (distances2.ndim - 1)), 0.0)
+        return over2
 
     @cached_property
     def mean_user_m(self) -> Array:
@@ -181,6 +208,7 @@ class Problem:
             pinned_m=self.pinned_m[uavs] if self.pinned_m.size else self.pinned_m,
             pinned_to=number[self.pinned_to] if self.pinned_to.size else self.pinned_to,
             air=None if self.air is None else self.air.of(uavs),
+            bends=None if self.bends is None else self.bends.of(uavs),
         )
 
     def hover(self) -> Array:
@@ -207,12 +235,13 @@ def problem_of(scenario: Scenario, past: Past | None = None) -> Problem:
     n_flying = np.array([scenario.last_slot(uav) + 1 for uav in scenario.uavs])
     no_end = (np.nan, np.nan)
     user_m, spread_m2 = tracks_of(scenario)
+    altitude_m = np.array([scenario.altitude_of(uav) for uav in scenario.uavs], dtype=float)
     return Problem(
         start_m=np.array([uav.start_m for uav in scenario.uavs], dtype=float),
         user_m=user_m,
         spread_m2=spread_m2,
         step_m=np.array([uav.max_speed_mps * scenario.slot_duration_s for uav in scenario.uavs]),
-        altitude_m=np.array([scenario.altitude_of(uav) for uav in scenario.uavs], dtype=float),
+        altitude_m=altitude_m,
         low_m=np.array(scenario.area_m[0], dtype=float),
         high_m=np.array(scenario.area_m[1], dtype=float),
         separation_m=float(scenario.min_separation_m),
@@ -234,7 +263,15 @@ def problem_of(scenario: Scenario, past: Past | None = None) -> Problem:
         weight=np.array([1.0 if user.weight is None else user.weight for user in scenario.users]),
         absent=absent if absent.any() else np.zeros((0, 0), dtype=bool),
         air=scenario.air,
+        bends=bends_of(scenario.channel, altitude_m, _longest_m(scenario, user_m, spread_m2)),
     )
+
+
+def _longest_m(scenario: Scenario, user_m: Array, spread_m2: Array) -> float:
+    """Return how far over ground a user can be from a UAV in the area, as links see it."""
+    low, high = (np.array(corner, dtype=float) for corner in scenario.area_m)
+    apart = np.maximum(np.abs(user_m - low), np.abs(user_m - high))
+    return float(np.sqrt((apart**2).sum(axis=2) + spread_m2).max())
 
 
 def _draws(scenario: Scenario) -> Array:
@@ -244,16 +281,16 @@ def _draws(scenario: Scenario) -> Array:
 
 
 def _snr_gain(scenario: Scenario, first_slot: int, n_flying: NDArray[np.intp]) -> Array:
-    """Return `p_u rho |h_uk[n]|^2 / sigma^2`: (U, K, N) m^2, 0 where the UAV has left.
+    """Return `p_u rho |h_uk[n]|^2 / sigma^2`: (U, K, N) m^2, 0 where the UAV has left; `rho` of the channel's kind.
 
     Under mean fading without corrections, and under expected fading, whose draws are factors of it, all users share one
     row in memory, read-only: the fast path recognises this by the stride and saves a table of U K N numbers.
     """
     channel = scenario.channel
     power_w = np.array([uav.transmit_power_w for uav in scenario.uavs])
-    noise_w = 10 ** (channel.noise_dbm / 10 - 3)
+    noise_w = channel.noise_w(np.array([uav.bandwidth_hz for uav in scenario.uavs]))[:, None]
     flying = np.arange(scenario.slots) < n_flying[:, None]
-    alike = power_w[:, None] * 10 ** (channel.reference_gain_db / 10) / noise_w * flying  # (U, N)
+    alike = power_w[:, None] * channel.reference_gain / noise_w * flying  # (U, N)
     if channel.fading == "expected" or (channel.fading == "mean" and not channel.corrections_db):
         return np.broadcast_to(alike[:, None, :], (len(scenario.uavs), len(scenario.users), scenario.slots))
     fading = fading_gains(channel, scenario.uav_ids, scenario.user_ids, first_slot, scenario.slots)

@@ -17,15 +17,18 @@ from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import ConfigDict, Field, model_validator
-from shapely import Point as GeoPoint
-from shapely import Polygon
 
-from skyfolio.planner.altitudes import Altitude, Amsl, ClimbRate, require_altitudes
+from skyfolio.planner.altitudes import Altitude, limits_of, require_altitudes
+from skyfolio.planner.channels.kinds import AnyChannel
+from skyfolio.planner.channels.radio import Fading, RadioChannel
+from skyfolio.planner.channels.rician import Channel
 from skyfolio.planner.corrections import kept, require_known
 from skyfolio.planner.energy.air import Air, air_of
 from skyfolio.planner.energy.heights import home_heights
 from skyfolio.planner.energy.parts import Battery, RallyPoint, Rotors, Wind
 from skyfolio.planner.energy.rules import require_flyable
+from skyfolio.planner.fleet import Hertz, Uav, Watts
+from skyfolio.planner.no_fly import NoFlyDisc, NoFlyPolygon, NoFlyZone, zone_holds
 from skyfolio.planner.parts import (
     MAX_VERTICES,
     BitsPerSecond,
@@ -33,7 +36,6 @@ from skyfolio.planner.parts import (
     Frozen,
     Identifier,
     Origin,
-    Placed,
     Point,
     PositionDeg,
     either,
@@ -51,6 +53,7 @@ __all__ = [
     "BitsPerSecond",
     "Channel",
     "Coordinate",
+    "Fading",
     "Frozen",
     "Hertz",
     "Identifier",
@@ -71,102 +74,8 @@ __all__ = [
     "zone_holds",
 ]
 
-Hertz = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=1, le=1e11)]
-Watts = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=1e-12, le=1e6)]
-Decibels = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-100, le=100)]
 REACH_ROUNDING_M = 1e-10
 """An end position this little further away than a UAV can fly is in reach: what adding up its steps is off by."""
-
-Fading = Literal["mean", "sampled", "held", "expected"]
-"""The small-scale gain of a link: its mean, drawn in every slot, or drawn once and held."""
-
-
-class Uav(Placed):
-    """One flying base station: `q_0u`, `D_max`, `B_u` and `p_u` of the letter.
-
-    Beyond the letter, each optional: `altitude_m` of its own, metres above its home; `end_m`, where it must be in its
-    last slot; `leaves_at_slot`, the slot (counted from 0) from which on it is gone, a battery's end known beforehand;
-    `max_airspeed_mps`, its limit through the air where there is wind (default: `max_speed_mps`); `battery`, with which
-    it must come home from every slot, to `home_m` (default: its start) or the cheapest of the `rally_points`; `rotors`,
-    what flying costs it.
-    """
-
-    model_config = ConfigDict(json_schema_extra=either(("start_m",), ("start_deg",)))
-
-    id: Identifier
-    start_m: Point
-    max_speed_mps: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=100)] = 5.0
-    bandwidth_hz: Hertz = 10_000.0
-    transmit_power_w: Watts = 0.1
-    altitude_m: Altitude | None = None
-    end_m: Point | None = None
-    leaves_at_slot: Annotated[int, Field(strict=True, ge=1)] | None = None
-    start_deg: PositionDeg | None = in_degrees("Where it starts, degrees; may be given instead of `start_m`.")
-    end_deg: PositionDeg | None = in_degrees("Where it must end, degrees; may be given instead of `end_m`.")
-    altitude_min_m: Altitude | None = left_out("Instead of the scenario's `altitude_min_m`.")
-    altitude_max_m: Altitude | None = left_out("Instead of the scenario's `altitude_max_m`.")
-    max_climb_mps: ClimbRate | None = left_out("How fast it climbs and descends, m/s; default 1.5.")
-    start_altitude_m: Amsl | None = left_out(
-        "Its altitude in slot 0 if it flies already, metres above sea level (without terrain: above home)."
-    )
-    max_airspeed_mps: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=200)] | None = left_out(
-        "Through the air, m/s; what it reaches over ground depends on the wind."
-    )
-    battery: Battery | None = left_out("What it may use; without it, energy is no limit.")
-    rotors: Rotors | None = left_out("What flying costs it; without it, a common quadcopter's.")
-    home_m: Point | None = left_out("Where it lands, if that is not `start_m`: its ways home end there.")
-    home_deg: PositionDeg | None = in_degrees("Where it lands, degrees; may be given instead of `home_m`.")
-
-
-class Channel(Frozen):
-    """Rician air-to-ground channel, eqs. (1)-(2).
-
-    `fading="mean"` sets the small-scale gain |h|^2 to 1; `"sampled"` draws it per (uav, user, slot) from `seed`;
-    `"held"` draws it once per (uav, user), for all slots. `"expected"` is for planners that know the statistics and not
-    the draws: a rate is the mean of the rates over `draws` draws from `seed` (only then has `draws` a meaning).
-    `corrections_db`: by UAV and user, by how much a link is better than this model says, as measured in flight
-    (`corrections.py`); 0 where nothing is said.
-    """
-
-    reference_gain_db: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-200, le=100)] = -20.0
-    noise_dbm: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-250, le=100)] = -80.0
-    rician_k_db: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-100, le=100)] = 3.0
-    fading: Fading = "mean"
-    draws: Annotated[int, Field(strict=True, ge=1, le=256)] = 64
-    seed: Annotated[int, Field(strict=True, ge=0, lt=2**63)] = 0
-    corrections_db: dict[Identifier, dict[Identifier, Decibels]] = Field(
-        default_factory=dict, exclude_if=lambda value: not value
-    )
-
-
-class NoFlyDisc(Placed):
-    """A round area over which no UAV may fly; its edge may be touched. Metres."""
-
-    model_config = ConfigDict(json_schema_extra=either(("center_m",), ("center_deg",)))
-
-    kind: Literal["disc"] = "disc"
-    center_m: Point
-    radius_m: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=1_000_000)]
-    center_deg: PositionDeg | None = in_degrees("Its centre, degrees; may be given instead of `center_m`.")
-
-
-class NoFlyPolygon(Placed):
-    """A simple polygon over which no UAV may fly; its edge may be touched. Metres, in either order of rotation."""
-
-    model_config = ConfigDict(json_schema_extra=either(("vertices_m",), ("vertices_deg",)))
-
-    kind: Literal["polygon"] = "polygon"
-    vertices_m: Annotated[tuple[Point, ...], Field(min_length=3, max_length=MAX_VERTICES)]
-    vertices_deg: Annotated[tuple[PositionDeg, ...], Field(min_length=3, max_length=MAX_VERTICES)] | None = in_degrees(
-        "Its outline, degrees; may be given instead of `vertices_m`."
-    )
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        outline = Polygon(self.vertices_m)
-        if not outline.is_valid or outline.area == 0:
-            raise ValueError("vertices_m: the outline must enclose an area and not cross itself")
-        return self
 
 
 class Utility(Frozen):
@@ -179,9 +88,6 @@ class Utility(Frozen):
     kind: Literal["sum", "per_user", "pooled"] = "sum"
     mu_per_kbps: Annotated[float, Field(strict=True, allow_inf_nan=False, le=0, ge=-1e6)] = 0.0
     exclude_fixed_slots: bool = False
-
-
-NoFlyZone = Annotated[NoFlyDisc | NoFlyPolygon, Field(discriminator="kind")]
 
 
 class Scenario(Frozen):
@@ -203,7 +109,7 @@ class Scenario(Frozen):
     min_separation_m: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=10_000)]
     uavs: Annotated[tuple[Uav, ...], Field(min_length=1)]
     users: Annotated[tuple[User, ...], Field(min_length=1)]
-    channel: Channel = Channel()
+    channel: AnyChannel = Channel()
     utility: Utility = Utility()
     no_fly: Annotated[tuple[NoFlyZone, ...], Field(max_length=100)] = ()
     wind: Wind | None = left_out("The wind while it lasts; without it, the air is still.")
@@ -232,6 +138,7 @@ class Scenario(Frozen):
             )
         self._check_degrees()
         require_altitudes(self)
+        self._check_heights()
         _require_unique("uavs", [uav.id for uav in self.uavs])
         _require_unique("users", [user.id for user in self.users])
         require_tracks(self.users, self.slots, self.slot_duration_s)
@@ -249,6 +156,16 @@ class Scenario(Frozen):
                 self._check_apart("end_m", a, b, a.end_m, b.end_m)
         self._check_air()
         return self
+
+    def _check_heights(self) -> None:
+        for index, uav in enumerate(self.uavs):
+            limits = limits_of(self, uav)
+            high_m = limits.low_m if limits.high_m is None else limits.high_m
+            refusal = self.channel.refusal_of_heights(limits.low_m, high_m)
+            if refusal is not None:
+                raise ValueError(
+                    f"channel.kind: {refusal}, not for {limits.low_m:g} to {high_m:g} m of uavs.{index} '{uav.id}'"
+                )
 
     def _check_air(self) -> None:
         air = self.air
@@ -366,18 +283,11 @@ class Scenario(Frozen):
         if "no_fly" in changes:  # zones close off what is outside of a polygon
             changes = {"area_deg": None, **changes}
         fields |= without_stale_degrees(type(self), changes)
-        channel: Channel = fields["channel"]
+        channel: RadioChannel = fields["channel"]
         if channel.corrections_db and {"uavs", "users"} & changes.keys():
             links = kept(channel.corrections_db, *({one.id for one in fields[name]} for name in ("uavs", "users")))
             fields["channel"] = channel.model_copy(update={"corrections_db": links})
         return type(self)(**fields)
-
-
-def zone_holds(zone: NoFlyDisc | NoFlyPolygon, point: Point) -> bool:
-    """Return whether the point, metres east/north, lies strictly inside the zone."""
-    if isinstance(zone, NoFlyDisc):
-        return dist(zone.center_m, point) < zone.radius_m
-    return bool(Polygon(zone.vertices_m).contains(GeoPoint(point)))
 
 
 def _require_unique(field: str, ids: list[str]) -> None:

@@ -1,14 +1,15 @@
 """What users on the ground truly get from the base stations of a fleet: a channel that no planner knows.
 
-Free space from a reference gain at one metre, as planners assume it, and what they do not know: a bias of all links,
-shadowing of each link, and Rician fading. Everything but the vehicles' places is drawn from a seed.
+The mean gain that planners assume (free space from a reference gain at one metre, or any function of distance and
+height), and what they do not know: a bias of all links, shadowing of each link, and Rician fading. Everything but the
+vehicles' places is drawn from a seed.
 """
 
 from __future__ import annotations
 
 import math
 import random
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -31,7 +32,9 @@ GeoPlace = tuple[float, float]
 class TruthChannel:
     """The true channel. bias_db: of all links. shadowing_db: standard deviation of each link's own, drawn from `seed`.
 
-    rician_k_db: the factor of the fading; None for none. ValueError names a field that is out of range.
+    rician_k_db: the factor of the fading; None for none. mean_gain: the power gain of a link by its distance over
+    ground and its height, metres; None for `reference_gain_db` over the squared distance in space. ValueError names a
+    field that is out of range.
     """
 
     reference_gain_db: float = -20.0
@@ -40,12 +43,19 @@ class TruthChannel:
     shadowing_db: float = 0.0
     rician_k_db: float | None = None
     seed: int = 0
+    mean_gain: Callable[[float, float], float] | None = None
 
     def __post_init__(self) -> None:
         check_number("bias_db", self.bias_db, -MOST_DB, MOST_DB)
         check_number("shadowing_db", self.shadowing_db, 0.0, MOST_DB)
         if self.rician_k_db is not None:
             check_number("rician_k_db", self.rician_k_db, -MOST_DB, MOST_DB)
+
+    def gain(self, away_m: float, height_m: float) -> float:
+        """Return the mean power gain of a link of this length over ground and this height."""
+        if self.mean_gain is not None:
+            return self.mean_gain(away_m, height_m)
+        return float(10 ** (self.reference_gain_db / 10)) / (away_m**2 + height_m**2)
 
     def link_db(self, system_id: int, user_id: str) -> float:
         """Return by how many dB a link is better than the plain channel, fading aside."""
@@ -96,12 +106,19 @@ class RadioTruth:
     """Users on the ground, and a fleet's base stations above them.
 
     users_deg: where each user is. power_w: what the base station of each vehicle, by system id, is built to send.
+    noise_dbm: in the band of each base station, where it differs from band to band; powers count by their density then.
     """
 
     def __init__(
-        self, fleet: Fleet, channel: TruthChannel, users_deg: Mapping[str, GeoPlace], power_w: Mapping[int, float]
+        self,
+        fleet: Fleet,
+        channel: TruthChannel,
+        users_deg: Mapping[str, GeoPlace],
+        power_w: Mapping[int, float],
+        noise_dbm: Mapping[int, float] | None = None,
     ) -> None:
         self._fleet, self.channel, self._power_w = fleet, channel, dict(power_w)
+        self._noise_dbm = dict.fromkeys(self._power_w, channel.noise_dbm) | dict(noise_dbm or {})
         self._frame = LocalFrame(*next(iter(users_deg.values())))
         self._users_m = {user: self._frame.to_local(*place) for user, place in users_deg.items()}
         self._link_db = {
@@ -131,15 +148,20 @@ class RadioTruth:
 
     def _sinr(self, serving: int, user: str, on: Mapping[int, Vehicle]) -> float:
         powers = {system: self._power_at(system, vehicle, user) for system, vehicle in on.items()}
-        noise_w = 10 ** ((self.channel.noise_dbm + on[serving].base_station.jam_db) / 10 - 3)
-        return powers[serving] / (noise_w + sum(power for system, power in powers.items() if system != serving))
+        noise_w = 10 ** ((self._noise_dbm[serving] + on[serving].base_station.jam_db) / 10 - 3)
+        others = (self._in_band(power, system, serving) for system, power in powers.items() if system != serving)
+        return powers[serving] / (noise_w + sum(others))
+
+    def _in_band(self, power_w: float, system: int, serving: int) -> float:
+        """Return what of a base station's power lies in the band of another one: as much more as that is wider."""
+        return power_w * float(10 ** ((self._noise_dbm[serving] - self._noise_dbm[system]) / 10))
 
     def _power_at(self, system: int, vehicle: Vehicle, user: str) -> float:
         """Return the power in watts that a user receives of a base station."""
         lat_deg, lon_deg, up_m = vehicle.position
         east_m, north_m = self._frame.to_local(lat_deg, lon_deg)
         at_m = self._users_m[user]
-        squared_m2 = (east_m - at_m[0]) ** 2 + (north_m - at_m[1]) ** 2 + up_m**2
-        gain_db = self.channel.reference_gain_db + self._link_db[system, user] + vehicle.base_station.power_db
+        mean = self.channel.gain(math.hypot(east_m - at_m[0], north_m - at_m[1]), up_m)
+        better_db = self._link_db[system, user] + vehicle.base_station.power_db
         fading = self.channel.fading(system, user, self._fleet.now_s)
-        return self._power_w[system] * 10 ** (gain_db / 10) * fading / squared_m2
+        return float(self._power_w[system] * mean * 10 ** (better_db / 10) * fading)

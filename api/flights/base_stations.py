@@ -11,13 +11,15 @@ from collections.abc import Awaitable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
+import numpy as np
+
 from skyfolio import sim
 from skyfolio.api.common.errors import ConflictError
 from skyfolio.api.flights.allocations import AllocationsView, SlotAllocation, UavAllocation
 from skyfolio.api.flights.measured_rates import LEAST_DB, Measurement
 from skyfolio.api.flights.operations import Operations
 from skyfolio.mavlink_bridge import east_north_to_geodetic
-from skyfolio.planner import Scenario
+from skyfolio.planner import Channel, Scenario
 
 ASK_EVERY_S = 0.2
 """Fleet seconds between two looks of base stations at what they must serve."""
@@ -85,17 +87,27 @@ def radio_truth(
     in their order.
     """
     systems = system_of or {uav: number for number, uav in enumerate(scenario.uav_ids, start=1)}
-    assumed = scenario.channel
-    given = channel or sim.TruthChannel(reference_gain_db=assumed.reference_gain_db, noise_dbm=assumed.noise_dbm)
+    given = channel or assumed_by(scenario)
     places = {user.id: east_north_to_geodetic(scenario.origin, *user.position_m) for user in scenario.users}
     power_w = {systems[uav.id]: uav.transmit_power_w for uav in scenario.uavs}
-    return sim.RadioTruth(fleet, given, places, power_w)
+    noise_dbm = None
+    if scenario.channel.noise_figure_db is not None:
+        noise_w = scenario.channel.noise_w(np.array([uav.bandwidth_hz for uav in scenario.uavs]))
+        noise_dbm = dict(
+            zip((systems[uav] for uav in scenario.uav_ids), (10 * np.log10(noise_w) + 30).tolist(), strict=True)
+        )
+    return sim.RadioTruth(fleet, given, places, power_w, noise_dbm)
 
 
-def true_channel(scenario: Scenario, differs: sim.TruthChannel) -> sim.TruthChannel:
-    """Return the channel that planners of a scenario assume, but for that by which the true one `differs`."""
+def assumed_by(scenario: Scenario, drawn: sim.TruthChannel | None = None) -> sim.TruthChannel:
+    """Return the channel that planners of the scenario assume, with what `drawn` has of bias, shadowing and fading."""
     assumed = scenario.channel
-    return replace(differs, reference_gain_db=assumed.reference_gain_db, noise_dbm=assumed.noise_dbm)
+    made = drawn or sim.TruthChannel()
+    if assumed.noise_dbm is not None:
+        made = replace(made, noise_dbm=assumed.noise_dbm)
+    if isinstance(assumed, Channel):
+        made = replace(made, reference_gain_db=assumed.reference_gain_db)
+    return made if assumed.is_inverse_square else replace(made, mean_gain=assumed.gain_at)
 
 
 class BaseStations:

@@ -10,7 +10,7 @@ from skyfolio import sim
 from skyfolio.api.fleet.registry import Fleet
 from skyfolio.api.fleet.simulated_fleet import SimulatedFleet
 from skyfolio.api.flights.allocations import AllocationsView
-from skyfolio.api.flights.base_stations import ASK_EVERY_S, BaseStations, OperationPort, radio_truth, true_channel
+from skyfolio.api.flights.base_stations import ASK_EVERY_S, BaseStations, OperationPort, assumed_by, radio_truth
 from skyfolio.api.flights.measured_rates import Measurement
 from skyfolio.api.flights.operation import Operation
 from skyfolio.api.flights.operations import Operations
@@ -47,7 +47,7 @@ class OwnStations:
     def _stations_of(self, operation: Operation) -> BaseStations:
         fleet, flight = self._simulated.fleet, operation.flight
         scenario = flight.first_plan.scenario
-        truth = radio_truth(fleet, scenario, true_channel(scenario, self._channel), flight.systems)
+        truth = radio_truth(fleet, scenario, assumed_by(scenario, self._channel), flight.systems)
         port = _FromTheFleet(OperationPort(self._operations, operation.id), asyncio.get_running_loop())
         return BaseStations(fleet, truth, port, flight.systems)
 

@@ -11,7 +11,7 @@ import structlog
 from skyfolio import sim
 from skyfolio.api.client import ApiError, Client
 from skyfolio.api.flights.allocations import AllocationsView
-from skyfolio.api.flights.base_stations import ASK_EVERY_S, BaseStations, radio_truth, true_channel
+from skyfolio.api.flights.base_stations import ASK_EVERY_S, BaseStations, assumed_by, radio_truth
 from skyfolio.api.flights.measured_rates import Measurement
 from skyfolio.api.flights.operation_views import ENDED, OperationView
 from skyfolio.planner import Plan
@@ -85,7 +85,7 @@ class RadioClient:
         plan = await asyncio.to_thread(self._client.read_plan, operation.plan_ids[0])
         if not isinstance(plan, Plan):
             return
-        truth = radio_truth(self._fleet, plan.scenario, true_channel(plan.scenario, self._channel), operation.vehicles)
+        truth = radio_truth(self._fleet, plan.scenario, assumed_by(plan.scenario, self._channel), operation.vehicles)
         stations = BaseStations(self._fleet, truth, RestPort(self._client, operation.id), operation.vehicles)
         while await stations.step():  # noqa: ASYNC110 - it asks another process
             await asyncio.sleep(ASK_EVERY_S / self._speedup)

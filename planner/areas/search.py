@@ -112,6 +112,10 @@ def _require_able(problem: Problem) -> None:
         raise ValueError(
             "channel.fading, corrections_db: 'areas' plans the 'mean' channel without corrections; use 'fast'"
         )
+    if problem.bends is not None:
+        raise ValueError(
+            "channel.kind, channel.antenna: 'areas' plans the letter's channel without an antenna; use 'fast'"
+        )
     if problem.pinned_m.size or problem.pinned_to.size:
         raise ValueError("pins: the method 'areas' keeps no pins")
     if not problem.has_plain_users:

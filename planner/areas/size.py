@@ -14,11 +14,13 @@ def is_large(scenario: Scenario) -> bool:
     """Return whether the scenario is planned by areas unless another method is named."""
     cells = len(scenario.uavs) * len(scenario.users) * scenario.slots
     channel = scenario.channel
-    plain = channel.fading == "mean" and not channel.corrections_db and are_plain(scenario)
+    plain = (
+        channel.is_inverse_square and channel.fading == "mean" and not channel.corrections_db and are_plain(scenario)
+    )
     return cells > MOST_AT_ONCE and plain
 
 
 def is_large_problem(problem: Problem) -> bool:
     """Return the same of its arrays: whether tables of U K N numbers are to be avoided, and need not be made."""
-    alike = problem.snr_gain.strides[1] == 0 and not problem.draws.size
+    alike = problem.snr_gain.strides[1] == 0 and not problem.draws.size and problem.bends is None
     return problem.snr_gain.size > MOST_AT_ONCE and alike and problem.has_plain_users

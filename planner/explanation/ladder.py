@@ -27,6 +27,7 @@ from shapely import Point, Polygon
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.explanation.findings import Reason, ReasonKind
 from skyfolio.planner.explanation.ledger import LN2, Ledger
+from skyfolio.planner.heard import FARTHEST_M2
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.reach import squared_distance_range
 
@@ -136,7 +137,19 @@ def _nearer(problem: Problem, users: NDArray[np.intp], interfering: Array, may_s
         (lasting, height2, 1.0),
     )
     kilohertz = problem.bandwidth_hz[:, None, None] / (1e3 * LN2)
-    return [(kilohertz * np.log1p(gain / distance2 / noise)).max(axis=0) for gain, distance2, noise in tables]
+    return [
+        (kilohertz * np.log1p(_snr(some, gain, distance2) / noise)).max(axis=0) for gain, distance2, noise in tables
+    ]
+
+
+def _snr(problem: Problem, gain: Array, distance2: Array) -> Array:
+    """Return the greatest SNR, of gains (U, k, N), at these squared distances in m^2 or farther away."""
+    if problem.bends is None:
+        plain: Array = gain / distance2
+        return plain
+    near2 = np.minimum(distance2, FARTHEST_M2)
+    snr: Array = gain * problem.bends.gain_range(near2, np.full(near2.shape, FARTHEST_M2))[0]
+    return snr
 
 
 def _pinned_distance2(problem: Problem, near2: Array) -> Array:

@@ -132,8 +132,10 @@ class Ledger:
         chosen = slice(None) if users is None else users
         user_m, spread_m2 = self.problem.user_m[chosen], self.problem.spread_m2[chosen]
         east, north = (path[:, axis] - user_m[:, :, axis] for axis in (0, 1))
+        over2 = east * east + north * north
         height2 = self.problem.altitude_m[u] ** 2 + spread_m2
-        snr: Array = self.problem.snr_gain[u, chosen] / (east * east + north * north + height2)
+        bent, _ = self.problem.bent(u, over2 + spread_m2)
+        snr: Array = self.problem.snr_gain[u, chosen] / (over2 + height2) * bent
         return snr
 
     def utility_kbps(self, rates_kbps: Array) -> float:

@@ -121,8 +121,9 @@ def _gain_kbps(ledger: Ledger, place: Array) -> float:
     problem = ledger.problem
     moments = np.unique(np.linspace(problem.counted_from, problem.n_slots - 1, MOMENTS).astype(int))
     weights, total, own = (table[:, moments] for table in (ledger.weights, ledger.total_snr, ledger.own_snr))
-    distance2 = ((problem.mean_user_m - place) ** 2).sum(axis=1) + problem.altitude_m[0] ** 2
-    snr = (problem.snr_gain[0, :, 0] / distance2)[:, None]
+    over2 = ((problem.mean_user_m - place) ** 2).sum(axis=1)
+    bent, _ = problem.bent(0, over2)
+    snr = (problem.snr_gain[0, :, 0] / (over2 + problem.altitude_m[0] ** 2) * bent)[:, None]
     new = weights * problem.bandwidth_hz[0] * np.log1p(snr / (1.0 + total))
     interfering = 1.0 + total - own
     lost = np.log1p(own / interfering) - np.log1p(own / (interfering + snr))

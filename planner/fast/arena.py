@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.fast.air import Breeze, breeze_of
+from skyfolio.planner.fast.bent import Bend
 from skyfolio.planner.fast.jit import entry as entry  # noqa: PLC0414 - kernels get them from here
 from skyfolio.planner.fast.jit import inlined as inlined  # noqa: PLC0414 - kernels get them from here
 from skyfolio.planner.fast.jit import kernel as kernel  # noqa: PLC0414 - kernels get them from here
@@ -62,7 +63,8 @@ class Arena(NamedTuple):
     within some `blur_m` of there it costs less (`priced.py`); empty without a price.
     weight: (K,), as how many users each counts. demand: (K,), kbit/s beyond which a rate is worth nothing.
     absent: (N, K), 1 where a user is not there; empty where all always are. gone: (K,), in how many slots that is.
-    breeze: wind and energy. has_wind: it limits steps. has_energy: some UAV might not be able to afford some path.
+    bend: by what factor the gain differs from an inverse square, if has_bend. breeze: wind and energy. has_wind: it
+    limits steps. has_energy: some UAV might not be able to afford some path.
     """
 
     gain: Array
@@ -103,6 +105,8 @@ class Arena(NamedTuple):
     absent: Ints
     gone: Array
     breeze: Breeze
+    bend: Bend
+    has_bend: bool
     has_pinned: bool
     has_pinned_to: bool
     has_ends: bool
@@ -175,6 +179,8 @@ def arena_of(problem: Problem) -> Arena:
         per_metre=0.0,
         blur_m=1.0,
         breeze=breeze,
+        bend=bend_of(problem),
+        has_bend=problem.bends is not None,
         has_pinned=problem.pinned_m.size > 0,
         has_pinned_to=problem.pinned_to.size > 0,
         has_ends=bool(np.isfinite(problem.end_m).any()),
@@ -190,6 +196,21 @@ def arena_of(problem: Problem) -> Arena:
         has_floors=problem.has_demand or bool((problem.min_kbps > 0).any()),
         has_wind=problem.air is not None and problem.air.has_wind,
         has_energy=bool(np.isfinite(breeze.spare_wh).any()),
+    )
+
+
+def bend_of(problem: Problem) -> Bend:
+    """Return the factors of the problem's channel in the kernels' layout."""
+    if problem.bends is None:
+        return Bend(np.zeros((0, 0)), np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0), np.zeros(0))
+    bends = problem.bends
+    like, like_height2 = bends.fitted
+    return Bend(
+        plain(bends.factor),
+        plain(bends.row, np.int64),
+        plain(1.0 / bends.step_m),
+        plain(like[bends.row]),
+        plain(like_height2[bends.row]),
     )
 
 

@@ -54,15 +54,21 @@ def equivalent_signals(arena: Arena, at: Array, n: int, signal: Array, total: Ar
     here = arena.user_m[n * arena.per_slot]
     mean, own, others = np.empty(n_uavs), np.empty(n_draws), np.empty(n_draws)
     for k in range(n_users):
-        total[k] = TOTAL
         for u in range(n_uavs):
             de, dn = at[0, u] - here[0, k], at[1, u] - here[1, k]
             mean[u] = arena.gain[n, u] / (de * de + dn * dn + (arena.height2[u] + here[2, k]))
-        for u in range(n_uavs):
-            signal[u, k] = 0.0
-            if mean[u] > 0.0:
-                draw_signals(mean, arena.draws[k], u, own, others)
-                signal[u, k] = -TOTAL * np.expm1(-mean_log(own, others))
+        equivalent_of(mean, arena.draws[k], own, others, signal, total, k)
+
+
+@smooth
+def equivalent_of(mean: Array, draws: Array, own: Array, others: Array, signal: Array, total: Array, k: int) -> None:
+    """Write the equivalents at user k of SNRs (U,) of a mean channel. draws: (U, S); own, others: (S,), scratch."""
+    total[k] = TOTAL
+    for u in range(mean.shape[0]):
+        signal[u, k] = 0.0
+        if mean[u] > 0.0:
+            draw_signals(mean, draws, u, own, others)
+            signal[u, k] = -TOTAL * np.expm1(-mean_log(own, others))
 
 
 @kernel
@@ -80,7 +86,7 @@ def pull_draws(
     near: Array,
     signal: Array,
 ) -> None:
-    """Add the slope of one link's mean rate: the mean of what `links_narrow._pull` adds in each draw."""
+    """Add the slope of one link's mean rate: the mean of what `links_narrow.pull_link` adds in each draw."""
     n_draws = own.shape[0]
     for i in range(near.shape[0]):
         if i == u:

@@ -52,7 +52,7 @@ def _faded_signals(
 
 
 @smooth
-def _sum_without(signal: Array, u: int) -> float:
+def sum_without(signal: Array, u: int) -> float:
     """1 + the sum of all but entry u, which is set to 0: nothing is subtracted, so nothing cancels."""
     signal[u] = 0.0
     total = 1.0
@@ -83,7 +83,7 @@ def rates_by_link(arena: Arena, path: Array, links: Links, rate: Array) -> None:
             else:
                 mean_signals(path, gain, height2, user_m[at, 0, k], user_m[at, 1, k], user_m[at, 2, k], n, near, signal)
             own = signal[u]
-            others = _sum_without(signal, u)
+            others = sum_without(signal, u)
             rate[n, j] = khz[n, j] * PER_LN2 * log((own + others) / others)
 
 
@@ -112,12 +112,12 @@ def gradient_by_link(arena: Arena, path: Array, links: Links, weight: Array, slo
             else:
                 mean_signals(path, gain, height2, user_m[at, 0, k], user_m[at, 1, k], user_m[at, 2, k], n, near, signal)
             own = signal[u]
-            others = _sum_without(signal, u)
-            _pull(path, slope, n, u, user_m[at, 0, k], user_m[at, 1, k], scale, own, others, near, signal)
+            others = sum_without(signal, u)
+            pull_link(path, slope, n, u, user_m[at, 0, k], user_m[at, 1, k], scale, own, others, near, signal)
 
 
 @smooth
-def _pull(
+def pull_link(
     path: Array,
     slope: Array,
     n: int,

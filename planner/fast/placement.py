@@ -56,7 +56,7 @@ class Effort:
 class Grounds(NamedTuple):
     """What sketches need. user_m: (2, K), where users are on average. site_m: (2, K), where one hovers for each.
 
-    gain: (U, 1 or K), m^2, mean over the slots.
+    gain: (U, 1 or K), m^2, mean over the slots; height2: (U,), m^2: of an inverse square that is like the channel.
 
     lost: (U, K), kHz times the share of the slots that the flights to a user and on to the end take; NO_WAY where the
     end would be missed.
@@ -65,6 +65,7 @@ class Grounds(NamedTuple):
     user_m: Array
     site_m: Array
     gain: Array
+    height2: Array
     lost: Array
 
 
@@ -139,11 +140,17 @@ def grounds_of(arena: Arena) -> Grounds:
     """Sites, mean gains and flight times of `arena`."""
     n_slots = arena.gain.shape[0]
     gain = arena.fading.mean(axis=0) if arena.fading.shape[0] else arena.gain.mean(axis=0)[:, None]
+    height2 = arena.height2
+    if arena.has_bend:
+        like, height2 = arena.bend.like, arena.bend.like_height2
+        gain = gain * like[:, None]
     site_m = sites_m(arena)
     ending = np.isfinite(arena.end_m[0])[:, None]
     lost_slots, late = _flights(arena, site_m)
     lost = arena.khz[:, None] * np.minimum(lost_slots, n_slots) / n_slots
-    return Grounds(mean_user_m(arena), plain(site_m), plain(gain), plain(np.where(late & ending, NO_WAY, lost)))
+    return Grounds(
+        mean_user_m(arena), plain(site_m), plain(gain), plain(height2), plain(np.where(late & ending, NO_WAY, lost))
+    )
 
 
 def _flights(arena: Arena, site_m: Array) -> tuple[Array, Array]:
@@ -190,7 +197,7 @@ def sketched(arena: Arena, grounds: Grounds, rng: np.random.Generator, price: fl
     users = np.asarray(rng.choice(n_users, n_uavs, replace=False))
     chosen = users[linear_sum_assignment(grounds.lost[:, users])[1]].astype(np.int64)
     cost = grounds.lost * price if price > 0.0 else np.where(grounds.lost >= NO_WAY, NO_WAY, 0.0)
-    exchange_users(grounds.site_m, grounds.user_m, grounds.gain, arena.height2, arena.khz, plain(cost), chosen)
+    exchange_users(grounds.site_m, grounds.user_m, grounds.gain, grounds.height2, arena.khz, plain(cost), chosen)
     worth = _earned(arena, grounds, chosen) - max(price, MATCHING_PRICE) * grounds.lost[:, chosen]
     return _over(arena, grounds, np.arange(n_uavs), chosen[linear_sum_assignment(worth, maximize=True)[1]])
 
@@ -200,9 +207,9 @@ def _earned(arena: Arena, grounds: Grounds, chosen: Ints) -> Array:
     site, user = grounds.site_m[:, chosen], grounds.user_m[:, chosen]
     gain = grounds.gain if grounds.gain.shape[1] == 1 else grounds.gain[:, chosen]
     apart2 = ((site[:, :, None] - user[:, None]) ** 2).sum(axis=0)
-    heard = gain / (apart2 + arena.height2[:, None])
+    heard = gain / (apart2 + grounds.height2[:, None])
     others = 1.0 + np.maximum(heard.sum(axis=0) - np.diag(heard), 0.0)
-    own = gain / (np.diag(apart2)[None] + arena.height2[:, None])
+    own = gain / (np.diag(apart2)[None] + grounds.height2[:, None])
     earned: Array = arena.khz[:, None] * np.log2(1.0 + own / others)
     return earned
 

@@ -8,6 +8,7 @@ from skyfolio.planner.arrays import Array
 from skyfolio.planner.fast.arena import PER_USER, POOLED, SUM, Arena, Flag, Ints, Links, kernel, smooth
 from skyfolio.planner.fast.draws import equivalent_signals
 from skyfolio.planner.fast.elementary import exp
+from skyfolio.planner.fast.links_bent import gradient_by_bent_link, rates_by_bent_link, slot_signals_bent
 from skyfolio.planner.fast.links_drawn import gradient_by_draw, rates_by_draw
 from skyfolio.planner.fast.links_narrow import gradient_by_link, rates_by_link
 from skyfolio.planner.fast.links_wide import gradient_by_uav, rates_by_uav
@@ -25,6 +26,9 @@ def slot_signals(arena: Arena, at: Array, n: int, signal: Array, total: Array) -
     n_uavs, n_users = signal.shape
     here = arena.user_m[n * arena.per_slot]
     east, north, spread = here[0], here[1], here[2]
+    if arena.has_bend:
+        slot_signals_bent(arena, at, n, signal, total)
+        return
     if arena.draws.shape[2] > 0:
         equivalent_signals(arena, at, n, signal, total)
         return
@@ -63,7 +67,9 @@ def keep_pins(arena: Arena, n: int, signal: Array) -> None:
 @kernel
 def link_rates(arena: Arena, path: Array, links: Links, rate: Array) -> None:
     """Rate of every link, kbit/s, into `rate` (N, W). path: (N, 2, U)."""
-    if arena.draws.shape[2] > 0:
+    if arena.has_bend:
+        rates_by_bent_link(arena, path, links, rate)
+    elif arena.draws.shape[2] > 0:
         rates_by_draw(arena, path, links, rate)
     elif rate.shape[1] < WIDE:
         rates_by_link(arena, path, links, rate)
@@ -74,7 +80,9 @@ def link_rates(arena: Arena, path: Array, links: Links, rate: Array) -> None:
 @kernel
 def gradient(arena: Arena, path: Array, links: Links, weight: Array, slope: Array) -> None:
     """sum_j weight[n, j] d rate[n, j] / d path[n] into `slope` (N, 2, U); 0 in slot 0, which is fixed."""
-    if arena.draws.shape[2] > 0:
+    if arena.has_bend:
+        gradient_by_bent_link(arena, path, links, weight, slope)
+    elif arena.draws.shape[2] > 0:
         gradient_by_draw(arena, path, links, weight, slope)
     elif weight.shape[1] < WIDE:
         gradient_by_link(arena, path, links, weight, slope)

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.fast.arena import Ints, entry, is_mean, plain
+from skyfolio.planner.fast.arena import Ints, bend_of, entry, is_mean, plain
+from skyfolio.planner.fast.bent import Bend, bent
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.solution import Solution
 from skyfolio.planner.utility import TINY
@@ -23,6 +24,7 @@ def served_rates_bps(problem: Problem, solution: Solution) -> Array:
         plain(solution.paths_m),
         plain(solution.serving, np.int64),
         plain(solution.bandwidth_hz),
+        bend_of(problem),
     )
 
 
@@ -37,7 +39,14 @@ def as_asked(problem: Problem, solution: Solution) -> Solution:
 
 @entry
 def _served(
-    snr_gain: Array, draws: Array, user_m: Array, altitude_m: Array, paths_m: Array, serving: Ints, hertz: Array
+    snr_gain: Array,
+    draws: Array,
+    user_m: Array,
+    altitude_m: Array,
+    paths_m: Array,
+    serving: Ints,
+    hertz: Array,
+    bend: Bend,
 ) -> Array:
     """snr_gain: (U, K, N), or (U, 1, N) when all users share one. draws: (K, U, S), or empty.
 
@@ -47,6 +56,7 @@ def _served(
     rates = np.zeros((n_users, n_slots))
     sampled = snr_gain.shape[1] > 1
     n_draws = draws.shape[2]
+    is_bent = bend.factor.shape[0] > 0
     snr = np.empty(paths_m.shape[0])
     for k in range(n_users):
         row = k if sampled else 0
@@ -58,6 +68,9 @@ def _served(
             for u in range(paths_m.shape[0]):
                 de, dn = paths_m[u, n, 0] - east, paths_m[u, n, 1] - north
                 snr[u] = snr_gain[u, row, n] / (de * de + dn * dn + altitude_m[u] * altitude_m[u] + spread)
+                if is_bent:
+                    which = bend.row[u]
+                    snr[u] *= bent(bend.factor, which, bend.per_metre[which], de * de + dn * dn + spread)[0]
             total = 0.0
             for s in range(max(n_draws, 1)):
                 own, others = 0.0, 1.0

@@ -15,6 +15,7 @@ import numpy as np
 
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.fast.arena import PER_USER, Arena, Ints, inlined, is_pinned, kernel, smooth
+from skyfolio.planner.fast.bent import hear_bent
 from skyfolio.planner.fast.routes import reach_of_step
 
 STRETCHES = (0.35, 0.8, 1.5, 3.0, 6.0)
@@ -138,7 +139,7 @@ def gather(arena: Arena, shots: Snapshots, place_m: Array) -> None:
     total, own, serving = shots.heard
     total[:], own[:], serving[:] = 1.0, 0.0, 0
     plain, start_m, last, step_m = _fly_plainly(arena), arena.start_m, arena.last, arena.step_m
-    user_m, per_slot, height2 = arena.user_m, arena.per_slot, arena.height2
+    user_m, per_slot, height2, bent = arena.user_m, arena.per_slot, arena.height2, arena.has_bend
     for m in range(shots.slot.shape[0]):
         for u in range(place_m.shape[1]):
             x, y, n = place_m[0, u], place_m[1, u], shots.slot[m]
@@ -146,9 +147,19 @@ def gather(arena: Arena, shots: Snapshots, place_m: Array) -> None:
                 x, y = _after(start_m[0, u], start_m[1, u], x, y, min(n, last[u]) * step_m[u])
             else:
                 x, y = position(arena, u, x, y, n)
-            row, gain = shots.signal[m, u], shots.gain[m, u]
-            _hear(user_m[n * per_slot], gain, x, y, height2[u], row)
+            row = shots.signal[m, u]
+            if bent:
+                _hear_bent_at(arena, shots, m, u, x, y, row)
+            else:
+                _hear(user_m[n * per_slot], shots.gain[m, u], x, y, height2[u], row)
             _add(row, u, total[m], own[m], serving[m])
+
+
+@kernel
+def _hear_bent_at(arena: Arena, shots: Snapshots, m: int, u: int, x: float, y: float, row: Array) -> None:
+    """Write the SNR of UAV u at (x, y) in moment m at every user into `row` (K,), by its profile of the gain."""
+    user_m, gain = arena.user_m[shots.slot[m] * arena.per_slot], shots.gain[m, u]
+    hear_bent(user_m, gain, x, y, arena.height2[u], arena.bend, arena.bend.row[u], row)
 
 
 @smooth
@@ -179,13 +190,16 @@ def aim(arena: Arena, shots: Snapshots, u: int, x: float, y: float, second: bool
     total, own, serving = shots.heard
     plain, x0, y0 = _fly_plainly(arena), arena.start_m[0, u], arena.start_m[1, u]
     last, step_m = arena.last[u], arena.step_m[u]
-    user_m, per_slot, height2 = arena.user_m, arena.per_slot, arena.height2[u]
+    user_m, per_slot, height2, bent = arena.user_m, arena.per_slot, arena.height2[u], arena.has_bend
     for m in range(shots.slot.shape[0]):
         n = shots.slot[m]
         px, py = _after(x0, y0, x, y, min(n, last) * step_m) if plain else position(arena, u, x, y, n)
         signal, before = shots.signal[m], shots.kept_signal[int(second), m]
         before[:] = signal[u]
-        _hear(user_m[n * per_slot], shots.gain[m, u], px, py, height2, signal[u])
+        if bent:
+            _hear_bent_at(arena, shots, m, u, px, py, signal[u])
+        else:
+            _hear(user_m[n * per_slot], shots.gain[m, u], px, py, height2, signal[u])
         _exchange(old_total[m], before, signal[u], total[m])
         _follow(signal, old_own[m], old_serving[m], before, u, own[m], serving[m])
 

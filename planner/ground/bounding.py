@@ -24,9 +24,14 @@ def bound_over_kbps(problem: Problem, ground: Ground) -> float:
     over = ground.user_ground_m[None]
     low, high = lowest[:, None, None] - over, highest[:, None, None] - over
     nearest2 = _nearest2(problem, ground)
+    away2 = near2, far2
     near2 = np.maximum(near2 + np.maximum(low, 0.0) ** 2, nearest2[None])
     far2 = np.maximum(far2 + np.maximum(low**2, high**2), near2)
-    pairs = mean_efficiency(problem.snr_gain / near2, problem.snr_gain / far2, problem.draws)
+    snr = problem.snr_gain / near2, problem.snr_gain / far2
+    if problem.bends is not None:
+        most, least = ground.channel.gain_bounds(*away2, near2, far2, low, high)
+        snr = problem.snr_gain * most, problem.snr_gain * least
+    pairs = mean_efficiency(*snr, problem.draws)
     return bound_of_pairs_kbps(problem, pairs * (problem.bandwidth_hz / 1e3)[:, None, None])
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from skyfolio.planner.altitudes import CLIMB_MPS, clearance_of, limits_of, plans_altitudes
 from skyfolio.planner.arrays import Array
+from skyfolio.planner.channels.radio import RadioChannel
 from skyfolio.planner.scenario import Scenario
 from skyfolio.planner.terrain import Terrain
 from skyfolio.planner.tracks import tracks_of
@@ -25,6 +26,7 @@ class Ground:
     """
 
     terrain: Terrain
+    channel: RadioChannel
     low_m: Array
     high_m: Array
     clearance_m: float
@@ -55,6 +57,7 @@ def ground_of(scenario: Scenario) -> Ground | None:
     starts = [np.nan if uav.start_altitude_m is None else uav.start_altitude_m for uav in scenario.uavs]
     return Ground(
         terrain=terrain,
+        channel=scenario.channel,
         low_m=np.array([limit.low_m for limit in limits]),
         high_m=np.array([np.inf if limit.high_m is None else limit.high_m for limit in limits]),
         clearance_m=clearance_of(scenario),

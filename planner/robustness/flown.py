@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.channel import fading_gains, squared_distances, sum_of_others
-from skyfolio.planner.ground.links import planned_heights2
+from skyfolio.planner.ground.links import planned_heights
+from skyfolio.planner.heard import factors, reference_snr
 from skyfolio.planner.plans import Plan
 from skyfolio.planner.scenario import Scenario
 from skyfolio.planner.tracks import demands_bps, tracks_of
@@ -21,7 +22,7 @@ class Flown:
     """An operation as it is flown, on the grid of the plan that is assessed; U UAVs, K users, N slots in its order.
 
     paths_m: (U, N, 2) metres. serving: (K, N), which UAV serves. bandwidth_hz: (K, N). on: (U, N), whether a UAV is
-    there: one that is not serves no user and does not interfere. heights2_m2: (U, K, N), over users, squared.
+    there: one that is not serves no user and does not interfere. heights_m: (U, K, N), over users.
     """
 
     scenario: Scenario
@@ -29,7 +30,7 @@ class Flown:
     serving: NDArray[np.intp]
     bandwidth_hz: Array
     on: NDArray[np.bool_]
-    heights2_m2: Array
+    heights_m: Array
 
     def rates_bps(self, gains: Array, errors_m: Array | None = None) -> Array:
         """Return the rates of eqs. (1)-(4) under fading `gains` (U, K, N) and errors (U, N, 2): (K, N) bit/s.
@@ -38,12 +39,11 @@ class Flown:
         """
         scenario = self.scenario
         user_m, spread_m2 = tracks_of(scenario)
-        power_w = np.array([uav.transmit_power_w for uav in scenario.uavs])
-        noise_w = 10 ** (scenario.channel.noise_dbm / 10 - 3)
-        alike = power_w[:, None] * 10 ** (scenario.channel.reference_gain_db / 10) / noise_w * self.on
+        alike = reference_snr(scenario)[:, None] * self.on
         paths_m = self.paths_m if errors_m is None else self.paths_m + errors_m
         over_ground = squared_distances(paths_m, user_m, np.zeros(len(paths_m)), np.zeros(spread_m2.shape))
-        snr = alike[:, None, :] * gains / (over_ground + self.heights2_m2 + spread_m2)
+        bent = factors(scenario.channel, over_ground + spread_m2, self.heights_m)
+        snr = alike[:, None, :] * gains / (over_ground + self.heights_m**2 + spread_m2) * bent
         at = self.serving[None]
         own = np.take_along_axis(snr, at, axis=0)[0]
         others = np.take_along_axis(sum_of_others(snr), at, axis=0)[0]
@@ -63,7 +63,7 @@ def flown_as_planned(plan: Plan) -> Flown:
         serving=np.array([[index[uav] for uav in plan.association[user]] for user in scenario.user_ids], dtype=np.intp),
         bandwidth_hz=np.array([plan.bandwidth_hz[user] for user in scenario.user_ids], dtype=float),
         on=np.arange(scenario.slots) <= last[:, None],
-        heights2_m2=planned_heights2(plan),
+        heights_m=planned_heights(plan),
     )
 
 
@@ -87,9 +87,9 @@ def replanned(flown: Flown, new: Plan, from_slot: int) -> Flown:
     then = flown_as_planned(new)
     mine = np.array([row[uav] for uav in new.scenario.uav_ids], dtype=np.intp)
     paths, serving, bandwidth = flown.paths_m.copy(), flown.serving.copy(), flown.bandwidth_hz.copy()
-    heights2 = flown.heights2_m2.copy()
-    heights2[mine, :, from_slot:] = then.heights2_m2
+    heights = flown.heights_m.copy()
+    heights[mine, :, from_slot:] = then.heights_m
     paths[mine, from_slot:] = then.paths_m
     serving[:, from_slot:] = mine[then.serving]
     bandwidth[:, from_slot:] = then.bandwidth_hz
-    return replace(flown, paths_m=paths, serving=serving, bandwidth_hz=bandwidth, heights2_m2=heights2)
+    return replace(flown, paths_m=paths, serving=serving, bandwidth_hz=bandwidth, heights_m=heights)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from skyfolio.planner import EXAMPLES, Observation, Scenario, learned_corrections_db
+from skyfolio.planner import EXAMPLES, Channel, Observation, Scenario, learned_corrections_db
 from skyfolio.planner.corrections import link_factors
 
 NOISY = -45.0
@@ -25,7 +25,10 @@ def measured(
 ) -> list[Observation]:
     """What every user measures, served by the UAV beside it, while UAVs move about; worked out by hand from eq. (4)."""
     rng = np.random.default_rng(seed)
-    noise_w, gain = 10 ** (of.channel.noise_dbm / 10 - 3), 10 ** (of.channel.reference_gain_db / 10)
+    channel = of.channel
+    assert isinstance(channel, Channel)
+    assert channel.noise_dbm is not None
+    noise_w, gain = 10 ** (channel.noise_dbm / 10 - 3), 10 ** (channel.reference_gain_db / 10)
     found = []
     for slot in range(slots):
         at_m = {uav.id: (uav.start_m[0] + rng.normal(0, 20), uav.start_m[1] + rng.normal(0, 20)) for uav in of.uavs}

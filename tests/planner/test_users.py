@@ -15,6 +15,7 @@ from pydantic import ValidationError
 
 from skyfolio.planner import (
     Changes,
+    Channel,
     Disturbances,
     Losses,
     Plan,
@@ -65,6 +66,8 @@ def walking(seed: int, n_uavs: int, n_users: int, n_slots: int, kind: str = "sum
 def rates_by_hand(made: Plan) -> dict[str, list[float]]:
     """Return what eqs. (1)-(4) give each user, written out, from the emitted plan alone."""
     scenario, channel = made.scenario, made.scenario.channel
+    assert isinstance(channel, Channel)
+    assert channel.noise_dbm is not None
     noise_w = 10 ** (channel.noise_dbm / 10 - 3)
     gain = 10 ** (channel.reference_gain_db / 10)
     rates: dict[str, list[float]] = {}

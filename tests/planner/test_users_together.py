@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skyfolio.planner import Pins, Plan, Scenario, User, Utility, explain, plan, preview, replan, violations
+from skyfolio.planner import Channel, Pins, Plan, Scenario, User, Utility, explain, plan, preview, replan, violations
 from skyfolio.planner.certificate import prove
 from skyfolio.planner.delivered import delivered_rates_bps
 from skyfolio.planner.explanation.ledger import Ledger
@@ -63,6 +63,8 @@ def mixed(seed: int, kind: str, *, most_uavs: int = 4, fading: str = "mean") -> 
 def rates_by_hand(made: Plan) -> dict[str, list[float]]:
     """Return the rates of eqs. (1)-(4) on the mean channel, bit/s, user by user and slot by slot."""
     scenario, channel = made.scenario, made.scenario.channel
+    assert isinstance(channel, Channel)
+    assert channel.noise_dbm is not None
     noise_w = 10 ** (channel.noise_dbm / 10 - 3)
     table: dict[str, list[float]] = {}
     for user in scenario.users:

@@ -75,14 +75,13 @@ def _wrong_case(wrong: WrongChannel, seed: int, *, report: bool) -> Case:
     if wrong.noise_dbm is not None:
         noisy = scenario.channel.model_copy(update={"noise_dbm": wrong.noise_dbm})
         scenario = scenario.with_changes(channel=noisy)
-    channel = sim.TruthChannel(
-        reference_gain_db=scenario.channel.reference_gain_db,
-        noise_dbm=scenario.channel.noise_dbm,
+    drawn = sim.TruthChannel(
         bias_db=wrong.bias_db,
         shadowing_db=wrong.shadowing_db,
         rician_k_db=scenario.channel.rician_k_db if wrong.fading else None,
         seed=seed,
     )
+    channel = assumed_by(scenario, drawn)
     return Case(scenario=scenario, channel=channel, report=report, seed=seed)
 
 

@@ -1,0 +1,32 @@
+"""How loud UAVs of a scenario are at its users, by the formulas of its channel: for places that nobody optimises."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skyfolio.planner.arrays import Array
+from skyfolio.planner.channels.radio import RadioChannel
+from skyfolio.planner.scenario import Scenario
+
+FARTHEST_M2 = 1e14
+"""Beyond that distance over ground, squared, nothing changes any more: a UAV that is nowhere is infinitely far away."""
+
+
+def reference_snr(scenario: Scenario) -> Array:
+    """Return `p_u rho / sigma^2` of each UAV: (U,) m^2; divided by a squared distance it is an SNR (eq. 1)."""
+    power_w = np.array([uav.transmit_power_w for uav in scenario.uavs])
+    noise_w = scenario.channel.noise_w(np.array([uav.bandwidth_hz for uav in scenario.uavs]))
+    snr: Array = power_w * scenario.channel.reference_gain / noise_w
+    return snr
+
+
+def factors(channel: RadioChannel, over2: Array, heights_m: Array) -> Array | float:
+    """Return by what SNRs differ from `reference_snr` over squared distances: 1 for the letter's channel.
+
+    over2: squared distances over ground, users' spreads in them, m^2; heights_m: of UAVs over users; of shapes that
+    broadcast.
+    """
+    if channel.is_inverse_square:
+        return 1.0
+    away_m = np.sqrt(np.minimum(over2, FARTHEST_M2))
+    return channel.factor(*np.broadcast_arrays(away_m, heights_m))
