@@ -15,7 +15,8 @@ from skyfolio.api.common.validation import broken_rules
 from skyfolio.api.places.faults import Fault, FaultyFilesError
 from skyfolio.api.places.files import Feature, Kind
 from skyfolio.api.places.properties import NESTED, VELOCITY
-from skyfolio.planner import Channel, Origin, Scenario, Utility
+from skyfolio.planner import Origin, Scenario, Utility
+from skyfolio.planner.channels.kinds import AnyChannel
 from skyfolio.planner.places import require_one_region
 from skyfolio.planner.scenario import Altitude, Frozen, PositionDeg, Wind
 
@@ -40,7 +41,7 @@ class ScenarioSettings(Frozen):
     slot_duration_s: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=3600)] | None = None
     altitude_m: Altitude | None = None
     min_separation_m: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=10_000)] | None = None
-    channel: Channel | None = None
+    channel: AnyChannel | None = None
     utility: Utility | None = None
     wind: Wind | None = None
     clearance_m: Altitude | None = None

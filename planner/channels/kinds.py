@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any
 
-from pydantic import GetJsonSchemaHandler, SerializeAsAny, WrapValidator
-from pydantic_core import CoreSchema
+from pydantic import GetCoreSchemaHandler, ValidationError
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 from pydantic_core.core_schema import ValidatorFunctionWrapHandler
 
 from skyfolio.planner.channels.aerial_3gpp import Aerial3gpp
@@ -24,13 +24,16 @@ KINDS: dict[str, type[RadioChannel]] = {
 def channel_of(given: Any) -> RadioChannel:
     """Return the channel that a document describes, of its `kind`; without one, the letter's.
 
-    Raises ValueError for an unknown kind, and pydantic's errors of fields for others.
+    Raises pydantic's error of fields.
     """
     if isinstance(given, RadioChannel):
         return given
     kind = given.get("kind", "rician") if isinstance(given, Mapping) else "rician"
     if not isinstance(kind, str) or kind not in KINDS:
-        raise ValueError(f"kind: {kind!r} must be one of {', '.join(KINDS)}")
+        unknown = PydanticCustomError(
+            "unknown_kind", "There is no such kind of channel; there are {known}", {"known": ", ".join(KINDS)}
+        )
+        raise ValidationError.from_exception_data("Channel", [{"type": unknown, "loc": ("kind",), "input": kind}])
     return KINDS[kind].model_validate(given)
 
 
@@ -39,12 +42,20 @@ def _validated(given: Any, _: ValidatorFunctionWrapHandler) -> RadioChannel:
 
 
 class _AnyKind:
-    """Says in JSON schemas that a channel is one of the kinds."""
+    """Validates and writes a channel as its own kind, and says in JSON schemas which kinds there are."""
 
     @classmethod
-    def __get_pydantic_json_schema__(cls, _: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
-        return {"anyOf": [handler(kind.__pydantic_core_schema__) for kind in KINDS.values()]}
+    def __get_pydantic_core_schema__(cls, _: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        kinds = core_schema.union_schema([handler.generate_schema(kind) for kind in KINDS.values()])
+        return core_schema.no_info_wrap_validator_function(
+            _validated,
+            kinds,
+            serialization=core_schema.wrap_serializer_function_ser_schema(
+                lambda channel, write: write(channel), schema=core_schema.any_schema()
+            ),
+            metadata={"pydantic_js_functions": [lambda _, described: described(kinds)]},
+        )
 
 
-AnyChannel = Annotated[SerializeAsAny[RadioChannel], WrapValidator(_validated), _AnyKind]
+AnyChannel = Annotated[RadioChannel, _AnyKind]
 """A field that holds a channel of any kind."""
