@@ -30,8 +30,8 @@ def planner(
     section: Annotated[
         list[str] | None,
         typer.Option(
-            help="Only this section (may be repeated): quality, fast, reference, ipopt, ablation, users, energy, "
-            "terrain, disruption, bound, budgets, peers, proof, checked."
+            help="Only this section (may be repeated): quality, fast, reference, ipopt, ablation, users, channels, "
+            "energy, terrain, disruption, bound, budgets, peers, proof, checked."
         ),
     ] = None,
     size: Annotated[list[str] | None, typer.Option(help="Only this size, such as 10x100x50 (may be repeated).")] = None,

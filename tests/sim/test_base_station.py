@@ -151,3 +151,15 @@ def test_what_no_fault_can_be_is_refused_by_name(text: str, said: str) -> None:
         sim.parse_fault(text)
     with pytest.raises(ValueError, match="bias_db must be between"):
         TruthChannel(bias_db=100.0)
+
+
+def test_any_mean_gain_may_stand_for_free_space() -> None:
+    asked: list[tuple[float, float]] = []
+
+    def gain(away_m: float, height_m: float) -> float:
+        asked.append((away_m, height_m))
+        return 1e-6 if away_m < 1.0 else 1e-7
+
+    _, truth = alone(TruthChannel(noise_dbm=-60.0, mean_gain=gain))
+    assert of(truth).sinr_db == pytest.approx(10 * math.log10(1e-7 / (1e-8 + 1e-9)), abs=1e-6)
+    assert asked[0] == pytest.approx((0.0, 20.0), abs=1e-3)

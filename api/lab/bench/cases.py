@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from skyfolio.api.lab.bench import channels as of_channels
 from skyfolio.api.lab.bench.ablation import variants
 from skyfolio.api.lab.bench.effort import Effort
 from skyfolio.api.lab.bench.extensions import extensions
@@ -179,3 +180,8 @@ def proof(size: Size, kind: str, effort: Effort) -> dict[str, Any]:
 def users(size: Size, kind: str, effort: Effort) -> dict[str, Any]:
     """Measure what tracks, windows, weights and demands of users cost."""
     return extensions([instance(size, kind, seed) for seed in range(effort.small_layouts)], effort)
+
+
+def channels(size: Size, kind: str, effort: Effort) -> dict[str, Any]:
+    """Measure what other kinds of channels cost."""
+    return of_channels.channels([instance(size, kind, seed) for seed in range(effort.small_layouts)], effort)

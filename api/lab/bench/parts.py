@@ -61,6 +61,7 @@ SECTIONS = {
     "ipopt": Section(measure=cases.ipopt, sizes=ALL_SIZES, kinds=cases.KINDS, timed=True),
     "ablation": Section(measure=cases.ablation, sizes=(LETTER,), kinds=cases.KINDS, timed=True),
     "users": Section(measure=cases.users, sizes=(LETTER,), kinds=cases.KINDS, timed=True),
+    "channels": Section(measure=cases.channels, sizes=ALL_SIZES[:2], kinds=cases.KINDS, timed=True),
     "energy": Section(measure=windy.energy, sizes=ALL_SIZES, kinds=cases.KINDS, timed=True),
     "terrain": Section(measure=terrain.terrain, sizes=ALL_SIZES, kinds=cases.KINDS, timed=True),
     "disruption": Section(measure=quality.disruption, sizes=ALL_SIZES, timed=True),

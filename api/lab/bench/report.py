@@ -8,7 +8,7 @@ from skyfolio.api.lab.bench.figures import Row, figures_of, measured, parts_of
 from skyfolio.api.lab.bench.tables import Lines, grid, on_terminal, provenance, target_lines
 from skyfolio.api.lab.bench.targets import growths, of_times, ratios
 
-SECTIONS = ("fast", "reference", "ipopt", "ablation", "users", "energy", "terrain", "proof")
+SECTIONS = ("fast", "reference", "ipopt", "ablation", "users", "channels", "energy", "terrain", "proof")
 TIMES = (
     "Warm milliseconds, p50 (p99), and the p50 of processor time, which a busy machine lengthens less; utility in "
     "kbit/s. Ours is the optimiser alone, from one start (hovering). The reference path is Algorithm 1 on cvxpy and "
@@ -25,6 +25,11 @@ CALLS = (
 USERS = (
     "Calls of `plan()` from one start where all users have tracks, windows, weights or demands, beside the same "
     "users without: means over some layouts, whose climbs take more passes here and fewer there."
+)
+
+CHANNELS = (
+    "Calls of `plan()` from eight starts under other [kinds of channels](../channels.md), beside the same scenarios "
+    "under the letter's: means over some layouts. The goal is at most three times its time."
 )
 
 
@@ -51,6 +56,9 @@ def markdown(figures: Row) -> str:
         "## Users beyond the letter's at 3x9x20",
         USERS,
         grid(_users(figures)),
+        "## Kinds of channels",
+        CHANNELS,
+        grid(_channels(figures)),
         "## Certificate at 3x9x20",
         grid(_proofs(figures)),
         "## Growth",
@@ -170,6 +178,21 @@ def _users(figures: Row) -> Lines:
         for _, kind, case in measured(figures, "users")
         for row in case["rows"]
     ]
+    return lines
+
+
+def _channels(figures: Row) -> Lines:
+    lines = [["size", "utility", "channel", "layouts", "plan, ms of processor", "over that of the letter's", "gap"]]
+    for size, kind, case in measured(figures, "channels"):
+        for row in case["rows"]:
+            cells = [
+                row["what"],
+                str(case["layouts"]),
+                f"{row['cpu_ms']:.2f}",
+                f"{row['ratio']:.2f}",
+                f"{row['gap']:.1%}",
+            ]
+            lines.append([size, kind, *cells])
     return lines
 
 
