@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+import importlib
+import re
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from pydantic import ValidationError
 
 from skyfolio.planner import EXAMPLES, Channel, Scenario, plan, violations
-from skyfolio.planner.arrays import Array
 from skyfolio.planner.channels.kinds import KINDS, channel_of
 from skyfolio.planner.channels.radio import RadioChannel
 from skyfolio.planner.problem import problem_of
@@ -70,21 +72,21 @@ def test_the_schema_names_every_kind() -> None:
     assert named == ["Channel", "LosProbability", "Aerial3gpp"]
 
 
-class LogDistance(RadioChannel):
-    """The example of docs/channels.md: a loss of `loss_db` at one metre, and ten times `exponent` dB a decade."""
-
-    kind: Literal["log_distance"] = "log_distance"
-    loss_db: float = 40.0
-    exponent: float = 2.7
-
-    def power_gain(self, away_m: Array, distance_m: Array, height_m: Array) -> Array:  # noqa: ARG002 - in space alone
-        """Return the gain at these distances."""
-        gain: Array = 10.0 ** (-self.loss_db / 10.0) / distance_m**self.exponent
-        return gain
+@pytest.fixture
+def log_distance(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> type[RadioChannel]:
+    """The kind that docs/channels.md shows how to add: its file, imported."""
+    page = (Path(__file__).parents[3] / "docs" / "channels.md").read_text()
+    [source] = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    (tmp_path / "log_distance.py").write_text(source)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    made: type[RadioChannel] = importlib.import_module("log_distance").LogDistance
+    return made
 
 
-def test_a_kind_of_ones_own_is_a_class_and_a_row(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(KINDS, "log_distance", LogDistance)
+def test_a_kind_of_ones_own_is_a_class_and_a_row(
+    log_distance: type[RadioChannel], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(KINDS, "log_distance", log_distance)
     given = {"kind": "log_distance", "exponent": 3.0, "noise_figure_db": 7.0, "antenna": {"kind": "dipole"}}
     scenario = Scenario.model_validate(document(**given))
     assert Scenario.model_validate_json(scenario.model_dump_json()) == scenario
