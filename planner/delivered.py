@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.channel import expected_gains, fading_gains
+from skyfolio.planner.ground.hidden import edges_of
 from skyfolio.planner.ground.links import planned_heights
 from skyfolio.planner.heard import factors, reference_snr
 from skyfolio.planner.plans import Plan
@@ -69,7 +70,10 @@ class Delivery:
         heights_m = self._heights_m[:, :, slots].transpose(2, 0, 1)  # (S, U, K)
         over2 = np.einsum("sukd,sukd->suk", apart, apart)
         distance2 = over2 + heights_m**2 + spread_m2.T[:, None]
-        bent = factors(self._plan.scenario.channel, over2 + spread_m2.T[:, None], heights_m)
+        scenario = self._plan.scenario
+        edge = edges_of(scenario, user_m, positions_m.swapaxes(0, 1), self._heights_m[:, :, slots])
+        edge = None if edge is None else edge.transpose(2, 0, 1)
+        bent = factors(scenario.channel, over2 + spread_m2.T[:, None], heights_m, edge)
         on = self._snr_at_1_m * transmitting[:, :, None]
         snr = (on / distance2 * bent * fading[:, :, column].transpose(2, 0, 1)).transpose(1, 2, 0)  # (U, K, S)
         efficiency = mean_efficiency(snr, snr, self._draws).transpose(0, 2, 1)  # (U, S, K)

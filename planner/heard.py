@@ -20,13 +20,13 @@ def reference_snr(scenario: Scenario) -> Array:
     return snr
 
 
-def factors(channel: RadioChannel, over2: Array, heights_m: Array) -> Array | float:
+def factors(channel: RadioChannel, over2: Array, heights_m: Array, edge: Array | None = None) -> Array | float:
     """Return by what SNRs differ from `reference_snr` over squared distances: 1 for the letter's channel.
 
-    over2: squared distances over ground, users' spreads in them, m^2; heights_m: of UAVs over users; of shapes that
-    broadcast.
+    over2: squared distances over ground, users' spreads in them, m^2; heights_m: of UAVs over users; edge: of hills
+    (`ground.hidden`), None where they do not count; of shapes that broadcast.
     """
-    if channel.is_inverse_square:
+    if channel.is_inverse_square and edge is None:
         return 1.0
-    away_m = np.sqrt(np.minimum(over2, FARTHEST_M2))
-    return channel.factor(*np.broadcast_arrays(away_m, heights_m))
+    away_m, heights_m = np.broadcast_arrays(np.sqrt(np.minimum(over2, FARTHEST_M2)), heights_m)
+    return channel.factor(away_m, heights_m, edge)

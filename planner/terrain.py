@@ -116,6 +116,14 @@ class Terrain(Frozen):
         pieces = zip(np.array_split(start, parts), np.array_split(end, parts), strict=True)
         return np.concatenate([self._highest(a, b) for a, b in pieces])
 
+    def crossings(self, start_m: Array, end_m: Array) -> Array:
+        """Return at which shares of straight ways, from (L, 2) to (L, 2), they cross a line of the grid: (L, M).
+
+        Strictly between 0 and 1; 1 where a way has fewer than M of them.
+        """
+        start, end = self._in_cells(start_m), self._in_cells(end_m)
+        return np.concatenate([_crossings(start[:, axis], end[:, axis]) for axis in (0, 1)], axis=1)
+
     def highest_in_triangles(self, a_m: Array, b_m: Array, c_m: Array) -> Array:
         """Return the greatest ground height in triangles, exact: (L,) metres above mean sea level.
 

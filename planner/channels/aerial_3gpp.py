@@ -65,6 +65,22 @@ class Aerial3gpp(RadioChannel):
             nlos = -12.0 + (35.0 - 5.3 * log_h) * log_d + from_1m_db
         return los, np.maximum(los, nlos)
 
+    @property
+    def counts_hills(self) -> bool:
+        """Behind a hill there is no line of sight."""
+        return True
+
+    def hidden_gain(self, away_m: Array, distance_m: Array, height_m: Array, edge: Array) -> Array:
+        """Return the gain without line of sight where there is none."""
+        hidden = self.least_hidden_gain(away_m, distance_m, height_m)
+        gain: Array = np.where(edge > 0.0, hidden, self.power_gain(away_m, distance_m, height_m))
+        return gain
+
+    def least_hidden_gain(self, away_m: Array, distance_m: Array, height_m: Array) -> Array:  # noqa: ARG002
+        """Return the gain without line of sight."""
+        gain: Array = 10.0 ** (-self.losses_db(distance_m, height_m)[1] / 10.0)
+        return gain
+
     def power_gain(self, away_m: Array, distance_m: Array, height_m: Array) -> Array:
         """Return the mean gain."""
         probability = self.los_probability(away_m, height_m)

@@ -63,6 +63,22 @@ class LosProbability(RadioChannel):
         nlos = around.nlos_db if self.excess_nlos_db is None else self.excess_nlos_db
         return los, max(los, nlos)
 
+    @property
+    def counts_hills(self) -> bool:
+        """Behind a hill there is no line of sight."""
+        return True
+
+    def hidden_gain(self, away_m: Array, distance_m: Array, height_m: Array, edge: Array) -> Array:
+        """Return the gain without line of sight where there is none."""
+        hidden = self.least_hidden_gain(away_m, distance_m, height_m)
+        gain: Array = np.where(edge > 0.0, hidden, self.power_gain(away_m, distance_m, height_m))
+        return gain
+
+    def least_hidden_gain(self, away_m: Array, distance_m: Array, height_m: Array) -> Array:  # noqa: ARG002
+        """Return the gain without line of sight."""
+        gain: Array = free_space_gain(self.carrier_hz, distance_m) * 10.0 ** (-self.excess_db()[1] / 10.0)
+        return gain
+
     def power_gain(self, away_m: Array, distance_m: Array, height_m: Array) -> Array:
         """Return the gain of the mean loss."""
         los, nlos = self.excess_db()

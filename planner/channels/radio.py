@@ -76,6 +76,22 @@ class RadioChannel(Frozen):
         raise NotImplementedError
 
     @property
+    def counts_hills(self) -> bool:
+        """Whether a hill between UAV and user costs anything; if so, the two methods that follow say what."""
+        return False
+
+    def hidden_gain(self, away_m: Array, distance_m: Array, height_m: Array, edge: Array) -> Array:
+        """Return the gain where the ground reaches into the line of sight by `edge` (`ground.hidden`), m^(1/2).
+
+        It is never more than `power_gain` of the same link.
+        """
+        raise NotImplementedError
+
+    def least_hidden_gain(self, away_m: Array, distance_m: Array, height_m: Array) -> Array:
+        """Return what remains behind any hill at least; as monotone as `power_gain`."""
+        raise NotImplementedError
+
+    @property
     def name(self) -> str:
         """The kind, as scenarios name it."""
         return str(getattr(self, "kind", "rician"))
@@ -95,13 +111,14 @@ class RadioChannel(Frozen):
         """The gain at one metre of the inverse square of which `factor` is the multiple."""
         return 1.0
 
-    def factor(self, away_m: Array, height_m: Array) -> Array:
+    def factor(self, away_m: Array, height_m: Array, edge: Array | None = None) -> Array:
         """Return the gain as a multiple of `reference_gain / d^2`, with the antenna; fading aside.
 
-        away_m: distances over ground, height_m: heights over users, metres, of one shape.
+        away_m: distances over ground, height_m: heights over users, metres, of one shape. edge: of hills, or None.
         """
         squared = away_m**2 + height_m**2
-        gain = self.power_gain(away_m, np.sqrt(squared), self.known_height_m(height_m))
+        link = away_m, np.sqrt(squared), self.known_height_m(height_m)
+        gain = self.power_gain(*link) if edge is None else self.hidden_gain(*link, edge)
         if self.antenna is not None:
             gain = gain * self.antenna.gain(np.arctan2(height_m, away_m))
         factor: Array = gain * squared / self.reference_gain
@@ -113,19 +130,28 @@ class RadioChannel(Frozen):
         return float(self.reference_gain * factor / (away_m**2 + height_m**2))
 
     def gain_bounds(
-        self, least_away2: Array, most_away2: Array, near2: Array, far2: Array, lowest_m: Array, highest_m: Array
+        self,
+        least_away2: Array,
+        most_away2: Array,
+        near2: Array,
+        far2: Array,
+        lowest_m: Array,
+        highest_m: Array,
+        *,
+        hills: bool = False,
     ) -> tuple[Array, Array]:
         """Return the greatest and the least gain over `reference_gain`, for links that vary between these limits.
 
         least_away2, most_away2: squared distances over ground, near2, far2: in space, m^2; lowest_m, highest_m: heights
-        over the user. Each limit counts by itself.
+        over the user. Each limit counts by itself. hills: whether some may be in the way.
         """
         shapes = np.broadcast_arrays(least_away2, most_away2, near2, far2, lowest_m, highest_m)
         least_away, most_away, near2, far2, lowest_m, highest_m = (np.asarray(one) for one in shapes)
         least_away, most_away = np.sqrt(least_away), np.sqrt(most_away)
         low, high = self.known_height_m(lowest_m), self.known_height_m(highest_m)
         most = self.power_gain(least_away, np.sqrt(near2), high)
-        least = self.power_gain(most_away, np.sqrt(far2), low)
+        remaining = self.least_hidden_gain if hills and self.counts_hills else self.power_gain
+        least = remaining(most_away, np.sqrt(far2), low)
         if self.antenna is not None:
             angles = [np.arctan2(h, away) for h in (lowest_m, highest_m) for away in (least_away, most_away)]
             strongest, weakest = self.antenna.gain_bounds(np.min(angles, axis=0), np.max(angles, axis=0))

@@ -28,8 +28,8 @@ def bound_over_kbps(problem: Problem, ground: Ground) -> float:
     near2 = np.maximum(near2 + np.maximum(low, 0.0) ** 2, nearest2[None])
     far2 = np.maximum(far2 + np.maximum(low**2, high**2), near2)
     snr = problem.snr_gain / near2, problem.snr_gain / far2
-    if problem.bends is not None:
-        most, least = ground.channel.gain_bounds(*away2, near2, far2, low, high)
+    if problem.bends is not None or ground.has_hills:
+        most, least = ground.channel.gain_bounds(*away2, near2, far2, low, high, hills=ground.has_hills)
         snr = problem.snr_gain * most, problem.snr_gain * least
     pairs = mean_efficiency(*snr, problem.draws)
     return bound_of_pairs_kbps(problem, pairs * (problem.bandwidth_hz / 1e3)[:, None, None])

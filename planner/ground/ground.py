@@ -37,6 +37,11 @@ class Ground:
     n_flying: NDArray[np.intp]
 
     @property
+    def has_hills(self) -> bool:
+        """Whether hills between UAVs and users count."""
+        return self.channel.counts_hills and bool(np.ptp(self.terrain.grid_m) > 0.0)
+
+    @property
     def chooses(self) -> bool:
         """Whether any altitude is chosen between limits."""
         return bool(np.isfinite(self.high_m).any())

@@ -14,6 +14,7 @@ import numpy as np
 
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.ground.ground import Ground, ground_of
+from skyfolio.planner.ground.hidden import edges
 from skyfolio.planner.heard import factors
 from skyfolio.planner.plans import Plan
 from skyfolio.planner.problem import Problem
@@ -26,8 +27,12 @@ def seen_aloft(problem: Problem, ground: Ground, paths_m: Array, altitudes_m: Ar
     over2 += problem.spread_m2
     gain: Array = over2 + problem.altitude_m[:, None, None] ** 2
     heights_m = heights_over(altitudes_m, ground.user_ground_m)
+    if ground.has_hills:
+        gain *= factors(ground.channel, over2, heights_m, edges(ground.terrain, problem.user_m, paths_m, heights_m))
+    elif problem.bends is not None:
+        gain *= factors(ground.channel, over2, heights_m)
     if problem.bends is not None:
-        gain *= factors(ground.channel, over2, heights_m) / problem.bends.at(over2)
+        gain /= problem.bends.at(over2)
     over2 += heights_m**2
     gain /= over2
     gain *= problem.snr_gain

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.channel import fading_gains, squared_distances, sum_of_others
+from skyfolio.planner.ground.hidden import edges_of
 from skyfolio.planner.ground.links import planned_heights
 from skyfolio.planner.heard import factors, reference_snr
 from skyfolio.planner.plans import Plan
@@ -42,7 +43,8 @@ class Flown:
         alike = reference_snr(scenario)[:, None] * self.on
         paths_m = self.paths_m if errors_m is None else self.paths_m + errors_m
         over_ground = squared_distances(paths_m, user_m, np.zeros(len(paths_m)), np.zeros(spread_m2.shape))
-        bent = factors(scenario.channel, over_ground + spread_m2, self.heights_m)
+        edge = edges_of(scenario, user_m, paths_m, self.heights_m)
+        bent = factors(scenario.channel, over_ground + spread_m2, self.heights_m, edge)
         snr = alike[:, None, :] * gains / (over_ground + self.heights_m**2 + spread_m2) * bent
         at = self.serving[None]
         own = np.take_along_axis(snr, at, axis=0)[0]
