@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.ground.ground import Ground
+from skyfolio.planner.ground.hidden import edges_of_lines
+from skyfolio.planner.heard import factors
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.solution import Solution
 
@@ -26,6 +28,7 @@ class Heard:
     """
 
     problem: Problem
+    ground: Ground
     paths_m: Array
     users: NDArray[np.intp]
     slots: NDArray[np.intp]
@@ -38,11 +41,20 @@ class Heard:
     def of(self, u: int, altitude_m: Array) -> Array:
         """Return with how much more than noise a UAV at altitudes (..., N), metres, is heard: (..., S, L)."""
         problem, at = self.problem, np.minimum(self.slots, self.problem.user_m.shape[1] - 1)
-        away = self.paths_m[u, self.slots] - problem.user_m[self.users, at]
-        level2 = np.einsum("ld,ld->l", away, away) + problem.spread_m2[self.users, at]
-        over2 = (altitude_m[..., self.slots] - self.ground_m) ** 2
-        snr: Array = (problem.snr_gain[u, self.users, self.slots] / (level2 + over2))[..., None, :]
+        uav_m, user_m = self.paths_m[u, self.slots], problem.user_m[self.users, at]
+        over2 = np.einsum("ld,ld->l", uav_m - user_m, uav_m - user_m) + problem.spread_m2[self.users, at]
+        heights_m = altitude_m[..., self.slots] - self.ground_m
+        gain = problem.snr_gain[u, self.users, self.slots] * self._factors(user_m, uav_m, over2, heights_m)
+        snr: Array = (gain / (over2 + heights_m**2))[..., None, :]
         return snr * problem.draws[:, u, self.users] if problem.draws.size else snr
+
+    def _factors(self, user_m: Array, uav_m: Array, over2: Array, heights_m: Array) -> Array | float:
+        """Return by what the channel and hills differ from an inverse square: 1, or (..., L)."""
+        ground = self.ground
+        if ground.has_hills:
+            edge = edges_of_lines(ground.terrain, user_m, uav_m, heights_m)
+            return factors(ground.channel, over2, heights_m, edge)
+        return 1.0 if self.problem.bends is None else factors(ground.channel, over2, heights_m)
 
     def with_one(self, u: int, before: Array, after: Array) -> tuple[Array, Array]:
         """Return `own` and `others`, (..., S, L), once one UAV is heard with `after` instead of `before`, as `of`."""
@@ -73,6 +85,7 @@ def heard(problem: Problem, ground: Ground, solution: Solution, altitudes_m: Arr
     none = np.zeros((max(len(problem.draws), 1), len(users)))
     links = Heard(
         problem=problem,
+        ground=ground,
         paths_m=solution.paths_m,
         users=users,
         slots=slots,

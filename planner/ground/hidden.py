@@ -36,12 +36,14 @@ def edges(terrain: Terrain, user_m: Array, paths_m: Array, heights_m: Array) -> 
     h is by how much the ground is above the line (below 0: clear of it), d1 and d2 the distances from there to the two
     ends, metres: over the root of the wavelength it is `v` of ITU-R P.526-15, eq. (26). Arguments as for `edges_of`.
     """
-    return np.stack([_of_uav(terrain, user_m, path, height) for path, height in zip(paths_m, heights_m, strict=True)])
+    pairs = zip(paths_m, heights_m, strict=True)
+    return np.stack([edges_of_lines(terrain, user_m, path[None], height) for path, height in pairs])
 
 
-def _of_uav(terrain: Terrain, user_m: Array, path_m: Array, height_m: Array) -> Array:
+def edges_of_lines(terrain: Terrain, user_m: Array, uav_m: Array, height_m: Array) -> Array:
+    """Return the edges of lines of any shape, as `edges` has them: user_m, uav_m: (..., 2) metres, height_m: (...)."""
     shape = height_m.shape
-    users, uavs = (np.broadcast_to(places, (*shape, 2)).reshape(-1, 2) for places in (user_m, path_m[None]))
+    users, uavs = (np.broadcast_to(places, (*shape, 2)).reshape(-1, 2) for places in (user_m, uav_m))
     foot = np.broadcast_to(terrain.height_m(user_m), shape).reshape(-1)
     parts = max(1, len(users) // AT_ONCE)
     pieces = zip(*(np.array_split(one, parts) for one in (users, uavs, foot, height_m.reshape(-1))), strict=True)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from skyfolio.api.lab.bench.cases import instance
 from skyfolio.api.lab.bench.hilly import hills
 from skyfolio.planner.channel import squared_distances
+from skyfolio.planner.channels.kinds import channel_of
 from skyfolio.planner.fast import linked, served_rates_bps
 from skyfolio.planner.ground import choosing
 from skyfolio.planner.ground.aloft import raised
@@ -17,7 +20,7 @@ from skyfolio.planner.ground.heard import Heard, heard
 from skyfolio.planner.ground.links import seen_aloft
 from skyfolio.planner.ground.room import room_over
 from skyfolio.planner.problem import Problem, problem_of
-from skyfolio.planner.scenario import Channel, Scenario
+from skyfolio.planner.scenario import Scenario
 from skyfolio.planner.solution import Solution
 
 KINDS = ("sum", "per_user")
@@ -37,9 +40,18 @@ def over_hills(kind: str, n_users: int = 20, **changes: object) -> tuple[Problem
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("fading", ["mean", "sampled", "expected"])
-def test_rates_of_links_are_those_of_the_whole_problem_after_every_change(kind: str, fading: str) -> None:
-    problem, ground, solution = over_hills(kind, channel=Channel.model_validate({"fading": fading, "seed": 5}))
+@pytest.mark.parametrize(
+    "channel",
+    [
+        *({"fading": fading, "seed": 5} for fading in ("mean", "sampled", "expected")),
+        {"antenna": {"kind": "beam", "beamwidth_deg": 40.0}},
+        {"carrier_hz": 2e9, "noise_dbm": -60.0},
+        {"kind": "3gpp_uav", "noise_figure_db": 9.0, "fading": "expected", "draws": 5},
+    ],
+    ids=["mean", "sampled", "expected", "beam", "hills diffract", "3gpp_uav"],
+)
+def test_rates_of_links_are_those_of_the_whole_problem_after_every_change(kind: str, channel: dict[str, Any]) -> None:
+    problem, ground, solution = over_hills(kind, channel=channel_of(channel))
     assert solution.altitudes_m is not None
     altitudes_m, rng = solution.altitudes_m.copy(), np.random.default_rng(1)
     links = heard(problem, ground, solution, altitudes_m)
