@@ -10,7 +10,7 @@ import pytest
 from fastapi.testclient import TestClient
 
 from skyfolio import sim
-from skyfolio.api.lab.base_stations import assumed_by, radio_truth
+from skyfolio.api.flights.base_stations import assumed_by, radio_truth
 from skyfolio.api.lab.bench import allocations as bench
 from skyfolio.api.lab.bench.radio_flight import Case, fly
 from skyfolio.planner import EXAMPLES, Plan, Scenario, violations
@@ -89,7 +89,7 @@ def test_noise_of_simulated_receivers_is_that_of_the_band_of_their_base_station(
     fleet = sim.Fleet(specs, clock=sim.VirtualClock())
     for vehicle in fleet.vehicles.values():
         dynamics = vehicle.autopilot.dynamics
-        dynamics.body = replace(dynamics.body, up_m=60.0)
+        dynamics.body = dynamics.body._replace(up_m=60.0)
         vehicle.base_station.hear(1, [sim.Served(-1.0, 1e6, {"user-1": 1000.0})], 0.0)
         vehicle.base_station.acknowledge(1)
 

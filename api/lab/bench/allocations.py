@@ -14,6 +14,7 @@ import numpy as np
 from rich.table import Table
 
 from skyfolio import sim
+from skyfolio.api.flights.base_stations import assumed_by
 from skyfolio.api.flights.rates import InForce
 from skyfolio.api.lab.bench.radio_flight import Case, Flown, fly
 from skyfolio.api.lab.bench.tables import Lines, grid, on_terminal
