@@ -30,12 +30,15 @@ PLANS = (
 )
 BUDGETS = "The share that multiples of the default number of starts reach, on the layouts that were given more."
 BOUND = (
-    "What `skyfolio bound` proves of a default plan in so many seconds of processor time, beside the plan's own gap."
+    "What `skyfolio bound` proves of a default plan in so many seconds of processor time, beside the plan's own gap. "
+    "Why it does not prove more, and what else was tried, is in [planner.md](../planner.md#the-certificate)."
 )
 PEERS = (
     "Other ways to plan the first layout, each in about the same time (IPOPT ends the plan that it began): k-means "
     "places and one climb, differential evolution over hover points, and under `sum` IPOPT from hovering and random "
-    "flights, and from our places. The dash: it does not end in minutes."
+    "flights, and from our places. The dash: it does not end in minutes. The open method of Lyu et al. (2024, dbspf) "
+    "is not among them: it plans one UAV, its altitude, transmit power and users' rates within time windows for "
+    "proportional fairness, so neither side's plans answer the other's problem."
 )
 DISRUPTION = (
     "A replan after the loss of one UAV half-way with a `disruption_weight`: the whole call, and what it changes of "
