@@ -7,6 +7,7 @@ by those reports.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Awaitable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol
@@ -174,7 +175,7 @@ class BaseStations:
         for uav, allocation in view.uavs.items():
             system = self._system_of[uav]
             if self._is_reached(system):
-                slots = served(allocation, slot0_s)
+                slots = held(allocation, now_s) if view.paused else served(allocation, slot0_s)
                 self._fleet.vehicles[system].base_station.hear(view.revision, slots, now_s)
 
     async def _measure(self, view: AllocationsView) -> None:
@@ -214,6 +215,11 @@ class BaseStations:
             for uav, user in sorted({*got, *missed})
             if self._is_reached(self._system_of[uav])
         ]
+
+
+def held(allocation: UavAllocation, now_s: float) -> list[sim.Served]:
+    """Return what is served while an operation is paused: its clock stands still, and what is valid stays so."""
+    return [] if allocation.now is None else [sim.Served(now_s, math.inf, allocation.now.bandwidth_hz)]
 
 
 def served(allocation: UavAllocation, slot0_s: float) -> list[sim.Served]:

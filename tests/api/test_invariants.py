@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from skyfolio.api.flights.allocations import AllocationsView, SlotAllocation, UavAllocation
 from skyfolio.api.flights.ends import UavEnd
 from skyfolio.api.flights.journal import Entry, Step
 from skyfolio.api.flights.losses import silent
@@ -19,15 +20,26 @@ from skyfolio.api.flights.recovery_report import RecoveryReport
 from skyfolio.api.lab.torture import missions
 from skyfolio.api.lab.torture.drill import Blow, Drill, Moment
 from skyfolio.api.lab.torture.invariants import AFTERWARDS, AT_END, MEANWHILE, look
-from skyfolio.api.lab.torture.sightings import Gone, LostUav, Noted, Reported, Slipped, SlotClock, Struck, Taken
+from skyfolio.api.lab.torture.sightings import (
+    Gone,
+    LostUav,
+    Noted,
+    Orphans,
+    Reported,
+    Slipped,
+    SlotClock,
+    Struck,
+    Taken,
+)
 from skyfolio.api.lab.torture.watch import Seen, files_open_now
 from skyfolio.api.lab.virtual.disk import COMMIT_S, Disk
 from skyfolio.api.lab.virtual.ground import EPOCH_S
 from skyfolio.api.store.event_log import Event
 from skyfolio.sim import Mode
+from skyfolio.sim.base_station import BaseStation, Served
 from skyfolio.sim.geo import LocalFrame
 
-DRILL = Drill(seed=1)
+DRILL = Drill(seed=1, stations=True)
 SCENARIO = DRILL.scenario()
 FRAME = LocalFrame(SCENARIO.origin.lat_deg, SCENARIO.origin.lon_deg)
 OPERATION = "operation-1"
@@ -46,6 +58,7 @@ class Uav:
     transmitting: bool = True
     mission_id: int = 1
     item: int = 3
+    base_station: BaseStation = field(default_factory=BaseStation)
     spec: Any = field(default_factory=lambda: SimpleNamespace(autopilot="px4"))
 
     @property
@@ -135,8 +148,12 @@ def history() -> Seen:
         paused=False,
         guidance=SimpleNamespace(airspace=SimpleNamespace(ghosts={"uav-3": object()})),
         roster=SimpleNamespace(losses={"uav-3": silent(5.0)}),
+        slot=lambda: 9,
+        plan=SimpleNamespace(id="plan-2"),
     )
-    operation = SimpleNamespace(flight=flight, state=State.FLYING)
+    radio = SimpleNamespace(shown=allocated({"uav-1": {"user-1": 1e4}, "uav-2": {"user-2": 1e4}, "uav-3": {}}))
+    radio.allocations = SimpleNamespace(view=lambda: radio.shown)
+    operation = SimpleNamespace(flight=flight, radio=radio, state=State.FLYING)
     ground = SimpleNamespace(
         scenario=SCENARIO,
         fleet=fleet,
@@ -173,7 +190,28 @@ def history() -> Seen:
     seen.files_open = [10, 10]
     seen.slot_clock = SlotClock(at_s=89.5, elapsed_s=44.5, paused=False)
     seen.end = view()
+    seen.known_lost, seen.plan_id = {"uav-3"}, "plan-2"
     return seen
+
+
+def allocated(bands: dict[str, dict[str, float]]) -> AllocationsView:
+    """What each UAV is to serve in slot 9."""
+    uavs = {
+        uav: UavAllocation(
+            now=SlotAllocation(slot=9, valid_from_s=45.0, valid_until_s=50.0, bandwidth_hz=band), next=None
+        )
+        for uav, band in bands.items()
+    }
+    return AllocationsView(
+        operation_id=OPERATION, revision=12, plan_id="plan-2", elapsed_s=45.0, paused=False, uavs=uavs
+    )
+
+
+def serve(seen: Seen, uav: str, band: dict[str, float]) -> None:
+    """Let the base station of a UAV serve some users."""
+    station = seen.ground.fleet.vehicles[seen.system_of(uav)].base_station
+    station.hear(1, [Served(0.0, 1e6, band)], 0.0)
+    station.acknowledge(1)
 
 
 def assigned(**changes: Any) -> Any:
@@ -535,6 +573,42 @@ def _back_to_the_first_item(seen: Seen) -> None:
 @breaks("who is ordered away obeys")
 def _flies_its_mission_all_the_same(seen: Seen) -> None:
     seen.sent_away["uav-2"] = (80.0, "land")
+
+
+@breaks("a base station serves only what was acknowledged")
+def _(seen: Seen) -> None:
+    seen.accepted["uav-1"] = [{"user-1": 1e4}]
+    serve(seen, "uav-1", {"user-1": 1e4, "user-2": 1e4})
+
+
+@breaks("a revision keeps what it allocates")
+def _(seen: Seen) -> None:
+    seen.allocated["uav-1", 12] = {9: {"user-3": 1e4}}
+
+
+@breaks("no user is served twice for long")
+def _(seen: Seen) -> None:
+    for uav in ("uav-1", "uav-2"):
+        seen.accepted[uav] = [{"user-1": 1e4}]
+        serve(seen, uav, {"user-1": 1e4})
+    seen.served_twice_s["user-1"] = 75.0
+
+
+@breaks("a lost uav is allocated no user")
+def _(seen: Seen) -> None:
+    operation: Any = seen.operation()
+    operation.radio.shown = allocated({"uav-1": {}, "uav-2": {}, "uav-3": {"user-3": 1e4}})
+    seen.allocated_lost["uav-3"] = 80.0
+
+
+@breaks("users of a lost uav are allocated to others")
+def _(seen: Seen) -> None:
+    seen.orphans = Orphans(users={"user-2", "user-3"}, plan_id="plan-2", since_s=80.0)
+
+
+@breaks("revisions of allocations only grow")
+def _(seen: Seen) -> None:
+    seen.events += [event(81, "allocations", operation_id=OPERATION, revision=revision) for revision in (7, 1000, 8)]
 
 
 @pytest.mark.parametrize("name", sorted(INVARIANTS))

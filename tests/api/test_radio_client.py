@@ -86,6 +86,18 @@ def test_a_second_operation_is_served_though_its_revisions_begin_anew() -> None:
         assert fleet.vehicles[1].base_station.serves(fleet.now_s) == {"user-1": 1e4}
 
 
+def test_what_is_valid_stays_so_while_an_operation_is_paused() -> None:
+    scenario = EXAMPLES["minimal"]()
+    fleet = sim.Fleet(specs_at_starts(scenario), clock=sim.ScaledClock(1.0))
+    told = Told(3)
+    allocation = told.view.uavs["uav-1"]
+    assert allocation.now is not None
+    short = allocation.model_copy(update={"now": allocation.now.model_copy(update={"valid_until_s": 5.0})})
+    told.view = told.view.model_copy(update={"paused": True, "uavs": {**told.view.uavs, "uav-1": short}})
+    asyncio.run(BaseStations(fleet, radio_truth(fleet, scenario), told, {"uav-1": 1, "uav-2": 2}).step())
+    assert fleet.vehicles[1].base_station.serves(fleet.now_s + 600.0) == {"user-1": 1e4}
+
+
 def test_measurements_are_sent_as_they_are() -> None:
     seen: list[httpx2.Request] = []
     one = Measurement(uav_id="u", user_id="k", elapsed_s=2.5, rate_bps=0.0)

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
+from skyfolio import sim
 from skyfolio.api.cli.files import UsageError
 from skyfolio.api.cli.main import cli
 from skyfolio.api.flights.journal import IncidentLog, Step
@@ -207,3 +208,22 @@ def test_the_command_replays_a_file_and_refuses_what_is_none(tmp_path: Path) -> 
     refused = CliRunner().invoke(cli, ["torture", "--replay", str(file)])
     assert refused.exit_code != 0
     assert logging.root.manager.disable == logging.NOTSET, "what it quietened is heard again"
+
+
+def test_drills_with_base_stations_are_few_have_every_fault_of_the_radio_and_leave_the_others_as_they_are() -> None:
+    drills = {seed: drill_of(seed) for seed in range(1, 401)}
+    served = [drill for drill in drills.values() if drill.stations]
+    assert [drill.seed for drill in served] == list(range(19, 401, 20))
+    faults = {str(blow.options.get("kind")) for drill in served for blow in drill.blows}
+    assert faults >= set(sim.RADIO_FAULTS)
+    others = [blow for drill in drills.values() if not drill.stations for blow in drill.blows]
+    assert not {str(blow.options.get("kind")) for blow in others} & set(sim.RADIO_FAULTS)
+
+
+@pytest.mark.parametrize("kind", sorted(sim.RADIO_FAULTS))
+def test_a_loss_beside_a_base_station_that_fails_breaks_nothing(kind: str) -> None:
+    fault = Blow(when=AT_FLIGHT, kind="vehicle", options={"kind": kind, "system_id": 1})
+    outcome = fly(Drill(seed=7, slots=10, stations=True, bias_db=-6.0, blows=(fault, KILL)))
+    assert outcome.broken == {}
+    kinds = {event.kind for event in outcome.events}
+    assert {"allocations", "reassociated"} <= kinds

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Coroutine
 from typing import Any
 
 from skyfolio import sim
@@ -94,6 +94,10 @@ class Arena:
         ids = self.ground.scenario.uav_ids
         for uav in uavs or ids:
             self.seen.ordered[ids.index(uav) + 1] = self.ground.now_s
+
+    def beside(self, work: Coroutine[Any, Any, None]) -> None:
+        """Do something beside the drill, which ends with its operation."""
+        self._spawn(work)
 
     def _spawn(self, work: Any) -> None:
         task = self.ground.spawn(work)

@@ -84,7 +84,8 @@ class Drill(_Document):
     """One drill.
 
     guidance, fall_back, at_end: as of `GuidanceOptions`. loss: share of datagrams lost both ways.
-    latency_s: of datagrams, each way. gust_mps, gps_m: as of `sim.Weather`. solve_s: of a replan.
+    latency_s: of datagrams, each way. stations: whether base stations serve and measure; bias_db: how much better
+    their links are than planned. gust_mps, gps_m: as of `sim.Weather`. solve_s: of a replan.
     """
 
     seed: int
@@ -102,6 +103,8 @@ class Drill(_Document):
     gps_m: float = Field(default=0.0, ge=0.0)
     solve_s: float = Field(default=0.05, ge=0.0)
     plan_ahead: bool = True
+    stations: bool = False
+    bias_db: float = Field(default=0.0, ge=-60.0, le=60.0)
     beside: bool = False
     """Whether the last UAV flies an operation of its own at the same time."""
     blows: tuple[Blow, ...] = ()

@@ -18,6 +18,7 @@ from skyfolio.api.flights.operation_views import ENDED, OperationView, State
 from skyfolio.api.lab.torture.blows import Arena
 from skyfolio.api.lab.torture.drill import Drill
 from skyfolio.api.lab.torture.invariants import AFTERWARDS, AT_END, MEANWHILE, look
+from skyfolio.api.lab.torture.stations import serve
 from skyfolio.api.lab.torture.triggers import Triggers
 from skyfolio.api.lab.torture.watch import Seen, files_open_now
 from skyfolio.api.lab.virtual.ground import Ground
@@ -96,6 +97,9 @@ async def _fly(drill: Drill, recording: Path | None) -> Seen:
         if other is not None:
             await _start_beside(seen, other, plan_ids[1])
         triggers.begin()
+        if drill.stations:
+            for one in seen.each:
+                arena.beside(serve(one))
         await _until_ended(seen, arena)
         await asyncio.sleep(AFTERMATH_S)
         while arena.tasks:

@@ -11,6 +11,7 @@ from skyfolio.api.flights.journal import Step
 from skyfolio.api.flights.operation_views import State
 from skyfolio.api.lab.torture.aims import aim_of, aimed
 from skyfolio.api.lab.torture.drill import Blow, Drill, Moment, VehicleNews
+from skyfolio.api.lab.torture.stations import has_stations, with_stations
 from skyfolio.mavlink_bridge import Autopilot
 from skyfolio.mavlink_bridge.guidance import FallBack
 
@@ -30,7 +31,8 @@ _IMPAIRED = ({"loss": 0.3}, {"loss": 0.1, "burst": 4.0}, {"latency_s": 0.4}, {"c
 def drill_of(seed: int) -> Drill:
     """Return the drill of this seed, always the same: left to chance, or after something (`aims`)."""
     drill, aim = _by_chance(seed), aim_of(seed)
-    return drill if aim is None else aimed(drill, aim)
+    drill = drill if aim is None else aimed(drill, aim)
+    return with_stations(drill) if has_stations(seed) else drill
 
 
 def _by_chance(seed: int) -> Drill:

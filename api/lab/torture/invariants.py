@@ -10,7 +10,7 @@ from itertools import combinations
 from math import dist
 
 from skyfolio.api.flights.operation_views import State
-from skyfolio.api.lab.torture import guiding, losses, records, recoveries, reserved_air
+from skyfolio.api.lab.torture import guiding, losses, records, recoveries, reserved_air, stations
 from skyfolio.api.lab.torture.checks import AFTERWARDS, AT_END, MEANWHILE, at_end, look, meanwhile
 from skyfolio.api.lab.torture.guiding import AFTER
 from skyfolio.api.lab.torture.missions import has_a_strange_mission
@@ -29,6 +29,7 @@ __all__ = [
     "records",
     "recoveries",
     "reserved_air",
+    "stations",
 ]
 READ_BACK_S = 10.0
 """A vehicle that has stored wrongly what it was sent may fly that for so long: by then it is read back, or it holds."""

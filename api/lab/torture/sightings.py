@@ -90,6 +90,15 @@ class Slipped:
     start: int
 
 
+@dataclass(kw_only=True)
+class Orphans:
+    """Users of lost UAVs that no other serves yet, in which plan, and since when (virtual seconds not excused)."""
+
+    users: set[str]
+    plan_id: str
+    since_s: float
+
+
 @dataclass(frozen=True, kw_only=True)
 class Taken:
     """A step of the journal, once it was stored or held, and when (virtual seconds)."""

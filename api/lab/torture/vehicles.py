@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from math import inf
 from typing import Any
 
+from skyfolio import sim
 from skyfolio.api.lab.torture.drill import Drill
 from skyfolio.api.lab.torture.sightings import Gone, takes_over
 from skyfolio.api.lab.virtual.ground import Ground
@@ -92,6 +93,8 @@ class Vehicles:
         events = self.ground.fleet.truth.events
         for event in events[self._truth_seen :]:
             system_id = event.system_id
+            if event.kind == "fault" and event.detail.get("fault") in sim.RADIO_FAULTS:
+                continue  # it flies as well as before
             if event.kind == "fault":
                 self.harmed.setdefault(system_id, event.t_s)
                 self._follow_fault(system_id, event.t_s, event.detail)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 from weakref import WeakSet
 
+from skyfolio.api.flights.allocations import AllocationsView
 from skyfolio.api.flights.assigned_missions import AssignedMission
 from skyfolio.api.flights.journal import Entry, Step
 from skyfolio.api.flights.losses import LossKind
@@ -17,7 +18,7 @@ from skyfolio.api.flights.operation import Operation
 from skyfolio.api.flights.operation_views import OperationView
 from skyfolio.api.flights.recovery_report import RecoveryReport
 from skyfolio.api.lab.torture.drill import Blow
-from skyfolio.api.lab.torture.sightings import LostUav, Noted, Reported, Slipped, SlotClock, Struck, Taken
+from skyfolio.api.lab.torture.sightings import LostUav, Noted, Orphans, Reported, Slipped, SlotClock, Struck, Taken
 from skyfolio.api.lab.torture.vehicles import REFUSALS, Vehicles
 from skyfolio.api.lab.virtual.disk import COMMIT_S, FOLDER_PREFIX
 from skyfolio.api.store.event_log import Event
@@ -105,6 +106,22 @@ class Seen(Vehicles):
     """What each vehicle flew at the last look: the id of its mission, and the item."""
     strange_since_s: dict[int, float] = field(default_factory=dict)
     """Since when vehicles fly what was not assigned to them."""
+    allocated: dict[tuple[str, int], dict[int, dict[str, float]]] = field(default_factory=dict)
+    """What each UAV was seen to be allocated, by UAV and revision: Hz by slot and user."""
+    accepted: dict[str, list[dict[str, float]]] = field(default_factory=dict)
+    """What the base station of each UAV has acknowledged of that: Hz by user."""
+    allocation: AllocationsView | None = None
+    """What all were allocated at the last look."""
+    plan_id: str = ""
+    """Which plan was in force then."""
+    allocated_lost: dict[str, float] = field(default_factory=dict)
+    """Since when lost UAVs are allocated users, virtual seconds that are not excused."""
+    served_twice_s: dict[str, float] = field(default_factory=dict)
+    """Since when users are served by two base stations."""
+    known_lost: set[str] = field(default_factory=set)
+    """UAVs whose users are looked after."""
+    orphans: Orphans | None = None
+    """Users of lost UAVs that no other serves yet."""
     _operations: WeakSet[Operation] = field(default_factory=WeakSet)
 
     def beside_it(self, uavs: Sequence[str]) -> Seen:
