@@ -26,7 +26,7 @@ demo: $(COMPILED)
 # What is compiled takes one core, lint the other. Flights mostly wait: four workers are no load for two cores.
 test: $(READY)
 	$(MAKE) --jobs 3 kernels lint packages
-	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile --durations 10 $(ARGS)
+	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder --durations 10 $(ARGS)
 	$(BIN)/python -m pytest --numprocesses 4 --dist loadscope --durations 20 -m "e2e or browser" $(or $(ARGS),$(FLIGHTS)) \
 		|| [ $$? -eq 5 ] # pytest's exit status where ARGS choose none of these
 

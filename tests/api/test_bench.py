@@ -45,6 +45,8 @@ from skyfolio.planner import EXAMPLES, Scenario, letter, plan
 from skyfolio.planner.fast import linked, optimise
 from skyfolio.planner.problem import problem_of
 
+pytestmark = pytest.mark.long
+
 TINY = ((2, 4, 5), (3, 5, 6))
 ONE_SIZE = {"ablation", "proof", "checked", "disruption", "budgets", "bound", "terrain"}
 LITTLE = replace(QUICK, plan_runs=1, runs=3, budget_s=0.1, peers_s=0.2, bound_s=0.3, checked=2, runs_of_yardsticks=1)

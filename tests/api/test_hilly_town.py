@@ -14,6 +14,8 @@ from skyfolio.planner import Plan, Scenario, violations
 from tests.api.sky import Sky, flight
 from tests.places.test_hilly_town import hilly_town
 
+pytestmark = pytest.mark.long
+
 FLEETS = [("px4",), ("ardupilot",), ("px4", "ardupilot")]
 LOST_AT_SLOT = 7
 TRACKING_M = 2.0

@@ -28,6 +28,8 @@ from skyfolio.api.lab.torture.tally import Result, Tally, table_of
 from skyfolio.mavlink_bridge import Autopilot
 from skyfolio.mavlink_bridge.classifier import Classifier
 
+pytestmark = pytest.mark.long
+
 DRILLS = Path(__file__).parent / "drills"
 AT_FLIGHT = Moment(state=State.FLYING, after_s=8.0)
 KILL = Blow(when=AT_FLIGHT, kind="vehicle", options={"kind": "kill", "system_id": 3})

@@ -24,6 +24,8 @@ from skyfolio.planner.sinr import spectral_efficiency
 from skyfolio.planner.stopping import MaxIterations
 from skyfolio.planner.utility import utility_kbps
 
+pytestmark = pytest.mark.long
+
 KINDS = ("sum", "per_user", "pooled")
 
 

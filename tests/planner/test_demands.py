@@ -27,6 +27,8 @@ from skyfolio.planner.problem import Problem, problem_of
 from skyfolio.planner.sinr import spectral_efficiency
 from skyfolio.planner.utility import utility_kbps
 
+pytestmark = pytest.mark.long
+
 KINDS = ("sum", "per_user", "pooled")
 
 

@@ -29,6 +29,8 @@ from skyfolio.planner import (
 from skyfolio.planner.scenario import NoFlyDisc, NoFlyPolygon
 from skyfolio.planner.unreachable import UnreachableEndError
 
+pytestmark = pytest.mark.long
+
 
 def _zones(rng: np.random.Generator, side: float) -> Iterator[NoFlyDisc | NoFlyPolygon]:
     for _ in range(int(rng.integers(0, 3))):
