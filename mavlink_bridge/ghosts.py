@@ -2,7 +2,8 @@
 
 An aircraft whose link is lost usually flies its mission to the end, hovers where it was, or returns home. So until it
 is seen on the ground, or a deadline passes, no other UAV may come closer than `min_separation_m` to where its old plan
-has it at that moment, to where it was last seen, or to any point of the straight way from its route to its home.
+has it at that moment, to where it was last seen, or to any point of the straight ways from its route to its home or
+a rally point.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from skyfolio.planner.geometry import Point, between
 DEADLINE_S = 30 * 60.0
 """No battery of the class that is flown lasts longer than this in the air: after it the air is free again."""
 SAMPLE_S = 0.5
-_STORED = ("uav_id", "lost_at_s", "last_seen_m", "home_m", "deadline_s")
+_STORED = ("uav_id", "lost_at_s", "last_seen_m", "home_m", "deadline_s", "rally_m")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +41,7 @@ class Ghost:
     """One lost UAV. Times are fleet seconds since the operation's slot 0; places metres east/north.
 
     `ways`: the routes it may fly; more than one if it is not known which mission it has. `home_m` is where it took off,
-    None if unknown.
+    None if unknown; `rally_m`: where it may land instead.
     """
 
     uav_id: str
@@ -49,6 +50,14 @@ class Ghost:
     ways: tuple[Way, ...]
     home_m: Point | None
     deadline_s: float
+    rally_m: tuple[Point, ...] = ()
+
+    @property
+    def ways_home(self) -> list[Segment]:
+        """The lines to its home and rally points: from where it was last seen, and from the end of each route."""
+        starts = (self.last_seen_m, *(way.route.path_m[-1] for way in self.ways))
+        ends = [*(() if self.home_m is None else (self.home_m,)), *self.rally_m]
+        return [(start, end) for start in starts for end in ends]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,9 +127,15 @@ class Airspace:
     def recall(self, document: Iterable[Mapping[str, Any]]) -> None:
         """Reserve again what `document` wrote."""
         for stored in document:
-            home = stored["home_m"]
-            places = {"last_seen_m": tuple(stored["last_seen_m"]), "home_m": None if home is None else tuple(home)}
-            self.reserve(Ghost(**{name: stored[name] for name in _STORED} | places, ways=tuple(_ways(stored))))
+            home, rally = stored["home_m"], stored.get("rally_m", ())
+            places = {
+                "last_seen_m": tuple(stored["last_seen_m"]),
+                "home_m": None if home is None else tuple(home),
+                "rally_m": tuple((east, north) for east, north in rally),
+            }
+            self.reserve(
+                Ghost(**{name: stored[name] for name in _STORED if name in stored} | places, ways=tuple(_ways(stored)))
+            )
 
     def conflicts(
         self, paths_m: Mapping[str, Sequence[Point]], times_s: Sequence[float], required_m: float
@@ -143,7 +158,7 @@ def _approaches(uav_id: str, path_m: Sequence[Point], times_s: Sequence[float], 
     """Yield the least distances, leg by leg, for each way a ghost may behave."""
     legs = list(pairwise(path_m))
     lasting = [("the last place", (ghost.last_seen_m, ghost.last_seen_m))]
-    lasting += [("the way home", way) for way in _ways_home(ghost)]
+    lasting += [("the way home", way) for way in ghost.ways_home]
     apart_m = [segment_distances_m(legs, [segment]).tolist() for _, segment in lasting]
     for leg, ((start, end), (begin_s, end_s)) in enumerate(zip(legs, pairwise(times_s), strict=True)):
         for (because, _), distances_m in zip(lasting, apart_m, strict=True):
@@ -161,13 +176,6 @@ def _at_the_same_time(
         here = between(start, end, share)
         for way in ghost.ways:
             yield _conflict(uav_id, ghost, at_s, dist(here, way.at_m(at_s)), "the old route")
-
-
-def _ways_home(ghost: Ghost) -> list[Segment]:
-    """Return the lines from where it was last seen, when its failsafe acts, and from the end of each route."""
-    if ghost.home_m is None:
-        return []
-    return [(start_m, ghost.home_m) for start_m in (ghost.last_seen_m, *(way.route.path_m[-1] for way in ghost.ways))]
 
 
 def _ways(stored: Mapping[str, Any]) -> Iterable[Way]:

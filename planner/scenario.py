@@ -250,6 +250,11 @@ class Scenario(Frozen):
         """Return wind and energy of one UAV; None where the scenario has neither."""
         return self.air_for([uav])
 
+    @property
+    def rally_m(self) -> tuple[Point, ...]:
+        """Where UAVs may land instead of their homes, metres east/north; nowhere over terrain (`air_for`)."""
+        return tuple(point.position_m for point in self.rally_points) if self.terrain is None else ()
+
     def air_for(self, uavs: Sequence[Uav]) -> Air | None:
         """Return wind and energy of these UAVs over this ground; None where there is neither.
 
@@ -257,7 +262,7 @@ class Scenario(Frozen):
         """
         if self.wind is None and all(uav.battery is None for uav in uavs):
             return None
-        rally = self.rally_points if self.terrain is None else ()
+        rally = self.rally_points if self.rally_m else ()
         return air_of(uavs, home_heights(self, uavs), self.wind, rally, self.slot_duration_s)
 
     def longest_step_m(self, uav_id: str, move_m: tuple[float, float]) -> float:

@@ -61,14 +61,14 @@ class FlightTraffic:
         at the first point of the line.
         """
         flight = self._flight
-        down = _way_down(level_m[-1], flight.home_m(uav), flight.guidance.options.at_end)
+        down = _ways_down(level_m[-1], flight.landing_m(uav), flight.guidance.options.at_end)
         return Corridor(
             uav_id=uav,
             owner=self.owner,
             required_m=flight.first_plan.scenario.min_separation_m,
             level_m=() if altitudes is None else level_m,
             **_span(self._fleet, flight.systems[uav], altitudes),
-            upright_m=((level_m[0],), down) if climbs else (down,),
+            upright_m=((level_m[0],), *down) if climbs else down,
         )
 
 
@@ -111,7 +111,7 @@ class SharedAirspace:
                 required_m=plan.scenario.min_separation_m,
                 level_m=path,
                 **_span(self._fleet, systems[uav], altitudes_of(plan, uav)),
-                upright_m=((path[0],), _way_down(path[-1], path[0], options.at_end)),
+                upright_m=((path[0],), *_ways_down(path[-1], (path[0], *plan.scenario.rally_m), options.at_end)),
             )
             for uav, path in plan.trajectories_m.items()
         ]
@@ -230,17 +230,16 @@ def _rest(path: Sequence[Point], began_s: float, slot_s: float, now_s: float) ->
     return list(path[min(max(int((now_s - began_s) // slot_s), 0), len(path) - 1) :])
 
 
-def _way_down(last_m: Point, home_m: Point, at_end: OnEnd) -> Sequence[Point]:
-    """Return the line above which a UAV descends after its last point."""
-    return (last_m, home_m) if at_end is OnEnd.RETURN else (last_m,)
+def _ways_down(last_m: Point, landing_m: Sequence[Point], at_end: OnEnd) -> tuple[Sequence[Point], ...]:
+    """Return the lines above which a UAV may descend after its last point."""
+    return tuple((last_m, place_m) for place_m in landing_m) if at_end is OnEnd.RETURN else ((last_m,),)
 
 
 def _of_ghost(ghost: Ghost, owner: str, required_m: float, now_s: float) -> Corridor:
     """Return the corridor of a ghost, at any height: the rest of each route, where it was seen, and its ways home."""
     rests = [_rest(way.route.path_m, way.began_s, way.route.slot_s, now_s) for way in ghost.ways]
-    homes = [] if ghost.home_m is None else [(rest[-1], ghost.home_m) for rest in rests]
-    seen = (ghost.last_seen_m,) if ghost.home_m is None else (ghost.last_seen_m, ghost.home_m)
-    return Corridor(uav_id=ghost.uav_id, owner=owner, required_m=required_m, upright_m=(*rests, *homes, seen))
+    lines = (*rests, *ghost.ways_home, (ghost.last_seen_m,))
+    return Corridor(uav_id=ghost.uav_id, owner=owner, required_m=required_m, upright_m=lines)
 
 
 def _moved(ghost: Ghost, shift_s: float, mapped: Mapped) -> Ghost:
@@ -251,6 +250,7 @@ def _moved(ghost: Ghost, shift_s: float, mapped: Mapped) -> Ghost:
         deadline_s=ghost.deadline_s + shift_s,
         last_seen_m=mapped(ghost.last_seen_m),
         home_m=None if ghost.home_m is None else mapped(ghost.home_m),
+        rally_m=tuple(mapped(point) for point in ghost.rally_m),
         ways=tuple(
             GhostWay(
                 route=Route([mapped(point) for point in way.route.path_m], way.route.slot_s),

@@ -48,7 +48,8 @@ class UavEnd(StrEnum):
 class LastSeen:
     """What a UAV last reported; places in metres east/north of the origin, `up_m` above its home.
 
-    heard: its link is not lost. ends_m: the places on the ground where its plan may end; empty if none is known.
+    heard: its link is not lost. returns_m: home, and where it may land instead. ends_m: the places on the ground where
+    its plan may end; empty if none is known.
     """
 
     heard: bool
@@ -56,7 +57,7 @@ class LastSeen:
     up_m: float
     mode: str
     at_m: Point | None
-    home_m: Point
+    returns_m: tuple[Point, ...]
     ends_m: tuple[Point, ...] = ()
 
     def is_near(self, *places_m: Point) -> bool:
@@ -79,7 +80,7 @@ def end_of(seen: LastSeen | None, loss: Loss | None) -> UavEnd:
             return UavEnd.FLOWN
     elif seen.up_m > GROUND_M and loss.kind != "landed":
         return UavEnd.LOST
-    return UavEnd.RETURNED if seen.is_near(seen.home_m) else UavEnd.LANDED_ELSEWHERE
+    return UavEnd.RETURNED if seen.is_near(*seen.returns_m) else UavEnd.LANDED_ELSEWHERE
 
 
 def ends_of(flight: Flight) -> dict[str, UavEnd]:
@@ -120,6 +121,6 @@ def _last_seen(flight: Flight, uav: str) -> LastSeen | None:
         up_m=telemetry.relative_alt_m,
         mode=telemetry.mode.value,
         at_m=flight.roster.last_seen_m(uav),
-        home_m=flight.home_m(uav),
+        returns_m=flight.landing_m(uav),
         ends_m=flight.ends_m(uav),
     )

@@ -49,7 +49,9 @@ class Flight(FlightTimeline):
         self._fleet = fleet
         self._uavs = {system: uav for uav, system in systems.items()}
         homes_m = {uav: path[0] for uav, path in plan.trajectories_m.items()}
-        self.guidance = FlightGuidance(systems, fleet, clock, elapsed_s=self.now_s, homes_m=homes_m, options=options)
+        self.guidance = FlightGuidance(
+            systems, fleet, clock, elapsed_s=self.now_s, homes_m=homes_m, rally_m=plan.scenario.rally_m, options=options
+        )
         self.energy = EnergyWatch(lambda: self.plan, self.elapsed_s, self.telemetry)
         self.roster = Roster(
             systems,
@@ -238,6 +240,10 @@ class Flight(FlightTimeline):
         home = self._fleet.link.home_deg(self.systems[uav])
         return scenario.uav(uav).start_m if home is None else geodetic_to_east_north(scenario.origin, *home)
 
+    def landing_m(self, uav: str) -> tuple[Point, ...]:
+        """Return where a return of a UAV may end, metres east/north: its home and the rally points."""
+        return (self.home_m(uav), *self.first_plan.scenario.rally_m)
+
     def ends_m(self, uav: str) -> tuple[Point, ...]:
         """Return the places on the ground where a UAV's plan may end, metres east/north.
 
@@ -246,7 +252,8 @@ class Flight(FlightTimeline):
         path = self.plan.trajectories_m.get(uav)
         if path is None or self.guidance.options.at_end is OnEnd.HOLD:
             return ()
-        return (path[-1], self.home_m(uav)) if self.guidance.options.at_end is OnEnd.RETURN else (path[-1],)
+        returns = self.guidance.options.at_end is OnEnd.RETURN
+        return (path[-1], *self.landing_m(uav)) if returns else (path[-1],)
 
     def over(self, landing_limit_s: float) -> bool:
         """Return whether there is no landing left to wait for.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 from skyfolio.api.common.fleet_clock import FleetClock
@@ -34,7 +34,7 @@ class FlightGuidance:
     fly the missions on board. How far each UAV is off its schedule is an event, `slip`, for each slot.
 
     systems: MAVLink system id of each UAV. elapsed_s: returns fleet seconds since slot 0 of the operation began.
-    homes_m: where each UAV returns to, metres east/north of the scenario's origin.
+    homes_m: where each UAV returns to, rally_m: where it may land instead, metres east/north of the scenario's origin.
     """
 
     def __init__(
@@ -45,13 +45,14 @@ class FlightGuidance:
         *,
         elapsed_s: Callable[[], float],
         homes_m: Mapping[str, Point],
+        rally_m: Sequence[Point] = (),
         options: GuidanceOptions | None = None,
     ) -> None:
         self.options = options or GuidanceOptions()
         self._systems, self._fleet = systems, fleet
         self._elapsed_s = elapsed_s
         self._on_board = MissionsOnBoard()
-        self._homes_m = homes_m
+        self._homes_m, self._rally_m = homes_m, tuple(rally_m)
         self._keepers = ScheduleKeepers(systems, fleet, clock, elapsed_s=elapsed_s)
         self._flown_by_others: set[str] = set()
         """UAVs that somebody else flies, until they follow an assigned mission again."""
@@ -222,6 +223,7 @@ class FlightGuidance:
                     for assigned in missions
                 ),
                 home_m=self._homes_m.get(uav),
+                rally_m=self._rally_m,
                 deadline_s=now_s + DEADLINE_S,
             )
         )

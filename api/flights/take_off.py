@@ -263,16 +263,17 @@ class TakeOff:
             )
 
     async def _rally(self) -> None:
-        """Send each vehicle its present position as rally point, at the altitude at which it begins slot 0.
+        """Send each vehicle its present position and the scenario's rally points, at the altitude of its slot 0.
 
-        So a return ends there even if its home is changed in the air. A vehicle that refuses it flies with a warning.
+        So a return ends at one of them even if its home is changed in the air, and where the energy of the plan was
+        proven to suffice to. A vehicle that refuses them flies with a warning.
         """
         scenario, points = self._plan.scenario, {}
         for uav, system in self._systems.items():
             telemetry = self._fleet.link.telemetry(system)
             if telemetry is not None and telemetry.place_deg is not None and not telemetry.armed:
                 stands_m = geodetic_to_east_north(scenario.origin, *telemetry.place_deg)
-                points[system] = rally_items(scenario, [stands_m], self._first_up_m(uav))
+                points[system] = rally_items(scenario, [stands_m, *scenario.rally_m], self._first_up_m(uav))
         results = await self._fleet.link.upload_fence(points, mission_type=MissionType.RALLY)
         for system, result in sorted(results.items()):
             level = "ok" if result.verified else "warning"

@@ -24,7 +24,7 @@ class Missions:
         return {uav: [asdict(item) for item in self._mission(uav).items] for uav in ids}
 
     def qgc_plan(self, uav_id: str | None) -> dict[str, Any]:
-        """Return one UAV's mission as a QGroundControl `.plan`, with the geofence and rally point of its flight."""
+        """Return one UAV's mission as a QGroundControl `.plan`, with the geofence and rally points of its flight."""
         scenario, uav = self._plan.scenario, self._plan.scenario.uav(self._one(uav_id))
         home_alt_m = ground_m(scenario, uav.start_m)
         up_m = altitudes_of(self._plan, uav.id).metres[0] - home_alt_m
@@ -32,7 +32,7 @@ class Missions:
             self._mission(uav.id),
             home_alt_m=home_alt_m,
             fence=fence_items(scenario),
-            rally=rally_items(scenario, [uav.start_m], up_m),
+            rally=rally_items(scenario, [uav.start_m, *scenario.rally_m], up_m),
         )
 
     def waypoints(self, uav_id: str | None) -> str:

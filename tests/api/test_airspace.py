@@ -1,6 +1,7 @@
 """Operations of one service keep out of each other's air, and know each other's ghosts."""
 
 import asyncio
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -15,12 +16,13 @@ from skyfolio.api.flights.guidance_options import GuidanceOptions
 from skyfolio.api.flights.operation_views import State
 from skyfolio.api.flights.traffic import Traffic
 from skyfolio.api.flights.transition import Present, require_separated
-from skyfolio.mavlink_bridge import Telemetry, east_north_to_geodetic
+from skyfolio.mavlink_bridge import OnEnd, Telemetry, east_north_to_geodetic
 from skyfolio.mavlink_bridge.corridors import Corridor
 from skyfolio.mavlink_bridge.ghosts import Airspace, Ghost
 from skyfolio.mavlink_bridge.ghosts import Way as GhostWay
 from skyfolio.mavlink_bridge.route import Route
 from skyfolio.planner import EXAMPLES, Origin, Plan, ReplanError, Scenario, plan
+from skyfolio.planner.scenario import RallyPoint
 from tests.api.sky import flight
 
 MINIMAL = EXAMPLES["minimal"]().with_changes(slots=30, altitude_m=8.0)
@@ -72,6 +74,7 @@ def flight_of(made: Plan, field: Field, *, now_s: float | None = None, lost: tup
         now_s=lambda: now_s or 0.0,
         positions_m=dict,
         home_m=lambda uav: made.scenario.uav(uav).start_m,
+        landing_m=lambda uav: (made.scenario.uav(uav).start_m, *made.scenario.rally_m),
         guidance=SimpleNamespace(airspace=Airspace(), may_fly=lambda _uav: (), options=GuidanceOptions()),
         traffic=None,
     )
@@ -154,6 +157,35 @@ def ghost(uav: str) -> Ghost:
         home_m=(0.0, 0.0),
         deadline_s=600.0,
     )
+
+
+def test_the_ways_to_rally_points_of_a_ghost_are_closed_to_other_operations(first: Plan, second: Plan) -> None:
+    field = Field(uav_1=1, uav_2=2)
+    field.down.clear()
+    airspace = SharedAirspace(cast("Fleet", field))
+    one = flight_of(first, field, now_s=20.0)
+    airspace.enter("op-1", cast("Flown", one))
+    one.guidance.airspace.reserve(ghost("uav-1"))
+    crosses = along(second, (120.0, -30.0), (120.0, 30.0))
+    assert refusal(airspace, crosses, field) is None
+    one.guidance.airspace.release("uav-1")
+    one.guidance.airspace.reserve(replace(ghost("uav-1"), rally_m=((200.0, 0.0),)))
+    assert refusal(airspace, crosses, field)
+    airspace.leave("op-1")  # the ghost stays
+    assert refusal(airspace, crosses, field)
+
+
+def test_a_plan_that_returns_reserves_the_ways_to_rally_points(first: Plan, second: Plan) -> None:
+    field = Field(uav_1=1, uav_2=2)
+    field.down.clear()
+    airspace = SharedAirspace(cast("Fleet", field))
+    airspace.enter("op-1", cast("Flown", flight_of(along(first, (0.0, 0.0), (100.0, 0.0)), field)))
+    rally = (RallyPoint(position_m=(50.0, -60.0)),)
+    returns = along(second, (20.0, 40.0), (50.0, 40.0), rally_points=rally)
+    systems = {"uav-2": 2}
+    asyncio.run(airspace.require_clear(returns, systems, GuidanceOptions(at_end=OnEnd.LAND)))
+    with pytest.raises(ConflictError, match="'uav-2' could come within"):
+        asyncio.run(airspace.require_clear(returns, systems, GuidanceOptions(at_end=OnEnd.RETURN)))
 
 
 def test_a_ghost_of_one_operation_is_a_ghost_to_all_in_their_time_and_place(first: Plan, second: Plan) -> None:

@@ -25,7 +25,14 @@ SCENARIO = EXAMPLES["minimal"]().with_changes(slots=6, altitude_m=20.0)
 
 def seen(**changes: Any) -> LastSeen:
     """On the ground at its home."""
-    known: dict[str, Any] = {"heard": True, "armed": False, "up_m": 0.1, "mode": "hold", "at_m": HOME, "home_m": HOME}
+    known: dict[str, Any] = {
+        "heard": True,
+        "armed": False,
+        "up_m": 0.1,
+        "mode": "hold",
+        "at_m": HOME,
+        "returns_m": (HOME,),
+    }
     return LastSeen(**known | changes)
 
 
@@ -39,6 +46,7 @@ def seen(**changes: Any) -> LastSeen:
         (seen(), FAILSAFE, UavEnd.RETURNED),
         (seen(at_m=(12.0, 29.0)), SILENT, UavEnd.RETURNED),
         (seen(), RETIRED, UavEnd.RETURNED),
+        (seen(at_m=(300.0, 22.0), returns_m=(HOME, (300.0, 20.0))), FAILSAFE, UavEnd.RETURNED),
         (seen(at_m=(40.0, 20.0)), FAILSAFE, UavEnd.LANDED_ELSEWHERE),
         (seen(at_m=None), FAILSAFE, UavEnd.LANDED_ELSEWHERE),
         (seen(armed=True, up_m=60.0, heard=False), SILENT, UavEnd.LOST),
@@ -84,8 +92,8 @@ class Fleet:
         one = self._seen[uav]
         return None if one is None else one.at_m
 
-    def home_m(self, _uav: str) -> tuple[float, float]:
-        return HOME
+    def landing_m(self, _uav: str) -> tuple[tuple[float, float], ...]:
+        return (HOME,)
 
     def ends_m(self, uav: str) -> Any:
         one = self._seen[uav]

@@ -6,7 +6,9 @@ import httpx2
 import pytest
 
 from skyfolio import sim
+from skyfolio.mavlink_bridge import geodetic_to_east_north
 from skyfolio.planner import EXAMPLES
+from skyfolio.planner.scenario import RallyPoint
 from tests.api.asking import planned
 from tests.api.sky import Sky, sky
 
@@ -120,6 +122,22 @@ def assert_each_may_return_to_where_it_stood(here: Sky) -> None:
     log = here.events()
     levels = {event["data"]["uav_id"]: event["data"]["level"] for event in log if event["kind"] == "rally_point"}
     assert levels == {"uav-1": "ok", "uav-2": "ok"}
+
+
+def test_the_rally_points_of_the_scenario_are_on_board_beside_where_each_vehicle_stood() -> None:
+    rally = (300.0, 20.0)
+    scenario = MINIMAL.with_changes(rally_points=(RallyPoint(position_m=rally),))
+    with sky(scenario) as here:
+        path = here.http.post("/v1/operations", json={"plan_id": planned(here.http, scenario)}).headers["Location"]
+        follow(here, path, "flying", "failed")
+        for system_id, vehicle in here.fleet.vehicles.items():
+            places = [
+                geodetic_to_east_north(scenario.origin, item.x / 1e7, item.y / 1e7)
+                for item in vehicle.autopilot.missions.plan(2).items
+            ]
+            assert places[0] == pytest.approx(scenario.uavs[system_id - 1].start_m, abs=0.2)
+            assert places[1:] == [pytest.approx(rally, abs=0.05)]
+        here.http.post(f"{path}:abort", json={"action": "land"})
 
 
 def test_an_aborted_operation_leaves_vehicles_holding() -> None:

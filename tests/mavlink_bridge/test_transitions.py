@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from itertools import combinations, pairwise
 from math import hypot
 from typing import Any
@@ -49,9 +50,35 @@ def test_live_positions_count_even_without_any_path() -> None:
         check_transition({"uav-1": (0.0, 0.0), "uav-2": (3.0, 0.0)}, {}, **HOW)
 
 
-def test_reserved_air_is_recalled_as_it_was() -> None:
+def test_the_ways_to_rally_points_are_reserved_air_too_from_where_it_was_seen_and_from_the_end() -> None:
+    air, lost = Airspace(), ghost(path=[(0.0, 0.0), (10.0, 0.0)], last=(5.0, 0.0), home=(0.0, -50.0))
+    over_there = {"uav-1": [(100.0, -20.0), (100.0, 20.0)]}
+    air.reserve(lost)
+    assert air.conflicts(over_there, [0.0, 5.0], 4.0) == []
+    air.release("uav-3")
+    air.reserve(replace(lost, rally_m=((300.0, 0.0),)))
+    [conflict] = air.conflicts(over_there, [0.0, 5.0], 4.0)
+    assert conflict.because == "the way home"
+    assert conflict.apart_m == pytest.approx(0.0)
+    away = {"uav-1": [(2.0, 40.0), (12.0, 40.0)]}
+    air.release("uav-3")
+    air.reserve(replace(lost, rally_m=((10.0, 90.0),)))
+    [conflict] = air.conflicts(away, [100.0, 105.0], 4.0)
+    assert conflict.apart_m < 1.0
+
+
+def test_reserved_air_that_was_stored_without_rally_points_has_none() -> None:
     air, again = Airspace(), Airspace()
     air.reserve(ghost(path=[(0.0, 0.0), (10.0, 5.0)], home=(1.0, 2.0)))
+    [stored] = air.document()
+    del stored["rally_m"]
+    again.recall([stored])
+    assert again.document() == air.document()
+
+
+def test_reserved_air_is_recalled_as_it_was() -> None:
+    air, again = Airspace(), Airspace()
+    air.reserve(replace(ghost(path=[(0.0, 0.0), (10.0, 5.0)], home=(1.0, 2.0)), rally_m=((7.0, 8.0),)))
     air.seen("uav-3", (3.0, 4.0))
     again.recall(json.loads(json.dumps(air.document())))
     assert again.document() == air.document()
