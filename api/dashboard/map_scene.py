@@ -57,6 +57,15 @@ def scene(scenario: Scenario, plans: Sequence[tuple[str, Plan]] = (), **more: An
     }
 
 
+def ground_words(data: Json) -> list[str]:
+    """Return between which heights the ground of a scenario as JSON lies, in words; nothing without terrain."""
+    terrain = data.get("terrain")
+    if not terrain:
+        return []
+    heights = [height for row in terrain["heights_m"] for height in row]
+    return [f"ground {min(heights):.0f} to {max(heights):.0f} m above sea level"]
+
+
 def sketch(data: Json, pins: Pins | None = None) -> tuple[Json, Json]:
     """Return scene and frame of a scenario as JSON, even of an invalid one: the operator must see what is wrong."""
     pins = pins or Pins()

@@ -61,6 +61,16 @@ def unmet(plan: Plan) -> list[tuple[str, ...]]:
     ]
 
 
+def altitudes(plan: Plan) -> tuple[list[tuple[str, ...]], tuple[str, ...]]:
+    """Return the lowest and highest altitude of each UAV in flight, and the head; no rows where none are planned."""
+    datum = "home" if plan.scenario.terrain is None else "sea level"
+    rows: list[tuple[str, ...]] = []
+    for uav in plan.scenario.uavs if plan.altitudes_m is not None else ():
+        flown = (plan.altitudes_m or {})[uav.id][: plan.scenario.last_slot(uav) + 1]
+        rows.append((uav.id, f"{min(flown):.0f}", f"{max(flown):.0f}"))
+    return rows, (f"altitude, m above {datum}", "lowest", "highest")
+
+
 ENERGY_HEAD = ("energy, Wh", "used in the end", "left at home", "reserve", "least spare")
 
 

@@ -221,9 +221,9 @@ class Page:
         """What the first map tells about itself: frames, uavs or lost."""
         return str(self.run("return document.querySelector('.sf-map').dataset[arguments[0]] ?? ''", what))
 
-    def upload(self, file: Path) -> None:
-        """Give a file to the page's file chooser."""
-        self.driver.find_element(By.CSS_SELECTOR, "input[type=file]").send_keys(str(file))
+    def upload(self, *files: Path) -> None:
+        """Give files to the page's file chooser, all at once."""
+        self.driver.find_element(By.CSS_SELECTOR, "input[type=file]").send_keys("\n".join(map(str, files)))
 
     def type(self, label: str, value: str) -> None:
         """Replace what is in the field with this label."""

@@ -24,6 +24,14 @@ SPEEDUP = 8.0
 PATIENT = {"SKYFOLIO_HEARTBEAT_STALE_S": "8", "SKYFOLIO_HEARTBEAT_LOST_S": "16"}
 """Two wall seconds until a UAV is declared lost: a loaded machine must not lose one by itself."""
 LOST = "uav-3"
+TOWN = Path(__file__).resolve().parents[2] / "examples" / "hilly_town"
+ROWS_OF = """
+const heads = [...document.querySelectorAll(".sf-figures thead th")];
+const head = heads.find(one => one.textContent.trim() === arguments[0]);
+const rows = [...head.closest("table").querySelectorAll("tbody tr")];
+return rows.map(row => [...row.children].map(cell => cell.textContent.trim()));
+"""
+"""The cells of the table of figures with this head."""
 
 
 @pytest.fixture(scope="module")
@@ -247,6 +255,27 @@ def test_a_spreadsheet_of_users_is_loaded_and_a_plan_exported_as_a_map(page: Pag
     saved = page.until(lambda: next(iter(folder.glob("*.geojson")), None), "the download")
     kinds = {one["properties"]["kind"] for one in json.loads(saved.read_text())["features"]}
     assert {"user", "uav", "path", "position"} <= kinds
+
+
+def test_the_hilly_town_is_loaded_from_its_files_and_shows_ground_altitudes_and_energy(
+    page: Page, idle: Service, folder: Path
+) -> None:
+    page.open(idle.url, "/ui/plan")
+    page.see(".sf-sub", "3 UAVs, 9 users")
+    page.upload(*(TOWN / name for name in ("users.csv", "town.geojson", "ground.tif")))
+    page.see(".sf-sub", "3 UAVs, 13 users, ground 529 to 654 m above sea level")
+    page.press("Plan it")
+    page.see(".sf-figures th", "altitude, m above sea level")
+    page.see(".sf-figures th", "energy, Wh")
+    table = page.driver.execute_script(ROWS_OF, "energy, Wh")
+    assert [row[0] for row in table] == ["uav-1", "uav-2", "uav-3"]
+    for _, used, left, reserve, spare in table:
+        assert float(used) > 0
+        assert float(left.split(" ")[0]) >= float(reserve) > 0
+        assert float(spare) >= 0
+    lowest = [float(row[1]) for row in page.driver.execute_script(ROWS_OF, "altitude, m above sea level")]
+    assert min(lowest) >= 529 + 25
+    page.driver.save_screenshot(str(folder / "hilly_town.png"))
 
 
 def test_a_reload_loses_no_scenario_and_no_plan(page: Page, idle: Service) -> None:

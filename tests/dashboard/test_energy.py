@@ -1,4 +1,4 @@
-"""What pages show of batteries: how UAVs come home by the plan, and what they have used by now."""
+"""What pages show of ground and batteries: altitudes, how UAVs come home by the plan, and what they have used."""
 
 from __future__ import annotations
 
@@ -35,6 +35,24 @@ def test_the_plan_page_has_a_row_for_each_uav_with_a_battery(powered: Plan, smal
     assert row[3:] == ("12.0", f"{landing.spare_wh:.1f}")
     assert len(row) == len(plan_metrics.ENERGY_HEAD)
     assert plan_metrics.energy(small_plan) == []
+
+
+def test_the_plan_page_has_the_altitudes_of_a_plan_that_has_some_in_their_datum(small_plan: Plan) -> None:
+    assert plan_metrics.altitudes(small_plan)[0] == []
+    first, *others = small_plan.scenario.uavs
+    leaving = small_plan.scenario.with_changes(uavs=(first.model_copy(update={"leaves_at_slot": 2}), *others))
+    rows = {uav: [60.0, 90.4, *[500.0] * (leaving.slots - 2)] for uav in leaving.uav_ids}
+    flown = small_plan.model_copy(update={"scenario": leaving, "altitudes_m": rows})
+    assert plan_metrics.altitudes(flown) == (
+        [("uav-1", "60", "90"), ("uav-2", "60", "500")], ("altitude, m above home", "lowest", "highest"),
+    )  # fmt: skip
+
+
+def test_the_ground_of_a_scenario_is_told_in_words() -> None:
+    assert map_scene.ground_words({"terrain": {"heights_m": [[530.2, 540.0], [655.1, 600.0]]}}) == [
+        "ground 530 to 655 m above sea level"
+    ]
+    assert map_scene.ground_words({}) == map_scene.ground_words({"terrain": None}) == []
 
 
 def test_in_flight_the_energy_is_that_of_its_own_gauge_at_this_moment_of_the_plan(powered: Plan) -> None:

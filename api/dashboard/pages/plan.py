@@ -26,8 +26,11 @@ FIELDS = (
     ("min_separation_m", "Separation, m", 0.0, 1.0),
 )
 START_WITH = "paper"
-PLACES = (".geojson", ".csv", ".tsv", ".kml")
+PLACES = (".geojson", ".csv", ".tsv", ".kml", ".tif", ".tiff", ".hgt")
 """Endings of files that are imported; a `.json` file is a scenario or a plan."""
+LOADS = (
+    "A scenario or a plan as JSON; or users, UAVs and zones as GeoJSON, CSV or KML, and the ground as GeoTIFF or SRTM"
+)
 
 
 class PlanPage:
@@ -61,7 +64,7 @@ class PlanPage:
                 upload = ui.upload(multiple=True, auto_upload=True, on_multi_upload=self._uploaded)
                 upload.props(f'accept=".json,{",".join(PLACES)}" max-files=20').classes("sf-upload")
                 load = ui.button("Load file", on_click=lambda: upload.run_method("pickFiles")).props("outline")
-                load.props('title="A scenario or a plan as JSON; or users, UAVs and zones as GeoJSON, CSV or KML"')
+                load.props(f'title="{LOADS}"')
             with ui.element("div").classes("sf-row"):
                 self._fields = {
                     name: ui.number(label, min=least, step=step, on_change=self._fields_changed).props("dense outlined")
@@ -196,7 +199,7 @@ class PlanPage:
         self._desk.keep_draft(self._draft.data, self._draft.pins.data())
         self._pins.show(self._draft.pins, self._draft.ids("uav"), self._draft.ids("user"))
         counts = f"{len(self._draft.ids('uav'))} UAVs, {len(self._draft.ids('user'))} users"
-        self._counts.set_text(counts)
+        self._counts.set_text(", ".join([counts, *map_scene.ground_words(self._draft.data)]))
         self._shown = None
         self._slot_label.set_text("not planned")
         drawn, frame = map_scene.sketch(self._draft.data, self._draft.pins.pins)

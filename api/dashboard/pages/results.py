@@ -182,6 +182,8 @@ class Results:
                 text("p", "No plan of this scenario yet: press “Plan it”.", "sf-sub")
             else:
                 figures(*plan_metrics.rows(plan, other))
+                if (flown := plan_metrics.altitudes(plan))[0]:
+                    figures(*flown)
                 if energy := plan_metrics.energy(plan):
                     figures(energy, plan_metrics.ENERGY_HEAD)
                 for line in changes.of_plan(plan):
