@@ -49,7 +49,7 @@ from skyfolio.sim.land import Hills
 from skyfolio.sim.missions import Mission, MissionItem
 from skyfolio.sim.modes import Mode
 from skyfolio.sim.radio_faults import RADIO_FAULTS, StationDeaf, StationJammed, StationLate, StationPower
-from skyfolio.sim.radio_truth import RadioTruth, Received, TruthChannel, channel_from
+from skyfolio.sim.radio_truth import MeanGain, RadioTruth, Received, TruthChannel, channel_from
 from skyfolio.sim.slots import SlotGrid
 from skyfolio.sim.specs import AUTOPILOTS, BOOTED_S_AGO, VehicleSpec, grid_of
 from skyfolio.sim.station import Vehicle
@@ -78,6 +78,7 @@ __all__ = [
     "Kill",
     "Limits",
     "LowBattery",
+    "MeanGain",
     "Mission",
     "MissionItem",
     "Mode",

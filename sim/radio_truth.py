@@ -1,7 +1,7 @@
 """What users on the ground truly get from the base stations of a fleet: a channel that no planner knows.
 
-The mean gain that planners assume (free space from a reference gain at one metre, or any function of distance and
-height), and what they do not know: a bias of all links, shadowing of each link, and Rician fading. Everything but the
+The mean gain that planners assume (free space from a reference gain at one metre, or any other), and what they do not
+know: a bias of all links, shadowing of each link, and Rician fading. Everything but the
 vehicles' places is drawn from a seed.
 """
 
@@ -26,15 +26,15 @@ FADES_EVERY_S = 1.0
 """Fleet seconds after which fading is drawn anew."""
 GeoPlace = tuple[float, float]
 """Latitude and longitude in degrees."""
+MeanGain = Callable[[int, str, tuple[float, float, float]], float]
+"""Mean power gain from a vehicle, by system id, to a user, by id, with the vehicle there: degrees, metres over home."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TruthChannel:
     """The true channel. bias_db: of all links. shadowing_db: standard deviation of each link's own, drawn from `seed`.
 
-    rician_k_db: the factor of the fading; None for none. mean_gain: the power gain of a link by its distance over
-    ground and its height, metres; None for `reference_gain_db` over the squared distance in space. ValueError names a
-    field that is out of range.
+    rician_k_db: the factor of the fading; None for none. ValueError names a field that is out of range.
     """
 
     reference_gain_db: float = -20.0
@@ -43,19 +43,12 @@ class TruthChannel:
     shadowing_db: float = 0.0
     rician_k_db: float | None = None
     seed: int = 0
-    mean_gain: Callable[[float, float], float] | None = None
 
     def __post_init__(self) -> None:
         check_number("bias_db", self.bias_db, -MOST_DB, MOST_DB)
         check_number("shadowing_db", self.shadowing_db, 0.0, MOST_DB)
         if self.rician_k_db is not None:
             check_number("rician_k_db", self.rician_k_db, -MOST_DB, MOST_DB)
-
-    def gain(self, away_m: float, height_m: float) -> float:
-        """Return the mean power gain of a link of this length over ground and this height."""
-        if self.mean_gain is not None:
-            return self.mean_gain(away_m, height_m)
-        return float(10 ** (self.reference_gain_db / 10)) / (away_m**2 + height_m**2)
 
     def link_db(self, system_id: int, user_id: str) -> float:
         """Return by how many dB a link is better than the plain channel, fading aside."""
@@ -107,6 +100,7 @@ class RadioTruth:
 
     users_deg: where each user is. power_w: what the base station of each vehicle, by system id, is built to send.
     noise_dbm: in the band of each base station, where it differs from band to band; powers count by their density then.
+    mean_gain: of links, instead of free space over level ground from `channel.reference_gain_db`.
     """
 
     def __init__(
@@ -116,7 +110,9 @@ class RadioTruth:
         users_deg: Mapping[str, GeoPlace],
         power_w: Mapping[int, float],
         noise_dbm: Mapping[int, float] | None = None,
+        mean_gain: MeanGain | None = None,
     ) -> None:
+        self._mean_gain = mean_gain or self._in_free_space
         self._fleet, self.channel, self._power_w = fleet, channel, dict(power_w)
         self._noise_dbm = dict.fromkeys(self._power_w, channel.noise_dbm) | dict(noise_dbm or {})
         self._frame = LocalFrame(*next(iter(users_deg.values())))
@@ -158,10 +154,14 @@ class RadioTruth:
 
     def _power_at(self, system: int, vehicle: Vehicle, user: str) -> float:
         """Return the power in watts that a user receives of a base station."""
-        lat_deg, lon_deg, up_m = vehicle.position
-        east_m, north_m = self._frame.to_local(lat_deg, lon_deg)
-        at_m = self._users_m[user]
-        mean = self.channel.gain(math.hypot(east_m - at_m[0], north_m - at_m[1]), up_m)
+        mean = self._mean_gain(system, user, vehicle.position)
         better_db = self._link_db[system, user] + vehicle.base_station.power_db
         fading = self.channel.fading(system, user, self._fleet.now_s)
         return float(self._power_w[system] * mean * 10 ** (better_db / 10) * fading)
+
+    def _in_free_space(self, _: int, user: str, position: tuple[float, float, float]) -> float:
+        lat_deg, lon_deg, up_m = position
+        east_m, north_m = self._frame.to_local(lat_deg, lon_deg)
+        at_m = self._users_m[user]
+        squared_m2 = (east_m - at_m[0]) ** 2 + (north_m - at_m[1]) ** 2 + up_m**2
+        return float(10 ** (self.channel.reference_gain_db / 10)) / squared_m2

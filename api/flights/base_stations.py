@@ -19,8 +19,9 @@ from skyfolio.api.common.errors import ConflictError
 from skyfolio.api.flights.allocations import AllocationsView, SlotAllocation, UavAllocation
 from skyfolio.api.flights.measured_rates import LEAST_DB, Measurement
 from skyfolio.api.flights.operations import Operations
-from skyfolio.mavlink_bridge import east_north_to_geodetic
+from skyfolio.mavlink_bridge import east_north_to_geodetic, geodetic_to_east_north
 from skyfolio.planner import Channel, Scenario
+from skyfolio.planner.ground.hidden import edges_of
 
 ASK_EVERY_S = 0.2
 """Fleet seconds between two looks of base stations at what they must serve."""
@@ -97,7 +98,10 @@ def radio_truth(
         noise_dbm = dict(
             zip((systems[uav] for uav in scenario.uav_ids), (10 * np.log10(noise_w) + 30).tolist(), strict=True)
         )
-    return sim.RadioTruth(fleet, given, places, power_w, noise_dbm)
+    mean_gain = None
+    if scenario.terrain is not None or not scenario.channel.is_inverse_square:
+        mean_gain = mean_gain_of(scenario, {system: uav for uav, system in systems.items()})
+    return sim.RadioTruth(fleet, given, places, power_w, noise_dbm, mean_gain)
 
 
 def assumed_by(scenario: Scenario, drawn: sim.TruthChannel | None = None) -> sim.TruthChannel:
@@ -108,7 +112,26 @@ def assumed_by(scenario: Scenario, drawn: sim.TruthChannel | None = None) -> sim
         made = replace(made, noise_dbm=assumed.noise_dbm)
     if isinstance(assumed, Channel):
         made = replace(made, reference_gain_db=assumed.reference_gain_db)
-    return made if assumed.is_inverse_square else replace(made, mean_gain=assumed.gain_at)
+    return made
+
+
+def mean_gain_of(scenario: Scenario, uav_of: Mapping[int, str]) -> sim.MeanGain:
+    """Return the mean gain of links by the scenario's channel and terrain. uav_of: the UAV of each system id."""
+    channel, terrain = scenario.channel, scenario.terrain
+    users_m = {user.id: user.position_m for user in scenario.users}
+    homes_m = {system: scenario.uav(uav).home_m or scenario.uav(uav).start_m for system, uav in uav_of.items()}
+
+    def over_user_m(system: int, user: str) -> float:
+        """Return how high a UAV's home is above a user."""
+        return 0.0 if terrain is None else terrain.height_at(*homes_m[system]) - terrain.height_at(*users_m[user])
+
+    def gain(system: int, user: str, position: tuple[float, float, float]) -> float:
+        at_m, user_m = geodetic_to_east_north(scenario.origin, *position[:2]), users_m[user]
+        height_m = position[2] + over_user_m(system, user)
+        edge = edges_of(scenario, np.array([[user_m]]), np.array([[at_m]]), np.array([[[height_m]]]))
+        return channel.gain_at(math.dist(at_m, user_m), height_m, edge)
+
+    return gain
 
 
 class BaseStations:

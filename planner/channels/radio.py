@@ -124,9 +124,9 @@ class RadioChannel(Frozen):
         factor: Array = gain * squared / self.reference_gain
         return factor
 
-    def gain_at(self, away_m: float, height_m: float) -> float:
+    def gain_at(self, away_m: float, height_m: float, edge: Array | None = None) -> float:
         """Return the mean power gain of one link, with the antenna. Metres, over ground and over the user."""
-        factor = self.factor(np.array([away_m]), np.array([height_m]))[0]
+        factor = self.factor(np.array([away_m]), np.array([height_m]), None if edge is None else edge.reshape(1))[0]
         return float(self.reference_gain * factor / (away_m**2 + height_m**2))
 
     def gain_bounds(

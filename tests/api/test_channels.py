@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import dist, pi
 from typing import Any
 
 import numpy as np
@@ -9,11 +10,13 @@ import pytest
 from fastapi.testclient import TestClient
 
 from skyfolio import sim
-from skyfolio.api.flights.base_stations import assumed_by, radio_truth
+from skyfolio.api.flights.base_stations import mean_gain_of, radio_truth
 from skyfolio.api.lab.bench import allocations as bench
 from skyfolio.api.lab.bench.radio_flight import Case, fly
+from skyfolio.mavlink_bridge import east_north_to_geodetic
 from skyfolio.planner import EXAMPLES, Plan, Scenario, violations
 from skyfolio.planner.channels.kinds import channel_of
+from tests.planner.hills import over_the_hill
 
 CHANNELS: dict[str, dict[str, Any]] = {
     "los_probability": {"kind": "los_probability", "environment": "suburban", "noise_figure_db": 9.0},
@@ -67,10 +70,22 @@ def test_an_altitude_outside_of_a_kind_s_formulas_is_refused(client: TestClient,
 @pytest.mark.parametrize("name", CHANNELS)
 def test_simulated_users_get_what_the_kind_gives_at_the_places_of_the_vehicles(name: str) -> None:
     given = scenario(name)
-    truth = assumed_by(given, sim.TruthChannel(bias_db=-3.0))
-    for away_m, height_m in ((0.0, 60.0), (75.0, 60.0), (400.0, 55.0)):
-        assert truth.gain(away_m, height_m) == pytest.approx(given.channel.gain_at(away_m, height_m), rel=1e-9)
-    assert truth.bias_db == -3.0
+    gain = mean_gain_of(given, {7: "uav-2"})
+    for east_m, north_m, up_m in ((100.0, 100.0, 60.0), (175.0, 20.0, 60.0), (400.0, 450.0, 55.0)):
+        place = *east_north_to_geodetic(given.origin, east_m, north_m), up_m
+        for user in given.users:
+            away_m = dist((east_m, north_m), user.position_m)
+            assert gain(7, user.id, place) == pytest.approx(given.channel.gain_at(away_m, up_m), rel=1e-6)
+
+
+def test_a_hill_between_them_costs_simulated_users_what_the_kind_says() -> None:
+    given = over_the_hill(channel=channel_of({"kind": "los_probability", "noise_figure_db": 9.0}))
+    gain = mean_gain_of(given, {1: "west"})
+    hidden = gain(1, "user-0", (*east_north_to_geodetic(given.origin, 60.0, 250.0), 50.0))
+    free = (299_792_458.0 / (4.0 * pi * 2e9)) ** 2 / (380.0**2 + 50.0**2)  # home and user stand equally high
+    assert hidden == pytest.approx(free * 10**-2.0, rel=0.02)  # 20 dB without line of sight, table II
+    beside = gain(1, "user-0", (*east_north_to_geodetic(given.origin, 440.0, 200.0), 50.0))
+    assert beside > 20.0 * hidden
 
 
 def test_simulated_users_get_what_was_planned_under_a_city_s_channel() -> None:

@@ -154,12 +154,11 @@ def test_what_no_fault_can_be_is_refused_by_name(text: str, said: str) -> None:
 
 
 def test_any_mean_gain_may_stand_for_free_space() -> None:
-    asked: list[tuple[float, float]] = []
+    def gain(system: int, user: str, position: tuple[float, float, float]) -> float:
+        assert (user, position[2]) == ("near", 20.0)
+        return 1e-6 if system == 1 else 1e-7
 
-    def gain(away_m: float, height_m: float) -> float:
-        asked.append((away_m, height_m))
-        return 1e-6 if away_m < 1.0 else 1e-7
-
-    _, truth = alone(TruthChannel(noise_dbm=-60.0, mean_gain=gain))
+    fleet, _ = fleet_above({"near": HERE}, TruthChannel())
+    fleet.vehicles[1].base_station.acknowledge(1)
+    truth = RadioTruth(fleet, TruthChannel(noise_dbm=-60.0), {"near": HERE}, {1: 0.1, 2: 0.1}, mean_gain=gain)
     assert of(truth).sinr_db == pytest.approx(10 * math.log10(1e-7 / (1e-8 + 1e-9)), abs=1e-6)
-    assert asked[0] == pytest.approx((0.0, 20.0), abs=1e-3)
