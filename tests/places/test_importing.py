@@ -13,6 +13,7 @@ from skyfolio.api.places.faults import Fault, FaultyFilesError
 from skyfolio.api.places.files import Encoding, Kind, SourceFile
 from skyfolio.api.places.importing import Imported, import_files
 from skyfolio.planner import EXAMPLES, Scenario
+from skyfolio.planner.channels.kinds import channel_of
 from skyfolio.planner.places import in_metres
 from skyfolio.planner.scenario import NoFlyDisc, NoFlyPolygon
 
@@ -103,6 +104,19 @@ def test_columns_that_mean_nothing_are_told_and_a_kind_column_sorts_rows() -> No
     [zone] = made.scenario.no_fly
     assert isinstance(zone, NoFlyDisc)
     assert zone.radius_m == 5.0
+
+
+def test_geojson_brings_a_channel_of_any_kind() -> None:
+    channel = {
+        "kind": "los_probability",
+        "environment": "suburban",
+        "noise_figure_db": 9.0,
+        "antenna": {"kind": "beam"},
+    }
+    made = read(given_file("users.geojson", collection(point(8.546, 47.398), skyfolio={"channel": channel}))).scenario
+    assert made.channel == channel_of(channel)
+    bad = collection(point(8.546, 47.398), skyfolio={"channel": {**channel, "reference_gain_db": -20.0}})
+    assert "not permitted" in str(faults_of(given_file("users.geojson", bad)))
 
 
 def test_geojson_brings_zones_an_area_and_settings() -> None:

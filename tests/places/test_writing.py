@@ -18,6 +18,7 @@ from skyfolio.api.places.files import SourceFile
 from skyfolio.api.places.importing import import_files
 from skyfolio.api.places.writing import Format, write_plan, write_scenario
 from skyfolio.planner import EXAMPLES, Origin, Plan, Scenario, Uav, User, Utility
+from skyfolio.planner.channels.kinds import channel_of
 from skyfolio.planner.plans import Summary
 from skyfolio.planner.scenario import NoFlyDisc, NoFlyPolygon, NoFlyZone, PositionDeg
 from skyfolio.planner.terrain import Terrain
@@ -122,6 +123,13 @@ def test_a_golden_file_is_read_as_the_scenario_that_it_was_written_from(form: Fo
 @pytest.mark.parametrize("form", ["geojson", "kml"])
 def test_the_scenario_of_an_exported_plan_is_read_back_to_the_bit(form: Format) -> None:
     assert turned(in_metres_only(read_back(write_plan(flown(), form), form))) == turned(town())
+
+
+@pytest.mark.parametrize("form", ["geojson", "kml"])
+def test_a_channel_of_another_kind_is_written_and_read_back(form: Format) -> None:
+    channel = channel_of({"kind": "3gpp_uav", "environment": "RMa-AV", "noise_figure_db": 7.0})
+    city = town().with_changes(channel=channel)
+    assert read_back(write_scenario(city, form), form).channel == channel
 
 
 metres = st.integers(0, 400_000_000).map(lambda micrometres: micrometres / 1e6)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,8 @@ from skyfolio.planner.arrays import Array
 from skyfolio.planner.bound import upper_bound_kbps
 from skyfolio.planner.certificate import prove
 from skyfolio.planner.channels.kinds import channel_of
+from skyfolio.planner.explanation.ledger import Ledger
+from skyfolio.planner.explanation.prices import slope_kbps
 from skyfolio.planner.fast.arena import Arena, Links, arena_of, links_of
 from skyfolio.planner.fast.climb import climb
 from skyfolio.planner.fast.rates import gradient, link_rates
@@ -141,9 +144,32 @@ def test_a_uav_with_a_null_below_it_hovers_beside_its_user() -> None:
     assert away == pytest.approx(max(gains)[1], abs=2.0)
 
 
-def test_an_explanation_knows_the_channel() -> None:
-    told = explain(plan(fleet("UMa-AV", n_slots=8), n_starts=2))
-    assert told.users
+@pytest.mark.parametrize("name", PLAIN)
+def test_an_explanation_knows_the_channel(name: str) -> None:
+    made = plan(fleet(name, n_slots=8), n_starts=2)
+    told = explain(made)
+    ledger = Ledger.of(made)
+    assert ledger.total_snr == pytest.approx(snr_of(ledger).sum(axis=0), rel=1e-12)
+    assert {user.user_id for user in told.users} <= set(made.scenario.user_ids)
+    slope = slope_kbps(ledger, 0)
+    for n in (2, 6):
+        apart = np.zeros(ledger.paths_m.shape)
+        apart[0, n, 0] = 1e-4
+        ahead, behind = (
+            ledger.utility_kbps(rates_with(replace(ledger, paths_m=ledger.paths_m + by))) for by in (apart, -apart)
+        )
+        assert slope[n, 0] == pytest.approx((ahead - behind) / 2e-4, rel=1e-3, abs=1e-7)
+
+
+def snr_of(ledger: Ledger) -> Array:
+    return ledger.problem.snr(ledger.problem.distances2(ledger.paths_m))
+
+
+def rates_with(ledger: Ledger) -> Array:
+    """Return the rates of the plan's links at other places: (K, N) kbit/s."""
+    efficiency = spectral_efficiency(ledger.problem, ledger.paths_m)
+    served: Array = np.take_along_axis(efficiency, ledger.serving[None], axis=0)[0]
+    return ledger.bandwidth_hz * served / 1e3
 
 
 REFUSED = "channel.kind, channel.antenna: "
