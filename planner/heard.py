@@ -1,4 +1,4 @@
-"""How loud UAVs of a scenario are at its users, by the formulas of its channel: for places that nobody optimises."""
+"""How loud UAVs of a scenario are at its users, by the formulas of its channel: for places that are not optimised."""
 
 from __future__ import annotations
 

@@ -265,7 +265,7 @@ def position(arena: Arena, u: int, x: float, y: float, n: int) -> tuple[float, f
 
 @kernel
 def _fly_plainly(arena: Arena) -> bool:
-    """Return whether everybody flies straight to its place and stays: then nothing of the arena need be handed on."""
+    """Return whether all UAVs fly straight to their places and stay: then nothing of the arena need be handed on."""
     return not (arena.has_pinned or arena.has_ends or arena.has_wind)
 
 

@@ -24,7 +24,7 @@ class Heard:
     """L links, in any order; S draws of the fading, 1 without.
 
     users, slots, serving: (L,), of each link. hertz: (L,). ground_m: (L,), under its user. own: (S, L), with how much
-    more than noise its user hears the UAV that serves it; others: (S, L), noise and all other UAVs.
+    more than noise its user receives from the UAV that serves it; others: (S, L), noise and all other UAVs.
     """
 
     problem: Problem
