@@ -13,7 +13,7 @@ from itertools import pairwise
 
 from skyfolio import sim
 from skyfolio.api.flights.allocations import AllocationsView
-from skyfolio.api.flights.base_stations import BaseStations, radio_truth, true_channel
+from skyfolio.api.flights.base_stations import BaseStations, assumed_by, radio_truth
 from skyfolio.api.flights.operation import Operation
 from skyfolio.api.flights.operation_views import State
 from skyfolio.api.lab.torture.checks import at_end, meanwhile
@@ -68,7 +68,7 @@ async def serve(seen: Seen) -> None:
     fleet, scenario = seen.ground.fleet, seen.ground.scenario
     systems = {uav: seen.system_of(uav) for uav in seen.uavs}
     flown = scenario.with_changes(uavs=[uav for uav in scenario.uavs if uav.id in systems])
-    channel = true_channel(flown, sim.TruthChannel(bias_db=seen.drill.bias_db, seed=seen.drill.seed))
+    channel = assumed_by(flown, sim.TruthChannel(bias_db=seen.drill.bias_db, seed=seen.drill.seed))
     port = _NotingPort(seen)
     stations = BaseStations(fleet, radio_truth(fleet, flown, channel, systems), port, systems)
     while seen.end is None:
