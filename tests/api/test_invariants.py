@@ -28,6 +28,7 @@ from skyfolio.api.lab.torture.sightings import (
     Reported,
     Slipped,
     SlotClock,
+    Stored,
     Struck,
     Taken,
 )
@@ -294,6 +295,12 @@ def _a_hybrid(seen: Seen) -> None:
     vehicle_of(seen, 1).mission_id = 99
 
 
+@breaks("nobody begins a mission that is not proven")
+def _begins_what_a_bad_upload_left(seen: Seen) -> None:
+    seen.harmed[1], seen.harms[1] = 20.0, {"corrupt_upload"}
+    seen.begun.append((89.8, 1, Stored(mission_id=99, items=vehicle_of(seen, 1).mission.items)))
+
+
 @breaks("nobody commands a vehicle that a human or a failsafe flies")
 def _a_human_overruled(seen: Seen) -> None:
     seen.foreign[2] = 10.0
@@ -449,6 +456,12 @@ def test_an_invariant_is_heard_in_another_way(
 @breaks("nobody healthy is lost")
 def _lost_in_the_best_of_health(seen: Seen) -> None:
     seen.harmed.clear()
+
+
+@breaks("no human is seen where none is")
+def _a_mission_ends_and_looks_like_a_human(seen: Seen) -> None:
+    said = event(60, "condition", uav_id="uav-1", before="live", after="human_took_over", cause="in mode 'return'")
+    seen.noted.insert(-2, Noted(at_s=69.0, excused_s=0.0, event=said))
 
 
 @breaks("who is gone is declared lost")
@@ -824,3 +837,29 @@ def test_only_open_files_of_a_virtual_disk_are_counted(tmp_path: Path) -> None:
         assert files_open_now() == before + 1
     disk.close()
     assert files_open_now() == before
+
+
+def test_a_vehicle_begins_an_assigned_mission_whatever_it_has_stored_since() -> None:
+    seen = history()
+    seen.ground.fleet.truth.events += [
+        SimpleNamespace(t_s=t_s, system_id=1, kind=kind, detail=detail)
+        for t_s, kind, detail in (
+            (88.0, "mission_accepted", {"mission_id": 1, "items": vehicle_of(seen, 1).mission.items}),
+            (89.0, "mode", {"mode": "MISSION"}),
+            (89.1, "mission_accepted", {"mission_id": 99, "items": vehicle_of(seen, 1).mission.items}),
+        )
+    ]
+    seen.follow_truth()
+    assert [(at_s, system_id, stored.mission_id) for at_s, system_id, stored in seen.begun] == [(89.0, 1, 1)]
+    assert broken_in(seen, meanwhile=True) == set()
+
+
+def test_a_human_may_be_seen_after_a_fault_an_order_or_a_restart() -> None:
+    for excuse in ("harmed", "ordered", "starts_s"):
+        seen = history()
+        DOCTORS["no human is seen where none is"](seen)
+        if excuse == "starts_s":
+            seen.starts_s.append(60.0)
+        else:
+            getattr(seen, excuse)[1] = 60.0
+        assert "no human is seen where none is" not in broken_in(seen, meanwhile=False)

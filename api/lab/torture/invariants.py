@@ -13,7 +13,7 @@ from skyfolio.api.flights.operation_views import State
 from skyfolio.api.lab.torture import guiding, losses, records, recoveries, reserved_air, stations
 from skyfolio.api.lab.torture.checks import AFTERWARDS, AT_END, MEANWHILE, at_end, look, meanwhile
 from skyfolio.api.lab.torture.guiding import AFTER
-from skyfolio.api.lab.torture.missions import has_a_strange_mission
+from skyfolio.api.lab.torture.missions import has_a_strange_mission, is_strange
 from skyfolio.api.lab.torture.vehicles import LOW_M
 from skyfolio.api.lab.torture.watch import Seen
 from skyfolio.sim import Mode
@@ -75,6 +75,18 @@ def _whole_missions(seen: Seen) -> Iterator[str]:
         wrongly = "corrupt_upload" in seen.harms.get(vehicle.system_id, ())
         if not wrongly or seen.ground.now_s - since_s > READ_BACK_S:
             yield f"vehicle {vehicle.system_id} flies {len(vehicle.mission.items)} items that no assigned mission has"
+
+
+@meanwhile
+def _nobody_begins_a_mission_that_is_not_proven(seen: Seen) -> Iterator[str]:
+    """Let a vehicle hover, after an upload that failed, until it is known what it has: it would fly that at once.
+
+    A vehicle that never stopped flies what it has stored wrongly until that is read back.
+    """
+    begun, seen.begun[:] = list(seen.begun), []
+    for at_s, system_id, stored in begun:
+        if seen.uav_of(system_id) in seen.uavs and is_strange(seen, seen.ground.fleet.vehicles[system_id], stored):
+            yield f"vehicle {system_id} began at {at_s:.1f} s to fly items that no assigned mission has"
 
 
 @meanwhile

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from skyfolio.api.lab.torture.checks import at_end
 from skyfolio.api.lab.torture.sightings import Noted
-from skyfolio.api.lab.torture.watch import Seen
+from skyfolio.api.lab.torture.watch import SETTLED_S, Seen
 
 VERDICT_S = 12.0
 """Seconds from the death of a vehicle, or from when a human takes it, to the verdict."""
@@ -40,6 +40,22 @@ def _may_look_taken(seen: Seen, system_id: int, cause: str) -> bool:
     if system_id not in seen.ordered:
         return False
     return cause != "human_took_over" or any(one.blow.kind not in _LEAVES_IT_OURS for one in seen.struck)
+
+
+@at_end
+def _no_human_is_seen_where_none_is(seen: Seen) -> Iterator[str]:
+    """Take no mission that ends, nor an order of our own, for a human at the controls: real ones would be missed.
+
+    It is judged of vehicles to which nothing has happened, on a link that loses a tenth, once a service has settled.
+    """
+    for noted in seen.own_noted:
+        event = noted.event
+        if event.kind != "condition" or event.data["after"] != "human_took_over" or seen.drill.loss > 0.1:
+            continue
+        system_id = seen.system_of(event.data["uav_id"])
+        settled = all(not start_s <= noted.at_s < start_s + SETTLED_S for start_s in seen.starts_s[1:])
+        if settled and system_id not in seen.harmed and system_id not in seen.ordered:
+            yield f"{event.data['uav_id']} is said at {noted.at_s:.1f} s to be flown by a human: {event.data['cause']}"
 
 
 @at_end

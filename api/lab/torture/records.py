@@ -131,7 +131,7 @@ def _events_are_stored_as_they_were_announced(seen: Seen) -> Iterator[str]:
 
 @at_end
 def _nothing_is_denied_by_the_database(seen: Seen) -> Iterator[str]:
-    """Write nothing that contradicts what is stored, such as a number given twice: it is lost without a word."""
+    """Write nothing that the database refuses for good, such as a number given twice: it is lost without a word."""
     yield from seen.ground.disk.denied
 
 

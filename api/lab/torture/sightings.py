@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -53,6 +53,14 @@ class Reported:
     def ends_it(self) -> bool:
         """Return whether its losses are dealt with: the next recovery deals with those of one that was broken off."""
         return self.report.outcome not in {"superseded", "interrupted"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stored:
+    """A mission as a vehicle has stored it: its checksum, and its items as the simulator has them."""
+
+    mission_id: int
+    items: Sequence[Any]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,7 +9,7 @@ from typing import Any
 
 from skyfolio import sim
 from skyfolio.api.lab.torture.drill import Drill
-from skyfolio.api.lab.torture.sightings import Gone, takes_over
+from skyfolio.api.lab.torture.sightings import Gone, Stored, takes_over
 from skyfolio.api.lab.virtual.ground import Ground
 from skyfolio.planner.geometry import Point
 from skyfolio.sim import Mode
@@ -49,6 +49,10 @@ class Vehicles:
     _disturbed_until_s: dict[int, float] = field(default_factory=dict)
     _blind: set[int] = field(default_factory=set)
     _truth_seen: int = 0
+    stored: dict[int, Stored] = field(default_factory=dict)
+    """What each vehicle has stored last."""
+    begun: list[tuple[float, int, Stored]] = field(default_factory=list)
+    """Vehicles that have begun to fly the mission on board since the last look at that: when, and which."""
     fell_at_s: dict[int, float] = field(default_factory=dict)
     """When each vehicle was killed, or crashed."""
     _frame: LocalFrame | None = None
@@ -104,12 +108,14 @@ class Vehicles:
             elif event.kind == "failsafe" and takes_over(event.detail):
                 self.harmed.setdefault(system_id, event.t_s)
                 self.foreign.setdefault(system_id, event.t_s)
+            elif event.kind == "mission_accepted":
+                self.stored[system_id] = Stored(**event.detail)
+            elif event.kind == "mode" and event.detail["mode"] == Mode.MISSION.name and system_id in self.stored:
+                self.begun.append((event.t_s, system_id, self.stored[system_id]))
             elif event.kind == "disarmed":
                 self.foreign.pop(system_id, None)
-            elif event.kind == "gps_lost":
-                self._blind.add(system_id)
-            elif event.kind == "gps_back":
-                self._blind.discard(system_id)
+            elif event.kind in {"gps_lost", "gps_back"}:
+                (self._blind.add if event.kind == "gps_lost" else self._blind.discard)(system_id)
         self._truth_seen = len(events)
 
     def _follow_fall(self, system_id: int, at_s: float) -> None:

@@ -27,8 +27,8 @@ NOT_IN_THE_AIR = frozenset({"crashed", "landed"})
 """Losses of UAVs that are on the ground, whose air is free."""
 SETTLED_S = 15.0
 """Seconds in which a service that was just started waits for its vehicles, and asks them what they fly."""
-HEARD_WITHIN_S = 6.0
-"""A vehicle that has crashed, and one that restarts, is heard again within so many seconds."""
+HEARD_WITHIN_S = 3.0
+"""What a vehicle sends as it falls has arrived within so many seconds, and been believed: HEARTBEATs come at 1 Hz."""
 _WAITS = frozenset({"paused", "link_lost", "interrupted"})
 """States of an operation in which nothing is planned."""
 

@@ -13,11 +13,11 @@ from typing import Any, TypeVar
 
 from sqlalchemy import Connection, Engine, Executable, Row, create_engine
 from sqlalchemy.engine import URL, make_url
-from sqlalchemy.exc import IntegrityError, OperationalError
+from sqlalchemy.exc import OperationalError
 from sqlalchemy.pool import StaticPool
 
 from skyfolio.api.store.migrate import upgrade
-from skyfolio.api.store.writer import Statement
+from skyfolio.api.store.writer import Statement, is_passing
 
 Result = TypeVar("Result")
 COMMIT_S, READ_S = 0.002, 0.0005
@@ -35,7 +35,7 @@ class Disk:
         self.refuses: str | None = None
         """Why nothing can be written, as SQLite words it; None while the disk works."""
         self.denied: list[str] = []
-        """What the database has denied for good, such as a number that is given twice."""
+        """What the database has refused for good, such as a number that is given twice or an unknown column."""
         self.commits = 0
         self.engine = _engine()
         raw = self.engine.raw_connection()
@@ -131,8 +131,9 @@ class MemoryBackend:
             with self._disk.connection.begin():
                 for statement, params in statements:
                     self._disk.connection.execute(statement, params or None)
-        except IntegrityError as error:
-            self._disk.denied.append(str(error.orig))
+        except Exception as error:
+            if not is_passing(error):
+                self._disk.denied.append(str(getattr(error, "orig", None) or error))
             raise
         await self._pass(half_s)
 
