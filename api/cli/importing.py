@@ -27,6 +27,7 @@ def import_command(
     uavs: Given = None,
     no_fly: Given = None,
     area: Given = None,
+    rally_points: Given = None,
     terrain: Annotated[
         list[Path] | None, typer.Option(help="GeoTIFF or SRTM tile (N47E008.hgt) with the heights of the ground.")
     ] = None,
@@ -47,10 +48,11 @@ def import_command(
     out: Out = None,
     as_json: Json = False,
 ) -> None:
-    """Make a scenario of users, UAVs, no-fly zones and areas in GeoJSON, CSV or KML files."""
+    """Make a scenario of users, UAVs, no-fly zones, areas and rally points in GeoJSON, CSV or KML files."""
     given: dict[Kind | None, list[Path]] = {
         None: [*(files or []), *(terrain or [])],
         "user": users or [], "uav": uavs or [], "no_fly": no_fly or [], "area": area or [],
+        "rally_point": rally_points or [],
     }  # fmt: skip
     sources = [_source(path, kind, encoding) for kind, paths in given.items() for path in paths]
     settings = {

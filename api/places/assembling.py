@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from math import cos, radians
 from typing import Annotated, Any
 
 from pydantic import Field, ValidationError
@@ -15,21 +14,22 @@ from skyfolio.api.common.validation import broken_rules
 from skyfolio.api.places.faults import Fault, FaultyFilesError
 from skyfolio.api.places.files import Feature, Kind
 from skyfolio.api.places.properties import NESTED, VELOCITY
+from skyfolio.api.places.shapes import around, corners_of, outline_of, place_of, places_of, polygons_of
 from skyfolio.planner import Origin, Scenario, Utility
 from skyfolio.planner.channels.kinds import AnyChannel
 from skyfolio.planner.places import require_one_region
 from skyfolio.planner.scenario import Altitude, Frozen, PositionDeg, Wind
 
-MARGIN_DEG = 0.001
-"""An area that no file gives reaches this far beyond all users and UAVs: 111 m to the north and south, and as far to
-the east and west."""
 DEFAULTS: Mapping[str, Any] = {"slots": 20, "slot_duration_s": 5.0, "altitude_m": 60.0, "min_separation_m": 4.0}
 """Those of the letter."""
 OVER_GROUND = ("clearance_m", "altitude_min_m", "altitude_max_m")
 """Settings that count from the ground, which is read once the region is known."""
-LISTS: Mapping[Kind, str] = {"user": "users", "uav": "uavs", "no_fly": "no_fly"}
-_SHAPES: Mapping[Kind, tuple[type[BaseGeometry], ...]] = {"user": (Point, LineString), "uav": (Point,)}
+LISTS: Mapping[Kind, str] = {"user": "users", "uav": "uavs", "no_fly": "no_fly", "rally_point": "rally_points"}
+_SHAPES: Mapping[Kind, tuple[type[BaseGeometry], ...]] = {
+    "user": (Point, LineString), "uav": (Point,), "rally_point": (Point,),
+}  # fmt: skip
 """A user that is a line has a place for each slot."""
+_PART = re.compile(r"\b(?:users|uavs|no_fly|rally_points)\.\d+(?:\.\w+)*|\barea_deg\b")
 _SINGULAR = {"users": "user", "uavs": "UAV"}
 
 
@@ -56,7 +56,7 @@ class Assembly:
         self.faults: list[Fault] = []
         self.notes: list[str] = []
         self._base = base
-        self._raw: dict[str, Any] = {"users": [], "uavs": [], "no_fly": []}
+        self._raw: dict[str, Any] = {"users": [], "uavs": [], "no_fly": [], "rally_points": []}
         self._origins: dict[str, Feature] = {}
         self._ids: dict[tuple[Kind, str], Feature] = {}
         for feature in features:
@@ -76,7 +76,7 @@ class Assembly:
         self._require("uavs", raw)
         self._number(raw)
         if "area_deg" not in raw and "area_m" not in raw:
-            raw["area_deg"] = _around(self._one_region(raw))
+            raw["area_deg"] = around(self._one_region(raw))
             self.notes.append("area: no file has one; it reaches 0.001 degrees of latitude beyond all users and UAVs")
         try:
             made = Scenario.model_validate(raw)
@@ -97,7 +97,7 @@ class Assembly:
         if feature.kind == "area":
             self._add_area(feature)
             return
-        if feature.kind != "no_fly" and "id" in feature.values:
+        if feature.kind in {"user", "uav"} and "id" in feature.values:
             self._require_new_id(feature, str(feature.values["id"]))
         for part in _parts(feature):
             rows = self._raw[LISTS[feature.kind]]
@@ -109,8 +109,8 @@ class Assembly:
             self.faults.append(feature.fault("area", f"there is an area already, {self._origins['area_deg'].label}"))
             return
         self._origins["area_deg"] = feature
-        [outline] = _polygons(feature.geometry)
-        self._raw["area_deg"] = _corners(outline) or _outline(outline)
+        [outline] = polygons_of(feature.geometry)
+        self._raw["area_deg"] = corners_of(outline) or outline_of(outline)
 
     def _require_new_id(self, feature: Feature, name: str) -> None:
         known = self._ids.setdefault((feature.kind, name), feature)
@@ -143,8 +143,8 @@ class Assembly:
         """Return the places of the base that stay. Zones stay with its area, from which some of them may come."""
         fields = base.model_dump(mode="json")
         kept: dict[str, Any] = {"origin": fields["origin"]}
-        for part in ("users", "uavs"):
-            if not self._raw[part]:
+        for part in ("users", "uavs", "rally_points"):
+            if not self._raw[part] and part in fields:
                 kept[part] = fields[part]
         if "area_deg" not in self._raw:
             own_zones = bool(self._raw["no_fly"])
@@ -182,7 +182,7 @@ class Assembly:
 
     def _named(self, row: Mapping[str, str]) -> Fault:
         """Return a broken rule of the scenario as a fault of the file and row that it comes from."""
-        message = re.sub(r"\b(?:users|uavs|no_fly)\.\d+(?:\.\w+)*|\barea_deg\b", self._label, row["message"])
+        message = _PART.sub(self._label, row["message"])
         field = row["field"]
         part = field if field in self._origins else ".".join(field.split(".")[:2])
         feature = self._origins.get(part) or self._origins.get(field.split(".")[0])
@@ -211,9 +211,9 @@ def _misplaced(feature: Feature) -> Iterator[Fault]:
         yield feature.fault("geometry", "a no-fly zone that is a Point must have a radius_m", "radius_m")
     elif kind in {"no_fly", "area"} and not isinstance(shape, Polygon | MultiPolygon | Point):
         yield feature.fault("geometry", f"it must be a Polygon, not a {shape.geom_type}", "lat")
-    elif kind == "area" and len(_polygons(shape)) != 1:
+    elif kind == "area" and len(polygons_of(shape)) != 1:
         yield feature.fault("geometry", "an area must be one Polygon", "lat")
-    elif any(polygon.interiors for polygon in _polygons(shape)):
+    elif any(polygon.interiors for polygon in polygons_of(shape)):
         yield feature.fault("geometry", "a polygon must have no holes; split it, or make the hole a no-fly zone", "lat")
     elif not (bounds[1] >= -90 and bounds[3] <= 90):
         worst = bounds[1] if bounds[1] < -90 else bounds[3]
@@ -248,16 +248,18 @@ def _parts(feature: Feature) -> Iterator[dict[str, Any]]:
     if feature.kind == "user":
         velocity = [values.pop(name) for name in VELOCITY if name in values]
         moving = {"velocity_mps": [*map(float, velocity)]} if velocity else {}
-        yield {**values, **moving, **_places(shape)}
+        yield {**values, **moving, **places_of(shape)}
     elif feature.kind == "uav":
         end = values.pop("end_lat_deg", None), values.pop("end_lon_deg", None)
         ends = {} if end == (None, None) else {"end_deg": {"lat": end[0], "lon": end[1]}}
-        yield {**_nested(values), "start_deg": _place(shape), **ends}
+        yield {**_nested(values), "start_deg": place_of(shape), **ends}
+    elif feature.kind == "rally_point":
+        yield {"position_deg": place_of(shape)}
     elif isinstance(shape, Point):
-        yield {"kind": "disc", "center_deg": _place(shape), "radius_m": values["radius_m"]}
+        yield {"kind": "disc", "center_deg": place_of(shape), "radius_m": values["radius_m"]}
     else:
-        for polygon in _polygons(shape):
-            yield {"kind": "polygon", "vertices_deg": _outline(polygon)}
+        for polygon in polygons_of(shape):
+            yield {"kind": "polygon", "vertices_deg": outline_of(polygon)}
 
 
 def _nested(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -267,43 +269,3 @@ def _nested(values: Mapping[str, Any]) -> dict[str, Any]:
         if column in values:
             made.setdefault(part, {})[name] = values[column]
     return made
-
-
-def _polygons(shape: BaseGeometry) -> list[Polygon]:
-    if isinstance(shape, Polygon):
-        return [shape]
-    return list(shape.geoms) if isinstance(shape, MultiPolygon) else []
-
-
-def _place(point: BaseGeometry) -> dict[str, float]:
-    assert isinstance(point, Point)  # noqa: S101 - `_misplaced` has looked
-    return {"lat": point.y, "lon": point.x}
-
-
-def _places(shape: BaseGeometry) -> dict[str, Any]:
-    """Return where a user is: a line has a place for each slot."""
-    if isinstance(shape, LineString):
-        return {"positions_deg": [{"lat": lat, "lon": lon} for lon, lat, *_ in shape.coords]}
-    return {"position_deg": _place(shape)}
-
-
-def _outline(polygon: Polygon) -> list[dict[str, float]]:
-    """Return the corners of a polygon; a file repeats the first one at the end."""
-    return [{"lat": lat, "lon": lon} for lon, lat, *_ in polygon.exterior.coords[:-1]]
-
-
-def _corners(polygon: Polygon) -> list[dict[str, float]] | None:
-    """Return the corners south-west and north-east of a polygon that is a box along the parallels, otherwise None."""
-    west, south, east, north = polygon.bounds
-    corners = {(lon, lat) for lon, lat, *_ in polygon.exterior.coords}
-    if len(polygon.exterior.coords) != 5 or corners != {(west, south), (west, north), (east, south), (east, north)}:
-        return None
-    return [{"lat": south, "lon": west}, {"lat": north, "lon": east}]
-
-
-def _around(places: Sequence[PositionDeg]) -> list[dict[str, float]]:
-    """Return the corners of a box around these places, with a margin."""
-    lats, lons = [place.lat for place in places], [place.lon for place in places]
-    aside = MARGIN_DEG / max(cos(radians(max(map(abs, lats)))), 0.05)
-    low = {"lat": max(min(lats) - MARGIN_DEG, -90.0), "lon": max(min(lons) - aside, -180.0)}
-    return [low, {"lat": min(max(lats) + MARGIN_DEG, 90.0), "lon": min(max(lons) + aside, 180.0)}]

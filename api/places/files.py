@@ -17,7 +17,7 @@ MAX_TILE_BYTES = 60_000_000
 """Of an elevation tile: one of a degree with 3601 x 3601 heights has 26 MB."""
 _TILES = (".tif", ".tiff", ".hgt")
 MAX_FEATURES = 20_000
-Kind = Literal["user", "uav", "no_fly", "area"]
+Kind = Literal["user", "uav", "no_fly", "area", "rally_point"]
 Encoding = Literal["utf-8", "utf-16", "windows-1252", "iso-8859-1"]
 
 
@@ -62,7 +62,7 @@ class SourceFile:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Feature:
-    """One user, UAV, zone or area of a file.
+    """One user, UAV, zone, area or rally point of a file.
 
     geometry: longitude and latitude, degrees; None if the file has none. values: what is said of it, by the names of
     the scenario's fields. columns: what these fields are called in the file.

@@ -42,8 +42,8 @@ def settings_of(scenario: Scenario) -> dict[str, Any]:
 
 
 def features_of(scenario: Scenario) -> list[Outlined]:
-    """Return a scenario's area, zones, users and UAVs."""
-    return [_area(scenario), *_zones(scenario), *_users(scenario), *_uavs(scenario)]
+    """Return a scenario's area, zones, users, UAVs and rally points."""
+    return [_area(scenario), *_zones(scenario), *_users(scenario), *_uavs(scenario), *_rally(scenario)]
 
 
 def features_of_plan(plan: Plan) -> list[Outlined]:
@@ -53,6 +53,7 @@ def features_of_plan(plan: Plan) -> list[Outlined]:
         *_zones(plan.scenario),
         *_users(plan.scenario, plan),
         *_uavs(plan.scenario),
+        *_rally(plan.scenario),
         *_flown(plan),
     ]
 
@@ -168,6 +169,12 @@ def _uavs(scenario: Scenario) -> Iterator[Outlined]:
             told |= {"end_lat_deg": end.y, "end_lon_deg": end.x}
         at = _place(scenario, uav.start_m, uav.start_deg)
         yield Outlined(kind="uav", name=uav.id, geometry=at, properties=told)
+
+
+def _rally(scenario: Scenario) -> Iterator[Outlined]:
+    for number, point in enumerate(scenario.rally_points, start=1):
+        at = _place(scenario, point.position_m, point.position_deg)
+        yield Outlined(kind="rally_point", name=f"rally_point-{number}", geometry=at, properties={})
 
 
 def _numbers(part: User | Uav) -> dict[str, Any]:

@@ -26,12 +26,15 @@ KINDS: Mapping[str, Kind] = {
     "zone": "no_fly",
     "zones": "no_fly",
     "area": "area",
+    "rally_point": "rally_point",
+    "rally_points": "rally_point",
+    "rally": "rally_point",
 }
 DERIVED = frozenset({"path", "position"})
 """Kinds that an export of a plan has beside its scenario; they are not read."""
 UNKNOWN_KIND = (
-    "it must say what it is: give it a property or column `kind` (user, uav, no_fly or area), or name the file for "
-    "what is in it (users.csv, uavs.kml, no_fly.geojson, area.geojson)"
+    "it must say what it is: give it a property or column `kind` (user, uav, no_fly, area or rally_point), or name "
+    "the file for what is in it (users.csv, uavs.kml, no_fly.geojson, area.geojson, rally_points.csv)"
 )
 ALIASES: Mapping[str, tuple[str, ...]] = {
     "lat_deg": ("lat_deg", "lat", "latitude", "y"),
@@ -48,7 +51,7 @@ NESTED: Mapping[str, tuple[str, str]] = {
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
 _IDENTIFIER = TypeAdapter(Identifier)
-_PARTS: Mapping[Kind, type[BaseModel] | None] = {"user": User, "uav": Uav, "no_fly": NoFlyDisc, "area": None}
+_PARTS: Mapping[Kind, type[BaseModel]] = {"user": User, "uav": Uav, "no_fly": NoFlyDisc}
 
 
 class WrongValueError(ValueError):
@@ -162,7 +165,7 @@ class Reading:
 
 def number_fields(kind: Kind) -> dict[str, type]:
     """Return the number fields of this kind's part of a scenario, and whether each is an `int` or a `float`."""
-    part = _PARTS[kind]
+    part = _PARTS.get(kind)
     if part is None:
         return {}
     places = {name.removesuffix("_deg") for name in part.model_fields if name.endswith("_deg")}

@@ -32,7 +32,10 @@ MEDIA_TYPES: Mapping[Format, str] = {
     "csv": "text/csv; charset=utf-8",
 }
 KML = "http://www.opengis.net/kml/2.2"
-_FOLDERS = {"area": "Area", "no_fly": "No-fly zones", "user": "Users", "uav": "UAVs", "path": "Paths"}
+_FOLDERS = {
+    "area": "Area", "no_fly": "No-fly zones", "user": "Users", "uav": "UAVs", "rally_point": "Rally points",
+    "path": "Paths",
+}  # fmt: skip
 _POSITIONS = "Slots"
 
 

@@ -97,6 +97,29 @@ def test_users_alone_keep_uavs_origin_area_and_settings_of_the_base() -> None:
     assert made.user_ids == ("u1",)
 
 
+def test_rally_points_come_from_files_and_otherwise_stay_as_the_base_has_them() -> None:
+    rally = given_file("rally_points.csv", "id,lat,lon\nfield,47.3985,8.5470\nfield,47.3975,8.5465\n")
+    made = read(rally).scenario
+    assert made.users == BASE.users
+    assert [(at.lat, at.lon) for point in made.rally_points if (at := point.position_deg)] == [
+        (47.3985, 8.5470), (47.3975, 8.5465),
+    ]  # fmt: skip
+    assert read(given_file("users.csv", USERS), base=made).scenario.rally_points == made.rally_points
+    assert read(given_file("users.csv", USERS), UAVS, base=made).scenario.rally_points == ()
+    both = read(given_file("users.csv", USERS), UAVS, rally, base=None)
+    assert len(both.scenario.rally_points) == 2
+    east = [corner[0] for corner in both.scenario.area_m]
+    assert max(east) < 200.0  # they widen no area
+
+
+def test_a_rally_point_that_is_none_is_refused_with_file_and_row() -> None:
+    [fault] = faults_of(given_file("rally.geojson", collection(polygon(square(8.546, 47.398, 1e-3)))))
+    assert (fault.file, fault.row, fault.rule) == ("rally.geojson", "feature 1", "geometry")
+    assert "a rally_point must be a Point, not a Polygon" in fault.message
+    far = faults_of(given_file("rally.csv", "lat,lon\n47.3985,8.5470\n52.0,8.5\n"))
+    assert {(one.file, one.row) for one in far} == {("rally.csv", "row 3")}
+
+
 def test_columns_that_mean_nothing_are_told_and_a_kind_column_sorts_rows() -> None:
     table = "kind,id,lat,lon,population,radius_m,\nuser,a,47.398,8.546,12,,\nno_fly,,47.3984,8.5462,,5,\n"
     made = read(given_file("town.csv", table))

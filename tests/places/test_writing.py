@@ -20,7 +20,7 @@ from skyfolio.api.places.writing import Format, write_plan, write_scenario
 from skyfolio.planner import EXAMPLES, Origin, Plan, Scenario, Uav, User, Utility
 from skyfolio.planner.channels.kinds import channel_of
 from skyfolio.planner.plans import Summary
-from skyfolio.planner.scenario import NoFlyDisc, NoFlyPolygon, NoFlyZone, PositionDeg
+from skyfolio.planner.scenario import NoFlyDisc, NoFlyPolygon, NoFlyZone, PositionDeg, RallyPoint
 from skyfolio.planner.terrain import Terrain
 
 GOLDEN = Path(__file__).parent / "golden"
@@ -163,6 +163,22 @@ def scenarios(draw: Callable[..., Any]) -> Scenario:
         utility=Utility(kind=draw(st.sampled_from(["sum", "per_user"])), mu_per_kbps=draw(st.floats(-1, 0))),
         no_fly=tuple(zones),
     )
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_rally_points_survive_the_way_out_and_in_and_stand_in_exported_plans(form: Format) -> None:
+    points = (RallyPoint(position_m=(70.0, 20.0)), RallyPoint(position_m=(300.0, -12.5)))
+    scenario = town().with_changes(rally_points=points)
+    base = None if form != "csv" else town()  # a table has no settings
+    back = read_back(write_scenario(scenario, form), form, base)
+    assert [point.position_deg is not None for point in back.rally_points] == [True, True]
+    if form != "csv":
+        assert [point.position_m for point in back.rally_points] == [point.position_m for point in points]
+    again = read_back(write_scenario(back, form), form, base)
+    assert again.rally_points == back.rally_points
+    if form != "csv":
+        plan = flown().model_copy(update={"scenario": scenario})
+        assert write_plan(plan, form).count("rally_point-") >= 2
 
 
 @given(scenario=scenarios(), form=st.sampled_from(["geojson", "kml"]))
