@@ -18,6 +18,10 @@ FEW_VISITS = VISITS[:1]
 """For the first of two proofs, so that time is left for the second."""
 
 
+class UnprovableError(ValueError):
+    """A search knows nothing of this problem; the message names the field. The bound of its plan holds all the same."""
+
+
 def prove(
     problem: Problem,
     rates_kbps: Array,
@@ -30,21 +34,21 @@ def prove(
 
     rates_kbps: (K, N), those of a good plan, at which proofs begin. tolerance: relative gap at which branch and bound
     leaves a slot. told: called with what is proven so far, in kbit/s. Fleets of up to three are branched over
-    positions; the bound of larger ones is the crowding bound, whose `nodes` are assignments. Raises ValueError for
-    rates averaged over draws.
+    positions; the bound of larger ones is the crowding bound, whose `nodes` are assignments. Raises
+    UnprovableError for rates averaged over draws, channels that are no inverse square, and users that move.
     """
     if problem.draws.size:
-        raise ValueError(
+        raise UnprovableError(
             "channel.fading: of 'expected' rates only the bound that comes with the plan is known; a search tightens "
             "that of 'mean', 'sampled' and 'held'"
         )
     if problem.bends is not None:
-        raise ValueError(
+        raise UnprovableError(
             "channel.kind, channel.antenna: a search tightens the bound of the letter's channel without an antenna; "
             "of others only the bound that comes with the plan is known"
         )
     if problem.n_uavs > MAX_UAVS and not may_crowd(problem):
-        raise ValueError(
+        raise UnprovableError(
             f"users: with more than {MAX_UAVS} UAVs, and users that move or whose place is uncertain, only the bound "
             "that comes with the plan is known"
         )

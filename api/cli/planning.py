@@ -152,10 +152,14 @@ def bound(
 ) -> None:
     """Plan a scenario of any size and prove how good the plan is: as tightly as the seconds allow."""
     from skyfolio.api.plans.certificate import certify, shown  # noqa: PLC0415
+    from skyfolio.planner.certificate import UnprovableError  # noqa: PLC0415
 
     scenario = read_scenario(file, example)
-    with _proving(seconds) as told:
-        figures = certify(scenario, tolerance=tolerance, seconds=seconds, told=told)
+    try:
+        with _proving(seconds) as told:
+            figures = certify(scenario, tolerance=tolerance, seconds=seconds, told=told)
+    except UnprovableError as error:
+        raise UsageError(str(error)) from None
     if as_json:
         write(json.dumps(figures, indent=2), None)
     else:

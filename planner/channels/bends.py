@@ -18,7 +18,7 @@ from skyfolio.planner.channels.radio import RadioChannel
 PER_HEIGHT = 128
 """Entries of a table for each altitude of distance: what changes with the elevation changes over an altitude."""
 LEAST_STEP_M = 0.05
-MOST_ENTRIES = 60_000
+MOST_ENTRIES = 20_000
 LEAST_M = 1e-6
 """As in the kernels (`fast.bent`)."""
 

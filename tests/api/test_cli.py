@@ -343,6 +343,16 @@ def scenario_file(tmp_path: Path, encoding: str = "utf-8", **changes: Any) -> st
     return str(file)
 
 
+def test_a_proof_that_a_channel_does_not_allow_is_one_message_that_names_the_field(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = scenario_file(tmp_path, channel={"kind": "los_probability"})
+    assert run(monkeypatch, "bound", file) == 2
+    assert "error: channel.kind, channel.antenna: " in capsys.readouterr().err
+    assert run(monkeypatch, "plan", file, "--json") == 0
+    assert json.loads(capsys.readouterr().out)["scenario"]["channel"]["kind"] == "los_probability"
+
+
 def test_a_file_with_a_byte_order_mark_is_read(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     assert run(monkeypatch, "plan", scenario_file(tmp_path, "utf-8-sig"), "--json") == 0
 
