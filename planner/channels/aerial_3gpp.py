@@ -10,7 +10,8 @@ from typing import Literal
 import numpy as np
 
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.channels.radio import Carrier, RadioChannel
+from skyfolio.planner.channels.radio import Carrier
+from skyfolio.planner.channels.sight import SightChannel
 
 Environment = Literal["UMa-AV", "UMi-AV", "RMa-AV"]
 HEIGHTS_M: dict[str, tuple[float, float]] = {"UMa-AV": (22.5, 300.0), "UMi-AV": (22.5, 300.0), "RMa-AV": (10.0, 300.0)}
@@ -20,7 +21,7 @@ LEAST_M = 18.0
 """Within that distance over ground at least there is line of sight."""
 
 
-class Aerial3gpp(RadioChannel):
+class Aerial3gpp(SightChannel):
     """`kind: 3gpp_uav`: urban macro, urban micro or rural macro cells, by the height of the UAV.
 
     The gain is the mean of those with and without line of sight, by their probabilities; shadowing is not drawn.
@@ -64,17 +65,6 @@ class Aerial3gpp(RadioChannel):
             los = np.maximum(23.9 - 1.8 * log_h, 20.0) * log_d + from_1m_db
             nlos = -12.0 + (35.0 - 5.3 * log_h) * log_d + from_1m_db
         return los, np.maximum(los, nlos)
-
-    @property
-    def counts_hills(self) -> bool:
-        """Behind a hill there is no line of sight."""
-        return True
-
-    def hidden_gain(self, away_m: Array, distance_m: Array, height_m: Array, edge: Array) -> Array:
-        """Return the gain without line of sight where there is none."""
-        hidden = self.least_hidden_gain(away_m, distance_m, height_m)
-        gain: Array = np.where(edge > 0.0, hidden, self.power_gain(away_m, distance_m, height_m))
-        return gain
 
     def least_hidden_gain(self, away_m: Array, distance_m: Array, height_m: Array) -> Array:  # noqa: ARG002
         """Return the gain without line of sight."""

@@ -12,7 +12,8 @@ import numpy as np
 from pydantic import Field
 
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.channels.radio import Carrier, RadioChannel, free_space_gain
+from skyfolio.planner.channels.radio import Carrier, free_space_gain
+from skyfolio.planner.channels.sight import SightChannel
 
 Environment = Literal["suburban", "urban", "dense_urban", "highrise"]
 
@@ -36,7 +37,7 @@ SURROUNDINGS: dict[str, Surroundings] = {
 Loss = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=100)]
 
 
-class LosProbability(RadioChannel):
+class LosProbability(SightChannel):
     """`kind: los_probability`: the mean path loss of eqs. (5)-(8), free space and an excess by line of sight.
 
     environment: gives `excess_los_db` and `excess_nlos_db` where they are not given; they hold at 2 GHz. The loss is
@@ -62,17 +63,6 @@ class LosProbability(RadioChannel):
         los = around.los_db if self.excess_los_db is None else self.excess_los_db
         nlos = around.nlos_db if self.excess_nlos_db is None else self.excess_nlos_db
         return los, max(los, nlos)
-
-    @property
-    def counts_hills(self) -> bool:
-        """Behind a hill there is no line of sight."""
-        return True
-
-    def hidden_gain(self, away_m: Array, distance_m: Array, height_m: Array, edge: Array) -> Array:
-        """Return the gain without line of sight where there is none."""
-        hidden = self.least_hidden_gain(away_m, distance_m, height_m)
-        gain: Array = np.where(edge > 0.0, hidden, self.power_gain(away_m, distance_m, height_m))
-        return gain
 
     def least_hidden_gain(self, away_m: Array, distance_m: Array, height_m: Array) -> Array:  # noqa: ARG002
         """Return the gain without line of sight."""
