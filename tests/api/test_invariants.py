@@ -36,7 +36,7 @@ from skyfolio.api.lab.torture.watch import Seen, files_open_now
 from skyfolio.api.lab.virtual.disk import COMMIT_S, Disk
 from skyfolio.api.lab.virtual.ground import EPOCH_S
 from skyfolio.api.store.event_log import Event
-from skyfolio.sim import Mode
+from skyfolio.sim import Mode, truth
 from skyfolio.sim.base_station import BaseStation, Served
 from skyfolio.sim.geo import LocalFrame
 
@@ -842,7 +842,7 @@ def test_only_open_files_of_a_virtual_disk_are_counted(tmp_path: Path) -> None:
 def test_a_vehicle_begins_an_assigned_mission_whatever_it_has_stored_since() -> None:
     seen = history()
     seen.ground.fleet.truth.events += [
-        SimpleNamespace(t_s=t_s, system_id=1, kind=kind, detail=detail)
+        truth.Event(t_s, 1, kind, detail)
         for t_s, kind, detail in (
             (88.0, "mission_accepted", {"mission_id": 1, "items": vehicle_of(seen, 1).mission.items}),
             (89.0, "mode", {"mode": "MISSION"}),
