@@ -80,7 +80,7 @@ def effort_of(arena: Arena, number: int = 0, *, warm: bool = False) -> Effort:
     more = 2 ** min(number, 4)
     tries = min(200 * n_uavs, 5000) if n_uavs > FEW else 60 * n_uavs
     if warm:
-        tries = 60 * n_uavs if is_sum else min(40 * n_uavs, 600)
+        tries = 60 * n_uavs if is_sum or n_uavs <= FEW else min(40 * n_uavs, 600)
         return Effort(6 * more, 1, tries * more, HEAT if number else 0.0)
     sketches = SKETCHES if n_uavs > FEW else FEWER_SKETCHES
     return Effort(sketches * more, 3 if is_sum else 2, tries * more, HEAT if number else 0.0)
