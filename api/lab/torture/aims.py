@@ -1,6 +1,7 @@
 """Aims: what a whole drill is after, where blows that strike one by one rarely come together.
 
-Half of all drills have one, each its turn, so that a campaign reaches every state with every fault that hurts there: an
+Half of all drills have one of the first, each its turn, and every eighth of the others one of those that were added
+later, so that a campaign reaches every state with every fault that hurts there: an
 upload that is refused while a UAV is lost, an order in the moments in which a mission is sent, a second loss during a
 recovery. The others are left to chance.
 """
@@ -39,7 +40,10 @@ _SLOW_SOLVES: Changes = {"solve_s": 1.5, "plan_ahead": False}
 def aim_of(seed: int) -> str | None:
     """Return the name of what the drill of this seed is after; None if it is left to chance."""
     half, odd = divmod(seed, 2)
-    return None if odd else list(AIMS)[half % len(AIMS)]
+    if not odd:
+        return _FIRST[half % len(_FIRST)]
+    turn, rest = divmod(half, _LATER_EVERY)
+    return _LATER[turn % len(_LATER)] if rest == _LATER_EVERY - 1 else None
 
 
 def aimed(drill: Drill, aim: str) -> Drill:
@@ -279,6 +283,20 @@ def _ends_as_asked_for(chance: random.Random) -> Changes:
         ((OnEnd.RETURN, (Autopilot.PX4,)), (OnEnd.RETURN, (Autopilot.PX4,)), (OnEnd.HOLD, _mostly_ardupilot(chance)))
     )
     return {**_RECOVERY, "slots": 8, "at_end": at_end, "autopilots": autopilots, "loss": 0.1, "blows": ()}
+
+
+@_aim
+def _a_loss_on_the_way_of_others(chance: random.Random) -> Changes:
+    one, _, _ = _uavs(chance)
+    when = _in_flight(chance, 22.0, 38.0)
+    mute = Blow(when=when, kind="vehicle", options={"kind": chance.choice(("kill", "mute")), "system_id": one})
+    return {**_RECOVERY, "side_by_side": True, "blows": (mute,)}
+
+
+_LATER = ("a_loss_on_the_way_of_others",)
+"""Aims that were added later, for some of the odd seeds: those of the even ones stay as they are."""
+_LATER_EVERY = 8
+_FIRST = [name for name in AIMS if name not in _LATER]
 
 
 # -- parts -------------------------------------------------------------------------------------------------------------

@@ -80,6 +80,10 @@ class Blow(_Document):
         return f"{self.when}: {self.kind}({options})"
 
 
+FIRST_START_M, STARTS_APART_M = (240.0, 150.0), 10.0
+"""Where the first of UAVs that start side by side does, metres east and north, and how far the next is from it."""
+
+
 class Drill(_Document):
     """One drill.
 
@@ -107,11 +111,19 @@ class Drill(_Document):
     bias_db: float = Field(default=0.0, ge=-60.0, le=60.0)
     beside: bool = False
     """Whether the last UAV flies an operation of its own at the same time."""
+    side_by_side: bool = False
+    """Whether all UAVs start side by side, so that the way home of one crosses where the others fly."""
     blows: tuple[Blow, ...] = ()
 
     def scenario(self) -> Scenario:
         """Return what is flown."""
-        return EXAMPLES[self.example]().with_changes(slots=self.slots, altitude_m=self.altitude_m)
+        scenario = EXAMPLES[self.example]().with_changes(slots=self.slots, altitude_m=self.altitude_m)
+        if not self.side_by_side:
+            return scenario
+        east_m, north_m = FIRST_START_M
+        starts_m = [(east_m + STARTS_APART_M * place, north_m) for place in range(len(scenario.uavs))]
+        uavs = zip(scenario.uavs, starts_m, strict=True)
+        return scenario.with_changes(uavs=[uav.model_copy(update={"start_m": start_m}) for uav, start_m in uavs])
 
     def flown(self) -> tuple[Scenario, Scenario | None]:
         """Return what the operation flies, and what the one beside it flies, if there is one."""
