@@ -20,6 +20,10 @@ LOW_M = 2.0
 """Metres above home; a vehicle that is higher is in the air."""
 REFUSALS = frozenset({"reject_mission", "corrupt_upload"})
 """Faults of vehicles that fly well all the same."""
+OURS = frozenset({Mode.GUIDED.name, Mode.MISSION.name})
+"""Modes that we command."""
+ON_ITS_WAY_S = 0.1
+"""A human's mode that one of ours replaces within this time was reported by no frame: that command was on its way."""
 
 
 @dataclass
@@ -48,6 +52,7 @@ class Vehicles:
     """Virtual seconds in which something kept the service from dealing with an incident."""
     _disturbed_until_s: dict[int, float] = field(default_factory=dict)
     _blind: set[int] = field(default_factory=set)
+    _taken_over_s: dict[int, float] = field(default_factory=dict)
     _truth_seen: int = 0
     stored: dict[int, Stored] = field(default_factory=dict)
     """What each vehicle has stored last."""
@@ -110,13 +115,22 @@ class Vehicles:
                 self.foreign.setdefault(system_id, event.t_s)
             elif event.kind == "mission_accepted":
                 self.stored[system_id] = Stored(**event.detail)
-            elif event.kind == "mode" and event.detail["mode"] == Mode.MISSION.name and system_id in self.stored:
-                self.begun.append((event.t_s, system_id, self.stored[system_id]))
+            elif event.kind == "mode":
+                self._follow_mode(system_id, event.t_s, event.detail["mode"])
             elif event.kind == "disarmed":
                 self.foreign.pop(system_id, None)
             elif event.kind in {"gps_lost", "gps_back"}:
                 (self._blind.add if event.kind == "gps_lost" else self._blind.discard)(system_id)
         self._truth_seen = len(events)
+
+    def _follow_mode(self, system_id: int, at_s: float, mode: str) -> None:
+        if mode == Mode.MISSION.name and system_id in self.stored:
+            self.begun.append((at_s, system_id, self.stored[system_id]))
+        if mode in OURS and at_s - self._taken_over_s.get(system_id, -inf) < ON_ITS_WAY_S:
+            since_s = self._taken_over_s.pop(system_id)
+            self.foreign.pop(system_id, None)
+            if system_id in self.gone and self.gone[system_id].at_s == since_s:
+                del self.gone[system_id]
 
     def _follow_fall(self, system_id: int, at_s: float) -> None:
         self.fell_at_s[system_id] = at_s
@@ -130,6 +144,8 @@ class Vehicles:
         self.harms.setdefault(system_id, set()).add(str(fault.get("fault")))
         if fault.get("fault") == "mode_change":
             self.foreign[system_id] = at_s
+            if fault.get("mode") not in OURS:
+                self._taken_over_s[system_id] = at_s
             self._follow_gone(system_id, at_s)
         elif fault.get("fault") in REFUSALS:
             self.refusing.add(system_id)
