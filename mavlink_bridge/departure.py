@@ -22,6 +22,8 @@ from skyfolio.planner.scenario import Origin
 ALTITUDE_TOLERANCE_M = 1.0
 ARRIVAL_TOLERANCE_M = 1.0
 ARRIVAL_SPEED_MPS = 0.5
+RISES_WITHIN_S, RISEN_M = 5.0, 0.5
+"""Within so many wall seconds a vehicle that follows the order to take off has risen so far."""
 INSIST_EVERY_S, INSIST_TIMES = 0.04, 8
 """At 10 % loss each way eight vehicles start within 0.15 s of each other in all but one launch in a hundred."""
 
@@ -54,7 +56,11 @@ async def launch(
     takeoff = vehicle.profile.takeoff
     params = takeoff.params(altitude_m, now.altitude_amsl_m - now.relative_alt_m)
     with nullcontext() if takeoff.mode is None else vehicle.commanding(takeoff.mode):
-        await vehicle.command(_TAKEOFF, *params)
+        try:
+            await vehicle.command(_TAKEOFF, *params)
+        except NotDone:
+            if not await _rises(vehicle, now.relative_alt_m):
+                raise
     if not await heartbeat_until(vehicle, lambda: vehicle.state.armed and is_ours(vehicle)):
         raise NotDone(
             f"commanded to take off, but {'armed' if vehicle.state.armed else 'not armed'}: {seen_of(vehicle)}"
@@ -64,6 +70,20 @@ async def launch(
         raise NotDone(f"at {climb.up_m:.1f} of {altitude_m:g} m after {timeout_s:g} s")
     if climb.broken_off is not None:
         raise NotDone(f"{climb.broken_off} at {climb.up_m:.1f} of {altitude_m:g} m")
+
+
+async def _rises(vehicle: Vehicle, ground_m: float) -> bool:
+    """Return whether it takes off though its answer says that it does not.
+
+    ArduCopter answers FAILED to a copy of the order once it follows it: then the answer to the first one was lost.
+    """
+
+    def has_risen() -> bool:
+        up = vehicle.state.snapshot()
+        return up is not None and up.relative_alt_m > ground_m + RISEN_M
+
+    await vehicle.wait_until(lambda: has_risen() or not vehicle.state.armed or not is_ours(vehicle), RISES_WITHIN_S)
+    return has_risen() and vehicle.state.armed and is_ours(vehicle)
 
 
 class _Climb:

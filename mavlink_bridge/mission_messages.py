@@ -39,9 +39,11 @@ class Ended:
     """How a transfer ended. `error` None: complete. `opaque_id`: the checksum the vehicle reported, 0 if none.
 
     `passing`: another try may help. `perhaps_done`: everything was sent, only the final acknowledgement is missing.
+    `busy`: it was refused before it began, by a vehicle that is in another transfer.
     """
 
     error: str | None = None
     passing: bool = True
     perhaps_done: bool = False
+    busy: bool = False
     opaque_id: int = 0

@@ -57,6 +57,15 @@ class Upload(Transfer):
         """Return the message that ends the transfer on PX4, which would go on with the items of the next one."""
         return self._message("MISSION_ACK", type=int(Ack.OPERATION_CANCELLED))
 
+    def cancel_others(self) -> list[Message]:
+        """Return what ends transfers of other types on PX4: the one before goes on there if its last message was lost.
+
+        PX4 refuses all others for 5 s then. What it is not in the middle of, it ignores.
+        """
+        others = (int(kind) for kind in MissionType if kind is not self._type)
+        cancelled = int(Ack.OPERATION_CANCELLED)
+        return [self._message("MISSION_ACK", type=cancelled, mission_type=kind) for kind in others]
+
     def _opening(self) -> Message:
         if not self._items:
             return self._message("MISSION_CLEAR_ALL")
@@ -103,7 +112,8 @@ class Upload(Transfer):
             pass  # another station was refused, or we were while the transfer goes on: the timer decides
         else:
             at = f" at item {self._asked_for}" if started else ""
-            self.ended = Ended(error=f"refused with {result.name}{at}", passing=result in PASSING)
+            busy = result is Ack.DENIED  # a started transfer does not come here
+            self.ended = Ended(error=f"refused with {result.name}{at}", passing=result in PASSING, busy=busy)
         return []
 
     def _item(self, item: MissionItem) -> Message:

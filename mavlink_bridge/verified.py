@@ -146,7 +146,8 @@ class VerifiedUpload:
         if ended.perhaps_done:
             return self._read_back(now_s)
         self._failure = ended.error
-        return [upload.cancel(), *self._failed(now_s, again=ended.passing)]
+        ends = upload.cancel_others() if ended.busy else [upload.cancel()]
+        return [*ends, *self._failed(now_s, again=ended.passing)]
 
     def _read_back(self, now_s: float) -> list[Message]:
         self._transfer = Download(self._system_id, window=self._profile.read_window, **self._how)

@@ -524,6 +524,13 @@ def _a_crash(seen: Seen) -> None:
     happens(seen, "crashed", 1)
 
 
+@breaks("nothing fails to which nothing happened")
+def _a_failure_without_a_cause(seen: Seen) -> None:
+    assert seen.end is not None
+    seen.struck.clear()
+    seen.end = seen.end.model_copy(update={"state": State.FAILED, "error": "upload failed"})
+
+
 @breaks("who flew to the end is on the ground")
 def _left_in_the_air(seen: Seen) -> None:
     vehicle_of(seen, 1).mode = Mode.HOLD

@@ -122,6 +122,16 @@ def _who_flew_to_the_end_is_on_the_ground(seen: Seen) -> Iterator[str]:
 
 
 @at_end
+def _nothing_fails_to_which_nothing_happened(seen: Seen) -> Iterator[str]:
+    """Fly an operation that was not struck, on a link that loses at most a tenth; who holds at the end may stay up."""
+    end = seen.end
+    if end is None or end.state is not State.FAILED or seen.struck or seen.drill.loss > 0.1:
+        return
+    if seen.drill.at_end != "hold" or not (end.error or "").startswith("landing"):
+        yield f"it failed: {end.error}"
+
+
+@at_end
 def _vehicles_are_left_as_they_were_ordered(seen: Seen) -> Iterator[str]:
     """Leave vehicles to the order that ended their operation: what is sent after it would undo it."""
     end = seen.end

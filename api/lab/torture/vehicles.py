@@ -23,7 +23,7 @@ REFUSALS = frozenset({"reject_mission", "corrupt_upload"})
 OURS = frozenset({Mode.GUIDED.name, Mode.MISSION.name})
 """Modes that we command."""
 ON_ITS_WAY_S = 0.1
-"""A human's mode that one of ours replaces within this time was reported by no frame: that command was on its way."""
+"""A human's mode that another replaces within this time is reported by no frame: the command was on its way."""
 
 
 @dataclass
