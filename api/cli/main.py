@@ -43,7 +43,7 @@ COMMANDS = {
     ),
     "import": LazyCommand(
         f"{CLI}.importing:import_command",
-        "Make a scenario of users, UAVs, no-fly zones and areas in GeoJSON, CSV or KML files.",
+        "Make a scenario of users, UAVs, no-fly zones, areas and rally points in GeoJSON, CSV or KML files.",
     ),
     "keys": LazyCommand(f"{CLI}.keys:keys", "Create, list and revoke the API keys of the service."),
     "plan": LazyCommand(f"{CLI}.planning:plan_command", "Plan a scenario.", solves=True),
