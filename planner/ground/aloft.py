@@ -21,8 +21,10 @@ from skyfolio.planner.solution import Solution
 
 MET = 1.0 - 1e-9
 """A minimum rate counts as met from this share of it on."""
-ROUGHLY, FINELY = 3e-5, 3e-6
-"""How near to the best links are taken, relatively: of what is compared, and of the best of it."""
+ROUGHLY, FAIRLY, FINELY = 3e-5, 2e-5, 3e-6
+"""How near to the best links are taken, relatively: of what is compared, and of the best of it, by size."""
+MOST_FINE_CELLS = 100_000
+"""U K N up to which the last links are taken finely: above, that takes as long as the plan over level ground did."""
 
 
 def raised(problem: Problem, ground: Ground, solution: Solution, known_m: Array | None = None) -> Solution:
@@ -61,7 +63,7 @@ def at_its_best(
         altitudes_m = chosen_altitudes(problem, ground, room_over(ground, best.paths_m), best)
         if not np.array_equal(altitudes_m, _place(best)[1]):
             steps.offer(_linked(_step(problem, ground, replace(best, altitudes_m=altitudes_m)), ROUGHLY))
-    steps.offer(_linked(steps.best, FINELY))
+    steps.offer(_linked(steps.best, FINELY if problem.snr_gain.size <= MOST_FINE_CELLS else FAIRLY))
     return steps.solution()
 
 
