@@ -188,6 +188,13 @@ def test_a_campaign_that_was_stopped_goes_on_and_flies_again_what_broke(tmp_path
     assert [Result.of_line(line).seed for line in file.read_text().splitlines()] == [1, 2, 2]
 
 
+def test_a_campaign_goes_on_where_none_was_begun(tmp_path: Path) -> None:
+    out = tmp_path / "new" / "out"
+    flown = CliRunner().invoke(cli, ["torture", "--out", str(out), "--drills", "1", "--resume", "--json"])
+    assert flown.exit_code == 0, flown.output
+    assert [Result.of_line(line).seed for line in (out / "drills.jsonl").read_text().splitlines()] == [1]
+
+
 def test_results_that_are_none_and_a_campaign_of_nothing_are_refused(tmp_path: Path) -> None:
     (tmp_path / "drills.jsonl").write_text('{"seed": 1}\n')
     for options, complaint in (

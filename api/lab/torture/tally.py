@@ -101,6 +101,7 @@ class ResultFile:
 
     def add(self, result: Result) -> None:
         """Keep one more."""
+        self._file.parent.mkdir(parents=True, exist_ok=True)  # a campaign may go on where none was begun
         with self._file.open("a", encoding="utf-8") as opened:
             opened.write(result.line())
 
