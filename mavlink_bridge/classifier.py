@@ -90,6 +90,11 @@ class Classifier:
         known = self._known.get(system_id)
         return known is not None and known.fate(now_s) in (Fate.UNKNOWN, Fate.ALOFT)
 
+    def has_fallen(self, system_id: int, now_s: float) -> bool:
+        """Return whether it reports to be disarmed, and has come down by falling; a verdict may follow later."""
+        known = self._known.get(system_id)
+        return known is not None and known.fate(now_s) is Fate.FALLEN
+
     def taken(self, system_id: int, now_s: float) -> str | None:
         """Return who else flies it at this moment, and what is seen of that; None if the service may command it.
 

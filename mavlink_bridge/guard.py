@@ -37,6 +37,9 @@ LINKS_FREE_S = 3.0
 """Wall seconds until the links of a killed process are free; if they are taken later, somebody else has them."""
 HEARD_S = 5.0
 TRIES = 3
+AT_MOST_S = 15.0
+"""Wall seconds for which the links are kept from a service that is started again, which waits for them no longer than
+20 s: a vehicle that has not followed by then is left to it."""
 _LOGGER = logging.getLogger("skyfolio.mavlink_bridge.guard")
 
 
@@ -167,15 +170,17 @@ async def take_over(
 
 
 async def _one(link: FleetLink, orders: Orders, system_id: int, utc_s: Callable[[], float]) -> str | None:
-    try:
-        await link.wait_for({system_id}, timeout_s=HEARD_S)
-    except VehiclesMissing:
-        return f"not heard within {HEARD_S:g} s"
-    error: str | None = None
-    for _ in range(TRIES):
-        error = await let_go(link.vehicle(system_id), orders.item_at(system_id, utc_s()), FallBack.MISSION)
-        if error is None:
-            break
+    error: str | None = f"not done within {AT_MOST_S:g} s"
+    with suppress(TimeoutError):
+        async with asyncio.timeout(AT_MOST_S):
+            try:
+                await link.wait_for({system_id}, timeout_s=HEARD_S)
+            except VehiclesMissing:
+                return f"not heard within {HEARD_S:g} s"
+            for _ in range(TRIES):
+                error = await let_go(link.vehicle(system_id), orders.item_at(system_id, utc_s()), FallBack.MISSION)
+                if error is None:
+                    break
     return error
 
 

@@ -311,6 +311,10 @@ class Fleet:
         """Return whether the vehicle reports to be disarmed, and yet is not known to be on the ground."""
         return self.link.classifier.is_aloft(system_id, self._clock.now())
 
+    def has_fallen(self, system_id: int) -> bool:
+        """Return whether the vehicle reports to be disarmed, and has come down by falling."""
+        return self.link.classifier.has_fallen(system_id, self._clock.now())
+
     def warning(self, system_id: int) -> str | None:
         """Return what the vehicle reports of a failsafe that changes nothing; None if it reports none."""
         return self.link.classifier.warning(system_id)

@@ -232,7 +232,7 @@ class Flight(FlightTimeline):
 
     def still_up(self) -> list[str]:
         """Return the surviving UAVs that have not landed."""
-        return [uav for uav in self.surviving() if not self.roster.is_down(uav)]
+        return [uav for uav in self.surviving() if not self.roster.has_landed(uav)]
 
     def home_m(self, uav: str) -> Point:
         """Return where a UAV returns to, metres east/north: the home that it reported, else its start in the plan."""

@@ -335,3 +335,7 @@ class Roster:
     def is_down(self, uav: str) -> bool:
         """Return whether a UAV last reported to be disarmed, and is not seen to be in the air."""
         return self._fleet.is_down(self._systems[uav])
+
+    def has_landed(self, uav: str) -> bool:
+        """Return whether a UAV is down, and has not fallen: one that has is lost as soon as that is certain."""
+        return self.is_down(uav) and not self._fleet.has_fallen(self._systems[uav])

@@ -11,6 +11,7 @@ from skyfolio.api.lab.torture.missions import assigned_mission
 from skyfolio.api.lab.torture.sightings import Slipped
 from skyfolio.api.lab.torture.watch import Seen
 from skyfolio.sim import Mode
+from skyfolio.sim.station import Vehicle
 
 SOON_S = 0.7
 """A slip is reported at most so long after its slot began, if it is to be compared with where the vehicle is."""
@@ -18,6 +19,8 @@ EARLY_S = 0.5
 """A slot begins for the service at most so long before it does for the drill."""
 SLIP_M = 6.0
 """How far a reported slip may be from what it is: telemetry comes at 5 Hz, and GPS is off."""
+AT_ITEM_M = 2.0
+"""So near a vehicle is at a waypoint: ArduCopter's acceptance radius."""
 OBEYS_S = 5.0
 """Seconds after an order in which a vehicle is seen to obey."""
 AFTER = {
@@ -68,9 +71,19 @@ def _the_slip_of_a_slot_is_told_once(seen: Seen) -> Iterator[str]:
         told.add(key)
 
 
+def _is_at_its_item(seen: Seen, vehicle: Vehicle) -> bool:
+    if vehicle.item >= len(vehicle.mission.items):
+        return False
+    item = vehicle.mission.items[vehicle.item]
+    return item.param1 > 0.0 and dist(seen.place_m(vehicle)[:2], seen.place_of(item.x / 1e7, item.y / 1e7)) <= AT_ITEM_M
+
+
 @meanwhile
 def _nobody_flies_an_item_again(seen: Seen) -> Iterator[str]:
-    """Fly each item of a mission once: one who begins again is where others do not expect it."""
+    """Fly each item of a mission once: one who begins again is where others do not expect it.
+
+    A hold may be restarted as it ends (`mavlink_bridge.keeper`): the vehicle is at that item still.
+    """
     for vehicle in seen.vehicles():
         system_id = vehicle.system_id
         if vehicle.mode is not Mode.MISSION or not vehicle.armed or not vehicle.alive:
@@ -78,7 +91,7 @@ def _nobody_flies_an_item_again(seen: Seen) -> Iterator[str]:
         before, seen.cursors[system_id] = seen.cursors.get(system_id), (vehicle.mission.mission_id, vehicle.item)
         if before is None or before[0] != vehicle.mission.mission_id or system_id in seen.harmed:
             continue
-        if vehicle.item < before[1]:
+        if vehicle.item < before[1] and not (vehicle.item == before[1] - 1 and _is_at_its_item(seen, vehicle)):
             yield f"vehicle {system_id} goes back from item {before[1]} to {vehicle.item}"
 
 

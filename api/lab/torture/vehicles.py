@@ -156,9 +156,10 @@ class Vehicles:
     def place_m(self, vehicle: Vehicle) -> tuple[float, float, float]:
         """Return where a vehicle truly is: metres east and north of the scenario's origin, and above its home."""
         lat_deg, lon_deg, up_m = vehicle.position
-        return (*self._local(lat_deg, lon_deg), up_m)
+        return (*self.place_of(lat_deg, lon_deg), up_m)
 
-    def _local(self, lat_deg: float, lon_deg: float) -> Point:
+    def place_of(self, lat_deg: float, lon_deg: float) -> Point:
+        """Return metres east and north of the scenario's origin."""
         if self._frame is None:
             origin = self.ground.scenario.origin
             self._frame = LocalFrame(origin.lat_deg, origin.lon_deg)

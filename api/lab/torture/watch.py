@@ -266,7 +266,7 @@ class Seen(Vehicles):
         stood_m = self.place_m(self.ground.fleet.vehicles[system_id])[:2]
         for sample in reversed(self.ground.fleet.truth.samples):
             if sample.t_s <= heard_s and sample.system_id == system_id:
-                stood_m = self._local(sample.lat_deg, sample.lon_deg)
+                stood_m = self.place_of(sample.lat_deg, sample.lon_deg)
                 break
         self.lost[uav] = LostUav(uav=uav, system_id=system_id, kind=kind, lost_at_s=self.ground.now_s, stood_m=stood_m)
 
