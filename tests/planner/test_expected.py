@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numba import njit
 
 from skyfolio.planner import EXAMPLES, Channel, Origin, Plan, Scenario, Uav, User, Utility, explain, plan, replan
 from skyfolio.planner.arrays import Array
@@ -17,15 +16,15 @@ from skyfolio.planner.certificate import prove
 from skyfolio.planner.channel import expected_gains, fading_gains
 from skyfolio.planner.delivered import delivered_rates_bps
 from skyfolio.planner.fast import Tolls, linked, served_rates_bps
-from skyfolio.planner.fast.arena import Arena, Links, arena_of, links_of
+from skyfolio.planner.fast.arena import arena_of, links_of
 from skyfolio.planner.fast.assigning import assigned
 from skyfolio.planner.fast.climb import climb
-from skyfolio.planner.fast.rates import gradient, link_rates
 from skyfolio.planner.layouts import scattered
 from skyfolio.planner.problem import Problem, problem_of
 from skyfolio.planner.repair import within_limits
 from skyfolio.planner.sinr import spectral_efficiency
 from skyfolio.planner.utility import utility_kbps
+from tests.planner.slopes import slopes
 
 KINDS = ("sum", "per_user", "pooled")
 
@@ -147,33 +146,9 @@ def test_a_flight_ends_at_the_best_place_of_a_fine_grid() -> None:
     assert rates_kbps(made)[:, 1].sum() >= best / 1e3 * (1 - 1e-6)
 
 
-def _rates_and_slope(arena: Arena, path: Array, links: Links, rate: Array, weight: Array, slope: Array) -> None:
-    link_rates(arena, path, links, rate)
-    gradient(arena, path, links, weight, slope)
-
-
-rates_and_slope = njit(_rates_and_slope)
-
-
 def test_the_gradient_is_that_of_finite_differences() -> None:
-    problem = problem_of(small())
-    arena = arena_of(problem)
-    rng = np.random.default_rng(0)
-    path = np.ascontiguousarray((problem.hover() + rng.normal(0, 5, problem.hover().shape)).transpose(1, 2, 0))
-    links = links_of(arena)
-    climb(arena, path, links, 0, 1e-6)
-    weight = rng.uniform(0.5, 2, links.khz.shape)
-    rate, slope = np.zeros(links.khz.shape), np.empty(path.shape)
-    rates_and_slope(arena, path, links, rate, weight, slope)
-
-    def total(at: Array) -> float:
-        rates_and_slope(arena, at, links, rate, weight, np.empty(path.shape))
-        return float(sum((weight[n, :used] * rate[n, :used]).sum() for n, used in enumerate(links.used)))
-
-    for n, axis, u in ((1, 0, 0), (3, 1, 1), (5, 0, 2)):
-        step = np.zeros(path.shape)
-        step[n, axis, u] = 1e-4
-        assert slope[n, axis, u] == pytest.approx((total(path + step) - total(path - step)) / 2e-4, rel=1e-5, abs=1e-7)
+    for told, differs in slopes(problem_of(small()), 5, 1e-4, (1, 0, 0), (3, 1, 1), (5, 0, 2)):
+        assert told == pytest.approx(differs, rel=1e-5, abs=1e-7)
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numba import njit
 
 from skyfolio.planner import Plan, Scenario, Utility, delivered_rates_bps, explain, plan, replan, violations
 from skyfolio.planner.arrays import Array
@@ -19,14 +18,12 @@ from skyfolio.planner.certificate import prove
 from skyfolio.planner.channels.kinds import channel_of
 from skyfolio.planner.explanation.ledger import Ledger
 from skyfolio.planner.explanation.prices import slope_kbps
-from skyfolio.planner.fast.arena import Arena, Links, arena_of, links_of
-from skyfolio.planner.fast.climb import climb
-from skyfolio.planner.fast.rates import gradient, link_rates
 from skyfolio.planner.layouts import scattered
 from skyfolio.planner.problem import Problem, problem_of
 from skyfolio.planner.repair import within_limits
 from skyfolio.planner.sinr import spectral_efficiency
 from tests.planner.channels.any_kind import CHANNELS
+from tests.planner.slopes import slopes
 
 PLAIN = {name: doc for name, doc in CHANNELS.items() if doc.get("fading", "mean") == "mean"}
 
@@ -105,34 +102,10 @@ def test_no_random_plan_is_better_than_the_bound(name: str, seed: int, n_uavs: i
         assert problem.utility_kbps((share * rates).sum(axis=0)) <= bound * (1 + 1e-9) + 1e-9
 
 
-def _rates_and_slope(arena: Arena, path: Array, links: Links, rate: Array, weight: Array, slope: Array) -> None:
-    link_rates(arena, path, links, rate)
-    gradient(arena, path, links, weight, slope)
-
-
-rates_and_slope = njit(_rates_and_slope)
-
-
 @pytest.mark.parametrize("name", CHANNELS)
 def test_the_gradient_of_the_kernels_is_that_of_finite_differences(name: str) -> None:
-    problem = problem_of(fleet(name))
-    arena = arena_of(problem)
-    rng = np.random.default_rng(0)
-    path = np.ascontiguousarray((problem.hover() + rng.normal(0, 8, problem.hover().shape)).transpose(1, 2, 0))
-    links = links_of(arena)
-    climb(arena, path, links, 0, 1e-6)
-    weight = rng.uniform(0.5, 2, links.khz.shape)
-    rate, slope = np.zeros(links.khz.shape), np.empty(path.shape)
-    rates_and_slope(arena, path, links, rate, weight, slope)
-
-    def total(at: Array) -> float:
-        rates_and_slope(arena, at, links, rate, weight, np.empty(path.shape))
-        return float(sum((weight[n, :used] * rate[n, :used]).sum() for n, used in enumerate(links.used)))
-
-    for n, axis, u in ((1, 0, 0), (2, 1, 1), (4, 0, 2)):
-        step = np.zeros(path.shape)
-        step[n, axis, u] = 1e-5
-        assert slope[n, axis, u] == pytest.approx((total(path + step) - total(path - step)) / 2e-5, rel=1e-3, abs=1e-5)
+    for told, differs in slopes(problem_of(fleet(name)), 8, 1e-5, (1, 0, 0), (2, 1, 1), (4, 0, 2)):
+        assert told == pytest.approx(differs, rel=1e-3, abs=1e-5)
 
 
 def test_a_uav_with_a_null_below_it_hovers_beside_its_user() -> None:
