@@ -161,6 +161,9 @@ def _computed(made: Plan, config: DemoConfig, kill_s: float, in_force_s: float |
 def _rates(
     scenario: Scenario, by_slot: Array, at: Array, sums: Array, kill_s: float, in_force_s: float | None
 ) -> Rates:
+    """Return the rates of a flight. at: (M,), seconds since slot 0, and sums: (M,) bit/s then; those in slots count."""
+    planned = (at >= 0.0) & (at < scenario.slots * scenario.slot_duration_s)
+    at, sums = at[planned], sums[planned]
     after_s = kill_s if in_force_s is None else in_force_s
     during = (at >= kill_s) & (at < after_s)
     per_slot = by_slot.sum(axis=0)
