@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from skyfolio.mavlink_bridge.announced_orders import AnnouncedOrders
 from skyfolio.mavlink_bridge.autopilots import FlightMode, speaks_as_autopilot
 from skyfolio.mavlink_bridge.conditions import Change, Condition, Timing
 from skyfolio.mavlink_bridge.disarming import Fate
@@ -41,12 +42,15 @@ class Classifier:
         """The link events of the latest poll."""
         self._known: dict[int, Evidence] = {}
         self._conditions: dict[int, Condition] = {}
+        self._announced: dict[int, AnnouncedOrders] = {}
+        """Modes that were announced of systems that are not watched yet."""
 
     def watch(self, system_id: int, now_s: float) -> None:
         """Expect messages from this UAV from now on."""
         self.links.watch(system_id, now_s)
         if system_id not in self._known:
-            self._known[system_id], self._conditions[system_id] = Evidence(self.timing), Condition.LIVE
+            orders = self._announced.pop(system_id, None)
+            self._known[system_id], self._conditions[system_id] = Evidence(self.timing, orders), Condition.LIVE
 
     def was_flying(self, system_id: int, up_m: float, told_s: float) -> None:
         """Take in that a watched UAV was in the air when it was last heard, before this process started.
@@ -112,10 +116,12 @@ class Classifier:
         """Announce that one of these modes is commanded now, or that its mission ends in one.
 
         The change counts as ordered by the service if the mode is entered by `until_s` (None: within `expected_for_s`).
+        It may be announced of a system that is not watched yet.
         """
-        if system_id in self._known:
-            until_s = now_s + self.timing.expected_for_s if until_s is None else until_s
-            self._known[system_id].orders.announce(modes, now_s, until_s)
+        until_s = now_s + self.timing.expected_for_s if until_s is None else until_s
+        known = self._known.get(system_id)
+        orders = self._announced.setdefault(system_id, AnnouncedOrders()) if known is None else known.orders
+        orders.announce(modes, now_s, until_s)
 
     def alive(self, system_id: int, component_id: int, now_s: float) -> None:
         """Take in that a component has sent some message, whatever it says."""

@@ -40,7 +40,7 @@ _FLIES = frozenset(FlightMode) - {
 class Evidence:
     """One UAV as its autopilot reports it; times are fleet seconds."""
 
-    def __init__(self, timing: Timing) -> None:
+    def __init__(self, timing: Timing, orders: AnnouncedOrders | None = None) -> None:
         self.mode = self.judged_mode = FlightMode.OTHER
         self.armed = False
         self.height = Height()
@@ -56,7 +56,7 @@ class Evidence:
         self.battery = Lasting(timing.battery_after_s, timing.battery_after_s)
         self._timing = timing
         self._speaker = Speaker()
-        self.orders = AnnouncedOrders()
+        self.orders = orders or AnnouncedOrders()
         self._is_announced = False
         self._changed_s = float("-inf")
         """The time of the latest change of mode."""

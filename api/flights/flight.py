@@ -165,6 +165,7 @@ class Flight(FlightTimeline):
 
         A vehicle that is silent is declared lost in time.
         """
+        self.guidance.expect_holds()
         with suppress(VehiclesMissing):
             await self._fleet.link.wait_for({self.systems[uav] for uav in self.surviving()}, timeout_s=HEARD_WITHIN_S)
         self.guidance.suspect_speeds()

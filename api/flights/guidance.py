@@ -14,7 +14,7 @@ from skyfolio.api.flights.guidance_options import GuidanceOptions
 from skyfolio.api.flights.missions_on_board import MissionsOnBoard
 from skyfolio.api.flights.schedule_keepers import ScheduleKeepers
 from skyfolio.api.flights.setpoint_streams import SetpointStreams
-from skyfolio.mavlink_bridge import Mission, OnEnd, ReturnPathsTooClose, check_return_paths, compile_mission
+from skyfolio.mavlink_bridge import FlightMode, Mission, OnEnd, ReturnPathsTooClose, check_return_paths, compile_mission
 from skyfolio.mavlink_bridge.altitudes import Altitudes, altitudes_of
 from skyfolio.mavlink_bridge.findings import Finding
 from skyfolio.mavlink_bridge.ghosts import DEADLINE_S, Airspace, Ghost
@@ -25,6 +25,13 @@ from skyfolio.mavlink_bridge.route import Route
 from skyfolio.mavlink_bridge.verified import OnBoard
 from skyfolio.planner import Plan
 from skyfolio.planner.geometry import Point
+
+HOLDS_WITHIN_S = 5.0
+"""Fleet seconds in which a vehicle has reported that it holds because setpoints ended.
+
+PX4 waits for COM_OF_LOSS_T, 1 s by default, and reports its mode with HEARTBEATs at 1 Hz.
+"""
+_HOLD = frozenset({FlightMode.HOLD})
 
 
 class FlightGuidance:
@@ -60,6 +67,8 @@ class FlightGuidance:
         """Air in which UAVs that were lost may still fly."""
         self._streams = SetpointStreams(systems, fleet, clock, elapsed_s=elapsed_s, fall_back=self.options.fall_back)
         self._resuming: asyncio.Task[None] | None = None
+        self.was_streaming = False
+        """Whether a process before this one sent setpoints, which ended with it."""
         self.mission_store: AssignedMissionStore | None = None
         """Where assigned missions are stored; None stores nothing."""
 
@@ -169,6 +178,16 @@ class FlightGuidance:
         self.airspace.recall(ghosts)
         if self.mission_store is not None:
             self._on_board.restore(await self.mission_store.read())
+
+    def expect_holds(self) -> None:
+        """Expect vehicles to hold now if setpoints ended with the process before a restart: that is ours to end.
+
+        No human has decided it, and one that is heard only once it holds counts as ours, too.
+        """
+        if self.was_streaming:
+            until_s = self._fleet.now_s() + HOLDS_WITHIN_S
+            for system in self._systems.values():
+                self._fleet.link.classifier.expect(system, _HOLD, self._fleet.now_s(), until_s)
 
     def suspect_speeds(self) -> None:
         """Expect vehicles that we no longer command to fly at a speed that the process before a restart ordered."""

@@ -150,6 +150,7 @@ class OperationRecord:
             "returned": sorted(flight.returned),
             "retired": sorted(flight.roster.retired),
             "at_end": flight.guidance.options.at_end.value,
+            "streams": flight.guidance.is_streaming,
             "ghosts": flight.guidance.airspace.document(),
             "launch_itself": self.identity.launch_itself,
             "disruption_weight": self.identity.disruption_weight,

@@ -70,6 +70,7 @@ async def restored(
         InForce(entry["from_s"], await shared.plans.finished(entry["plan_id"])) for entry in document.get("serving", [])
     ]
     await operation.radio.restore(document.get("allocation_revision", 0), serving)
+    flight.guidance.was_streaming = document.get("streams", False)
     await flight.guidance.restore(document.get("ghosts", []))
     operation.mark_track_stored()
     return operation

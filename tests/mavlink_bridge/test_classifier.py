@@ -301,6 +301,18 @@ def test_a_hold_after_take_off_or_since_before_we_listened_is_no_human() -> None
     assert Story(mode=PX4_TAKEOFF).tell(10, custom_mode=PX4_HOLD) == []
 
 
+@pytest.mark.parametrize(("announced", "condition"), [(True, Condition.LIVE), (False, Condition.FAILSAFE)])
+def test_a_hold_that_was_announced_before_the_vehicle_was_heard_is_ours(announced: bool, condition: Condition) -> None:
+    story = Story(mode=PX4_OFFBOARD)
+    story.classifier = Classifier()
+    if announced:
+        story.order(FlightMode.HOLD, story.now_s + 5.0)
+    story.classifier.watch(1, story.now_s)
+    story.tell(2)
+    story.tell(6, custom_mode=PX4_HOLD, system_status=5)
+    assert story.classifier.condition(1) is condition
+
+
 def test_a_landing_we_announced_is_no_failsafe_and_ends_landed() -> None:
     story = Story()
     story.classifier.expect(1, frozenset({FlightMode.LAND}), story.now_s)
