@@ -59,6 +59,7 @@ class Uav:
     transmitting: bool = True
     mission_id: int = 1
     item: int = 3
+    commands: tuple[int, ...] = (16,)
     base_station: BaseStation = field(default_factory=BaseStation)
     spec: Any = field(default_factory=lambda: SimpleNamespace(autopilot="px4"))
 
@@ -70,8 +71,11 @@ class Uav:
     @property
     def mission(self) -> Any:
         values = dict.fromkeys(("param1", "param2", "param3", "param4", "z"), 0.0)
-        whole = {"seq": 0, "frame": 6, "command": 16, "current": 0, "autocontinue": 1, "x": 0, "y": 0}
-        return SimpleNamespace(mission_id=self.mission_id, items=[SimpleNamespace(**values, **whole)])
+        whole = {"frame": 6, "current": 0, "autocontinue": 1, "x": 0, "y": 0}
+        items = [
+            SimpleNamespace(**values, **whole, seq=seq, command=command) for seq, command in enumerate(self.commands)
+        ]
+        return SimpleNamespace(mission_id=self.mission_id, items=items)
 
 
 class Truth:
@@ -677,6 +681,34 @@ def test_a_vehicle_of_another_operation_may_be_left_in_the_air() -> None:
     assert broken_in(seen, meanwhile=False) == set()
 
 
+@pytest.mark.parametrize(("back_to", "again"), [(5, set()), (4, {"nobody flies an item again"})])
+def test_only_who_flies_to_a_place_again_flies_an_item_again(back_to: int, again: set[str]) -> None:
+    seen = history()
+    vehicle = vehicle_of(seen, 1)
+    vehicle.commands, vehicle.item = (16, 178, 16, 178, 16, 178, 16), back_to
+    seen.known_missions[1, 1, 7] = seen.known_missions[1, 1, 1]
+    seen.cursors = {1: (1, 6)}
+    assert broken_in(seen, meanwhile=True) == again
+
+
+@pytest.mark.parametrize(
+    ("heard_s", "held"),
+    [([], False), ([9.9], False), ([10.2], True), ([10.75], False)],
+    ids=["never", "before", "meanwhile", "as the order is followed"],
+)
+def test_a_human_counts_whose_mode_was_heard_before_our_order_left(heard_s: list[float], held: bool) -> None:
+    seen = history()
+    seen.ground.heartbeats_s = lambda system_id: heard_s if system_id == 2 else []  # type: ignore[method-assign]
+    fault = {"fault": "mode_change", "mode": "POSITION"}
+    seen.ground.fleet.truth.events += [
+        truth.Event(10.0, 2, "fault", fault),
+        truth.Event(10.0, 2, "mode", {"mode": "POSITION"}),
+        truth.Event(10.8, 2, "mode", {"mode": "MISSION"}),
+    ]
+    seen.follow_truth()
+    assert (2 in seen.gone, 2 in seen.foreign) == (held, held)
+
+
 # -- what is no fault --------------------------------------------------------------------------------------------------
 
 
@@ -736,6 +768,16 @@ def fell_unheard_where_it_may_have_landed(seen: Seen) -> None:
     said_to_be_down(seen)
 
 
+def fell_as_a_clock_that_lies_restarted(seen: Seen) -> None:
+    seen.harms[3] = {"reboot", "clock_jump"}
+    said_to_be_down(seen)
+
+
+def dealt_with_before_a_full_disk_let_it_be_announced(seen: Seen) -> None:
+    seen.noted[4] = replace(seen.noted[4], at_s=69.0)
+    seen.gone.clear()
+
+
 def ordered_by_the_operator(seen: Seen) -> None:
     seen.harmed.clear()
     seen.ordered[3] = 10.0
@@ -758,6 +800,8 @@ def told_by_the_service_before(seen: Seen) -> None:
         ordered_by_the_operator,
         on_a_disk_that_stayed_full,
         fell_unheard_where_it_may_have_landed,
+        fell_as_a_clock_that_lies_restarted,
+        dealt_with_before_a_full_disk_let_it_be_announced,
     ],
     ids=lambda change: change.__name__,
 )

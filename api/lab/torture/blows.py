@@ -11,8 +11,11 @@ from skyfolio.api.common.errors import ServiceError
 from skyfolio.api.flights.operation import Operation
 from skyfolio.api.lab.torture.watch import Seen
 from skyfolio.api.service import Service
+from skyfolio.api.store import StoreError
 from skyfolio.mavlink_bridge import BridgeError
 
+SUPERVISED_S = 2.0
+"""Virtual seconds after which a service that has ended by itself is started again."""
 Strike = Callable[["Arena", dict[str, Any]], None]
 
 
@@ -37,7 +40,10 @@ class Arena:
         self._spawn(wait())
 
     def kill(self, down_s: float) -> None:
-        """Kill the service; it is started again after so long."""
+        """Kill the service; it is started again after so long, and again while it refuses to because the disk is full.
+
+        What supervises a service does so, and one that cannot store what it does must not command vehicles.
+        """
         if self.down or self.ground.service is None:
             return
         self.down = True
@@ -46,7 +52,7 @@ class Arena:
         async def restart() -> None:
             await asyncio.sleep(down_s)
             try:
-                service = await self.ground.start()
+                service = await self._started()
             except Exception as error:  # noqa: BLE001 - whatever it is, the fleet has no service
                 self.seen.break_once("a service starts again", f"{type(error).__name__}: {error}")
                 return
@@ -54,6 +60,17 @@ class Arena:
             self.down = False
 
         self._spawn(restart())
+
+    async def _started(self) -> Service:
+        """Start a service, again and again as long as it can store nothing, and return it."""
+        while True:
+            try:
+                return await self.ground.start()
+            except StoreError:
+                if self.ground.disk.refuses is None:
+                    raise
+                self.ground.kill()
+            await asyncio.sleep(SUPERVISED_S)
 
     def command(self, work: Callable[[Service], Awaitable[object]]) -> None:
         """Let the operator command something; a refusal is an answer like any other."""
@@ -127,8 +144,14 @@ def _full_disk(arena: Arena, options: dict[str, Any]) -> None:
 
 def _slow_disk(arena: Arena, options: dict[str, Any]) -> None:
     disk, before = arena.ground.disk, arena.ground.disk.commit_s
-    disk.commit_s = options.get("commit_s", 0.5)
-    arena.later(options.get("for_s", 5.0), lambda: setattr(disk, "commit_s", min(before, disk.commit_s)))
+    disk.commit_s = commit_s = options.get("commit_s", 0.5)
+
+    async def recover() -> None:
+        await asyncio.sleep(options.get("for_s", 5.0))
+        disk.commit_s = min(before, disk.commit_s)
+        await asyncio.sleep(commit_s)  # a commit that has just begun is as slow; the drill lasts until it is over
+
+    arena.beside(recover())
 
 
 def _clock_jump(arena: Arena, options: dict[str, Any]) -> None:

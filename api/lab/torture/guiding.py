@@ -23,6 +23,8 @@ AT_ITEM_M = 2.0
 """So near a vehicle is at a waypoint: ArduCopter's acceptance radius."""
 OBEYS_S = 5.0
 """Seconds after an order in which a vehicle is seen to obey."""
+NAV_LAST = 95
+"""MAV_CMD_NAV_LAST: items with greater commands are done on the way."""
 AFTER = {
     "hold": frozenset({Mode.HOLD, Mode.GUIDED, Mode.BRAKE}),
     "land": frozenset({Mode.LAND}),
@@ -82,17 +84,26 @@ def _is_at_its_item(seen: Seen, vehicle: Vehicle) -> bool:
 def _nobody_flies_an_item_again(seen: Seen) -> Iterator[str]:
     """Fly each item of a mission once: one who begins again is where others do not expect it.
 
-    A hold may be restarted as it ends (`mavlink_bridge.keeper`): the vehicle is at that item still.
+    A hold may be restarted as it ends (`mavlink_bridge.keeper`): the vehicle is at that item still. A speed that is
+    set again on the way to the same place is nothing that is flown.
     """
     for vehicle in seen.vehicles():
         system_id = vehicle.system_id
         if vehicle.mode is not Mode.MISSION or not vehicle.armed or not vehicle.alive:
             continue
-        before, seen.cursors[system_id] = seen.cursors.get(system_id), (vehicle.mission.mission_id, vehicle.item)
+        item = _flown_item(vehicle, vehicle.item)
+        before, seen.cursors[system_id] = seen.cursors.get(system_id), (vehicle.mission.mission_id, item)
         if before is None or before[0] != vehicle.mission.mission_id or system_id in seen.harmed:
             continue
-        if vehicle.item < before[1] and not (vehicle.item == before[1] - 1 and _is_at_its_item(seen, vehicle)):
-            yield f"vehicle {system_id} goes back from item {before[1]} to {vehicle.item}"
+        is_next = _flown_item(vehicle, vehicle.item + 1) == before[1]
+        if item < before[1] and not (is_next and item == vehicle.item and _is_at_its_item(seen, vehicle)):
+            yield f"vehicle {system_id} goes back from item {before[1]} to {item}"
+
+
+def _flown_item(vehicle: Vehicle, item: int) -> int:
+    """Return the number of the item that a vehicle flies once this one is current: it, or the next that is flown."""
+    items = vehicle.mission.items
+    return next((seq for seq in range(item, len(items)) if items[seq].command <= NAV_LAST), item)
 
 
 @meanwhile

@@ -55,10 +55,12 @@ def _assigned_of(seen: Seen, vehicle: Vehicle, mission_id: int, of_vehicle: Sequ
 
 
 def _assigned(seen: Seen, uav: str) -> list[AssignedMission]:
-    """Return what is on the disk, and what the service that lives still holds in memory."""
+    """Return what the database has, or a local file holds for it, and what the service that lives has in memory."""
     query = select(table.c.document).where(table.c.uav_id == uav)
     with seen.ground.disk.engine.connect() as connection:
         stored = [AssignedMission.of_document(row.document) for row in connection.execute(query)]
+    waiting = [row["document"] for row in seen.ground.disk.held_rows(table.name) if row["uav_id"] == uav]
+    stored += map(AssignedMission.of_document, waiting)
     service = seen.ground.service
     operation = None if service is None else service.operations.active(service.operations.owners().get(uav, ""))
     held = () if operation is None else operation.flight.guidance.may_fly(uav)

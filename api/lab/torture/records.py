@@ -88,13 +88,15 @@ def _slot_clock(seen: Seen) -> SlotClock | None:
 def _ends_are_as_they_are_said_to_be(seen: Seen) -> Iterator[str]:
     """Say of each UAV how it ended: who is said to stand on the ground is not searched for.
 
-    One that fell unheard, and is found in a mode in which it may have landed instead, looks as if it had.
+    One that fell unheard, and is found in a mode in which it may have landed instead, looks as if it had. So does one
+    that fell as it restarted, if its clock jumps: that clock alone tells when its motors stopped.
     """
     if seen.end is None or seen.end.state is State.ABORTED:
         return
     for uav, view in seen.end.uavs.items():
         vehicle = seen.ground.fleet.vehicles[seen.system_of(uav)]
-        unheard = vehicle.system_id in seen.fell_unheard - seen.seen_crashed
+        clock_lies = seen.harms.get(vehicle.system_id, set()) >= {"reboot", "clock_jump"}
+        unheard = (vehicle.system_id in seen.fell_unheard or clock_lies) and vehicle.system_id not in seen.seen_crashed
         if unheard and vehicle.mode not in {Mode.MISSION, Mode.GUIDED}:
             continue
         if view.end is not None and view.end.is_down and (not vehicle.alive or seen.is_aloft(vehicle)):

@@ -75,11 +75,13 @@ def _survivors_are_on_a_plan_soon_after_a_verdict(seen: Seen) -> Iterator[str]:
         return
     limit_s = INSISTING_S if seen.refusing else RECOVERED_S
     own = seen.own_noted
+    times: Counter[str] = Counter()
     for number, noted in enumerate(own):
         if noted.event.kind != "uav_lost":
             continue
         uav = noted.event.data["uav_id"]
-        report = next((one for one in seen.reports.values() if _deals_with(one, uav, noted)), None)
+        report = _report_of(seen, uav, times[uav])
+        times[uav] += 1
         until = report or _no_longer_matters(seen, own, number)
         took_s = until.at_s - noted.at_s - (until.excused_s - noted.excused_s)
         if took_s > limit_s:
@@ -87,8 +89,13 @@ def _survivors_are_on_a_plan_soon_after_a_verdict(seen: Seen) -> Iterator[str]:
             yield f"{uav} was lost at {noted.at_s:.1f} s: {what} after {took_s:.0f} s"
 
 
-def _deals_with(one: Reported, uav: str, loss: Noted) -> bool:
-    return one.ends_it and uav in one.report.lost and one.at_s >= loss.at_s
+def _report_of(seen: Seen, uav: str, losses_before: int) -> Reported | None:
+    """Return the report of what was done about a loss of a UAV; None if nothing was.
+
+    Each loss is dealt with once, in turn. It may be dealt with before it is announced: events wait for a full disk.
+    """
+    reports = [one for one in seen.reports.values() if one.ends_it and uav in one.report.lost]
+    return reports[losses_before] if losses_before < len(reports) else None
 
 
 def _no_longer_matters(seen: Seen, own: list[Noted], loss: int) -> Noted:

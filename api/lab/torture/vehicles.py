@@ -23,7 +23,7 @@ REFUSALS = frozenset({"reject_mission", "corrupt_upload"})
 OURS = frozenset({Mode.GUIDED.name, Mode.MISSION.name})
 """Modes that we command."""
 ON_ITS_WAY_S = 0.1
-"""A human's mode that another replaces within this time is reported by no frame: the command was on its way."""
+"""What is sent has arrived within this time, and that of the link."""
 
 
 @dataclass
@@ -126,11 +126,22 @@ class Vehicles:
     def _follow_mode(self, system_id: int, at_s: float, mode: str) -> None:
         if mode == Mode.MISSION.name and system_id in self.stored:
             self.begun.append((at_s, system_id, self.stored[system_id]))
-        if mode in OURS and at_s - self._taken_over_s.get(system_id, -inf) < ON_ITS_WAY_S:
-            since_s = self._taken_over_s.pop(system_id)
-            self.foreign.pop(system_id, None)
-            if system_id in self.gone and self.gone[system_id].at_s == since_s:
-                del self.gone[system_id]
+        since_s = self._taken_over_s.pop(system_id, None) if mode in OURS else None
+        if since_s is None or self._was_told(system_id, since_s, at_s):
+            return
+        self.foreign.pop(system_id, None)
+        if system_id in self.gone and self.gone[system_id].at_s == since_s:
+            del self.gone[system_id]
+
+    def _was_told(self, system_id: int, since_s: float, until_s: float) -> bool:
+        """Return whether a service could know of a mode before it sent the order that was followed at `until_s`.
+
+        It knows a mode from HEARTBEATs alone, which come at 1 Hz. Who takes a vehicle over between two of them can be
+        overruled by an order that leaves meanwhile: MAVLink has none that asks for the mode of before.
+        """
+        link_s = self.drill.latency_s
+        heard = self.ground.heartbeats_s(system_id)
+        return any(since_s + link_s < at_s < until_s - link_s - ON_ITS_WAY_S / 2 for at_s in heard)
 
     def _follow_fall(self, system_id: int, at_s: float) -> None:
         self.fell_at_s[system_id] = at_s

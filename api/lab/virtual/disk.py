@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import sqlite3
 import tempfile
 from collections.abc import Callable, Sequence
@@ -68,6 +69,17 @@ class Disk:
     def held_lines(self) -> int:
         """Return how many transactions local files hold because the database did not accept them."""
         return sum(len(file.read_text(encoding="utf-8").splitlines()) for file in self.folder.iterdir())
+
+    def held_rows(self, table: str) -> list[dict[str, Any]]:
+        """Return the rows that local files hold for a table because the database did not accept them."""
+        return [
+            row
+            for file in self.folder.iterdir()
+            for line in file.read_text(encoding="utf-8").splitlines()
+            for sql, rows, *_ in json.loads(line)
+            if sql.startswith(f"INSERT INTO {table} ")
+            for row in rows
+        ]
 
     def close(self) -> None:
         """Forget everything."""

@@ -162,6 +162,10 @@ class Ground:
         """Return the virtual second in which something of a vehicle arrived last; 0 if nothing has."""
         return max((port.heard_s.get(system_id, 0.0) for port in self._ports), default=0.0)
 
+    def heartbeats_s(self, system_id: int) -> list[float]:
+        """Return the virtual seconds in which HEARTBEATs of a vehicle arrived at a service, or a guard, that lived."""
+        return [at_s for port in self._ports for at_s in port.heartbeats_s.get(system_id, ())]
+
     def stored_events(self) -> list[Event]:
         """Return every event on the disk, in order."""
         with self.disk.engine.connect() as connection:

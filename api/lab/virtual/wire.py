@@ -17,7 +17,7 @@ from skyfolio.mavlink_bridge.links import OnFrames
 from skyfolio.mavlink_bridge.message_port import NotSentError, Receive
 from skyfolio.mavlink_bridge.mission_messages import GROUND, Message
 
-HEARTBEAT_EVERY_S = 1.0
+HEARTBEAT, HEARTBEAT_EVERY_S = 0, 1.0
 _GROUND_STATION = {
     "type": 6,
     "autopilot": 8,
@@ -40,6 +40,8 @@ class Port:
         self.holder: MemoryEndpoint | None = None
         self.heard_s: dict[int, float] = {}
         """When something of each vehicle arrived last at a living process, by its clock."""
+        self.heartbeats_s: dict[int, list[float]] = {}
+        """When HEARTBEATs of each vehicle's autopilot arrived at one."""
 
     @property
     def is_free(self) -> bool:
@@ -100,7 +102,10 @@ class MemoryEndpoint:
         inbox, self._inbox = self._inbox, []
         for data, system_id in inbox:
             frames = self._framers.setdefault(system_id, Framer()).feed(data)
-            self._port.heard_s[system_id] = self._loop.time()
+            self._port.heard_s[system_id] = now_s = self._loop.time()
+            for frame in frames:
+                if frame.message_id == HEARTBEAT and frame.component_id == AUTOPILOT:
+                    self._port.heartbeats_s.setdefault(system_id, []).append(now_s)
             if frames and self._send is not None and self._alive():
                 self._on_frames(self, frames)
 
