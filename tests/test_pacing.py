@@ -77,7 +77,8 @@ def test_utc_passes_with_it(wall: Wall, made: Pace) -> None:
 async def test_timers_of_a_paced_loop_follow_it() -> None:
     loop = asyncio.get_running_loop()
     with paced(8.0) as made:
-        assert loop.time() == pytest.approx(made(), abs=0.05)
+        before_s, loops_s, after_s = made(), loop.time(), made()
+        assert before_s <= loops_s <= after_s
         began_s = made()
         await asyncio.sleep(0.1)
         assert made() - began_s >= 0.1

@@ -14,8 +14,10 @@ def planned(http: httpx2.Client, scenario: Scenario) -> str:
     for system_id, uav in enumerate(scenario.uav_ids, start=1):
         body = {"uav_id": uav, "system_id": system_id}
         assert http.post("/v1/fleet/vehicles", json=body).status_code == 201
-    made: str = http.post("/v1/plans", params={"wait_s": 60}, json=scenario.model_dump(mode="json")).json()["id"]
-    return made
+    made = http.post("/v1/plans", params={"wait_s": 60}, json=scenario.model_dump(mode="json")).json()
+    while made["status"] in {"queued", "running"}:
+        made = http.get(f"/v1/plans/{made['id']}", params={"wait_s": 60}).json()
+    return str(made["id"])
 
 
 def events_of(http: httpx2.Client) -> list[dict[str, Any]]:

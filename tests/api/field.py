@@ -4,7 +4,7 @@ import asyncio
 import signal
 import socket
 import sys
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +16,7 @@ import httpx2
 from skyfolio import sim
 from skyfolio.api.common.settings import Settings
 from skyfolio.api.fleet.simulated_fleet import specs_at_starts
+from skyfolio.api.lab.demo.client import planned
 from skyfolio.planner import EXAMPLES
 from tests.ports import free_port
 
@@ -112,31 +113,18 @@ class Field:
 
     async def planned_and_registered(self) -> str:
         """A plan's id; its UAVs are vehicles of the service."""
-        scenario = SCENARIO.model_dump(mode="json")
-        made = (await self.client.post("/v1/plans", params={"wait_s": 60}, json=scenario)).json()
+        plan_id = await planned(self.client, SCENARIO)
         for number, uav in enumerate(SCENARIO.uav_ids, start=1):
             body = {"uav_id": uav, "system_id": number}
             assert (await self.client.post("/v1/fleet/vehicles", json=body)).status_code == 201
-        return str(made["id"])
+        return plan_id
 
     async def until(self, path: str, *states: str) -> dict[str, Any]:
         """The operation once it is in one of these states."""
-        return await self._until(path, lambda operation: operation["state"] in states)
-
-    async def answered(self, path: str) -> None:
-        """Wait until survivors fly a new plan, or the operation is over without."""
-        await self._until(
-            path,
-            lambda operation: (
-                operation["state"] in ENDED or any(report["outcome"] == "flying" for report in operation["recoveries"])
-            ),
-        )
-
-    async def _until(self, path: str, is_so: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
         async with asyncio.timeout(150):
             while True:
                 operation: dict[str, Any] = await self.get(path)
-                if is_so(operation):
+                if operation["state"] in states:
                     return operation
                 await asyncio.sleep(POLL_S)
 

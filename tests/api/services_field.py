@@ -4,9 +4,8 @@ import asyncio
 import signal
 import socket
 import sys
-import time
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager, suppress
+from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -17,8 +16,10 @@ from sqlalchemy.engine import make_url
 from skyfolio import sim
 from skyfolio.api.common.settings import Settings
 from skyfolio.api.fleet.simulated_fleet import specs_at_starts
+from skyfolio.api.lab.demo.client import planned
 from skyfolio.planner import EXAMPLES
 from skyfolio.sim.truth import LoggedMessage
+from tests.lateness import Lateness, lateness
 from tests.ports import free_port
 
 SPEEDUP = 2.0
@@ -27,32 +28,22 @@ SLOTS = 16
 ROOT = Path(__file__).resolve().parents[2]
 SERVE = "from tests.api.dying_service import main; main()"
 STARTS_WITHIN_S = 250.0
-NAP_S = 0.02
 
 
 class Line:
-    """A TCP proxy to the database, that can be cut (what is sent disappears, as on a broken network) or made slow."""
+    """A TCP proxy to the database, that can be made slow."""
 
     def __init__(self, host: str, port: int) -> None:
         self.port = free_port(socket.SOCK_STREAM)
         self.delay_s = 0.0
         self._to = (host, port)
-        self._whole = asyncio.Event()
-        self._whole.set()
         self._server: asyncio.Server | None = None
         self._open: set[asyncio.Task[None]] = set()
 
     async def open(self) -> None:
         self._server = await asyncio.start_server(self._connected, "127.0.0.1", self.port)
 
-    def cut(self) -> None:
-        self._whole.clear()
-
-    def mend(self) -> None:
-        self._whole.set()
-
     async def close(self) -> None:
-        self.mend()
         assert self._server is not None
         self._server.close()
         for task in self._open:
@@ -66,7 +57,6 @@ class Line:
         writers = [writer]
         try:
             with suppress(OSError, asyncio.CancelledError):
-                await self._whole.wait()
                 back, forth = await asyncio.open_connection(*self._to)
                 writers.append(forth)
                 await asyncio.gather(self._pipe(reader, forth), self._pipe(back, writer))
@@ -80,7 +70,6 @@ class Line:
             while data := await reader.read(65_536):
                 if self.delay_s:
                     await asyncio.sleep(self.delay_s)
-                await self._whole.wait()
                 writer.write(data)
                 await writer.drain()
         writer.close()
@@ -177,42 +166,34 @@ class SharedField:
         self.second = Service("second", database_url, folder / "second.log", **changes)
         ends = ",".join(f"udpout://127.0.0.1:{service.fleet_port}" for service in (self.first, self.second))
         self.fleet = sim.Fleet(specs_at_starts(self.scenario), clock=sim.ScaledClock(SPEEDUP), endpoint=ends)
-        self.late_s = 0.0
-        """Wall seconds that this process has waited for the machine in all: what a service may be late through no fault
-        of its own."""
-        self._timing: asyncio.Task[None] | None = None
+        self._stack = AsyncExitStack()
+        self._lateness = Lateness()
 
     async def __aenter__(self) -> Self:
-        await self.fleet.__aenter__()
-        self._timing = asyncio.create_task(self._time())
+        await self._stack.enter_async_context(self.fleet)
+        self._lateness = await self._stack.enter_async_context(lateness())
         return self
-
-    async def _time(self) -> None:
-        while True:
-            began_s = time.monotonic()
-            await asyncio.sleep(NAP_S)
-            self.late_s += max(0.0, time.monotonic() - began_s - 1.5 * NAP_S)
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._timing is not None:
-            self._timing.cancel()
-        await self.fleet.__aexit__(kind, error, trace)
+        await self._stack.__aexit__(kind, error, trace)
+
+    @property
+    def late_s(self) -> float:
+        """Wall seconds that this process has waited for the machine: what a service may be late through no fault of
+        its own."""
+        return self._lateness.late_s
 
     async def take_off(self) -> str:
         """Plan, register and fly at the first service; the operation's path once slot 0 has begun."""
         client = self.first.client
-        scenario = self.scenario.model_dump(mode="json")
-        plan = (await client.post("/v1/plans", json=scenario)).json()
         async with asyncio.timeout(STARTS_WITHIN_S):
-            while plan["status"] in {"queued", "running"}:
-                await asyncio.sleep(0.2)
-                plan = (await client.get(f"/v1/plans/{plan['id']}")).json()
+            plan_id = await planned(client, self.scenario)
         for number, uav in enumerate(self.scenario.uav_ids, start=1):
             answer = await client.post("/v1/fleet/vehicles", json={"uav_id": uav, "system_id": number})
             assert answer.status_code == 201, answer.text
-        started = await client.post("/v1/operations", json={"plan_id": plan["id"]})
+        started = await client.post("/v1/operations", json={"plan_id": plan_id})
         assert started.status_code == 202, started.text
         path = str(started.headers["Location"])
         flying = await self.first.until(path, "flying", "failed")

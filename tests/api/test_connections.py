@@ -55,10 +55,10 @@ async def port(request: pytest.FixtureRequest) -> AsyncIterator[int]:
 
 async def closed_after(port: int, *chunks: bytes, dripping: bytes = b"") -> float:
     """Seconds until the service closes a connection on which this is sent, and then drips on."""
+    began = time.monotonic()
     reader, writer = await asyncio.open_connection("127.0.0.1", port)
     for chunk in chunks:
         writer.write(chunk)
-    began = time.monotonic()
 
     async def drip() -> None:
         while True:
@@ -67,7 +67,7 @@ async def closed_after(port: int, *chunks: bytes, dripping: bytes = b"") -> floa
 
     task = asyncio.create_task(drip())
     try:
-        async with asyncio.timeout(20):
+        async with asyncio.timeout(60):
             while await reader.read(65_536):
                 pass
     except ConnectionError:
@@ -104,7 +104,7 @@ async def test_headers_without_end_are_cut_off(port: int) -> None:
 async def test_an_answer_that_takes_its_time_is_not_cut_off(port: int) -> None:
     reader, writer = await asyncio.open_connection("127.0.0.1", port)
     writer.write(b"GET /slow HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n")
-    async with asyncio.timeout(20):
+    async with asyncio.timeout(60):
         assert (await reader.read()).count(b"1\r\nx\r\n") == 8
     writer.close()
 
@@ -115,7 +115,7 @@ async def test_a_websocket_that_is_quiet_stays_open(port: int) -> None:
         b"GET /ws HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
         b"Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: MDEyMzQ1Njc4OWFiY2RlZg==\r\n\r\n"
     )
-    async with asyncio.timeout(20):
+    async with asyncio.timeout(60):
         assert (await reader.readuntil(b"\r\n\r\n")).startswith(b"HTTP/1.1 101")
         await asyncio.sleep(SOON_S * 3)
         writer.write(b"\x81\x82\x00\x00\x00\x00hi")  # a text frame, masked with zeros

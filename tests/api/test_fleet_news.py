@@ -11,6 +11,7 @@ from skyfolio.api.fleet.vehicle_news import FleetNews
 from skyfolio.api.store.event_log import EventLog
 from skyfolio.mavlink_bridge import FleetLink, LinkEvent, LinkState
 from skyfolio.mavlink_bridge.conditions import VehicleChange
+from tests.virtual_time import in_virtual_time
 
 
 class Link:
@@ -47,6 +48,7 @@ class Events:
         """Keep none of them."""
 
 
+@in_virtual_time
 async def test_a_vehicle_that_was_lost_is_asked_for_its_telemetry_anew_when_it_is_heard_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -195,7 +195,7 @@ async def test_an_event_whose_commit_was_not_answered_is_stored_once(
 
     monkeypatch.setattr(first._writer, "_commit_all", answer_lost)
     log.add("test", number=1)
-    async with asyncio.timeout(30):
+    async with asyncio.timeout(60):
         while not lost or first.held or first.trouble is not None:  # noqa: ASYNC110
             await asyncio.sleep(0.05)
     log.add("test", number=2)
@@ -251,7 +251,7 @@ async def test_a_service_that_was_stopped_in_a_transaction_holds_up_none_that_ta
         await taken_over(second)
         log = await EventLog.open(second)
         log.add("test", number=1)
-        async with asyncio.timeout(20):
+        async with asyncio.timeout(60):
             await second.write(select(1))
         await stopped.invalidate()
     assert len(await second.rows(select(events))) == 1

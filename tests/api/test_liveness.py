@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
+import psutil
 import pytest
 from fastapi.testclient import TestClient
 
@@ -27,7 +28,7 @@ def pids(lane: Lane) -> list[int]:
     return list(lane._pool._processes)
 
 
-async def until(condition: Callable[[], bool], limit_s: float = 30.0) -> None:
+async def until(condition: Callable[[], bool], limit_s: float = 90.0) -> None:
     async with asyncio.timeout(limit_s):
         while not condition():  # noqa: ASYNC110
             await asyncio.sleep(0.02)
@@ -53,14 +54,25 @@ def large() -> Scenario:
 async def test_a_worker_that_was_never_needed_is_not_missed_and_a_busy_one_answers(lane: Lane) -> None:
     assert lane.answers
     await lane.warm_up()
-    began, worst_s = time.monotonic(), 0.0
+    worker = psutil.Process(*pids(lane))
+    began_s = beaten_s = busy_s(worker)
+    silent_s = worst_s = 0.0
     solving = asyncio.gather(*(lane.solve(Job(scenario=large().model_dump_json())) for _ in range(8)))
     while not solving.done():
-        worst_s = max(worst_s, lane._heartbeats.silent_for_s())
-        assert lane.answers
+        before_s, silent_s = silent_s, lane._heartbeats.silent_for_s()
+        if silent_s < before_s:
+            beaten_s = busy_s(worker)
+        worst_s = max(worst_s, busy_s(worker) - beaten_s)
         await asyncio.sleep(0.01)
-    assert time.monotonic() - began > 1.0  # it was busy
-    assert worst_s < 2.0, worst_s
+    assert busy_s(worker) - began_s > 1.0
+    assert worst_s < 2.0, "of its own seconds on a core: a loaded machine gives it few"
+    await until(lambda: lane.answers)
+
+
+def busy_s(process: psutil.Process) -> float:
+    """Seconds that a process has had a core."""
+    spent = process.cpu_times()
+    return float(spent.user + spent.system)
 
 
 async def test_a_stopped_worker_does_not_answer_until_it_goes_on(lane: Lane) -> None:
@@ -236,7 +248,7 @@ class Listener:
         return sum(one.name == "HEARTBEAT" for one in list(self._fleet.fleet.truth.messages) if one.direction == "in")
 
 
-def wait(condition: Callable[[], bool], limit_s: float = 40.0) -> None:
+def wait(condition: Callable[[], bool], limit_s: float = 90.0) -> None:
     deadline = time.monotonic() + limit_s
     while not condition():
         assert time.monotonic() < deadline, "not so in time"
@@ -292,7 +304,7 @@ def test_vehicles_hear_nothing_of_us_while_the_solver_is_stopped_or_dead_and_hea
             os.kill(pid, signal.SIGCONT)
         beats_again(listener)
         assert metric(http, 'skyfolio_solver_answers{lane="flight"}') == 1.0
-        wait(lambda: switches(http) == [False, True])
+        wait(lambda: switches(http)[-2:] == [False, True])
         assert http.get("/ready").status_code == 200
         os.kill(pid, signal.SIGKILL)
         wait(lambda: not lane.answers)

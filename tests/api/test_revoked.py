@@ -18,8 +18,10 @@ from skyfolio.api.http.app import create_app
 from skyfolio.api.http.middleware import AdmissionMiddleware
 from skyfolio.api.lab.demo.client import free_port
 from skyfolio.api.store import Database
+from tests.lateness import lateness
 
 SOON_S = 2.5
+"""On a machine that lets nobody wait."""
 Revoke = Callable[[str], Awaitable[None]]
 
 
@@ -68,9 +70,9 @@ async def test_the_stream_of_a_revoked_key_ends_and_those_of_others_go_on(
                 heard[name] += 1
         ended[name] = time.monotonic()
 
-    async with httpx2.AsyncClient() as client:
+    async with httpx2.AsyncClient() as client, lateness() as late:
         listeners = {name: asyncio.create_task(listen(name, client)) for name in keys}
-        async with asyncio.timeout(20):
+        async with asyncio.timeout(60):
             while app.state.service.events.followers < 2 or not all(heard.values()):  # noqa: ASYNC110
                 await asyncio.sleep(0.01)
             revoked_at = time.monotonic()
@@ -79,10 +81,10 @@ async def test_the_stream_of_a_revoked_key_ends_and_those_of_others_go_on(
                 app.state.service.events.publish_telemetry({})  # a stream that is never quiet is looked after too
                 await asyncio.sleep(0.02)
         await listeners["leaver"]
-        assert ended["leaver"] - revoked_at < SOON_S
+        assert ended["leaver"] - revoked_at < SOON_S + late.late_s
         app.state.service.events.add("still_here")
         before = heard["stayer"]
-        async with asyncio.timeout(20):
+        async with asyncio.timeout(60):
             while heard["stayer"] == before:  # noqa: ASYNC110
                 await asyncio.sleep(0.01)
         assert not listeners["stayer"].done()
@@ -118,10 +120,10 @@ async def test_a_websocket_is_closed_when_its_key_is_revoked(
     connected = asyncio.create_task(AdmissionMiddleware(echo, owner=app)(scope, receive, send))
     await asyncio.sleep(0.6)
     assert not connected.done()
-    revoked_at = time.monotonic()
-    await ring.revoke(key.split("_")[1])
-    async with asyncio.timeout(20):
+    async with lateness() as late, asyncio.timeout(60):
+        revoked_at = time.monotonic()
+        await ring.revoke(key.split("_")[1])
         await connected
-    assert time.monotonic() - revoked_at < SOON_S
+        assert time.monotonic() - revoked_at < SOON_S + late.late_s
     assert bool(taken) == chatty
     assert [(message["type"], message.get("code")) for message in sent] == [("websocket.close", 1008)]

@@ -80,7 +80,7 @@ def fields_of(items: list[MissionItem]) -> list[list[Any]]:
     return [[str(getattr(one, name)) for name in FIELDS] for one in items]
 
 
-async def wait_until(condition: Callable[[], bool], within_s: float = 30.0) -> None:
+async def wait_until(condition: Callable[[], bool], within_s: float = 90.0) -> None:
     """Wait for something to become true; TimeoutError if it does not."""
     async with asyncio.timeout(within_s):
         while not condition():  # noqa: ASYNC110
@@ -100,7 +100,7 @@ async def mavsdk_clients(
     fleet = Fleet(grid_of(count, *HOME, autopilot=autopilot), clock=ScaledClock(speedup), endpoint=endpoint)
     async with fleet:
         systems: dict[int, Any] = {}
-        async with asyncio.timeout(20.0):
+        async with asyncio.timeout(90.0):
             while len(systems) < count:
                 for system in await gcs.get_systems():
                     if await system.has_autopilot():

@@ -38,7 +38,7 @@ async def test_it_streams_no_position_until_a_rate_is_set(clients_of: "OpenClien
                 async with asyncio.timeout(1.5):
                     await anext(stream)
         await client.telemetry.set_rate_position(5.0)
-        async with aclosing(client.telemetry.subscribe_position()) as positions, asyncio.timeout(5.0):
+        async with aclosing(client.telemetry.subscribe_position()) as positions, asyncio.timeout(60.0):
             position = await anext(positions)
         assert position.latitude_deg == pytest.approx(47.397742, abs=1e-6)
 

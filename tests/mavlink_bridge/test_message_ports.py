@@ -44,7 +44,7 @@ class Side:
 
     async def discovered(self, system_id: int = 1) -> None:
         self.vehicle_sends(HEARTBEAT, system_id)
-        async with asyncio.timeout(5):
+        async with asyncio.timeout(60):
             while system_id not in await self.port.systems():  # noqa: ASYNC110
                 await asyncio.sleep(0.01)
 
@@ -79,7 +79,7 @@ class Side:
 
 
 async def until(condition: Callable[[], object]) -> None:
-    async with asyncio.timeout(5):
+    async with asyncio.timeout(60):
         while not condition():  # noqa: ASYNC110
             await asyncio.sleep(0.01)
 

@@ -26,7 +26,7 @@ from skyfolio import sim
 from skyfolio.api.fleet.simulated_fleet import specs_at_starts
 from skyfolio.api.lab.bench.loop import loop_figures
 from skyfolio.api.lab.bench.streams import streams_figures
-from skyfolio.api.lab.demo.client import call, free_port, service_process
+from skyfolio.api.lab.demo.client import call, free_port, planned, service_process
 from skyfolio.planner import EXAMPLES, Scenario, Uav, User
 
 RATE_PER_S = 200
@@ -175,10 +175,10 @@ async def airborne(scenario: Scenario) -> AsyncIterator[tuple[httpx2.AsyncClient
         client = await stack.enter_async_context(service_process(1.0, f"udpin://{endpoint}", log))
         await _warm(client)
         await stack.enter_async_context(fleet)
-        plan = await call(client, "POST", "/v1/plans", params={"wait_s": 60}, json=scenario.model_dump(mode="json"))
+        plan_id = await planned(client, scenario)
         for number, uav in enumerate(scenario.uav_ids, start=1):
             await call(client, "POST", "/v1/fleet/vehicles", json={"uav_id": uav, "system_id": number})
-        path = f"/v1/operations/{(await call(client, 'POST', '/v1/operations', json={'plan_id': plan['id']}))['id']}"
+        path = f"/v1/operations/{(await call(client, 'POST', '/v1/operations', json={'plan_id': plan_id}))['id']}"
         await _until(client, path, lambda operation: operation["slot"] == 1 or operation["error"])
         yield client, fleet, path
 

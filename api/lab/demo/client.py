@@ -14,7 +14,11 @@ from typing import Any
 
 import httpx2
 
+from skyfolio.planner import Scenario
+
 START_LIMIT_S = 240.0
+LOOK = {"wait_s": 60}
+UNFINISHED = frozenset({"queued", "running"})
 
 
 class DemoError(Exception):
@@ -77,3 +81,11 @@ async def call(client: httpx2.AsyncClient, method: str, path: str, **options: An
         detail = answer.json().get("detail", answer.text) if "json" in answer.headers["content-type"] else answer.text
         raise DemoError(f"{method} {path}: {answer.status_code} {detail}")
     return answer.json()
+
+
+async def planned(client: httpx2.AsyncClient, scenario: Scenario) -> str:
+    """Return the id of the plan that the service makes of a scenario, once it is there. Raises DemoError."""
+    made = await call(client, "POST", "/v1/plans", params=LOOK, json=scenario.model_dump(mode="json"))
+    while made["status"] in UNFINISHED:
+        made = await call(client, "GET", f"/v1/plans/{made['id']}", params=LOOK)
+    return str(made["id"])

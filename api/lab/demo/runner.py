@@ -17,7 +17,7 @@ from skyfolio.api.fleet.simulated_fleet import hills_of, specs_at_starts
 from skyfolio.api.flights.base_stations import ASK_EVERY_S, BaseStations, Log, radio_truth
 from skyfolio.api.flights.operation_views import ENDED as ENDED_STATES
 from skyfolio.api.lab.demo import truth
-from skyfolio.api.lab.demo.client import DemoError, call, free_port, service_process
+from skyfolio.api.lab.demo.client import DemoError, call, free_port, planned, service_process
 from skyfolio.api.lab.demo.orders import DemoConfig, Outcome
 from skyfolio.api.lab.demo.page import result_table, write_page
 from skyfolio.api.lab.demo.report import DemoReport
@@ -66,12 +66,10 @@ class Drill:
     async def fly(self, client: httpx2.AsyncClient) -> Outcome:
         """Fly the drill, from the plan to the landing. Raises DemoError when the service refuses something."""
         self._say("planning")
-        plan = await call(
-            client, "POST", "/v1/plans", params={"wait_s": 60}, json=self._scenario.model_dump(mode="json")
-        )
+        plan_id = await planned(client, self._scenario)
         for system_id, uav in enumerate(self._scenario.uavs, start=1):
             await call(client, "POST", "/v1/fleet/vehicles", json={"uav_id": uav.id, "system_id": system_id})
-        order = {"plan_id": plan["id"], "replanning": "auto" if self._config.replan else "off"}
+        order = {"plan_id": plan_id, "replanning": "auto" if self._config.replan else "off"}
         operation = await call(client, "POST", "/v1/operations", json=order)
         path = f"/v1/operations/{operation['id']}"
         with Client(str(client.base_url)) as rest:
