@@ -51,39 +51,53 @@ def own_workers_begun(http: TestClient) -> bool:
 
 
 @pytest.mark.e2e
-def test_plans_and_assessments_are_made_in_the_cluster_and_are_those_of_the_planner() -> None:
+def test_plans_and_assessments_are_made_in_the_cluster_shown_and_cancelled_and_flights_are_solved_here() -> None:
     with dask_cluster(1) as cluster, serving(cluster) as http:
-        minimal = EXAMPLES["minimal"]()
-        answer = http.post("/v1/plans", params={"starts": 4, "wait_s": 60}, json=minimal.model_dump(mode="json"))
-        made = Plan.model_validate_json(answer.content)
-        assert made.trajectories_m == plan(minimal, n_starts=4).trajectories_m
-        trial = Trial(disturbances=Disturbances(draws=5), losses=Losses(at_once=1))
-        assert Client(http=http).robustness(made.id, trial, deadline_s=60) == assess(made, trial)
+        are_those_of_the_planner(http)
+        is_cancelled_with_the_best_so_far(http)
         assert not own_workers_begun(http)
         assert http.get("/health").status_code == 200
         assert "cluster" not in http.get("/ready").json()["checks"]
+        app: Any = http.app
+        lanes = app.state.service.solver.lanes
+        assert type(lanes[LaneName.FLIGHT]).__name__ == "Lane", "it never leaves the machine"
+        assert lanes[LaneName.REQUESTS]._priority > lanes[LaneName.AHEAD]._priority
+
+
+def are_those_of_the_planner(http: TestClient) -> None:
+    """A plan and an assessment from the cluster are what the planner makes of them."""
+    minimal = EXAMPLES["minimal"]()
+    answer = http.post("/v1/plans", params={"starts": 4, "wait_s": 60}, json=minimal.model_dump(mode="json"))
+    made = Plan.model_validate_json(answer.content)
+    assert made.trajectories_m == plan(minimal, n_starts=4).trajectories_m
+    trial = Trial(disturbances=Disturbances(draws=5), losses=Losses(at_once=1))
+    assert Client(http=http).robustness(made.id, trial, deadline_s=60) == assess(made, trial)
+
+
+def is_cancelled_with_the_best_so_far(http: TestClient) -> None:
+    """A plan in the cluster shows its progress meanwhile."""
+    location = http.post("/v1/plans", params=STARTS, json=LONG).headers["Location"]
+    shown = eventually(lambda: (http.get(location).json() or {}).get("best"), "the best plan so far is shown")
+    assert Plan.model_validate(shown).status == "running"
+    assert http.get(location).json()["progress"]["iterations"] >= 1
+    ended = http.post(f"{location}:cancel", params={"wait_s": 60}).json()
+    assert ended["status"] == "cancelled"
+    assert ended["summary"]["utility_bps"] >= shown["summary"]["utility_bps"]
 
 
 @pytest.mark.e2e
-def test_a_plan_in_the_cluster_shows_its_progress_and_is_cancelled_with_the_best_so_far() -> None:
+def test_a_scheduler_that_comes_back_is_used_again_and_when_it_dies_in_mid_solve_a_local_worker_goes_on() -> None:
     with dask_cluster(1) as cluster, serving(cluster) as http:
-        location = http.post("/v1/plans", params=STARTS, json=LONG).headers["Location"]
-        shown = eventually(lambda: (http.get(location).json() or {}).get("best"), "the best plan so far is shown")
-        assert Plan.model_validate(shown).status == "running"
-        assert http.get(location).json()["progress"]["iterations"] >= 1
-        ended = http.post(f"{location}:cancel", params={"wait_s": 60}).json()
-        assert ended["status"] == "cancelled"
-        assert ended["summary"]["utility_bps"] >= shown["summary"]["utility_bps"]
+        cluster.kill_scheduler()
+        eventually(lambda: len(moves(http)) == 2, "it is gone")
+        cluster.start_again()
+        eventually(lambda: len(moves(http)) == 3, "it is there again")
+        assert Client(http=http).plan(EXAMPLES["minimal"]()).status == "succeeded"
         assert not own_workers_begun(http)
-
-
-@pytest.mark.e2e
-def test_when_the_scheduler_dies_in_mid_solve_a_local_worker_makes_the_plan_and_everybody_is_told() -> None:
-    with dask_cluster(1) as cluster, serving(cluster) as http:
         location = http.post("/v1/plans", params=STARTS, json=LONG).headers["Location"]
         eventually(lambda: (http.get(location).json() or {}).get("progress"), "it runs")
         cluster.kill_scheduler()
-        eventually(lambda: len(moves(http)) == 2, "the event")
+        eventually(lambda: len(moves(http)) == 4, "the event")
         assert '"to":"local workers"' in moves(http)[-1]
         assert "went away" in moves(http)[-1]
         ready = http.get("/ready").json()
@@ -95,36 +109,32 @@ def test_when_the_scheduler_dies_in_mid_solve_a_local_worker_makes_the_plan_and_
 
 
 @pytest.mark.e2e
-@pytest.mark.parametrize("later_s", [0.0, 0.05, 0.3, 1.0])
-async def test_the_link_ends_at_once_while_it_says_goodbye_to_a_scheduler_that_died(later_s: float) -> None:
+async def test_links_end_at_once_while_they_say_goodbye_to_a_scheduler_that_died() -> None:
     with dask_cluster(1) as cluster:
-        link, moved = DaskLink(cluster.address), asyncio.Queue[str]()
-        link.tell = lambda _, **data: moved.put_nowait(data["because"])
-        keeping = asyncio.create_task(link.keep())
-        assert await asyncio.wait_for(moved.get(), 60) == ""
+        links = [Kept(cluster) for _ in range(4)]
+        await asyncio.gather(*(link.is_up() for link in links))
         cluster.kill_scheduler()
-        assert await asyncio.wait_for(moved.get(), 60)
+        await asyncio.gather(
+            *(link.ends_at_once(later_s) for link, later_s in zip(links, (0.0, 0.05, 0.3, 1.0), strict=True))
+        )
+
+
+class Kept:
+    """A link to a cluster, and what it tells."""
+
+    def __init__(self, cluster: Cluster) -> None:
+        link = DaskLink(cluster.address)
+        self._told = asyncio.Queue[str]()
+        link.tell = lambda _, **data: self._told.put_nowait(data["because"])
+        self._keeping = asyncio.create_task(link.keep())
+
+    async def is_up(self) -> None:
+        assert await asyncio.wait_for(self._told.get(), 60) == ""
+
+    async def ends_at_once(self, later_s: float) -> None:
+        """End it so long after its scheduler was found dead."""
+        assert await asyncio.wait_for(self._told.get(), 60)
         await asyncio.sleep(later_s)
-        keeping.cancel()
-        assert (await asyncio.wait([keeping], timeout=4.0))[0]
-        assert keeping.cancelled()
-
-
-@pytest.mark.e2e
-def test_a_scheduler_that_comes_back_is_used_again() -> None:
-    with dask_cluster(1) as cluster, serving(cluster) as http:
-        cluster.kill_scheduler()
-        eventually(lambda: len(moves(http)) == 2, "it is gone")
-        cluster.start_again()
-        eventually(lambda: len(moves(http)) == 3, "it is there again")
-        assert Client(http=http).plan(EXAMPLES["minimal"]()).status == "succeeded"
-        assert not own_workers_begun(http)
-
-
-@pytest.mark.e2e
-def test_the_lane_of_flights_never_leaves_the_machine_and_clients_come_before_contingencies() -> None:
-    with dask_cluster(1) as cluster, serving(cluster) as http:
-        app: Any = http.app
-        lanes = app.state.service.solver.lanes
-        assert type(lanes[LaneName.FLIGHT]).__name__ == "Lane"
-        assert lanes[LaneName.REQUESTS]._priority > lanes[LaneName.AHEAD]._priority
+        self._keeping.cancel()
+        assert (await asyncio.wait([self._keeping], timeout=4.0))[0]
+        assert self._keeping.cancelled()

@@ -1,9 +1,5 @@
 """`kill -9` with aircraft in the air: at every step of the journal in virtual time, and for real."""
 
-import asyncio
-import os
-import signal
-from contextlib import AsyncExitStack
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +7,14 @@ import pytest
 
 from skyfolio import sim
 from skyfolio.api.flights.journal import Entry
+from skyfolio.api.flights.operation_views import State
 from skyfolio.planner import EXAMPLES
 from tests.api.field import ENDED, Case, Field, died, events_of
 from tests.api.sky import Sky, flight
 
 SCENARIO = EXAMPLES["paper"]().with_changes(slots=12, altitude_m=8.0)
-STARTING_AT_ONCE = 2
-"""Services start and answer two at a time, which is what loads a machine; fleets that fly on disturb nobody."""
+HOLD_ON_LOSS = 5
+"""COM_OBL_RC_ACT of a PX4 that holds without setpoints; else no stream is begun."""
 LOST = "uav-3"
 WEIGHT = 0.5
 """What a change must be worth to these operations, kbit/s, before the restart and after."""
@@ -35,21 +32,19 @@ MATRIX = [
 ]
 
 
-async def killed_at(case: Case, folder: Path, gate: asyncio.Semaphore) -> None:
+async def killed_at(case: Case, folder: Path) -> None:
     """Fly, lose a UAV, kill the service at that step, start another one, and see the flight through."""
     field = Field(folder)
-    async with field, AsyncExitStack() as stack:
-        async with gate:
-            async with field.service(dies=case) as first:
-                path = await field.take_off(disruption_weight=WEIGHT)
-                field.fleet.inject(sim.Kill(3))
-                await died(first)
-            await stack.enter_async_context(field.service())
-            await field.answered(path)
-        ended = await field.until(path, *ENDED)
-        journal = await field.get(f"{path}/journal")
-        plans = (await field.get("/v1/plans"))["items"]
-        events = await events_of(field)
+    async with field:
+        async with field.service(dies=case) as first:
+            path = await field.take_off(disruption_weight=WEIGHT)
+            field.fleet.inject(sim.Kill(3))
+            await died(first)
+        async with field.service():
+            ended = await field.until(path, *ENDED)
+            journal = await field.get(f"{path}/journal")
+            plans = (await field.get("/v1/plans"))["items"]
+            events = await events_of(field)
     assert_seen_through(case, field.fleet, ended, journal, plans, events)
 
 
@@ -76,28 +71,6 @@ def guidance_resumed(events: list[dict[str, Any]]) -> dict[str, str]:
     """Whether the mission on board of each survivor was recognised after a restart."""
     told = [event["data"] for event in events if event["kind"] == "guidance_resumed"]
     return {said["uav_id"]: said["level"] for said in told if said["uav_id"] != LOST}
-
-
-async def killed_before_the_loss(folder: Path, gate: asyncio.Semaphore) -> None:
-    """A stream ends in missions without the service; a UAV that fell meanwhile is found lost by the next one."""
-    field = Field(folder)
-    async with field, AsyncExitStack() as stack:
-        async with gate:
-            async with field.service() as first:
-                path = await field.take_off(guidance="stream", stream_fallback="mission")
-                os.kill(first.pid, signal.SIGKILL)
-                await first.wait()
-            vehicles = [vehicle.autopilot for vehicle in field.fleet.vehicles.values()]
-            async with asyncio.timeout(60):
-                while {one.mode for one in vehicles} != {sim.Mode.MISSION}:  # noqa: ASYNC110
-                    await asyncio.sleep(0.05)
-            field.fleet.inject(sim.Kill(3))
-            await stack.enter_async_context(field.service())
-            await field.answered(path)
-        ended = await field.until(path, *ENDED)
-        events = await events_of(field)
-    assert_flown_on(field.fleet, ended)
-    assert guidance_resumed(events) == {"uav-1": "ok", "uav-2": "ok"}
 
 
 def assert_flown_on(fleet: sim.Fleet, ended: dict[str, Any]) -> None:
@@ -165,34 +138,45 @@ def kill_at(case: Case, flown: Sky) -> None:
     flown.service.journal.listeners.append(die)
 
 
+def test_a_uav_that_fell_after_the_service_that_streamed_is_found_lost_by_the_next_one() -> None:
+    with flight(SCENARIO) as flown:
+        flown.set_parameters({"COM_OBL_RC_ACT": HOLD_ON_LOSS})
+        operation_id = flown.take_off(guidance="stream", stream_fallback="mission")
+        modes_of = [vehicle.autopilot for vehicle in flown.fleet.vehicles.values()]
+        assert {one.mode for one in modes_of} == {sim.Mode.GUIDED}
+        flown.ground.kill()
+        flown.wait(lambda: {one.mode for one in modes_of} == {sim.Mode.MISSION}, "somebody waits for setpoints")
+        flown.inject(sim.Kill(3))
+        flown.let_pass(2.0)
+        flown.start()
+        flown.ended(operation_id)
+        assert_flown_on(flown.fleet, flown.http.get(f"/v1/operations/{operation_id}").json())
+        assert guidance_resumed(flown.events()) == {"uav-1": "ok", "uav-2": "ok"}
+
+
+def test_commands_in_doubt_before_the_flight_are_left_to_the_operator() -> None:
+    with flight(SCENARIO) as flown:
+        operation_id = flown.client.fly(flown.plan.id).id
+        flown.until(operation_id, lambda view: view.state == State.LAUNCHING)
+        flown.ground.kill()
+        flown.let_pass(2.0)
+        flown.start()
+        found = flown.until(operation_id, lambda view: view.state == State.INTERRUPTED)
+        assert "stopped while launching" in str(found.error)
+        before = {number: len(flown.fleet.truth.happened("takeoff", number)) for number in (1, 2, 3)}
+        answer = flown.http.post(f"/v1/operations/{operation_id}:abort", json={"action": "land"})
+        assert answer.status_code == 200, answer.text
+        assert answer.json()["state"] == "aborted"
+        flown.let_pass(20.0)
+        assert {number: len(flown.fleet.truth.happened("takeoff", number)) for number in (1, 2, 3)} == before
+
+
 @pytest.mark.long
 @pytest.mark.e2e
 async def test_a_process_that_is_killed_with_uavs_in_the_air_is_followed_by_one_that_sees_the_flight_through(
     tmp_path: Path,
 ) -> None:
-    gate = asyncio.Semaphore(STARTING_AT_ONCE)
-    await asyncio.gather(
-        killed_at(Case("uploading", "after", 2), tmp_path / "uploading", gate),
-        killed_before_the_loss(tmp_path / "streaming", gate),
-    )
-
-
-@pytest.mark.e2e
-async def test_commands_in_doubt_before_the_flight_are_left_to_the_operator(tmp_path: Path) -> None:
-    field = Field(tmp_path / "field")
-    async with field:
-        async with field.service() as first:
-            path = await field.take_off(until="launching")
-            os.kill(first.pid, signal.SIGKILL)
-            await first.wait()
-        async with field.service():
-            found = await field.until(path, "interrupted")
-            assert "stopped while launching" in found["error"]
-            before = {number: len(field.fleet.truth.happened("takeoff", number)) for number in (1, 2, 3)}
-            answer = await field.client.post(f"{path}:abort", json={"action": "land"})
-            assert answer.status_code == 200, answer.text
-            assert answer.json()["state"] == "aborted"
-            assert {number: len(field.fleet.truth.happened("takeoff", number)) for number in (1, 2, 3)} == before
+    await killed_at(Case("uploading", "after", 2), tmp_path / "uploading")
 
 
 def test_the_matrix_has_every_step_of_a_recovery() -> None:

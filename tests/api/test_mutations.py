@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from skyfolio.api.cli.main import cli
+from skyfolio.api.lab.torture import mutations
 from skyfolio.api.lab.torture.aims import AIMS, aim_of
 from skyfolio.api.lab.torture.mutations import Hunt, Mutation, copy_with, hunt_all, read_mutations, source_of
 
@@ -91,14 +93,23 @@ def test_a_file_that_makes_no_sense_is_refused(tmp_path: Path, text: str, messag
     assert refused.exit_code != 0
 
 
+def found_at_once(folder: Path | None, seeds: Sequence[int]) -> tuple[int, dict[str, str]] | None:
+    """As if the first drill broke something, with a bug in it."""
+    return None if folder is None else (seeds[0], {"all": "at once"})
+
+
 @pytest.mark.e2e
-def test_drills_find_planted_bugs_and_a_hunt_goes_on_where_it_was_stopped(tmp_path: Path) -> None:
+def test_drills_find_a_planted_bug_and_a_hunt_goes_on_where_it_was_stopped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     easy = [planted for planted in PLANTED if planted.name in EASY]
     results = tmp_path / "mutations.json"
     first = hunt_all(easy[:1], results, seeds=range(1, 11), told=lambda _hunt: None)
     hunted: list[Hunt] = []
+    monkeypatch.setattr(mutations, "_first_failure", found_at_once)
     both = hunt_all(easy, results, seeds=range(1, 11), jobs=2, told=hunted.append)
     assert both[0] == first[0]
+    assert both[0].broken != both[1].broken == {"all": "at once"}
     assert [hunt.found for hunt in both] == [True, True]
     assert {hunt.name for hunt in hunted} == {planted.name for planted in easy}
     assert {row["name"] for row in json.loads(results.read_text())["mutations"]} == set(EASY)

@@ -1,4 +1,4 @@
-"""Two services, one PostgreSQL, one fleet: killed, stopped, cut off and slowed down. Real processes, ground truth."""
+"""Two services, one PostgreSQL, one fleet: killed, stopped and slowed down. Real processes, ground truth."""
 
 import asyncio
 import itertools
@@ -106,22 +106,3 @@ async def slow_for(field: SharedField, path: str, seconds: float) -> None:
 def landed_s(field: SharedField) -> float:
     """When the first vehicle was down; from the end of the operation on, vehicles are anybody's again."""
     return min(event.t_s for event in field.fleet.truth.happened("landed"))
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("field", [{"lease_s": LONG_S, "slots": 12}], indirect=True)
-async def test_a_service_cut_off_from_the_database_is_silent_before_another_takes_over(field: SharedField) -> None:
-    path = await field.take_off()
-    field.first.line.cut()
-    await taken_over(field.second)
-    last_s = max(message.t_s for message in field.received(field.first))
-    began_s = min(message.t_s for message in field.received(field.second, field.claimed_s()))
-    assert last_s < began_s
-    await asyncio.sleep(2.0)
-    assert max(message.t_s for message in field.received(field.first)) == last_s
-    field.first.line.mend()
-    assert (await field.first.until(path, "flying", "landing", owner="second"))["owner"] == "second"
-    assert_flown(field, await field.second.until(path, *LANDED))
-    journal = await field.second.get(f"{path}/track")
-    times = [point["elapsed_s"] for point in journal]
-    assert len(times) == len(set(times)), "what the first still had to store was refused"

@@ -10,7 +10,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ import pytest
 
 import skyfolio.sweep
 from skyfolio.api.common import dask_cluster as dask_cluster_module
-from skyfolio.api.common.dask_cluster import SchedulerError
+from skyfolio.api.common.dask_cluster import SchedulerError, own_cluster
 from skyfolio.api.lab.sweep.parts import Parts, SweepError
 from skyfolio.api.lab.sweep.run import Outcome, cluster, sweep
 from skyfolio.api.lab.sweep.spec import Spec, spec_of
@@ -61,40 +61,48 @@ async def test_an_own_cluster_computes_a_sweep_and_a_second_run_finds_it(tmp_pat
 
 
 @pytest.mark.e2e
-@pytest.mark.parametrize(
-    ("how", "said"), [(work.broken, "ZeroDivisionError: for a test"), (work.deadly, "KilledWorker")]
-)
-async def test_a_batch_that_breaks_is_reported_and_left_out_and_the_others_are_computed(
-    tmp_path: Path, how: Callable[[Any], bytes], said: str
-) -> None:
+async def test_what_breaks_or_stops_on_a_cluster_costs_itself_and_no_more(tmp_path: Path) -> None:
+    async with own_cluster(2, "a test") as client:
+        await one_batch_breaks(client, tmp_path / "broken", work.broken, "ZeroDivisionError: for a test")
+        await one_batch_breaks(client, tmp_path / "deadly", work.deadly, "KilledWorker")
+        await a_stopped_sweep_keeps_what_is_finished_and_goes_on_later(client, tmp_path / "stopped")
+        await a_worker_of_another_version_ends_the_sweep_with_an_error(client, tmp_path / "other")
+
+
+async def swept_on(client: Any, spec: Spec, out: Path, **options: Any) -> Outcome:
+    return await sweep(spec, out, nullcontext(client), options.pop("stop", asyncio.Event()), **options)
+
+
+async def one_batch_breaks(client: Any, out: Path, how: Callable[[Any], bytes], said: str) -> None:
+    """It is reported and left out, the others are computed, and it is tried again."""
     spec = cases(40, batch=4)
-    outcome = await swept(spec, tmp_path, None, work=how)
+    outcome = await swept_on(client, spec, out, work=how)
     assert (outcome.stored, outcome.broken, outcome.complete) == (36, 1, False)
     assert outcome.errors[0].startswith(f"cases 0 to 3: {said}")
-    assert (await swept(spec, tmp_path, None, work=work.waiting)).complete, "it is tried again"
-    assert_complete(spec, tmp_path)
+    assert (await swept_on(client, spec, out, work=work.waiting)).complete, "it is tried again"
+    assert_complete(spec, out)
 
 
-@pytest.mark.e2e
-async def test_a_stopped_sweep_keeps_what_is_finished_and_goes_on_later(tmp_path: Path) -> None:
+async def a_stopped_sweep_keeps_what_is_finished_and_goes_on_later(client: Any, out: Path) -> None:
     spec, stop = cases(400, batch=4), asyncio.Event()
 
     def advance(stored: int, _: int) -> None:
         if stored >= 16:
             stop.set()
 
-    outcome = await swept(spec, tmp_path, None, work=work.waiting, stop=stop, advance=advance)
+    outcome = await swept_on(client, spec, out, work=work.waiting, stop=stop, advance=advance)
     assert outcome.stopped
     assert 16 <= outcome.stored < 400
-    assert outcome.stored == len(skyfolio.sweep.load(tmp_path))
-    rest = await swept(cases(400, batch=4), tmp_path, None, work=work.waiting, stop=_soon_set(stop))
+    assert outcome.stored == len(skyfolio.sweep.load(out))
+    assert stop.is_set(), "so that what is there is listed, and nothing is computed"
+    rest = await swept_on(client, cases(400, batch=4), out, work=work.waiting, stop=stop)
     assert rest.found == outcome.stored
 
 
-def _soon_set(stop: asyncio.Event) -> asyncio.Event:
-    """The event that is set already: what is there is listed, and nothing is computed."""
-    assert stop.is_set()
-    return stop
+async def a_worker_of_another_version_ends_the_sweep_with_an_error(client: Any, out: Path) -> None:
+    with pytest.raises(SweepError, match="a worker of the cluster cannot take part"):
+        await swept_on(client, cases(8, batch=2), out, work=work.of_another_version)
+    assert Parts(out).there() == set()
 
 
 async def test_nobody_at_the_address_is_an_error_that_names_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -148,22 +156,15 @@ async def test_the_scheduler_going_away_ends_the_sweep_and_another_computes_the_
     assert_complete(spec, tmp_path)
 
 
-@pytest.mark.e2e
-async def test_a_worker_of_another_version_ends_the_sweep_with_an_error(tmp_path: Path) -> None:
-    with pytest.raises(SweepError, match="a worker of the cluster cannot take part"):
-        await swept(cases(8, batch=2), tmp_path, None, work=work.of_another_version)
-    assert Parts(tmp_path).there() == set()
-
-
 LONG = """
 batch = 1
 [base]
 layout = {kind = "uniform", uavs = 8, users = 60, slots = 400}
 [vary]
-starts = [1, 64]
+starts = [1, 512]
 seed = {range = [0, 30]}
 """
-"""First one start each: a second; then 64, which takes longer than any test waits."""
+"""First one start each: a second; then 512, which takes longer than any test waits."""
 
 
 @contextmanager
@@ -201,7 +202,7 @@ def test_ctrl_c_ends_all_processes_at_once_and_nothing_finished_is_lost(tmp_path
     assert told["stopped"]
     assert there <= parts.there()
     assert told["stored"] == len(parts.there()) == len(skyfolio.sweep.load(out))
-    assert took_s < 8, "far less than what the workers were computing"
+    assert took_s < 60, "far less than what the workers were computing"
     assert ended(family)
 
 
