@@ -365,13 +365,11 @@ async def test_a_hold_is_as_long_as_the_longest_piece_and_not_as_all_of_them(mon
     assert await loop.longest_hold_ms(lambda: pieces(0.007)) == pytest.approx(7.0)
 
 
-@pytest.mark.e2e
-@pytest.mark.parametrize("section", SECTIONS)
-def test_a_part_runs_in_a_process_of_its_own(section: str) -> None:
-    kind = SECTIONS[section].kinds[0]
-    found = in_a_process(Part(section, TINY[0], kind), cores()[-1], QUICK)
+def test_a_part_runs_in_a_process_of_its_own() -> None:
+    found = in_a_process(Part("users", TINY[0], SECTIONS["users"].kinds[0]), cores()[-1], QUICK)
     assert "skipped" not in found
-    assert found["figures"]
+    assert [row["what"] for row in found["figures"]["rows"]] == ["tracks", "windows", "weights", "demands"]
+    assert found["cpu_s"] > 0
 
 
 def test_what_fails_in_its_process_is_told_by_its_last_line() -> None:
@@ -486,10 +484,10 @@ def test_the_check_of_many_says_what_is_broken_and_how_far_it_is(monkeypatch: py
 
 
 def test_the_check_of_many_finds_the_same_in_several_processes() -> None:
-    assert checked(range(1, 5), processes=2) == checked(range(1, 5))
+    assert checked(range(1, 3), processes=2) == checked(range(1, 3))
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=5, deadline=None)
 @given(st.integers(0, 100_000))
 def test_random_plans_and_replans_pass_the_independent_check(seed: int) -> None:
     assert broken(seed) == []
@@ -556,10 +554,10 @@ def test_the_bench_of_expected_rates_says_gain_and_price_of_each_number_of_draws
 
 def test_the_bench_of_areas_sets_plans_by_areas_beside_plans_at_once(monkeypatch: Any) -> None:
     monkeypatch.setattr(areas, "_alone", lambda call, *arguments: call(*arguments))
-    monkeypatch.setattr(areas, "SLOTS", 6)
+    monkeypatch.setattr(areas, "SLOTS", 4)
     monkeypatch.setattr(areas, "USERS_A_UAV", 4)
     monkeypatch.setattr(areas, "LAYOUTS", areas.LAYOUTS[:1])
-    figures = areas.areas_figures((18,), ((18, 40, 6),))
+    figures = areas.areas_figures((18,), ((18, 40, 4),))
     assert [row["kind"] for row in figures["grown"]] == ["sum", "sum", "per_user", "pooled"]
     for row in figures["grown"]:
         assert row["gap"] >= 0.0
@@ -570,8 +568,8 @@ def test_the_bench_of_areas_sets_plans_by_areas_beside_plans_at_once(monkeypatch
         assert row["ratio"] == row["areas"]["utility_bps"] / row["at_once"]["utility_bps"]
         assert 0.9 <= row["ratio"] <= 1.1
     text = areas.markdown(figures)
-    assert "| 18x72x6 | `per_user` (-0.1) |" in text
-    assert "| 18x40x6 | clustered |" in text
+    assert "| 18x72x4 | `per_user` (-0.1) |" in text
+    assert "| 18x40x4 | clustered |" in text
     assert [table.row_count for table in areas.tables(figures)] == [4, 4]
 
 

@@ -99,7 +99,7 @@ def test_no_feasible_plan_is_better_than_the_bound(seed: int, n_uavs: int) -> No
         assert ((near2 <= d2 * (1 + 1e-9)) & (d2 <= far2 * (1 + 1e-9)))[there].all()
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(st.integers(0, 2**31), st.integers(4, 8), st.booleans())
 def test_no_feasible_plan_of_a_fleet_is_better_than_what_every_plan_is_told(
     seed: int, n_uavs: int, sampled: bool
