@@ -6,9 +6,13 @@ COMPILED := $(VENV)/.compiled
 KERNELS := $(wildcard planner/*.py planner/*/*.py)
 # Which files have tests that run the whole product; importing all the others takes each worker longer than some of these.
 FLIGHTS := $(shell grep -rlE "mark\.(e2e|browser)" tests --include "test_*.py")
+# Tests that need no compiled kernel.
+LIGHT := tests/sim tests/mavlink_bridge tests/recordings
 ARGS ?=
+# Tests start a hundred processes: none of them compiles again what another has.
+unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: test-sitl demo test serve bench lint kernels packages format clean
+.PHONY: test-sitl demo test serve bench lint light kernels packages format clean
 .DEFAULT_GOAL := demo
 
 $(READY): pyproject.toml constraints.txt scripts/setup.sh
@@ -23,14 +27,19 @@ $(COMPILED): $(READY) $(KERNELS)
 demo: $(COMPILED)
 	$(BIN)/skyfolio demo $(ARGS)
 
-# What is compiled takes one core, lint the other. Flights mostly wait: four workers are no load for two cores.
+# What is compiled takes one core; lint, and then the tests that need nothing of it, the other. Flights mostly wait: four
+# workers are no load for two cores.
 test: $(READY)
-	$(MAKE) --jobs 3 kernels lint packages
-	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder --durations 10 $(ARGS)
+	$(MAKE) --jobs 3 kernels packages $(if $(ARGS),lint,light)
+	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder --durations 10 \
+		$(or $(ARGS),$(addprefix --ignore ,$(LIGHT)))
 	$(BIN)/python -m pytest --numprocesses 4 --dist loadscope --durations 20 -m "e2e or browser" $(or $(ARGS),$(FLIGHTS)) \
 		|| [ $$? -eq 5 ] # pytest's exit status where ARGS choose none of these
 
 kernels: $(COMPILED)
+
+light: lint
+	$(BIN)/python -m pytest $(LIGHT)
 
 packages:
 	sh scripts/postgres.sh
