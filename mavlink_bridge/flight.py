@@ -71,8 +71,13 @@ async def set_mode(vehicle: Vehicle, mode: FlightMode) -> None:
         await _in_mode(vehicle, mode)
 
 
-async def set_current(vehicle: Vehicle, item: int) -> None:
-    """Make `item` the next to be flown, and see it or the next flown item in MISSION_CURRENT. Raises NotDone."""
+async def set_current(vehicle: Vehicle, item: int, *, may: Callable[[], bool] = lambda: True) -> None:
+    """Make `item` the next to be flown, and see it or the next flown item in MISSION_CURRENT. Raises NotDone.
+
+    may: returns whether it may be sent, or sent again, at this moment.
+    """
+    if not may():
+        raise NotDone(f"item {item} is not made current: it is one of another mission")
     state, before, reports = vehicle.state, vehicle.state.mission_current, vehicle.state.mission_reports
     reported = vehicle.profile.current_after(vehicle.on_board or (), item)
 
@@ -90,14 +95,14 @@ async def set_current(vehicle: Vehicle, item: int) -> None:
             if _SET_CURRENT not in vehicle.unsupported:
                 raise
     if _SET_CURRENT in vehicle.unsupported:
-        seen = await _insist_on_item(vehicle, item, is_current)
+        seen = await _insist_on_item(vehicle, item, is_current, may)
     else:
         seen = await ask_until(vehicle, is_current)
     if not seen:
         raise NotDone(f"item {item} did not become current: {seen_of(vehicle)}")
 
 
-async def _insist_on_item(vehicle: Vehicle, item: int, is_current: Callable[[], bool]) -> bool:
+async def _insist_on_item(vehicle: Vehicle, item: int, is_current: Callable[[], bool], may: Callable[[], bool]) -> bool:
     """Send MISSION_SET_CURRENT, which has no acknowledgement, again with each report that does not show the item.
 
     Return whether the item became current.
@@ -107,7 +112,7 @@ async def _insist_on_item(vehicle: Vehicle, item: int, is_current: Callable[[], 
     deadline_s = loop.time() + confirm_s(vehicle)
     while not is_current():
         left_s = deadline_s - loop.time()
-        if left_s <= 0:
+        if left_s <= 0 or not may():
             return False
         vehicle.send(order)
         await ask_until(vehicle, is_current, min(wait_s, left_s))

@@ -55,6 +55,10 @@ class Kept:
     altitude: AltitudeWatch | None = None
     home: HomeWatch | None = None
 
+    def is_on_board(self) -> bool:
+        """Return whether the vehicle is proven to have the mission that is kept."""
+        return self.vehicle.on_board == self.keeper.mission.items
+
 
 OnSlip = Callable[[int, Slip], None]
 OnOrder = Callable[[int, Order], None]
@@ -127,11 +131,14 @@ def _deviations(watched: Kept, snapshot: Telemetry, elapsed_s: float) -> Iterato
 
 
 async def _give(watched: Kept, order: Order) -> None:
-    """Send an order to a vehicle that is seen in its mission just now; if it fails, a later look sends it again."""
+    """Send an order to a vehicle that is seen in its mission just now; if it fails, a later look sends it again.
+
+    An item is one of the mission that is kept: in another, which is sent meanwhile, its number may be the landing.
+    """
     try:
         if order.item is not None:
             await require_in_mission(watched.vehicle)
-            await set_current(watched.vehicle, order.item)
+            await set_current(watched.vehicle, order.item, may=watched.is_on_board)
         elif order.its_own_speed:
             await restore_speed(watched.vehicle, order.speed_mps or watched.keeper.model.cruise_mps)
         elif order.speed_mps is not None:

@@ -89,7 +89,7 @@ class Keeper:
     ) -> None:
         self.model = model
         self._route = Route(path_m, slot_s)
-        self._mission = mission
+        self.mission = mission
         self._restarts_hold = profile_of(mission.autopilot).restarts_hold
         self._stops = sorted(mission.slot_of_item.items())
         self._departures = [self._departs(number) for number in range(len(self._stops))]
@@ -175,7 +175,7 @@ class Keeper:
     def _leave(self, number: int, now_s: float, point_m: Point) -> Order | None:
         """Return the order to end a hold whose time is over, or that needs a head start into the next leg."""
         seq, _ = self._stops[number]
-        if number + 1 >= len(self._stops) or self._mission.items[seq].param1 <= 0 or seq == self._ordered_item:
+        if number + 1 >= len(self._stops) or self.mission.items[seq].param1 <= 0 or seq == self._ordered_item:
             return None
         leaves_s = self._leaves_s(number)
         if not self._is_near(number, point_m) or now_s + LEAD_S < leaves_s:
@@ -190,7 +190,7 @@ class Keeper:
         ArduCopter counts its hold from the moment its current item is made current again; PX4 ignores that order.
         """
         seq, _ = self._stops[number]
-        hold_s = self._mission.items[seq].param1
+        hold_s = self.mission.items[seq].param1
         if hold_s <= 0 or not self._restarts_hold or not self._is_near(number, point_m):
             return None
         if self._holding is None:
@@ -211,7 +211,7 @@ class Keeper:
         over_s = now_s - self._route.due_s(self._route.last) - self._route.slot_s
         if over_s < 0 or seq == self._ordered_item or not self._anew == current_item == seq:
             return None
-        if seq + 1 >= len(self._mission.items):
+        if seq + 1 >= len(self.mission.items):
             return None
         self._ordered_item = seq
         return Order(late_s=over_s, item=seq + 1)
@@ -240,13 +240,13 @@ class Keeper:
 
     def _compiled_speed(self, seq: int) -> float:
         """Return the speed that the mission itself has for the leg to an item: the compiler looks further ahead."""
-        speeds = [item.param2 for item in self._mission.items[:seq] if item.command == Command.DO_CHANGE_SPEED]
+        speeds = [item.param2 for item in self.mission.items[:seq] if item.command == Command.DO_CHANGE_SPEED]
         return speeds[-1] if speeds else 0.0
 
     def _fly(self, number: int, now_s: float, point_m: Point, velocity_mps: Point) -> Order | None:
         """Return the order to fly at the speed that meets the next point of the plan in time."""
         seq, slot = self._stops[number]
-        if seq < self._mission.start_item or self._waits(number, point_m):
+        if seq < self.mission.start_item or self._waits(number, point_m):
             return None
         target = self._target(number, now_s)
         corner = self._route.path_m[min(slot, target)]

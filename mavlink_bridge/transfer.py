@@ -56,21 +56,23 @@ async def upload_items(
     loop = asyncio.get_running_loop()
     started = loop.time()
     flown = mission_type is MissionType.MISSION
+    old = vehicle.on_board if flown else None
     transfer = VerifiedUpload(
         items,
         vehicle.system_id,
         autopilot=vehicle.autopilot,
-        old=vehicle.on_board if flown else None,
+        old=old,
         mission_type=mission_type,
         attempts=attempts,
         silence_s=silence_s,
         round_trip=vehicle.round_trip,
     )
     if flown:
-        vehicle.state.accepted_id = None
+        vehicle.state.accepted_id, vehicle.on_board = None, None
     await vehicle.converse(transfer, given_up)
-    if flown and transfer.on_board is not OnBoard.OLD:
-        vehicle.on_board = tuple(items) if transfer.on_board is OnBoard.NEW else None
+    if flown:
+        proven = {OnBoard.NEW: tuple(items), OnBoard.OLD: old}
+        vehicle.on_board = None if transfer.on_board is None else proven.get(transfer.on_board)
     return UploadResult(
         system_id=vehicle.system_id,
         seconds=loop.time() - started,

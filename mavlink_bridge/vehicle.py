@@ -113,7 +113,7 @@ class Vehicle:
         self.start_item = 1
         """The item of the mission on board that a vehicle in the air begins with."""
         self.on_board: tuple[MissionItem, ...] | None = None
-        """The mission it is proven to have; None: unknown."""
+        """The mission it is proven to have; None: unknown, as while another one is sent."""
         self.round_trip = RoundTrip()
         """The round trip that all requests to it have measured."""
         self.unsupported: set[int] = set()

@@ -93,6 +93,60 @@ async def test_the_keeper_gives_orders_and_tells_of_every_slot(
         assert max(slip.distance_m for slip in slips) < 12.0  # at five times real time, on a loaded machine
 
 
+class _GoesOn:
+    """A keeper that has one item made current, again and again."""
+
+    ends_s = 100.0
+
+    def __init__(self, mission: Any) -> None:
+        self.mission, self.refused = mission, 0
+
+    def advise(self, *_seen: Any) -> Order:
+        return Order(late_s=0.0, item=self.mission.start_item + 1)
+
+    def slip(self, *_seen: Any) -> None:
+        return None
+
+    def not_taken(self, _order: Order) -> None:
+        self.refused += 1
+
+
+@BOTH
+@pytest.mark.parametrize("sent", [False, True], ids=["the mission on board", "while another one is sent"])
+@in_virtual_time
+async def test_the_keeper_makes_an_item_current_only_in_the_mission_that_it_keeps(
+    airfield: Open, plan_of: PlanOf, autopilot: Autopilot, sent: bool
+) -> None:
+    plan = plan_of({"uav-1": PATH}, altitude_m=8.0)
+    async with airfield(plan, autopilot=autopilot, speedup=5.0) as field:
+        keeper: Any = _GoesOn(await airborne(field, plan, autopilot))
+        vehicle = field.link.vehicle(1)
+        kept = Kept(vehicle=vehicle, keeper=keeper, origin=plan.scenario.origin)
+        await field.link.start({1})
+        before = len(items_set(field))
+        vehicle.on_board = None if sent else vehicle.on_board
+        keeping = asyncio.create_task(
+            keep(
+                {1: kept},
+                elapsed_s=field.clock.now,
+                now_s=field.clock.now,
+                scale=5.0,
+                on_slip=lambda _system, _slip: None,
+            )
+        )
+        await field.fly_for(4.0)
+        keeping.cancel()
+        await asyncio.gather(keeping, return_exceptions=True)
+        assert (len(items_set(field)) == before) is sent
+        assert keeper.refused or not sent
+
+
+def items_set(field: Any) -> list[Any]:
+    """Return the messages that have made an item of the vehicle's mission current."""
+    received = [message for message in field.fleet.truth.messages if message.direction == "in"]
+    return [message for message in received if message.name == "MISSION_SET_CURRENT" or message.command == 224]
+
+
 @BOTH
 @pytest.mark.parametrize("fall_back", list(FallBack))
 @in_virtual_time
