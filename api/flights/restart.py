@@ -151,18 +151,26 @@ async def _settle_incident(operation: Operation, entries: list[Entry]) -> None:
     done = bool(sent) and set(sent) & survivors == flying & survivors and bool(flying)
     interrupted = "the service was stopped before the recovery was complete"
     journaled = _report_from(entries, "flying", None) if done else _report_from(entries, "interrupted", interrupted)
+    in_doubt = {uav: None if uav in flying else "in doubt when the service was stopped" for uav in sent}
     report = journaled.model_copy(
         update={
             "plan_id": plan_id,
             **(changes_of(operation.flight.plan) if operation.flight.plan.id == plan_id else {}),
             "in_force_at_s": operation.flight.timeline[-1].from_s if took_effect else None,
-            "vehicles": {uav: None if uav in flying else "in doubt when the service was stopped" for uav in sent},
+            "vehicles": _outcome_of_each(entries) or in_doubt,
         }
     )
     if done and not any(entry.step is Step.FLYING for entry in entries):
         await _write(operation, report.incident, Step.FLYING, {"plan_id": plan_id, "vehicles": report.vehicles})
     await _close(operation, entries, report)
     await operation.save()
+
+
+def _outcome_of_each(entries: list[Entry]) -> dict[str, str | None] | None:
+    """Return what the journal of a recovery that was closed says of each UAV; None if it was not closed."""
+    if entries[-1].step is not Step.CLOSED:
+        return None
+    return next((entry.data["vehicles"] for entry in reversed(entries) if entry.step is Step.FLYING), None)
 
 
 def _took_effect(operation: Operation, entries: list[Entry], sent: Entry) -> bool:

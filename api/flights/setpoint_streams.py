@@ -93,6 +93,17 @@ class SetpointStreams:
         awaited = [task for system, task in self._hand_overs.items() if system in systems]
         if awaited:
             await asyncio.wait(awaited)
+        self._guard_only_the_rest()
+
+    def _guard_only_the_rest(self) -> None:
+        """Let the guard see only to those that still get setpoints: others may be sent another mission next.
+
+        What it would make current is an item of the mission that they fell back on.
+        """
+        over = {system for system, task in self._hand_overs.items() if task.done()}
+        if over:
+            self._streamed = {uav: one for uav, one in self._streamed.items() if self._systems[uav] not in over}
+            self._instruct_guard(self._streamed)
 
     def drop(self) -> None:
         """End the stream at once, with nothing in its place, and wait for nothing."""

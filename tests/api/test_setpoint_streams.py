@@ -5,12 +5,14 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from skyfolio.api.common.fleet_clock import FleetClock
 from skyfolio.api.flights.setpoint_streams import SetpointStreams
+from skyfolio.mavlink_bridge.guard import Orders
 from skyfolio.mavlink_bridge.guidance import FallBack
 
 SYSTEMS = {"uav-1": 1, "uav-2": 2}
@@ -52,8 +54,24 @@ class Monitor:
 
 
 class NoFleet:
+    links, signing_key_file = ("udpin://127.0.0.1:1",), None
+    rights = SimpleNamespace(until_s=lambda _systems: None)
+
     class link:  # noqa: N801
         monitor = Monitor()
+
+
+class OneGuard:
+    """A guard that keeps its latest orders."""
+
+    def __init__(self) -> None:
+        self.latest: Orders | None = None
+
+    def orders(self, orders: Orders | None) -> None:
+        self.latest = orders
+
+    async def close(self) -> None:
+        self.latest = None
 
 
 @asynccontextmanager
@@ -102,3 +120,16 @@ async def test_a_stream_that_is_dropped_sends_nobody_onto_a_mission_and_waits_fo
             await waiting
             await stream_to.end(None)
         assert stream.let_go == []
+
+
+async def test_the_guard_leaves_a_vehicle_alone_that_has_let_go_and_may_be_sent_another_mission() -> None:
+    async with streaming() as (stream_to, stream):
+        guard: Any = OneGuard()
+        mission = SimpleNamespace(slot_of_item={2: 0, 4: 1}, item_of_slot=lambda slot: 2 + 2 * slot)
+        assigned: Any = SimpleNamespace(slot_s=5.0, path_m=[(0.0, 0.0), (0.0, 9.0)], mission=mission)
+        stream_to._guard, stream_to._streamed = guard, {"uav-1": assigned, "uav-2": assigned}
+        stream_to.renew_guard()
+        assert guard.latest.items.keys() == {1, 2}
+        stream.answers.set()
+        await stream_to.end(["uav-1"])
+        assert guard.latest.items.keys() == {2}
