@@ -162,6 +162,10 @@ class Sky:
         self.until(operation.id, lambda view: view.state == State.FLYING)
         return operation.id
 
+    def look_at(self, operation_id: str) -> OperationView:
+        """The operation as `client.operation` reads it, but not over HTTP: looking at it would be most of a test."""
+        return self.run(self.ground.ask(self.service.operations.view(operation_id), self.service))
+
     def until(
         self,
         operation_id: str,
@@ -173,9 +177,9 @@ class Sky:
         """The operation once it is so. AssertionError after `within_s`, or when it fails (unless it may: `fails`)."""
         until_s = self.now_s + within_s
         while True:
-            view = self.client.operation(operation_id)
+            view = self.look_at(operation_id)
             if is_so(view):
-                return view
+                return view.model_copy(deep=True)
             assert fails or view.state != State.FAILED, view.error
             assert self.now_s < until_s, f"not so after {within_s:g} s: {view}"
             self.let_pass(LOOK_S)

@@ -181,7 +181,7 @@ async def test_a_vehicle_whose_new_mission_cannot_be_proven_holds(
         relay.to_ground = lambda datagram: [] if datagram[7] == MISSION_COUNT else [datagram]  # no download begins
         (result,) = (await field.link.swap(missions_of(moved(plan, 8.0), airborne=True))).values()
         assert (result.ok, result.held) == (False, True)
-        assert result.error == "MISSION_REQUEST_LIST: no answer for 1.5 s"
+        assert str(result.error).startswith("MISSION_REQUEST_LIST: no answer for ")  # longer, the slower the link was
         assert mode_of(field, 1) is Mode.HOLD
 
 
