@@ -23,7 +23,8 @@ CLIMB_MPS = 1.5
 
 Altitude = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0.1, le=20_000)]
 """Metres above home or ground."""
-Amsl = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-500, le=30_000)]
+LOWEST_M, HIGHEST_M = -500, 30_000
+Amsl = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=LOWEST_M, le=HIGHEST_M)]
 """Metres above mean sea level."""
 ClimbRate = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=50)]
 
@@ -54,6 +55,10 @@ class LimitedUav(Limited, Protocol):
     @property
     def start_altitude_m(self) -> float | None:
         """How high it flies already."""
+
+    @property
+    def max_climb_mps(self) -> float | None:
+        """How fast it climbs and descends."""
 
 
 class LimitedFleet(Limited, Protocol):
@@ -106,6 +111,11 @@ def limits_of(scenario: LimitedFleet, uav: LimitedUav) -> AltitudeLimits:
     if low is None and high is None:
         return AltitudeLimits(wanted, None)
     return AltitudeLimits(wanted if low is None else low, wanted if high is None else high)
+
+
+def climb_mps(uav: LimitedUav) -> float:
+    """Return how fast a UAV climbs and descends, m/s."""
+    return CLIMB_MPS if uav.max_climb_mps is None else uav.max_climb_mps
 
 
 def clearance_of(scenario: LimitedFleet) -> float:

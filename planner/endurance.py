@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import nan
 
 import numpy as np
@@ -25,10 +26,51 @@ def proven_use_wh(previous: Plan, uav: Uav, begin: int) -> float | None:
     return max(0.0, battery.budget_wh - left)
 
 
+def proven_by_wh(plan: Plan, uav_id: str, slots: float) -> float | None:
+    """Return what a UAV has used at most `slots` slot durations after its plan began, Wh; None where it is not known.
+
+    It is not for UAVs without a battery or that are not in the plan, nor before they have flown for a slot.
+    """
+    if uav_id not in plan.energy_margin_wh:
+        return None
+    uav, last = plan.scenario.uav(uav_id), plan.scenario.slots - 1
+    at = min(max(slots, 1.0 if uav.battery is None or uav.battery.used_wh is None else 0.0), float(last))
+    low = min(int(at), last - 1) if last else 0
+    here, there = (proven_use_wh(plan, uav, slot) for slot in (low, min(low + 1, last)))
+    if here is None:
+        return there
+    return here if there is None else here + (at - low) * (there - here)
+
+
 def in_the_air(uav: Uav, *, home_m: Point, used_wh: float | None) -> Uav:
     """Return the UAV with so much used of its battery, and the home that it started from."""
     assert uav.battery is not None  # noqa: S101 - the caller has looked
     return uav.model_copy(update={"home_m": home_m, "battery": uav.battery.model_copy(update={"used_wh": used_wh})})
+
+
+def for_one_slot(scenario: Scenario, uavs: tuple[Uav, ...], proven_wh: Mapping[str, float | None]) -> tuple[Uav, ...]:
+    """Return the UAVs, those whose measured energy does not even last for one slot with just enough for it.
+
+    Such a UAV is planned to go home after that slot, as soon as any plan can have it; refused, it would leave the
+    others without a plan. What is proven to be used, Wh by id, is not doubted.
+    """
+    air = scenario.air_for(uavs)
+    if air is None or not air.has_energy or not uavs:
+        return uavs
+    starts = np.array([uav.start_m for uav in uavs], dtype=float)
+    lacks_wh = {stay.uav: stay.lacks_wh for stay in stays(air, starts, starts, [0] * len(uavs))}
+    return tuple(
+        _with_less_used(uav, lacks_wh[u], proven_wh[uav.id] or 0.0) if u in lacks_wh and uav.id in proven_wh else uav
+        for u, uav in enumerate(uavs)
+    )
+
+
+def _with_less_used(uav: Uav, less_wh: float, least_wh: float) -> Uav:
+    battery = uav.battery
+    if battery is None or battery.used_wh is None:
+        return uav
+    used_wh = max(least_wh, battery.used_wh - less_wh)
+    return uav.model_copy(update={"battery": battery.model_copy(update={"used_wh": used_wh})})
 
 
 def while_energy_lasts(scenario: Scenario, uavs: tuple[Uav, ...], slots: int) -> tuple[Uav, ...]:

@@ -13,11 +13,12 @@ from pydantic import ValidationError
 from shapely import Point as GeoPoint
 from shapely import Polygon
 
-from skyfolio.planner.altitudes import plans_altitudes
+from skyfolio.planner.altitudes import HIGHEST_M, LOWEST_M, plans_altitudes
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.changes import Changes, ReplanError, uavs_after, users_after
 from skyfolio.planner.corrections import CorrectionsDb
-from skyfolio.planner.endurance import in_the_air, proven_use_wh, while_energy_lasts
+from skyfolio.planner.endurance import for_one_slot, in_the_air, proven_use_wh, while_energy_lasts
+from skyfolio.planner.energy.parts import MOST_WH
 from skyfolio.planner.plans import Cause, Plan
 from skyfolio.planner.problem import Past
 from skyfolio.planner.scenario import NoFlyDisc, NoFlyPolygon, Point, Scenario, Uav, zone_holds
@@ -46,24 +47,29 @@ def remaining(
     achieved_rates_bps: Mapping[str, Sequence[float]] | None = None,
     changes: Changes | None = None,
     corrections_db: CorrectionsDb | None = None,
+    *,
+    altitudes_m: Mapping[str, float] | None = None,
+    used_wh: Mapping[str, float] | None = None,
 ) -> tuple[Scenario, Past]:
     """Return the remaining scenario, with survivors at their live positions, and the past that counts; as in `replan`.
 
     Raises ReplanError for unknown ids, a slot outside the plan, no UAV or user left, survivors closer than `D_min`, an
-    end position that is out of reach by now, or rates that are not finite, negative or of the wrong length.
+    end position that is out of reach by now, altitudes or energies that are no such thing, or rates that are not
+    finite, negative or of the wrong length.
     """
     changes = changes or Changes()
     gone = {*failed, *changes.failed}
     begin = at_slot - previous.first_slot
     _check_request(previous, gone, begin, positions_m)
+    _check_live(previous, altitudes_m or {}, used_wh or {})
     if changes.origin not in {None, previous.scenario.origin}:
         raise ReplanError(f"origin: {changes.origin} is not that of plan {previous.id}, {previous.scenario.origin}")
     planned = {uav.id: previous.trajectories_m[uav.id][begin] for uav in previous.scenario.uavs}
     now = {**planned, **(positions_m or {})}
+    before = [uav for uav in previous.scenario.uavs if uav.id not in gone and previous.scenario.last_slot(uav) >= begin]
+    high, used = altitudes_m or {}, used_wh or {}
     survivors = tuple(
-        _moved_on(previous, uav, now[uav.id], begin)
-        for uav in previous.scenario.uavs
-        if uav.id not in gone and previous.scenario.last_slot(uav) >= begin
+        _moved_on(previous, uav, now[uav.id], begin, high.get(uav.id), used.get(uav.id)) for uav in before
     )
     uavs, users = uavs_after(survivors, changes), users_after(previous.scenario, changes, begin)
     if not uavs:
@@ -76,6 +82,7 @@ def remaining(
         "slots": previous.scenario.slots - begin,
     }
     try:
+        uavs = for_one_slot(previous.scenario, uavs, {uav.id: proven_use_wh(previous, uav, begin) for uav in before})
         uavs = while_energy_lasts(previous.scenario, uavs, again["slots"])
         scenario = previous.scenario.with_changes(uavs=uavs, users=users, **again)
     except ValidationError as error:
@@ -121,6 +128,21 @@ def _whose_fault(error: ValidationError, changes: Changes) -> str:
     return f"{field}: {said}"
 
 
+def _check_live(previous: Plan, altitudes_m: Mapping[str, float], used_wh: Mapping[str, float]) -> None:
+    """Raise ReplanError for a UAV that is unknown, and for what is no altitude and no energy."""
+    for field, given, least, most in (
+        ("altitudes_m", altitudes_m, LOWEST_M, HIGHEST_M),
+        ("used_wh", used_wh, 0, MOST_WH),
+    ):
+        for uav, value in given.items():
+            if uav not in previous.scenario.uav_ids:
+                raise ReplanError(f"{field}: {uav!r} is not a UAV of plan {previous.id}")
+            if not least <= value <= most:
+                raise ReplanError(f"{field}.{uav}: {value} must be a number from {least} to {most:g}")
+    if altitudes_m and previous.altitudes_m is None:
+        raise ReplanError(f"altitudes_m: plan {previous.id} has no altitudes")
+
+
 def _check_request(
     previous: Plan, failed: set[str], begin: int, positions_m: Mapping[str, tuple[float, float]] | None
 ) -> None:
@@ -134,17 +156,25 @@ def _check_request(
         raise ReplanError(f"at_slot: {begin + previous.first_slot} must lie in {previous.first_slot}..{last}")
 
 
-def _moved_on(previous: Plan, uav: Uav, now: Sequence[float], begin: int) -> Uav:
-    """Return the UAV at its live position, `begin` slots later, at the altitude that the plan has for it then."""
+def _moved_on(
+    previous: Plan, uav: Uav, now: Sequence[float], begin: int, altitude_m: float | None, used_wh: float | None
+) -> Uav:
+    """Return the UAV `begin` slots later at its live position and altitude, with so much used of its battery.
+
+    Without an altitude it is at the one that the plan has for it then; what it has used is at least what is proven.
+    """
     scenario = previous.scenario
     leaves = None if uav.leaves_at_slot is None else uav.leaves_at_slot - begin
     moved: dict[str, Any] = {"start_m": _into_flying_area(scenario, now), "leaves_at_slot": leaves}
     if plans_altitudes(scenario) and previous.altitudes_m is not None:
-        moved |= {"home_m": uav.home_m or uav.start_m, "start_altitude_m": previous.altitudes_m[uav.id][begin]}
+        there_m = previous.altitudes_m[uav.id][begin] if altitude_m is None else float(altitude_m)
+        moved |= {"home_m": uav.home_m or uav.start_m, "start_altitude_m": there_m}
     there = uav.model_copy(update=moved)
     if uav.battery is None:
         return there
-    return in_the_air(there, home_m=uav.home_m or uav.start_m, used_wh=proven_use_wh(previous, uav, begin))
+    proven_wh = proven_use_wh(previous, uav, begin)
+    use_wh = proven_wh if used_wh is None else max(float(used_wh), proven_wh or 0.0)
+    return in_the_air(there, home_m=uav.home_m or uav.start_m, used_wh=use_wh)
 
 
 def _into_flying_area(scenario: Scenario, point: Sequence[float]) -> Point:

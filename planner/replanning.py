@@ -26,6 +26,8 @@ def replan(
     failed: Sequence[str] = (),
     at_slot: int,
     positions_m: Mapping[str, tuple[float, float]] | None = None,
+    altitudes_m: Mapping[str, float] | None = None,
+    used_wh: Mapping[str, float] | None = None,
     achieved_rates_bps: Mapping[str, Sequence[float]] | None = None,
     changes: Changes | None = None,
     cause: Cause | None = None,
@@ -40,6 +42,8 @@ def replan(
 
     failed: ids of the UAVs that are gone. at_slot: the first slot to plan, on the operation's slot grid.
     positions_m: where the survivors are when that slot begins, metres east/north (default: where the plan has them).
+    altitudes_m: how high they are then, in the datum of the plan's altitudes (default: as planned). used_wh: what they
+    have used of their batteries by then; less than the plan has proven does not count (default: that).
     achieved_rates_bps: what each user got in the slots before `at_slot` (default: what the plan promised).
     changes: what else is different, and failed UAVs too. pins: what the new plan is held to, by its own slots; a pinned
     UAV keeps to the rest of its path. keep_pins: whether pins of the previous plan hold too, as far as they can still
@@ -55,7 +59,17 @@ def replan(
     """
     changes, given = changes or Changes(), pins or Pins()
     corrections_db = None if is_large(previous.scenario) else corrections_db
-    scenario, past = remaining(previous, failed, at_slot, positions_m, achieved_rates_bps, changes, corrections_db)
+    scenario, past = remaining(
+        previous,
+        failed,
+        at_slot,
+        positions_m,
+        achieved_rates_bps,
+        changes,
+        corrections_db,
+        altitudes_m=altitudes_m,
+        used_wh=used_wh,
+    )
     rest_m = rest_of_paths_m(previous, at_slot, changes)
     flown = in_force or previous
     kept_m = set(rest_m) & set(flown.trajectories_m)

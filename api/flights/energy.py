@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 from pydantic import BaseModel
 
 from skyfolio.mavlink_bridge.telemetry import Telemetry
 from skyfolio.planner import Plan
+from skyfolio.planner.endurance import proven_by_wh
 from skyfolio.planner.energy.outlook import Outlook, outlook_of
 
 GAUGE_SHARE = 0.01
@@ -49,6 +50,35 @@ def outlook_in_flight(plan: Plan, uav: str, elapsed_s: float | None, telemetry: 
         return None
     slots = elapsed_s / plan.scenario.slot_duration_s - plan.first_slot
     return outlook_of(plan, uav, slots, telemetry.battery)
+
+
+def used_by_slot_wh(
+    plan: Plan,
+    uavs: Iterable[str],
+    at_slot: int,
+    elapsed_s: float,
+    telemetry: Callable[[str], Telemetry | None],
+) -> dict[str, float]:
+    """Return what UAVs will have used when a slot begins, Wh, of those that use more than their plan has proven.
+
+    By then each uses what the plan has proven for that time on top of what its gauge says now. A gauge that says less
+    than the proof, or more by no more than rounding, is left out: the proof counts. elapsed_s: fleet seconds since slot
+    0 of the operation.
+    """
+    now = elapsed_s / plan.scenario.slot_duration_s - plan.first_slot
+    used = {}
+    for uav in uavs:
+        heard = telemetry(uav)
+        charge = None if heard is None else heard.battery
+        proven = [proven_by_wh(plan, uav, slots) for slots in (now, at_slot - plan.first_slot)]
+        if charge is None or proven[0] is None or proven[1] is None:
+            continue
+        battery = plan.scenario.uav(uav).battery
+        usable_wh = 0.0 if battery is None else battery.usable_wh
+        beyond_wh = usable_wh * (1.0 - charge) - proven[0]
+        if beyond_wh > GAUGE_SHARE * usable_wh:
+            used[uav] = proven[1] + beyond_wh
+    return used
 
 
 class EnergyWatch:

@@ -231,6 +231,13 @@ class Flight(FlightTimeline):
         heard = {uav: self.telemetry(uav) for uav in self.systems}
         return {uav: telemetry.altitude_amsl_m for uav, telemetry in heard.items() if telemetry is not None}
 
+    def heights_m(self) -> dict[str, float]:
+        """Return how high each UAV was last heard to be, metres in the datum of its plan's altitudes."""
+        if self.first_plan.scenario.terrain is not None:
+            return self.altitudes_m()
+        heard = {uav: self.telemetry(uav) for uav in self.systems}
+        return {uav: telemetry.relative_alt_m for uav, telemetry in heard.items() if telemetry is not None}
+
     def still_up(self) -> list[str]:
         """Return the surviving UAVs that have not landed."""
         return [uav for uav in self.surviving() if not self.roster.has_landed(uav)]

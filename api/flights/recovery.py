@@ -22,7 +22,8 @@ from skyfolio.api.flights.losses import LossKind
 from skyfolio.api.flights.recovery_report import RecoveryReport, changes_of
 from skyfolio.api.flights.shared_services import SharedServices
 from skyfolio.api.flights.swap import Swap
-from skyfolio.api.flights.transition import Present, achieved, expected_position, require_in_reach, require_separated
+from skyfolio.api.flights.transition import Present, achieved, require_in_reach, require_separated
+from skyfolio.api.flights.whereabouts import whereabouts
 from skyfolio.api.plans.solver import LaneName
 from skyfolio.mavlink_bridge import BridgeError
 from skyfolio.planner import Cause, Plan, ReplanError, remaining
@@ -216,7 +217,7 @@ class Recovery:
             return None
         weight = self._incident.disruption_weight
         plan = self._shared.contingencies.ready(flight.plan, at_slot, lost[0], weight)
-        if plan is None:
+        if plan is None or whereabouts(flight, flight.plan, at_slot)["used_wh"]:
             return None
         try:
             self._check(plan)
@@ -227,17 +228,10 @@ class Recovery:
 
     def _request(self, previous: Plan, at_slot: int) -> dict[str, Any]:
         flight = self._flight
-        positions_m, now_s = flight.positions_m(), flight.now_s()
         return {
             "failed": [uav for uav in previous.scenario.uav_ids if uav in flight.lost],
             "at_slot": at_slot,
-            "positions_m": {
-                uav: positions_m[uav]
-                if uav in self._incident.readmitted
-                else expected_position(flight.plan, uav, positions_m[uav], now_s, at_slot)
-                for uav in previous.scenario.uav_ids
-                if uav in positions_m and uav not in flight.lost
-            },
+            **whereabouts(flight, previous, at_slot, self._incident.readmitted),
             "achieved_rates_bps": achieved(flight, at_slot),
             "corrections_db": flight.measured.corrections_db,
         }
@@ -251,7 +245,8 @@ class Recovery:
         if not self._in_time(plan):
             raise ReplanError(f"at_slot: slot {plan.first_slot} is over before its plan could be flown")
         require_separated(dict.fromkeys(plan.scenario.uav_ids, plan), Present.of(self._flight))
-        require_in_reach(plan, positions_m, (plan.first_slot + 1) * self._flight.slot_s - self._flight.now_s())
+        left_s = (plan.first_slot + 1) * self._flight.slot_s - self._flight.now_s()
+        require_in_reach(plan, positions_m, left_s, self._flight.heights_m())
 
     def _still_fits(self, plan: Plan) -> bool:
         """Return whether the plan that was checked before the operator was asked can still be flown."""

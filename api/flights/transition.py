@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from math import hypot
+from math import copysign, hypot, inf
 
 from skyfolio.api.flights.flight import Flight
 from skyfolio.api.flights.traffic import Traffic
@@ -14,7 +14,7 @@ from skyfolio.mavlink_bridge.errors import TransitionTooClose
 from skyfolio.mavlink_bridge.ghosts import Airspace, Conflict
 from skyfolio.mavlink_bridge.transitions import check_transition
 from skyfolio.planner import Plan, ReplanError
-from skyfolio.planner.altitudes import clearance_of
+from skyfolio.planner.altitudes import clearance_of, climb_mps
 from skyfolio.planner.geometry import Point, point_at
 
 SPEED_TOLERANCE = 1.25
@@ -44,6 +44,20 @@ def expected_position(plan: Plan, uav_id: str, live_m: Point, now_s: float, at_s
             return here[0] + share * move[0], here[1] + share * move[1]
         here, slots_left = point, slots_left - (step / in_a_slot if step > 0.0 else 0.0)
     return here
+
+
+def expected_altitude(plan: Plan, uav_id: str, live_m: float, now_s: float, at_slot: int) -> float:
+    """Return how high a UAV that follows `plan` will be when slot `at_slot` begins, in the datum of its altitudes.
+
+    It climbs or descends from where it is now to the altitude that the plan has then, as fast as it can; a metre that
+    it is behind by then does not count. live_m: how high it is now. now_s: fleet seconds since slot 0 of the operation.
+    """
+    scenario = plan.scenario
+    left_s = max(at_slot * scenario.slot_duration_s - now_s, 0.0)
+    most_m = climb_mps(scenario.uav(uav_id)) * left_s + TRACKING_M
+    planned_m = altitudes_of(plan, uav_id).at(at_slot - plan.first_slot)
+    short_m = planned_m - live_m
+    return planned_m if abs(short_m) <= most_m else live_m + copysign(most_m - TRACKING_M, short_m)
 
 
 def scheduled_at(plan: Plan, uav_id: str, now_s: float) -> Point:
@@ -206,13 +220,19 @@ def _require_clear_of_ghosts(uav: str, plan: Plan, present: Present, required_m:
             raise ReplanError(f"transition: {conflict}")
 
 
-def require_in_reach(plan: Plan, live: Mapping[str, Point], left_s: float) -> None:
+def require_in_reach(
+    plan: Plan, live: Mapping[str, Point], left_s: float, heights_m: Mapping[str, float] | None = None
+) -> None:
     """Refuse a plan whose first point a survivor cannot reach in the `left_s` fleet seconds that its first leg has.
 
-    live: where UAVs are, metres east/north. Raises ReplanError naming the UAV.
+    live: where UAVs are, metres east/north. heights_m: how high they are, as far as it is known, in the datum of the
+    plan's altitudes. One that is too high comes down later: that is safe. Raises ReplanError naming the UAV.
     """
     for uav in plan.scenario.uavs:
         first = plan.trajectories_m[uav.id][min(1, plan.scenario.slots - 1)]
+        short_m = altitudes_of(plan, uav.id).at(1) - (heights_m or {}).get(uav.id, inf)
+        if plan.altitudes_m is not None and short_m > climb_mps(uav) * SPEED_TOLERANCE * left_s + TRACKING_M:
+            raise ReplanError(f"transition: {uav.id!r} is {short_m:.1f} m too low with {left_s:.1f} s to go")
         here = live[uav.id]
         move = first[0] - here[0], first[1] - here[1]
         far, speed_mps = hypot(*move), plan.scenario.longest_step_m(uav.id, move) / plan.scenario.slot_duration_s

@@ -10,7 +10,8 @@ from skyfolio.planner.parts import Frozen, Placed, Point, PositionDeg, either, i
 
 Mps = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-100, le=100)]
 Speed = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=1000)]
-WattHours = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=1e6)]
+MOST_WH = 1e6
+WattHours = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=MOST_WH)]
 Power = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=1e6)]
 
 
@@ -64,7 +65,7 @@ class Battery(Frozen):
 
     usable_wh: WattHours
     reserve_share: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, lt=1)] = 0.2
-    used_wh: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=1e6)] | None = None
+    used_wh: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=MOST_WH)] | None = None
 
     @property
     def budget_wh(self) -> float:

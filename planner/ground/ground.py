@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from skyfolio.planner.altitudes import CLIMB_MPS, clearance_of, limits_of, plans_altitudes
+from skyfolio.planner.altitudes import clearance_of, climb_mps, limits_of, plans_altitudes
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.channels.radio import RadioChannel
 from skyfolio.planner.scenario import Scenario
@@ -58,7 +58,6 @@ def ground_of(scenario: Scenario) -> Ground | None:
         return None
     terrain = scenario.terrain or Terrain.flat()
     limits = [limits_of(scenario, uav) for uav in scenario.uavs]
-    climbs = [CLIMB_MPS if uav.max_climb_mps is None else uav.max_climb_mps for uav in scenario.uavs]
     starts = [np.nan if uav.start_altitude_m is None else uav.start_altitude_m for uav in scenario.uavs]
     return Ground(
         terrain=terrain,
@@ -66,7 +65,7 @@ def ground_of(scenario: Scenario) -> Ground | None:
         low_m=np.array([limit.low_m for limit in limits]),
         high_m=np.array([np.inf if limit.high_m is None else limit.high_m for limit in limits]),
         clearance_m=clearance_of(scenario),
-        climb_m=np.array(climbs) * scenario.slot_duration_s,
+        climb_m=np.array([climb_mps(uav) for uav in scenario.uavs]) * scenario.slot_duration_s,
         home_m=np.array([uav.home_m or uav.start_m for uav in scenario.uavs], dtype=float),
         start_m=np.array(starts),
         user_ground_m=terrain.height_m(tracks_of(scenario)[0]),

@@ -1,6 +1,7 @@
 """Paths that no altitude makes safe are cut short: the UAV stays at the last point from which it is.
 
-So are paths whose climbs leave too little energy to come home: the planner of paths knows nothing of them.
+One that flies already, lower than its path asks for, may also climb at its start first and fly the path later. Paths
+whose climbs leave too little energy to come home are cut short too: the planner of paths knows nothing of them.
 """
 
 from __future__ import annotations
@@ -45,7 +46,8 @@ def _safer(problem: Problem, ground: Ground, paths_m: Array, known_m: Array | No
     alone, one = ground.of(np.array([u])), problem.only(np.array([u]))
     if problem.pinned_m.size and np.isfinite(problem.pinned_m[u]).any():
         return
-    rows = _shorter(paths_m[u], int(ground.n_flying[u]), None if known_m is None else known_m[u])
+    known = None if known_m is None else known_m[u]
+    rows = _shorter(paths_m[u], int(ground.n_flying[u]), known, waits=bool(np.isfinite(ground.start_m[u])))
     for row in _climbable(alone, rows):
         if not _is_safe(one, alone, row[None]).all():
             continue
@@ -64,9 +66,17 @@ def _climbable(alone: Ground, rows_m: Iterator[Array]) -> Iterator[Array]:
         yield from (row for row, fits in zip(block, room.is_flyable(), strict=True) if fits)
 
 
-def _shorter(path_m: Array, n_flying: int, known_m: Array | None) -> Iterator[Array]:
-    for n in range(n_flying - 2, -1, -1):
-        yield np.concatenate([path_m[: n + 1], np.repeat(path_m[n : n + 1], len(path_m) - n - 1, axis=0)])
+def _shorter(path_m: Array, n_flying: int, known_m: Array | None, *, waits: bool) -> Iterator[Array]:
+    """Yield paths (N, 2) that lose the last slots of this one, as few as possible first, then the known one.
+
+    waits: also with as many slots of waiting at its start before it.
+    """
+    slots = np.arange(len(path_m))
+    for lost in range(1, n_flying):
+        last = n_flying - 1 - lost
+        yield path_m[np.minimum(slots, last)]
+        if waits and last:
+            yield path_m[np.clip(slots - lost, 0, last)]
     if known_m is not None:
         yield known_m
 

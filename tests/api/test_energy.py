@@ -7,12 +7,13 @@ import pytest
 
 from skyfolio.api.common.errors import ConflictError
 from skyfolio.api.fleet.rotor_fit import rotors_of
-from skyfolio.api.flights.energy import EnergyWatch, energy_view
+from skyfolio.api.flights.energy import EnergyWatch, energy_view, used_by_slot_wh
 from skyfolio.api.lab.bench.energy import Air, energy_figures, fitted, markdown, table
 from skyfolio.mavlink_bridge import Autopilot, FleetLink
 from skyfolio.mavlink_bridge.power_log import PowerSample
 from skyfolio.mavlink_bridge.telemetry import Telemetry
-from skyfolio.planner import EXAMPLES, MaxIterations, Plan, plan
+from skyfolio.planner import EXAMPLES, MaxIterations, Plan, Scenario, plan, remaining, replan, violations
+from skyfolio.planner.endurance import proven_by_wh
 from skyfolio.planner.energy.power import law_of
 from skyfolio.planner.scenario import Battery, Rotors, Wind
 
@@ -45,6 +46,48 @@ def test_a_uav_lacks_energy_once_it_has_used_more_than_its_margin_beyond_the_pla
 
 
 EXAMPLES_PLAN = plan(EXAMPLES["minimal"](), n_starts=1, stop=MaxIterations(1))
+
+
+def test_what_the_gauge_says_counts_in_a_replan_only_where_it_is_more_than_the_plan_has_proven() -> None:
+    made = planned()
+    slot_s = made.scenario.slot_duration_s
+    now, then = (proven_by_wh(made, "uav-1", slots) or 0.0 for slots in (1, 2))
+    assert 0.0 < now < then
+
+    def used(charge: float | None) -> dict[str, float]:
+        told = cast("Telemetry", SimpleNamespace(battery=charge))
+        return used_by_slot_wh(made, ["uav-1", "nobody"], 2, slot_s, lambda _uav: told)
+
+    assert used(None) == used(1.0) == used(1.0 - now / 40.0) == {}
+    assert used(1.0 - (now + 0.39) / 40.0) == {}  # less than a per cent of the battery: that may be rounding
+    assert used(1.0 - (now + 5.0) / 40.0) == {"uav-1": pytest.approx(then + 5.0)}
+    assert used_by_slot_wh(EXAMPLES_PLAN, ["uav-1"], 2, slot_s, lambda _uav: None) == {}
+
+
+def test_a_replan_counts_on_what_a_battery_was_measured_to_hold() -> None:
+    made = planned()
+    usual, _ = remaining(made, ["uav-2"], 2)
+    more, _ = remaining(made, ["uav-2"], 2, used_wh={"uav-1": 20.0})
+    less, _ = remaining(made, ["uav-2"], 2, used_wh={"uav-1": 0.0})
+    proven = used_wh_of(usual)
+    assert proven == pytest.approx(proven_by_wh(made, "uav-1", 2))
+    assert used_wh_of(more) == 20.0
+    assert used_wh_of(less) == proven  # a gauge that says less is not believed
+
+
+def used_wh_of(scenario: Scenario) -> float:
+    battery = scenario.uav("uav-1").battery
+    assert battery is not None
+    assert battery.used_wh is not None
+    return battery.used_wh
+
+
+def test_a_survivor_that_is_nearly_empty_goes_home_at_once_and_leaves_the_others_their_plan() -> None:
+    made = planned()
+    rest = replan(made, at_slot=1, used_wh={"uav-1": 39.9}, n_starts=1, stop=MaxIterations(1))
+    assert rest.scenario.uav("uav-1").leaves_at_slot == 1
+    assert rest.scenario.uav("uav-2").leaves_at_slot is None
+    assert violations(rest) == []
 
 
 def test_clients_see_the_outlook() -> None:

@@ -86,6 +86,30 @@ def test_the_survivor_of_a_loss_keeps_the_clearance_on_its_way_into_the_new_plan
     on_hills(fly)
 
 
+def test_a_uav_that_is_lower_than_planned_when_another_is_lost_is_planned_for_from_where_it_is() -> None:
+    """West climbs all the way by its plan; here it climbs a third as fast."""
+
+    async def fly(ground: Ground) -> None:
+        operation_id = await flown(ground)
+        began_s = ground.now_s
+        ground.fleet.vehicles[1].autopilot.parameters["MPC_Z_V_AUTO_UP"] = 0.5
+        ground.fleet.inject(sim.Kill(2), at_s=began_s + 12.0)
+        view = await until(ground, operation_id, lambda view: view.recoveries and view.recoveries[0].plan_id)
+        assert ground.service is not None
+        first, again = [await ground.ask(ground.service.plans.finished(plan_id)) for plan_id in view.plan_ids]
+        [west] = again.scenario.uavs
+        assert first.altitudes_m is not None
+        assert west.start_altitude_m is not None
+        await asyncio.sleep(began_s + again.first_slot * 5.0 - ground.now_s)
+        flown_m = ground.fleet.truth.of(1)[-1].altitude_amsl_m
+        assert first.altitudes_m["west"][again.first_slot] > flown_m + 10.0
+        assert flown_m - 1.0 <= west.start_altitude_m < flown_m + 8.0  # it is believed to climb until then
+        await until(ground, operation_id, ended)
+        assert least_over_ground(ground, 1, began_s + 40.0, 25.0) >= 25.0 - TRACKING_M
+
+    on_hills(fly)
+
+
 def test_a_return_in_flight_comes_home_over_the_hill() -> None:
     async def fly(ground: Ground) -> None:
         await flown(ground)

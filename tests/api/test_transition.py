@@ -5,7 +5,9 @@ import pytest
 from skyfolio.api.flights.transition import (
     Present,
     begun_at,
+    expected_altitude,
     expected_position,
+    require_in_reach,
     require_over_ground,
     require_separated,
     way_into,
@@ -38,6 +40,40 @@ def test_a_uav_off_its_line_first_returns_to_it(eastward: Plan) -> None:
 
 def test_no_time_left_means_no_way_to_go(eastward: Plan) -> None:
     assert expected_position(eastward, "uav-1", (61.0, 49.0), 10.0, 2) == (61.0, 49.0)
+
+
+def climbing(made: Plan, *, terrain: Terrain | None = None) -> Plan:
+    """The plan with uav-1 climbing 6 m in each 5 s slot; it can do 7.5 m."""
+    limits = {"altitude_min_m": 30.0, "altitude_max_m": 90.0, "terrain": terrain}
+    altitudes = {uav: [40.0, 46.0, 52.0, 58.0] for uav in made.trajectories_m}
+    scenario = made.scenario.model_copy(update=limits)
+    return made.model_copy(update={"scenario": scenario, "altitudes_m": altitudes})
+
+
+@pytest.mark.parametrize(
+    ("live_m", "now_s", "expected_m"),
+    [
+        (42.4, 2.0, 52.0),  # on plan
+        (41.6, 2.0, 52.0),  # a little late: it catches up
+        (30.0, 2.0, 42.0),  # it climbs as fast as it can, 12 m in 8 s
+        (39.4, 2.0, 52.0),  # short of it by less than a metre
+        (80.0, 2.0, 68.0),  # it comes down as fast as it can
+        (41.0, 10.0, 41.0),
+    ],
+)
+def test_a_uav_is_expected_as_high_as_it_can_climb(
+    eastward: Plan, live_m: float, now_s: float, expected_m: float
+) -> None:
+    assert expected_altitude(climbing(eastward), "uav-1", live_m, now_s, 2) == pytest.approx(expected_m)
+
+
+def test_a_plan_that_a_survivor_is_too_low_for_is_refused(eastward: Plan) -> None:
+    made, live = climbing(eastward), {uav: path[0] for uav, path in eastward.trajectories_m.items()}
+    require_in_reach(made, live, 5.0)
+    require_in_reach(made, live, 5.0, {"uav-1": 37.0, "uav-2": 80.0})
+    with pytest.raises(ReplanError, match=r"transition: 'uav-1' is 11.0 m too low with 5.0 s to go"):
+        require_in_reach(made, live, 5.0, {"uav-1": 35.0})
+    require_in_reach(eastward, live, 5.0, {"uav-1": 0.0})  # a plan without altitudes
 
 
 def test_a_mission_begins_where_the_uav_really_is(eastward: Plan) -> None:

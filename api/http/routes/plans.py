@@ -110,6 +110,17 @@ class ReplanRequest(Changes):
         dict[str, tuple[float, float]] | None,
         Field(description="Where survivors are when `at_slot` begins; default: where the plan has them."),
     ] = None
+    altitudes_m: Annotated[
+        dict[str, float] | None,
+        Field(description="How high survivors are then, in the datum of the plan's altitudes; default: as planned."),
+    ] = None
+    used_wh: Annotated[
+        dict[str, float] | None,
+        Field(
+            description="What survivors have used of their batteries by then, Wh; the least, and the default, is what "
+            "the plan has proven."
+        ),
+    ] = None
     achieved_rates_bps: Annotated[
         dict[str, list[float]] | None,
         Field(description="Rates each user received in every slot before `at_slot`; default: as planned."),
@@ -146,6 +157,8 @@ class ReplanRequest(Changes):
             "failed": (),
             "at_slot": self.at_slot,
             "positions_m": self.positions_m,
+            "altitudes_m": self.altitudes_m,
+            "used_wh": self.used_wh,
             "achieved_rates_bps": self.achieved_rates_bps,
             "changes": Changes(**{name: getattr(self, name) for name in Changes.model_fields}),
         }

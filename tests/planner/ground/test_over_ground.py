@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,9 +17,11 @@ from skyfolio.planner import (
     MaxIterations,
     Pins,
     Plan,
+    ReplanError,
     UnreachableEndError,
     delivered_rates_bps,
     plan,
+    remaining,
     replan,
     violations,
 )
@@ -125,6 +128,45 @@ def test_a_replan_goes_on_from_the_altitude_and_home_of_the_plan_before() -> Non
     assert (violations(rest), judged(rest)) == ([], [])
 
 
+def test_a_replan_goes_on_from_the_altitude_that_is_flown_where_that_is_not_the_planned_one() -> None:
+    made = planned()
+    assert made.altitudes_m is not None
+    late_m = made.altitudes_m["west"][5] - 20.0
+    rest = replan(made, failed=["south"], at_slot=5, altitudes_m={"west": late_m}, stop=MaxIterations(4))
+    assert rest.altitudes_m is not None
+    assert rest.scenario.uavs[0].start_altitude_m == late_m
+    high_m = made.altitudes_m["west"][5] + 40.0
+    down = replan(made, failed=["south"], at_slot=5, altitudes_m={"west": high_m}, stop=MaxIterations(4))
+    assert down.altitudes_m is not None
+    assert down.altitudes_m["west"][0] == pytest.approx(high_m, abs=1e-5)
+    assert down.altitudes_m["west"][-1] < high_m - 20.0
+    for again in (rest, down):
+        assert (violations(again), judged(again)) == ([], [])
+
+
+def test_a_uav_that_is_too_low_for_the_hill_ahead_climbs_first_and_then_flies_over_it() -> None:
+    alone = over_the_hill(users=over_the_hill().users[:1], uavs=over_the_hill().uavs[:1], slots=30)
+    [west] = alone.uavs
+    low = west.model_copy(update={"start_altitude_m": 441.0, "home_m": west.start_m, "max_climb_mps": 1.0})
+    made = plan(alone.with_changes(uavs=(low,)), n_starts=1, stop=MaxIterations(4))
+    assert (violations(made), judged(made)) == ([], [])
+    assert made.trajectories_m["west"][-1][0] > 350.0  # behind the hill, where its user is
+
+
+@pytest.mark.parametrize(
+    ("live", "message"),
+    [
+        ({"altitudes_m": {"nobody": 500.0}}, "altitudes_m: 'nobody' is not a UAV"),
+        ({"altitudes_m": {"west": float("nan")}}, "altitudes_m.west: nan must be a number from -500"),
+        ({"used_wh": {"nobody": 1.0}}, "used_wh: 'nobody' is not a UAV"),
+        ({"used_wh": {"west": -1.0}}, "used_wh.west: -1.0 must be a number from 0"),
+    ],
+)
+def test_an_altitude_or_an_energy_that_is_none_is_refused_by_name(live: dict[str, Any], message: str) -> None:
+    with pytest.raises(ReplanError, match=message):
+        remaining(planned(), ["south"], 5, **live)
+
+
 def test_a_uav_that_cannot_climb_in_time_flies_less_far() -> None:
     low = tuple(
         uav.model_copy(update={"start_altitude_m": 441.0, "home_m": uav.start_m, "max_climb_mps": 0.2})
@@ -133,7 +175,9 @@ def test_a_uav_that_cannot_climb_in_time_flies_less_far() -> None:
     made = planned(uavs=low)
     assert violations(made) == []
     assert made.altitudes_m is not None
-    assert made.altitudes_m["west"][-1] <= 441.0 + 0.2 * 5.0 * 11 + 1e-6
+    assert made.altitudes_m["west"][-1] <= made.altitudes_m["west"][0] + 0.2 * 5.0 * 11 + 1e-6
+    assert made.altitudes_m["west"][0] < 444.0
+    assert made.trajectories_m["west"][-1][0] < 250.0  # not over the hill
 
 
 def test_an_end_that_cannot_be_reached_over_the_hill_is_refused_by_name() -> None:
