@@ -10,6 +10,10 @@ from math import dist
 from skyfolio.mavlink_bridge.schedule import SAME_PLACE_M
 from skyfolio.planner.geometry import Point, between
 
+MOVING_MPS = 1.0
+"""A leg flown more slowly than this is a hover. A GPS position is off by a metre or two, which is ten seconds at
+0.2 m/s: seconds say something about a UAV that moves, and metres about every UAV."""
+
 
 @dataclass(frozen=True, slots=True)
 class Planned:
@@ -56,11 +60,15 @@ class Route:
         """Return whether the plan stays at the point of this slot for a while."""
         return slot >= self.last or self.way_m(slot, slot + 1) < SAME_PLACE_M
 
-    def late_s(self, slot: int, point_m: Point) -> float:
-        """Return the seconds that the missing way to a slot's point takes at the pace of the leg that ends there."""
+    def late_s(self, slot: int, point_m: Point) -> float | None:
+        """Return the seconds that the missing way to a slot's point takes at the pace of the leg that ends there.
+
+        None where the plan hardly moves in that leg: see MOVING_MPS.
+        """
         (e0, n0), (e1, n1) = self.path_m[slot - 1], self.path_m[slot]
-        leg_m = dist((e0, n0), (e1, n1))
-        if leg_m < SAME_PLACE_M:
-            return 0.0
+        pace_mps = self.pace_mps(slot - 1)
+        if pace_mps < MOVING_MPS:
+            return None
+        leg_m = pace_mps * self.slot_s
         along_m = ((e1 - point_m[0]) * (e1 - e0) + (n1 - point_m[1]) * (n1 - n0)) / leg_m
-        return along_m / (leg_m / self.slot_s)
+        return along_m / pace_mps

@@ -38,7 +38,7 @@ class Metrics:
         )
         self.slot_lateness = Histogram(
             "slot_lateness_seconds",
-            "How late a UAV is as a slot begins, or early",
+            "How late a UAV that moves is as a slot begins, or early",
             ["uav"],
             buckets=LATE_S,
             **common,
@@ -56,10 +56,11 @@ class Metrics:
         self.loop_lag = Histogram("event_loop_lag_seconds", "How late the event loop wakes", buckets=BLOCKED, **common)
         self.worst_lag_s = 0.0
 
-    def note_slip(self, uav_id: str, distance_m: float, late_s: float) -> None:
-        """Note how far (metres) and how late (fleet seconds) a UAV was as a slot began."""
+    def note_slip(self, uav_id: str, distance_m: float, late_s: float | None) -> None:
+        """Note how far (metres) and, if it moves, how late (fleet seconds) a UAV was as a slot began."""
         self.slot_distance.labels(uav_id).observe(distance_m)
-        self.slot_lateness.labels(uav_id).observe(late_s)
+        if late_s is not None:
+            self.slot_lateness.labels(uav_id).observe(late_s)
 
     def text(self) -> bytes:
         """Return the metrics in Prometheus exposition format."""

@@ -10,9 +10,6 @@ from skyfolio.api.dashboard.radio_text import RADIO_DESCRIPTIONS
 from skyfolio.api.dashboard.views import ServiceEvent
 
 Data = Mapping[str, Any]
-WORTH_TELLING_S, WORTH_TELLING_M = 2.0, 2.0
-"""A slip below either of these is not shown: a UAV is a little late at the end of nearly every slot, and a distance of
-metres can take seconds at the pace of a short leg."""
 SKIP = {"operation_id", "plan_id"}
 
 
@@ -159,11 +156,13 @@ def _registered(data: Data) -> tuple[str, str]:
 
 
 def _slip(data: Data) -> tuple[str, str]:
-    late, far = float(data.get("late_s") or 0.0), float(data.get("distance_m") or 0.0)
-    if abs(late) < WORTH_TELLING_S or far < WORTH_TELLING_M:
+    if not data.get("off_schedule"):
         return "", ""
-    way = "behind" if late > 0 else "ahead of"
-    return f"{data.get('uav_id')} is {abs(late):.1f} s {way} schedule, {far:.1f} m off", "warn"
+    off = f"{data.get('uav_id')} is {float(data.get('distance_m') or 0.0):.1f} m off its plan"
+    late_s = data.get("late_s")
+    if late_s is None:
+        return f"{off}, where it should hover", "warn"
+    return f"{off}, {abs(late_s):.1f} s {'behind' if late_s > 0 else 'ahead of'} schedule", "warn"
 
 
 def _preflight(data: Data) -> tuple[str, str]:

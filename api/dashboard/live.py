@@ -26,7 +26,7 @@ def spots(watch: Watch) -> list[map_scene.Spot]:
                 course_deg=tracked.course_deg,
                 vehicle=tracked.vehicle,
                 lost=lost,
-                slip_s=map_scene.slip_of(plan, uav, elapsed, at) if under_way and not lost else None,
+                slip=map_scene.slip_of(plan, uav, elapsed, at) if under_way and not lost else None,
                 energy=energy_of(plan, uav, elapsed, tracked.vehicle) if under_way and not lost else None,
             )
         )

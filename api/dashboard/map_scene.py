@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from math import atan2, degrees
 from typing import Any
 
-from skyfolio.api.dashboard.schedule import slip_s
+from skyfolio.api.dashboard.schedule import Slip, slip
 from skyfolio.api.dashboard.views import Operation, Vehicle
 from skyfolio.planner import Pins, Plan, Scenario
 from skyfolio.planner.energy.outlook import Outlook
@@ -33,7 +33,7 @@ class Spot:
     course_deg: float = 0.0
     vehicle: Vehicle | None = None
     lost: bool = False
-    slip_s: float | None = None
+    slip: Slip | None = None
     energy: Outlook | None = None
 
 
@@ -214,7 +214,7 @@ def rows(spots: Sequence[Spot], operation: Operation | None) -> list[Json]:
     return sorted(table, key=lambda row: ("alarm", "warn", "ok", "idle").index(row["level"]))
 
 
-def recorded_row(number: int, uav_id: str, *, lost: bool, slip_s: float | None) -> Json:
+def recorded_row(number: int, uav_id: str, *, lost: bool, slip: Slip | None) -> Json:
     """Return a row of the fleet table from a recording, which has positions only."""
     state, level = ("LOST", "alarm") if lost else ("RECORDED", "ok")
     nothing = dict.fromkeys(("age", "battery", "alt", "item", "items", "quality", "cause", "energy"))
@@ -224,22 +224,22 @@ def recorded_row(number: int, uav_id: str, *, lost: bool, slip_s: float | None) 
         "state": state,
         "level": level,
         "lost": lost,
-        "slip": slip_s,
+        "slip": slip,
         "colour": colour,
         "link": "live",
     }
     return {**nothing, **known}
 
 
-def slip_of(plan: Plan | None, uav: str, elapsed_s: float | None, at_m: Point | None) -> float | None:
-    """Return the seconds behind schedule; None before the plan begins, after its end, and for UAVs outside the plan."""
+def slip_of(plan: Plan | None, uav: str, elapsed_s: float | None, at_m: Point | None) -> Slip | None:
+    """Return how far a UAV is off its plan; None before it begins, after its end, and for UAVs outside it."""
     if plan is None or elapsed_s is None or at_m is None or uav not in plan.trajectories_m:
         return None
     slot_s = plan.scenario.slot_duration_s
     local = elapsed_s - plan.first_slot * slot_s
     if not 0 <= local <= plan.scenario.slots * slot_s:
         return None
-    return slip_s(plan.trajectories_m[uav], slot_s, local, at_m)
+    return slip(plan.trajectories_m[uav], slot_s, local, at_m)
 
 
 def state_of(vehicle: Vehicle | None, *, lost: bool, flying: bool) -> tuple[str, str, str]:
@@ -275,7 +275,7 @@ def _row(number: int, spot: Spot, operation: Operation | None) -> Json:
         "cause": cause,
         "level": level,
         "items": vehicle.mission_items if vehicle else None,
-        "slip": spot.slip_s,
+        "slip": spot.slip,
         "quality": vehicle.link_quality if vehicle else None,
         "energy": None if spot.energy is None else [spot.energy.used_wh, spot.energy.margin_wh],
         "colour": PALETTE[number % len(PALETTE)],

@@ -107,7 +107,7 @@ class Recording:
         for number, (uav, (at, _)) in enumerate(self.where(at_s).items()):
             gone = uav in lost
             slip = None if gone else map_scene.slip_of(plan, uav, at_s, at)
-            rows.append(map_scene.recorded_row(number, uav, lost=gone, slip_s=slip))
+            rows.append(map_scene.recorded_row(number, uav, lost=gone, slip=slip))
         return rows
 
 

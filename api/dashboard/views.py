@@ -35,7 +35,6 @@ class Vehicle(View):
     mode: str | None = None
     mission_item: int | None = None
     mission_items: int | None = None
-    slip_s: float | None = None
 
 
 class OrderResult(View):

@@ -76,13 +76,14 @@ class _KeeperEvents:
         self._fleet, self._uav, self._first_slot = fleet, uav, first_slot
 
     def slip(self, _system_id: int, slip: Slip) -> None:
-        """Report how far the UAV was off its schedule at the end of a slot."""
+        """Record how far the UAV is from its plan as a slot begins, and whether that is worth a word."""
         self._fleet.note(
             "slip",
             uav_id=self._uav,
             slot=self._first_slot + slip.slot,
             distance_m=round(slip.distance_m, 2),
-            late_s=round(slip.late_s, 2),
+            late_s=None if slip.late_s is None else round(slip.late_s, 2),
+            off_schedule=slip.off_schedule,
         )
 
     def order(self, _system_id: int, order: Order) -> None:

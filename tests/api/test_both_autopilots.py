@@ -51,8 +51,9 @@ def test_both_autopilots_fly_by_mission_or_stream_tell_their_slip_and_end_as_ord
             figures = client.get("/metrics").text
             for uav in ("uav-1", "uav-2"):
                 told = float(sum(slip["uav_id"] == uav for slip in slips))
+                late = float(sum(slip["uav_id"] == uav and slip["late_s"] is not None for slip in slips))
                 assert f'skyfolio_slot_distance_metres_count{{uav="{uav}"}} {told}' in figures
-                assert f'skyfolio_slot_lateness_seconds_count{{uav="{uav}"}} {told}' in figures
+                assert f'skyfolio_slot_lateness_seconds_count{{uav="{uav}"}} {late}' in figures
             modes = {event.detail["mode"] for event in fleet.fleet.truth.happened("mode")}
             assert ("GUIDED" in modes) == (guidance == "stream" or autopilot == "ardupilot")
             for system_id, uav in enumerate(("uav-1", "uav-2"), start=1):

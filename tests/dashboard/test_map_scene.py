@@ -112,7 +112,9 @@ def test_where_users_of_a_draft_will_go_is_sketched(minimal: Scenario) -> None:
 
 def test_slip_is_only_told_while_the_plan_is_flown(small_plan: Plan) -> None:
     at = small_plan.trajectories_m["uav-1"][1]
-    assert map_scene.slip_of(small_plan, "uav-1", 5.0, at) == pytest.approx(0.0, abs=0.5)
+    slip = map_scene.slip_of(small_plan, "uav-1", 5.0, at)
+    assert slip is not None
+    assert slip.off_m == pytest.approx(0.0, abs=0.5)
     assert map_scene.slip_of(small_plan, "uav-1", 21.0, at) is None
     assert map_scene.slip_of(small_plan, "uav-9", 5.0, at) is None
     assert map_scene.slip_of(small_plan, "uav-1", None, at) is None

@@ -92,6 +92,33 @@ def test_slip_is_told_once_a_slot_in_metres_and_seconds(keeper: Keeper) -> None:
     assert early.late_s == pytest.approx(-1.0)
 
 
+@pytest.mark.parametrize(
+    ("north_m", "pace_mps", "late_s", "off"),
+    [
+        (0.0, 0.0, None, False),
+        (4.9, 0.0, None, False),
+        (5.1, 0.0, None, True),
+        (3.0, 0.05, None, False),  # a minute, if seconds counted
+        (3.0, 0.9, None, False),
+        (3.0, 1.0, 3.0, True),
+        (1.9, 1.0, 1.9, False),
+        (1.9, 0.5, None, False),
+        (8.0, 5.0, 1.6, False),
+        (10.5, 5.0, 2.1, True),
+    ],
+)
+def test_one_that_hovers_or_creeps_is_off_by_metres_and_seconds_are_for_one_that_moves(
+    plan_of: PlanOf, north_m: float, pace_mps: float, late_s: float | None, off: bool
+) -> None:
+    path = [(0.0, 0.0), (0.0, 5.0 * pace_mps)]
+    mission = compile_mission(plan_of({"uav-1": path}), "uav-1", on_end=OnEnd.HOLD)
+    slip = Keeper(path, 5.0, mission, PX4).slip(5.0, (0.0, 5.0 * pace_mps - north_m))
+    assert slip is not None
+    assert slip.distance_m == pytest.approx(north_m)
+    assert slip.late_s == (None if late_s is None else pytest.approx(late_s))
+    assert slip.off_schedule is off
+
+
 def test_arducopters_whole_second_holds_leave_the_rest_to_the_next_leg(plan_of: PlanOf) -> None:
     mission = compile_mission(
         plan_of({"uav-1": PATH}), "uav-1", on_end=OnEnd.HOLD, autopilot=Autopilot.ARDUPILOT, model=ARDUCOPTER

@@ -4,7 +4,7 @@ export default {
     <table class="sf-fleet" aria-label="fleet">
       <thead><tr>
         <th scope="col">UAV</th><th scope="col">State</th><th scope="col" title="mission item being flown">Item</th>
-        <th scope="col" title="seconds behind (+) or ahead of (-) the schedule">Slip</th>
+        <th scope="col" title="metres from where the plan has it now; while it moves also seconds behind (+) or ahead of (−) its schedule">Slip</th>
         <th scope="col" title="seconds since the last heartbeat">Heartbeat</th><th scope="col">Batt</th>
         <th v-if="has_energy" scope="col" title="Wh used since the battery was full; what is proven to be spare above the reserve when it comes home">Energy</th>
         <th scope="col" title="metres above home">Alt</th>
@@ -18,7 +18,7 @@ export default {
           <th scope="row"><span class="sf-dot" :style="{ background: row.lost ? 'transparent' : row.colour }"></span>{{ row.id }}</th>
           <td class="sf-state"><span class="sf-badge" :class="row.level">{{ row.state }}</span><span v-if="row.cause" class="sf-cause">{{ row.cause }}</span></td>
           <td>{{ row.item ?? "–" }}<template v-if="row.items">/{{ row.items }}</template></td>
-          <td :class="{ late: Math.abs(row.slip ?? 0) > 3 }">{{ signed(row.slip) }}</td>
+          <td :class="{ late: is_off(row.slip) }">{{ off(row.slip) }}</td>
           <td><span class="sf-bars" :data-bars="bars(row)" aria-hidden="true"><i></i><i></i><i></i><i></i></span> {{ row.age === null ? "–" : row.age.toFixed(1) + " s" }}</td>
           <td :class="{ late: row.battery !== null && row.battery < 25 }">{{ row.battery === null ? "–" : Math.round(row.battery) + " %" }}</td>
           <td v-if="has_energy" class="sf-energy" :class="{ late: row.energy && row.energy[1] < 0 }">{{ energy(row.energy) }}</td>
@@ -47,9 +47,14 @@ export default {
     go(event, way) {
       event.currentTarget[way]?.focus();
     },
-    signed(slip) {
-      if (slip === null || slip === undefined) return "–";
-      return (slip >= 0 ? "+" : "−") + Math.abs(slip).toFixed(1) + " s";
+    off(slip) {
+      if (!slip) return "–";
+      const [off_m, late_s] = slip;
+      const late = late_s === null ? "" : ", " + (late_s >= 0 ? "+" : "−") + Math.abs(late_s).toFixed(1) + " s";
+      return off_m.toFixed(1) + " m" + late;
+    },
+    is_off(slip) {
+      return !!slip && (slip[1] === null ? slip[0] >= 5 : Math.abs(slip[1]) > 3);
     },
     energy(wh) {
       if (!wh) return "–";
