@@ -9,6 +9,7 @@ from skyfolio.planner.arrays import Array
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.solution import Observer, Solution
 from skyfolio.planner.stopping import StoppingRule
+from skyfolio.planner.unsuited import UnsuitedError
 
 
 class Method(Protocol):
@@ -42,15 +43,15 @@ def _paper(
 ) -> Solution:
     """Run Algorithm 1 as printed; cvxpy is imported here, on first use, because that takes a second.
 
-    Raises ValueError for rates averaged over draws, and for channels that are no inverse square: the letter has no
+    Raises UnsuitedError for rates averaged over draws, and for channels that are no inverse square: the letter has no
     surrogate of them.
     """
     if problem.draws.size:
-        raise ValueError(
+        raise UnsuitedError(
             "channel.fading: the method 'paper' knows one gain of each link (eq. 2), not 'expected' rates; use 'fast'"
         )
     if problem.bends is not None:
-        raise ValueError(
+        raise UnsuitedError(
             "channel.kind, channel.antenna: the method 'paper' knows the letter's channel without an antenna (eq. 2); "
             "use 'fast'"
         )
@@ -73,7 +74,7 @@ METHODS: dict[str, Method] = {
 
 
 def method_of(name: str) -> Method:
-    """Return the method of this name. Raises ValueError with the known names."""
+    """Return the method of this name. Raises UnsuitedError with the known names."""
     if name not in METHODS:
-        raise ValueError(f"method: {name!r} must be one of {', '.join(METHODS)}")
+        raise UnsuitedError(f"method: {name!r} must be one of {', '.join(METHODS)}")
     return METHODS[name]

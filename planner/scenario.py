@@ -283,13 +283,13 @@ class Scenario(Frozen):
         return tuple(user.id for user in self.users)
 
     def with_changes(self, **changes: Any) -> Self:
-        """Return a validated copy with some fields replaced."""
+        """Return a validated copy with some fields replaced; a new value may be a document, as in JSON."""
         fields = {name: getattr(self, name) for name in type(self).model_fields}
         if "no_fly" in changes:  # zones close off what is outside of a polygon
             changes = {"area_deg": None, **changes}
         fields |= without_stale_degrees(type(self), changes)
-        channel: RadioChannel = fields["channel"]
-        if channel.corrections_db and {"uavs", "users"} & changes.keys():
+        channel = fields["channel"]
+        if isinstance(channel, RadioChannel) and channel.corrections_db and {"uavs", "users"} & changes.keys():
             links = kept(channel.corrections_db, *({one.id for one in fields[name]} for name in ("uavs", "users")))
             fields["channel"] = channel.model_copy(update={"corrections_db": links})
         return type(self)(**fields)

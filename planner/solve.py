@@ -28,6 +28,7 @@ from skyfolio.planner.scenario import Point, Scenario
 from skyfolio.planner.solution import Observer, Solution, ignore
 from skyfolio.planner.stopping import AnyOf, MaxIterations, RelativeGain, StoppingRule
 from skyfolio.planner.unreachable import UnreachableEndError
+from skyfolio.planner.unsuited import UnsuitedError
 
 
 def converged() -> AnyOf:
@@ -74,7 +75,8 @@ def plan(
     `dropped_pins` of the plan; the id defaults to a digest of the inputs.
     Raises UnreachableEndError, which names the UAVs, when no paths to all end positions, or none clear of the ground,
     are found, PinError for pins
-    that cannot be kept, and ValueError for an unknown method and for shapes that do not fit the scenario.
+    that cannot be kept, UnsuitedError for an unknown method and for what a method cannot do, and ValueError for shapes
+    that do not fit the scenario.
     """
     began = clock() if clock else 0.0
     past, stop = past or Past(), stop or converged()
@@ -143,23 +145,26 @@ def _asked(held: Pinned, former: Former | None) -> list[object]:
 
 
 def _require_able(method: str, held: Pinned, former: Former | None) -> None:
-    """Refuse what only the default method can do. Raises PinError or ValueError."""
+    """Refuse what only the default method can do. Raises PinError or UnsuitedError."""
     if method == DEFAULT_METHOD:
         return
     if held.pins:
         raise PinError(f"pins: only the method {DEFAULT_METHOD!r} keeps pins, not {method!r}")
     if former and former.weight_kbps > 0.0:
-        raise ValueError(f"disruption_weight: only the method {DEFAULT_METHOD!r} has one, not {method!r}")
+        raise UnsuitedError(f"disruption_weight: only the method {DEFAULT_METHOD!r} has one, not {method!r}")
 
 
 def _require_plain_users(method: str, scenario: Scenario) -> None:
-    """Refuse users that the letter's own algorithm does not know; `areas` does so itself. Raises ValueError."""
+    """Refuse users that the letter's own algorithm does not know; `areas` does so itself.
+
+    Raises UnsuitedError.
+    """
     if method != "paper":
         return
     for k, user in enumerate(scenario.users):
         for name in ("arrives_at_slot", "leaves_at_slot", "weight", "demand_bps"):
             if getattr(user, name) is not None:
-                raise ValueError(f"users.{k}.{name}: the method 'paper' does not know it; '{DEFAULT_METHOD}' does")
+                raise UnsuitedError(f"users.{k}.{name}: the method 'paper' does not know it; '{DEFAULT_METHOD}' does")
 
 
 def _explained(error: UnreachableEndError, held: Pinned) -> ValueError:
@@ -187,6 +192,6 @@ def _told(
 
 def _check(shape: tuple[int, ...], n_starts: int | None, warm_start_m: Array | None) -> None:
     if n_starts is not None and n_starts < 1:
-        raise ValueError(f"n_starts: {n_starts} must be at least 1")
+        raise UnsuitedError(f"n_starts: {n_starts} must be at least 1")
     if warm_start_m is not None and (warm_start_m.shape != shape or not np.isfinite(warm_start_m).all()):
         raise ValueError(f"warm_start_m: must hold finite numbers of shape {shape}, not {warm_start_m.shape}")

@@ -101,7 +101,7 @@ def report(
 def bridge(
     seeds: Annotated[int, typer.Option(min=1, help="Lossy uploads to the fleet.")] = 100,
     swaps: Annotated[int, typer.Option(min=3, help="Missions swapped in flight, for each autopilot.")] = 20,
-    load_s: Annotated[float, typer.Option(min=1, help="How long to measure the load of 50 vehicles.")] = 10.0,
+    load_s: Annotated[float, typer.Option(min=1, help="Seconds in which the load of 50 vehicles is measured.")] = 10.0,
     as_json: Json = False,
 ) -> None:
     """Measure the bridge on simulated PX4 and ArduCopter: schedule, uploads, swaps, loss detection, load."""
@@ -204,9 +204,9 @@ def simulator(
     vehicles: Annotated[int, typer.Option(min=1, max=254, help="How many.")] = 100,
     autopilot: AutopilotOfFleet = DEFAULT,
     position_hz: Annotated[
-        float, typer.Option(min=0.1, max=50, help="Position messages per second, from each.")
+        float, typer.Option(min=0.1, max=50, help="Position messages from each vehicle, Hz.")
     ] = 10.0,
-    seconds: Annotated[float, typer.Option(min=1, help="How long to measure.")] = 15.0,
+    seconds: Annotated[float, typer.Option(min=1, help="Seconds to measure.")] = 15.0,
     as_json: Json = False,
 ) -> None:
     """Measure how much of a core a simulated fleet takes at real time."""

@@ -27,7 +27,7 @@ def check(
     system_id: Annotated[
         list[int] | None, typer.Option(min=1, max=254, help="Check this vehicle only; may be given several times.")
     ] = None,
-    wait_s: Annotated[float, typer.Option(min=1, max=600, help="How long to wait for a heartbeat.")] = 15.0,
+    wait_s: Annotated[float, typer.Option(min=1, max=600, help="Seconds to wait for a heartbeat.")] = 15.0,
     signing_key_file: Annotated[
         Path | None,
         typer.Option(envvar="SKYFOLIO_SIGNING_KEY_FILE", help="Signing key, where MAVLink is signed."),

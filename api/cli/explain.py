@@ -24,7 +24,9 @@ def explain_command(
         int, typer.Option(min=0, help="Changed scenarios to solve at most; 0: bounds and derivatives only.")
     ] = Budget.most_resolves,
     starts: Annotated[int, typer.Option(min=1, help="Starts of each resolve.")] = Budget.starts,
-    deadline_s: Annotated[float, typer.Option(min=0.001, help="Begin no further resolve after this long.")] = 60.0,
+    deadline_s: Annotated[
+        float, typer.Option(min=0.001, help="Begin no further resolve after so many seconds.")
+    ] = 60.0,
     out: Out = None,
     as_json: Json = False,
 ) -> None:

@@ -8,6 +8,11 @@ from typing import Any, NamedTuple
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from skyfolio.api.cli.examples import epilog_of
+
+COMPLETION = "_SKYFOLIO_COMPLETE"
+"""Set in the environment when a shell asks what could come next (`completion.py`)."""
+
 
 class LazyCommand(NamedTuple):
     """A command, or a group of commands, that has not been imported yet.
@@ -75,9 +80,17 @@ def load(name: str, command: LazyCommand) -> Any:
         app.command(name)(target)
         target = app
     loaded = typer.main.get_command(target)
+    _show_examples(name, loaded)
     if command.solves:
         loaded.callback = _with_kernels(loaded.callback)
     return loaded
+
+
+def _show_examples(name: str, command: Any) -> None:
+    """Put the examples of a command, or of all commands of a group, at the end of their help."""
+    for part, of_group in getattr(command, "commands", {}).items():
+        _show_examples(f"{name} {part}", of_group)
+    command.epilog = epilog_of(name)
 
 
 def _with_kernels(callback: Any) -> Any:

@@ -1,15 +1,20 @@
-"""The `skyfolio` command.
+"""Plan, fly and heal multi-UAV communication networks.
 
-Every command takes `--json`, and then prints nothing but JSON on standard output.
+Every command that prints a result takes `--json`, and then prints nothing but JSON on standard output. Exit status: 0;
+1 when the answer is no (a drill failed, a vehicle disobeyed); 2 for a mistake in the command line or a file; 3 for a
+plan that misses a minimum rate, and for a service that could not start; 130 when interrupted.
 """
 
 from __future__ import annotations
 
+import os
 import sys
+from typing import Annotated
 
 import typer
 
-from skyfolio.api.cli.lazy import LazyCommand, LazyGroup, application
+from skyfolio.api.cli.lazy import COMPLETION, LazyCommand, LazyGroup, application
+from skyfolio.api.cli.mistakes import is_help, messages
 
 CLI = "skyfolio.api.cli"
 COMMANDS = {
@@ -22,6 +27,10 @@ COMMANDS = {
     "check": LazyCommand(
         f"{CLI}.check:check",
         "Check vehicles on the ground: audit them, and try what is put on board; then restore what was there.",
+    ),
+    "completion": LazyCommand(
+        f"{CLI}.completion:completion",
+        "Print the completion script of a shell: source it, or put it where the shell looks for such scripts.",
     ),
     "demo": LazyCommand(
         f"{CLI}.demo:demo",
@@ -37,7 +46,7 @@ COMMANDS = {
         f"{CLI}.planning:export",
         "Write a plan as QGroundControl `.plan`, `.waypoints` or JSON missions, or as GeoJSON, KML or CSV.",
     ),
-    "fleet": LazyCommand(f"{CLI}.remote:fleet", "Order vehicles of a service to hold, return or land now."),
+    "fleet": LazyCommand(f"{CLI}.fleet:fleet", "Register and list the vehicles of a service, and order them."),
     "fly": LazyCommand(
         f"{CLI}.remote:fly", "Plan a scenario at the service and fly it with the vehicles registered there."
     ),
@@ -68,7 +77,9 @@ COMMANDS = {
     "simulate": LazyCommand(
         f"{CLI}.simulate:simulate", "Fly a software-only fleet that speaks MAVLink, until interrupted."
     ),
-    "status": LazyCommand(f"{CLI}.remote:status", "Show the state of an operation and of each of its UAVs."),
+    "status": LazyCommand(
+        f"{CLI}.remote:status", "Show the state of an operation and of each of its UAVs, with the reasons."
+    ),
     "sweep": LazyCommand(
         f"{CLI}.sweep:sweep", "Plan thousands of scenarios, as a TOML file asks, on all cores or on a Dask cluster."
     ),
@@ -86,17 +97,6 @@ COMMANDS = {
         f"{CLI}.warm_up:warm_up", "Compile the optimiser's kernels now, so that no later command has to."
     ),
 }
-USER_ERRORS = {
-    "skyfolio.api.cli.files": "UsageError",
-    "skyfolio.api.common.errors": "ServiceError",
-    "skyfolio.api.store.errors": "StoreError",
-    "skyfolio.mavlink_bridge.errors": "BridgeError",
-    "skyfolio.planner.changes": "ReplanError",
-    "skyfolio.planner.pinning": "PinError",
-    "skyfolio.planner.robustness.findings": "RobustnessError",
-    "skyfolio.planner.unreachable": "UnreachableEndError",
-}
-"""Errors that a user can act on, by the module that defines them: a module that is not loaded has raised none."""
 
 
 class Commands(LazyGroup):
@@ -108,31 +108,41 @@ class Commands(LazyGroup):
 cli = application(__doc__ or "", Commands)
 
 
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        from skyfolio import __version__  # noqa: PLC0415 - read when it is asked for
+
+        typer.echo(f"skyfolio {__version__}")
+        raise typer.Exit
+
+
+Version = Annotated[bool, typer.Option("--version", help="Print the version.", callback=_show_version, is_eager=True)]
+
+
 @cli.callback()
-def _no_options() -> None:
-    """Take no options: each belongs to a command."""
+def _options(version: Version = False) -> None:
+    """Take the options that belong to no command."""
 
 
 def main() -> None:
-    """Run the command; errors a user can act on are one message on standard error and exit status 2."""
+    """Run the command; errors a user can act on are one message each on standard error and exit status 2."""
+    if COMPLETION in os.environ:
+        from typer.completion import completion_init  # type: ignore[attr-defined]  # noqa: PLC0415
+
+        completion_init()
     try:
-        cli()
+        sys.exit(cli(standalone_mode=False, complete_var=COMPLETION) or 0)
+    except typer.Abort:
+        typer.echo("aborted", err=True)
+        sys.exit(1)
     except Exception as error:
-        lines = _messages(error)
+        if is_help(error):
+            typer.echo(str(error), err=True)
+            sys.exit(2)
+        lines = messages(error)
         if not lines:
             raise
         for line in lines:
             typer.secho("error: ", fg="red", err=True, nl=False)
             typer.echo(line, err=True)
         sys.exit(2)
-
-
-def _messages(error: Exception) -> list[str]:
-    """Return the messages for the user, one a line; nothing when the error is not the user's mistake."""
-    pydantic = sys.modules.get("pydantic")
-    if pydantic is not None and isinstance(error, pydantic.ValidationError):
-        from skyfolio.api.common.validation import broken_rules  # noqa: PLC0415
-
-        return [f"{row['field']}: {row['message']}" for row in broken_rules(error.errors(), ())]
-    kinds = tuple(getattr(sys.modules[home], name) for home, name in USER_ERRORS.items() if home in sys.modules)
-    return str(error).splitlines() if isinstance(error, kinds) else []

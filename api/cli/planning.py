@@ -4,24 +4,22 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from skyfolio.api.cli import terminal as show
 from skyfolio.api.cli.autopilots import DEFAULT, AutopilotOfMission
 from skyfolio.api.cli.files import Json, Out, PinsFile, UsageError, read, read_as, read_scenario, write
+from skyfolio.api.cli.progress import planning, proving
 from skyfolio.planner import (
     EXAMPLES,
+    METHODS,
     AnyOf,
     Changes,
     Deadline,
-    Iteration,
     Pins,
     Plan,
     Scenario,
@@ -29,6 +27,8 @@ from skyfolio.planner import (
     plan,
     replan,
 )
+from skyfolio.planner.methods import DEFAULT_METHOD
+from skyfolio.planner.utilities import UTILITIES
 
 if TYPE_CHECKING:
     from skyfolio.api.places.writing import Format
@@ -44,18 +44,44 @@ Example = Annotated[str | None, typer.Option(help=f"A ready scenario: {', '.join
 def plan_command(
     file: ScenarioFile = None,
     example: Example = None,
+    method: Annotated[str, typer.Option(help=f"How to plan: {', '.join(METHODS)}.")] = DEFAULT_METHOD,
+    utility: Annotated[
+        str | None, typer.Option(help=f"What to maximise, instead of the scenario's: {', '.join(UTILITIES)}.")
+    ] = None,
+    mu: Annotated[
+        float | None, typer.Option(max=0, help="Trade-off instead of the scenario's, 1/(kbit/s): 0 is pure sum rate.")
+    ] = None,
+    noise_dbm: Annotated[
+        float | None, typer.Option(help="Noise at users instead of the scenario's, dBm; usually -120 to -60.")
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Of the starts that are drawn; the same seed plans the same.")] = 0,
+    starts: Annotated[
+        int | None, typer.Option(min=1, help="Starts that the search climbs from; default: by size of the scenario.")
+    ] = None,
     pins: PinsFile = None,
     deadline_s: DeadlineS = None,
     out: Out = None,
     as_json: Json = False,
 ) -> None:
     """Plan a scenario."""
-    scenario = read_scenario(file, example)
+    scenario = _changed(read_scenario(file, example), utility=utility, mu=mu, noise_dbm=noise_dbm)
     kept = read_as(Pins, pins) if pins else None
     stop = _stop(deadline_s)
-    with _planning(scenario, stop) as options:
-        made = plan(scenario, pins=kept, stop=stop, clock=time.perf_counter, **options)
+    with planning(scenario, stop) as options:
+        asked: dict[str, Any] = {"method": method, "n_starts": starts, "seed": seed, "pins": kept}
+        made = plan(scenario, stop=stop, clock=time.perf_counter, **asked, **options)
     _deliver(made, out, as_json)
+
+
+def _changed(scenario: Scenario, *, utility: str | None, mu: float | None, noise_dbm: float | None) -> Scenario:
+    """Return the scenario with what the command line gives instead. Raises pydantic's error of fields."""
+    worth = {"kind": utility, "mu_per_kbps": mu}
+    changes: dict[str, Any] = {}
+    if given := {name: value for name, value in worth.items() if value is not None}:
+        changes["utility"] = scenario.utility.model_dump() | given
+    if noise_dbm is not None:
+        changes["channel"] = scenario.channel.model_dump() | {"noise_dbm": noise_dbm}
+    return scenario.with_changes(**changes)
 
 
 def replan_command(
@@ -87,7 +113,7 @@ def replan_command(
     if not failed and changed is None and pins is None:
         raise UsageError("give --failed UAV or --changes FILE, or --pins FILE: what is different?")
     stop = _stop(deadline_s)
-    with _planning(previous.scenario, stop) as options:
+    with planning(previous.scenario, stop) as options:
         replanned = replan(
             previous,
             failed=failed or (),
@@ -147,7 +173,9 @@ def bound(
     file: ScenarioFile = None,
     example: Example = None,
     tolerance: Annotated[float, typer.Option(min=1e-6, max=1, help="Relative gap at which a slot is settled.")] = 0.005,
-    seconds: Annotated[float, typer.Option(min=0.001, help="Stop proving after this long; the bound holds.")] = 60.0,
+    seconds: Annotated[
+        float, typer.Option(min=0.001, help="Stop proving after so many seconds; the bound holds.")
+    ] = 60.0,
     as_json: Json = False,
 ) -> None:
     """Plan a scenario of any size and prove how good the plan is: as tightly as the seconds allow."""
@@ -156,7 +184,7 @@ def bound(
 
     scenario = read_scenario(file, example)
     try:
-        with _proving(seconds) as told:
+        with proving(seconds) as told:
             figures = certify(scenario, tolerance=tolerance, seconds=seconds, told=told)
     except UnprovableError as error:
         raise UsageError(str(error)) from None
@@ -164,43 +192,6 @@ def bound(
         write(json.dumps(figures, indent=2), None)
     else:
         Console().print(shown(figures), highlight=False)
-
-
-@contextmanager
-def _planning(scenario: Scenario, stop: AnyOf) -> Iterator[dict[str, Any]]:
-    """Return options of `plan`: areas of a large fleet use all cores, and standard error tells how far they are."""
-    from skyfolio.api.plans.area_threads import AreaThreads, interrupting  # noqa: PLC0415 - loads the solver
-    from skyfolio.planner.areas.size import is_large  # noqa: PLC0415
-
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
-    large = is_large(scenario)
-    with Progress(*columns, console=Console(stderr=True), transient=True, disable=not large) as bar:
-        row = bar.add_task("planning by areas: looking for places")
-        worth, ended = "", 0
-
-        def told(tasks: int) -> None:
-            nonlocal ended
-            ended = tasks
-            bar.update(row, description=f"planning by areas: {ended} pieces of work done{worth}")
-
-        def observer(iteration: Iteration) -> None:
-            nonlocal worth
-            worth = f", utility {iteration.utility_bps / 1e3:.1f} kbit/s"
-            told(ended)
-
-        with AreaThreads(interrupting(stop), told=told) as run_areas:
-            yield {"run_areas": run_areas, "observer": observer}
-
-
-@contextmanager
-def _proving(seconds: float) -> Iterator[Callable[[float, float], None]]:
-    """Return a bar on standard error: how much of the time is gone, and what is proven by then."""
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("planning", total=seconds)
-        yield lambda gone_s, bound_bps: bar.update(
-            task, completed=min(gone_s, seconds), description=f"at most {bound_bps / 1e3:.2f} kbit/s"
-        )
 
 
 def _stop(deadline_s: float | None) -> AnyOf:

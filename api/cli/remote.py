@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,10 +14,12 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from skyfolio.api.cli import reasons
 from skyfolio.api.cli.files import Json, PinsFile, read_as, read_scenario
 from skyfolio.api.client import Client
 from skyfolio.api.common.configuration import require_known
 from skyfolio.api.common.errors import InvalidError, ServiceError
+from skyfolio.api.fleet.vehicle_view import VehicleView
 from skyfolio.api.flights.operation_views import OperationView
 from skyfolio.api.flights.recovery_report import RecoveryReport
 from skyfolio.planner import EXAMPLES, Pins
@@ -58,19 +61,19 @@ def fly(
     Recoveries keep the plan's pins as far as they hold.
     """
     order = {
-        "replanning": _one_of("replanning", replanning, "auto", "approve", "off"),
-        "guidance": _one_of("guidance", guidance, "mission", "stream"),
-        "stream_fallback": _one_of("stream_fallback", stream_fallback, "mission", "hold"),
-        "at_end": _one_of("at_end", at_end, "land", "return"),
+        "replanning": one_of("replanning", replanning, "auto", "approve", "off"),
+        "guidance": one_of("guidance", guidance, "mission", "stream"),
+        "stream_fallback": one_of("stream_fallback", stream_fallback, "mission", "hold"),
+        "at_end": one_of("at_end", at_end, "land", "return"),
     }
     requested = read_scenario(scenario, example)
-    with _ReportingClient(service, key) as client:
+    with ReportingClient(service, key) as client:
         plan = client.plan(requested, pins=read_as(Pins, pins) if pins else None)
         options: dict[str, Any] = {**order, "force_stream": force_stream, "disruption_weight": disruption_weight}
-        _show(client.fly(plan.id, **options), as_json=as_json)
+        _show(client.fly(plan.id, **options), {}, as_json=as_json)
 
 
-def _one_of(name: str, value: str, *allowed: str) -> str:
+def one_of(name: str, value: str, *allowed: str) -> str:
     """Return the value. Raises InvalidError naming the option and its allowed values."""
     if value not in allowed:
         raise InvalidError(f"{name}: {value!r} must be one of {', '.join(allowed)}")
@@ -83,40 +86,14 @@ def status(
     key: Key = None,
     as_json: Json = False,
 ) -> None:
-    """Show the state of an operation and of each of its UAVs."""
-    with _ReportingClient(service, key) as client:
+    """Show the state of an operation and of each of its UAVs, with the reasons."""
+    with ReportingClient(service, key) as client:
         wanted_id = operation_id or next((row.id for row in client.operations()), None)
         if wanted_id is None:
             raise InvalidError("operation_id: the service has flown no operation yet")
-        _show(client.operation(wanted_id), as_json=as_json)
-
-
-def fleet(
-    action: Annotated[str, typer.Argument(help="hold, return or land.")],
-    uav_ids: Annotated[list[str] | None, typer.Argument(help="Which UAVs; default: all that are registered.")] = None,
-    force: Annotated[bool, typer.Option(help="Also vehicles that a human or a failsafe flies (return, land).")] = False,
-    service: ServiceUrl = LOCAL,
-    key: Key = None,
-    as_json: Json = False,
-) -> None:
-    """Order vehicles of a service to hold, return or land now.
-
-    The order is carried out whatever the vehicles are doing. Exits with 1 when a vehicle does not obey.
-    """
-    _one_of("action", action, "hold", "return", "land")
-    if force and action == "hold":
-        raise InvalidError("force: a vehicle that a human or a failsafe flies is never made to hold")
-    with _ReportingClient(service, key) as client:
-        results = client.order(action, uav_ids or None, force=force)  # type: ignore[arg-type]
-    if as_json:
-        _print(json.dumps([result.model_dump(mode="json") for result in results], indent=2))
-    else:
-        table = Table("uav", "outcome", "reason", title=f"ordered to {action}")
-        for result in results:
-            table.add_row(result.uav_id, result.outcome.replace("_", " "), result.reason or "")
-        Console().print(table)
-    if any(result.outcome == "failed" for result in results):
-        raise typer.Exit(1)
+        view = client.operation(wanted_id)
+        vehicles = {} if as_json else {vehicle.uav_id: vehicle for vehicle in client.vehicles()}
+        _show(view, vehicles, as_json=as_json)
 
 
 def drill(
@@ -129,7 +106,7 @@ def drill(
     as_json: Json = False,
 ) -> None:
     """Inject a fault into a simulated vehicle, to see the service recover."""
-    with _ReportingClient(service, key) as client:
+    with ReportingClient(service, key) as client:
         drill_view = client.drill(operation_id, uav_id, fault=fault, at_slot=at_slot)
     if as_json:
         _print(drill_view.model_dump_json(indent=2))
@@ -137,7 +114,7 @@ def drill(
         _print(f"{drill_view.id}: {drill_view.fault} of {drill_view.uav_id} is {drill_view.state.value}")
 
 
-class _ReportingClient(Client):
+class ReportingClient(Client):
     """A client whose connection errors are one message."""
 
     def __init__(self, service: str, key: str | None) -> None:
@@ -151,22 +128,26 @@ class _ReportingClient(Client):
             raise UnreachableError(f"service: nothing answers at {self._where} ({error})") from error
 
 
-def _show(view: OperationView, *, as_json: bool) -> None:
+def _show(view: OperationView, vehicles: Mapping[str, VehicleView], *, as_json: bool) -> None:
     if as_json:
         _print(json.dumps(view.model_dump(mode="json"), indent=2))
         return
     slot = "-" if view.slot is None else str(view.slot)
-    table = Table("uav", "state", "item", "slip, m", title=f"{view.id}: {view.state.value}, slot {slot}")
+    table = Table("uav", "state", "item", "slip, m", "reason", title=f"{view.id}: {view.state.value}, slot {slot}")
     for uav, uav_view in view.uavs.items():
         table.add_row(
             uav,
             uav_view.end or uav_view.state,
             str(uav_view.mission_item or "-"),
             "-" if uav_view.slip_m is None else f"{uav_view.slip_m:.1f}",
+            reasons.of_uav(view, uav, vehicles),
         )
     Console().print(table)
+    for line in reasons.of_operation(view):
+        _print(line)
     for report in view.recoveries:
-        _print(f"{report.cause} of {', '.join(report.lost) or 'none'}: {report.outcome}, plan {report.plan_id}")
+        why = f": {report.error}" if report.error else ""
+        _print(f"{report.cause} of {', '.join(report.lost) or 'none'}: {report.outcome}, plan {report.plan_id}{why}")
         for line in changes(report):
             _print(f"  {line}")
 

@@ -21,13 +21,13 @@ def robustness(
     draws: Annotated[int, typer.Option(min=1, max=10_000, help="How often everything is drawn.")] = DEFAULT.draws,
     seed: Annotated[int, typer.Option(min=0, max=2**31 - 1, help="The same seed gives the same draws.")] = 0,
     fading: Annotated[bool, typer.Option(help="Draw the channel's fading.")] = True,
-    wind_mps: Annotated[float, typer.Option(min=0, max=50, help="Mean speed of the wind.")] = DEFAULT.wind_mps,
-    gust_mps: Annotated[float, typer.Option(min=0, max=50, help="Spread of gusts, each axis.")] = DEFAULT.gust_mps,
+    wind_mps: Annotated[float, typer.Option(min=0, max=50, help="Mean speed of the wind, m/s.")] = DEFAULT.wind_mps,
+    gust_mps: Annotated[float, typer.Option(min=0, max=50, help="Spread of gusts, each axis, m/s.")] = DEFAULT.gust_mps,
     noise_m: Annotated[
-        float, typer.Option(min=0, max=1000, help="Spread of errors of position, each axis.")
+        float, typer.Option(min=0, max=1000, help="Spread of errors of position on each axis, metres.")
     ] = DEFAULT.position_noise_m,
     noise_s: Annotated[
-        float, typer.Option(min=0.001, max=100_000, help="How long an error of position lasts (time constant).")
+        float, typer.Option(min=0.001, max=100_000, help="Time constant of errors of position, seconds.")
     ] = DEFAULT.position_noise_s,
     pushed_s: Annotated[
         float, typer.Option(min=0, max=10, help="Metres off its path that each m/s of wind pushes a UAV.")
@@ -35,7 +35,7 @@ def robustness(
     at_once: Annotated[int, typer.Option(min=0, max=2, help="Lose up to so many UAVs together.")] = LOSSES.at_once,
     at_slot: Annotated[list[int] | None, typer.Option(min=0, help="When they are lost; default: half way.")] = None,
     recovery_s: Annotated[
-        float, typer.Option(min=0, max=600, help="From a loss until the new plan is flown.")
+        float, typer.Option(min=0, max=600, help="Seconds from a loss until the new plan is flown.")
     ] = LOSSES.recovery_s,
     starts: Annotated[int, typer.Option(min=1, max=64, help="Starts of each replan.")] = LOSSES.starts,
     most: Annotated[
@@ -45,9 +45,11 @@ def robustness(
         float, typer.Option(min=0.001, max=1, help="Less than this share of what is planned is an outage.")
     ] = TRIAL.outage_share,
     outage_kbps: Annotated[
-        float | None, typer.Option(help="Less in a slot is an outage; default: by minimum or planned rates.")
+        float | None, typer.Option(help="Less kbit/s in a slot is an outage; default: by minimum or planned rates.")
     ] = None,
-    deadline_s: Annotated[float, typer.Option(min=0.001, help="Leave out what is not computed by then.")] = 60.0,
+    deadline_s: Annotated[
+        float, typer.Option(min=0.001, help="Leave out what is not computed in so many seconds.")
+    ] = 60.0,
     out: Out = None,
     as_json: Json = False,
 ) -> None:

@@ -43,7 +43,7 @@ def simulate(
     booted_s_ago: Annotated[
         float,
         typer.Option(
-            min=0, max=1e6, help="How long ago the vehicles booted; an ArduCopter cannot be armed for 40 s after that."
+            min=0, max=1e6, help="Seconds since the vehicles booted; an ArduCopter cannot be armed for 40 s after that."
         ),
     ] = 0.0,
     signing_key: Annotated[

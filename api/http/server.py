@@ -18,6 +18,7 @@ from skyfolio.api.common.errors import InvalidError
 from skyfolio.api.common.logs import configure_logging
 from skyfolio.api.common.settings import Settings, default_database_url
 from skyfolio.api.http.app import create_app
+from skyfolio.api.http.banner import banner
 from skyfolio.api.http.connections import HeaderTimeoutProtocol
 from skyfolio.api.plans.solver import Lane
 from skyfolio.api.store import Database
@@ -27,11 +28,17 @@ GRACE_S = 1
 
 
 class _Server(uvicorn.Server):
-    """Ends the event streams when it is stopped: it would wait for them otherwise."""
+    """Says where it is when it listens, and ends the event streams when it is stopped: it would wait for them."""
 
-    def __init__(self, config: uvicorn.Config, app: FastAPI) -> None:
+    def __init__(self, config: uvicorn.Config, app: FastAPI, said: str) -> None:
         super().__init__(config)
-        self._app = app
+        self._app, self._said = app, said
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Start the service, listen, and say so."""
+        await super().startup(sockets)
+        if self.started:
+            sys.stderr.write(self._said)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Stop listening, let requests end, then the service."""
@@ -60,7 +67,8 @@ def serve(options: dict[str, Any], *, as_json: bool, ui: bool = True, flight: La
             proxy_headers=False,  # `api.http.proxies` reads them
             timeout_graceful_shutdown=GRACE_S,
         )
-        server = _Server(config, app)
+        said = "" if as_json else banner(settings, *listener.getsockname()[:2], ui=ui)
+        server = _Server(config, app, said)
         _keep_for_good()
         server.run(sockets=[listener])
     if not server.started:

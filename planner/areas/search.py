@@ -33,6 +33,7 @@ from skyfolio.planner.problem import Problem
 from skyfolio.planner.solution import Observer, Solution, ignore
 from skyfolio.planner.stopping import StoppingRule
 from skyfolio.planner.unreachable import UnreachableEndError
+from skyfolio.planner.unsuited import UnsuitedError
 
 ROUNDS = 3
 LEAST_GAIN = 1e-3
@@ -109,17 +110,17 @@ def optimise(
 
 def _require_able(problem: Problem) -> None:
     if problem.draws.size or (problem.n_users > 1 and problem.snr_gain.strides[1] != 0):
-        raise ValueError(
+        raise UnsuitedError(
             "channel.fading, corrections_db: 'areas' plans the 'mean' channel without corrections; use 'fast'"
         )
     if problem.bends is not None:
-        raise ValueError(
+        raise UnsuitedError(
             "channel.kind, channel.antenna: 'areas' plans the letter's channel without an antenna; use 'fast'"
         )
     if problem.pinned_m.size or problem.pinned_to.size:
-        raise ValueError("pins: the method 'areas' keeps no pins")
+        raise UnsuitedError("pins: the method 'areas' keeps no pins")
     if not problem.has_plain_users:
-        raise ValueError("users: the method 'areas' knows no tracks, windows, weights or demands; use 'fast'")
+        raise UnsuitedError("users: the method 'areas' knows no tracks, windows, weights or demands; use 'fast'")
 
 
 def _one_by_one(stop: StoppingRule, tasks: Sequence[Task]) -> list[Any]:

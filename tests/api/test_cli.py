@@ -190,6 +190,14 @@ def test_plan_and_replan_take_pins_from_a_file_and_replan_a_price(
     ("arguments", "said"),
     [
         (["plan"], "one of them"),
+        (["fall"], "No such command 'fall'"),
+        (["drill"], "OPERATION_ID: is missing; see "),
+        (["plan", "--example", "minimal", "--bogus"], "--bogus: there is no such option; see "),
+        (["plan", "--example", "minimal", "--mu", "1"], "--mu: Input should be less than or equal to 0"),
+        (["plan", "--example", "minimal", "--utility", "joy"], "utility.kind: "),
+        (["plan", "--example", "minimal", "--noise-dbm", "900"], "channel.noise_dbm: Input should be less than"),
+        (["plan", "--example", "minimal", "--method", "magic"], "method: 'magic' must be one of fast, areas"),
+        (["plan", "--example", "minimal", "--method", "static", "--pins", "{held}"], "pins: only the method 'fast'"),
         (["plan", "--example", "none"], "must be one of"),
         (["plan", "/no/such/file"], "No such file"),
         (["replan", "{plan}", "--failed", "uav-9", "--at-slot", "1"], "failed: 'uav-9' is not a UAV"),
@@ -214,7 +222,8 @@ def test_a_mistake_is_one_message_and_status_2(
     arguments: list[str],
     said: str,
 ) -> None:
-    files = {name: tmp_path / f"{name[1:-1]}.json" for name in ("{plan}", "{bad}", "{pins}")}
+    files = {name: tmp_path / f"{name[1:-1]}.json" for name in ("{plan}", "{bad}", "{pins}", "{held}")}
+    files["{held}"].write_text('{"uavs": ["uav-1"]}')
     files["{pins}"].write_text('{"uavs": ["uav-9"]}')
     run(monkeypatch, "plan", "--example", "minimal", "--json", "--out", str(files["{plan}"]))
     bad: dict[str, Any] = EXAMPLES["minimal"]().model_dump(mode="json")
@@ -224,6 +233,7 @@ def test_a_mistake_is_one_message_and_status_2(
     assert run(monkeypatch, *(str(files.get(one, one)) for one in arguments)) == 2
     printed = capsys.readouterr()
     assert said in " ".join(printed.err.split())
+    assert all(line.startswith("error: ") for line in printed.err.splitlines())
     assert printed.out == ""
 
 
@@ -255,8 +265,10 @@ def test_keys_are_made_listed_and_revoked_and_shown_only_once(
         (["serve", "--port", "0", "--database-url", "temporary", "--time-scale", "0"], "time_scale: "),
         (["status", "--service", "http://127.0.0.1:9"], "nothing answers at http://127.0.0.1:9"),
         (["fly", "--example", "none"], "must be one of"),
-        (["fleet", "fall"], "action: 'fall' must be one of hold, return, land"),
-        (["fleet", "hold", "--force"], "force: a vehicle that a human"),
+        (["fleet", "fall"], "No such command 'fall'"),
+        (["fleet", "hold", "--force"], "--force: there is no such option"),
+        (["fleet", "register", "uav-1", "256"], "SYSTEM_ID: Input should be less than or equal to 255"),
+        (["fleet", "list", "--service", "http://127.0.0.1:9"], "nothing answers at http://127.0.0.1:9"),
         (["fleet", "land", "--service", "http://127.0.0.1:9"], "nothing answers at http://127.0.0.1:9"),
     ],
 )

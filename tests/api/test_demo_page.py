@@ -113,7 +113,7 @@ def test_the_map_shows_which_uav_serves_the_users_of_the_lost_one() -> None:
 
 def test_in_the_default_drill_a_survivor_flies_far_to_users_who_would_have_nothing() -> None:
     config = DemoConfig()
-    scenario = EXAMPLES["paper"]().with_changes(utility=config.utility)
+    scenario = EXAMPLES["paper"]().with_changes(utility=config.scenario.utility)
     first = plan(scenario)
     second = replan(first, failed=[config.kill], at_slot=config.kill_slot - 1)
     moved = [np.linalg.norm(np.subtract(path[-1], path[0])) for path in second.trajectories_m.values()]

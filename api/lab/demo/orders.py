@@ -7,18 +7,21 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from skyfolio.planner import Plan, Utility
+from skyfolio.planner import EXAMPLES, Plan, Scenario, Utility
 
 
 @dataclass(frozen=True, kw_only=True)
 class DemoConfig:
     """How to fly it. kill_slot counts from 1, as the letter does; speedup is fleet seconds per wall second.
 
-    The default utility trades between users, so that what a loss does to each, and what replanning mends, is seen.
-    Under `sum` the planner ignores users that are served by none, before the loss or after it.
+    The default is the letter's scenario with a utility that trades between users, so that what a loss does to each, and
+    what replanning mends, is seen. Under `sum` the planner ignores users that are served by none, before the loss or
+    after it.
     """
 
-    utility: Utility = field(default_factory=lambda: Utility(kind="pooled", mu_per_kbps=-0.3))
+    scenario: Scenario = field(
+        default_factory=lambda: EXAMPLES["paper"]().with_changes(utility=Utility(kind="pooled", mu_per_kbps=-0.3))
+    )
     speedup: float = 5.0
     kill: str = "uav-2"
     kill_slot: int = 11

@@ -22,15 +22,15 @@ from skyfolio.api.lab.demo.orders import DemoConfig, Outcome
 from skyfolio.api.lab.demo.page import result_table, write_page
 from skyfolio.api.lab.demo.report import DemoReport
 from skyfolio.api.lab.radio_client import RestPort
-from skyfolio.planner import EXAMPLES, Plan, Scenario
+from skyfolio.planner import Plan, Scenario
 
 POLL_S = 0.1
 ENDED = {state.value for state in ENDED_STATES}
 
 
 async def run_demo(config: DemoConfig, *, quiet: bool = False) -> DemoReport:
-    """Fly the drill on the paper scenario and judge it; writes `report.html` and `report.json` into `config.out`."""
-    scenario = EXAMPLES["paper"]().with_changes(utility=config.utility)
+    """Fly the drill and judge it; writes `report.html` and `report.json` into `config.out`."""
+    scenario = config.scenario
     _check(config, scenario)
     config.out.mkdir(parents=True, exist_ok=True)
     began = time.monotonic()
