@@ -91,8 +91,8 @@ def _associations(
     for user, wanted in previous.pins.associations.items():
         if user in given.associations:
             continue
-        whole = [wanted] * previous.scenario.slots if isinstance(wanted, str) else wanted
-        row = _fitted(whole[begin:], gone.scenario.slots)
+        slots = gone.scenario.slots
+        row = [wanted] * slots if isinstance(wanted, str) else _fitted(wanted[begin:], slots)
         if user not in gone.scenario.user_ids:
             slots = sum(uav is not None for uav in row)
             dropped.append(DroppedPin(kind="association", id=user, slots=slots, reason=f"{user!r} is no longer a user"))

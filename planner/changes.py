@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Collection, Mapping
+from operator import not_
+from typing import Annotated, Any
 
 from pydantic import Field, model_validator
 
 from skyfolio.planner.places import Parts, with_metres
-from skyfolio.planner.scenario import Frozen, Hertz, Identifier, Origin, Scenario, Uav, User, Utility
+from skyfolio.planner.scenario import Frozen, Hertz, Identifier, Origin, Point, Scenario, Uav, User, Utility
 
+Slots = Annotated[int, Field(strict=True, ge=1, le=100_000)]
+SlotOfOperation = Annotated[int, Field(strict=True, ge=1, le=2_000_000)]
 _PLACED: Parts = {"users_joined": ("position", "positions"), "returned": ("start", "end", "home")}
 
 
@@ -25,6 +28,12 @@ class Changes(Frozen):
     expectation, which counts by the share of the slots in which the user was there. One that leaves no longer counts,
     nor does what it got. utility: the new one. bandwidth_hz: the new band of some UAVs, by id. origin: the plan's; it
     is needed, and only used, where users or UAVs are given in degrees alone.
+    slots: how many slots the new plan has (default: those that are left of the old one). Beyond the end of the old plan
+    users go on as they move, those that follow a track stay at its last place, and UAVs with a battery leave when their
+    energy lasts no longer. Of what was achieved, only the last `slots` slots then count, so that an operation without
+    end has no past without end. leaves_at: the slot, on the operation's slot grid, from which on UAVs are gone, by id;
+    null for one that stays. ends_m: where UAVs must be in their last slot, metres east/north, by id; null for one that
+    may be anywhere.
     """
 
     failed: tuple[Identifier, ...] = ()
@@ -37,6 +46,21 @@ class Changes(Frozen):
         default=None,
         exclude_if=lambda value: value is None,
         description="That of the plan; needed where places are given in degrees alone.",
+    )
+    slots: Slots | None = Field(
+        default=None,
+        exclude_if=lambda value: value is None,
+        description="How many slots the new plan has; default: those that are left of the old one.",
+    )
+    leaves_at: dict[Identifier, SlotOfOperation | None] = Field(
+        default_factory=dict,
+        exclude_if=not_,
+        description="The slot of the operation from which on UAVs are gone, by id; null: one that stays.",
+    )
+    ends_m: dict[Identifier, Point | None] = Field(
+        default_factory=dict,
+        exclude_if=not_,
+        description="Where UAVs must be in their last slot, metres east/north, by id; null: anywhere.",
     )
 
     @model_validator(mode="before")
@@ -57,7 +81,11 @@ def users_after(scenario: Scenario, changes: Changes, begin: int) -> tuple[User,
         if one not in known:
             raise ReplanError(f"users_left: {one!r} is not a user of the plan")
     left = set(changes.users_left)
-    staying = tuple(user.moved_on(begin, scenario.slot_duration_s) for user in scenario.users if user.id not in left)
+    staying = tuple(
+        _with_track(user.moved_on(begin, scenario.slot_duration_s), changes.slots)
+        for user in scenario.users
+        if user.id not in left
+    )
     taken = {user.id for user in staying}
     for user in changes.users_joined:
         if user.id in taken:
@@ -68,16 +96,48 @@ def users_after(scenario: Scenario, changes: Changes, begin: int) -> tuple[User,
     return users
 
 
-def uavs_after(survivors: tuple[Uav, ...], changes: Changes) -> tuple[Uav, ...]:
-    """Return the survivors and the UAVs that return, with new bands. Raises ReplanError for ids that do not fit."""
+def _with_track(user: User, slots: int | None) -> User:
+    """Return the user with a track of so many slots: cut, or staying at its last place."""
+    track = user.positions_m
+    if track is None or slots is None or len(track) == slots:
+        return user
+    fitted = (*track[:slots], *[track[-1]] * (slots - len(track)))
+    return user.model_copy(update={"positions_m": fitted, "position_m": fitted[0]})
+
+
+def uavs_after(survivors: tuple[Uav, ...], changes: Changes, at_slot: int) -> tuple[Uav, ...]:
+    """Return the survivors and the UAVs that return, with new bands, ends and slots in which they leave.
+
+    Raises ReplanError for ids that do not fit, and for one that would leave before it begins.
+    """
     flying = {uav.id for uav in survivors}
     for uav in changes.returned:
         if uav.id in flying:
             raise ReplanError(f"returned: {uav.id!r} is still flying")
     uavs = survivors + changes.returned
-    for one in changes.bandwidth_hz:
-        if one not in {uav.id for uav in uavs}:
-            raise ReplanError(f"bandwidth_hz: {one!r} is not a UAV of the new plan")
-    return tuple(
-        uav.model_copy(update={"bandwidth_hz": changes.bandwidth_hz.get(uav.id, uav.bandwidth_hz)}) for uav in uavs
-    )
+    known = {uav.id for uav in uavs}
+    _require_known("bandwidth_hz", changes.bandwidth_hz, known)
+    _require_known("leaves_at", changes.leaves_at, known)
+    _require_known("ends_m", changes.ends_m, known)
+    for one, slot in changes.leaves_at.items():
+        if slot is not None and slot <= at_slot:
+            raise ReplanError(
+                f"leaves_at.{one}: {slot} must be greater than at_slot, {at_slot}; `failed` takes it away"
+            )
+    return tuple(_changed(uav, changes, at_slot) for uav in uavs)
+
+
+def _require_known(field: str, ids: Collection[str], known: set[str]) -> None:
+    for one in ids:
+        if one not in known:
+            raise ReplanError(f"{field}: {one!r} is not a UAV of the new plan")
+
+
+def _changed(uav: Uav, changes: Changes, at_slot: int) -> Uav:
+    update: dict[str, Any] = {"bandwidth_hz": changes.bandwidth_hz.get(uav.id, uav.bandwidth_hz)}
+    if uav.id in changes.leaves_at:
+        slot = changes.leaves_at[uav.id]
+        update["leaves_at_slot"] = None if slot is None else slot - at_slot
+    if uav.id in changes.ends_m:
+        update["end_m"] = changes.ends_m[uav.id]
+    return uav.model_copy(update=update)

@@ -27,9 +27,9 @@ METRES_PER_USER = 100.0
 class Former:
     """The rest of the plan that a replan replaces, in the order of the new scenario, and the price of changing it.
 
-    paths_m: (U, N, 2) metres, NaN for UAVs that it did not have, and once they have left; serving: (K, N), -1 where the
-    UAV that served is gone or the user is new; served: (K, N), whether the user had bandwidth. weight_kbps: as in the
-    module's docstring.
+    paths_m: (U, N, 2) metres, NaN for UAVs that it did not have, once they have left, and beyond its end; serving:
+    (K, N), -1 where the UAV that served is gone, the user is new or it had no such slot; served: (K, N), whether the
+    user had bandwidth. weight_kbps: as in the module's docstring.
     """
 
     paths_m: Array
@@ -45,19 +45,22 @@ def former_of(previous: Plan, scenario: Scenario, at_slot: int, kept: set[str], 
     """
     if not (np.isfinite(weight_kbps) and weight_kbps >= 0.0):
         raise ReplanError(f"disruption_weight: {weight_kbps} must be a finite number of kbit/s, at least 0")
-    begin = at_slot - previous.first_slot
-    nowhere = [(np.nan, np.nan)] * scenario.slots
-    paths_m = [previous.trajectories_m[uav][begin:] if uav in kept else nowhere for uav in scenario.uav_ids]
+    begin, slots = at_slot - previous.first_slot, np.arange(scenario.slots)
+    both = min(scenario.slots, previous.scenario.slots - begin)
+    paths_m = np.full((len(scenario.uavs), scenario.slots, 2), np.nan)
+    serving = np.full((len(scenario.users), scenario.slots), -1, dtype=np.intp)
+    served = np.zeros(serving.shape, dtype=bool)
     number = {uav: u for u, uav in enumerate(scenario.uav_ids) if uav in kept}
-    new, silent = [""] * scenario.slots, [0.0] * scenario.slots
-    rows = [previous.association[user][begin:] if user in previous.association else new for user in scenario.user_ids]
-    serving = np.array([[number.get(uav, -1) for uav in row] for row in rows], dtype=np.intp)
+    for uav, u in number.items():
+        paths_m[u, :both] = previous.trajectories_m[uav][begin : begin + both]
+    for k, user in enumerate(scenario.user_ids):
+        if user in previous.association:
+            serving[k, :both] = [number.get(uav, -1) for uav in previous.association[user][begin : begin + both]]
+            served[k, :both] = np.array(previous.bandwidth_hz[user][begin : begin + both]) > 0.0
     last = np.array([scenario.last_slot(uav) for uav in scenario.uavs])
-    there = np.arange(scenario.slots) <= last[:, None]
-    serving = np.where(np.arange(scenario.slots) <= last[serving], serving, -1)
-    bands = previous.bandwidth_hz
-    served = np.array([bands[user][begin:] if user in bands else silent for user in scenario.user_ids]) > 0.0
-    old_m = np.where(there[:, :, None], np.array(paths_m), np.nan)
+    there = slots <= last[:, None]
+    serving = np.where(slots <= last[serving], serving, -1)
+    old_m = np.where(there[:, :, None], paths_m, np.nan)
     return Former(paths_m=old_m, serving=serving, served=served, weight_kbps=weight_kbps)
 
 

@@ -43,6 +43,8 @@ class Cause(Frozen):
         "uav_returned",
         "retuned",
         "rates_off",
+        "extended",
+        "relief",
     ] = "requested"
     uav_ids: tuple[str, ...] = ()
     detail: str = ""
@@ -113,8 +115,9 @@ class Plan(Frozen):
     A UAV that leaves (`leaves_at_slot`) keeps its last position in the table, but is no longer there.
     A plan with status `infeasible` could not give every user its `min_rate_bps`: `unmet_min_rate_slots` says whom and
     when, counted on the plan's own grid; all other constraints hold.
-    A replan covers the slots that remain: its slot 0 is slot `first_slot` of the operation, and
-    `achieved_rates_bps` holds what each user got before that, and `disruption` what it changes.
+    A replan covers the slots that remain, or as many as were asked for: its slot 0 is slot `first_slot` of the
+    operation, and `achieved_rates_bps` holds what each user got before that, as far as it counts, and `disruption` what
+    it changes.
     `pins` is what the plan was held to, with the paths of pinned UAVs written out; `dropped_pins` are those of the
     plan before that it was asked to keep and could not.
     `energy_wh` is what each UAV with a battery is expected to have used by the end of each slot, Wh since it was full,

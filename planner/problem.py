@@ -21,9 +21,9 @@ from skyfolio.planner.utility import utility_kbps
 class Past:
     """What was flown before the plan begins: it counts in the utility and cannot be changed.
 
-    `first_slot` is the plan's slot 0 on the operation's slot grid; `rates_bps` is (n_users, n_past_slots), bit/s, NaN
-    before a user was there. Such a slot is not in that user's expectation, which counts by the share of the slots in
-    which the user was there.
+    `first_slot` is the plan's slot 0 on the operation's slot grid; `rates_bps` is (n_users, n_past_slots), bit/s, of
+    the slots just before it, all or the last ones that count, NaN before a user was there. Such a slot is not in that
+    user's expectation, which counts by the share of the slots in which the user was there.
     """
 
     first_slot: int = 0
@@ -232,6 +232,7 @@ def problem_of(scenario: Scenario, past: Past | None = None) -> Problem:
     demand_kbps = demands_bps(scenario) / 1e3
     past_kbps = np.minimum(past_kbps, demand_kbps[:, None])
     excluded = scenario.utility.exclude_fixed_slots
+    from_slot_0 = past_kbps.shape[1] == past.first_slot
     n_flying = np.array([scenario.last_slot(uav) + 1 for uav in scenario.uavs])
     no_end = (np.nan, np.nan)
     user_m, spread_m2 = tracks_of(scenario)
@@ -247,7 +248,7 @@ def problem_of(scenario: Scenario, past: Past | None = None) -> Problem:
         separation_m=float(scenario.min_separation_m),
         bandwidth_hz=np.array([uav.bandwidth_hz for uav in scenario.uavs], dtype=float),
         snr_gain=_snr_gain(scenario, past.first_slot, n_flying),
-        past_kbps=past_kbps[:, 1:] if excluded else past_kbps,
+        past_kbps=past_kbps[:, 1:] if excluded and from_slot_0 else past_kbps,
         mu=float(scenario.utility.mu_per_kbps),
         kind=scenario.utility.kind,
         n_flying=n_flying,

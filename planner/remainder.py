@@ -33,10 +33,17 @@ def cause_of(changes: Changes, failed: Sequence[str] = ()) -> Cause:
     if gone:
         return Cause(uav_ids=gone)
     if changes.returned:
-        return Cause(kind="uav_returned", uav_ids=tuple(uav.id for uav in changes.returned))
+        back = tuple(uav.id for uav in changes.returned)
+        if changes.leaves_at:
+            return Cause(kind="relief", uav_ids=(*back, *(uav for uav in changes.leaves_at if uav not in back)))
+        return Cause(kind="uav_returned", uav_ids=back)
+    if changes.leaves_at:
+        return Cause(kind="ordered", uav_ids=tuple(changes.leaves_at))
     if changes.users_joined or changes.users_left:
         return Cause(kind="users_changed")
-    return Cause(kind="retuned") if changes.utility or changes.bandwidth_hz else Cause()
+    if changes.utility or changes.bandwidth_hz:
+        return Cause(kind="retuned")
+    return Cause(kind="extended") if changes.slots is not None else Cause()
 
 
 def remaining(
@@ -71,7 +78,7 @@ def remaining(
     survivors = tuple(
         _moved_on(previous, uav, now[uav.id], begin, high.get(uav.id), used.get(uav.id)) for uav in before
     )
-    uavs, users = uavs_after(survivors, changes), users_after(previous.scenario, changes, begin)
+    uavs, users = uavs_after(survivors, changes, at_slot), users_after(previous.scenario, changes, begin)
     if not uavs:
         raise ReplanError("failed: no UAV would be left to plan for")
     again: dict[str, Any] = {
@@ -79,26 +86,34 @@ def remaining(
         "channel": previous.scenario.channel.model_copy(
             update={} if corrections_db is None else {"corrections_db": corrections_db}
         ),
-        "slots": previous.scenario.slots - begin,
+        "slots": changes.slots or previous.scenario.slots - begin,
     }
     try:
         uavs = for_one_slot(previous.scenario, uavs, {uav.id: proven_use_wh(previous, uav, begin) for uav in before})
         uavs = while_energy_lasts(previous.scenario, uavs, again["slots"])
+        _require_one_that_stays(uavs, changes, again["slots"])
         scenario = previous.scenario.with_changes(uavs=uavs, users=users, **again)
     except ValidationError as error:
         raise ReplanError(_whose_fault(error, changes)) from error
-    past = _achieved(previous, begin, achieved_rates_bps)
-    return scenario, Past(first_slot=at_slot, rates_bps=_for_users(scenario, changes, past))
+    past = _for_users(scenario, changes, _achieved(previous, at_slot, achieved_rates_bps))
+    counted = past if changes.slots is None else past[:, -changes.slots :]
+    return scenario, Past(first_slot=at_slot, rates_bps=counted)
 
 
 def rest_of_paths_m(previous: Plan, at_slot: int, changes: Changes | None = None) -> dict[str, list[Point]]:
     """Return the rest of each UAV's path in the previous plan, metres from slot `at_slot` on; not of UAVs that return.
 
-    Those of failed UAVs are among them.
+    Those of failed UAVs are among them. Where the new plan has more slots, they hover on at their last place.
     """
-    returned = {uav.id for uav in changes.returned} if changes else set()
+    changes = changes or Changes()
+    returned = {uav.id for uav in changes.returned}
     begin = at_slot - previous.first_slot
-    return {uav: path[begin:] for uav, path in previous.trajectories_m.items() if uav not in returned}
+    slots = changes.slots or previous.scenario.slots - begin
+    return {
+        uav: [*path[begin : begin + slots], *[path[-1]] * (slots - len(path[begin:]))]
+        for uav, path in previous.trajectories_m.items()
+        if uav not in returned
+    }
 
 
 def places_changed_m(
@@ -109,10 +124,11 @@ def places_changed_m(
     Of UAVs: where they are at `at_slot` and where they were to end. Of users: where they are.
     """
     changes = changes or Changes()
-    if changes.utility is not None:
+    if changes.utility is not None or changes.slots is not None:
         return None
     begin = at_slot - previous.first_slot
-    uavs = {*failed, *changes.failed, *changes.bandwidth_hz} & set(previous.trajectories_m)
+    named = {*failed, *changes.failed, *changes.bandwidth_hz, *changes.leaves_at, *changes.ends_m}
+    uavs = named & set(previous.trajectories_m)
     paths = [previous.trajectories_m[uav] for uav in sorted(uavs)]
     gone = [user.position_m for user in previous.scenario.users if user.id in changes.users_left]
     come = [uav.start_m for uav in changes.returned] + [user.position_m for user in changes.users_joined]
@@ -123,9 +139,24 @@ def _whose_fault(error: ValidationError, changes: Changes) -> str:
     """Return the broken rule of the remaining scenario, preceded by the field of the request that broke it."""
     said = str(error.errors()[0]["msg"]).removeprefix("Value error, ")
     if said.startswith("users"):
-        return f"users_joined: {said.removeprefix('users: ')}"
-    field = "returned" if any(f"'{uav.id}'" in said for uav in changes.returned) else "positions_m"
-    return f"{field}: {said}"
+        joined = changes.slots is None or any(f"'{user.id}'" in said for user in changes.users_joined)
+        return f"{'users_joined' if joined else 'slots'}: {said.removeprefix('users: ')}"
+    named = {
+        "returned": [uav.id for uav in changes.returned],
+        "ends_m": list(changes.ends_m),
+        "leaves_at": list(changes.leaves_at),
+    }
+    fields = [field for field, uavs in named.items() if any(f"'{uav}'" in said for uav in uavs)]
+    return f"{[*fields, 'positions_m' if changes.slots is None else 'slots'][0]}: {said}"
+
+
+def _require_one_that_stays(uavs: tuple[Uav, ...], changes: Changes, slots: int) -> None:
+    """Refuse more slots than any UAV can stay, and leaves that take all of them away. Raises ReplanError."""
+    longest = max(slots if uav.leaves_at_slot is None else uav.leaves_at_slot for uav in uavs)
+    if longest < slots and changes.slots is not None:
+        raise ReplanError(f"slots: {slots} are too many, every UAV has left after {longest} slots")
+    if longest < slots and changes.leaves_at:
+        raise ReplanError(f"leaves_at: every UAV would have left after {longest} of {slots} slots; one must stay")
 
 
 def _check_live(previous: Plan, altitudes_m: Mapping[str, float], used_wh: Mapping[str, float]) -> None:
@@ -202,20 +233,24 @@ def _out_of(zone: NoFlyDisc | NoFlyPolygon, point: Point) -> Point:
     return point[0] + share * (nearest.x - point[0]), point[1] + share * (nearest.y - point[1])
 
 
-def _achieved(previous: Plan, begin: int, given: Mapping[str, Sequence[float]] | None) -> dict[str, list[float]]:
-    """Return each user's rates in bit/s in the slots before the new plan, as reported, otherwise as planned."""
+def _achieved(previous: Plan, at_slot: int, given: Mapping[str, Sequence[float]] | None) -> dict[str, list[float]]:
+    """Return each user's rates in bit/s in the slots before the new plan that count: as reported, otherwise as planned.
+
+    Rates that are given for all slots of the operation are cut to those that count.
+    """
     unknown = [user for user in given or {} if user not in previous.scenario.user_ids]
     if unknown:
         raise ReplanError(f"achieved_rates_bps: {unknown[0]!r} is not a user of plan {previous.id}")
+    begin = at_slot - previous.first_slot
     rates = {}
     for user in previous.scenario.user_ids:
         promised = [*previous.achieved_rates_bps.get(user, []), *previous.user_rates_bps[user][:begin]]
         row = list(given[user]) if given and user in given else promised
-        if len(row) != len(promised):
+        if len(row) not in {len(promised), at_slot}:
             raise ReplanError(f"achieved_rates_bps.{user}: has {len(row)} slots, but {len(promised)} have passed")
         if not all(np.isfinite(row)) or min(row, default=0.0) < 0:
             raise ReplanError(f"achieved_rates_bps.{user}: rates must be finite and not negative")
-        rates[user] = row
+        rates[user] = row[len(row) - len(promised) :]
     return rates
 
 

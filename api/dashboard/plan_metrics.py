@@ -23,9 +23,8 @@ def with_mu(scenario: Scenario, mu: float) -> Scenario:
 
 def sums(plan: Plan, n_slots: int) -> list[float | None]:
     """Return the sum rate in each slot of the operation's grid, None in slots outside the plan."""
-    before: list[float | None] = [None] * plan.first_slot
-    if plan.achieved_rates_bps:
-        before = list(charts.total(plan.achieved_rates_bps, plan.first_slot))
+    past = {user: [*[None] * (plan.first_slot - len(row)), *row] for user, row in plan.achieved_rates_bps.items()}
+    before = charts.total(past, plan.first_slot)
     totals = [*before, *charts.total(plan.user_rates_bps, plan.scenario.slots)]
     return [*totals, *[None] * (n_slots - len(totals))]
 

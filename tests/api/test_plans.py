@@ -102,6 +102,10 @@ def test_a_replan_has_parent_cause_and_survivors_only(client: TestClient, paper:
         ({"at_slot": 1, "bandwidth_hz": {"uav-1": -1.0}}, "bandwidth_hz.uav-1"),
         ({"at_slot": 1, "utility": {"kind": "sum", "mu_per_kbps": 1.0}}, "utility.mu_per_kbps"),
         ({"at_slot": 1, "utility": {"kind": "applause"}}, "utility.kind"),
+        ({"at_slot": 1, "slots": 0}, "slots"),
+        ({"at_slot": 1, "leaves_at": {"uav-1": 1}}, "leaves_at.uav-1"),
+        ({"at_slot": 1, "leaves_at": {"uav-9": 3}}, "leaves_at"),
+        ({"at_slot": 1, "ends_m": {"uav-1": [1e5, 0.0]}}, "ends_m"),
     ],
 )
 def test_a_replan_that_makes_no_sense_is_refused_by_field(
@@ -112,6 +116,21 @@ def test_a_replan_that_makes_no_sense_is_refused_by_field(
     assert answer.status_code == 422, answer.text
     assert answer.headers["content-type"] == "application/problem+json"
     assert [row["field"] for row in answer.json()["errors"]] == [field]
+
+
+def test_a_plan_is_extended_and_a_uav_told_when_and_where_to_leave_it(
+    client: TestClient, paper: dict[str, Any]
+) -> None:
+    made = planned(client, paper)
+    pad = made["trajectories_m"]["uav-1"][0]
+    body = {"at_slot": 10, "slots": 20, "leaves_at": {"uav-1": 25}, "ends_m": {"uav-1": pad}}
+    answer = client.post(f"/v1/plans/{made['id']}/replans", params={"wait_s": 60}, json=body)
+    assert answer.status_code == 200, answer.text
+    again = Plan.model_validate(answer.json())
+    assert violations(again) == []
+    assert (again.first_slot, again.scenario.slots) == (10, 20)
+    assert again.scenario.uav("uav-1").leaves_at_slot == 15
+    assert again.trajectories_m["uav-1"][14] == pytest.approx(tuple(pad))
 
 
 def test_a_replan_takes_in_users_bands_and_another_utility_at_once(client: TestClient, paper: dict[str, Any]) -> None:

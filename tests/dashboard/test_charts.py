@@ -4,12 +4,23 @@ import json
 
 import pytest
 
-from skyfolio.api.dashboard import charts
+from skyfolio.api.dashboard import charts, plan_metrics
+from skyfolio.planner import Plan
 
 
 def test_a_sum_is_unknown_where_any_user_is() -> None:
     assert charts.total({"a": [1.0, 2.0, None], "b": [3.0, None]}, 4) == [4.0, None, None, None]
     assert charts.total({}, 2) == [None, None]
+
+
+def test_sums_before_a_plan_are_in_the_slots_just_before_it_where_only_the_last_count(small_plan: Plan) -> None:
+    past = {user: [1.0, 2.0] for user in small_plan.scenario.user_ids}
+    later = small_plan.model_copy(update={"first_slot": 5, "achieved_rates_bps": past})
+    users = len(past)
+    assert plan_metrics.sums(later, 12)[:5] == [None, None, None, 1.0 * users, 2.0 * users]
+    assert plan_metrics.sums(small_plan, 12)[0] == pytest.approx(
+        sum(row[0] for row in small_plan.user_rates_bps.values())
+    )
 
 
 def test_the_timeline_shows_sums_users_losses_and_the_slot() -> None:
