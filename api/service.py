@@ -13,7 +13,7 @@ import structlog
 from skyfolio.api.access.api_keys import KeyRing
 from skyfolio.api.access.audit_log import AuditLog
 from skyfolio.api.access.key_attempts import KeyAuthenticator
-from skyfolio.api.common.configuration import simulated_channel, simulated_scenario
+from skyfolio.api.common.configuration import simulated_channel, simulated_field, simulated_scenario
 from skyfolio.api.common.errors import BusyError
 from skyfolio.api.common.fleet_clock import FleetClock
 from skyfolio.api.common.metrics import Metrics
@@ -343,5 +343,5 @@ def _simulated(settings: Settings) -> tuple[SimulatedFleet | None, Settings]:
         return None, settings
     endpoint = own_endpoint()
     scenario, joined = simulated_scenario(settings.simulate), settings.simulate_stations
-    fleet = SimulatedFleet(scenario, endpoint, settings.time_scale, stations=joined)
+    fleet = SimulatedFleet(scenario, endpoint, settings.time_scale, stations=joined, field=simulated_field(settings))
     return fleet, settings.model_copy(update={"fleet_url": f"udpin://{endpoint}"})

@@ -10,7 +10,8 @@ differ, the simulator is wrong; the recordings are never edited. More in docs/si
     decisions      `navigator`, `mission_runner`, `failsafes`, `refusals`, `ground`; `hosts`: the vehicle as they see it
     one vehicle    `autopilot` puts the parts together, in virtual time; `station` adds a radio (`link`, `impairments`)
                    and a `base_station`; `radio_truth`: what users on the ground get from those of a fleet
-    the fleet      `fleet` steps all vehicles on one clock; `faults` are what can go wrong; `truth` logs what happened
+    the fleet      `fleet` steps all vehicles on one clock; `ground_crew` gives those on their pads other `packs`;
+                   `faults` are what can go wrong; `truth` logs what happened
 
 A part takes a protocol of `hosts` or its own, never the whole autopilot. A difference between the autopilots belongs to
 `traits` or a flavour's class, with the recording or source that shows it. Import what a client needs from here:
@@ -20,6 +21,7 @@ A part takes a protocol of `hosts` or its own, never the whole autopilot. A diff
         ...
 """
 
+from skyfolio.sim.airframe import capacity_for_mah
 from skyfolio.sim.base_station import BaseStation, Served
 from skyfolio.sim.clock import Clock, ScaledClock, VirtualClock
 from skyfolio.sim.fault_schedule import parse_fault, value_of
@@ -42,36 +44,43 @@ from skyfolio.sim.faults import (
     fault_from,
     impairments_from,
 )
+from skyfolio.sim.field_texts import TURNAROUND_S, FieldKnobs, field_from, made_from
 from skyfolio.sim.fleet import DEFAULT_ENDPOINT, Fleet, serve
+from skyfolio.sim.ground_crew import GroundCrew
 from skyfolio.sim.impairments import Impairments
 from skyfolio.sim.kinematics import Limits
 from skyfolio.sim.land import Hills
 from skyfolio.sim.missions import Mission, MissionItem
 from skyfolio.sim.modes import Mode
+from skyfolio.sim.packs import Packs
 from skyfolio.sim.radio_faults import RADIO_FAULTS, StationDeaf, StationJammed, StationLate, StationPower
 from skyfolio.sim.radio_truth import MeanGain, RadioTruth, Received, TruthChannel, channel_from
 from skyfolio.sim.slots import SlotGrid
-from skyfolio.sim.specs import AUTOPILOTS, BOOTED_S_AGO, VehicleSpec, grid_of
+from skyfolio.sim.specs import AUTOPILOTS, BATTERY_MAH, BOOTED_S_AGO, VehicleSpec, grid_of
 from skyfolio.sim.station import Vehicle
 from skyfolio.sim.tlog import TlogWriter
 from skyfolio.sim.truth import Event, Sample, TruthLog, as_line
-from skyfolio.sim.weather import Weather
+from skyfolio.sim.weather import Weather, WindFront
 
 __all__ = [
     "AUTOPILOTS",
+    "BATTERY_MAH",
     "BOOTED_S_AGO",
     "DEFAULT_ENDPOINT",
     "FAULTS",
     "RADIO_FAULTS",
+    "TURNAROUND_S",
     "BaseStation",
     "Clock",
     "ClockJump",
     "CorruptUpload",
     "Event",
     "Fault",
+    "FieldKnobs",
     "Fleet",
     "Freeze",
     "GpsLoss",
+    "GroundCrew",
     "Hills",
     "Impair",
     "Impairments",
@@ -85,6 +94,7 @@ __all__ = [
     "ModeChange",
     "MotorFailure",
     "Mute",
+    "Packs",
     "RadioTruth",
     "Reboot",
     "Received",
@@ -104,12 +114,16 @@ __all__ = [
     "VehicleSpec",
     "VirtualClock",
     "Weather",
+    "WindFront",
     "as_line",
+    "capacity_for_mah",
     "channel_from",
     "describe",
     "fault_from",
+    "field_from",
     "grid_of",
     "impairments_from",
+    "made_from",
     "parse_fault",
     "serve",
     "value_of",

@@ -15,7 +15,9 @@ CELLS = 4
 NOMINAL_V = 3.7 * CELLS
 FULL_CELL_V, EMPTY_CELL_V = 4.15, 3.5
 RESISTANCE_OHM = 0.03
-"""Internal resistance of the whole pack."""
+"""Internal resistance of the whole pack when it is new."""
+RESERVE_SHARE = 0.2
+"""The charge with which a flight ends when the minutes that a battery lasts are counted."""
 BLADE_W = 61.5
 """Blade profile power at hover: 197 W less the induced power."""
 TIP_MPS = 90.0
@@ -45,29 +47,41 @@ def flight_power_w(airspeed_mps: float, up_mps: float) -> float:
     return max(IDLE_W, blade + induced + PARASITE_W_PER_MPS3 * airspeed_mps**3 + climb)
 
 
+def capacity_for_mah(minutes: float) -> float:
+    """Return the capacity in mAh on which it hovers so many minutes in still air, until `RESERVE_SHARE` is left."""
+    used_wh = flight_power_w(0.0, 0.0) * minutes / 60.0
+    return used_wh / (1.0 - RESERVE_SHARE) / NOMINAL_V * 1000.0
+
+
 class Battery:
-    """The battery: `share` is the charge left, from 0 to 1, and `power_w` the power drawn."""
+    """The battery on board: `share` is the charge left, from 0 to 1 of what it holds, and `power_w` the power drawn.
+
+    health: what it holds now over what it held when it was new. resistance_ohm: its internal resistance.
+    """
 
     def __init__(self) -> None:
         self.share = 1.0
         self.power_w = IDLE_W
+        self.health = 1.0
+        self.resistance_ohm = RESISTANCE_OHM
 
     @property
     def current_a(self) -> float:
         """Current drawn, in amperes: times the voltage under it, it is the power drawn, as a power module measures."""
         open_v = self._open_v
-        return (open_v - math.sqrt(max(0.0, open_v**2 - 4.0 * RESISTANCE_OHM * self.power_w))) / (2.0 * RESISTANCE_OHM)
+        ohm = self.resistance_ohm
+        return (open_v - math.sqrt(max(0.0, open_v**2 - 4.0 * ohm * self.power_w))) / (2.0 * ohm)
 
     @property
     def voltage_v(self) -> float:
         """Voltage of the pack under its load."""
-        return self._open_v - RESISTANCE_OHM * self.current_a
+        return self._open_v - self.resistance_ohm * self.current_a
 
     @property
     def _open_v(self) -> float:
         return CELLS * (EMPTY_CELL_V + (FULL_CELL_V - EMPTY_CELL_V) * self.share)
 
     def drain(self, power_w: float, dt_s: float, capacity_mah: float) -> None:
-        """Draw `power_w` watts for `dt_s` seconds from a battery of `capacity_mah` when full."""
+        """Draw `power_w` watts for `dt_s` seconds from a battery that held `capacity_mah` when it was new and full."""
         self.power_w = power_w
-        self.share = max(0.0, self.share - power_w * dt_s / (capacity_mah * 3.6 * NOMINAL_V))
+        self.share = max(0.0, self.share - power_w * dt_s / (capacity_mah * self.health * 3.6 * NOMINAL_V))

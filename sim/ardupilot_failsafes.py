@@ -64,7 +64,7 @@ class ArdupilotFailsafes(Failsafes):
 
     def _battery_fell(self, levels: tuple[LowBattery, ...]) -> None:
         host = self._host
-        used_mah = (1.0 - host.battery.share) * host.parameters.tuning.battery_capacity_mah
+        used_mah = host.gauge.used * host.parameters.tuning.battery_capacity_mah
         for level in levels:
             host.send_text(f"{level.words} {host.battery.voltage_v:.2f}V used {used_mah:.0f} mAh", _WARNING)
         self._on.add("battery")

@@ -15,6 +15,7 @@ from skyfolio.sim.chatter import Chatter
 from skyfolio.sim.component_failures import ComponentFailures
 from skyfolio.sim.dynamics import Dynamics
 from skyfolio.sim.flavours import FLAVOURS
+from skyfolio.sim.gauge import Gauge
 from skyfolio.sim.geo import LocalFrame, Place
 from skyfolio.sim.ground import Ground
 from skyfolio.sim.hosts import Refusal
@@ -70,6 +71,7 @@ class Autopilot:
         parameters = flavour.parameters(limits or flavour.limits)
         self.files = metadata_files(parameters) if flavour.has_metadata else {}
         self.parameters = ParameterStore(parameters, flavour.tuning, bytewise=flavour.bytewise)
+        self.parameters[flavour.capacity_parameter] = spec.battery_mah
         self.clock = OnboardClock(now_s, spec.booted_s_ago)
         self.air = air or Air(Weather(), "calm")
         self.land: Land = Level() if hills is None else hills.around(self.frame, spec.home_alt_m)
@@ -102,6 +104,7 @@ class Autopilot:
         self.mode = self._mode_to_restore = flavour.boot_mode
         self.boot_plan = Boot(self, flavour.boot)
         self.chatter.reset()
+        self.gauge = Gauge(self.battery, counts_only=flavour.counts_charge)
         self.navigator = Navigator(self, self.plans.return_point)
         self.ground = Ground(self)
         self.failsafes = flavour.failsafes(self, self.plans.fence)

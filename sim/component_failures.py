@@ -50,8 +50,9 @@ class ComponentFailures:
         self._host.emit("gps_back", {})
 
     def set_battery(self, share: float) -> None:
-        """Set the charge that is left, from 0 (empty) to 1 (full)."""
+        """Set the charge that is left, from 0 (empty) to 1 (full), as if the rest had been drawn in this flight."""
         self._host.battery.share = share
+        self._host.gauge.take_for_drawn()
         self._host.emit("battery_set", {"share": share})
 
     def jump_clock(self, seconds: float) -> None:

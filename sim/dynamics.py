@@ -62,7 +62,7 @@ class Dynamics:
         """Fly for `dt_s` seconds, to arrive at fleet time `now_s`."""
         host = self._host
         was_on_ground = self.body.on_ground
-        host.air.step(dt_s, satellites=self.satellites)
+        host.air.step(now_s, dt_s, satellites=self.satellites)
         if host.battery.share <= 0.0 and host.armed:
             self.cut_power()
         if not self.powered:

@@ -89,7 +89,7 @@ class Failsafes(ABC):
 
     def _check_battery(self) -> None:
         levels = self._host.parameters.tuning.batteries
-        share = self._host.battery.share
+        share = self._host.gauge.share
         passed = 0
         for level in levels:
             passed += share < level.share

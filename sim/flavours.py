@@ -148,6 +148,8 @@ PX4 = Flavour(
     gives_orders=True,
     announces_mode=False,
     announces_mission=True,
+    counts_charge=False,
+    capacity_parameter="BAT1_CAPACITY",
 )
 
 ARDUPILOT = Flavour(
@@ -220,6 +222,8 @@ ARDUPILOT = Flavour(
     gives_orders=False,
     announces_mode=True,
     announces_mission=False,
+    counts_charge=True,
+    capacity_parameter="BATT_CAPACITY",
 )
 
 FLAVOURS = {flavour.name: flavour for flavour in (PX4, ARDUPILOT)}

@@ -5,6 +5,7 @@ import random
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import asdict
 from functools import partial
 from types import TracebackType
 from typing import Any, Self
@@ -12,6 +13,7 @@ from typing import Any, Self
 from skyfolio.sim.clock import EPOCH_S, Clock
 from skyfolio.sim.fault_schedule import Schedule
 from skyfolio.sim.faults import Fault, describe
+from skyfolio.sim.ground_crew import CrewAtWork, GroundCrew
 from skyfolio.sim.impairments import Impairments
 from skyfolio.sim.kinematics import Limits
 from skyfolio.sim.knobs import LONGEST_S, check_number, check_whole
@@ -45,7 +47,8 @@ class Fleet:
     whole fleet in virtual time as fast as it computes, `attach` puts ground stations beside it in memory, and the same
     seed gives the same log byte for byte. `seed` decides phases, weather and links. `protocol_clock` gives the seconds
     for time-outs and links: by default wall time with sockets, fleet time without. `signing_key` (32 bytes): sign, and
-    refuse what is not signed. `hills`: the ground, where it is not level. ValueError for no vehicles, duplicate ids, a
+    refuse what is not signed. `hills`: the ground, where it is not level. `crew`: who changes batteries; None: nobody
+    does. ValueError for no vehicles, duplicate ids, a
     bad endpoint or key.
     """
 
@@ -61,6 +64,7 @@ class Fleet:
         weather: Weather | None = None,
         signing_key: bytes | None = None,
         hills: Hills | None = None,
+        crew: GroundCrew | None = None,
     ) -> None:
         vehicles = list(specs)
         if not vehicles:
@@ -81,10 +85,14 @@ class Fleet:
         self._seed = seed
         self._signature = None if signing_key is None else Signature(signing_key, self._unix_time)
         self._hills = hills
+        weather = weather or Weather()
+        self._fronts = list(weather.fronts)
         spread = random.Random(seed)  # noqa: S311
         self.vehicles: dict[int, Vehicle] = {
-            spec.system_id: self._vehicle(spec, limits, weather or Weather(), spread.random()) for spec in vehicles
+            spec.system_id: self._vehicle(spec, limits, weather, spread.random()) for spec in vehicles
         }
+        self.crew = None if crew is None else CrewAtWork(crew, self.vehicles.values(), seed=seed, emit=self._log)
+        """The ground crew with its pads and packs, if there is one."""
 
     def _vehicle(self, spec: VehicleSpec, limits: Limits | None, weather: Weather, phase: float) -> Vehicle:
         name = f"{self._seed}/{spec.system_id}"
@@ -176,8 +184,12 @@ class Fleet:
                 self._strike(fault)
             self._steps += 1
             before, self.now_s = self.now_s, after
+            if self._fronts:
+                self._announce_fronts()
             for vehicle in self.vehicles.values():
                 vehicle.step(after, STEP_S)
+            if self.crew is not None:
+                self.crew.step(after)
             if self._steps % round(SAMPLE_INTERVAL_S / STEP_S) == 0:
                 for vehicle in self.vehicles.values():
                     self.truth.record(after, vehicle)
@@ -243,6 +255,12 @@ class Fleet:
             error_m = grid.error_m(system_id, slot, *vehicle.position[:2])
             if error_m is not None:
                 self._log(system_id, "slot", {"slot": slot, "error_m": round(error_m, 3)})
+
+    def _announce_fronts(self) -> None:
+        while self._fronts and self._fronts[0].at_s <= self.now_s:
+            detail = asdict(self._fronts.pop(0))
+            del detail["at_s"]
+            self._log(0, "wind_front", detail)
 
     def _close_links(self) -> None:
         for vehicle in self.vehicles.values():

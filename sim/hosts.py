@@ -10,6 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from skyfolio.sim.airframe import Battery
 from skyfolio.sim.dynamics import Dynamics
+from skyfolio.sim.gauge import Gauge
 from skyfolio.sim.geo import LocalFrame, Place
 from skyfolio.sim.kinematics import Body
 from skyfolio.sim.mission_runner import MissionRunner
@@ -77,6 +78,7 @@ class Equipment(Protocol):
     clock: OnboardClock
     parameters: ParameterStore
     battery: Battery
+    gauge: Gauge
     dynamics: Dynamics
     runner: MissionRunner
 

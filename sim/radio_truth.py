@@ -10,10 +10,9 @@ from __future__ import annotations
 import math
 import random
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass
 
-from skyfolio.sim.fault_schedule import value_of
+from skyfolio.sim.field_texts import made_from
 from skyfolio.sim.fleet import Fleet
 from skyfolio.sim.geo import LocalFrame
 from skyfolio.sim.knobs import check_number
@@ -72,16 +71,7 @@ def channel_from(text: str) -> TruthChannel:
 
     ValueError names what is wrong.
     """
-    values: dict[str, Any] = {}
-    known = {field.name for field in fields(TruthChannel)}
-    for part in text.split(",") if text else []:
-        name, equals, value = part.partition("=")
-        if not equals:
-            raise ValueError(f"{part!r} must look like FIELD=VALUE")
-        if name not in known:
-            raise ValueError(f"{name}: a channel has no such field, it has {', '.join(sorted(known))}")
-        values[name] = value_of(value)
-    return TruthChannel(**values)
+    return made_from(TruthChannel, text, "a channel")
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,9 @@ from dataclasses import dataclass
 from skyfolio.sim.geo import LocalFrame
 from skyfolio.sim.knobs import LONGEST_S, check_number
 
+BATTERY_MAH = 5000.0
+"""What a new pack of the airframe holds."""
+LEAST_MAH, MOST_MAH = 100.0, 100_000.0
 AUTOPILOTS = ("px4", "ardupilot")
 BOOTED_S_AGO = 60.0
 """Seconds for which a vehicle has been on by default: long enough to be ready."""
@@ -18,6 +21,7 @@ class VehicleSpec:
     system_id: its MAVLink system id (1-254). home_lat_deg, home_lon_deg, home_alt_m: where it stands (WGS 84 degrees,
     metres above sea level). autopilot: "px4" or "ardupilot" (ArduCopter). booted_s_ago: how many seconds the autopilot
     has been on; with 0 it is switched on with the fleet, and an ArduCopter then takes 40 s until it can be armed.
+    battery_mah: what its battery holds when it is new, which its autopilot has as a parameter.
     ValueError names the field that is out of range.
     """
 
@@ -27,6 +31,7 @@ class VehicleSpec:
     home_alt_m: float = 488.0
     autopilot: str = "px4"
     booted_s_ago: float = BOOTED_S_AGO
+    battery_mah: float = BATTERY_MAH
 
     def __post_init__(self) -> None:
         if not 1 <= self.system_id <= 254:
@@ -40,6 +45,7 @@ class VehicleSpec:
         if self.autopilot not in AUTOPILOTS:
             raise ValueError(f"autopilot must be one of {', '.join(AUTOPILOTS)}, got {self.autopilot!r}")
         check_number("booted_s_ago", self.booted_s_ago, 0.0, LONGEST_S)
+        check_number("battery_mah", self.battery_mah, LEAST_MAH, MOST_MAH)
 
 
 def grid_of(

@@ -59,6 +59,8 @@ class Vehicle:
         self.spec = spec
         self.system_id = spec.system_id
         """The MAVLink system id."""
+        self.pack_id = ""
+        """The id of the battery pack on board; empty without a ground crew, which knows them apart."""
         self.radio = radio
         self.autopilot = Autopilot(
             spec,
@@ -77,6 +79,8 @@ class Vehicle:
         self._tap = tap
         self._now_s = now_s
         self._killed = False
+        self.is_off = False
+        """Whether somebody has switched it off, on the ground."""
         self._muted_until_s = self._frozen_until_s = self._booting_until_s = -math.inf
         self._later: list[tuple[float, Callable[[], None]]] = []
         self._frozen_since: tuple[float, float] | None = None
@@ -135,6 +139,8 @@ class Vehicle:
         self._now_s = now_s
         if self._later:
             self._do_what_is_due(now_s)
+        if self.is_off:
+            return
         if self.running or self._killed:
             self.autopilot.step(now_s, dt_s)
         else:
@@ -218,14 +224,32 @@ class Vehicle:
 
     def reboot(self, for_s: float = REBOOT_S) -> None:
         """Restart the autopilot; it neither sends nor receives until it is up again after `for_s` seconds."""
+        if self.is_off:
+            return
         self._emit("rebooting", {})
+        self._go_down(self._now_s + for_s)
+        self.after(for_s, self._boot)
+
+    def switch_off(self) -> None:
+        """Cut the power of a vehicle that stands on the ground, until `switch_on`."""
+        self.is_off = True
+        self._emit("switched_off", {})
+        self._go_down(math.inf)
+
+    def switch_on(self) -> None:
+        """Give it power again: its autopilot boots."""
+        self.is_off, self._booting_until_s = False, -math.inf
+        self._boot()
+
+    def _go_down(self, until_s: float) -> None:
         self.autopilot.shut_down()
         self._frozen_since, self._frozen_until_s = None, -math.inf
         self._unread.clear()
-        self._booting_until_s = self._now_s + for_s
-        self.after(for_s, self._boot)
+        self._booting_until_s = until_s
 
     def _boot(self) -> None:
+        if self.is_off or self._now_s < self._booting_until_s - 1e-9:
+            return
         self.autopilot.boot(self._now_s)
         self._emit("booted", {})
 

@@ -157,7 +157,8 @@ def _sensors(host: MessageHost) -> tuple[int, int, int]:
         healthy &= ~(dialect.MAV_SYS_STATUS_SENSOR_GPS | dialect.MAV_SYS_STATUS_SENSOR_XY_POSITION_CONTROL)
         if is_px4:
             present &= ~dialect.MAV_SYS_STATUS_SENSOR_GPS
-    if any(host.battery.share < level.share for level in tuning.batteries):
+    charge = host.gauge.share
+    if any(charge < level.share for level in tuning.batteries):
         healthy &= ~dialect.MAV_SYS_STATUS_SENSOR_BATTERY
     if not host.dynamics.powered:
         healthy &= ~_PROPULSION
@@ -169,14 +170,14 @@ def _sensors(host: MessageHost) -> tuple[int, int, int]:
 def _sys_status(host: MessageHost) -> Message:
     present, enabled, healthy = _sensors(host)
     battery = host.battery
-    power = (round(battery.voltage_v * 1000.0), round(battery.current_a * 100.0), round(battery.share * 100.0))
+    power = (round(battery.voltage_v * 1000.0), round(battery.current_a * 100.0), round(host.gauge.share * 100.0))
     message: Message = dialect.MAVLink_sys_status_message(present, enabled, healthy, 250, *power, 0, 0, 0, 0, 0, 0)
     return message
 
 
 def _battery_status(host: MessageHost) -> Message:
     battery = host.battery
-    used_mah = round((1.0 - battery.share) * host.parameters.tuning.battery_capacity_mah)
+    used_mah = round(host.gauge.used * host.parameters.tuning.battery_capacity_mah)
     message: Message = dialect.MAVLink_battery_status_message(
         0,
         dialect.MAV_BATTERY_FUNCTION_ALL,
@@ -186,7 +187,7 @@ def _battery_status(host: MessageHost) -> Message:
         round(battery.current_a * 100.0),
         used_mah,
         -1,
-        round(battery.share * 100.0),
+        round(host.gauge.share * 100.0),
     )
     return message
 

@@ -55,6 +55,7 @@ class Traits:
     restores_mode: disarmed, it shows the last mode in which it can be armed, and its home is where it stands.
     gives_orders: see `sim.chatter`. announces_mode: a change of mode is followed by a HEARTBEAT at once.
     announces_mission: MISSION_CURRENT is sent whenever it changes, and MISSION_ITEM_REACHED ten times more.
+    counts_charge: see `sim.gauge`. capacity_parameter: the name of the one that holds the battery's capacity in mAh.
     """
 
     name: str
@@ -80,3 +81,5 @@ class Traits:
     gives_orders: bool
     announces_mode: bool
     announces_mission: bool
+    counts_charge: bool
+    capacity_parameter: str

@@ -20,7 +20,8 @@ class Sample(NamedTuple):
     """One vehicle at one moment of fleet time.
 
     Degrees (WGS 84), metres above home, above the ground beneath and above mean sea level, m/s; `mission_id` is 0
-    without a mission, `battery` a share from 0 to 1.
+    without a mission, `battery` a share from 0 to 1 of what the pack holds, `pack` the id of the pack on board (empty
+    without a ground crew).
     """
 
     t_s: float
@@ -38,6 +39,7 @@ class Sample(NamedTuple):
     battery: float = 1.0
     over_ground_m: float = 0.0
     altitude_amsl_m: float = 0.0
+    pack: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +49,10 @@ class Event:
     Kinds: armed, disarmed, mode {mode}, takeoff, landed, crashed {impact_mps}, mission_accepted {mission_id, items},
     fence_accepted {items}, rally_accepted {items}, item_reached {seq}, failsafe {cause, action}, fault {fault, knobs},
     killed, muted {for_s}, unmuted, frozen {for_s}, thawed, rebooting, booted, gps_lost, gps_back, motor_failed,
-    battery_set {share}, clock_jumped {seconds}, slot {slot, error_m}.
+    battery_set {share}, clock_jumped {seconds}, slot {slot, error_m}. Of the ground crew: off_pad {distance_m},
+    swap_waits {because, full_in_s}, swap_begun {done_s}, swap_abandoned {because}, switched_off, swapped {pack, cycles,
+    health, resistance_ohm, removed, removed_share}. Of the air, with system id 0: wind_front {east_mps, north_mps,
+    gust_mps, ramp_s}.
     """
 
     t_s: float
@@ -111,6 +116,7 @@ class TruthLog:
             autopilot.battery.share,
             body.up_m - body.ground_m,
             autopilot.spec.home_alt_m + body.up_m,
+            vehicle.pack_id,
         )
         self.samples.append(sample)
         if self.sink is not None:

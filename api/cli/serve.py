@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
+from skyfolio.api.cli.field_options import BatteryMinutes, Crew, Fronts, PacksOfPad, Turnaround
 from skyfolio.api.cli.files import Json
 from skyfolio.api.cli.lazy import print_error
 from skyfolio.api.common import kernels
@@ -26,6 +27,11 @@ def serve(
         str | None,
         typer.Option(help="How the true channel of that fleet's users differs: bias_db=-6,shadowing_db=4,seed=1."),
     ] = None,
+    crew: Crew = None,
+    turnaround_s: Turnaround = None,
+    packs: PacksOfPad = None,
+    battery_minutes: BatteryMinutes = None,
+    front: Fronts = None,
     time_scale: Annotated[float | None, typer.Option(help="Speed-up of a simulated fleet; 1 for real ones.")] = None,
     ui: Annotated[bool, typer.Option("--ui/--no-ui", help="Serve the dashboard at /ui.")] = True,
     as_json: Json = False,
@@ -38,6 +44,11 @@ def serve(
         "fleet_url": fleet_url,
         "simulate": simulate,
         "simulate_channel": radio_channel,
+        "simulate_crew": crew,
+        "simulate_turnaround_s": turnaround_s,
+        "simulate_packs": packs,
+        "simulate_battery_minutes": battery_minutes,
+        "simulate_fronts": ";".join(front) if front else None,
         "time_scale": time_scale,
     }
     _run({name: value for name, value in options.items() if value is not None}, as_json=as_json, ui=ui)

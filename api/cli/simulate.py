@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from skyfolio.api.cli.autopilots import DEFAULT, AutopilotOfFleet
+from skyfolio.api.cli.field_options import BatteryMinutes, Crew, Fronts, PacksOfPad, Turnaround
 from skyfolio.api.cli.files import Json, UsageError, read_as, read_scenario
 
 
@@ -36,7 +37,12 @@ def simulate(
     weather: Annotated[
         str, typer.Option(help="E.g. wind_east_mps=4,gust_mps=1.5,gps_m=0.8; default: the scenario's wind.")
     ] = "",
-    seed: Annotated[int, typer.Option(help="Of links, weather and stream phases.")] = 0,
+    crew: Crew = None,
+    turnaround_s: Turnaround = None,
+    packs: PacksOfPad = None,
+    battery_minutes: BatteryMinutes = None,
+    front: Fronts = None,
+    seed: Annotated[int, typer.Option(help="Of links, weather, packs and stream phases.")] = 0,
     radio_seed: Annotated[int, typer.Option(min=0, help="Of the fading that users truly experience.")] = 1,
     log: Annotated[Path | None, typer.Option(help="Write the ground truth here, as JSON lines.")] = None,
     tlog: Annotated[Path | None, typer.Option(help="Write all MAVLink here, as a .tlog.")] = None,
@@ -67,8 +73,19 @@ def simulate(
     from skyfolio.api.common.configuration import require_known  # noqa: PLC0415 - `--help` needs none of these
     from skyfolio.api.lab.simulate import SimulateConfig, SimulateError, run_fleet  # noqa: PLC0415
     from skyfolio.planner import Plan  # noqa: PLC0415
+    from skyfolio.sim import TURNAROUND_S, field_from  # noqa: PLC0415
 
     require_known(os.environ)
+    try:
+        field_knobs = field_from(
+            crew=crew or 0,
+            turnaround_s=turnaround_s or TURNAROUND_S,
+            packs=packs or "",
+            battery_minutes=battery_minutes,
+            fronts=front or (),
+        )
+    except (ValueError, TypeError) as error:
+        raise UsageError(str(error)) from error
     config = SimulateConfig(
         vehicles=vehicles,
         speedup=speedup,
@@ -90,6 +107,7 @@ def simulate(
         radio_channel=radio_channel,
         radio_key=radio_key,
         booted_s_ago=booted_s_ago,
+        field_knobs=field_knobs,
         as_json=as_json,
     )
     try:

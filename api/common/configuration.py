@@ -23,7 +23,7 @@ from skyfolio.mavlink_bridge.errors import SigningKeyInvalid
 
 if TYPE_CHECKING:
     from skyfolio.planner import Scenario
-    from skyfolio.sim import TruthChannel
+    from skyfolio.sim import FieldKnobs, TruthChannel
 
 OF_COMMANDS = frozenset({"SERVICE", "KEY", "SIM_SIGNING_KEY", "API"})
 """Variables that are not settings: of `fly`, `status` and `drill`, of `simulate`, of the tour of the API."""
@@ -63,6 +63,7 @@ def require_usable(settings: Settings) -> None:
     if settings.simulate is not None:
         simulated_scenario(settings.simulate)
     simulated_channel(settings.simulate_channel)
+    simulated_field(settings)
 
 
 def simulated_channel(text: str) -> TruthChannel:
@@ -73,6 +74,22 @@ def simulated_channel(text: str) -> TruthChannel:
         return channel_from(text)
     except ValueError as error:
         raise InvalidError(f"simulate_channel: {error}") from error
+
+
+def simulated_field(settings: Settings) -> FieldKnobs:
+    """Return what happens around the simulated fleet. Raises InvalidError naming the setting."""
+    from skyfolio.sim import field_from  # noqa: PLC0415 - other commands do without it
+
+    try:
+        return field_from(
+            crew=settings.simulate_crew,
+            turnaround_s=settings.simulate_turnaround_s,
+            packs=settings.simulate_packs,
+            battery_minutes=settings.simulate_battery_minutes,
+            fronts=[text for text in settings.simulate_fronts.split(";") if text.strip()],
+        )
+    except (TypeError, ValueError) as error:
+        raise InvalidError(f"simulate_packs, simulate_fronts: {error}") from error
 
 
 def simulated_scenario(named: str) -> Scenario:

@@ -43,7 +43,10 @@ class Settings(BaseSettings):
     simulate: fly the fleet of this example, or of the scenario in this .json file, in software inside the service and
     in the scenario's wind, ready for drills. simulate_stations: whether the base stations of that fleet serve, and
     report. simulate_channel: how what users truly get from them differs from what is planned with (`FIELD=VALUE,...` of
-    `sim.TruthChannel`).
+    `sim.TruthChannel`). simulate_crew: how many people change batteries on the pads of that fleet, each in
+    simulate_turnaround_s; simulate_packs: the batteries of each pad (`FIELD=VALUE,...` of `sim.Packs`);
+    simulate_battery_minutes: of hovering on a new one until 20 % is left; simulate_fronts: how the wind changes
+    (`FIELD=VALUE,...` of `sim.WindFront`, separated by semicolons).
     heartbeat_stale_s, heartbeat_lost_s: fleet seconds of silence. timing: when everything else about a vehicle counts
     (`mavlink_bridge.conditions.Timing`), as JSON: `{"takeover_after_s": 2, "proof_s": 4}`, or one by one:
     `SKYFOLIO_TIMING__PROOF_S=4`.
@@ -86,6 +89,11 @@ class Settings(BaseSettings):
     simulate: str | None = None
     simulate_stations: bool = True
     simulate_channel: Annotated[str, Field(max_length=200)] = ""
+    simulate_crew: Annotated[int, Field(ge=0, le=100)] = 0
+    simulate_turnaround_s: Annotated[float, Field(ge=10, le=1e6)] = 90.0
+    simulate_packs: Annotated[str, Field(max_length=300)] = ""
+    simulate_battery_minutes: Annotated[float, Field(ge=1, le=300)] | None = None
+    simulate_fronts: Annotated[str, Field(max_length=2000)] = ""
     time_scale: Annotated[float, Field(gt=0, le=100)] = 1.0
     workers: Annotated[int, Field(ge=1, le=64)] = 1
     warm_up: bool = True

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import socket
 import threading
-from collections.abc import Coroutine
+from collections.abc import Coroutine, Iterable
 from dataclasses import replace
 from typing import Any, TypeVar
 
@@ -20,16 +20,21 @@ GUST_SPREADS = 3.0
 
 
 def specs_at_starts(
-    scenario: Scenario, autopilot: str = DEFAULT_AUTOPILOT.value, booted_s_ago: float = sim.BOOTED_S_AGO
+    scenario: Scenario,
+    autopilot: str = DEFAULT_AUTOPILOT.value,
+    booted_s_ago: float = sim.BOOTED_S_AGO,
+    battery_mah: float = sim.BATTERY_MAH,
 ) -> list[sim.VehicleSpec]:
     """Return one vehicle on the ground at each UAV's start; system ids 1, 2, ... in the scenario's order.
 
-    With terrain their homes are at its heights.
+    With terrain their homes are at its heights. battery_mah: what a new battery holds.
     """
     specs = []
     for system_id, uav in enumerate(scenario.uavs, start=1):
         lat_deg, lon_deg = east_north_to_geodetic(scenario.origin, *uav.start_m)
-        spec = sim.VehicleSpec(system_id, lat_deg, lon_deg, autopilot=autopilot, booted_s_ago=booted_s_ago)
+        spec = sim.VehicleSpec(
+            system_id, lat_deg, lon_deg, autopilot=autopilot, booted_s_ago=booted_s_ago, battery_mah=battery_mah
+        )
         if scenario.terrain is not None:
             spec = replace(spec, home_alt_m=scenario.terrain.height_at(*uav.start_m))
         specs.append(spec)
@@ -44,13 +49,16 @@ def hills_of(scenario: Scenario) -> sim.Hills | None:
     return sim.Hills(lambda lat, lon: terrain.height_at(*geodetic_to_east_north(scenario.origin, lat, lon)))
 
 
-def weather_of(scenario: Scenario) -> sim.Weather | None:
-    """Return the wind of a scenario for its simulated fleet; its bound on gusts is three times their spread."""
-    wind = scenario.wind
+def weather_of(scenario: Scenario, fronts: Iterable[sim.WindFront] = ()) -> sim.Weather | None:
+    """Return the wind of a scenario for its simulated fleet; its bound on gusts is three times their spread.
+
+    fronts: how it changes later. None for a scenario without wind, and no fronts.
+    """
+    wind, later = scenario.wind, tuple(fronts)
     if wind is None:
-        return None
+        return sim.Weather(fronts=later) if later else None
     spread_mps = wind.gust_mps / GUST_SPREADS
-    return sim.Weather(wind_east_mps=wind.east_mps, wind_north_mps=wind.north_mps, gust_mps=spread_mps)
+    return sim.Weather(wind_east_mps=wind.east_mps, wind_north_mps=wind.north_mps, gust_mps=spread_mps, fronts=later)
 
 
 def own_endpoint() -> str:
@@ -83,19 +91,29 @@ def fault_of(kind: str, system_id: int, options: dict[str, Any], *, stations: bo
 class SimulatedFleet:
     """Vehicles at the starts of a scenario, which fly in their own thread from `start` to `stop`.
 
-    stations: whether their base stations are joined to the operations that they fly.
+    stations: whether their base stations are joined to the operations that they fly. field: what happens around them.
     """
 
-    def __init__(self, scenario: Scenario, endpoint: str, speedup: float, *, stations: bool = True) -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        endpoint: str,
+        speedup: float,
+        *,
+        stations: bool = True,
+        field: sim.FieldKnobs | None = None,
+    ) -> None:
+        field = field or sim.FieldKnobs()
         self.speedup, self.stations = speedup, stations
         self.uav_ids = scenario.uav_ids
         """Which UAV each vehicle is, by system id from 1 on."""
         self.fleet = sim.Fleet(
-            specs_at_starts(scenario),
+            specs_at_starts(scenario, battery_mah=field.battery_mah),
             clock=sim.ScaledClock(speedup),
             endpoint=f"udpout://{endpoint}",
-            weather=weather_of(scenario),
+            weather=weather_of(scenario, field.fronts),
             hills=hills_of(scenario),
+            crew=field.crew,
         )
         for vehicle in self.fleet.vehicles.values():
             if "COM_OBL_RC_ACT" in vehicle.autopilot.parameters:

@@ -7,7 +7,7 @@ import json
 import signal
 import sys
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from skyfolio.mavlink_bridge import DEFAULT_AUTOPILOT, east_north_to_geodetic
 from skyfolio.planner import EXAMPLES, Plan, Scenario
 from skyfolio.sim import (
     Event,
+    FieldKnobs,
     Fleet,
     Impairments,
     ScaledClock,
@@ -54,7 +55,7 @@ class SimulateConfig:
     distance from the schedule at each, and each slot's true rates, drawn from radio_seed. booted_s_ago: how long the
     vehicles have been on; switched on with the fleet, an ArduCopter cannot be armed for 40 s. radio_url: the service
     whose allocations the base stations serve, and to which they report; radio_channel: `FIELD=VALUE,...` of
-    `sim.TruthChannel`, by how much the true channel differs; radio_key: an API key.
+    `sim.TruthChannel`, by how much the true channel differs; radio_key: an API key. field_knobs: crew, packs, fronts.
     """
 
     vehicles: int = 3
@@ -77,6 +78,7 @@ class SimulateConfig:
     radio_channel: str = ""
     radio_key: str | None = None
     booted_s_ago: float = 0.0
+    field_knobs: FieldKnobs = field(default_factory=FieldKnobs)
     as_json: bool = False
     console: Console = field(default_factory=Console)
 
@@ -84,13 +86,14 @@ class SimulateConfig:
 def fleet_of(config: SimulateConfig) -> Fleet:
     """Return the fleet, with its faults scheduled and its links impaired. Raises SimulateError naming the option."""
     scenario = config.plan.scenario if config.plan else config.scenario
-    origin = EXAMPLES["paper"]().origin
+    origin, knobs = EXAMPLES["paper"]().origin, config.field_knobs
     try:
         if scenario is not None:
-            specs = specs_at_starts(scenario, config.autopilot, config.booted_s_ago)
+            specs = specs_at_starts(scenario, config.autopilot, config.booted_s_ago, knobs.battery_mah)
         else:
             place = (origin.lat_deg, origin.lon_deg)
-            specs = grid_of(config.vehicles, *place, autopilot=config.autopilot, booted_s_ago=config.booted_s_ago)
+            grid = grid_of(config.vehicles, *place, autopilot=config.autopilot, booted_s_ago=config.booted_s_ago)
+            specs = [replace(spec, battery_mah=knobs.battery_mah) for spec in grid]
         fleet = Fleet(
             specs,
             clock=ScaledClock(config.speedup),
@@ -99,6 +102,7 @@ def fleet_of(config: SimulateConfig) -> Fleet:
             weather=_weather(config, scenario),
             signing_key=bytes.fromhex(config.signing_key) if config.signing_key else None,
             hills=None if scenario is None else hills_of(scenario),
+            crew=knobs.crew,
         )
         fleet.impair(up=_impairments("--up", config.up), down=_impairments("--down", config.down))
         for text in config.faults:
@@ -111,9 +115,10 @@ def fleet_of(config: SimulateConfig) -> Fleet:
 
 def _weather(config: SimulateConfig, scenario: Scenario | None) -> Weather | None:
     """Return the weather that is asked for; without any, the wind of the scenario."""
+    fronts = config.field_knobs.fronts
     if config.weather or scenario is None:
-        return Weather(**_knobs("--weather", config.weather))
-    return weather_of(scenario)
+        return Weather(**_knobs("--weather", config.weather), fronts=fronts)
+    return weather_of(scenario, fronts)
 
 
 async def run_fleet(config: SimulateConfig) -> None:

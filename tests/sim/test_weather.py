@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from skyfolio.sim import Fleet, Mode, SlotGrid, VirtualClock, Weather, grid_of
+from skyfolio.sim import Fleet, Mode, SlotGrid, VirtualClock, Weather, WindFront, grid_of
 from skyfolio.sim.weather import Air
 
 HOME = (47.397742, 8.545594)
@@ -63,22 +63,47 @@ def test_headwind_costs_battery() -> None:
 def test_gusts_have_the_size_they_were_given() -> None:
     air = Air(Weather(gust_mps=2.0, gust_s=1.0), "seed")
     east = []
-    for _ in range(20_000):
-        air.step(0.5, satellites=True)
+    for step in range(20_000):
+        air.step(0.5 * step, 0.5, satellites=True)
         east.append(air.gust_mps[0])
     assert mean(east) == pytest.approx(0.0, abs=0.15)
     assert pstdev(east) == pytest.approx(2.0, rel=0.05)
+
+
+def test_a_front_changes_the_wind_within_its_ramp_and_the_next_one_begins_from_there() -> None:
+    fronts = (
+        WindFront(at_s=100.0, east_mps=6.0, gust_mps=1.0, ramp_s=50.0),
+        WindFront(at_s=125.0, north_mps=-4.0, ramp_s=100.0),
+    )
+    weather = Weather(wind_north_mps=2.0, fronts=fronts)
+    assert weather.wind_at(99.0) == (0.0, 2.0, 0.0)
+    assert weather.wind_at(110.0) == pytest.approx((1.2, 1.6, 0.2))
+    assert weather.wind_at(125.0) == pytest.approx((3.0, 1.0, 0.5))
+    assert weather.wind_at(175.0) == pytest.approx((1.5, -1.5, 0.25))
+    assert weather.wind_at(1e6) == pytest.approx((0.0, -4.0, 0.0))
+
+
+def test_a_front_reaches_those_who_fly_and_is_reported() -> None:
+    fronts = (WindFront(at_s=30.0, north_mps=12.0, ramp_s=0.0),)
+    calm, _ = hover(Weather(), 60.0)
+    windy, _ = hover(Weather(fronts=fronts), 60.0)
+    assert windy.vehicles[1].autopilot.air.wind_mps == (0.0, 12.0)
+    assert windy.vehicles[1].autopilot.battery.share != calm.vehicles[1].autopilot.battery.share
+    (front,) = windy.truth.happened("wind_front")
+    assert (front.t_s, front.system_id) == (pytest.approx(30.0, abs=0.06), 0)
+    assert front.detail == {"east_mps": 0.0, "north_mps": 12.0, "gust_mps": 0.0, "ramp_s": 0.0}
 
 
 @pytest.mark.parametrize(
     ("values", "words"),
     [
         ({"gust_mps": -1.0}, "gust_mps must not be negative"),
+        ({"fronts": (WindFront(at_s=9.0), WindFront(at_s=3.0))}, "fronts must be in order of at_s"),
         ({"gps_s": 0.0}, "gps_s must be above 0"),
         ({"wind_east_mps": math.nan}, "wind_east_mps must be a finite number"),
     ],
 )
-def test_impossible_weather_is_refused(values: dict[str, float], words: str) -> None:
+def test_impossible_weather_is_refused(values: dict[str, Any], words: str) -> None:
     with pytest.raises(ValueError, match=words):
         Weather(**values)
 

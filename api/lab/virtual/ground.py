@@ -70,8 +70,9 @@ class Ground:
     """A fleet at the starts of a scenario, with a disk and workers for its service.
 
     seed: decides every id, phase and gust. specs: the vehicles; by default PX4 at the starts. weather: by default the
-    scenario's. several: several services
-    may live at once, which share the disk and the fleet by leases. settings: beside those that virtual time needs.
+    scenario's; it may have fronts. crew: who changes batteries, of which packs; by default nobody does. several:
+    several services may live at once, which share the disk and the fleet by leases. settings: beside those that virtual
+    time needs.
     """
 
     def __init__(
@@ -81,6 +82,7 @@ class Ground:
         seed: int = 0,
         specs: Iterable[sim.VehicleSpec] | None = None,
         weather: sim.Weather | None = None,
+        crew: sim.GroundCrew | None = None,
         solve_s: Callable[[Job], float] = small_solve_s,
         several: bool = False,
         **settings: Any,
@@ -93,6 +95,7 @@ class Ground:
             seed=seed,
             weather=weather or weather_of(scenario),
             hills=hills_of(scenario),
+            crew=crew,
         )
         self.disk, self.workers = Disk(), Workers(solve_s)
         self.on_event: Callable[[Event], None] = lambda _event: None
@@ -142,10 +145,15 @@ class Ground:
             self._around.__exit__(kind, error, trace)
 
     @staticmethod
-    def specs_of(scenario: Scenario, autopilots: Iterable[str] = ()) -> list[sim.VehicleSpec]:
-        """Return a vehicle at each UAV's start with one of the autopilots in turn; without any, the default one."""
+    def specs_of(
+        scenario: Scenario, autopilots: Iterable[str] = (), battery_mah: float = sim.BATTERY_MAH
+    ) -> list[sim.VehicleSpec]:
+        """Return a vehicle at each UAV's start with one of the autopilots in turn; without any, the default one.
+
+        battery_mah: what a new battery holds; `sim.capacity_for_mah` has it for minutes of hovering.
+        """
         chosen = [*autopilots] or [DEFAULT_AUTOPILOT.value]
-        specs = specs_at_starts(scenario)
+        specs = specs_at_starts(scenario, battery_mah=battery_mah)
         return [replace(spec, autopilot=chosen[place % len(chosen)]) for place, spec in enumerate(specs)]
 
     @property
