@@ -178,7 +178,8 @@ def test_an_aged_pack_holds_less_and_sags_more() -> None:
     kind = Packs(fade_per_cycle=0.001, resistance_per_cycle=0.002)
     pack, new, old = Pack("1-1", kind, cycles=200.0), Battery(), Battery()
     pack.put_in(old)
-    assert (old.health, old.resistance_ohm) == (pytest.approx(0.8), pytest.approx(1.4 * RESISTANCE_OHM))
+    assert old.health == pytest.approx(0.8)
+    assert old.resistance_ohm == pytest.approx(1.4 * RESISTANCE_OHM)
     for battery in (new, old):
         battery.drain(200.0, 60.0, 5000.0)
     assert 1.0 - old.share == pytest.approx((1.0 - new.share) / 0.8)
