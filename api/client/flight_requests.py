@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from datetime import datetime
 from typing import Any, Literal
 
 from skyfolio.api.client.transport import Transport
@@ -47,10 +48,18 @@ class FlightRequests(Transport):
         guidance: Mode = "mission",
         stream_fallback: Literal["mission", "hold"] = "mission",
         force_stream: bool = False,
-        at_end: Literal["land", "return"] = "land",
+        at_end: Literal["land", "return"] | None = None,
+        horizon_slots: int | None = None,
+        replan_every_slots: int | None = None,
+        duration_s: float | None = None,
+        until: datetime | None = None,
         key: str | None = None,
     ) -> OperationView:
-        """Start an operation. disruption_weight: what a recovery's change must be worth, kbit/s; None: the setting."""
+        """Start an operation. disruption_weight: what a recovery's change must be worth, kbit/s; None: the setting.
+
+        horizon_slots, replan_every_slots, duration_s (fleet seconds), until: any of them makes it one without a fixed
+        end, whose plan is extended in flight.
+        """
         body = {
             "plan_id": plan_id,
             "replanning": replanning,
@@ -60,6 +69,10 @@ class FlightRequests(Transport):
             "stream_fallback": stream_fallback,
             "force_stream": force_stream,
             "at_end": at_end,
+            "horizon_slots": horizon_slots,
+            "replan_every_slots": replan_every_slots,
+            "duration_s": duration_s,
+            "until": None if until is None else until.isoformat(),
         }
         return self._operation("POST", "/v1/operations", json=body, key=key)
 
@@ -74,7 +87,7 @@ class FlightRequests(Transport):
     def command(
         self,
         operation_id: str,
-        verb: Literal["start", "pause", "resume", "abort", "readmit", "retire"],
+        verb: Literal["start", "pause", "resume", "abort", "readmit", "retire", "extend"],
         *,
         version: int | None = None,
         **body: Any,

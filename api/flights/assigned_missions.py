@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from math import isnan
 from typing import Any
 
-from sqlalchemy import Row, insert, select
+from sqlalchemy import Row, bindparam, delete, insert, select
 
 from skyfolio.api.store import Database
 from skyfolio.api.store.tables import assigned_missions as table
@@ -19,6 +19,19 @@ from skyfolio.planner import Origin
 from skyfolio.planner.geometry import Point
 
 _INSERT = insert(table)
+KEPT = 16
+"""So many of the missions that were assigned to a UAV are kept: those before were replaced, and proven to be."""
+_NEWEST = (
+    select(table.c.id)
+    .where(table.c.operation_id == bindparam("operation_id_"), table.c.uav_id == bindparam("uav_id_"))
+    .order_by(table.c.id.desc())
+    .offset(KEPT)
+    .limit(1)
+    .scalar_subquery()
+)
+_FORGET = delete(table).where(
+    table.c.operation_id == bindparam("operation_id_"), table.c.uav_id == bindparam("uav_id_"), table.c.id <= _NEWEST
+)
 _PLAIN = ("path_m", "first_slot", "slot_s", "altitude_m", "altitudes_m", "amsl")
 
 
@@ -89,10 +102,11 @@ class AssignedMissionStore:
         """Store missions that are about to be sent, by UAV; they are held while the database does not answer."""
         if missions:
             rows = await asyncio.to_thread(self._rows, dict(missions))
-            await self._database.keep(*self._database.owned(self._operation_id), (_INSERT, rows))
+            old = [{"operation_id_": self._operation_id, "uav_id_": uav} for uav in missions]
+            await self._database.keep(*self._database.owned(self._operation_id), (_INSERT, rows), (_FORGET, old))
 
     async def read(self) -> dict[str, list[AssignedMission]]:
-        """Return the missions that were assigned to each UAV, the newest first. Raises StoreError."""
+        """Return the newest missions that were assigned to each UAV, the newest first. Raises StoreError."""
         query = select(table).where(table.c.operation_id == self._operation_id).order_by(table.c.id.desc())
         return await asyncio.to_thread(_by_uav, await self._database.rows(query))
 

@@ -12,12 +12,15 @@ from skyfolio.api.common.fleet_clock import FleetClock
 from skyfolio.api.common.surroundings import monotonic_s
 from skyfolio.api.fleet.commander import Action, OvertakenError
 from skyfolio.api.fleet.registry import HEARD_WITHIN_S, Fleet
+from skyfolio.api.flights.endless.horizon import Horizon
+from skyfolio.api.flights.endless.terms import Terms
 from skyfolio.api.flights.energy import EnergyWatch
 from skyfolio.api.flights.flight_timeline import FlightTimeline
 from skyfolio.api.flights.flown_rates import FlownRates
 from skyfolio.api.flights.guidance import FlightGuidance
 from skyfolio.api.flights.guidance_options import GuidanceOptions
 from skyfolio.api.flights.measured_rates import MeasuredRates
+from skyfolio.api.flights.rates import InForce
 from skyfolio.api.flights.roster import Roster
 from skyfolio.api.flights.take_off import LOOK_EVERY_S, FlightError, TakeOff, in_words
 from skyfolio.api.flights.track import Seen, Track
@@ -43,8 +46,11 @@ class Flight(FlightTimeline):
         fleet: Fleet,
         clock: FleetClock,
         options: GuidanceOptions | None = None,
+        terms: Terms | None = None,
     ) -> None:
         super().__init__(plan, clock)
+        self.horizon = None if terms is None else Horizon(terms, self, clock)
+        """How far ahead it is planned, if it has no fixed end."""
         self.systems = systems
         self._fleet = fleet
         self._uavs = {system: uav for uav, system in systems.items()}
@@ -59,8 +65,8 @@ class Flight(FlightTimeline):
             fleet,
             self.guidance,
             now_s=self.now_s,
-            last_change_s=(plan.scenario.slots - 2) * plan.scenario.slot_duration_s,
-            last_slot_s=(plan.scenario.slots - 1) * plan.scenario.slot_duration_s,
+            last_slot_s=self.last_slot_s,
+            slot_s=self.slot_s,
             lacking=self.energy.lacking,
         )
         self.take_off = TakeOff(plan, systems, fleet, clock, self.guidance)
@@ -289,7 +295,7 @@ class Flight(FlightTimeline):
         """
         for uav in self.surviving():
             at_s = self._record.still_since_s(uav)
-            if at_s is not None and at_s < self.roster.last_slot_s:
+            if at_s is not None and at_s < self.last_slot_s(uav):
                 altitude_m = self.plan.scenario.altitude_of(self.plan.scenario.uav(uav))
                 at_s = max(at_s, self._record.at_s(-1) - self._fleet.link.monitor.lost_after_s)  # else it were lost
                 ago_s = inf if self.paused else self.now_s() - at_s
@@ -312,13 +318,38 @@ class Flight(FlightTimeline):
         await self._rates.settle(self.serving, self.lost)
 
     def modelled_rates_bps(self) -> Mapping[str, Sequence[float | None]]:
-        """Return the bit/s of each user in each slot by the plans' channel model at the reported positions."""
+        """Return the bit/s of each user in each slot by the plans' channel model at the reported positions.
+
+        Rows begin with slot `rates_from_slot`.
+        """
         return self._rates.by_user
 
     def reported_rates_bps(self) -> Mapping[str, Sequence[float | None]]:
-        """Return the bit/s of each user in each slot; None for slots that were not evaluated (yet).
+        """Return the bit/s of each user in each slot from `rates_from_slot` on; None for those not evaluated (yet).
 
         They are what was measured in slots in which something was, else what the channel model says at the reported
         positions.
         """
-        return self.measured.over(self._rates.by_user)
+        return self.measured.over(self._rates.by_user, self._rates.first_slot)
+
+    @property
+    def rates_from_slot(self) -> int:
+        """Return the slot of the operation with which the rows of rates begin: 0, unless older ones are forgotten."""
+        return self._rates.first_slot
+
+    def take_over_since(self, from_s: float, plan: Plan) -> None:
+        """Put this plan into force from that fleet second on."""
+        super().take_over_since(from_s, plan)
+        self._rates.cover(self.n_slots)
+
+    def restore_plans(self, timeline: Sequence[InForce]) -> None:
+        """Take over from before a restart which plans were in force since when, the first plan first."""
+        super().restore_plans(timeline)
+        self._rates.cover(self.n_slots)
+
+    def forget_before(self, slot: int) -> list[Plan]:
+        """Forget rates, places and plans from before this slot; return the plans that are no longer needed."""
+        self._rates.forget_before(slot)
+        self.measured.forget_before(slot)
+        self._record.forget_before(slot * self.slot_s)
+        return self.forget_plans_before(slot * self.slot_s)

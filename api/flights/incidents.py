@@ -22,9 +22,13 @@ from skyfolio.api.store.event_log import EventLog
 from skyfolio.planner import Plan
 
 log = structlog.get_logger()
-Cause = LossKind | Literal["uav_returned", "retuned", "rates_off"]
+Cause = LossKind | Literal["uav_returned", "retuned", "rates_off", "extended"]
 ASKED = frozenset({*LOSS_KINDS, "rates_off"})
 """What an operator who wants to approve new plans is asked about; the rest they ordered themselves."""
+
+
+MOST_EXTENSIONS = 20
+"""Reports of recoveries that were to extend the plan are kept up to this number: an operation may have thousands."""
 
 
 async def _save_nothing() -> None:
@@ -241,9 +245,20 @@ class Incidents:
 
     async def _store(self, report: RecoveryReport) -> None:
         self._task = self._recovery = self._incident = None
-        self.reports.append(report)
+        self._keep(report)
         await self.save()
         self._events.add("recovery", operation_id=self._operation_id, **report.model_dump(mode="json"))
+
+    def _keep(self, report: RecoveryReport) -> None:
+        """Keep this report, and forget the oldest of those that only extended the plan."""
+        self.reports.append(report)
+        if report.cause != "extended":
+            return
+        if self._flight.horizon is not None and report.outcome in {"flying", "partly_flying"}:
+            self._flight.horizon.extensions += 1
+        extensions = [one for one in self.reports if one.cause == "extended"]
+        if len(extensions) > MOST_EXTENSIONS:
+            self.reports.remove(extensions[0])
 
     async def close(self, why: str) -> None:
         """Close a recovery that is not complete as unanswered, with the reason: the operation is over."""
@@ -286,7 +301,7 @@ class Incidents:
 
     def record_interrupted(self, report: RecoveryReport) -> None:
         """Take in the report of a recovery that the end of the service interrupted."""
-        self.reports.append(report)
+        self._keep(report)
         if report.outcome not in {"interrupted", "superseded"}:
             self.pending = {uav: silent_s for uav, silent_s in self.pending.items() if uav not in report.lost}
             self._requested = self._requested if self.pending else None

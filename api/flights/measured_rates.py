@@ -75,7 +75,8 @@ class MeasuredRates:
         self._timeline, self._track, self._lost = timeline, track, lost
         self._slots: dict[int, _Slot] = {}
         self._known: set[tuple[str, str, float]] = set()
-        self._learned_from = 0
+        self._is_new = False
+        self._first_slot = 0
         self.corrections_db: dict[str, dict[str, float]] | None = None
         """By UAV and user, by how much each link is better than the channel model says; None before it is known."""
 
@@ -96,15 +97,28 @@ class MeasuredRates:
         rates = self._slots[slot].rates_bps.get(user) if slot in self._slots else None
         return sum(rates) / len(rates) if rates else None
 
-    def over(self, modelled: Mapping[str, Sequence[float | None]]) -> Mapping[str, Sequence[float | None]]:
-        """Return the rates, bit/s by user and slot, with those that were measured in the place of those modelled."""
+    def over(
+        self, modelled: Mapping[str, Sequence[float | None]], first_slot: int = 0
+    ) -> Mapping[str, Sequence[float | None]]:
+        """Return the rates, bit/s by user and slot, with those that were measured in the place of those modelled.
+
+        first_slot: the slot of the operation with which the rows begin.
+        """
         if not self._known:
             return modelled
         rows = {user: list(row) for user, row in modelled.items()}
         for number, slot in self._slots.items():
             for user, rates in slot.rates_bps.items():
-                rows[user][number] = sum(rates) / len(rates)
+                if 0 <= number - first_slot < len(rows[user]):
+                    rows[user][number - first_slot] = sum(rates) / len(rates)
         return rows
+
+    def forget_before(self, slot: int) -> None:
+        """Forget what was measured in slots before this one of the operation, and take in no more of it."""
+        self._first_slot = max(slot, self._first_slot)
+        self._slots = {number: kept for number, kept in self._slots.items() if number >= slot}
+        slot_s = self._timeline.slot_s
+        self._known = {key for key in self._known if key[2] // slot_s >= slot}
 
     def check(self, measurements: Iterable[Measurement]) -> None:
         """Raise InvalidError, which names the measurement and the field, unless all are of this flight, and past."""
@@ -131,9 +145,10 @@ class MeasuredRates:
         for one in measurements:
             key = (one.uav_id, one.user_id, one.elapsed_s)
             number = int(one.elapsed_s // self._timeline.slot_s)
-            if key in self._known or number >= self._timeline.n_slots:
+            if key in self._known or not self._first_slot <= number < self._timeline.n_slots:
                 continue
             self._known.add(key)
+            self._is_new = True
             new.append(one)
             self._take_in(self._slots.setdefault(number, _Slot()), one)
         return new
@@ -164,9 +179,9 @@ class MeasuredRates:
 
     async def learn(self) -> bool:
         """Learn the corrections anew, beside the event loop, if there are new measurements; return whether it did."""
-        if len(self._known) == self._learned_from:
+        if not self._is_new:
             return False
-        self._learned_from = len(self._known)
+        self._is_new = False
         scenario, observations = self._timeline.first_plan.scenario, self._observations()
         self.corrections_db = await asyncio.to_thread(learned_corrections_db, scenario, observations)
         return True
@@ -214,7 +229,7 @@ class MeasurementStore:
             self._database.write_soon(*self._database.owned(self._operation_id), (_INSERT, rows), keep=True)
 
     async def read(self) -> list[Measurement]:
-        """Return every measurement, in the order of their coming. Raises StoreError."""
+        """Return every measurement that is kept, in the order of their coming. Raises StoreError."""
         query = select(table).where(table.c.operation_id == self._operation_id).order_by(table.c.id)
         names = Measurement.model_fields
         return [Measurement(**{name: getattr(row, name) for name in names}) for row in await self._database.rows(query)]

@@ -11,6 +11,8 @@ import structlog
 
 from skyfolio.api.common.errors import ConflictError
 from skyfolio.api.fleet.commander import Action
+from skyfolio.api.flights.endless.keeper import HorizonKeeper
+from skyfolio.api.flights.endless.terms import End
 from skyfolio.api.flights.ends import ends_of, shortfall
 from skyfolio.api.flights.flight import Flight
 from skyfolio.api.flights.operation_record import OperationRecord
@@ -35,6 +37,7 @@ class Operation(OperationRecord):
     def __init__(self, identity: OperationIdentity, flight: Flight, shared: SharedServices, stores: Stores) -> None:
         super().__init__(identity, flight, shared, stores)
         self._stragglers = Stragglers()
+        self._horizon_keeper = HorizonKeeper(flight, self.incidents)
         self._launch_ordered = asyncio.Event()
         self._commands = asyncio.Lock()
         if identity.launch_itself:
@@ -110,6 +113,7 @@ class Operation(OperationRecord):
             await self.incidents.end()
             await self.radio.end()
             self._rows.write_track(flight.record)
+            self.long_record.end()
         up = ", ".join(flight.still_up())
         if up and flight.roster.own_link.is_lost:
             raise BridgeError(f"link_lost: no vehicle was heard until {up} must have landed")
@@ -127,6 +131,7 @@ class Operation(OperationRecord):
         if self._rows.track_is_due:
             self._rows.write_track(flight.record)
             self._measure_slips()
+            self.long_record.move()
         if self.state == State.FLYING and flight.past_last_slot():
             await self.enter(State.LANDING)
         async with self._commands:  # commands of the operator come before or after a tick, never within one
@@ -137,6 +142,8 @@ class Operation(OperationRecord):
                 await self.save()
             await self.incidents.take_in(lost)
             self.radio.tick(lost)
+            if self.state == State.FLYING:
+                self._horizon_keeper.look()
             await self.incidents.advance(may_start=self.state == State.FLYING)
             if self.state == State.LANDING and not self.incidents.has_work:
                 await self._stragglers.look(flight)
@@ -201,6 +208,15 @@ class Operation(OperationRecord):
         async with self._commands:
             self.require(State.FLYING, version=version)
             await self.incidents.retire(uav_id)
+
+    async def extend(self, end: End, version: int | None = None) -> None:
+        """Move the end of an operation without a fixed end. Raises ConflictError for any other, and as `require`."""
+        async with self._commands:
+            self.require(State.READY, State.FLYING, State.PAUSED, version=version)
+            if self.flight.horizon is None:
+                raise ConflictError(f"operation {self.id!r} flies one plan to its end; it was not started without one")
+            self.flight.horizon.move_end(end)
+            await self.save()
 
     def stop(self) -> list[str]:
         """End the operation at once: no command that still waits for its turn is carried out.

@@ -9,6 +9,7 @@ from typing import Any
 
 from skyfolio.api.common.errors import ConflictError, PreconditionError
 from skyfolio.api.flights.assigned_missions import AssignedMissionStore
+from skyfolio.api.flights.endless.long_record import LongRecord
 from skyfolio.api.flights.ends import ends_of
 from skyfolio.api.flights.flight import Flight
 from skyfolio.api.flights.incidents import Incidents
@@ -27,6 +28,7 @@ class OperationRecord:
         self.identity, self.flight, self.shared = identity, flight, shared
         self._stores = stores
         self._rows = OperationRows(stores.database, identity)
+        self.long_record = LongRecord(stores.database, identity.id, flight)
         self.state = State.UPLOADING
         self.version = 0
         self.error: str | None = None
@@ -86,7 +88,9 @@ class OperationRecord:
             recoveries=incidents.reports,
             proposal=Proposal(incident=proposal[0], plan_id=proposal[1].id, lost=proposal[2]) if proposal else None,
             user_rates_bps={user: list(row) for user, row in flight.reported_rates_bps().items()},
+            rates_from_slot=flight.rates_from_slot,
             measured_slots=flight.measured.slots,
+            endless=None if flight.horizon is None else flight.horizon.view(),
             error=self.error,
             abort=self.aborted_by,
         )
@@ -152,6 +156,7 @@ class OperationRecord:
             "at_end": flight.guidance.options.at_end.value,
             "streams": flight.guidance.is_streaming,
             "ghosts": flight.guidance.airspace.document(),
+            "endless": None if flight.horizon is None else flight.horizon.document(),
             "launch_itself": self.identity.launch_itself,
             "disruption_weight": self.identity.disruption_weight,
             "error": self.error,

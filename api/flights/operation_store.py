@@ -13,13 +13,13 @@ from sqlalchemy import bindparam, insert, update
 from skyfolio.api.common.surroundings import monotonic_s, utc_s
 from skyfolio.api.flights.journal import Journal
 from skyfolio.api.flights.operation_views import ENDED, Policy, State
+from skyfolio.api.flights.track import Track
 from skyfolio.api.store import Database
 from skyfolio.api.store.event_log import EventLog
 from skyfolio.api.store.tables import operations as table
 from skyfolio.api.store.tables import plans as plans_table
 from skyfolio.api.store.tables import track as track_table
 from skyfolio.api.store.writer import Statement
-from skyfolio.planner.geometry import Point
 
 TRACK_EVERY_S = 0.5
 _INSERT = insert(table)
@@ -107,10 +107,10 @@ class OperationRows:
         """Return whether TRACK_EVERY_S wall seconds have passed since the track was last stored."""
         return monotonic_s() - self._tracked_at >= TRACK_EVERY_S
 
-    def write_track(self, record: Sequence[tuple[float, dict[str, Point]]]) -> None:
-        """Store what is new of the record, which is the whole of it, the oldest sample first."""
+    def write_track(self, record: Track) -> None:
+        """Store what is new of the record."""
         self._tracked_at = monotonic_s()
-        new = record[self._tracked :]
+        new = record.since(self._tracked)
         self.has_track_of(record)
         if new:
             rows = [
@@ -119,9 +119,9 @@ class OperationRows:
             ]
             self._database.write_soon(*self._database.owned(self._identity.id), (_TRACK, rows), keep=True)
 
-    def has_track_of(self, record: Sequence[tuple[float, dict[str, Point]]]) -> None:
+    def has_track_of(self, record: Track) -> None:
         """Note that this record is stored already."""
-        self._tracked = len(record)
+        self._tracked = record.end
 
 
 def _values(state: State, version: int, document: dict[str, Any]) -> dict[str, Any]:

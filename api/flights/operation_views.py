@@ -9,6 +9,7 @@ from typing import Literal
 from pydantic import BaseModel
 
 from skyfolio.api.fleet.commander import Action
+from skyfolio.api.flights.endless.horizon import EndlessView
 from skyfolio.api.flights.ends import UavEnd, ends_of
 from skyfolio.api.flights.energy import EnergyView, energy_view
 from skyfolio.api.flights.flight import Flight
@@ -96,8 +97,11 @@ class OperationView(BaseModel):
     `:readmit` plans with the former again, `:retire` sends the latter home and plans without them. `version` is the
     ETag: it counts changes of what can be commanded, not of what is measured. `disruption_weight`: what a change of
     the plan must be worth to a recovery, kbit/s. `user_rates_bps` are measured in the `measured_slots` of each user;
-    otherwise they are what the channel model says at the positions that vehicles report. `owner`: the name of the
-    service that it belongs to, where several share one database; other services show it as it was last stored.
+    otherwise they are what the channel model says at the positions that vehicles report. Their rows begin with slot
+    `rates_from_slot`; rates of slots before are read with `operations/{id}/rates`. `owner`: the name of the service
+    that it belongs to, where several share one database; other services show it as it was last stored. `endless`: how
+    it is extended, if it has no fixed end; then `plan_ids` are the first plan and those of the slots whose rates it
+    has, and of the `recoveries` that only extended the plan it has the newest.
     """
 
     id: str
@@ -118,7 +122,9 @@ class OperationView(BaseModel):
     recoveries: list[RecoveryReport]
     proposal: Proposal | None = None
     user_rates_bps: dict[str, list[float | None]]
+    rates_from_slot: int = 0
     measured_slots: dict[str, list[int]] = {}
+    endless: EndlessView | None = None
     error: str | None
     abort: Abort | None = None
 

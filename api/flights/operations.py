@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Awaitable, Collection
+from collections.abc import Awaitable, Callable, Collection
 from typing import Any
 
 import structlog
@@ -16,6 +16,8 @@ from skyfolio.api.fleet.commander import Action
 from skyfolio.api.fleet.registry import Fleet
 from skyfolio.api.flights.aborts import Aborts
 from skyfolio.api.flights.airspace import SharedAirspace
+from skyfolio.api.flights.endless.long_record import SlotRates, stored_rates
+from skyfolio.api.flights.endless.terms import Terms
 from skyfolio.api.flights.flight import Flight
 from skyfolio.api.flights.guidance_options import GuidanceOptions
 from skyfolio.api.flights.operation import Operation
@@ -77,8 +79,11 @@ class Operations:
         launch_itself: bool = True,
         disruption_weight: float | None = None,
         options: GuidanceOptions | None = None,
+        extended: Callable[[Plan], Terms] | None = None,
     ) -> Operation | OperationView:
         """Fly a finished plan. disruption_weight: None for that of the settings.
+
+        extended: returns how a plan is extended again and again; None flies it once.
 
         Raises NotFoundError, ConflictError, or InvalidError for unregistered UAVs.
         """
@@ -87,6 +92,7 @@ class Operations:
             if creation.fingerprint is not None and (earlier := await self._created_before(creation)):
                 return earlier
             plan = await self._shared.plans.finished(plan_id)
+            terms = None if extended is None else extended(plan)
             systems = {uav: self._fleet.system_of(uav) for uav in plan.scenario.uav_ids}
             self._require_free(plan)
             _require_ways_home(plan, options or GuidanceOptions())
@@ -100,7 +106,7 @@ class Operations:
                 launch_itself=launch_itself,
                 disruption_weight=weight,
             )
-            flight = Flight(plan, systems, self._fleet, self._shared.clock, options)
+            flight = Flight(plan, systems, self._fleet, self._shared.clock, options, terms)
             operation = Operation(identity, flight, self._shared, self._stores)
             alone = await self.ownership.create(operation)
             self._run(operation, operation.run(alone))
@@ -191,6 +197,18 @@ class Operations:
     async def track(self, operation_id: str, after_s: float | None, limit: int | None) -> Record:
         """Return where every UAV was heard, as `stored_track` does."""
         return await stored_track(operation_id, self._stores, after_s, limit)
+
+    async def rates(self, operation_id: str, from_slot: int, limit: int) -> list[tuple[int, SlotRates]]:
+        """Return what each user got, bit/s, in up to `limit` slots from one on; None where it is not known."""
+        stored = await stored_rates(self._stores.database, operation_id, from_slot, limit)
+        view = await self.view(operation_id)
+        begin = max(stored[-1][0] + 1 if stored else from_slot, from_slot, view.rates_from_slot)
+        end = view.rates_from_slot + max((len(row) for row in view.user_rates_bps.values()), default=0)
+        held = [
+            (slot, {user: row[slot - view.rates_from_slot] for user, row in view.user_rates_bps.items()})
+            for slot in range(begin, min(end, begin + limit - len(stored)))
+        ]
+        return stored + held
 
     @property
     def in_the_air(self) -> list[Operation]:

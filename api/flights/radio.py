@@ -165,7 +165,7 @@ class Radio:
             "failed": [uav for uav in plan.scenario.uav_ids if uav in lost],
             "at_slot": at_slot,
             "positions_m": {uav: at_m for uav, at_m in flight.positions_m().items() if uav not in lost},
-            "achieved_rates_bps": achieved(flight, at_slot),
+            "achieved_rates_bps": achieved(flight, plan, at_slot),
             "corrections_db": flight.measured.corrections_db,
         }
         return await self._shared.plans.reassociated(plan, request, cause, plan_id)
@@ -179,7 +179,8 @@ class Radio:
             await flight.measured.learn()
             slots = range(max(slot - OVER_SLOTS, 0), slot)
             await flight.settle_rates()
-            off = difference(flight.modelled_rates_bps(), flight.measured.rate_bps, slots)
+            promised_bps, first_slot = flight.modelled_rates_bps(), flight.rates_from_slot
+            off = difference(promised_bps, flight.measured.rate_bps, slots, first_slot)
             if off is None or not self._may_replan() or not self._watch.is_off(slot, off):
                 return
             self._events.add("rates_off", operation_id=self._identity.id, slot=slot, difference=round(off, 3))

@@ -46,16 +46,17 @@ def difference(
     promised_bps: Mapping[str, Sequence[float | None]],
     measured_bps: Callable[[str, int], float | None],
     slots: Iterable[int],
+    first_slot: int = 0,
 ) -> float | None:
     """Return by what share of the promised rates the measured ones differ in sum, over some slots of the operation.
 
     promised_bps: what the plans in force give each user in each slot where their UAVs really were, by their channel;
-    None where that is not known. measured_bps: returns what a user was measured to get in a slot, None where it was
-    not. Returns None where too few users were measured.
+    None where that is not known, from `first_slot` on. measured_bps: returns what a user was measured to get in a slot,
+    None where it was not. Returns None where too few users were measured.
     """
     all_bps = seen_promised_bps = seen_bps = 0.0
     for user, slot in product(promised_bps, slots):
-        promised, measured = promised_bps[user][slot] or 0.0, measured_bps(user, slot)
+        promised, measured = promised_bps[user][slot - first_slot] or 0.0, measured_bps(user, slot)
         all_bps += promised
         if measured is not None:
             seen_promised_bps += promised

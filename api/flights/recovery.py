@@ -16,9 +16,10 @@ import structlog
 
 from skyfolio.api.common.errors import ServiceError
 from skyfolio.api.common.idempotency import fresh
+from skyfolio.api.flights.endless.terms import LEAST_LEFT_SLOTS
 from skyfolio.api.flights.flight import Flight
 from skyfolio.api.flights.journal import IncidentLog, Step
-from skyfolio.api.flights.losses import LossKind
+from skyfolio.api.flights.losses import LOSS_KINDS, LossKind
 from skyfolio.api.flights.recovery_report import RecoveryReport, changes_of
 from skyfolio.api.flights.shared_services import SharedServices
 from skyfolio.api.flights.swap import Swap
@@ -26,7 +27,7 @@ from skyfolio.api.flights.transition import Present, achieved, require_in_reach,
 from skyfolio.api.flights.whereabouts import whereabouts
 from skyfolio.api.plans.solver import LaneName
 from skyfolio.mavlink_bridge import BridgeError
-from skyfolio.planner import Cause, Plan, ReplanError, remaining
+from skyfolio.planner import Cause, Changes, Plan, ReplanError, remaining
 
 log = structlog.get_logger()
 PLANNING_ATTEMPTS = 3
@@ -45,7 +46,7 @@ class Incident:
     """
 
     log: IncidentLog
-    cause: LossKind | Literal["uav_returned", "retuned", "rates_off"]
+    cause: LossKind | Literal["uav_returned", "retuned", "rates_off", "extended"]
     lost: dict[str, float]
     disruption_weight: float = 0.0
     ask: bool = False
@@ -185,7 +186,7 @@ class Recovery:
             self._update(source="planned_ahead")
             return await self._shared.plans.adopt(ready.model_copy(update={"cause": cause}), fresh("plan"))
         self._update(source="solved")
-        previous = flight.first_plan if incident.readmitted else flight.plan
+        previous = self._previous()
         await flight.settle_rates()
         request = self._request(previous, at_slot)
         remaining(previous, **request)
@@ -195,7 +196,7 @@ class Recovery:
                 **request,
                 "keep_pins": True,
                 "disruption_weight": incident.disruption_weight,
-                "in_force": flight.plan if incident.readmitted else None,
+                "in_force": None if previous is flight.plan else flight.plan,
             },
             cause,
             fresh("plan"),
@@ -209,10 +210,20 @@ class Recovery:
             raise
         return await self._shared.plans.finished(record.id)
 
+    def _previous(self) -> Plan:
+        """Return the plan of which the new one is a replan: a UAV that returns is in the first one, if that reaches."""
+        flight = self._flight
+        return flight.first_plan if self._incident.readmitted and flight.horizon is None else flight.plan
+
     def _ready(self, at_slot: int) -> Plan | None:
-        """Return the plan made ahead for exactly this loss, if the survivors can still get into it."""
+        """Return the plan made ahead for exactly this loss, if the survivors can still get into it.
+
+        It does not reach further than the plan in force: where that has to be extended, it is of no use.
+        """
         flight = self._flight
         lost = [uav for uav in flight.plan.scenario.uav_ids if uav in flight.lost]
+        if flight.horizon is not None and (flight.horizon.is_due() or self._incident.cause not in LOSS_KINDS):
+            return None
         if len(lost) != 1 or flight.measured.differ_from(flight.plan.scenario.channel.corrections_db):
             return None
         weight = self._incident.disruption_weight
@@ -232,9 +243,22 @@ class Recovery:
             "failed": [uav for uav in previous.scenario.uav_ids if uav in flight.lost],
             "at_slot": at_slot,
             **whereabouts(flight, previous, at_slot, self._incident.readmitted),
-            "achieved_rates_bps": achieved(flight, at_slot),
+            "achieved_rates_bps": achieved(flight, previous, at_slot),
             "corrections_db": flight.measured.corrections_db,
+            "changes": self._changes(at_slot),
         }
+
+    def _changes(self, at_slot: int) -> Changes | None:
+        """Return what else is different: every new plan of an operation without a fixed end reaches to its horizon."""
+        flight = self._flight
+        if flight.horizon is None:
+            return None
+        at_m = flight.positions_m()
+        back = tuple(
+            flight.newest_uav(uav).model_copy(update={"start_m": at_m[uav], "leaves_at_slot": None})
+            for uav in self._incident.readmitted
+        )
+        return Changes(slots=flight.horizon.slots_from(at_slot), returned=back)
 
     def _check(self, plan: Plan) -> None:
         """Raise ReplanError if the survivors cannot fly from where they are into the plan."""
@@ -267,7 +291,7 @@ class Recovery:
         await incident.log.step(Step.PROPOSED, plan_id=plan.id)
         try:
             while not incident.approval.done():
-                if self._next_slot() >= self._flight.n_slots - 1:
+                if self._next_slot() >= self._decide_before_slot():
                     raise TooLateError("no decision was made while there was still a slot to fly differently")
                 await asyncio.wait({incident.approval}, timeout=DECISION_LOOK_S)
             agreed = incident.approval.result()
@@ -276,6 +300,11 @@ class Recovery:
         if agreed:
             await incident.log.step(Step.APPROVED, plan_id=plan.id)
         return agreed
+
+    def _decide_before_slot(self) -> int:
+        """Return the slot until which the operator may decide: a plan that has to be extended leaves time for that."""
+        spare = 0 if self._flight.horizon is None else LEAST_LEFT_SLOTS
+        return self._flight.n_slots - 1 - spare
 
     # -- into the air ---------------------------------------------------------------------------------------------
 

@@ -16,6 +16,8 @@ from sqlalchemy import Row, select
 
 from skyfolio.api.common.surroundings import utc_now
 from skyfolio.api.fleet.registry import Fleet
+from skyfolio.api.flights.endless.horizon import terms_in
+from skyfolio.api.flights.endless.long_record import LongRecord
 from skyfolio.api.flights.flight import Flight
 from skyfolio.api.flights.guidance_options import GuidanceOptions
 from skyfolio.api.flights.journal import Entry, Step, last_incident
@@ -44,16 +46,21 @@ async def restored(
         InForce(entry["from_s"], await shared.plans.finished(entry["plan_id"])) for entry in document["timeline"]
     ]
     options = GuidanceOptions(at_end=OnEnd(document.get("at_end", OnEnd.LAND)))  # by missions: the stream has ended
-    flight = Flight(timeline[0].plan, document["vehicles"], fleet, shared.clock, options)
-    flight.timeline = timeline
+    terms, extensions = terms_in(document["endless"]) if document.get("endless") else (None, 0)
+    flight = Flight(timeline[0].plan, document["vehicles"], fleet, shared.clock, options, terms)
+    flight.restore_plans(timeline)
     losses = {uav: Loss(**loss) for uav, loss in document.get("losses", {}).items()}
     flight.roster.restore(document["lost"], losses, set(document["returned"]), set(document.get("retired", [])))
     if document["paused_s"] is not None:
         flight.set_slot_clock(document["paused_s"], paused=True)
     elif document["slot0_at"] is not None:
         flight.set_slot_clock(shared.clock.since_utc(document["slot0_at"]))
+    if flight.horizon is not None:
+        flight.horizon.extensions = extensions
+        flight.forget_before(await LongRecord(stores.database, row.id, flight).stored_slots())
     if with_track:
-        flight.restore(await stored_track(row.id, stores))
+        after_s = flight.rates_from_slot * flight.slot_s or None
+        flight.restore(await stored_track(row.id, stores, after_s))
     identity = OperationIdentity(
         id=row.id,
         number=row.number,

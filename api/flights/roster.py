@@ -27,9 +27,9 @@ _FELL = frozenset({"crashed", "disarmed_in_air"})
 class Roster:
     """The UAVs of one flight.
 
-    now_s: returns fleet seconds since slot 0 began. last_change_s: until then slots can be flown differently; later,
-    missions return and land as planned. last_slot_s: when the last slot begins. lacking: returns in words what energy
-    a UAV lacks for its plan.
+    now_s: returns fleet seconds since slot 0 began. last_slot_s: returns when the last slot of a UAV begins. slot_s: of
+    a slot; until so long before that slots can be flown differently, later missions return and land as planned.
+    lacking: returns in words what energy a UAV lacks for its plan.
     """
 
     def __init__(
@@ -40,8 +40,8 @@ class Roster:
         guidance: FlightGuidance,
         *,
         now_s: Callable[[], float],
-        last_change_s: float,
-        last_slot_s: float,
+        last_slot_s: Callable[[str], float],
+        slot_s: float,
         lacking: Callable[[str], str | None] = lambda _uav: None,
     ) -> None:
         self.lost: dict[str, float] = {}
@@ -53,7 +53,7 @@ class Roster:
         self._systems, self._origin = systems, origin
         self._uavs = {system: uav for uav, system in systems.items()}
         self._fleet, self._guidance = fleet, guidance
-        self._now_s, self._last_change_s, self.last_slot_s = now_s, last_change_s, last_slot_s
+        self._now_s, self._last_slot_s, self._slot_s = now_s, last_slot_s, slot_s
         self.own_link = fleet.own_link()
         """Judges whether a silence is that of our own link."""
         self._lacking = lacking
@@ -138,8 +138,8 @@ class Roster:
 
     def _note_left_early(self) -> None:
         """Note UAVs that leave the plan too late for a new one: they are not lost, but have not flown all of it."""
-        if self._now_s() < self.last_slot_s:
-            for uav in self._systems:
+        for uav in self._systems:
+            if self._now_s() < self._last_slot_s(uav):
                 loss = self._loss(uav, plan_is_flown=True)
                 if loss is not None:
                     self._left_early.setdefault(uav, loss)
@@ -150,7 +150,7 @@ class Roster:
         If it is taken over later, by a human or its own failsafe, it has flown its plan all the same; not if it falls.
         """
         loss = self.losses.get(uav)
-        if loss is not None and (self.lost[uav] < self.last_slot_s or loss.kind in _FELL):
+        if loss is not None and (self.lost[uav] < self._last_slot_s(uav) or loss.kind in _FELL):
             return loss
         return self._left_early.get(uav)
 
@@ -297,7 +297,7 @@ class Roster:
 
         When no slot can be flown differently any more, missions end as planned.
         """
-        flown = uav in self.lost or self._now_s() < self._last_change_s
+        flown = uav in self.lost or self._now_s() < self._last_slot_s(uav) - self._slot_s
         return self._loss(uav, plan_is_flown=flown)
 
     def _loss(self, uav: str, *, plan_is_flown: bool) -> Loss | None:
@@ -308,7 +308,7 @@ class Roster:
         if known is not None and known.kind == "crashed":
             return known  # it is on the ground, and says nothing new
         telemetry = self._fleet.link.telemetry(system)
-        if telemetry is None or self._now_s() >= self.last_slot_s:
+        if telemetry is None or self._now_s() >= self._last_slot_s(uav):
             return loss
         return really(loss, telemetry.mode)
 

@@ -1,8 +1,12 @@
-"""Where every UAV was during a flight, in as little memory as a long flight of a large fleet needs."""
+"""Where every UAV was during a flight, in as little memory as a long flight of a large fleet needs.
+
+Of a flight without an end the newest part is kept: samples keep their numbers when older ones are forgotten.
+"""
 
 from __future__ import annotations
 
 from array import array
+from bisect import bisect_left
 from collections.abc import Iterable, Mapping, Sequence
 from math import isnan, nan
 from typing import overload
@@ -19,6 +23,32 @@ class Track(Sequence[Seen]):
     def __init__(self, uav_ids: Iterable[str]) -> None:
         self._uavs = tuple(uav_ids)
         self._at_s, self._places_m = array("d"), array("d")
+        self.first = 0
+        """The number of the oldest sample that is kept."""
+
+    @property
+    def end(self) -> int:
+        """Return the number of the sample that comes next."""
+        return self.first + len(self)
+
+    def numbered(self, number: int) -> Seen:
+        """Return the sample of this number, which must not be forgotten."""
+        return self[number - self.first]
+
+    def since(self, number: int) -> list[Seen]:
+        """Return the samples from this number on, as far as they are kept."""
+        return self[max(number - self.first, 0) :]
+
+    def between(self, from_s: float, to_s: float) -> list[Seen]:
+        """Return the samples from one fleet second on and before another."""
+        return self[bisect_left(self._at_s, from_s) : bisect_left(self._at_s, to_s)]
+
+    def forget_before(self, at_s: float) -> None:
+        """Forget the samples from before that fleet second."""
+        count = bisect_left(self._at_s, at_s)
+        del self._at_s[:count]
+        del self._places_m[: count * 2 * len(self._uavs)]
+        self.first += count
 
     def append(self, at_s: float, positions_m: Mapping[str, Point]) -> None:
         """Add where each UAV that was heard is, `at_s` fleet seconds after slot 0 began."""

@@ -240,15 +240,17 @@ def require_in_reach(
             raise ReplanError(f"transition: {uav.id!r} is {far:.1f} m from its first point with {left_s:.1f} s to go")
 
 
-def achieved(flight: Flight, at_slot: int) -> dict[str, list[float]]:
-    """Return the bit/s of each user in every slot before `at_slot`.
+def achieved(flight: Flight, previous: Plan, at_slot: int) -> dict[str, list[float]]:
+    """Return the bit/s of each user in the slots before `at_slot` that count in a replan of `previous`.
 
     Slots that are over have the rates as reported; those still to come have the last ones.
     """
-    table = {}
+    before = max((len(row) for row in previous.achieved_rates_bps.values()), default=0)
+    counted, table = before + at_slot - previous.first_slot, {}
     for user, row in flight.reported_rates_bps().items():
         filled: list[float] = []
-        for rate in row[:at_slot]:
+        for rate in row[: at_slot - flight.rates_from_slot]:
             filled.append(rate if rate is not None else (filled[-1] if filled else 0.0))
-        table[user] = filled
+        unknown = max(counted - len(filled), 0)
+        table[user] = [*filled[:1] * unknown, *filled[max(len(filled) - counted, 0) :]]
     return table

@@ -3,7 +3,8 @@
 `number` columns count creations and are the cursor of pagination; `fingerprint` is the digest of the request that
 made a resource under an `Idempotency-Key`. `events` and `journal` are append-only; `plans.operation_id` is the
 operation that flew the plan, if one did. `plans.service` is the service that solves it, where there are several;
-`leases` and `leased_vehicles` say which of them each operation and its vehicles belong to (`lease_book`).
+`leases` and `leased_vehicles` say which of them each operation and its vehicles belong to (`lease_book`). `slot_rates`
+has what users of an operation without a fixed end got in each slot, once that is no longer in memory.
 """
 
 from __future__ import annotations
@@ -158,6 +159,15 @@ measurements = Table(
     Column("sinr_db", Double),
     ForeignKeyConstraint(["operation_id"], ["operations.id"], ondelete="CASCADE"),
     Index(None, "operation_id"),
+)
+
+slot_rates = Table(
+    "slot_rates",
+    metadata,
+    Column("operation_id", String(64), primary_key=True),
+    Column("slot", Integer, primary_key=True, autoincrement=False),
+    Column("rates_bps", Text, nullable=False),
+    ForeignKeyConstraint(["operation_id"], ["operations.id"], ondelete="CASCADE"),
 )
 
 assigned_missions = Table(

@@ -42,8 +42,8 @@ class Sky:
             cast("Fleet", self),
             cast("FlightGuidance", self),
             now_s=lambda: self.slots_s,
-            last_change_s=90.0,
-            last_slot_s=95.0,
+            last_slot_s=lambda _uav: 95.0,
+            slot_s=5.0,
             lacking=self.lacks.get,
         )
 

@@ -8,9 +8,12 @@ from fastapi import APIRouter, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from skyfolio.api.access.api_keys import Role
+from skyfolio.api.common.errors import InvalidError
 from skyfolio.api.fleet.commander import Action
+from skyfolio.api.flights.endless.terms import End
 from skyfolio.api.flights.operation_views import OperationView, State
 from skyfolio.api.http.routes.deps import KNOWN, ServiceDep, requires
+from skyfolio.api.http.routes.ends import Duration, Until, end_of
 from skyfolio.api.http.routes.etags import IfMatch, tagged, version_of
 
 router = APIRouter(prefix="/v1", tags=["operations"], dependencies=[*KNOWN, requires(Role.PILOT)])
@@ -39,6 +42,15 @@ class RetireRequest(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     uav_id: Annotated[str, Field(max_length=64)]
+
+
+class ExtendRequest(BaseModel):
+    """When an operation without a fixed end is to end, later or sooner than was asked before; one of the two."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    duration_s: Duration = None
+    until: Until = None
 
 
 @router.post("/operations/{operation_id}:start")
@@ -114,6 +126,20 @@ async def retire_uav(
     version = version_of(if_match)
     operation = await service.operations.commanded(operation_id, State.FLYING, version=version)
     await operation.retire(body.uav_id, version)
+    return tagged(response, operation.view())
+
+
+@router.post("/operations/{operation_id}:extend")
+async def extend_operation(
+    operation_id: str, body: ExtendRequest, service: ServiceDep, response: Response, if_match: IfMatch = None
+) -> OperationView:
+    """Move the end of an operation without a fixed end; slots that are planned already are flown in any case."""
+    end = end_of(body.duration_s, body.until)
+    if end == End():
+        raise InvalidError("duration_s, until: one of them must be given")
+    version = version_of(if_match)
+    operation = await service.operations.commanded(operation_id, State.READY, *IN_THE_AIR, version=version)
+    await operation.extend(end, version)
     return tagged(response, operation.view())
 
 

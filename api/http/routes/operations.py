@@ -3,36 +3,50 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
+from functools import partial
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Depends, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from skyfolio.api.access.api_keys import Role
-from skyfolio.api.common.errors import NotFoundError
+from skyfolio.api.common.errors import InvalidError, NotFoundError
 from skyfolio.api.common.idempotency import NewResource
 from skyfolio.api.common.settings import MOST_WEIGHT
+from skyfolio.api.flights.endless.terms import End, Terms, terms_of
 from skyfolio.api.flights.guidance_options import GuidanceOptions
 from skyfolio.api.flights.journal import Entry
 from skyfolio.api.flights.operation import Operation
 from skyfolio.api.flights.operation_views import OperationRow, OperationView, Policy
 from skyfolio.api.flights.restart import Record
-from skyfolio.api.http.routes.deps import KNOWN, Before, Limit, ServiceDep, creates, requires
+from skyfolio.api.http.routes.deps import (
+    KNOWN,
+    Before,
+    Limit,
+    ServiceDep,
+    creates,
+    require_within_limits,
+    requires,
+)
+from skyfolio.api.http.routes.ends import Duration, Until, end_of
 from skyfolio.api.http.routes.etags import tag_of, tagged
 from skyfolio.api.http.routes.examples import OPERATION_EXAMPLES
 from skyfolio.mavlink_bridge import OnEnd
 from skyfolio.mavlink_bridge.guidance import FallBack
+from skyfolio.planner import Plan, Scenario
 
 router = APIRouter(prefix="/v1", tags=["operations"], dependencies=[*KNOWN, requires(Role.VIEWER)])
 pilot_only = [requires(Role.PILOT)]
 
 
 class OperationRequest(BaseModel):
-    """Which plan to fly, what happens after a loss, and whether it takes off by itself."""
+    """Which plan to fly, what happens after a loss, whether it takes off by itself, and until when it is extended."""
 
     model_config = ConfigDict(extra="forbid")
 
-    plan_id: Annotated[str, Field(max_length=64)]
+    plan_id: Annotated[str | None, Field(max_length=64, description="A finished plan; or give a `scenario`.")] = None
+    scenario: Annotated[Scenario | None, Field(description="What is planned first, and then flown.")] = None
     replanning: Policy = "auto"
     guidance: Annotated[
         Literal["mission", "stream"],
@@ -52,11 +66,12 @@ class OperationRequest(BaseModel):
         ),
     ] = False
     at_end: Annotated[
-        Literal["land", "return"],
+        Literal["land", "return"] | None,
         Field(
-            description="After the last slot: land where it is, or return to the start; refused if return paths meet."
+            description="After the last slot: land where it is, or return to the start; refused if return paths meet. "
+            "Default: land; return in an operation without a fixed end."
         ),
-    ] = "land"
+    ] = None
     disruption_weight: Annotated[
         float | None,
         Field(
@@ -71,6 +86,45 @@ class OperationRequest(BaseModel):
     launch: Annotated[
         Literal["auto", "manual"], Field(description="manual: upload, then wait for `operations/{id}:start`.")
     ] = "auto"
+    horizon_slots: Annotated[
+        int | None,
+        Field(
+            ge=4,
+            le=10_000,
+            strict=True,
+            description="Extend the plan in flight, again and again: how many slots each new plan has. Default where "
+            "`duration_s`, `until` or `replan_every_slots` is given: as many as the first plan.",
+        ),
+    ] = None
+    replan_every_slots: Annotated[
+        int | None,
+        Field(
+            ge=1,
+            le=10_000,
+            strict=True,
+            description="After how many slots a plan is extended: at most `horizon_slots` - 3. Default: a quarter.",
+        ),
+    ] = None
+    duration_s: Duration = None
+    until: Until = None
+
+    def end(self) -> End:
+        """Return when no further extension is made. Raises InvalidError."""
+        return end_of(self.duration_s, self.until)
+
+    def extended(self) -> Callable[[Plan], Terms] | None:
+        """Return what says how a plan is extended; None if it is flown once. Raises InvalidError."""
+        end, asked = self.end(), (self.horizon_slots, self.replan_every_slots)
+        if end == End() and asked == (None, None):
+            return None
+        return partial(terms_of, horizon_slots=self.horizon_slots, replan_every_slots=self.replan_every_slots, end=end)
+
+
+class SlotRates(BaseModel):
+    """What each user got in one slot of an operation, bit/s; null where it is not known."""
+
+    slot: int
+    rates_bps: dict[str, float | None]
 
 
 class OperationPage(BaseModel):
@@ -97,16 +151,20 @@ async def start_operation(
     """Upload the plan's missions, take off, and fly; poll `Location` or follow `/v1/events`.
 
     Recoveries keep the pins of the plan as far as they hold; their reports say which, and what they changed.
+
+    With `horizon_slots`, `replan_every_slots`, `duration_s` or `until` the operation has no fixed end: its plan is
+    extended in flight, by incidents of cause `extended`, until then, or until `operations/{id}:extend` moves that.
     """
+    extended = body.extended()
+    at_end = body.at_end or ("land" if extended is None else "return")
     operation = await service.operations.start(
-        body.plan_id,
+        await _plan_id(body, service, creation),
         body.replanning,
         creation,
         launch_itself=body.launch == "auto",
         disruption_weight=body.disruption_weight,
-        options=GuidanceOptions(
-            body.guidance, body.stream_fallback, OnEnd(body.at_end), force_stream=body.force_stream
-        ),
+        options=GuidanceOptions(body.guidance, body.stream_fallback, OnEnd(at_end), force_stream=body.force_stream),
+        extended=extended,
     )
     view = operation.view() if isinstance(operation, Operation) else operation
     response.headers["Location"] = f"/v1/operations/{view.id}"
@@ -153,6 +211,18 @@ async def read_journal(operation_id: str, service: ServiceDep) -> list[Entry]:
     return await service.journal.of(operation_id)
 
 
+@router.get("/operations/{operation_id}/rates")
+async def read_rates(
+    operation_id: str,
+    service: ServiceDep,
+    from_slot: Annotated[int, Query(ge=0, le=2_000_000, description="The first slot.")] = 0,
+    limit: Annotated[int, Query(ge=1, le=10_000, description="At most so many slots.")] = 1000,
+) -> list[SlotRates]:
+    """Return what each user got in each slot, also in those that are no longer part of the operation itself."""
+    found = await service.operations.rates(operation_id, from_slot, limit)
+    return [SlotRates(slot=slot, rates_bps=dict(rates)) for slot, rates in found]
+
+
 @router.get("/operations/{operation_id}/track", response_model=list[TrackPoint])
 async def read_track(
     operation_id: str,
@@ -162,7 +232,10 @@ async def read_track(
     ] = None,
     limit: Annotated[int | None, Query(ge=1, le=10_000, description="At most this many points; default: all.")] = None,
 ) -> Response:
-    """Return where every UAV was heard, twice per fleet second, for replay; `after_s` and `limit` page through."""
+    """Return where every UAV was heard, twice per fleet second, for replay; `after_s` and `limit` page through.
+
+    Of an operation without a fixed end only the newest part is that fine; before, there is a point every 5 s.
+    """
     await _require(service, operation_id)
     record = await service.operations.track(operation_id, after_s, limit)
     return Response(await asyncio.to_thread(track_json, record), media_type="application/json")
@@ -172,6 +245,25 @@ def track_json(record: Record) -> bytes:
     """Return the track as JSON. A long one takes a while and is encoded in a thread."""
     points = (TrackPoint(elapsed_s=at, positions_m=where).model_dump_json() for at, where in record)
     return f"[{','.join(points)}]".encode()
+
+
+async def _plan_id(body: OperationRequest, service: ServiceDep, creation: NewResource) -> str:
+    """Return the id of the plan that is flown first, made now from the scenario if that is given.
+
+    A request that is repeated with its key finds the plan that was made the first time. Raises InvalidError.
+    """
+    if (body.plan_id is None) == (body.scenario is None):
+        raise InvalidError("plan_id, scenario: one of them must be given")
+    if body.scenario is None:
+        return str(body.plan_id)
+    scenario = body.scenario
+    if body.horizon_slots is not None:
+        scenario = scenario.with_changes(slots=body.horizon_slots)
+    require_within_limits(scenario, service.settings)
+    made = NewResource(id=f"plan-of-{creation.id}", owner=creation.owner, fingerprint=creation.fingerprint)
+    record = await service.plans.submit(scenario, made)
+    await record.done.wait()
+    return record.id
 
 
 async def _require(service: ServiceDep, operation_id: str) -> None:
