@@ -149,23 +149,39 @@ async def _give(watched: Kept, order: Order) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Streamed:
-    """One vehicle guided by setpoints, with the mission it falls back on."""
+    """One vehicle guided by setpoints, with the mission it falls back on, which is on board.
+
+    began_s: when slot 0 of the streamer's path and of the mission begins, fleet seconds since slot 0 of the stream.
+    """
 
     vehicle: Vehicle
     streamer: Streamer
     mission: Mission
+    began_s: float = 0.0
+
+    @property
+    def ends_s(self) -> float:
+        """Return when the last slot of its path ends."""
+        route = self.streamer.route
+        return self.began_s + (route.last + 1) * route.slot_s
+
+    def item_at(self, elapsed_s: float) -> int:
+        """Return the waypoint that its mission flies to from that fleet second on."""
+        route = self.streamer.route
+        return self.mission.item_of_slot(next_slot(elapsed_s - self.began_s, route.slot_s, route.last))
 
 
 class Stream:
     """Streams setpoints to several vehicles. `begin` changes the mode, `run` guides until the plan or the process ends.
 
     `elapsed_s()` is fleet seconds since slot 0 began, and negative before. `scale`: fleet seconds per wall second.
+    While it runs a vehicle may `go_on` by another path and mission, as long as there are more.
     """
 
     def __init__(self, streamed: Mapping[int, Streamed], *, scale: float, fall_back: FallBack) -> None:
         self._streamed = dict(streamed)
-        route = next(iter(self._streamed.values())).streamer.route
-        self._slot_s, self._last = route.slot_s, route.last
+        self._next: dict[int, Streamed] = {}
+        """What vehicles go on by as soon as it begins."""
         self._scale = scale
         self._fall_back = fall_back
         self._ended = False
@@ -191,9 +207,8 @@ class Stream:
 
         A vehicle that is let go gets setpoints until it flies something else: a PX4 whose setpoints end first holds.
         """
-        last_s = (self._last + 1) * self._slot_s
         try:
-            while not self._ended and elapsed_s() < last_s:
+            while not self._ended and elapsed_s() < self._ends_s():
                 self._send(elapsed_s())
                 await self._pause()
         finally:
@@ -202,9 +217,15 @@ class Stream:
                 self._send(elapsed_s())
                 await self._pause()
 
+    def go_on(self, system_id: int, by: Streamed) -> None:
+        """Let a vehicle go on by another path once that begins, and fall back on its mission from now on."""
+        if system_id in self._streamed:
+            self._next[system_id] = by
+
     def leave(self, system_id: int) -> None:
         """Stop sending to one vehicle, and leave its mode to what flies it now, at once."""
         self._streamed.pop(system_id, None)
+        self._next.pop(system_id, None)
         if system_id in self._handing:
             self._handing[system_id].cancel()
 
@@ -212,13 +233,12 @@ class Stream:
         """Let each vehicle go, once; return the tasks that do it, by system id."""
         if not self._ended:
             self._ended = True
-            slot = next_slot(elapsed_s, self._slot_s, self._last)
             self._handing = {
                 system_id: asyncio.create_task(
-                    let_go(streamed.vehicle, streamed.mission.item_of_slot(slot), self._fall_back),
+                    let_go(streamed.vehicle, streamed.item_at(elapsed_s), self._fall_back),
                     name=f"let-go-{system_id}",
                 )
-                for system_id, streamed in self._streamed.items()
+                for system_id, streamed in self._newest().items()
             }
         return self._handing
 
@@ -229,12 +249,23 @@ class Stream:
             task.cancel()
         self._handing = {}
 
+    def _newest(self) -> dict[int, Streamed]:
+        """Return what each vehicle has on board, whether its path has begun or not."""
+        return {system_id: self._next.get(system_id, streamed) for system_id, streamed in self._streamed.items()}
+
+    def _ends_s(self) -> float:
+        return max((streamed.ends_s for streamed in self._newest().values()), default=0.0)
+
     def _send(self, elapsed_s: float) -> None:
+        for system_id, by in list(self._next.items()):
+            if elapsed_s >= by.began_s:
+                self._streamed[system_id] = self._next.pop(system_id)
         for system_id, streamed in list(self._streamed.items()):
             if system_id in self._handing and self._handing[system_id].done():
                 continue  # it flies something else
+            at_s = elapsed_s - streamed.began_s
             try:
-                streamed.vehicle.send(streamed.streamer.setpoint(elapsed_s, streamed.vehicle.state.boot_ms or 0))
+                streamed.vehicle.send(streamed.streamer.setpoint(at_s, streamed.vehicle.state.boot_ms or 0))
             except NotDone:
                 continue
 

@@ -84,16 +84,20 @@ class Flight(FlightTimeline):
         self._began = began_s
         self.guidance.begin()
 
-    async def swap(self, uav: str, mission: Mission) -> str | None:
+    async def swap(self, uav: str, mission: Mission, *, streamed_m: Sequence[Point] | None = None) -> str | None:
         """Replace a mission in flight; return None if the UAV verifiably flies the new one, else what went wrong.
 
+        streamed_m: a UAV that is guided by setpoints goes on so, by this path, metres east/north from the mission's
+        first slot on, and the mission only replaces the one on board; None flies the mission from now on.
         An order of the operator ends it at once; then it is not known which of the two missions is on board.
         """
         if not self.roster.may_command(uav):
             self.guidance.record_on_board(uav, mission, OnBoard.OLD)
             return "left alone: it is lost, or flown by somebody else"
         try:
-            result = await self._fleet.commander.carry_out(self.systems[uav], self._swap(uav, mission))
+            stays = streamed_m is not None and self.guidance.streams_to(uav)
+            work = self._replace_below(uav, mission) if stays else self._swap(uav, mission)
+            result = await self._fleet.commander.carry_out(self.systems[uav], work)
         except OvertakenError as error:
             self.guidance.record_on_board(uav, mission, OnBoard.UNKNOWN)
             return str(error)
@@ -101,12 +105,22 @@ class Flight(FlightTimeline):
         self.guidance.record_on_board(uav, mission, result.upload.on_board if sent else OnBoard.OLD)
         if result.ok and self.roster.may_command(uav):
             self.guidance.follow(uav, mission)
+            if stays and streamed_m is not None:
+                self.guidance.go_on_streaming(uav, mission, streamed_m)
         return None if result.ok else f"{result.error or 'failed'}{'; its old mission goes on' * result.went_on}"
 
     async def _swap(self, uav: str, mission: Mission) -> SwapResult:
         await self.guidance.end_stream([uav])
         system = self.systems[uav]
         return (await self._fleet.link.swap({system: mission}))[system]
+
+    async def _replace_below(self, uav: str, mission: Mission) -> SwapResult:
+        """Replace the mission on board of a UAV that is guided by setpoints."""
+        self.guidance.unguard(uav)
+        system = self.systems[uav]
+        upload = (await self._fleet.link.upload({system: mission}))[system]
+        error = None if upload.verified else upload.error or "not verified"
+        return SwapResult(system_id=system, seconds=upload.seconds, error=error, upload=upload)
 
     def stop(self) -> list[str]:
         """Stop guiding and commanding every UAV at once: the operation is over.

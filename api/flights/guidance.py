@@ -37,8 +37,9 @@ _HOLD = frozenset({FlightMode.HOLD})
 class FlightGuidance:
     """Compiles the missions of one flight, knows what is on board, and keeps UAVs on schedule from start to landing.
 
-    In mode "stream" UAVs are guided by setpoints until a mission is swapped or the flight is paused; from then on they
-    fly the missions on board. How far each UAV is off its schedule is an event, `slip`, for each slot.
+    In mode "stream" UAVs are guided by setpoints until the flight is paused or a mission is swapped, unless that only
+    extends the plan; from then on they fly the missions on board. How far each UAV is off its schedule is an event,
+    `slip`, for each slot.
 
     systems: MAVLink system id of each UAV. elapsed_s: returns fleet seconds since slot 0 of the operation began.
     homes_m: where each UAV returns to, rally_m: where it may land instead, metres east/north of the scenario's origin.
@@ -296,6 +297,20 @@ class FlightGuidance:
             self._flown_by_others.add(uav)
             self._streams.leave(uav)
         self._keepers.leave(uav)
+
+    def streams_to(self, uav: str) -> bool:
+        """Return whether this UAV is guided by setpoints now."""
+        return self._streams.streams_to(uav)
+
+    def unguard(self, uav: str) -> None:
+        """Let nobody command a UAV that is streamed to, if this process dies, while its mission is being replaced."""
+        self._streams.unguard(uav)
+
+    def go_on_streaming(self, uav: str, mission: Mission, path_m: Sequence[Point]) -> None:
+        """Stream this path once it begins to a UAV that has its mission on board."""
+        assigned = self._on_board.of(uav, mission)
+        if assigned is not None:
+            self._streams.go_on(uav, assigned, path_m)
 
     @property
     def is_streaming(self) -> bool:

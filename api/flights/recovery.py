@@ -309,7 +309,13 @@ class Recovery:
     # -- into the air ---------------------------------------------------------------------------------------------
 
     async def _swap(self, plan: Plan) -> None:
-        swap = Swap(self._flight, self._incident.log, self._shared.metrics, self._shared.settings.swap_attempts)
+        swap = Swap(
+            self._flight,
+            self._incident.log,
+            self._shared.metrics,
+            self._shared.settings.swap_attempts,
+            keeps_stream=self._incident.cause == "extended",
+        )
         results = await swap.into(plan)
         flying = [uav for uav, error in results.items() if error is None]
         outcome = "flying" if len(flying) == len(results) else "partly_flying" if flying else "failed"

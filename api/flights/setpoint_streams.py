@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 
 from skyfolio.api.common.fleet_clock import FleetClock
 from skyfolio.api.fleet.fleet_ports import GuardPort
@@ -13,6 +13,7 @@ from skyfolio.mavlink_bridge import GuardFailed, east_north_to_geodetic
 from skyfolio.mavlink_bridge.guard import Orders
 from skyfolio.mavlink_bridge.guidance import FallBack, Stream, Streamed
 from skyfolio.mavlink_bridge.stream import Streamer
+from skyfolio.planner.geometry import Point
 
 SILENT_S = 2.0
 """Fleet seconds without a message after which an autopilot, which sends its position at 5 Hz, is not waited for."""
@@ -54,7 +55,10 @@ class SetpointStreams:
         self._streamed = dict(missions)
         await self._post_guard()
         self._stream = Stream(
-            {self._systems[uav]: self._streamed_of(uav, assigned) for uav, assigned in missions.items()},
+            {
+                self._systems[uav]: self._streamed_of(uav, assigned, assigned.path_m)
+                for uav, assigned in missions.items()
+            },
             scale=self._clock.scale,
             fall_back=self._fall_back,
         )
@@ -73,6 +77,25 @@ class SetpointStreams:
         """Let the guard know that we may command the vehicles for longer."""
         if self._guard is not None and self._task is not None and self._streamed:
             self._instruct_guard(self._streamed)
+
+    def streams_to(self, uav: str) -> bool:
+        """Return whether setpoints are being sent to this UAV, and not only until it flies its mission."""
+        return self.is_on and uav in self._streamed and not self._hand_overs
+
+    def unguard(self, uav: str) -> None:
+        """Keep the guard from commanding a UAV while it is not certain which mission it has on board: it would hold."""
+        self._instruct_guard({one: assigned for one, assigned in self._streamed.items() if one != uav})
+
+    def go_on(self, uav: str, assigned: AssignedMission, path_m: Sequence[Point]) -> None:
+        """Let a UAV go on by this path once its first slot begins; the mission is on board from now on.
+
+        path_m: (n, 2) metres east/north, where the UAV shall be when the slots of the mission begin.
+        """
+        if self._stream is None or uav not in self._streamed:
+            return
+        self._streamed[uav] = assigned
+        self._stream.go_on(self._systems[uav], self._streamed_of(uav, assigned, path_m))
+        self._instruct_guard(self._streamed)
 
     def leave(self, uav: str) -> None:
         """Stop sending setpoints to this UAV."""
@@ -155,13 +178,14 @@ class SetpointStreams:
             return
         orders = None
         if missions:
+            first, slot_s = min(one.first_slot for one in missions.values()), next(iter(missions.values())).slot_s
             orders = Orders(
                 links=self._fleet.links,
                 signing_key_file=self._fleet.signing_key_file,
-                slot0_at=self._slot0_at,
+                slot0_at=self._slot0_at + first * slot_s / self._clock.scale,
                 scale=self._clock.scale,
-                slot_s=next(iter(missions.values())).slot_s,
-                items={self._systems[uav]: _items(assigned) for uav, assigned in missions.items()},
+                slot_s=slot_s,
+                items={self._systems[uav]: _items(assigned, first) for uav, assigned in missions.items()},
                 until_s=self._fleet.rights.until_s(self._systems[uav] for uav in missions),
             )
         try:
@@ -173,17 +197,21 @@ class SetpointStreams:
     def _warn(self, error: GuardFailed) -> None:
         self._fleet.note("guard", level="warning", error=str(error))
 
-    def _streamed_of(self, uav: str, assigned: AssignedMission) -> Streamed:
+    def _streamed_of(self, uav: str, assigned: AssignedMission, path_m: Sequence[Point]) -> Streamed:
         system = self._systems[uav]
         streamer = Streamer(
             system,
-            assigned.path_m,
+            list(path_m),
             assigned.slot_s,
             assigned.altitudes,
             lambda point: east_north_to_geodetic(assigned.origin, *point),
         )
-        return Streamed(vehicle=self._fleet.link.vehicle(system), streamer=streamer, mission=assigned.mission)
+        vehicle = self._fleet.link.vehicle(system)
+        return Streamed(vehicle=vehicle, streamer=streamer, mission=assigned.mission, began_s=assigned.began_s)
 
 
-def _items(assigned: AssignedMission) -> tuple[int, ...]:
-    return tuple(assigned.mission.item_of_slot(slot) for slot in range(len(assigned.path_m)))
+def _items(assigned: AssignedMission, first: int) -> tuple[int, ...]:
+    """Return the waypoint of each slot of the operation from `first` on; until the mission begins it is its first."""
+    mission = assigned.mission
+    before = assigned.first_slot - first
+    return tuple(mission.item_of_slot(max(slot, 0)) for slot in range(-before, len(assigned.path_m)))

@@ -16,10 +16,16 @@ from skyfolio.planner import Plan, ReplanError
 
 
 class Swap:
-    """One change of missions in flight. Every upload is in the journal before it is sent."""
+    """One change of missions in flight. Every upload is in the journal before it is sent.
 
-    def __init__(self, flight: Flight, steps: IncidentLog, metrics: Metrics, attempts: int) -> None:
+    keeps_stream: UAVs that are guided by setpoints go on so; else a change ends that.
+    """
+
+    def __init__(
+        self, flight: Flight, steps: IncidentLog, metrics: Metrics, attempts: int, *, keeps_stream: bool = False
+    ) -> None:
         self._flight, self._steps, self._metrics, self._attempts = flight, steps, metrics, attempts
+        self._keeps_stream = keeps_stream
         self._new_plan: Plan | None = None
         self.seconds = 0.0
         """Wall seconds of the whole change."""
@@ -70,7 +76,9 @@ class Swap:
         return unlocated | dict(zip(missions, results, strict=True))
 
     async def _swap_one(self, plan: Plan, uav: str, mission: Mission) -> str | None:
-        error = await self._flight.swap(uav, mission)
+        keeps = self._keeps_stream and plan is self._new_plan
+        streamed_m = plan.trajectories_m[uav] if keeps else None
+        error = await self._flight.swap(uav, mission, streamed_m=streamed_m)
         if error is not None:
             return error
         if plan is self._new_plan and self._flight.plan is not plan:

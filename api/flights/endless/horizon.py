@@ -67,7 +67,7 @@ class Horizon:
         if slot is None or (end is not None and planned >= end):
             return False
         left = max(self.terms.horizon_slots - self.terms.replan_every_slots, LEAST_LEFT_SLOTS)
-        return planned - slot <= left
+        return planned - (slot + 1) <= left
 
     def move_end(self, end: End) -> None:
         """Let the operation end then; what is planned already is flown in any case."""
