@@ -36,7 +36,7 @@ def test_ten_minutes_are_flown_with_plans_of_a_hundred_seconds(guidance: str) ->
         operation_id = take_off(sky, MINUTES_S, guidance=guidance)
         sky.let_pass(MINUTES_S / 2)
         modes = {vehicle.autopilot.mode for vehicle in sky.fleet.vehicles.values()}
-        assert modes == {sim.Mode.OFFBOARD if guidance == "stream" else sim.Mode.MISSION}
+        assert modes == {sim.Mode.GUIDED if guidance == "stream" else sim.Mode.MISSION}
         view = ended(sky, operation_id)
         assert (view.state, view.error) == (State.COMPLETED, None)
         assert view.endless is not None
