@@ -164,6 +164,9 @@ def _sum_rates(problem: Problem, gain: Array, placements_m: Array) -> Array:
     snr = gain / distance2
     if problem.bends is not None:
         snr = snr * np.moveaxis(problem.bends.at(np.moveaxis(np.einsum("cukd,cukd->cuk", apart, apart), 1, 0)), 0, 1)
+    if problem.excess is not None:  # placements take the slots' place
+        still = replace(problem.excess, reads=problem.excess.reads[:, :1])
+        snr = snr * np.moveaxis(still.on_paths(np.moveaxis(placements_m, 1, 0)), 2, 0)
     mine = distance2 == distance2.min(axis=1, keepdims=True)
     efficiency = np.log2(1 + snr / (1 + np.maximum(snr.sum(axis=1, keepdims=True) - snr, 0.0)))
     best = np.where(mine, efficiency, 0.0).max(axis=2)

@@ -66,14 +66,15 @@ class Delivery:
         user_m, spread_m2 = (
             table[:, slots if table.shape[1] > 1 else [0]] for table in (self._user_m, self._spread_m2)
         )
-        apart = positions_m[:, :, None, :] - user_m.transpose(1, 0, 2)[:, None]  # (S, U, K, 2)
+        places_m = user_m.transpose(1, 0, 2)[:, None], positions_m[:, :, None, :]
+        apart = places_m[1] - places_m[0]  # (S, U, K, 2)
         heights_m = self._heights_m[:, :, slots].transpose(2, 0, 1)  # (S, U, K)
         over2 = np.einsum("sukd,sukd->suk", apart, apart)
         distance2 = over2 + heights_m**2 + spread_m2.T[:, None]
         scenario = self._plan.scenario
         edge = edges_of(scenario, user_m, positions_m.swapaxes(0, 1), self._heights_m[:, :, slots])
         edge = None if edge is None else edge.transpose(2, 0, 1)
-        bent = factors(scenario.channel, over2 + spread_m2.T[:, None], heights_m, edge)
+        bent = factors(scenario.channel, over2 + spread_m2.T[:, None], heights_m, edge, places_m=places_m)
         on = self._snr_at_1_m * transmitting[:, :, None]
         snr = (on / distance2 * bent * fading[:, :, column].transpose(2, 0, 1)).transpose(1, 2, 0)  # (U, K, S)
         efficiency = mean_efficiency(snr, snr, self._draws).transpose(0, 2, 1)  # (U, S, K)

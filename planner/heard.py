@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from skyfolio.planner.arrays import Array
-from skyfolio.planner.channels.radio import RadioChannel
+from skyfolio.planner.channels.radio import Places, RadioChannel
 from skyfolio.planner.scenario import Scenario
 
 FARTHEST_M2 = 1e14
@@ -20,13 +20,15 @@ def reference_snr(scenario: Scenario) -> Array:
     return snr
 
 
-def factors(channel: RadioChannel, over2: Array, heights_m: Array, edge: Array | None = None) -> Array | float:
+def factors(
+    channel: RadioChannel, over2: Array, heights_m: Array, edge: Array | None = None, *, places_m: Places
+) -> Array | float:
     """Return by what SNRs differ from `reference_snr` over squared distances: 1 for the letter's channel.
 
     over2: squared distances over ground, users' spreads in them, m^2; heights_m: of UAVs over users; edge: of hills
-    (`ground.hidden`), None where they do not count; of shapes that broadcast.
+    (`ground.hidden`), None where they do not count; places_m: of users and UAVs; of shapes that broadcast.
     """
     if channel.is_inverse_square and edge is None:
         return 1.0
     away_m, heights_m = np.broadcast_arrays(np.sqrt(np.minimum(over2, FARTHEST_M2)), heights_m)
-    return channel.factor(away_m, heights_m, edge)
+    return channel.factor(away_m, heights_m, edge, places_m)

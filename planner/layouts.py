@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from math import ceil, sqrt
+from typing import Any
 
 import numpy as np
+from scipy.ndimage import gaussian_filter
 
 from skyfolio.planner.arrays import Array
+from skyfolio.planner.channels.gain_map import GainMap
 from skyfolio.planner.examples import ZURICH
 from skyfolio.planner.geometry import Point
 from skyfolio.planner.scenario import Channel, Scenario, Uav, User, Utility
@@ -47,6 +50,42 @@ def laid_out(
     rows = ceil(n_uavs / columns)
     starts = [((u % columns + 0.5) * side / columns, (u // columns + 0.5) * side / rows) for u in range(n_uavs)]
     return _scenario((side, side), starts, positions, n_slots, Channel(noise_dbm=noise_dbm, seed=seed), utility)
+
+
+def shadow_map(
+    scenario: Scenario,
+    *,
+    spacing_m: float = 25.0,
+    shadowing_db: float = 8.0,
+    correlation_m: float = 40.0,
+    seed: int = 0,
+    **channel: Any,
+) -> GainMap:
+    """Return a map of gains over a scenario's area with a receiver at each user, at the fleet's altitudes.
+
+    Gains are those of the letter's channel (-20 dB at one metre) with shadows of this standard deviation, drawn for
+    each receiver, which are alike over about `correlation_m`. channel: other fields, as `noise_dbm`.
+    """
+    (west, south), (east, north) = scenario.area_m
+    rows, columns = ceil((north - south) / spacing_m) + 1, ceil((east - west) / spacing_m) + 1
+    levels = sorted({scenario.altitude_of(uav) for uav in scenario.uavs})
+    at_m = np.stack(np.meshgrid(west + np.arange(columns) * spacing_m, south + np.arange(rows) * spacing_m), axis=-1)
+    rng, maps = np.random.default_rng(seed), []
+    for user in scenario.users:
+        over2 = np.square(at_m - user.position_m).sum(axis=-1)
+        drawn = gaussian_filter(rng.normal(size=(rows, columns)), correlation_m / spacing_m, mode="wrap")
+        shadow_db = shadowing_db * drawn / max(float(drawn.std()), 1e-12)
+        maps.append([np.round(-20.0 - 10.0 * np.log10(over2 + level**2) + shadow_db, 2).tolist() for level in levels])
+    return GainMap.model_validate(
+        {
+            "receivers_m": [user.position_m for user in scenario.users],
+            "levels_m": levels,
+            "south_west_m": (west, south),
+            "spacing_m": spacing_m,
+            "gains_db": maps,
+            **channel,
+        }
+    )
 
 
 def _scenario(

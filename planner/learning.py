@@ -111,7 +111,8 @@ def _snr(scenario: Scenario, observations: Sequence[Observation], user: NDArray[
     slots = np.array([one.slot for one in observations])
     first = int(slots.min())
     fading = fading_gains(channel, scenario.uav_ids, scenario.user_ids, first, int(slots.max()) - first + 1)
-    snr: Array = gain / squared_m2 * factors(channel, over2, altitude_m) * fading[:, user, slots - first].T
+    factor = factors(channel, over2, altitude_m, places_m=(users_m[:, None, :], at_m))
+    snr: Array = gain / squared_m2 * factor * fading[:, user, slots - first].T
     return snr
 
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.problem import Problem
-from skyfolio.planner.reach import squared_distance_range
+from skyfolio.planner.reach import reachable_boxes, squared_distance_range
 from skyfolio.planner.sinr import mean_efficiency
 
 
@@ -17,7 +17,12 @@ def optimistic_rates_kbps(problem: Problem, slots: NDArray[np.intp] | None = Non
     slots: (S,), which ones; default all. (U, K, S) kbit/s.
     """
     near2, far2 = squared_distance_range(problem, slots)
-    rates = mean_efficiency(*problem.snr_range(near2, far2, slots), problem.draws)
+    most, least = problem.snr_range(near2, far2, slots)
+    if problem.excess is not None:
+        chosen = np.arange(problem.n_slots) if slots is None else slots
+        better, worse = problem.excess.range_in(*reachable_boxes(problem, chosen), chosen)
+        most, least = most * better, least * worse
+    rates = mean_efficiency(most, least, problem.draws)
     rates *= (problem.bandwidth_hz / 1e3)[:, None, None]
     if problem.absent.size:
         rates *= problem.there if slots is None else problem.there[:, slots]

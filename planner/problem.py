@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.channel import expected_gains, fading_gains, squared_distances
 from skyfolio.planner.channels.bends import Bends, bends_of
+from skyfolio.planner.channels.excess import Excess
 from skyfolio.planner.energy.air import Air
 from skyfolio.planner.scenario import NoFlyDisc, NoFlyPolygon, Scenario
 from skyfolio.planner.tracks import absences_of, demands_bps, tracks_of
@@ -49,7 +50,8 @@ class Problem:
     (K, N), who has to serve each user, -1 where that is free; both empty without pins (`pins.py`). weight: (K,), as
     how many users each counts. absent: (K, N), whether it is not there, empty where all always are.
     demand_kbps: (K,), what it asks for in a slot: more is worth nothing; infinite where it has no limit.
-    air: wind and energy, None without. bends: factors by which SNRs differ from `snr_gain / d^2`, None without.
+    air: wind and energy, None without. bends: factors by which SNRs differ from `snr_gain / d^2`, None without;
+    excess: others that depend on where the UAV is, None without.
     """
 
     start_m: Array
@@ -79,6 +81,7 @@ class Problem:
     demand_kbps: Array
     air: Air | None = None
     bends: Bends | None = None
+    excess: Excess | None = None
 
     @cached_property
     def n_uavs(self) -> int:
@@ -105,15 +108,18 @@ class Problem:
         """Return `d_uk^2[n]` of eq. (1) on these paths (U, N, 2), metres: (U, K, N) m^2."""
         return squared_distances(paths_m, self.user_m, self.altitude_m, self.spread_m2)
 
-    def snr(self, distances2: Array) -> Array:
-        """Return the mean SNR of all links at squared distances in space, (U, K, N) m^2."""
+    def snr(self, paths_m: Array) -> Array:
+        """Return the mean SNR of all links on these paths (U, N, 2), metres: (U, K, N)."""
+        distances2 = self.distances2(paths_m)
         snr: Array = self.snr_gain / distances2
-        return snr if self.bends is None else snr * self.bends.at(self._over_ground2(distances2))
+        if self.bends is not None:
+            snr = snr * self.bends.at(self._over_ground2(distances2))
+        return snr if self.excess is None else snr * self.excess.on_paths(paths_m)
 
     def snr_range(self, near2: Array, far2: Array, slots: NDArray[np.intp] | None = None) -> tuple[Array, Array]:
         """Return bounds of SNRs at squared distances from `near2` to `far2`, (U, K, S) m^2: an upper and a lower one.
 
-        slots: (S,), which ones; default all.
+        slots: (S,), which ones; default all. What depends on where UAVs are beyond that (`excess`) is left out.
         """
         gain = self.snr_gain if slots is None else self.snr_gain[:, :, slots]
         if self.bends is None:
@@ -189,6 +195,7 @@ class Problem:
             absent=self.absent[users] if self.absent.size else self.absent,
             demand_kbps=self.demand_kbps[users],
             pinned_to=self.pinned_to[users] if self.pinned_to.size else self.pinned_to,
+            excess=None if self.excess is None else self.excess.for_users(users),
         )
 
     def _only_uavs(self, uavs: NDArray[np.intp]) -> Problem:
@@ -209,6 +216,7 @@ class Problem:
             pinned_to=number[self.pinned_to] if self.pinned_to.size else self.pinned_to,
             air=None if self.air is None else self.air.of(uavs),
             bends=None if self.bends is None else self.bends.of(uavs),
+            excess=None if self.excess is None else self.excess.of(uavs),
         )
 
     def hover(self) -> Array:
@@ -265,6 +273,7 @@ def problem_of(scenario: Scenario, past: Past | None = None) -> Problem:
         absent=absent if absent.any() else np.zeros((0, 0), dtype=bool),
         air=scenario.air,
         bends=bends_of(scenario.channel, altitude_m, _longest_m(scenario, user_m, spread_m2)),
+        excess=scenario.channel.tables(altitude_m, user_m),
     )
 
 

@@ -39,6 +39,17 @@ def reach_of(problem: Problem) -> Reach:
     return Reach(from_start, np.asarray(to_end, dtype=float))
 
 
+def reachable_boxes(problem: Problem, slots: NDArray[np.intp]) -> tuple[Array, Array]:
+    """Return boxes that hold all that each UAV can reach in some slots (S,): corners low and high, (U, S, 2) metres."""
+    reach = reach_of(problem)
+    low, high = (np.broadcast_to(corner, (problem.n_uavs, len(slots), 2)) for corner in (problem.low_m, problem.high_m))
+    end_m = np.where(np.isnan(problem.end_m), 0.0, problem.end_m)
+    for centre_m, radius_m in ((problem.start_m, reach.from_start_m), (end_m, reach.to_end_m)):
+        radius = radius_m[:, slots, None]
+        low, high = np.maximum(low, centre_m[:, None] - radius), np.minimum(high, centre_m[:, None] + radius)
+    return low, high
+
+
 def squared_distance_range(
     problem: Problem, slots: NDArray[np.intp] | None = None, *, ends: bool = True
 ) -> tuple[Array, Array]:

@@ -158,6 +158,9 @@ class Scenario(Frozen):
         return self
 
     def _check_heights(self) -> None:
+        uncovered = self.channel.refusal_of_area(self.area_m)
+        if uncovered is not None:
+            raise ValueError(f"channel.{uncovered}")
         for index, uav in enumerate(self.uavs):
             limits = limits_of(self, uav)
             high_m = limits.low_m if limits.high_m is None else limits.high_m

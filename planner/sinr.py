@@ -14,7 +14,7 @@ def spectral_efficiency(problem: Problem, paths_m: Array) -> Array:
 
     Every other UAV of the fleet interferes on the whole band, as in the letter.
     """
-    snr = problem.snr(problem.distances2(paths_m))
+    snr = problem.snr(paths_m)
     return mean_efficiency(snr, snr, problem.draws)
 
 

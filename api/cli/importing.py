@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -31,6 +32,10 @@ def import_command(
     terrain: Annotated[
         list[Path] | None, typer.Option(help="GeoTIFF or SRTM tile (N47E008.hgt) with the heights of the ground.")
     ] = None,
+    gain_map: Annotated[
+        list[Path] | None,
+        typer.Option(help="Gains from places of UAVs to users, .npz or GeoTIFF: becomes the channel `map`."),
+    ] = None,
     base: Annotated[
         Path | None, typer.Option(help="Scenario as JSON, from which what the files do not have is taken.")
     ] = None,
@@ -48,13 +53,17 @@ def import_command(
     out: Out = None,
     as_json: Json = False,
 ) -> None:
-    """Make a scenario of users, UAVs, no-fly zones, areas and rally points in GeoJSON, CSV or KML files."""
+    """Make a scenario of users, UAVs, no-fly zones, areas and rally points in GeoJSON, CSV or KML files.
+
+    Tiles are the ground under it, and maps of gains its channel.
+    """
     given: dict[Kind | None, list[Path]] = {
         None: [*(files or []), *(terrain or [])],
         "user": users or [], "uav": uavs or [], "no_fly": no_fly or [], "area": area or [],
         "rally_point": rally_points or [],
     }  # fmt: skip
     sources = [_source(path, kind, encoding) for kind, paths in given.items() for path in paths]
+    sources += [replace(_source(path, None, None), is_map=True) for path in gain_map or []]
     settings = {
         "slots": slots,
         "slot_duration_s": slot_duration_s,

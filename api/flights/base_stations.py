@@ -129,7 +129,8 @@ def mean_gain_of(scenario: Scenario, uav_of: Mapping[int, str]) -> sim.MeanGain:
         at_m, user_m = geodetic_to_east_north(scenario.origin, *position[:2]), users_m[user]
         height_m = position[2] + over_user_m(system, user)
         edge = edges_of(scenario, np.array([[user_m]]), np.array([[at_m]]), np.array([[[height_m]]]))
-        return channel.gain_at(math.dist(at_m, user_m), height_m, edge)
+        places_m = np.array(user_m), np.array(at_m)
+        return channel.gain_at(math.dist(at_m, user_m), height_m, edge, places_m)
 
     return gain
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
-from math import ceil, cos, floor, radians
+from math import ceil, floor
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ import numpy as np
 from skyfolio.api.common.extras import require
 from skyfolio.api.places.faults import FaultyFilesError
 from skyfolio.api.places.files import SourceFile
+from skyfolio.api.places.rasters import band_of, opened, sampled, spacing_of
 from skyfolio.planner import Scenario
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.geodesy import points_to_geodetic
@@ -26,7 +27,7 @@ MARGIN_M = 50.0
 """The grid reaches this far beyond the flying area."""
 DECIMALS_M = 2
 _METRES = {None, "", "m", "metre", "metres", "meter", "meters"}
-_DEGREE_M = 111_320.0
+NO_TILE = "is no GeoTIFF, and no SRTM tile named by its corner, as N47E008.hgt"
 
 
 def terrain_of(files: Sequence[SourceFile], scenario: Scenario) -> Terrain:
@@ -37,7 +38,7 @@ def terrain_of(files: Sequence[SourceFile], scenario: Scenario) -> Terrain:
     """
     require("rasterio", "reading elevation tiles")
     with ExitStack() as stack:
-        tiles = [stack.enter_context(_Opened(file)) for file in files]
+        tiles = [_Tile(file, opened(file, stack, NO_TILE)) for file in files]
         spacing_m = min(tile.spacing_m for tile in tiles) / 2
         corner, rows, columns, spacing_m, finer = _grid(scenario, spacing_m)
         fine_m = spacing_m / finer
@@ -98,64 +99,19 @@ class _Tile:
     def __init__(self, file: SourceFile, dataset: Any) -> None:
         self.file = file
         self._dataset = dataset
-        if dataset.crs is None:
-            raise FaultyFilesError([file.fault("place", "does not say where it lies; use a GeoTIFF, or N47E008.hgt")])
         unit = dataset.units[0]
         if unit not in _METRES:
             raise FaultyFilesError([file.fault("unit", f"has heights in {unit!r}, but only metres are read")])
-        self._heights = dataset.read(1, masked=True).astype(float).filled(np.nan)
+        self._heights = band_of(dataset, 1)
 
     @property
     def spacing_m(self) -> float:
         """How far its heights are apart: the lesser of both directions, metres."""
-        across, along = self._dataset.res
-        if not self._dataset.crs.is_geographic:
-            return float(min(across, along))
-        middle = (self._dataset.bounds.bottom + self._dataset.bounds.top) / 2
-        return float(min(across * cos(radians(middle)), along)) * _DEGREE_M
+        return spacing_of(self._dataset)
 
     def sampled(self, lon: Array, lat: Array) -> Array:
         """Return the heights at places in degrees, bilinear between the middles of cells; NaN where there are none."""
-        from rasterio.warp import transform  # noqa: PLC0415 - an extra
-
-        x, y = transform("EPSG:4326", self._dataset.crs, lon.tolist(), lat.tolist())
-        to_cells = ~self._dataset.transform
-        column, row = to_cells * (np.array(x), np.array(y))
-        rows, columns = self._heights.shape
-        column, row = column - 0.5, row - 0.5
-        outside = (column < -0.5) | (row < -0.5) | (column > columns - 0.5) | (row > rows - 0.5)
-        column, row = np.clip(column, 0.0, columns - 1.0), np.clip(row, 0.0, rows - 1.0)
-        left, top = np.minimum(column.astype(int), columns - 2), np.minimum(row.astype(int), rows - 2)
-        x_share, y_share = column - left, row - top
-        upper = (1 - x_share) * self._heights[top, left] + x_share * self._heights[top, left + 1]
-        lower = (1 - x_share) * self._heights[top + 1, left] + x_share * self._heights[top + 1, left + 1]
-        heights: Array = np.where(outside, np.nan, (1 - y_share) * upper + y_share * lower)
-        return heights
-
-
-class _Opened:
-    """Opens a tile for as long as the context lasts."""
-
-    def __init__(self, file: SourceFile) -> None:
-        self._file = file
-        self._stack = ExitStack()
-
-    def __enter__(self) -> _Tile:
-        from rasterio import MemoryFile  # noqa: PLC0415 - an extra
-        from rasterio.errors import RasterioIOError  # noqa: PLC0415
-
-        file = self._file
-        name = file.name.rpartition("/")[2]
-        try:
-            memory = self._stack.enter_context(MemoryFile(file.content, filename=name))
-            return _Tile(file, self._stack.enter_context(memory.open()))
-        except RasterioIOError as error:
-            self._stack.close()
-            fault = file.fault("format", "is no GeoTIFF, and no SRTM tile named by its corner, as N47E008.hgt")
-            raise FaultyFilesError([fault]) from error
-
-    def __exit__(self, *_: object) -> None:
-        self._stack.close()
+        return sampled(self._dataset, self._heights, lon, lat)
 
 
 def lines_of(terrain: Terrain) -> Iterator[str]:

@@ -23,22 +23,31 @@ Encoding = Literal["utf-8", "utf-16", "windows-1252", "iso-8859-1"]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SourceFile:
-    """A file as it was given. kind: what is in it, if that is said outside of it; encoding: of its text, if known."""
+    """A file as it was given. kind: what is in it, if that is said outside of it; encoding: of its text, if known.
+
+    is_map: whether it is said outside of it that it holds gains, which a name like `.tif` does not say.
+    """
 
     name: str
     content: bytes
     kind: Kind | None = None
     encoding: Encoding | None = None
+    is_map: bool = False
 
     def __post_init__(self) -> None:
-        most = MAX_TILE_BYTES if self.is_tile else MAX_BYTES
+        most = MAX_TILE_BYTES if self.is_tile or self.is_gain_map else MAX_BYTES
         if len(self.content) > most:
             raise FaultyFilesError([self.fault("size", f"it has {len(self.content)} bytes; at most are {most}")])
 
     @property
     def is_tile(self) -> bool:
         """Return whether its name says that it holds heights of the ground."""
-        return self.suffix in _TILES
+        return self.suffix in _TILES and not self.is_map
+
+    @property
+    def is_gain_map(self) -> bool:
+        """Return whether it holds gains of a channel (`gain_maps.py`)."""
+        return self.is_map or self.suffix == ".npz"
 
     @property
     def suffix(self) -> str:

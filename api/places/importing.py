@@ -33,15 +33,17 @@ class Imported(BaseModel):
 def import_files(
     files: Sequence[SourceFile], base: Scenario | None = None, settings: ScenarioSettings | None = None
 ) -> Imported:
-    """Return the scenario that these files describe, all of them together; tiles are the ground under it.
+    """Return the scenario that these files describe, all of them together.
 
+    Tiles are the ground under it, and maps of gains its channel.
     Without users or without UAVs in the files, those of `base` are kept, and so are its origin, area and no-fly zones
     where the files have none. Files with both stand alone: of `base` only what is no place is used. `settings` count
     more than those in a file, and these more than the base's. Raises FaultyFilesError that names file, row and column.
     """
     if not files:
         raise FaultyFilesError([Fault(file="files", rule="missing", message="there must be at least one")])
-    tiles, files = [file for file in files if file.is_tile], [file for file in files if not file.is_tile]
+    tiles, maps = [file for file in files if file.is_tile], [file for file in files if file.is_gain_map]
+    files = [file for file in files if not (file.is_tile or file.is_gain_map)]
     holdings = [_holding(file) for file in files]
     faults = [fault for holding in holdings for fault in holding.faults]
     said = _settings(files, holdings, faults)
@@ -54,12 +56,23 @@ def import_files(
     above_ground = {name: said.pop(name) for name in OVER_GROUND if name in said}
     scenario = assembly.scenario(said)
     scenario, told = _over_ground(scenario, tiles, base, above_ground, is_asked="clearance_m" in asked)
+    scenario, said_of_map = _with_map(scenario, maps)
     ignored = [
         f"{file.name}: not used: {', '.join(sorted(holding.ignored))}"
         for file, holding in zip(files, holdings, strict=True)
         if holding.ignored
     ]
-    return Imported(scenario=scenario, notes=[*assembly.notes, *told, *ignored])
+    return Imported(scenario=scenario, notes=[*assembly.notes, *told, *said_of_map, *ignored])
+
+
+def _with_map(scenario: Scenario, maps: Sequence[SourceFile]) -> tuple[Scenario, list[str]]:
+    """Return the scenario with the channel of these maps of gains, its own without any; and notes."""
+    if not maps:
+        return scenario, []
+    from skyfolio.api.places.gain_maps import gain_map_of, lines_of  # noqa: PLC0415 - most imports have none
+
+    channel = gain_map_of(maps, scenario)
+    return _changed(scenario, {"channel": channel}, maps[0].name), [*lines_of(channel)]
 
 
 def _over_ground(
@@ -90,12 +103,17 @@ def _over_ground(
         notes.append("clearance_m: not used: it is kept over terrain, and no tile is given")
     if not changes:
         return scenario, notes
+    return _changed(scenario, changes, "files"), notes
+
+
+def _changed(scenario: Scenario, changes: Mapping[str, object], file: str) -> Scenario:
+    """Return the scenario with other fields, which came from a file. Raises FaultyFilesError."""
     try:
-        return scenario.with_changes(**changes), notes
+        return scenario.with_changes(**changes)
     except ValidationError as error:
         raise FaultyFilesError(
             [
-                Fault(file="files", rule=row["rule"], message=row["message"], column=row["field"])
+                Fault(file=file, rule=row["rule"], message=row["message"], column=row["field"])
                 for row in broken_rules(error.errors(), ())
             ]
         ) from error

@@ -10,6 +10,7 @@ from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 from pydantic_core.core_schema import ValidatorFunctionWrapHandler
 
 from skyfolio.planner.channels.aerial_3gpp import Aerial3gpp
+from skyfolio.planner.channels.gain_map import GainMap
 from skyfolio.planner.channels.los_probability import LosProbability
 from skyfolio.planner.channels.radio import RadioChannel
 from skyfolio.planner.channels.rician import Channel
@@ -18,6 +19,7 @@ KINDS: dict[str, type[RadioChannel]] = {
     "rician": Channel,
     "los_probability": LosProbability,
     "3gpp_uav": Aerial3gpp,
+    "map": GainMap,
 }
 
 

@@ -12,12 +12,15 @@ from pydantic import Field, model_validator
 
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.channels.antennas import Antenna
-from skyfolio.planner.parts import Frozen, Identifier, left_out
+from skyfolio.planner.channels.excess import Excess
+from skyfolio.planner.parts import Frozen, Identifier, Point, left_out
 
 Fading = Literal["mean", "sampled", "held", "expected"]
 """The small-scale gain of a link: its mean, drawn in every slot, or drawn once and held."""
 Decibels = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-100, le=100)]
 Carrier = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=1e8, le=1e11)]
+Places = tuple[Array, Array]
+"""Of users and of UAVs, (..., 2) metres east/north."""
 LIGHT_MPS = 299_792_458.0
 THERMAL_DBM_PER_HZ = -174.0
 """k T at 290 K, to a hundredth."""
@@ -80,6 +83,21 @@ class RadioChannel(Frozen):
         """Whether a hill between UAV and user costs anything; if so, the two methods that follow say what."""
         return False
 
+    def excess(self, user_m: Array, uav_m: Array, height_m: Array) -> Array | None:  # noqa: ARG002
+        """Return by what links differ from `power_gain` because of where their ends are; None where by nothing.
+
+        user_m, uav_m: (..., 2), metres east/north; height_m: (...), of UAVs over users; of shapes that broadcast.
+        """
+        return None
+
+    def tables(self, altitude_m: Array, user_m: Array) -> Excess | None:  # noqa: ARG002
+        """Return the same for optimisers: for UAVs at altitudes (U,) and users (K, S, 2), metres."""
+        return None
+
+    def refusal_of_area(self, area_m: tuple[Point, Point]) -> str | None:  # noqa: ARG002
+        """Return why UAVs cannot fly in an area with this kind, or None."""
+        return None
+
     def hidden_gain(self, away_m: Array, distance_m: Array, height_m: Array, edge: Array) -> Array:
         """Return the gain where the ground reaches into the line of sight by `edge` (`ground.hidden`), m^(1/2).
 
@@ -111,22 +129,31 @@ class RadioChannel(Frozen):
         """The gain at one metre of the inverse square of which `factor` is the multiple."""
         return 1.0
 
-    def factor(self, away_m: Array, height_m: Array, edge: Array | None = None) -> Array:
+    def factor(
+        self, away_m: Array, height_m: Array, edge: Array | None = None, places_m: Places | None = None
+    ) -> Array:
         """Return the gain as a multiple of `reference_gain / d^2`, with the antenna; fading aside.
 
         away_m: distances over ground, height_m: heights over users, metres, of one shape. edge: of hills, or None.
+        places_m: of users and of UAVs, of shapes that broadcast; without them, `excess` is left out.
         """
         squared = away_m**2 + height_m**2
         link = away_m, np.sqrt(squared), self.known_height_m(height_m)
         gain = self.power_gain(*link) if edge is None else self.hidden_gain(*link, edge)
         if self.antenna is not None:
             gain = gain * self.antenna.gain(np.arctan2(height_m, away_m))
+        if places_m is not None:
+            excess = self.excess(*places_m, height_m)
+            gain = gain if excess is None else gain * excess
         factor: Array = gain * squared / self.reference_gain
         return factor
 
-    def gain_at(self, away_m: float, height_m: float, edge: Array | None = None) -> float:
+    def gain_at(
+        self, away_m: float, height_m: float, edge: Array | None = None, places_m: Places | None = None
+    ) -> float:
         """Return the mean power gain of one link, with the antenna. Metres, over ground and over the user."""
-        factor = self.factor(np.array([away_m]), np.array([height_m]), None if edge is None else edge.reshape(1))[0]
+        link = np.array([away_m]), np.array([height_m])
+        factor = self.factor(*link, None if edge is None else edge.reshape(1), places_m)[0]
         return float(self.reference_gain * factor / (away_m**2 + height_m**2))
 
     def gain_bounds(

@@ -149,7 +149,7 @@ def _snr(problem: Problem, gain: Array, distance2: Array) -> Array:
         return plain
     near2 = np.minimum(distance2, FARTHEST_M2)
     snr: Array = gain * problem.bends.gain_range(near2, np.full(near2.shape, FARTHEST_M2))[0]
-    return snr
+    return snr if problem.excess is None else snr * problem.excess.most()
 
 
 def _pinned_distance2(problem: Problem, near2: Array) -> Array:

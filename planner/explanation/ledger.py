@@ -136,7 +136,8 @@ class Ledger:
         height2 = self.problem.altitude_m[u] ** 2 + spread_m2
         bent, _ = self.problem.bent(u, over2 + spread_m2)
         snr: Array = self.problem.snr_gain[u, chosen] / (over2 + height2) * bent
-        return snr
+        excess = self.problem.excess
+        return snr if excess is None else snr * excess.of_uav(u, path, chosen)[0]
 
     def utility_kbps(self, rates_kbps: Array) -> float:
         """Return the utility of another rate table (K, N) of the same slots, in kbit/s."""

@@ -35,13 +35,17 @@ def slope_kbps(ledger: Ledger, u: int) -> Array:
     east, north = (ledger.paths_m[u, :, axis] - problem.user_m[:, :, axis] for axis in (0, 1))  # (K, N)
     distance2 = east * east + north * north + (problem.altitude_m[u] ** 2 + problem.spread_m2)
     bent, slope = problem.bent(u, east * east + north * north + problem.spread_m2)
-    snr = problem.snr_gain[u] / distance2 * bent
+    excess = problem.excess
+    factor, to_east, to_north = (1.0, 0.0, 0.0) if excess is None else excess.of_uav(u, ledger.paths_m[u])
+    snr = problem.snr_gain[u] / distance2 * bent * factor
     interfering = np.where(ledger.serving == u, 0.0, 1.0 / (1.0 + ledger.total_snr - ledger.own_snr))
     by_snr = ledger.weights * ledger.bandwidth_hz / (1e3 * LN2) * (1.0 / (1.0 + ledger.total_snr) - interfering)
     by_metre = (
         by_snr * -2.0 * snr * (1.0 / distance2 - slope / bent) if problem.bends else by_snr * -2.0 * snr / distance2
     )
-    return np.stack([(by_metre * east).sum(axis=0), (by_metre * north).sum(axis=0)], axis=1)
+    by_log = by_snr * snr
+    ways = (by_metre * east + by_log * to_east, by_metre * north + by_log * to_north)
+    return np.stack([way.sum(axis=0) for way in ways], axis=1)
 
 
 def speed_price(ledger: Ledger, u: int) -> tuple[int, float | None]:

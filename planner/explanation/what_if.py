@@ -124,6 +124,8 @@ def _gain_kbps(ledger: Ledger, place: Array) -> float:
     over2 = ((problem.mean_user_m - place) ** 2).sum(axis=1)
     bent, _ = problem.bent(0, over2)
     snr = (problem.snr_gain[0, :, 0] / (over2 + problem.altitude_m[0] ** 2) * bent)[:, None]
+    if problem.excess is not None:
+        snr = snr * problem.excess.of_uav(0, place[None])[0][:, :1]
     new = weights * problem.bandwidth_hz[0] * np.log1p(snr / (1.0 + total))
     interfering = 1.0 + total - own
     lost = np.log1p(own / interfering) - np.log1p(own / (interfering + snr))

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyfolio.planner.arrays import Array
+from skyfolio.planner.channels.excess import Frame
 from skyfolio.planner.fast.air import Breeze, breeze_of
 from skyfolio.planner.fast.bent import Bend
 from skyfolio.planner.fast.jit import entry as entry  # noqa: PLC0414 - kernels get them from here
@@ -202,15 +203,29 @@ def arena_of(problem: Problem) -> Arena:
 def bend_of(problem: Problem) -> Bend:
     """Return the factors of the problem's channel in the kernels' layout."""
     if problem.bends is None:
-        return Bend(np.zeros((0, 0)), np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0), np.zeros(0))
-    bends = problem.bends
+        none, nobody = np.zeros((0, 0, 0, 0)), np.zeros((0, 0), dtype=np.int64)
+        return Bend(
+            np.zeros((0, 0)),
+            np.zeros(0, dtype=np.int64),
+            *(np.zeros(0) for _ in range(3)),
+            none,
+            nobody,
+            np.zeros(2),
+            0.0,
+        )
+    bends, excess = problem.bends, problem.excess
     like, like_height2 = bends.fitted
+    frame = Frame(0.0, 0.0, 1.0) if excess is None else excess.frame
     return Bend(
         plain(bends.factor),
         plain(bends.row, np.int64),
         plain(1.0 / bends.step_m),
         plain(like[bends.row]),
         plain(like_height2[bends.row]),
+        np.zeros((0, 0, 0, 0)) if excess is None else plain(excess.logs),
+        np.zeros((0, 0), dtype=np.int64) if excess is None else plain(excess.reads.T, np.int64),
+        np.array([frame.west_m, frame.south_m]),
+        1.0 / frame.spacing_m,
     )
 
 

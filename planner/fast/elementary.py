@@ -17,7 +17,7 @@ from llvmlite import ir
 from numba import float64, int64
 from numba.extending import intrinsic
 
-from skyfolio.planner.fast.arena import inlined
+from skyfolio.planner.fast.jit import inlined
 
 PER_LN2 = 1.4426950408889634074
 LN2_HIGH, LN2_LOW = 6.93145751953125e-1, 1.42860682030941723212e-6

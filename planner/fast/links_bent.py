@@ -6,7 +6,7 @@ import numpy as np
 
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.fast.arena import Arena, Links, smooth
-from skyfolio.planner.fast.bent import bent_signals, hear_bent
+from skyfolio.planner.fast.bent import bent_signals, hear_bent, hear_map, lean_draws, lean_link, map_signals
 from skyfolio.planner.fast.draws import draw_signals, equivalent_of, mean_log, pull_draws
 from skyfolio.planner.fast.elementary import PER_LN2, log
 from skyfolio.planner.fast.links_narrow import pull_link, sum_without
@@ -16,12 +16,14 @@ from skyfolio.planner.fast.links_narrow import pull_link, sum_without
 def slot_signals_bent(arena: Arena, at: Array, n: int, signal: Array, total: Array) -> None:
     """SNR of every pair of slot n into `signal` (U, K), 1 + their sum into `total` (K,). at: (2, U), positions."""
     bend, here = arena.bend, arena.user_m[n * arena.per_slot]
-    sampled = arena.fading.shape[0] > 0
+    sampled, mapped = arena.fading.shape[0] > 0, bend.logs.shape[0] > 0
     for k in range(signal.shape[1]):
         total[k] = 1.0
     for u in range(signal.shape[0]):
         gain = arena.fading[n, u] if sampled else arena.gain[n, u : u + 1]
         hear_bent(here, gain, at[0, u], at[1, u], arena.height2[u], bend, bend.row[u], signal[u])
+        if mapped:
+            hear_map(bend, n * arena.per_slot, at[0, u], at[1, u], bend.row[u], signal[u])
         for k in range(signal.shape[1]):
             total[k] += signal[u, k]
     if arena.draws.shape[2] > 0:
@@ -42,7 +44,12 @@ def rates_by_bent_link(arena: Arena, path: Array, links: Links, rate: Array) -> 
         arena.bend,
     )
     users, uavs, khz, count, per_slot = links.user, links.uav, links.khz, links.used, arena.per_slot
-    near, signal = np.empty(path.shape[2]), np.empty(path.shape[2])
+    near, signal, lean, mapped = (
+        np.empty(path.shape[2]),
+        np.empty(path.shape[2]),
+        np.empty(path.shape[1:]),
+        bend.logs.shape[0] > 0,
+    )
     own_of, others_of = np.empty(draws.shape[2]), np.empty(draws.shape[2])
     for n in range(path.shape[0]):
         at = n * per_slot
@@ -53,6 +60,8 @@ def rates_by_bent_link(arena: Arena, path: Array, links: Links, rate: Array) -> 
             u, k = uavs[n, j], users[n, j]
             east, north, spread = user_m[at, 0, k], user_m[at, 1, k], user_m[at, 2, k]
             bent_signals(path, gain, fading, height2, bend, east, north, spread, n, k, near, signal)
+            if mapped:
+                map_signals(path, bend, at, n, k, signal, lean)
             if draws.shape[2] > 0:
                 draw_signals(signal, draws[k], u, own_of, others_of)
                 rate[n, j] = khz[n, j] * PER_LN2 * mean_log(own_of, others_of)
@@ -74,7 +83,12 @@ def gradient_by_bent_link(arena: Arena, path: Array, links: Links, weight: Array
         arena.bend,
     )
     users, uavs, khz, count, per_slot = links.user, links.uav, links.khz, links.used, arena.per_slot
-    near, signal = np.empty(path.shape[2]), np.empty(path.shape[2])
+    near, signal, lean, mapped = (
+        np.empty(path.shape[2]),
+        np.empty(path.shape[2]),
+        np.empty(path.shape[1:]),
+        bend.logs.shape[0] > 0,
+    )
     own_of, others_of = np.empty(draws.shape[2]), np.empty(draws.shape[2])
     for n in range(path.shape[0]):
         for i in range(path.shape[2]):
@@ -89,10 +103,16 @@ def gradient_by_bent_link(arena: Arena, path: Array, links: Links, weight: Array
             u, k = uavs[n, j], users[n, j]
             east, north, spread = user_m[at, 0, k], user_m[at, 1, k], user_m[at, 2, k]
             bent_signals(path, gain, fading, height2, bend, east, north, spread, n, k, near, signal)
+            if mapped:
+                map_signals(path, bend, at, n, k, signal, lean)
             if draws.shape[2] > 0:
                 draw_signals(signal, draws[k], u, own_of, others_of)
                 pull_draws(path, slope, n, u, east, north, scale, draws[k], own_of, others_of, near, signal)
+                if mapped:
+                    lean_draws(slope, n, u, scale, draws[k], own_of, others_of, lean, signal)
                 continue
             own = signal[u]
             others = sum_without(signal, u)
             pull_link(path, slope, n, u, east, north, scale, own, others, near, signal)
+            if mapped:
+                lean_link(slope, n, u, scale, own, others, lean, signal)

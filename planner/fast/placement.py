@@ -16,6 +16,7 @@ import shapely
 from scipy.optimize import linear_sum_assignment
 
 from skyfolio.planner.arrays import Array
+from skyfolio.planner.channels.excess import Frame, looked_up
 from skyfolio.planner.fast.air import longest_steps_m
 from skyfolio.planner.fast.appraisal import look
 from skyfolio.planner.fast.arena import SUM, Arena, Ints, mean_user_m, plain
@@ -145,12 +146,23 @@ def grounds_of(arena: Arena) -> Grounds:
         like, height2 = arena.bend.like, arena.bend.like_height2
         gain = gain * like[:, None]
     site_m = sites_m(arena)
+    if arena.bend.logs.shape[0] > 0:
+        gain = gain * _by_map(arena, site_m)
     ending = np.isfinite(arena.end_m[0])[:, None]
     lost_slots, late = _flights(arena, site_m)
     lost = arena.khz[:, None] * np.minimum(lost_slots, n_slots) / n_slots
     return Grounds(
         mean_user_m(arena), plain(site_m), plain(gain), plain(height2), plain(np.where(late & ending, NO_WAY, lost))
     )
+
+
+def _by_map(arena: Arena, site_m: Array) -> Array:
+    """Return what the maps of users say of each UAV at their sites, half-way through the plan: (U, K)."""
+    bend = arena.bend
+    frame = Frame(*bend.west_south.tolist(), 1.0 / bend.per_cell)
+    reads = bend.reads[len(bend.reads) // 2]
+    factors: Array = np.exp(looked_up(bend.logs, frame, bend.row[:, None], reads[None], site_m.T[None]).value)
+    return factors
 
 
 def _flights(arena: Arena, site_m: Array) -> tuple[Array, Array]:

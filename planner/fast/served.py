@@ -8,7 +8,7 @@ import numpy as np
 
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.fast.arena import Ints, bend_of, entry, is_mean, plain
-from skyfolio.planner.fast.bent import Bend, bent
+from skyfolio.planner.fast.bent import Bend, bent, map_at
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.solution import Solution
 from skyfolio.planner.utility import TINY
@@ -56,7 +56,7 @@ def _served(
     rates = np.zeros((n_users, n_slots))
     sampled = snr_gain.shape[1] > 1
     n_draws = draws.shape[2]
-    is_bent = bend.factor.shape[0] > 0
+    is_bent, is_mapped = bend.factor.shape[0] > 0, bend.logs.shape[0] > 0
     snr = np.empty(paths_m.shape[0])
     for k in range(n_users):
         row = k if sampled else 0
@@ -71,6 +71,8 @@ def _served(
                 if is_bent:
                     which = bend.row[u]
                     snr[u] *= bent(bend.factor, which, bend.per_metre[which], de * de + dn * dn + spread)[0]
+                    if is_mapped:
+                        snr[u] *= map_at(bend, which, bend.reads[at, k], paths_m[u, n, 0], paths_m[u, n, 1])
             total = 0.0
             for s in range(max(n_draws, 1)):
                 own, others = 0.0, 1.0

@@ -15,7 +15,7 @@ import numpy as np
 
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.fast.arena import PER_USER, Arena, Ints, inlined, is_pinned, kernel, smooth
-from skyfolio.planner.fast.bent import hear_bent
+from skyfolio.planner.fast.bent import hear_bent, hear_map
 from skyfolio.planner.fast.routes import reach_of_step
 
 STRETCHES = (0.35, 0.8, 1.5, 3.0, 6.0)
@@ -160,6 +160,8 @@ def _hear_bent_at(arena: Arena, shots: Snapshots, m: int, u: int, x: float, y: f
     """Write the SNR of UAV u at (x, y) in moment m at every user into `row` (K,), by its profile of the gain."""
     user_m, gain = arena.user_m[shots.slot[m] * arena.per_slot], shots.gain[m, u]
     hear_bent(user_m, gain, x, y, arena.height2[u], arena.bend, arena.bend.row[u], row)
+    if arena.bend.logs.shape[0] > 0:
+        hear_map(arena.bend, shots.slot[m] * arena.per_slot, x, y, arena.bend.row[u], row)
 
 
 @smooth

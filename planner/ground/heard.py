@@ -53,8 +53,10 @@ class Heard:
         ground = self.ground
         if ground.has_hills:
             edge = edges_of_lines(ground.terrain, user_m, uav_m, heights_m)
-            return factors(ground.channel, over2, heights_m, edge)
-        return 1.0 if self.problem.bends is None else factors(ground.channel, over2, heights_m)
+            return factors(ground.channel, over2, heights_m, edge, places_m=(user_m, uav_m))
+        if self.problem.bends is None:
+            return 1.0
+        return factors(ground.channel, over2, heights_m, places_m=(user_m, uav_m))
 
     def with_one(self, u: int, before: Array, after: Array) -> tuple[Array, Array]:
         """Return `own` and `others`, (..., S, L), once one UAV is heard with `after` instead of `before`, as `of`."""

@@ -27,12 +27,16 @@ def seen_aloft(problem: Problem, ground: Ground, paths_m: Array, altitudes_m: Ar
     over2 += problem.spread_m2
     gain: Array = over2 + problem.altitude_m[:, None, None] ** 2
     heights_m = heights_over(altitudes_m, ground.user_ground_m)
+    places_m = problem.user_m[None], paths_m[:, None]
     if ground.has_hills:
-        gain *= factors(ground.channel, over2, heights_m, edges(ground.terrain, problem.user_m, paths_m, heights_m))
+        edge = edges(ground.terrain, problem.user_m, paths_m, heights_m)
+        gain *= factors(ground.channel, over2, heights_m, edge, places_m=places_m)
     elif problem.bends is not None:
-        gain *= factors(ground.channel, over2, heights_m)
+        gain *= factors(ground.channel, over2, heights_m, places_m=places_m)
     if problem.bends is not None:
         gain /= problem.bends.at(over2)
+    if problem.excess is not None:
+        gain /= problem.excess.on_paths(paths_m)
     over2 += heights_m**2
     gain /= over2
     gain *= problem.snr_gain

@@ -44,7 +44,8 @@ class Flown:
         paths_m = self.paths_m if errors_m is None else self.paths_m + errors_m
         over_ground = squared_distances(paths_m, user_m, np.zeros(len(paths_m)), np.zeros(spread_m2.shape))
         edge = edges_of(scenario, user_m, paths_m, self.heights_m)
-        bent = factors(scenario.channel, over_ground + spread_m2, self.heights_m, edge)
+        places_m = user_m[None], paths_m[:, None]
+        bent = factors(scenario.channel, over_ground + spread_m2, self.heights_m, edge, places_m=places_m)
         snr = alike[:, None, :] * gains / (over_ground + self.heights_m**2 + spread_m2) * bent
         at = self.serving[None]
         own = np.take_along_axis(snr, at, axis=0)[0]

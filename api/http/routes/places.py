@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
 from fastapi import APIRouter, Response
 from pydantic import Base64Bytes, BaseModel, ConfigDict, Field, model_validator
@@ -37,13 +37,19 @@ class ImportFile(BaseModel):
     name: Annotated[
         str,
         Field(
-            min_length=1, max_length=255, description="Its end says the format: .geojson, .json, .csv, .tsv or .kml."
+            min_length=1,
+            max_length=255,
+            description="Its end says the format: .geojson, .json, .csv, .tsv, .kml, .tif, .hgt or .npz.",
         ),
     ]
     content: str | None = None
     content_base64: Base64Bytes | None = None
     kind: Annotated[
-        Kind | None, Field(description="What is in it; default: its `kind` properties, its folders, or its name.")
+        Kind | Literal["gain_map"] | None,
+        Field(
+            description="What is in it; default: its `kind` properties, its folders, or its name. `gain_map`: gains of "
+            "the channel `map` in a GeoTIFF (an .npz is always one)."
+        ),
     ] = None
     encoding: Annotated[Encoding | None, Field(description="Default: by its byte order mark, otherwise UTF-8.")] = None
 
@@ -58,7 +64,10 @@ class ImportFile(BaseModel):
     def source(self) -> SourceFile:
         """Return the file for the import."""
         content = self.content_base64 if self.content is None else self.content.encode()
-        return SourceFile(name=self.name, content=content or b"", kind=self.kind, encoding=self.encoding)
+        given = {"name": self.name, "content": content or b"", "encoding": self.encoding}
+        if self.kind == "gain_map":
+            return SourceFile(**given, is_map=True)
+        return SourceFile(**given, kind=self.kind)
 
 
 class ImportRequest(BaseModel):

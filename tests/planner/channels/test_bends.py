@@ -55,7 +55,7 @@ def test_bounds_of_one_distance_are_the_gain_there_nearly() -> None:
         assert most == pytest.approx(least, rel=1e-9)
 
 
-@pytest.mark.parametrize("name", CHANNELS)
+@pytest.mark.parametrize("name", [name for name in CHANNELS if not name.startswith("map")])
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 2**31))
 def test_bounds_over_distances_and_heights_hold_for_the_formulas(name: str, seed: int) -> None:

@@ -62,7 +62,7 @@ def first_gain_db(scenario: Scenario, at_m: tuple[float, float], altitude_m: flo
     paths = np.broadcast_to(np.array(at_m), problem.hover().shape).copy()
     altitudes = np.full(paths.shape[:2], altitude_m)
     return tuple(
-        10.0 * math.log10(seen.snr(seen.distances2(paths))[0, 0, 0])
+        10.0 * math.log10(seen.snr(paths)[0, 0, 0])
         for seen in (
             seen_aloft(problem, ground, paths, altitudes),
             seen_aloft(problem, without_hills(ground), paths, altitudes),

@@ -69,7 +69,7 @@ def test_altitudes_for_which_a_kind_has_no_formulas_are_refused() -> None:
 def test_the_schema_names_every_kind() -> None:
     schema = Scenario.model_json_schema()
     named = [row["$ref"].rsplit("/", 1)[-1] for row in schema["properties"]["channel"]["anyOf"]]
-    assert named == ["Channel", "LosProbability", "Aerial3gpp"]
+    assert named == ["Channel", "LosProbability", "Aerial3gpp", "GainMap"]
 
 
 @pytest.fixture
@@ -95,14 +95,15 @@ def test_a_kind_of_ones_own_is_a_class_and_a_row(
     assert made.summary.utility_bps <= made.summary.upper_bound_bps
     plain = problem_of(scenario.with_changes(channel=channel_of({"kind": "log_distance", "noise_figure_db": 7.0})))
     noise_w = 10 ** (-17.4 + 0.7 - 3.0) * plain.bandwidth_hz[0]
-    d2 = np.full((plain.n_uavs, plain.n_users, plain.n_slots), plain.altitude_m[0] ** 2 + 50.0**2)
+    d2 = plain.distances2(plain.hover())
     expected = scenario.uavs[0].transmit_power_w * 1e-4 / d2[0, 0, 0] ** 1.35 / noise_w
-    assert plain.snr(d2)[0, 0, 0] == pytest.approx(expected, rel=1e-4)
+    assert plain.snr(plain.hover())[0, 0, 0] == pytest.approx(expected, rel=1e-4)
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_gains_fall_with_distances_and_rise_with_height_as_bounds_take_for_granted(kind: str) -> None:
-    rng, channel = np.random.default_rng(1), KINDS[kind]()
+    rng = np.random.default_rng(1)
+    channel = channel_of(CHANNELS["map"]) if kind == "map" else KINDS[kind]()
     least, most = max(channel.heights_m[0], 1.0), min(channel.heights_m[1], 400.0)
     away, height = rng.uniform(0, 2000, 4000), rng.uniform(least, most, 4000)
     distance = rng.uniform(10, 2000, 4000)

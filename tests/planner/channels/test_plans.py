@@ -44,7 +44,8 @@ def rates_by_hand(made: Plan) -> dict[str, list[float]]:
             for uav in scenario.uavs:
                 away = math.dist(made.trajectories_m[uav.id][n], user.position_m)
                 noise_w = float(scenario.channel.noise_w(np.array([uav.bandwidth_hz]))[0])
-                gain = scenario.channel.gain_at(away, scenario.altitude_of(uav))
+                places_m = np.array(user.position_m), np.array(made.trajectories_m[uav.id][n])
+                gain = scenario.channel.gain_at(away, scenario.altitude_of(uav), places_m=places_m)
                 snr[uav.id] = uav.transmit_power_w * gain / noise_w
             own = snr[made.association[user.id][n]]
             row.append(made.bandwidth_hz[user.id][n] * math.log2(1.0 + own / (1.0 + sum(snr.values()) - own)))
@@ -135,7 +136,7 @@ def test_an_explanation_knows_the_channel(name: str) -> None:
 
 
 def snr_of(ledger: Ledger) -> Array:
-    return ledger.problem.snr(ledger.problem.distances2(ledger.paths_m))
+    return ledger.problem.snr(ledger.paths_m)
 
 
 def rates_with(ledger: Ledger) -> Array:
