@@ -16,6 +16,7 @@ from skyfolio.api.lab.bench.radio_flight import Case, fly
 from skyfolio.mavlink_bridge import east_north_to_geodetic
 from skyfolio.planner import EXAMPLES, Plan, Scenario, violations
 from skyfolio.planner.channels.kinds import channel_of
+from tests.planner.channels.any_kind import shadowed
 from tests.planner.hills import over_the_hill
 
 CHANNELS: dict[str, dict[str, Any]] = {
@@ -23,6 +24,7 @@ CHANNELS: dict[str, dict[str, Any]] = {
     "3gpp_uav": {"kind": "3gpp_uav", "environment": "UMi-AV", "noise_figure_db": 9.0},
     "rician, antenna": {"antenna": {"kind": "beam", "tilt_deg": 60.0}},
     "rician, noise figure": {"noise_figure_db": 9.0, "reference_gain_db": -40.0},
+    "map": shadowed(50.0, 60.0, noise_dbm=-80.0),
 }
 
 
@@ -75,7 +77,9 @@ def test_simulated_users_get_what_the_kind_gives_at_the_places_of_the_vehicles(n
         place = *east_north_to_geodetic(given.origin, east_m, north_m), up_m
         for user in given.users:
             away_m = dist((east_m, north_m), user.position_m)
-            assert gain(7, user.id, place) == pytest.approx(given.channel.gain_at(away_m, up_m), rel=1e-6)
+            places_m = np.array(user.position_m), np.array((east_m, north_m))
+            by_kind = given.channel.gain_at(away_m, up_m, places_m=places_m)
+            assert gain(7, user.id, place) == pytest.approx(by_kind, rel=1e-6)
 
 
 def test_a_hill_between_them_costs_simulated_users_what_the_kind_says() -> None:

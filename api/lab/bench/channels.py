@@ -11,12 +11,15 @@ from skyfolio.api.lab.bench.effort import Effort
 from skyfolio.api.lab.bench.measure import timed
 from skyfolio.planner import Plan, Scenario, plan
 from skyfolio.planner.channels.kinds import channel_of
+from skyfolio.planner.channels.radio import RadioChannel
+from skyfolio.planner.layouts import shadow_map
 
 CHANNELS: dict[str, dict[str, Any]] = {
     "los_probability": {"kind": "los_probability", "noise_figure_db": 9.0},
     "3gpp_uav": {"kind": "3gpp_uav", "noise_figure_db": 9.0},
     "rician, beam": {"noise_dbm": -55.0, "antenna": {"kind": "beam"}},
     "rician, dipole": {"noise_dbm": -55.0, "antenna": {"kind": "dipole"}},
+    "map": {"noise_dbm": -55.0},
 }
 STARTS = 8
 
@@ -29,7 +32,7 @@ def channels(layouts: Sequence[Scenario], effort: Effort) -> dict[str, Any]:
     """
     rows = []
     for what, given in CHANNELS.items():
-        others = [one.with_changes(channel=channel_of(given)) for one in layouts]
+        others = [one.with_changes(channel=_channel(what, given, one, seed)) for seed, one in enumerate(layouts)]
         pairs = [
             (_timed(one, effort, len(layouts)), _timed(other, effort, len(layouts)))
             for one, other in zip(layouts, others, strict=True)
@@ -38,6 +41,11 @@ def channels(layouts: Sequence[Scenario], effort: Effort) -> dict[str, Any]:
         gap = float(np.mean([made.summary.gap for _, (_, made) in pairs]))
         rows.append({"what": what, "cpu_ms": cpu_ms, "plain_cpu_ms": plain_ms, "ratio": cpu_ms / plain_ms, "gap": gap})
     return {"layouts": len(layouts), "rows": rows}
+
+
+def _channel(what: str, given: dict[str, Any], layout: Scenario, seed: int) -> RadioChannel:
+    """Return the channel; a map has a receiver at each user, on a grid of 25 m, and shadows of 8 dB."""
+    return shadow_map(layout, seed=seed, **given) if what == "map" else channel_of(given)
 
 
 def _timed(scenario: Scenario, effort: Effort, layouts: int) -> tuple[dict[str, float], Plan]:
