@@ -22,6 +22,7 @@ from skyfolio.sim.knobs import (
 from skyfolio.sim.modes import Mode
 from skyfolio.sim.radio_faults import RADIO_FAULTS
 from skyfolio.sim.station import REBOOT_S, Vehicle
+from skyfolio.sim.wire import MESSAGE_NAMES
 
 
 class Fault(Protocol):
@@ -238,6 +239,29 @@ class Impair:
         vehicle.after(self.for_s, lambda: vehicle.radio.impair(up=before[0], down=before[1]))
 
 
+@dataclass(frozen=True, slots=True)
+class Withhold:
+    """The radio's scheduler does not get round to one kind of message: none of it is sent, streamed or requested.
+
+    message: its name. The vehicle flies, and is heard, as before.
+    """
+
+    system_id: int
+    message: str = "MISSION_CURRENT"
+    for_s: float | None = None
+
+    def __post_init__(self) -> None:
+        check_vehicle(self.system_id)
+        check_lasting(self.for_s)
+        if not isinstance(self.message, str) or self.message not in MESSAGE_NAMES:
+            raise ValueError(f"message must be the name of a MAVLink message, got {self.message!r}")
+
+    def strike(self, vehicle: Vehicle) -> None:
+        """Withhold the message."""
+        vehicle.withheld.add(self.message)
+        vehicle.after(self.for_s, lambda: vehicle.withheld.discard(self.message))
+
+
 FAULTS: dict[str, type[Any]] = {
     "kill": Kill,
     "mute": Mute,
@@ -251,6 +275,7 @@ FAULTS: dict[str, type[Any]] = {
     "corrupt_upload": CorruptUpload,
     "clock_jump": ClockJump,
     "impair": Impair,
+    "withhold": Withhold,
     **RADIO_FAULTS,
 }
 _NAMES = {fault: name for name, fault in FAULTS.items()}

@@ -73,6 +73,8 @@ class Vehicle:
             hills=hills,
         )
         self.base_station = BaseStation()
+        self.withheld: set[str] = set()
+        """Names of messages that the radio does not send."""
         self.link: Link | None = None
         self._encoder = encoder
         self._emit = on_event
@@ -260,6 +262,8 @@ class Vehicle:
         """Return datagrams with the messages in order, several in each."""
         datagrams: list[bytes] = []
         for message in messages:
+            if self.withheld and message.get_type() in self.withheld:
+                continue
             frame = self._encoder.encode(message)
             self._tap.frame_sent(self._now_s, self.system_id, frame)
             if datagrams and len(datagrams[-1]) + len(frame) <= MAX_DATAGRAM_BYTES:

@@ -18,6 +18,8 @@ from skyfolio.sim.signing import Signature, SignedMavlink
 
 AUTOPILOT_COMPONENT = 1
 MAVLINK_2_MARKER = 0xFD
+MESSAGE_NAMES = frozenset(message.msgname for message in dialect.mavlink_map.values())
+"""The names of all messages of the dialect."""
 
 
 class Message(Protocol):

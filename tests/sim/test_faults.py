@@ -411,3 +411,23 @@ def test_failures_are_injected_by_mavlink_once_px4_allows_it(gcs: "GroundStation
     assert inject(dialect.FAILURE_UNIT_SYSTEM_MOTOR, off) == dialect.MAV_RESULT_ACCEPTED
     fleet.step_to(25.0)
     assert not vehicle.alive
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_a_message_that_is_withheld_is_neither_streamed_nor_answered_until_that_is_over(autopilot: str) -> None:
+    fleet, vehicle = flying(autopilot)
+    names: list[str] = []
+    decoder = Decoder()
+    fleet.attach(lambda data, _system_id: names.extend(message.get_type() for message in decoder.decode(data)))
+    vehicle.autopilot.telemetry.set_interval(dialect.MAVLINK_MSG_ID_MISSION_CURRENT, 0.2)
+    fleet.inject(fault_from({"kind": "withhold", "system_id": 1, "message": "MISSION_CURRENT", "for_s": 5.0}))
+    fleet.step_to(fleet.now_s + 4.0)
+    assert "HEARTBEAT" in names
+    assert "MISSION_CURRENT" not in names
+    fleet.step_to(fleet.now_s + 2.0)
+    assert "MISSION_CURRENT" in names
+
+
+def test_only_a_message_that_there_is_can_be_withheld() -> None:
+    with pytest.raises(ValueError, match="message must be the name of a MAVLink message, got 'MISSION'"):
+        fault_from({"kind": "withhold", "system_id": 1, "message": "MISSION"})
