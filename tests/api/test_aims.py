@@ -8,7 +8,7 @@ import pytest
 
 from skyfolio import sim
 from skyfolio.api.flights.journal import Step
-from skyfolio.api.lab.torture.aims import AIMS, LATER, aim_of
+from skyfolio.api.lab.torture.aims import AIMS, LATER, NEWEST, NEWEST_FROM, aim_of
 from skyfolio.api.lab.torture.blows import BLOWS
 from skyfolio.api.lab.torture.drill import Drill
 from skyfolio.api.lab.torture.flight import fly
@@ -20,11 +20,30 @@ def seeds_of(aim: str, most: int) -> list[int]:
 
 
 def test_even_drills_have_each_aim_in_its_turn_and_most_odd_ones_are_left_to_chance() -> None:
-    first = [aim for aim in AIMS if aim not in LATER]
+    first = [aim for aim in AIMS if aim not in (*LATER, *NEWEST)]
     assert Counter(aim_of(seed) for seed in range(0, 4 * len(first), 2)) == dict.fromkeys(first, 2)
     odd = Counter(aim_of(seed) for seed in range(1, 32, 2))
     assert odd.pop(None) == 14
     assert odd == dict.fromkeys(LATER, 2)
+
+
+def test_the_newest_aims_take_turns_from_a_seed_on_below_which_all_stays_as_it_was() -> None:
+    taken = [seed for seed in range(2001) if aim_of(seed) in NEWEST]
+    assert taken == [seed for seed in range(NEWEST_FROM, 2001) if seed % 16 == 7]
+    assert [aim_of(seed) for seed in taken[:4]] == [*NEWEST, *NEWEST]
+
+
+def test_a_recovery_leads_along_the_way_home_of_who_was_lost_and_above_it() -> None:
+    outcome = fly(drill_of(seeds_of("a_loss_whose_way_home_others_need", 1)[0]))
+    assert outcome.broken == {}
+    avoided = [event.data for event in outcome.events if event.kind == "ghost_avoided"]
+    assert any("the way home of 'uav-1'" in str(data["because"]) for data in avoided)
+
+
+def test_a_mission_that_ends_before_that_is_told_is_nobodys_doing() -> None:
+    outcome = fly(drill_of(seeds_of("an_end_that_is_told_late", 1)[0]))
+    assert (outcome.broken, outcome.state) == ({}, "completed")
+    assert sum("withhold" in blow for blow in outcome.blows) == 3
 
 
 @pytest.mark.parametrize("aim", sorted(AIMS))

@@ -1,9 +1,9 @@
 """Aims: what a whole drill is after, where blows that strike one by one rarely come together.
 
-Half of all drills have one of the first, each its turn, and every eighth of the others one of those that were added
-later, so that a campaign reaches every state with every fault that hurts there: an
-upload that is refused while a UAV is lost, an order in the moments in which a mission is sent, a second loss during a
-recovery. The others are left to chance.
+Half of all drills have one of the first, each its turn, every eighth of the others one of those that were added later,
+and from seed 1500 on another eighth one of the newest, so that a campaign reaches every state with every fault that
+hurts there: an upload that is refused while a UAV is lost, an order in the moments in which a mission is sent, a second
+loss during a recovery. The others are left to chance.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Changes = dict[str, Any]
 Aim = Callable[[random.Random], Changes]
 AIMS: dict[str, Aim] = {}
 """What a drill may be after, by name; each returns what it changes of a drill that is otherwise left to chance."""
-UAVS = 3
+UAVS, SLOT_S = 3, 5.0
 BEFORE_SENDING = (Step.DETECTED, Step.CLASSIFIED, Step.REPLANNED, Step.CHECKED)
 _RECOVERY: Changes = {
     "example": "paper",
@@ -43,7 +43,9 @@ def aim_of(seed: int) -> str | None:
     if not odd:
         return _FIRST[half % len(_FIRST)]
     turn, rest = divmod(half, _LATER_EVERY)
-    return LATER[turn % len(LATER)] if rest == _LATER_EVERY - 1 else None
+    if rest == _NEWEST_REST and seed >= NEWEST_FROM:
+        return NEWEST[turn % len(NEWEST)]
+    return LATER[turn % len(LATER)] if rest == _LATER_REST else None
 
 
 def aimed(drill: Drill, aim: str) -> Drill:
@@ -293,10 +295,31 @@ def _a_loss_on_the_way_of_others(chance: random.Random) -> Changes:
     return {**_RECOVERY, "side_by_side": True, "blows": (mute,)}
 
 
+@_aim
+def _an_end_that_is_told_late(chance: random.Random) -> Changes:
+    slots = 8
+    before_s, after_s = _seconds(chance, 1.0, 2.0), _seconds(chance, 2.0, 2.8)
+    when = _flying(round(slots * SLOT_S - before_s, 2))
+    late = {"kind": "withhold", "message": "MISSION_CURRENT", "for_s": round(before_s + after_s, 2)}
+    blows = (Blow(when=when, kind="vehicle", options={**late, "system_id": uav}) for uav in range(1, UAVS + 1))
+    ends = {"at_end": OnEnd.RETURN, "autopilots": (Autopilot.PX4,)}
+    return {**_RECOVERY, **ends, "slots": slots, "gust_mps": 0.0, "blows": tuple(blows)}
+
+
+@_aim
+def _a_loss_whose_way_home_others_need(chance: random.Random) -> Changes:
+    options = {"kind": chance.choice(("kill", "mute")), "system_id": 1}
+    gone = Blow(when=_in_flight(chance, 22.0, 34.0), kind="vehicle", options=options)
+    return {**_RECOVERY, "along_a_way_home": True, "blows": (gone,)}
+
+
 LATER = ("a_loss_on_the_way_of_others",)
 """Aims that were added later, for some of the odd seeds: those of the even ones stay as they are."""
-_LATER_EVERY = 8
-_FIRST = [name for name in AIMS if name not in LATER]
+NEWEST = ("an_end_that_is_told_late", "a_loss_whose_way_home_others_need")
+"""Aims for other odd seeds, from `NEWEST_FROM` on: lower ones stay as they are."""
+NEWEST_FROM = 1500
+_LATER_EVERY, _LATER_REST, _NEWEST_REST = 8, 7, 3
+_FIRST = [name for name in AIMS if name not in (*LATER, *NEWEST)]
 
 
 # -- parts -------------------------------------------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -15,6 +16,7 @@ from skyfolio.mavlink_bridge import OnEnd
 from skyfolio.mavlink_bridge.autopilots import DEFAULT_AUTOPILOT, Autopilot
 from skyfolio.mavlink_bridge.guidance import FallBack
 from skyfolio.planner import EXAMPLES, Scenario
+from skyfolio.planner.geometry import Point
 
 HOLDS = ("COM_OBL_RC_ACT", 5)
 """What the preflight audit demands of a PX4 that follows setpoints: hold when they end."""
@@ -84,6 +86,12 @@ FIRST_START_M, STARTS_APART_M = (240.0, 150.0), 10.0
 """Where the first of UAVs that start side by side does, metres east and north, and how far the next is from it."""
 
 
+WAY_HOME_STARTS_M = ((250.0, 180.0), (250.0, 60.0), (60.0, 420.0))
+"""Where UAVs start if the second one is to fly along the way home of the first, metres east and north."""
+WAY_HOME_USERS_M = ((250.0, 280.0), (246.0, 274.0), (250.0, 50.0), (60.0, 440.0), (60.0, 424.0))
+"""Where their users are: those of the first farther from the second than that can fly in the slots that are left."""
+
+
 class Drill(_Document):
     """One drill.
 
@@ -113,17 +121,20 @@ class Drill(_Document):
     """Whether the last UAV flies an operation of its own at the same time."""
     side_by_side: bool = False
     """Whether all UAVs start side by side, so that the way home of one crosses where the others fly."""
+    along_a_way_home: bool = False
+    """Whether users are where the second UAV flies along the way home of the first, and at no end of it."""
     blows: tuple[Blow, ...] = ()
 
     def scenario(self) -> Scenario:
         """Return what is flown."""
         scenario = EXAMPLES[self.example]().with_changes(slots=self.slots, altitude_m=self.altitude_m)
+        if self.along_a_way_home:
+            return _along_a_way_home(scenario)
         if not self.side_by_side:
             return scenario
         east_m, north_m = FIRST_START_M
         starts_m = [(east_m + STARTS_APART_M * place, north_m) for place in range(len(scenario.uavs))]
-        uavs = zip(scenario.uavs, starts_m, strict=True)
-        return scenario.with_changes(uavs=[uav.model_copy(update={"start_m": start_m}) for uav, start_m in uavs])
+        return _starting_at(scenario, starts_m)
 
     def flown(self) -> tuple[Scenario, Scenario | None]:
         """Return what the operation flies, and what the one beside it flies, if there is one."""
@@ -156,3 +167,17 @@ class Drill(_Document):
             link = sim.Impairments(loss=self.loss, latency_s=self.latency_s)
             made.fleet.impair(up=link, down=link)
         return made
+
+
+def _starting_at(scenario: Scenario, starts_m: Sequence[Point]) -> Scenario:
+    uavs = zip(scenario.uavs, starts_m, strict=True)
+    return scenario.with_changes(uavs=[uav.model_copy(update={"start_m": start_m}) for uav, start_m in uavs])
+
+
+def _along_a_way_home(scenario: Scenario) -> Scenario:
+    """Return a scenario in which a UAV that is left serves far users, as all users' rates count together."""
+    users = zip(scenario.users, WAY_HOME_USERS_M, strict=False)
+    return _starting_at(scenario, WAY_HOME_STARTS_M).with_changes(
+        users=[user.model_copy(update={"position_m": at_m}) for user, at_m in users],
+        utility=scenario.utility.model_copy(update={"kind": "pooled"}),
+    )

@@ -20,6 +20,8 @@ LOW_M = 2.0
 """Metres above home; a vehicle that is higher is in the air."""
 REFUSALS = frozenset({"reject_mission", "corrupt_upload"})
 """Faults of vehicles that fly well all the same."""
+UNHARMED = frozenset({*sim.RADIO_FAULTS, "withhold"})
+"""Faults with which a vehicle flies as before, and is heard."""
 OURS = frozenset({Mode.GUIDED.name, Mode.MISSION.name})
 """Modes that we command."""
 ON_ITS_WAY_S = 0.1
@@ -102,8 +104,8 @@ class Vehicles:
         events = self.ground.fleet.truth.events
         for event in events[self._truth_seen :]:
             system_id = event.system_id
-            if event.kind == "fault" and event.detail.get("fault") in sim.RADIO_FAULTS:
-                continue  # it flies as well as before
+            if event.kind == "fault" and event.detail.get("fault") in UNHARMED:
+                continue
             if event.kind == "fault":
                 self.harmed.setdefault(system_id, event.t_s)
                 self._follow_fault(system_id, event.t_s, event.detail)
