@@ -681,6 +681,29 @@ def test_a_vehicle_of_another_operation_may_be_left_in_the_air() -> None:
     assert broken_in(seen, meanwhile=False) == set()
 
 
+@pytest.mark.parametrize("end", ["home", "rally point", "end of its mission"])
+def test_air_is_reserved_on_each_way_on_which_a_lost_uav_may_land(end: str) -> None:
+    seen, home_m = history(), SCENARIO.uav("uav-3").start_m
+    lost = seen.lost["uav-3"]
+    rally_m = (500.0, 0.0)
+    if end == "rally point":
+        seen.ground.scenario = SCENARIO.with_changes(rally_points=[{"position_m": rally_m}])
+    elif end == "end of its mission":
+        lost.end_m = (500.0, 0.0)
+    start_m, end_m = {
+        "home": (lost.stood_m, home_m),
+        "rally point": (lost.stood_m, rally_m),
+        "end of its mission": (lost.end_m, home_m),
+    }[end]
+    assert start_m is not None
+    way_m = [(start_m[0] + share * (end_m[0] - start_m[0]), share * end_m[1]) for share in (0.4, 0.5)]
+    seen.known_missions[1, 1, 1] = assigned(path_m=way_m)
+    vehicle_of(seen, 1).at_m = (*way_m[1], 10.0)
+    seen.new_slips.clear()
+    reserved = {"missions keep out of reserved air", "separation from reserved air"}
+    assert broken_in(seen, meanwhile=True) == reserved
+
+
 @pytest.mark.parametrize(("back_to", "again"), [(5, set()), (4, {"nobody flies an item again"})])
 def test_only_who_flies_to_a_place_again_flies_an_item_again(back_to: int, again: set[str]) -> None:
     seen = history()

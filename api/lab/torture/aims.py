@@ -310,7 +310,7 @@ def _an_end_that_is_told_late(chance: random.Random) -> Changes:
 def _a_loss_whose_way_home_others_need(chance: random.Random) -> Changes:
     options = {"kind": chance.choice(("kill", "mute")), "system_id": 1}
     gone = Blow(when=_in_flight(chance, 22.0, 34.0), kind="vehicle", options=options)
-    return {**_RECOVERY, "along_a_way_home": True, "blows": (gone,)}
+    return {**_RECOVERY, "along_a_way_home": True, "rally": chance.random() >= 0.5, "blows": (gone,)}
 
 
 LATER = ("a_loss_on_the_way_of_others",)

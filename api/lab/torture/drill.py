@@ -88,6 +88,8 @@ FIRST_START_M, STARTS_APART_M = (240.0, 150.0), 10.0
 
 WAY_HOME_STARTS_M = ((250.0, 180.0), (250.0, 60.0), (60.0, 420.0))
 """Where UAVs start if the second one is to fly along the way home of the first, metres east and north."""
+RALLY_START_M = (330.0, 240.0)
+"""Where the first of them does if it may land at a rally point that is where it would start otherwise."""
 WAY_HOME_USERS_M = ((250.0, 280.0), (246.0, 274.0), (250.0, 50.0), (60.0, 440.0), (60.0, 424.0))
 """Where their users are: those of the first farther from the second than that can fly in the slots that are left."""
 
@@ -123,13 +125,15 @@ class Drill(_Document):
     """Whether all UAVs start side by side, so that the way home of one crosses where the others fly."""
     along_a_way_home: bool = False
     """Whether users are where the second UAV flies along the way home of the first, and at no end of it."""
+    rally: bool = False
+    """Whether it is its way to a rally point instead, and it starts elsewhere."""
     blows: tuple[Blow, ...] = ()
 
     def scenario(self) -> Scenario:
         """Return what is flown."""
         scenario = EXAMPLES[self.example]().with_changes(slots=self.slots, altitude_m=self.altitude_m)
         if self.along_a_way_home:
-            return _along_a_way_home(scenario)
+            return _along_a_way_home(scenario, rally=self.rally)
         if not self.side_by_side:
             return scenario
         east_m, north_m = FIRST_START_M
@@ -174,10 +178,12 @@ def _starting_at(scenario: Scenario, starts_m: Sequence[Point]) -> Scenario:
     return scenario.with_changes(uavs=[uav.model_copy(update={"start_m": start_m}) for uav, start_m in uavs])
 
 
-def _along_a_way_home(scenario: Scenario) -> Scenario:
+def _along_a_way_home(scenario: Scenario, *, rally: bool) -> Scenario:
     """Return a scenario in which a UAV that is left serves far users, as all users' rates count together."""
     users = zip(scenario.users, WAY_HOME_USERS_M, strict=False)
-    return _starting_at(scenario, WAY_HOME_STARTS_M).with_changes(
+    first_m, *others_m = WAY_HOME_STARTS_M
+    return _starting_at(scenario, [RALLY_START_M if rally else first_m, *others_m]).with_changes(
+        rally_points=[{"position_m": first_m}] if rally else [],
         users=[user.model_copy(update={"position_m": at_m}) for user, at_m in users],
         utility=scenario.utility.model_copy(update={"kind": "pooled"}),
     )

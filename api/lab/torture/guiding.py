@@ -35,7 +35,11 @@ AFTER = {
 
 @meanwhile
 def _slips_are_told_as_they_are(seen: Seen) -> Iterator[str]:
-    """Tell how far a UAV is from the place that its mission has for it: its keeper, and the operator, go by that."""
+    """Tell how far a UAV is from the place that its mission has for it: its keeper, and the operator, go by that.
+
+    It is compared with the truth where that is still what it was: soon, with the same mission on board, and none being
+    sent. A UAV that a blow has hit may report what is not so.
+    """
     told, seen.new_slips[:] = list(seen.new_slips), []
     for slip in told:
         vehicle = seen.ground.fleet.vehicles[slip.system_id]
@@ -108,7 +112,11 @@ def _flown_item(vehicle: Vehicle, item: int) -> int:
 
 @meanwhile
 def _who_is_ordered_away_obeys(seen: Seen) -> Iterator[str]:
-    """Let an order of the operator be the last word: what was being sent to the vehicle must not undo it."""
+    """Let an order of the operator be the last word: what was being sent to the vehicle must not undo it.
+
+    A later order replaces it, a service that was started meanwhile has sent neither, and a vehicle that a blow has hit
+    may be unable to obey.
+    """
     for uav, (at_s, action) in list(seen.sent_away.items()):
         if seen.ground.now_s < at_s + OBEYS_S:
             continue

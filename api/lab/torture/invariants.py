@@ -55,6 +55,10 @@ def _separation(seen: Seen) -> Iterator[str]:
 
 
 def _flies_a_plan(seen: Seen, vehicle: Vehicle) -> bool:
+    """Return whether a vehicle flies what was planned for it.
+
+    A blow to it, a human or a failsafe may lead it anywhere. Near the ground it takes off or lands, as others do.
+    """
     system_id = vehicle.system_id
     untouched = system_id not in seen.harmed and system_id not in seen.foreign
     return untouched and vehicle.armed and seen.follows_a_plan(vehicle) and vehicle.position[2] > LOW_M
@@ -91,7 +95,10 @@ def _nobody_begins_a_mission_that_is_not_proven(seen: Seen) -> Iterator[str]:
 
 @meanwhile
 def _nobody_commands_a_vehicle_that_a_human_or_a_failsafe_flies(seen: Seen) -> Iterator[str]:
-    """Leave a vehicle alone that others fly: the autopilot's failsafe comes first, then the human, then we."""
+    """Leave a vehicle alone that others fly: the autopilot's failsafe comes first, then the human, then we.
+
+    An operator who orders it later knows of that. A question, or its own speed given back, changes no way.
+    """
     for at_s, system_id, message in seen.received:
         since_s = seen.foreign.get(system_id)
         if since_s is None or at_s < since_s + NOTICED_S or seen.ordered.get(system_id, -1.0) > since_s:
@@ -104,7 +111,7 @@ def _nobody_commands_a_vehicle_that_a_human_or_a_failsafe_flies(seen: Seen) -> I
 
 @at_end
 def _nobody_healthy_crashes(seen: Seen) -> Iterator[str]:
-    """Bring intact vehicles down softly, whatever happens to the others."""
+    """Bring intact vehicles down softly, whatever happens to the others; one that a blow has hit may fall by itself."""
     for event in seen.ground.fleet.truth.happened("crashed"):
         if event.system_id not in seen.harmed:
             yield f"vehicle {event.system_id} crashed at {event.t_s:.1f} s"
@@ -112,7 +119,7 @@ def _nobody_healthy_crashes(seen: Seen) -> Iterator[str]:
 
 @at_end
 def _who_flew_to_the_end_is_on_the_ground(seen: Seen) -> Iterator[str]:
-    """Leave no vehicle of a completed operation in the air."""
+    """Leave no vehicle of a completed operation in the air, but those that a blow or the operator keeps there."""
     if seen.end is None or seen.end.state not in {State.COMPLETED, State.COMPLETED_PARTLY}:
         return
     for vehicle in seen.vehicles():
@@ -133,9 +140,12 @@ def _nothing_fails_to_which_nothing_happened(seen: Seen) -> Iterator[str]:
 
 @at_end
 def _vehicles_are_left_as_they_were_ordered(seen: Seen) -> Iterator[str]:
-    """Leave vehicles to the order that ended their operation: what is sent after it would undo it."""
+    """Leave vehicles to the order that ended their operation: what is sent after it would undo it.
+
+    What the operator orders a vehicle to do apart from that may come later, and is flown then.
+    """
     end = seen.end
-    if end is None or any(blow.blow.kind == "order" for blow in seen.struck):
+    if end is None:
         return
     if end.state is State.FAILED:
         ordered = dict.fromkeys((uav for uav in end.vehicles if uav not in end.lost), _NO_MISSION)
@@ -145,7 +155,11 @@ def _vehicles_are_left_as_they_were_ordered(seen: Seen) -> Iterator[str]:
         )
     else:
         return
+    orders = [one.blow.options.get("uavs") or seen.uavs for one in seen.struck if one.blow.kind == "order"]
+    apart = {uav for uavs in orders for uav in uavs}
     for uav, modes in ordered.items():
+        if uav in apart:
+            continue
         vehicle = seen.ground.fleet.vehicles[seen.system_of(uav)]
         if vehicle.system_id not in seen.harmed and seen.is_aloft(vehicle) and vehicle.mode not in modes:
             yield f"{uav} is in mode {vehicle.mode.name} after the operation has {end.state.value}"

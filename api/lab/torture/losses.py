@@ -20,7 +20,10 @@ _BY_ORDER = frozenset({"ordered", "battery"})
 
 @at_end
 def _nobody_healthy_is_lost(seen: Seen) -> Iterator[str]:
-    """Lose no vehicle on a link that loses a tenth: a false loss takes a good UAV from its users."""
+    """Lose no vehicle on a link that loses a tenth: a false loss takes a good UAV from its users.
+
+    Where more is lost, five HEARTBEATs in a row may be; what a blow has hit may be lost for that.
+    """
     for event in filter(seen.is_own, seen.events):
         if event.kind != "uav_lost" or event.data["cause"] in _BY_ORDER:
             continue
@@ -46,7 +49,8 @@ def _may_look_taken(seen: Seen, system_id: int, cause: str) -> bool:
 def _no_human_is_seen_where_none_is(seen: Seen) -> Iterator[str]:
     """Take no mission that ends, nor an order of our own, for a human at the controls: real ones would be missed.
 
-    It is judged of vehicles to which nothing has happened, on a link that loses a tenth, once a service has settled.
+    It is judged of vehicles to which nothing has happened, on a link that loses a tenth, once a service has settled:
+    one that has just started does not know what the one before it has ordered.
     """
     for noted in seen.own_noted:
         event = noted.event
@@ -60,7 +64,11 @@ def _no_human_is_seen_where_none_is(seen: Seen) -> Iterator[str]:
 
 @at_end
 def _who_is_gone_is_declared_lost(seen: Seen) -> Iterator[str]:
-    """Notice that a vehicle is dead, or flown by a human: otherwise it is not replaced."""
+    """Notice that a vehicle is dead, or flown by a human: otherwise it is not replaced.
+
+    Time counts as it does for recoveries. After the last slot there is nothing left to replace it for, and one that was
+    lost before is replaced already.
+    """
     for system_id, gone in seen.gone.items():
         uav = seen.uav_of(system_id)
         if uav not in seen.uavs:

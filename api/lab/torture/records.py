@@ -89,7 +89,8 @@ def _ends_are_as_they_are_said_to_be(seen: Seen) -> Iterator[str]:
     """Say of each UAV how it ended: who is said to stand on the ground is not searched for.
 
     One that fell unheard, and is found in a mode in which it may have landed instead, looks as if it had. So does one
-    that fell as it restarted, if its clock jumps: that clock alone tells when its motors stopped.
+    that fell as it restarted, if its clock jumps: that clock alone tells when its motors stopped. An operation that was
+    aborted ends with its order, before its UAVs are on the ground.
     """
     if seen.end is None or seen.end.state is State.ABORTED:
         return
@@ -149,7 +150,10 @@ def _steps_outlive_the_service(seen: Seen) -> Iterator[str]:
 
 @at_end
 def _nothing_is_left_in_the_local_file(seen: Seen) -> Iterator[str]:
-    """Clear the local file once the database has what is in it: the next start would store old states again."""
+    """Clear the local file once the database has what is in it: the next start would store old states again.
+
+    While the disk is full it is where they have to be.
+    """
     if seen.held_lines and seen.ground.disk.refuses is None:
         yield f"{seen.held_lines} transactions, though the database took them"
 

@@ -69,7 +69,8 @@ def _survivors_are_on_a_plan_soon_after_a_verdict(seen: Seen) -> Iterator[str]:
     """Deal with every loss, and soon: the users of a lost UAV have nothing until the others fly a new plan.
 
     Time does not count while the service is dead or settles, the disk or the workers do not work, nothing is planned
-    because the operation is paused or no vehicle is heard, or one that counts is not heard well.
+    because the operation is paused or no vehicle is heard, or one that counts is not heard well. With another policy
+    it is for the operator to say when, and whether.
     """
     if seen.drill.policy != "auto":
         return
@@ -203,7 +204,10 @@ def _nothing_is_sent_again_after_a_restart(seen: Seen) -> Iterator[str]:
 
 @meanwhile
 def _missions_are_sent_after_the_journal_has_them(seen: Seen) -> Iterator[str]:
-    """Write into the journal first: a restart knows of a command only from there."""
+    """Write into the journal first: a restart knows of a command only from there.
+
+    What is sent on the ground is no part of an incident: a restart gives up an operation that has not taken off.
+    """
     for at_s, system_id, message in seen.received:
         is_upload = message.get_type() == "MISSION_COUNT" and message.mission_type == 0
         if not is_upload or seen.uav_of(system_id) not in seen.uavs:
@@ -230,7 +234,10 @@ def _nothing_is_broken_off_once_it_is_sent(seen: Seen) -> Iterator[str]:
 
 @meanwhile
 def _who_is_said_to_fly_a_new_plan_does(seen: Seen) -> Iterator[str]:
-    """Say that a UAV flies a new plan when it does: operators and users rely on it, and so does the next replan."""
+    """Say that a UAV flies a new plan when it does: operators and users rely on it, and so does the next replan.
+
+    It is judged of UAVs in the air that nothing has taken from the service, and that are sent nothing newer by now.
+    """
     for one in seen.new_reports:
         report = one.report
         if report.outcome not in _FLIES or seen.state != "flying":

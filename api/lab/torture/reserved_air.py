@@ -47,7 +47,13 @@ def _separation_from_reserved_air(seen: Seen) -> Iterator[str]:
 
 
 def _is_to_stay_out(seen: Seen, vehicle: Vehicle, lost: LostUav, elapsed_s: float) -> bool:
-    """Return whether a vehicle flies a mission, at the height of its plan, that was made after the loss."""
+    """Return whether a vehicle flies a mission, at the height of its plan, that was made after the loss.
+
+    One that somebody or something else flies is not ours to keep out. A mission from before the loss keeps apart from
+    where the lost one has to be at the same time, which may be near its way home, until the next one is flown. On its
+    first leg a vehicle comes from where that one has led it, and it may climb on it. After the last slot it lands below
+    where it is.
+    """
     system_id = vehicle.system_id
     if system_id == lost.system_id or system_id in seen.harmed or system_id in seen.ordered:
         return False
@@ -68,11 +74,9 @@ def _is_to_stay_out(seen: Seen, vehicle: Vehicle, lost: LostUav, elapsed_s: floa
 def _too_close(seen: Seen, vehicle: Vehicle, lost: LostUav) -> Iterator[str]:
     at_m = seen.place_m(vehicle)
     required_m = seen.ground.scenario.min_separation_m
-    if lost.stood_m is not None:
-        home_m = seen.ground.scenario.uav(lost.uav).start_m
-        apart_m = _to_line_m(at_m[:2], lost.stood_m, home_m)
-        if apart_m < required_m - OFF_LINE_M:
-            yield f"vehicle {vehicle.system_id} is {apart_m:.1f} m from where {lost.uav} was, or its way home"
+    apart_m = min((_to_line_m(at_m[:2], *way) for way in _ways(seen, lost)), default=required_m)
+    if apart_m < required_m - OFF_LINE_M:
+        yield f"vehicle {vehicle.system_id} is {apart_m:.1f} m from where {lost.uav} was, or may fly to land"
     ghost = seen.ground.fleet.vehicles[lost.system_id]
     ghost_m = seen.place_m(ghost)
     if seen.is_aloft(ghost) and dist(at_m, ghost_m) < required_m - OFF_SCHEDULE_M:
@@ -90,20 +94,34 @@ def _missions_keep_out_of_reserved_air(seen: Seen) -> Iterator[str]:
             if assigned is None or assigned.first_slot != one.report.at_slot or _is_raised(seen, assigned):
                 continue
             for lost in seen.lost.values():
-                if lost.uav != uav and lost.stood_m is not None and lost.lost_at_s <= (began_s or 0.0):
-                    yield from _crosses(seen, uav, assigned.path_m, lost.uav, lost.stood_m)
+                if lost.uav != uav and lost.lost_at_s <= (began_s or 0.0):
+                    yield from _crosses(seen, uav, assigned.path_m, lost)
+
+
+def _ways(seen: Seen, lost: LostUav) -> list[tuple[Point, Point]]:
+    """Return the lines to where a UAV that is not heard may land: from where it was, and from the end of its mission.
+
+    It lands at home or at a rally point. One that is heard again flies where it is seen, which is looked at itself.
+    """
+    if lost.stood_m is None:
+        return []
+    scenario = seen.ground.scenario
+    starts_m = [lost.stood_m] if lost.end_m is None else [lost.stood_m, lost.end_m]
+    ends_m = (scenario.uav(lost.uav).start_m, *scenario.rally_m)
+    return [(start_m, end_m) for start_m in starts_m for end_m in ends_m]
 
 
 def _is_raised(seen: Seen, assigned: AssignedMission) -> bool:
     return assigned.altitude_m >= seen.drill.altitude_m + RAISED_M
 
 
-def _crosses(seen: Seen, uav: str, path_m: Sequence[Point], lost: str, stood_m: Point) -> Iterator[str]:
-    home_m, required_m = seen.ground.scenario.uav(lost).start_m, seen.ground.scenario.min_separation_m
+def _crosses(seen: Seen, uav: str, path_m: Sequence[Point], lost: LostUav) -> Iterator[str]:
+    required_m = seen.ground.scenario.min_separation_m
     points_m = [between(start, end, step / STEPS) for start, end in pairwise(path_m) for step in range(STEPS + 1)]
-    apart_m = min((_to_line_m(point_m, stood_m, home_m) for point_m in points_m), default=required_m)
+    near_m = (_to_line_m(point_m, *way) for way in _ways(seen, lost) for point_m in points_m)
+    apart_m = min(near_m, default=required_m)
     if apart_m < required_m - 2 * OFF_LINE_M:
-        yield f"that of {uav} comes within {apart_m:.1f} m of where {lost} was, or its way home"
+        yield f"that of {uav} comes within {apart_m:.1f} m of where {lost.uav} was, or may fly to land"
 
 
 @meanwhile

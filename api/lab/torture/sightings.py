@@ -119,8 +119,8 @@ class Taken:
 class LostUav:
     """A UAV that was declared lost and may fly on, so that its air is reserved.
 
-    stood_m: metres east/north where it was when it was last heard, None once it is heard again. lost_at_s: virtual
-    seconds.
+    stood_m: metres east/north where it was when it was last heard, None once it is heard again. end_m: where the
+    mission ends that it has on board, None if it has none. lost_at_s: virtual seconds.
     """
 
     uav: str
@@ -128,3 +128,4 @@ class LostUav:
     kind: LossKind
     lost_at_s: float
     stood_m: Point | None
+    end_m: Point | None = None

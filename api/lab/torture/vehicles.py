@@ -166,6 +166,11 @@ class Vehicles:
             until_s = inf if fault.get("for_s") is None else at_s + fault["for_s"]
             self._disturbed_until_s[system_id] = max(until_s, self._disturbed_until_s.get(system_id, 0.0))
 
+    def end_of_mission_m(self, vehicle: Vehicle) -> Point | None:
+        """Return the last place of the mission that a vehicle has on board, metres east and north; None if none."""
+        places = ((item.x, item.y) for item in reversed(vehicle.mission.items) if item.x or item.y)
+        return next((self.place_of(x / 1e7, y / 1e7) for x, y in places), None)
+
     def place_m(self, vehicle: Vehicle) -> tuple[float, float, float]:
         """Return where a vehicle truly is: metres east and north of the scenario's origin, and above its home."""
         lat_deg, lon_deg, up_m = vehicle.position

@@ -222,7 +222,11 @@ class Seen(Vehicles):
                 self.fell_unheard.add(system_id)
 
     def excuse(self, seconds: float, *, down: bool) -> None:
-        """Excuse these last seconds if the service was down, or could not deal with an incident. down: it is dead."""
+        """Excuse these last seconds if the service was down, or could not deal with an incident. down: it is dead.
+
+        It cannot without its disk, which has to have each step first, nor without workers that plan; it waits for its
+        vehicles once it was started, for its operator in a pause, and for a vehicle that may soon be heard again.
+        """
         ground = self.ground
         settles = len(self.starts_s) > 1 and ground.now_s < self.starts_s[-1] + SETTLED_S
         broken = ground.workers.dead or ground.disk.refuses is not None or ground.disk.commit_s > COMMIT_S
@@ -268,7 +272,14 @@ class Seen(Vehicles):
             if sample.t_s <= heard_s and sample.system_id == system_id:
                 stood_m = self.place_of(sample.lat_deg, sample.lon_deg)
                 break
-        self.lost[uav] = LostUav(uav=uav, system_id=system_id, kind=kind, lost_at_s=self.ground.now_s, stood_m=stood_m)
+        self.lost[uav] = LostUav(
+            uav=uav,
+            system_id=system_id,
+            kind=kind,
+            lost_at_s=self.ground.now_s,
+            stood_m=stood_m,
+            end_m=self.end_of_mission_m(self.ground.fleet.vehicles[system_id]),
+        )
 
     def _note_loss(self, uav: str, kind: LossKind, detail: str) -> None:
         ground, works = self.ground, self.ground.disk.refuses is None and self.ground.disk.commit_s <= COMMIT_S
