@@ -12,7 +12,7 @@ ARGS ?=
 # Tests start a hundred processes: none of them compiles again what another has.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: test-sitl demo test serve bench lint light kernels packages format clean
+.PHONY: test-sitl demo test serve bench lint light kernels packages quick flights format clean
 .DEFAULT_GOAL := demo
 
 $(READY): pyproject.toml constraints.txt scripts/setup.sh
@@ -27,19 +27,24 @@ $(COMPILED): $(READY) $(KERNELS)
 demo: $(COMPILED)
 	$(BIN)/skyfolio demo $(ARGS)
 
-# What is compiled takes one core; lint, and then the tests that need nothing of it, the other. Flights mostly wait: four
-# workers are no load for two cores.
+# What is compiled takes one core; lint, and then the tests that need nothing of it, the other. Flights mostly wait: what
+# they leave of two cores is given to all the other tests, which give way to them.
 test: $(READY)
 	$(MAKE) --jobs 3 kernels packages $(if $(ARGS),lint,light)
-	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder --durations 10 \
-		$(or $(ARGS),$(addprefix --ignore ,$(LIGHT)))
-	$(BIN)/python -m pytest --numprocesses 4 --dist loadscope --durations 20 -m "e2e or browser" $(or $(ARGS),$(FLIGHTS)) \
-		|| [ $$? -eq 5 ] # pytest's exit status where ARGS choose none of these
+	$(MAKE) --jobs 2 --output-sync quick flights
 
 kernels: $(COMPILED)
 
 light: lint
 	$(BIN)/python -m pytest $(LIGHT)
+
+quick: $(COMPILED)
+	nice -n 10 $(BIN)/python -m pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder --durations 10 \
+		$(or $(ARGS),$(addprefix --ignore ,$(LIGHT)))
+
+flights: $(COMPILED)
+	$(BIN)/python -m pytest --numprocesses 4 --dist loadscope --durations 20 -m "e2e or browser" $(or $(ARGS),$(FLIGHTS)) \
+		|| [ $$? -eq 5 ] # pytest's exit status where ARGS choose none of these
 
 packages:
 	sh scripts/postgres.sh

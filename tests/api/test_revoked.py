@@ -16,9 +16,9 @@ from skyfolio.api.access.api_keys import KeyRing, Role
 from skyfolio.api.common.settings import Settings
 from skyfolio.api.http.app import create_app
 from skyfolio.api.http.middleware import AdmissionMiddleware
-from skyfolio.api.lab.demo.client import free_port
 from skyfolio.api.store import Database
 from tests.lateness import lateness
+from tests.ports import free_port
 
 SOON_S = 2.5
 """On a machine that lets nobody wait."""
