@@ -14,10 +14,12 @@ from skyfolio.planner import EXAMPLES
 from tests.api.asking import events_of
 
 SPEEDUP = 5.0
+PATIENT = {"heartbeat_stale_s": 5.0, "heartbeat_lost_s": 10.0}
+"""Two wall seconds until a UAV is lost: a loaded machine loses none by itself."""
 
 
 def wait_for(client: Client, operation_id: str, state: State) -> OperationView:
-    deadline = time.monotonic() + 90
+    deadline = time.monotonic() + 240
     while time.monotonic() < deadline:
         view = client.operation(operation_id)
         if view.state == state:
@@ -29,7 +31,7 @@ def wait_for(client: Client, operation_id: str, state: State) -> OperationView:
 
 @pytest.mark.e2e
 def test_a_drill_strikes_only_what_the_service_simulates_and_a_plan_made_ahead_answers_it() -> None:
-    settings = Settings(simulate="minimal", time_scale=SPEEDUP, plan_ahead=False)
+    settings = Settings(simulate="minimal", time_scale=SPEEDUP, plan_ahead=False, **PATIENT)
     with TestClient(create_app(settings)) as http:
         client = Client(http=http)
         assert {vehicle.simulated for vehicle in client.vehicles()} == {True}

@@ -246,7 +246,7 @@ async def stream_until_killed(autopilot: Autopilot) -> None:
             service.wait()
         killed_m = goes_on.body.north_m
         least_m, resting = killed_m, 0
-        async with asyncio.timeout(40):
+        async with asyncio.timeout(120):
             while goes_on.body.north_m < killed_m + 40.0 or resting < 20:  # two seconds of rest
                 least_m = min(least_m, goes_on.body.north_m)
                 resting = resting + 1 if holds.body.ground_speed_mps < 0.3 else 0
