@@ -1,9 +1,15 @@
-"""Plans and views to draw."""
+"""Plans and views to draw, and a browser to look at them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
 from skyfolio.api.dashboard.views import Operation
 from skyfolio.planner import EXAMPLES, Plan, Scenario, plan
+from tests.dashboard.stack import Page
 
 
 @pytest.fixture(scope="session")
@@ -28,3 +34,25 @@ def flying(small_plan: Plan) -> Operation:
         elapsed_s=7.0,
         slot=1,
     )
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("dashboard")
+
+
+@pytest.fixture(scope="module")
+def browser(folder: Path) -> Iterator[Page]:
+    made = Page(folder)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def page(browser: Page) -> Iterator[Page]:
+    """Ask for it after the service, so that it is left before the service ends."""
+    browser.prefer("light")
+    browser.complaints()
+    yield browser
+    assert browser.complaints() == []
+    browser.leave()
