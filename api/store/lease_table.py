@@ -83,7 +83,7 @@ class LeaseTable(LeaseRows):
         except BaseException as error:
             self._drop()
             if isinstance(error, Exception):
-                raise StoreError(f"leases: {error or type(error).__name__}") from error
+                raise StoreError(f"leases: {str(error) or type(error).__name__}") from error
             raise
         found = list(map(dict, rows))
         for row in found:
@@ -103,7 +103,7 @@ class LeaseTable(LeaseRows):
                 if token is not None and lease.name not in (NOBODY, self.name):
                     await connection.execute(_END_TRANSACTIONS, sessions_of(lease.name))
         except Exception as error:
-            raise StoreError(f"leases: {error or type(error).__name__}") from error
+            raise StoreError(f"leases: {str(error) or type(error).__name__}") from error
         finally:
             if connection is not None:
                 connection.terminate()
@@ -116,7 +116,7 @@ class LeaseTable(LeaseRows):
                 self._looking = self._looking or await self._connect()
                 await self._looking.execute(_LEAVE, self.me)
         except Exception as error:
-            raise StoreError(f"leases: {error or type(error).__name__}") from error
+            raise StoreError(f"leases: {str(error) or type(error).__name__}") from error
         finally:
             self._drop()
 

@@ -19,6 +19,8 @@ from skyfolio.api.flights.ownership import Ownership
 from skyfolio.api.store import Database, StoreError
 from skyfolio.api.store.backend import EngineBackend
 from skyfolio.api.store.event_log import EventLog
+from skyfolio.api.store.lease_book import Lease
+from skyfolio.api.store.lease_table import LeaseTable
 from skyfolio.api.store.leases import Leases
 from skyfolio.api.store.spill import Spill
 from skyfolio.api.store.tables import events, journal, operations
@@ -255,3 +257,16 @@ async def test_a_service_that_was_stopped_in_a_transaction_holds_up_none_that_ta
             await second.write(select(1))
         await stopped.invalidate()
     assert len(await second.rows(select(events))) == 1
+
+
+async def test_a_database_that_does_not_answer_in_time_is_told_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    table = LeaseTable("postgresql+asyncpg://nobody@127.0.0.1:1/none", me="me", name="first", timeout_s=0.01)
+
+    async def never() -> None:
+        await asyncio.Event().wait()
+
+    monkeypatch.setattr(table, "_connect", never)
+    lease = Lease(operation_id="op", owner="", name="", token=1, beat=1, systems=frozenset())
+    for asked in (table.look([]), table.take(lease), table.leave()):
+        with pytest.raises(StoreError, match=r"^leases: TimeoutError$"):
+            await asked

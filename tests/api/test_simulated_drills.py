@@ -14,7 +14,7 @@ from skyfolio.planner import EXAMPLES
 from tests.api.asking import events_of
 
 SPEEDUP = 5.0
-PATIENT = {"heartbeat_stale_s": 5.0, "heartbeat_lost_s": 10.0}
+PATIENT: dict[str, Any] = {"heartbeat_stale_s": 5.0, "heartbeat_lost_s": 10.0}
 """Two wall seconds until a UAV is lost: a loaded machine loses none by itself."""
 
 
