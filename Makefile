@@ -39,7 +39,7 @@ light: lint
 	$(BIN)/python -m pytest $(LIGHT)
 
 quick: $(COMPILED)
-	nice -n 10 $(BIN)/python -m pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder --durations 10 \
+	nice -n 3 $(BIN)/python -m pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder --durations 10 \
 		$(or $(ARGS),$(addprefix --ignore ,$(LIGHT)))
 
 flights: $(COMPILED)
