@@ -15,12 +15,14 @@ import numpy as np
 
 from skyfolio.mavlink_bridge.findings import OverGround
 from skyfolio.mavlink_bridge.items import Frame
-from skyfolio.planner.altitudes import clearance_of
+from skyfolio.planner.altitudes import clearance_of, climb_mps
 from skyfolio.planner.geometry import Point
 from skyfolio.planner.plans import Plan
 from skyfolio.planner.scenario import Scenario
 
 _CENTIMETRES = 100
+_LEVEL_M = 0.5
+"""A UAV whose altitudes differ by less keeps one."""
 
 
 @dataclass(frozen=True)
@@ -84,6 +86,14 @@ def altitudes_of(plan: Plan, uav_id: str) -> Altitudes:
         return Altitudes((level,) * len(plan.trajectories_m[uav_id]))
     metres = tuple(ceil(metres * _CENTIMETRES) / _CENTIMETRES for metres in plan.altitudes_m[uav_id])
     return Altitudes(metres, plan.scenario.terrain is not None)
+
+
+def climb_in_slot_m(plan: Plan, uav_id: str) -> float:
+    """Return by how much the altitude of a UAV may change in a slot of this plan or of a replan; 0 if it keeps one."""
+    altitudes, scenario = altitudes_of(plan, uav_id), plan.scenario
+    if altitudes.highest_m - altitudes.lowest_m < _LEVEL_M:
+        return 0.0
+    return climb_mps(scenario.uav(uav_id)) * scenario.slot_duration_s
 
 
 def ground_m(scenario: Scenario, point_m: Point) -> float:

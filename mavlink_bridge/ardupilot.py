@@ -19,10 +19,13 @@ from skyfolio.mavlink_bridge.mission_messages import GROUND, MissionType
 from skyfolio.mavlink_bridge.pace import VehicleModel
 from skyfolio.mavlink_bridge.parameter_rules import (
     BREACH,
+    CLIMBS_LATE,
+    SINKS_LATE,
     Rule,
     altitude_m,
     at_least,
     at_most,
+    climb_mps,
     farthest_m,
     limit,
     one_of,
@@ -202,6 +205,8 @@ _RULES = (
     one_of(("MIS_RESTART",), {0}, _B, "0", "after every hold its mission would begin again"),
     one_of(("BATT_FS_LOW_ACT",), {1, 2, 3, 4}, _W, "2 (return)", "an empty battery would only be announced"),
     one_of(("FENCE_ENABLE",), {1}, _W, "1", "the uploaded geofence would not be kept"),
+    at_least(("WPNAV_SPEED_UP",), lambda needs: 100.0 * climb_mps(needs), _W, CLIMBS_LATE),
+    at_least(("WPNAV_SPEED_DN",), lambda needs: 100.0 * climb_mps(needs), _W, SINKS_LATE),
     limit(("FENCE_RADIUS",), farthest_m, BREACH, enabled="FENCE_ENABLE"),
     limit(("FENCE_ALT_MAX",), altitude_m, BREACH, enabled="FENCE_ENABLE"),
     at_most(("GUID_TIMEOUT",), 3.0, _W, "it flies on blindly for this long after the last setpoint"),

@@ -10,11 +10,11 @@ from contextlib import nullcontext
 from math import hypot, nan
 
 from skyfolio.mavlink_bridge.autopilots import FlightMode
-from skyfolio.mavlink_bridge.confirming import ask_until, confirm_s, heartbeat_until, is_ours, seen_of
+from skyfolio.mavlink_bridge.confirming import ask_until, confirm_s, error_of, heartbeat_until, is_ours, seen_of
 from skyfolio.mavlink_bridge.e7 import to_e7
 from skyfolio.mavlink_bridge.flight import CUSTOM_MODE, SET_MODE, set_mode
 from skyfolio.mavlink_bridge.items import Frame
-from skyfolio.mavlink_bridge.readiness import ARMABLE_WITHIN_S, OnRefused, arm_when_ready
+from skyfolio.mavlink_bridge.readiness import ARM, ARMABLE_WITHIN_S, OnRefused, arm_when_ready
 from skyfolio.mavlink_bridge.vehicle import NotDone, Vehicle
 from skyfolio.planner.geodesy import geodetic_to_east_north
 from skyfolio.planner.scenario import Origin
@@ -22,6 +22,10 @@ from skyfolio.planner.scenario import Origin
 ALTITUDE_TOLERANCE_M = 1.0
 ARRIVAL_TOLERANCE_M = 1.0
 ARRIVAL_SPEED_MPS = 0.5
+FRESHLY_ARMED_S = 4.0
+"""Wall seconds after arming within which a vehicle surely takes off before it disarms by itself."""
+ON_GROUND_M = 2.0
+"""Metres above home: one that is higher is not disarmed."""
 RISES_WITHIN_S, RISEN_M = 5.0, 0.5
 """Within so many wall seconds a vehicle that follows the order to take off has risen so far."""
 INSIST_EVERY_S, INSIST_TIMES = 0.04, 8
@@ -38,7 +42,10 @@ async def arm(
     mode = vehicle.profile.takeoff.armed_in
     if mode is not None:
         await set_mode(vehicle, mode)
+    was_armed = vehicle.state.armed
     await arm_when_ready(vehicle, patience_s, on_refused)
+    if not was_armed:
+        vehicle.armed_at_s = asyncio.get_running_loop().time()
 
 
 async def launch(
@@ -49,6 +56,7 @@ async def launch(
     Raises NotDone if that takes longer, and at once if the vehicle disarms on the way or changes to a mode in which the
     service may not command it.
     """
+    await _disarm_if_stale(vehicle)
     await arm(vehicle, min(timeout_s, ARMABLE_WITHIN_S), on_refused)
     now = vehicle.state.snapshot()
     if now is None or now.place_deg is None:
@@ -70,6 +78,19 @@ async def launch(
         raise NotDone(f"at {climb.up_m:.1f} of {altitude_m:g} m after {timeout_s:g} s")
     if climb.broken_off is not None:
         raise NotDone(f"{climb.broken_off} at {climb.up_m:.1f} of {altitude_m:g} m")
+
+
+async def _disarm_if_stale(vehicle: Vehicle) -> None:
+    """Disarm it on the ground if it was armed a while ago, so that its time to take off begins anew.
+
+    Both autopilots disarm by themselves 10 s after arming, also just after they have accepted a take-off. One that
+    refuses to disarm does not stand on the ground.
+    """
+    now, armed_s = vehicle.state.snapshot(), asyncio.get_running_loop().time() - vehicle.armed_at_s
+    if now is None or not now.armed or armed_s <= FRESHLY_ARMED_S or now.relative_alt_m > ON_GROUND_M:
+        return
+    if await error_of(vehicle.command(ARM, 0.0)) is None:
+        await heartbeat_until(vehicle, lambda: not vehicle.state.armed)
 
 
 async def _rises(vehicle: Vehicle, ground_m: float) -> bool:

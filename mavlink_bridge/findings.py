@@ -77,7 +77,8 @@ class Needs:
     path_m: (n_slots, 2) metres east/north. `stream`: guided by setpoints; force_stream: even if the vehicle would not
     hold when they end. lost_after_s: when a link is declared lost. items: the length of its mission; max_items: what it
     can store. start_within_m: a UAV further from its first point does not take off. altitude_m: the greatest, above
-    its home. ground: what it needs over terrain.
+    its home. climb_m: by how much its altitude may change in a slot; 0 where it keeps one. ground: what it needs over
+    terrain.
     battery_at_least: the charge (0..1) below
     which no UAV should fly; battery_for_plan: with which it is proven to come home from the plan, None where the plan
     says nothing of energy.
@@ -94,6 +95,7 @@ class Needs:
     start_within_m: float = START_WITHIN_M
     lost_after_s: float = 5.5
     battery_at_least: float = 0.3
+    climb_m: float = 0.0
     ground: OverGround | None = None
     battery_for_plan: float | None = None
 

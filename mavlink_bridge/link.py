@@ -10,7 +10,7 @@ from typing import TypeVar
 
 import skyfolio.mavlink_bridge.departure as departure
 import skyfolio.mavlink_bridge.flight as flight
-from skyfolio.mavlink_bridge.altitudes import altitudes_of, over_ground
+from skyfolio.mavlink_bridge.altitudes import altitudes_of, climb_in_slot_m, over_ground
 from skyfolio.mavlink_bridge.findings import START_WITHIN_M, Facts, Needs
 from skyfolio.mavlink_bridge.heartbeat import LinkState
 from skyfolio.mavlink_bridge.items import MAX_ITEMS, Mission, MissionItem
@@ -222,6 +222,7 @@ class FleetLink(ListeningLink):
             path_m=list(plan.trajectories_m[uav_id]),
             slot_s=scenario.slot_duration_s,
             altitude_m=altitudes.highest_m - ((home_amsl_m or 0.0) if altitudes.amsl else 0.0),
+            climb_m=climb_in_slot_m(plan, uav_id),
             ground=over_ground(plan, uav_id, facts.home_m),
             max_speed_mps=uav.max_speed_mps,
             items=items,

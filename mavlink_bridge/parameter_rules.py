@@ -85,4 +85,11 @@ def altitude_m(facts: Facts, needs: Needs) -> float:
     return needs.altitude_m
 
 
+def climb_mps(needs: Needs) -> float:
+    """Return how fast the plan may have it climb and descend on its way, m/s."""
+    return round(needs.climb_m / needs.slot_s, 3)
+
+
+CLIMBS_LATE = "it climbs more slowly than planned, and would be lower over the ground than the plan has it"
+SINKS_LATE = "it descends more slowly than planned, and would be higher than the plan has it"
 BREACH = "the plan leaves it: the vehicle's fence would end the mission"

@@ -23,7 +23,7 @@ ARMABLE_WITHIN_S = 60.0
 ARM_AGAIN_S = 1.0
 ASK_AGAIN_S = 1.0
 
-_ARM, _HOME_POSITION = 400, 242
+ARM, _HOME_POSITION = 400, 242
 _ESTIMATES = frozenset({"position", "GPS fix", "home position"})
 
 OnWait = Callable[[tuple[str, ...]], None]
@@ -80,7 +80,7 @@ async def arm_when_ready(
     began_s, reported = loop.time(), ""
     while True:
         asked_s = loop.time()
-        answer = await error_of(vehicle.command(_ARM, 1.0))
+        answer = await error_of(vehicle.command(ARM, 1.0))
         if answer is None:
             return
         if answer.endswith("UNSUPPORTED"):

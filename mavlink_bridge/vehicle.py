@@ -120,6 +120,8 @@ class Vehicle:
         """Commands (MAV_CMD) it has answered UNSUPPORTED."""
         self.flies_our_speed = False
         """Whether a speed was ordered in flight and not taken back: it outlives the mode it was meant for."""
+        self.armed_at_s = -inf
+        """When we armed it, on the event loop's clock."""
         self._port = port
         self._loop = loop
         self._on_message = on_message

@@ -5,6 +5,7 @@ survives an upload: each write into the mission restarts the current leg from wh
 at the kept index has become a DO_ command, it moves on to the next leg. Cut short, the vehicle finishes the leg it has
 loaded and the one after, then hovers. A waypoint with a hold counts as reached at rest; the next leg starts from rest.
 A waypoint flown through counts once the target has gone the whole leg at its speed, however near the vehicle is.
+Altitude changes along the leg, together with the place; a leg that is too steep for its speed is flown more slowly.
 """
 
 from typing import Any
@@ -32,6 +33,10 @@ _NAMES = {
 REST_MPS = 0.3
 """A stop is over once the vehicle is this slow at its point."""
 REST_M = 0.5
+LOOK_AHEAD_S = 0.5
+"""The altitude that is flown to is that of the leg so far ahead: it follows the leg without lagging behind."""
+_UPRIGHT_M = 1.0
+"""A shorter leg is flown as a climb or a descent."""
 
 
 class ArdupilotRunner(MissionRunner):
@@ -52,7 +57,7 @@ class ArdupilotRunner(MissionRunner):
         self._next: MissionItem | None = None
         self._announced: int | None = None
         self._looked_s: float | None = None
-        self._to_go_m = 0.0
+        self._to_go_m = self._leg_m = self._began_up_m = 0.0
 
     @property
     def item(self) -> MissionItem:
@@ -194,7 +199,8 @@ class ArdupilotRunner(MissionRunner):
         """Set the target; only a take-off climbs first."""
         target = super()._begin(body)
         self._looked_s = None
-        self._to_go_m = body.distance_to(target.east_m, target.north_m)
+        self._to_go_m = self._leg_m = body.distance_to(target.east_m, target.north_m)
+        self._began_up_m = body.up_m
         self._climb_first = self.item.command == dialect.MAV_CMD_NAV_TAKEOFF
         return target
 
@@ -203,7 +209,7 @@ class ArdupilotRunner(MissionRunner):
 
     def _is_done(self, body: Body, target: Target, now_s: float) -> bool:
         passed_s = 0.0 if self._looked_s is None else now_s - self._looked_s
-        self._to_go_m -= max(self.cruise_mps, body.ground_speed_mps) * passed_s
+        self._to_go_m -= max(self._along_mps(target), body.ground_speed_mps) * passed_s
         self._looked_s = now_s
         if self._holding_since_s is None and self._to_go_m > 0.0:
             return False
@@ -213,6 +219,34 @@ class ArdupilotRunner(MissionRunner):
             if not near or body.ground_speed_mps > REST_MPS:
                 return False
         return super()._is_done(body, target, now_s)
+
+    def _passing_up_mps(self, body: Body, place: Place, up_m: float) -> float:
+        """Return 0: the altitude goes with the way over ground (`_towards`)."""
+        del body, place, up_m
+        return 0.0
+
+    def _towards(self, body: Body, target: Target) -> Guidance:
+        """Return where to go: along the straight line of the leg, no faster than it may climb or descend on it."""
+        guidance = super()._towards(body, target)
+        if self._leg_m < _UPRIGHT_M:
+            return guidance
+        rise_m = target.up_m - self._began_up_m
+        speed_mps = self._along_mps(target)
+        to_go_m = max(body.distance_to(target.east_m, target.north_m) - LOOK_AHEAD_S * body.ground_speed_mps, 0.0)
+        return guidance._replace(
+            up_m=target.up_m - rise_m * min(to_go_m / self._leg_m, 1.0),
+            speed_mps=speed_mps,
+            passing_mps=min(guidance.passing_mps, speed_mps),
+            passing_up_mps=abs(rise_m) / self._leg_m * body.ground_speed_mps,
+        )
+
+    def _along_mps(self, target: Target) -> float:
+        """Return how fast the leg is flown over ground: as ordered, or as its slope allows."""
+        limits, rise_m = self._parameters.limits, target.up_m - self._began_up_m
+        most_mps = limits.climb_mps if rise_m > 0.0 else limits.descend_mps
+        if self._leg_m < _UPRIGHT_M or abs(rise_m) * self.cruise_mps <= most_mps * self._leg_m:
+            return self.cruise_mps
+        return most_mps * self._leg_m / abs(rise_m)
 
     def _yaw(self, item: MissionItem) -> float | None:
         """Return None: ArduCopter keeps no yaw of a waypoint, the nose goes along the course (WP_YAW_BEHAVIOR)."""

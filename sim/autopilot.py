@@ -72,6 +72,9 @@ class Autopilot:
         self.files = metadata_files(parameters) if flavour.has_metadata else {}
         self.parameters = ParameterStore(parameters, flavour.tuning, bytewise=flavour.bytewise)
         self.parameters[flavour.capacity_parameter] = spec.battery_mah
+        for name, value in spec.parameters:
+            if name in self.parameters:
+                self.parameters[name] = value
         self.clock = OnboardClock(now_s, spec.booted_s_ago)
         self.air = air or Air(Weather(), "calm")
         self.land: Land = Level() if hills is None else hills.around(self.frame, spec.home_alt_m)

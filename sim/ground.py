@@ -70,6 +70,7 @@ class Ground:
                 host.disarm()
             return
         landing_s, idle_s = tuning.disarm_after_landing_s, tuning.disarm_on_ground_s
-        landed = landing_s is not None and now_s - self._landed_s >= landing_s
-        if landed or (idle_s is not None and now_s - self._armed_s >= idle_s):
+        if landing_s is not None and now_s - self._landed_s >= landing_s:
             host.disarm(words=words.disarmed_by_landing)
+        elif idle_s is not None and now_s - self._armed_s >= idle_s:
+            host.disarm(words=words.disarmed_idle)

@@ -25,6 +25,8 @@ JERK_LEAD_S = 0.4
 """How far ahead a jerk-limited stop is begun: its acceleration has to turn round first."""
 SPEED_GAIN_PER_S = 4.0
 """Close to the wanted speed, a jerk-limited acceleration is this much per m/s of the difference."""
+TURNING_UP_MPS2 = 1.8
+"""How a PX4 slows down once it has passed an altitude at speed: from 2.6 m/s up to 1.1 m/s down in 2 s (recorded)."""
 TRACKING_GAIN_PER_S = 1.0
 """A streamed setpoint is followed with its velocity plus this much per metre the vehicle is off."""
 
@@ -87,6 +89,7 @@ class Body(NamedTuple):
 class Guidance(NamedTuple):
     """What to fly: towards a point at `speed_mps`, to be passed at `passing_mps`; `landing` sinks to the ground.
 
+    `passing_up_mps`: how fast its altitude may be passed, up or down.
     `velocity_mps` (east, north, up) makes the point a moving one, as streamed setpoints do; `yaw_rad` None turns the
     nose along the course.
     """
@@ -99,6 +102,7 @@ class Guidance(NamedTuple):
     landing: bool = False
     velocity_mps: tuple[float, float, float] | None = None
     yaw_rad: float | None = None
+    passing_up_mps: float = 0.0
 
 
 def approach_speed(distance_m: float, acceleration_mps2: float, passing_mps: float = 0.0) -> float:
@@ -235,15 +239,16 @@ def _vertical_velocity(body: Body, guidance: Guidance, limits: Limits, dt_s: flo
     else:
         error_m = guidance.up_m - body.up_m
         acceleration = BRAKING_SHARE * min(limits.climb_acceleration_mps2, limits.descend_acceleration_mps2)
-        speed = approach_speed(abs(error_m), acceleration)
+        speed = approach_speed(abs(error_m), acceleration, guidance.passing_up_mps)
         wanted = speed if error_m >= 0.0 else -speed
         if guidance.velocity_mps is not None:
             wanted = guidance.velocity_mps[2] + TRACKING_GAIN_PER_S * error_m
         wanted = max(-limits.descend_mps, min(limits.climb_mps, wanted))
     change = wanted - body.up_mps
-    return body.up_mps + max(
-        -limits.descend_acceleration_mps2 * dt_s, min(limits.climb_acceleration_mps2 * dt_s, change)
-    )
+    up, down = limits.climb_acceleration_mps2, limits.descend_acceleration_mps2
+    if guidance.passing_up_mps > 0.0:
+        up, down = min(up, TURNING_UP_MPS2), min(down, TURNING_UP_MPS2)
+    return body.up_mps + max(-down * dt_s, min(up * dt_s, change))
 
 
 def _yaw(body: Body, guidance: Guidance, east_mps: float, north_mps: float, dt_s: float) -> float:

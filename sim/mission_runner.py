@@ -2,16 +2,20 @@
 
 Pure: it takes the body and fleet time, and returns guidance. Here is what both flavours share, flown as PX4 does: a
 waypoint counts as reached within its acceptance radius (param2, else NAV_ACC_RAD) and NAV_MC_ALT_RAD of altitude; its
-hold (param1) starts then. Waypoints without a hold are flown through, slower the sharper the corner.
+hold (param1) starts then. Waypoints without a hold are flown through, slower the sharper the corner. Altitude is flown
+apart from the way over ground, as fast as limits allow, and passed at speed where the altitude after it is another one:
+a waypoint that was passed too high or too low is flown back to. A mission that is entered in the air, lower than its
+waypoint by more than NAV_MC_ALT_RAD, begins with a climb on the spot.
 `sim.ardupilot_runner` has what ArduCopter does differently.
 """
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from skyfolio.sim.geo import LocalFrame, Place, distance_from_segment
+from skyfolio.sim.geo import LocalFrame, Place, corner_speed, distance_from_segment
 from skyfolio.sim.kinematics import Body, Guidance, stopping_point
 from skyfolio.sim.mission_cursor import MissionCursor
 from skyfolio.sim.mission_geometry import changed_speed
@@ -22,6 +26,8 @@ from skyfolio.sim.parameter_store import ParameterStore
 
 _HOVERS = (dialect.MAV_CMD_NAV_WAYPOINT, dialect.MAV_CMD_NAV_LOITER_TIME)
 """Items whose param1 is a time to stay."""
+_SAME_M = 0.001
+"""Altitudes of two waypoints that are no different."""
 
 
 class MissionRunner(MissionCursor):
@@ -54,7 +60,7 @@ class MissionRunner(MissionCursor):
         self._on_speed = on_speed
         self._target: Target | None = None
         self._holding_since_s: float | None = None
-        self._climb_first = False
+        self._climb_first = self._is_entered = False
         self._delay_until_s: float | None = None
         self._was: Place = (0.0, 0.0)
 
@@ -100,7 +106,7 @@ class MissionRunner(MissionCursor):
         """
         if self.complete:
             self.jump(0)
-        self.started, self.finished = True, False
+        self.started, self.finished, self._is_entered = True, False, True
         self.speed_mps = None
         for item in self.mission.items[: self.index]:
             if item.command == dialect.MAV_CMD_DO_CHANGE_SPEED:
@@ -173,10 +179,32 @@ class MissionRunner(MissionCursor):
         up_m = body.up_m if item.command == dialect.MAV_CMD_NAV_LAND else item.relative_alt_m(self._home_alt_m)
         if body.on_ground and item.command != dialect.MAV_CMD_NAV_LAND:
             up_m = max(up_m, self._parameters.tuning.takeoff_alt_m)
-        self._climb_first = body.on_ground and item.command != dialect.MAV_CMD_NAV_LAND
-        passing = self.passing_speed(self.index, self._was, (east_m, north_m), self.speed_mps, self.look_ahead)
-        self._target = Target(east_m, north_m, up_m, self._radius(item), passing, self._yaw(item))
+        self._climb_first = item.command != dialect.MAV_CMD_NAV_LAND and (
+            body.on_ground or (self._is_entered and up_m - body.up_m > self._parameters.tuning.altitude_radius_m)
+        )
+        self._is_entered = False
+        place = (east_m, north_m)
+        passing = self.passing_speed(self.index, self._was, place, self.speed_mps, self.look_ahead)
+        up_mps = self._passing_up_mps(body, place, up_m) if passing > 0.0 else 0.0
+        self._target = Target(*place, up_m, self._radius(item), passing, self._yaw(item), up_mps)
         return self._target
+
+    def _passing_up_mps(self, body: Body, place: Place, up_m: float) -> float:
+        """Return how fast the altitude of the current item is passed: sqrt(a r tan(angle between the legs / 2)).
+
+        The angle is that between altitudes over distances from home: PX4 takes it so (`PositionSmoothing`, 1.18).
+        """
+        after = next((item for item in self.mission.items[self.index + 1 :] if item.is_nav), None)
+        goal = None if after is None else self._place(after)
+        if after is None or goal is None:
+            return 0.0
+        limits, radius_m = self._parameters.limits, self._parameters.tuning.altitude_radius_m
+        next_up_m = after.relative_alt_m(self._home_alt_m)
+        if abs(next_up_m - up_m) <= _SAME_M:
+            return 0.0
+        start, corner = (math.hypot(body.east_m, body.north_m), body.up_m), (math.hypot(*place), up_m)
+        turn = corner_speed(start, corner, (math.hypot(*goal), next_up_m), limits.climb_acceleration_mps2, radius_m)
+        return min(turn, limits.climb_mps if up_m >= body.up_m else limits.descend_mps)
 
     def _delay(self, body: Body, now_s: float) -> Guidance | None:
         """Stay for a time (param1) or until a time of day (UTC hour, minute, second), tomorrow if it has passed."""
@@ -207,7 +235,10 @@ class MissionRunner(MissionCursor):
     def _is_done(self, body: Body, target: Target, now_s: float) -> bool:
         if self._holding_since_s is None:
             near = distance_from_segment(self._was, (body.east_m, body.north_m), (target.east_m, target.north_m))
-            if near > target.radius_m or abs(target.up_m - body.up_m) > self._parameters.tuning.altitude_radius_m:
+            if near > target.radius_m:
+                return False
+            if abs(target.up_m - body.up_m) > self._parameters.tuning.altitude_radius_m:
+                self._target = replace(target, passing_mps=0.0)  # it has missed its waypoint, and comes back to it
                 return False
             self._holding_since_s = now_s
         if self.item.command == dialect.MAV_CMD_NAV_LOITER_UNLIM:
@@ -216,16 +247,16 @@ class MissionRunner(MissionCursor):
         return now_s - self._holding_since_s >= hold_s
 
     def _towards(self, body: Body, target: Target) -> Guidance:
-        passing = target.passing_mps
-        if passing > 0.0:
-            limits = self._parameters.limits
-            rise_m = target.up_m - body.up_m
-            vertical_s = rise_m / limits.climb_mps if rise_m > 0.0 else -rise_m / limits.descend_mps
-            late = vertical_s > body.distance_to(target.east_m, target.north_m) / max(self.cruise_mps, 0.1)
-            if late and abs(rise_m) > self._parameters.tuning.altitude_radius_m:
-                passing = 0.0
-        place = (target.east_m, target.north_m, target.up_m)
-        return Guidance(*place, self.cruise_mps, passing, yaw_rad=target.yaw_rad)
+        del body
+        return Guidance(
+            target.east_m,
+            target.north_m,
+            target.up_m,
+            self.cruise_mps,
+            target.passing_mps,
+            yaw_rad=target.yaw_rad,
+            passing_up_mps=target.passing_up_mps,
+        )
 
     def _yaw(self, item: MissionItem) -> float | None:
         """Return the heading of a waypoint in radians (param4, degrees); None (NaN) leaves it along the course."""

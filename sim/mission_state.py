@@ -32,7 +32,10 @@ class MissionState(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """Where the current item leads: metres east, north and up, a radius, and the speed at which it is passed."""
+    """Where the current item leads: metres east, north and up, a radius, and the speed at which it is passed.
+
+    passing_up_mps: how fast its altitude may be passed, up or down.
+    """
 
     east_m: float
     north_m: float
@@ -40,3 +43,4 @@ class Target:
     radius_m: float
     passing_mps: float
     yaw_rad: float | None = None
+    passing_up_mps: float = 0.0

@@ -21,7 +21,8 @@ class VehicleSpec:
     system_id: its MAVLink system id (1-254). home_lat_deg, home_lon_deg, home_alt_m: where it stands (WGS 84 degrees,
     metres above sea level). autopilot: "px4" or "ardupilot" (ArduCopter). booted_s_ago: how many seconds the autopilot
     has been on; with 0 it is switched on with the fleet, and an ArduCopter then takes 40 s until it can be armed.
-    battery_mah: what its battery holds when it is new, which its autopilot has as a parameter.
+    battery_mah: what its battery holds when it is new, which its autopilot has as a parameter. parameters: names and
+    values that are set on board from the beginning; those that the autopilot does not have are left out.
     ValueError names the field that is out of range.
     """
 
@@ -32,6 +33,7 @@ class VehicleSpec:
     autopilot: str = "px4"
     booted_s_ago: float = BOOTED_S_AGO
     battery_mah: float = BATTERY_MAH
+    parameters: tuple[tuple[str, float], ...] = ()
 
     def __post_init__(self) -> None:
         if not 1 <= self.system_id <= 254:

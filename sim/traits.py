@@ -33,6 +33,7 @@ class Words:
     armed: str
     disarmed: str
     disarmed_by_landing: str
+    disarmed_idle: str
     took_off: str | None = None
     landed: str | None = None
     mission_entered: str | None = None

@@ -13,10 +13,13 @@ from skyfolio import sim
 from skyfolio.api.common.errors import InvalidError
 from skyfolio.mavlink_bridge import DEFAULT_AUTOPILOT, east_north_to_geodetic, geodetic_to_east_north
 from skyfolio.planner import Scenario
+from skyfolio.planner.altitudes import climb_mps, plans_altitudes
 
 Result = TypeVar("Result")
 GUST_SPREADS = 3.0
 """The bound on gusts in a scenario, over the spread of simulated gusts on one axis."""
+LEAST_ALTITUDE_RADIUS_M, MOST_ALTITUDE_RADIUS_M = 5.0, 200.0
+"""NAV_MC_ALT_RAD of simulated PX4 that climb on their way: the most is that of the parameter."""
 
 
 def specs_at_starts(
@@ -27,7 +30,8 @@ def specs_at_starts(
 ) -> list[sim.VehicleSpec]:
     """Return one vehicle on the ground at each UAV's start; system ids 1, 2, ... in the scenario's order.
 
-    With terrain their homes are at its heights. battery_mah: what a new battery holds.
+    With terrain their homes are at its heights. battery_mah: what a new battery holds. Where plans have altitudes they
+    are set up as the preflight audit asks for: a PX4 as delivered would miss waypoints on its climbs.
     """
     specs = []
     for system_id, uav in enumerate(scenario.uavs, start=1):
@@ -37,6 +41,9 @@ def specs_at_starts(
         )
         if scenario.terrain is not None:
             spec = replace(spec, home_alt_m=scenario.terrain.height_at(*uav.start_m))
+        if plans_altitudes(scenario):
+            radius_m = max(climb_mps(uav) * scenario.slot_duration_s, LEAST_ALTITUDE_RADIUS_M)
+            spec = replace(spec, parameters=(("NAV_MC_ALT_RAD", min(radius_m, MOST_ALTITUDE_RADIUS_M)),))
         specs.append(spec)
     return specs
 
