@@ -87,7 +87,11 @@ def altitude_m(facts: Facts, needs: Needs) -> float:
 
 def climb_mps(needs: Needs) -> float:
     """Return how fast the plan may have it climb and descend on its way, m/s."""
-    return round(needs.climb_m / needs.slot_s, 3)
+    return needs.climb_m / needs.slot_s * _ROUNDED
+
+
+_ROUNDED = 1.0 - 1e-6
+"""Parameters are stored as 32-bit floats."""
 
 
 CLIMBS_LATE = "it climbs more slowly than planned, and would be lower over the ground than the plan has it"

@@ -112,3 +112,19 @@ async def test_a_climb_that_will_not_arrive_ends_at_once(
             (result,) = (await climbing).values()
         assert result.error is not None
         assert why in result.error
+
+
+@BOTH
+@in_virtual_time
+async def test_one_that_was_armed_a_while_ago_is_armed_anew_before_it_takes_off(
+    airfield: Open, line_and_hover: Plan, autopilot: Autopilot
+) -> None:
+    """A PX4 that waited for others disarmed by itself 20 ms after it had accepted its take-off (recorded)."""
+    async with airfield(line_and_hover, autopilot=autopilot, speedup=1.0) as field:
+        (armed,) = (await field.link.arm([1], patience_s=10.0)).values()
+        assert armed.ok
+        await asyncio.sleep(7.0)
+        (result,) = (await field.link.launch({1: 8.0}, timeout_s=60)).values()
+        assert result.ok
+        kinds = [event.kind for event in field.fleet.truth.events if event.kind in {"armed", "disarmed", "takeoff"}]
+        assert kinds == ["armed", "disarmed", "armed", "takeoff"]

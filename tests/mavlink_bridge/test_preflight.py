@@ -127,6 +127,36 @@ def test_a_px4_that_does_not_hold_without_setpoints_is_streamed_to_only_by_force
     assert (forced.level, forced.refuses) == (Level.WARNING, False)
 
 
+def test_a_px4_that_would_miss_waypoints_on_climbs_flies_no_mission_over_hills() -> None:
+    climbs = replace(NEEDS, climb_m=7.5)
+    stock = with_parameter(Autopilot.PX4, "NAV_MC_ALT_RAD", 0.8)
+    assert audit(stock, NEEDS) == []
+    (refused,) = audit(stock, climbs)
+    assert (refused.name, refused.level, refused.refuses) == ("NAV_MC_ALT_RAD", Level.BLOCKER, True)
+    assert refused.should == "at least 7.5, what the plan climbs in a slot"
+    (streamed,) = audit(stock, replace(climbs, stream=True))
+    assert (streamed.level, streamed.refuses) == (Level.WARNING, False)
+    assert audit(with_parameter(Autopilot.PX4, "NAV_MC_ALT_RAD", 7.5), climbs) == []
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "name", "value"),
+    [
+        (Autopilot.PX4, "MPC_Z_V_AUTO_UP", 1.4),
+        (Autopilot.PX4, "MPC_Z_V_AUTO_DN", 1.4),
+        (Autopilot.ARDUPILOT, "WPNAV_SPEED_UP", 140.0),
+        (Autopilot.ARDUPILOT, "WPNAV_SPEED_DN", 140.0),
+    ],
+)
+def test_a_vehicle_that_climbs_more_slowly_than_planned_is_reported(
+    autopilot: Autopilot, name: str, value: float
+) -> None:
+    slow = with_parameter(autopilot, name, value)
+    assert audit(slow, NEEDS) == []
+    assert [one.name for one in audit(slow, replace(NEEDS, climb_m=7.5))] == [name]
+    assert audit(with_parameter(autopilot, name, value * 1.5 / 1.4), replace(NEEDS, climb_m=7.5)) == []
+
+
 def test_a_start_too_far_off_is_refused_in_any_case_and_how_far_is_a_setting() -> None:
     for at_m, within_m, refuses in ((14.0, 15.0, False), (16.0, 15.0, True), (4.0, 3.0, True), (50.0, 60.0, False)):
         (place,) = audit(facts(Autopilot.PX4, at_m=(0.0, at_m)), replace(NEEDS, start_within_m=within_m))

@@ -116,6 +116,26 @@ def test_left_on_the_ground_it_disarms_after_ten_seconds(copter: "Bench") -> Non
     assert not copter.autopilot.armed
 
 
+def test_its_altitude_changes_along_the_leg_and_a_steep_leg_is_flown_more_slowly(
+    copter_up: "Bench", items: "Items"
+) -> None:
+    """Over a hill a real one was never more than 0.7 m off the line between its waypoints."""
+    whole = [items.waypoint(0.0, 0.0, 0.0), items.add(22, up_m=20.0)]
+    whole += [items.waypoint(25.0 * leg, 0.0, 20.0 + 6.9 * leg) for leg in range(1, 5)] + [items.waypoint(110.0, 0, 90)]
+    copter_up.autopilot.parameters["WPNAV_JERK"] = 5.0
+    copter_up.upload(*whole)
+    copter_up.ask("mission_set_current", 1, 1, 2)
+    copter_up.set_mode(AUTO)
+    off_m, body = 0.0, copter_up.autopilot.body
+    while body.north_m < 98.0:
+        copter_up.fly(0.05)
+        body = copter_up.autopilot.body
+        off_m = max(off_m, abs(body.up_m - 20.0 - 6.9 / 25.0 * body.north_m))
+    assert off_m < 1.0
+    copter_up.fly_until(lambda: copter_up.autopilot.body.north_m > 106.0)
+    assert copter_up.autopilot.body.ground_speed_mps < 2.0  # 42 m up on 10 m
+
+
 def test_it_does_not_arm_in_auto_unless_auto_options_allow_it(copter: "Bench", items: "Items") -> None:
     copter.upload(*a_mission(items, items.waypoint(30.0, 0.0)))
     assert copter.set_mode(AUTO) == ACCEPTED

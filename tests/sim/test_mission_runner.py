@@ -1,7 +1,7 @@
 """sim.mission_runner, flown by an autopilot in virtual time"""
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -168,6 +168,61 @@ def test_a_waypoint_is_not_reached_before_its_altitude(airborne: "Bench", items:
     airborne.fly_until(lambda: airborne.reached() == [0])
     assert airborne.autopilot.body.up_m > 49.0
     assert distance(airborne, 5.0, 0.0) <= 2.0
+
+
+def climbing(items: "Items", legs: int = 6) -> list[Any]:
+    """Legs of 25 m in 5 s that climb 6.9 m each, as recorded over a hill."""
+    begin = items.speed(5.0, current=1.0)
+    ways = [items.waypoint(25.0 * leg, 0.0, 20.0 + 6.9 * leg, p2=1.0) for leg in range(1, legs + 1)]
+    return [begin, *ways, items.waypoint(25.0 * (legs + 1), 0.0, 20.0 + 6.9 * legs)]
+
+
+def seconds_over(bench: "Bench", mission: list[Any]) -> float:
+    """How long it flies over all legs but the last."""
+    bench.upload(*mission)
+    bench.set_mode(MISSION)
+    return bench.fly_until(lambda: len(mission) - 2 in bench.reached())
+
+
+def test_a_px4_as_delivered_misses_its_waypoints_on_a_climb(airborne: "Bench", items: "Items") -> None:
+    """Six such legs took a real one 62 s instead of 30: it was 104 m behind."""
+    assert seconds_over(airborne, climbing(items)) > 45.0
+
+
+def test_a_px4_that_takes_waypoints_at_other_altitudes_keeps_its_schedule_on_a_climb(
+    airborne: "Bench", items: "Items"
+) -> None:
+    """With 10 m a real one was never more than 2.6 m behind."""
+    airborne.autopilot.parameters["NAV_MC_ALT_RAD"] = 10.0
+    highest_m, mission, began_s = 0.0, climbing(items), airborne.autopilot.now_s
+    airborne.upload(*mission)
+    airborne.set_mode(MISSION)
+    while len(mission) - 2 not in airborne.reached():
+        airborne.fly(0.05)
+        leg = min(max(airborne.autopilot.runner.index, 1), 6)
+        highest_m = max(highest_m, airborne.autopilot.body.up_m - (20.0 + 6.9 * leg))
+    assert airborne.autopilot.now_s - began_s < 33.0
+    assert 1.5 < highest_m < 3.5  # it passes altitudes by some 2.5 m
+
+
+def test_a_mission_that_is_entered_too_low_begins_with_a_climb_on_the_spot(airborne: "Bench", items: "Items") -> None:
+    airborne.upload(items.waypoint(50.0, 0.0, 25.0, current=1.0), items.waypoint(100.0, 0.0, 25.0))
+    airborne.set_mode(MISSION)
+    airborne.fly_until(lambda: airborne.autopilot.body.north_m > 1.0)
+    assert airborne.autopilot.body.up_m > 24.0
+    airborne.set_mode(HOLD)
+    airborne.fly_until(lambda: airborne.autopilot.body.ground_speed_mps < 0.1)
+    airborne.set_mode(MISSION)
+    assert airborne.fly_until(lambda: airborne.autopilot.body.ground_speed_mps > 1.0) < 2.0  # high enough by now
+
+
+def test_left_on_the_ground_it_disarms_after_ten_seconds(bench: "Bench") -> None:
+    bench.command(400, 1.0)
+    bench.fly(9.8)
+    assert bench.autopilot.armed
+    bench.fly(0.4)
+    assert not bench.autopilot.armed
+    assert any(getattr(message, "text", "").startswith("Disarmed by auto preflight") for message in bench.sent)
 
 
 def test_a_waypoint_turns_the_nose_to_its_yaw_and_no_faster_than_the_limit(airborne: "Bench", items: "Items") -> None:
