@@ -25,10 +25,12 @@ if TYPE_CHECKING:
     from skyfolio.planner.methods import METHODS
     from skyfolio.planner.pinning import PinError, pinned
     from skyfolio.planner.pins import DroppedPin, Pins
+    from skyfolio.planner.plan_arrays import PlanArrays
     from skyfolio.planner.plans import Cause, Disruption, Iteration, Plan, PlanStatus, Summary
     from skyfolio.planner.previewing import preview
     from skyfolio.planner.problem import Past
     from skyfolio.planner.reassociation import reassociate
+    from skyfolio.planner.registries import register_channel, register_method, register_utility
     from skyfolio.planner.remainder import cause_of, remaining, rest_of_paths_m
     from skyfolio.planner.replanning import replan
     from skyfolio.planner.robustness.assess import assess
@@ -40,6 +42,7 @@ if TYPE_CHECKING:
     from skyfolio.planner.solve import converged, plan
     from skyfolio.planner.stopping import AnyOf, Deadline, MaxIterations, RelativeGain, StopToken
     from skyfolio.planner.unreachable import UnreachableEndError
+    from skyfolio.planner.unsuited import UnsuitedError
 
 __all__ = [
     "EXAMPLES",
@@ -65,6 +68,7 @@ __all__ = [
     "PinError",
     "Pins",
     "Plan",
+    "PlanArrays",
     "PlanStatus",
     "RelativeGain",
     "ReplanError",
@@ -76,6 +80,7 @@ __all__ = [
     "Trial",
     "Uav",
     "UnreachableEndError",
+    "UnsuitedError",
     "User",
     "Utility",
     "Violation",
@@ -91,6 +96,9 @@ __all__ = [
     "plan",
     "preview",
     "reassociate",
+    "register_channel",
+    "register_method",
+    "register_utility",
     "remaining",
     "replan",
     "require_possible",
@@ -130,6 +138,7 @@ _HOMES = {
         "DroppedPin",
         "Pins",
     ),
+    "plan_arrays": ("PlanArrays",),
     "plans": (
         "Cause",
         "Disruption",
@@ -141,6 +150,11 @@ _HOMES = {
     "previewing": ("preview",),
     "problem": ("Past",),
     "reassociation": ("reassociate",),
+    "registries": (
+        "register_channel",
+        "register_method",
+        "register_utility",
+    ),
     "remainder": (
         "cause_of",
         "remaining",
@@ -179,6 +193,7 @@ _HOMES = {
         "StopToken",
     ),
     "unreachable": ("UnreachableEndError",),
+    "unsuited": ("UnsuitedError",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 

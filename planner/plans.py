@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from enum import StrEnum
 from operator import not_
-from typing import Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import Field
 
 from skyfolio.planner.parts import left_out
 from skyfolio.planner.pins import DroppedPin, Pins
+from skyfolio.planner.plan_arrays import PlanArrays, Table
 from skyfolio.planner.scenario import Frozen, Scenario
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 class PlanStatus(StrEnum):
@@ -150,3 +154,19 @@ class Plan(Frozen):
     solve_ms: float | None = None
     energy_wh: dict[str, list[float]] = Field(default_factory=dict, exclude_if=not_)
     energy_margin_wh: dict[str, list[float]] = Field(default_factory=dict, exclude_if=not_)
+
+    def to_arrays(self) -> PlanArrays:
+        """Return paths, association, bandwidth and rates as NumPy arrays, by index instead of id."""
+        from skyfolio.planner.as_arrays import arrays_of  # noqa: PLC0415 - it knows plans
+
+        return arrays_of(self)
+
+    def to_frame(self, table: Table = "users") -> pd.DataFrame:
+        """Return a pandas table: a row for each slot and user, or with "uavs" for each slot and UAV.
+
+        Columns of both: slot, begins_s (both since the operation began). Of users: user_id, uav_id (empty for none),
+        bandwidth_hz, rate_bps. Of UAVs: uav_id, east_m, north_m, altitude_m. Raises ImportError without pandas.
+        """
+        from skyfolio.planner.as_arrays import frame_of  # noqa: PLC0415
+
+        return frame_of(self, table)

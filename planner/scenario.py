@@ -9,16 +9,17 @@ Where a field ends in `_m`, its twin in `_deg` may be given instead, in degrees:
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 from math import dist, nan
 from operator import not_
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 
 from skyfolio.planner.altitudes import Altitude, limits_of, require_altitudes
+from skyfolio.planner.as_geojson import raw_scenario
 from skyfolio.planner.channels.kinds import AnyChannel
 from skyfolio.planner.channels.radio import Fading, RadioChannel
 from skyfolio.planner.channels.rician import Channel
@@ -46,6 +47,7 @@ from skyfolio.planner.parts import (
 from skyfolio.planner.places import Twin, require_agreement, require_closed_off, with_metres
 from skyfolio.planner.terrain import Terrain
 from skyfolio.planner.users import User, require_tracks
+from skyfolio.planner.utilities import UtilityName
 
 __all__ = [
     "Altitude",
@@ -85,7 +87,7 @@ class Utility(Frozen):
     would make every slot that is better than it worthless.
     """
 
-    kind: Literal["sum", "per_user", "pooled"] = "sum"
+    kind: UtilityName = "sum"
     mu_per_kbps: Annotated[float, Field(strict=True, allow_inf_nan=False, le=0, ge=-1e6)] = 0.0
     exclude_fixed_slots: bool = False
 
@@ -284,6 +286,15 @@ class Scenario(Frozen):
     def user_ids(self) -> tuple[str, ...]:
         """Ids in planning order: the user axis of every array."""
         return tuple(user.id for user in self.users)
+
+    @classmethod
+    def from_geojson(cls, document: Mapping[str, Any] | str, **settings: Any) -> Self:
+        """Return the scenario that a GeoJSON document, parsed or as text, describes (`as_geojson.py`).
+
+        settings: fields of the scenario that are no place, such as `slots`; they count more than the document's.
+        Raises ValueError that names the feature, and pydantic's error of fields.
+        """
+        return cls.model_validate(raw_scenario(document, settings))
 
     def with_changes(self, **changes: Any) -> Self:
         """Return a validated copy with some fields replaced; a new value may be a document, as in JSON."""

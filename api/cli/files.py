@@ -42,8 +42,10 @@ def read_as(model: type[Model], file: Path) -> Model:
     """Return the JSON file as this model. Raises UsageError that names the file and each broken rule, one on a line."""
     from pydantic import ValidationError  # noqa: PLC0415 - loaded only where a model is read
 
+    from skyfolio.api.common.plugins import load_plugins  # noqa: PLC0415
     from skyfolio.api.common.validation import broken_rules  # noqa: PLC0415
 
+    load_plugins()
     try:
         return model.model_validate_json(read(file))
     except ValidationError as error:

@@ -86,6 +86,7 @@ class FlightRequests(Transport):
 
     def command(
         self,
+        /,
         operation_id: str,
         verb: Literal["start", "pause", "resume", "abort", "readmit", "retire", "extend"],
         *,
@@ -123,7 +124,7 @@ class FlightRequests(Transport):
         return int(self.call("POST", f"/v1/operations/{operation_id}/measurements", json=body).json()["new"])
 
     def drill(
-        self, operation_id: str, uav_id: str, *, fault: str = "kill", at_slot: int | None = None, **options: Any
+        self, /, operation_id: str, uav_id: str, *, fault: str = "kill", at_slot: int | None = None, **options: Any
     ) -> DrillView:
         """Let a fault strike a simulated vehicle."""
         body = {

@@ -118,7 +118,7 @@ class PlanRequests(Transport):
         path, body = f"/v1/plans/{plan_id}/robustness", (trial or Trial()).model_dump(mode="json")
         return Robustness.model_validate_json(self.call("POST", path, json=body, params=params).content)
 
-    def import_files(self, files: Mapping[str, bytes], *, base: Scenario | None = None, **settings: Any) -> Scenario:
+    def import_files(self, /, files: Mapping[str, bytes], *, base: Scenario | None = None, **settings: Any) -> Scenario:
         """Return the scenario that files describe, by name; base: what the rest is taken from; settings: slots..."""
         sent = [{"name": name, "content_base64": b64encode(content).decode()} for name, content in files.items()]
         body = {"files": sent, "base": base and base.model_dump(mode="json"), "settings": settings}

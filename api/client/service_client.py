@@ -15,10 +15,11 @@ from collections.abc import Iterator
 
 import httpx2
 
+from skyfolio.api.client.event_lines import EventLines
 from skyfolio.api.client.flight_requests import FlightRequests
 from skyfolio.api.client.plan_requests import PlanRequests
 from skyfolio.api.client.transport import raise_for
-from skyfolio.api.store.event_log import PROVISIONAL, Event
+from skyfolio.api.store.event_log import Event
 
 
 class Client(PlanRequests, FlightRequests):
@@ -30,16 +31,13 @@ class Client(PlanRequests, FlightRequests):
         While the service cannot store events they arrive late here, each with its number (`provisional` is left
         out).
         """
-        headers = {**self._headers, "Last-Event-ID": str(last_id)}
+        headers = {**self.headers, "Last-Event-ID": str(last_id)}
         with self._http.stream(
             "GET", "/v1/events", headers=headers, params={"follow": follow}, timeout=httpx2.Timeout(70.0)
         ) as stream:
             if stream.status_code >= 400:
                 stream.read()
                 raise_for(stream, "GET", "/v1/events")
-            kind = ""
+            lines = EventLines()
             for line in stream.iter_lines():
-                if line.startswith("event: "):
-                    kind = line.removeprefix("event: ")
-                elif line.startswith("data: ") and kind != PROVISIONAL:
-                    yield Event.model_validate_json(line.removeprefix("data: "))
+                yield from lines.take(line)

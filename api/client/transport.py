@@ -42,7 +42,7 @@ class Transport:
         http: httpx2.Client | None = None,
     ) -> None:
         self._http = http or httpx2.Client(base_url=base_url, timeout=timeout_s)
-        self._headers = {"Authorization": f"Bearer {key}"} if key else {}
+        self.headers = {"Authorization": f"Bearer {key}"} if key else {}
 
     def __enter__(self) -> Self:
         return self
@@ -58,7 +58,7 @@ class Transport:
 
     def call(self, method: str, path: str, *, key: str | None = None, **options: Any) -> httpx2.Response:
         """Send a request and return the answer; `key` makes it safe to send again. Raises ApiError."""
-        headers = {**self._headers, **options.pop("headers", {})}
+        headers = {**self.headers, **options.pop("headers", {})}
         if key is not None:
             headers["Idempotency-Key"] = key
         answer = self._http.request(method, path, headers=headers, **options)

@@ -112,7 +112,10 @@ def load_all(say: Callable[[str], None] | None = None) -> int:
 
     One process compiles at a time: two could store different signatures of a kernel under one name.
     """
+    from skyfolio.api.common.plugins import load_plugins  # noqa: PLC0415 - looks through what is installed
     from skyfolio.planner.rehearsal import rehearse  # noqa: PLC0415 - loads numba
+
+    load_plugins()  # where kernels are wanted, something is planned
 
     progress = _Progress(say or (lambda _: None))
     with compiling(progress.note), _alone():

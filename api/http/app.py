@@ -9,6 +9,7 @@ from fastapi import FastAPI
 
 from skyfolio import __version__
 from skyfolio.api.common.fleet_clock import FleetClock
+from skyfolio.api.common.plugins import load_plugins
 from skyfolio.api.common.settings import Settings
 from skyfolio.api.http import docs_page as reference
 from skyfolio.api.http import problems
@@ -62,6 +63,7 @@ def create_app(
     clock: the fleet's time, when it is not the wall's times `settings.time_scale`: a simulated fleet's own.
     """
     settings = settings or Settings()
+    load_plugins()
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any
 
-from pydantic import GetCoreSchemaHandler, ValidationError
+from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler, ValidationError
+from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 from pydantic_core.core_schema import ValidatorFunctionWrapHandler
 
@@ -49,13 +50,17 @@ class _AnyKind:
     @classmethod
     def __get_pydantic_core_schema__(cls, _: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         kinds = core_schema.union_schema([handler.generate_schema(kind) for kind in KINDS.values()])
+
+        def described(_: Any, describe: GetJsonSchemaHandler) -> JsonSchemaValue:
+            return describe(core_schema.union_schema([kind.__pydantic_core_schema__ for kind in KINDS.values()]))
+
         return core_schema.no_info_wrap_validator_function(
             _validated,
             kinds,
             serialization=core_schema.wrap_serializer_function_ser_schema(
                 lambda channel, write: write(channel), schema=core_schema.any_schema()
             ),
-            metadata={"pydantic_js_functions": [lambda _, described: described(kinds)]},
+            metadata={"pydantic_js_functions": [described]},
         )
 
 

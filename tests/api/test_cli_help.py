@@ -168,11 +168,11 @@ def test_a_service_of_an_own_scenario_says_where_it_is_and_flies_drills_of_it(tm
     from skyfolio.planner import EXAMPLES as SCENARIOS  # noqa: PLC0415
 
     file, port = tmp_path / "own.json", free_port(socket.SOCK_STREAM)
-    own = SCENARIOS["minimal"]().with_changes(slots=30, altitude_m=8.0)
+    own = SCENARIOS["minimal"]().with_changes(slots=100, altitude_m=8.0)
     file.write_text(own.model_dump_json())
     command = [sys.executable, "-m", "skyfolio", "serve", "--simulate", str(file), "--port", str(port)]
-    command += ["--database-url", "temporary", "--time-scale", "5"]
-    asked = {**os.environ, "SKYFOLIO_SERVICE": f"http://127.0.0.1:{port}"}
+    command += ["--database-url", "temporary", "--time-scale", "3"]
+    asked = {**os.environ, "COLUMNS": "200", "SKYFOLIO_SERVICE": f"http://127.0.0.1:{port}"}
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as service:
         assert service.stderr is not None
         try:
@@ -191,7 +191,7 @@ def test_a_service_of_an_own_scenario_says_where_it_is_and_flies_drills_of_it(tm
             assert operation is not None
             said = ask("drill", operation[0], "uav-2")
             assert "kill of uav-2 is " in said
-            until = 200
+            until = 60
             while "uav-2" not in (seen := ask("status")) or "heartbeat lost at" not in seen:
                 until -= 1
                 assert until, seen
