@@ -10,7 +10,7 @@ from pydantic import Field
 
 from skyfolio.planner.parts import left_out
 from skyfolio.planner.pins import DroppedPin, Pins
-from skyfolio.planner.plan_arrays import PlanArrays, Table
+from skyfolio.planner.plan_arrays import PlanArrays, Table, arrays_of, frame_of
 from skyfolio.planner.scenario import Frozen, Scenario
 
 if TYPE_CHECKING:
@@ -157,8 +157,6 @@ class Plan(Frozen):
 
     def to_arrays(self) -> PlanArrays:
         """Return paths, association, bandwidth and rates as NumPy arrays, by index instead of id."""
-        from skyfolio.planner.as_arrays import arrays_of  # noqa: PLC0415 - it knows plans
-
         return arrays_of(self)
 
     def to_frame(self, table: Table = "users") -> pd.DataFrame:
@@ -167,6 +165,4 @@ class Plan(Frozen):
         Columns of both: slot, begins_s (both since the operation began). Of users: user_id, uav_id (empty for none),
         bandwidth_hz, rate_bps. Of UAVs: uav_id, east_m, north_m, altitude_m. Raises ImportError without pandas.
         """
-        from skyfolio.planner.as_arrays import frame_of  # noqa: PLC0415
-
         return frame_of(self, table)
