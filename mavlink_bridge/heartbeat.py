@@ -20,15 +20,13 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from math import isfinite
 
+from skyfolio.mavlink_bridge.boot_clock import has_restarted
+
 AUTOPILOT = 1
 """MAV_COMP_ID_AUTOPILOT1."""
 
-_LATE_MS = 2000
-"""A message may be this late, or a restarted autopilot this early, before its clock proves anything."""
 _LISTENED = 0.1
 """The share of lost_after_s for which the process must have listened before a silence is one."""
-_BOOT_WRAP_MS = 2**31
-"""`time_boot_ms` is a uint32: a larger step back is the counter wrapping after 49 days, not a reboot."""
 
 
 class LinkState(StrEnum):
@@ -189,15 +187,14 @@ class HeartbeatMonitor:
         vehicle.state = after
 
     def _check_boot(self, vehicle: _Watched, boot_ms: int) -> None:
-        """Count a restart if its clock ran backwards and it started after it was last heard.
+        """Count a restart.
 
-        So neither a datagram that comes late nor a clock that was set back looks like a reboot. The same value again
-        proves nothing: HEARTBEATs carry none, and a vehicle that has restarted sends them long before its first
-        position.
+        The same value again proves nothing: HEARTBEATs carry none, and a vehicle that has restarted sends them long
+        before its first position.
         """
         if boot_ms == vehicle.boot_ms:
             return
         last, heard_s = vehicle.boot_ms, vehicle.now_s - vehicle.boot_at_s
         vehicle.boot_ms, vehicle.boot_at_s = boot_ms, vehicle.now_s
-        if last is not None and _LATE_MS < last - boot_ms < _BOOT_WRAP_MS and boot_ms <= heard_s * 1000 + _LATE_MS:
+        if last is not None and has_restarted(last, boot_ms, heard_s):
             vehicle.reboots += 1

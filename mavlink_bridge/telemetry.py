@@ -9,6 +9,7 @@ from math import isfinite
 from typing import Any, TypeAlias
 
 from skyfolio.mavlink_bridge.autopilots import Autopilot, FlightMode
+from skyfolio.mavlink_bridge.boot_clock import has_restarted
 from skyfolio.mavlink_bridge.e7 import from_e7
 from skyfolio.mavlink_bridge.power_log import PowerLog, power_w_of
 from skyfolio.mavlink_bridge.profile import AutopilotProfile
@@ -123,8 +124,12 @@ class TelemetryState:
         """Latitude and longitude of the home it has reported; None for a home that is not set."""
         self.home_amsl_m: float | None = None
         """Metres above mean sea level of that home."""
+        self.restarts = 0
+        """How often what it had reported was forgotten, because it was switched off or has restarted."""
         self._position: Mapping[str, Any] | None = None
-        self._position_at_s = 0.0
+        self._position_at_s = self._battery_at_s = self._gps_at_s = self._home_at_s = 0.0
+        self._stands_where_it_was = True
+        """Whether it has not been switched off since its position was reported."""
         self._speaker = Speaker()
         self._heard = False
         self._snapshot: Telemetry | None = None
@@ -169,6 +174,23 @@ class TelemetryState:
         self._folds[name](fields, heard_s)
         self._snapshot = None
 
+    def forget_before(self, since_s: float) -> None:
+        """Forget what it reported before this fleet second, when it was not switched on yet, or may not have been.
+
+        Somebody may have carried it elsewhere, and have given it another battery. A height is kept: it is on the
+        ground.
+        """
+        self.restarts += 1
+        self._snapshot = None
+        if self._home_at_s < since_s:
+            self.home_deg = self.home_amsl_m = None
+        if self._battery_at_s < since_s:
+            self.battery, self.battery_told = None, False
+        if self._gps_at_s < since_s:
+            self.gps_fix = self.satellites = None
+        if self._position_at_s < since_s:
+            self._stands_where_it_was = False
+
     def snapshot(self) -> Telemetry | None:
         """Return everything at once, the same object until a message comes.
 
@@ -204,8 +226,10 @@ class TelemetryState:
 
     @property
     def place_deg(self) -> Place | None:
-        """Return its position; None before it was reported, and while its receiver has no 3D fix."""
-        if self._position is None or (self.gps_fix is not None and self.gps_fix < FIX_3D):
+        """Return its position; None before it was reported in this start, and while its receiver has no 3D fix."""
+        if self._position is None or not self._stands_where_it_was:
+            return None
+        if self.gps_fix is not None and self.gps_fix < FIX_3D:
             return None
         return place_of(self._position["lat"], self._position["lon"])
 
@@ -222,8 +246,11 @@ class TelemetryState:
             self.power.arm()
 
     def _global_position(self, fields: Mapping[str, Any], heard_s: float) -> None:
-        self._position, self._position_at_s = fields, heard_s
-        self.boot_ms = int(fields["time_boot_ms"])
+        boot_ms, before_ms, after_s = int(fields["time_boot_ms"]), self.boot_ms, heard_s - self._position_at_s
+        self._position, self._position_at_s, self.boot_ms = fields, heard_s, boot_ms
+        self._stands_where_it_was = True
+        if before_ms is not None and has_restarted(before_ms, boot_ms, after_s):
+            self.forget_before(heard_s - boot_ms / 1000)
 
     def _mission_current(self, fields: Mapping[str, Any], heard_s: float) -> None:
         del heard_s
@@ -245,12 +272,13 @@ class TelemetryState:
     def _sys_status(self, fields: Mapping[str, Any], heard_s: float) -> None:
         remaining = int(fields["battery_remaining"])
         self.battery, self.battery_told = None if remaining < 0 else remaining / 100, True
+        self._battery_at_s = heard_s
         self.power.add(power_w_of(fields), heard_s, armed=self.armed)
         if self._position is not None and self.landed_state is LandedState.IN_AIR:
             self.power.sample(self._position, self._position_at_s, heard_s)
 
     def _gps(self, fields: Mapping[str, Any], heard_s: float) -> None:
-        del heard_s
+        self._gps_at_s = heard_s
         satellites = int(fields["satellites_visible"])
         self.gps_fix, self.satellites = (
             int(fields["fix_type"]),
@@ -258,7 +286,7 @@ class TelemetryState:
         )
 
     def _home(self, fields: Mapping[str, Any], heard_s: float) -> None:
-        del heard_s
+        self._home_at_s = heard_s
         self.home_deg = place_of(fields["latitude"], fields["longitude"])
         altitude_mm = fields.get("altitude")
         self.home_amsl_m = None if self.home_deg is None or altitude_mm is None else int(altitude_mm) / 1000

@@ -46,6 +46,8 @@ ANSWER_S = 1.0
 """Wall seconds without any message before a vehicle whose link was declared lost is given up."""
 DEAD_S = 2.5
 """Fleet seconds without any message, two heartbeats missed, after which the link was dead and not slow."""
+OFF_S = 5.0
+"""Fleet seconds without any message after which a vehicle on the ground may have been switched off meanwhile."""
 _REQUEST = 512
 _NEVER = frozenset({CommandAnswer.DENIED, CommandAnswer.UNSUPPORTED})
 """Answers to MAV_CMD_REQUEST_MESSAGE that will be the same next time."""
@@ -132,6 +134,7 @@ class Vehicle:
         """When the last message was received, fleet seconds."""
         self._commands = OpenCommands(self._send_all, self.round_trip, loop)
         self._not_on_request: set[int] = set()
+        self._restarts = 0
         port.listen(system_id, (*MESSAGES, *_ANSWERS, *_NEWS, ACK), self._take_in)
 
     @property
@@ -254,9 +257,11 @@ class Vehicle:
 
     def _take_in(self, name: str, fields: dict[str, Any], heard_s: float) -> None:
         now_s = self._loop.time()
-        if heard_s - self._heard_s > DEAD_S:
+        silent_s, self._heard_s = heard_s - self._heard_s, heard_s
+        if silent_s > DEAD_S:
             self._commands.heard_again(now_s)
-        self._heard_s = heard_s
+        if silent_s >= OFF_S and not self.state.armed:
+            self.state.forget_before(heard_s)
         self._commands.alive(now_s)
         if name == ACK:
             self._commands.take_answer(fields, now_s)
@@ -269,10 +274,22 @@ class Vehicle:
             self.texts.hear(fields, now_s)
         else:
             self.state.fold(name, fields, heard_s)
+        if self.state.restarts != self._restarts:
+            self._restarts = self.state.restarts
+            self._learn_anew()
         self.heard = self.heard or self.state.heard
         self._on_message(self, name, fields, heard_s)
         changed, self._changed = self._changed, asyncio.Event()
         changed.set()
+
+    def _learn_anew(self) -> None:
+        """Forget what it has refused, and the speed that was ordered: all of that ends with a restart.
+
+        The missions on board stay there, but nothing proves it.
+        """
+        self.unsupported.clear()
+        self._not_on_request.clear()
+        self.flies_our_speed, self.on_board = False, None
 
 
 def _numbered(params: Sequence[float | None]) -> dict[str, float | None]:

@@ -17,7 +17,8 @@ ASK_EVERY_S = 0.5
 """Wall seconds between looks for vehicles that have not been asked for their telemetry yet."""
 _FORGETS_STREAMS = frozenset({Condition.REBOOTED, Condition.DISARMED})
 """A restarted ArduCopter sends no telemetry until it is asked again. A vehicle that was not heard for a while is asked
-anew, too: it may have been switched off, and nothing but its positions shows that."""
+anew, too, and on the ground after a short while already: it may have been switched off or have restarted, and nothing
+but its positions shows that."""
 
 
 class FleetNews:
@@ -110,17 +111,21 @@ class FleetNews:
         async for change in link.changes():
             uav_id = self._uav_of(change.system_id)
             if uav_id is not None:
-                self._take_in(uav_id, change)
+                telemetry = link.telemetry(change.system_id)
+                self._take_in(uav_id, change, stands=telemetry is None or not telemetry.armed)
 
-    def _take_in(self, uav_id: str, change: VehicleChange) -> None:
-        """Remember the new condition of one vehicle, and report what changed: each fact in one event."""
+    def _take_in(self, uav_id: str, change: VehicleChange, *, stands: bool) -> None:
+        """Remember the new condition of one vehicle, and report what changed: each fact in one event.
+
+        stands: whether it is not known to be armed.
+        """
         condition = change.condition
         if condition is not None:
             self.changes[change.system_id] = condition
             if condition.after in _FORGETS_STREAMS:
                 self._asked.discard(change.system_id)
         for step in change.link:
-            if step.after is LinkState.LOST:
+            if step.after is LinkState.LOST or (step.after is LinkState.LIVE and stands):
                 self._asked.discard(change.system_id)
             for queue in self._followers:
                 queue.put_nowait(step)

@@ -65,6 +65,11 @@ class Loss:
         return self.kind in {"crashed", "landed", "disarmed_in_air"}
 
     @property
+    def comes_down(self) -> bool:
+        """Return whether the UAV was seen to leave its plan under power, and so to land where it was sent or flown."""
+        return self.kind in {"battery", "ordered", "in_failsafe", "human_took_over", "landed"}
+
+    @property
     def may_return(self) -> bool:
         """Return whether the UAV may be readmitted when it is heard again.
 

@@ -307,6 +307,8 @@ class Roster:
             return loss
         if known is not None and known.kind == "crashed":
             return known  # it is on the ground, and says nothing new
+        if uav in self.retired or (known is not None and known.comes_down):
+            return loss  # disarmed, a PX4 shows again the mode that was chosen before it came down
         telemetry = self._fleet.link.telemetry(system)
         if telemetry is None or self._now_s() >= self._last_slot_s(uav):
             return loss

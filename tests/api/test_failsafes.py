@@ -88,6 +88,14 @@ def test_a_battery_failsafe_in_flight_is_told_with_its_words_and_numbers_and_lef
 
 
 @BOTH
+def test_a_uav_that_its_failsafe_brought_home_has_landed_there_and_not_crashed(autopilot: Autopilot) -> None:
+    with flying(autopilot) as (flown, operation_id):
+        flown.inject(sim.LowBattery(3, 0.06))
+        end = flown.ended(operation_id)
+        assert (end.lost, end.uavs["uav-3"].end) == (["uav-3"], "returned")
+
+
+@BOTH
 def test_a_uav_that_hears_us_no_more_and_saves_itself_is_seen_and_left_alone(autopilot: Autopilot) -> None:
     with flying(autopilot) as (flown, operation_id):
         flown.inject(sim.Impair(3, up=sim.Impairments(cut=True)))

@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import AsyncIterator, Iterable
+from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
@@ -22,6 +23,7 @@ class Link:
         self.tell: Any = None
         self.asked: list[int] = []
         self.here = True
+        self.armed = True
         self.changed: asyncio.Queue[VehicleChange] = asyncio.Queue()
 
     heard_systems = frozenset({1})
@@ -29,6 +31,9 @@ class Link:
 
     def is_heard(self, system_id: int) -> bool:
         return self.here and system_id == 1
+
+    def telemetry(self, _system_id: int) -> Any:
+        return SimpleNamespace(armed=self.armed)
 
     async def ask_for_streams(self, system_ids: Iterable[int]) -> None:
         self.asked += system_ids
@@ -68,6 +73,11 @@ async def test_a_vehicle_that_was_lost_is_asked_for_its_telemetry_anew_when_it_i
     assert await look() == []  # no vehicle is there to be asked
     link.become(LinkState.STALE)
     assert await look() == [1]
+    link.become(LinkState.LIVE)
+    assert await look() == []
+    link.armed = False
+    link.become(LinkState.LIVE)
+    assert await look() == [1], "one on the ground may have restarted in a silence that was too short for a loss"
     for task in tasks:
         task.cancel()
     await asyncio.gather(*tasks, return_exceptions=True)

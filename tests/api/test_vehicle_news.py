@@ -42,6 +42,9 @@ class Link:
     async def ask_for_streams(self, _systems: object) -> None:
         pass
 
+    def telemetry(self, _system_id: int) -> None:
+        """Nothing is known of any vehicle."""
+
 
 def link_step(before: LinkState, after: LinkState, silent_for_s: float = 5.25) -> LinkEvent:
     return LinkEvent(system_id=3, before=before, after=after, silent_for_s=silent_for_s, at_s=70.0)

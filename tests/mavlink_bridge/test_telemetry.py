@@ -145,3 +145,40 @@ def test_a_snapshot_is_made_once_for_each_message() -> None:
     assert after is not before
     assert after is not None
     assert after.mission_current == 3
+
+
+def told_everything() -> TelemetryState:
+    """A vehicle on the ground that has told everything by second 10."""
+    state = TelemetryState(1)
+    state.fold("HEARTBEAT", {**HEARTBEAT, "base_mode": 29}, 9.0)
+    state.fold("GLOBAL_POSITION_INT", {**POSITION, "relative_alt": 0, "time_boot_ms": 500_000}, 10.0)
+    state.fold("GPS_RAW_INT", {"fix_type": 3, "satellites_visible": 12}, 10.0)
+    state.fold("SYS_STATUS", {"battery_remaining": 40}, 10.0)
+    state.fold("HOME_POSITION", {"latitude": 473977420, "longitude": 85455940, "altitude": 488_000}, 10.0)
+    return state
+
+
+def test_what_was_told_before_a_restart_counts_no_more() -> None:
+    state = told_everything()
+    state.fold("SYS_STATUS", {"battery_remaining": 100}, 38.0)
+    state.fold("GPS_RAW_INT", {"fix_type": 3, "satellites_visible": 9}, 38.0)
+    state.fold("GLOBAL_POSITION_INT", {**POSITION, "relative_alt": 0, "time_boot_ms": 5_000}, 40.0)
+    assert (state.home_deg, state.home_amsl_m) == (None, None)
+    assert (state.battery, state.gps_fix, state.satellites) == (1.0, 3, 9)
+    assert state.place_deg is not None
+    assert state.restarts == 1
+    state.fold("HOME_POSITION", {"latitude": 473977421, "longitude": 85455940, "altitude": 488_000}, 41.0)
+    state.fold("GLOBAL_POSITION_INT", {**POSITION, "relative_alt": 0, "time_boot_ms": 6_000}, 41.0)
+    assert state.home_deg is not None
+
+
+def test_a_vehicle_that_may_have_been_switched_off_has_to_tell_everything_again() -> None:
+    state = told_everything()
+    state.forget_before(30.0)
+    assert (state.place_deg, state.home_deg, state.gps_fix, state.battery, state.battery_told) == (
+        *(None, None, None, None),
+        False,
+    )
+    now = state.snapshot()
+    assert now is not None
+    assert (now.place_deg, now.relative_alt_m) == (None, 0.0)
