@@ -307,6 +307,32 @@ class Autopilot:
             self.ground.disarm_when_idle()
         self.failsafes.check(now_s, self.protocol_clock())
 
+    @property
+    def rests(self) -> bool:
+        """Whether nothing can move: it stands on the ground, whole, disarmed, and started long ago."""
+        dynamics = self.dynamics
+        return (
+            not self.armed
+            and self.boot_plan.is_over
+            and dynamics.body.on_ground
+            and dynamics.powered
+            and dynamics.satellites
+            and not dynamics.crashed
+        )
+
+    def rest(self, now_s: float, for_s: float) -> None:
+        """Let `for_s` seconds pass, until fleet time `now_s`, for a vehicle that `rests`."""
+        self.clock.now_s = now_s
+        self.dynamics.stand(now_s, for_s)
+        self.failsafes.check(now_s, self.protocol_clock())
+
+    @property
+    def next_due_s(self) -> float:
+        """When it has something to send next, unless something happens to it before; fleet seconds."""
+        if self._outbox or self.missions.busy:
+            return self.clock.now_s
+        return min(self.telemetry.next_s, self.chatter.next_s)
+
     def _item_reached(self, seq: int) -> None:
         self.runner.reached = seq
         self.telemetry.item_reached(seq)

@@ -109,6 +109,11 @@ class Boot:
             self._is_ready = self.age_s >= self._plan.ready_s
         return self._is_ready
 
+    @property
+    def is_over(self) -> bool:
+        """Whether the start is over, and nothing of it is still to be sent."""
+        return self._is_over
+
     def step(self) -> None:
         """Send what is due by now."""
         if self._is_over:

@@ -35,6 +35,11 @@ class Chatter:
         """Forget the orders that wait, as a reboot does."""
         self._queue.clear()
 
+    @property
+    def next_s(self) -> float:
+        """When the next order is due, fleet seconds; infinite if none waits."""
+        return self._queue[0][0] if self._queue else math.inf
+
     def speed_changed(self, speed_mps: float) -> None:
         """Send a speed change of the mission, m/s."""
         self._order((dialect.MAV_CMD_DO_CHANGE_SPEED, (1.0, speed_mps, -1.0, 0.0, 0.0, 0.0, 0.0)))

@@ -72,6 +72,11 @@ class Dynamics:
         self._meet_ground(was_on_ground=was_on_ground)
         self._drain(dt_s)
 
+    def stand(self, now_s: float, for_s: float) -> None:
+        """Let `for_s` seconds pass, until fleet time `now_s`, for a vehicle that stands disarmed: nothing moves."""
+        self._host.air.step(now_s, for_s, satellites=self.satellites)
+        self._drain(for_s)
+
     def cut_power(self) -> None:
         """Stop the motors, and disarm."""
         self.powered = self._host.armed = False

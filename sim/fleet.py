@@ -245,7 +245,9 @@ class Fleet:
         knobs = describe(fault)
         del knobs["system_id"]
         self._log(fault.system_id, "fault", {"fault": knobs.pop("kind"), **knobs})
-        fault.strike(self.vehicles[fault.system_id])
+        vehicle = self.vehicles[fault.system_id]
+        vehicle.wake()
+        fault.strike(vehicle)
 
     def _judge_slots(self, before_s: float, after_s: float) -> None:
         grid = self.slots

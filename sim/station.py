@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 from skyfolio.sim.autopilot import Autopilot
 from skyfolio.sim.base_station import BaseStation
-from skyfolio.sim.kinematics import Limits
+from skyfolio.sim.kinematics import Body, Limits
 from skyfolio.sim.land import Hills
 from skyfolio.sim.link import Address, Link, Radio
 from skyfolio.sim.missions import Mission
@@ -19,6 +19,8 @@ from skyfolio.sim.wire import Encoder, Message
 MAX_DATAGRAM_BYTES = 1200
 UNREAD = 256
 """How many messages wait for an autopilot that hangs; older ones are lost."""
+REST_S = 0.5
+"""The longest time for which a vehicle that stands on the ground is left alone."""
 REBOOT_S = 3.0
 """How long an autopilot sends nothing when it reboots."""
 
@@ -86,13 +88,17 @@ class Vehicle:
         self._muted_until_s = self._frozen_until_s = self._booting_until_s = -math.inf
         self._later: list[tuple[float, Callable[[], None]]] = []
         self._frozen_since: tuple[float, float] | None = None
+        self._stepped_s, self._rests_until_s = now_s, -math.inf
+        self._where: tuple[Body, tuple[float, float, float]] | None = None
         self._unread: deque[tuple[Any, Address]] = deque(maxlen=UNREAD)
 
     @property
     def position(self) -> tuple[float, float, float]:
         """True latitude and longitude (degrees) and altitude above home (metres)."""
         body = self.autopilot.body
-        return (*self.autopilot.frame.to_geodetic(body.east_m, body.north_m), body.up_m)
+        if self._where is None or self._where[0] is not body:
+            self._where = body, (*self.autopilot.frame.to_geodetic(body.east_m, body.north_m), body.up_m)
+        return self._where[1]
 
     @property
     def mode(self) -> Mode:
@@ -140,22 +146,57 @@ class Vehicle:
         """Fly for `dt_s` seconds, to arrive at fleet time `now_s`, and send what is due."""
         self._now_s = now_s
         if self._later:
-            self._do_what_is_due(now_s)
+            self._do_what_is_due(now_s, dt_s)
         if self.is_off:
+            self._stepped_s = now_s
             return
-        if self.running or self._killed:
-            self.autopilot.step(now_s, dt_s)
-        else:
-            self.autopilot.coast(now_s, dt_s)
+        if now_s < self._rests_until_s - 1e-9 and self._rests:
+            if self.link is not None:
+                self.link.pump()
+            return
+        self._move(now_s, dt_s)
         if self.autopilot.component_failures.take_reboot_request():
             self.flush()
             self.reboot(REBOOT_S)
         self.flush()
+        self._rests_until_s = min(self.autopilot.next_due_s, now_s + REST_S)
 
-    def _do_what_is_due(self, now_s: float) -> None:
-        for due_s, action in [entry for entry in self._later if entry[0] <= now_s + 1e-9]:
-            self._later.remove((due_s, action))
-            action()
+    @property
+    def _rests(self) -> bool:
+        """Whether it may be left alone for a while: it stands on the ground, its autopilot runs, and nothing moves."""
+        return self.running and not self.is_off and self.autopilot.rests
+
+    def _move(self, now_s: float, dt_s: float) -> None:
+        """Catch up to fleet time `now_s`: the rest that it had, and a step of `dt_s` unless it rests still."""
+        if self._rests:
+            self._end_rest(now_s)
+            return
+        self._end_rest(now_s - dt_s)
+        if self.running or self._killed:
+            self.autopilot.step(now_s, dt_s)
+        else:
+            self.autopilot.coast(now_s, dt_s)
+        self._stepped_s = now_s
+
+    def _end_rest(self, now_s: float) -> None:
+        """Let the time pass that it has rested until fleet time `now_s`."""
+        self._rests_until_s = -math.inf
+        if self._stepped_s < now_s - 1e-9:
+            self.autopilot.rest(now_s, now_s - self._stepped_s)
+            self._stepped_s = now_s
+
+    def wake(self) -> None:
+        """End its rest, because something happens to it now."""
+        if self._rests:
+            self._end_rest(self._now_s)
+
+    def _do_what_is_due(self, now_s: float, dt_s: float) -> None:
+        due = [entry for entry in self._later if entry[0] <= now_s + 1e-9]
+        if due and self._rests:
+            self._end_rest(now_s - dt_s)
+        for entry in due:
+            self._later.remove(entry)
+            entry[1]()
 
     def flush(self) -> None:
         """Broadcast what the autopilot sends, and deliver what the link has delayed."""
@@ -173,6 +214,7 @@ class Vehicle:
             self._unread.append((message, sender))
         if not self.transmitting or self.link is None:
             return
+        self.wake()
         self._tap.message_received(self._now_s, self.system_id, message, sender)
         answers = self.autopilot.handle(message)
         for answer in answers:

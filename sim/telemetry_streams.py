@@ -61,6 +61,11 @@ class Telemetry:
         self._reached: int | None = None
         self._repeats = 0
 
+    @property
+    def next_s(self) -> float:
+        """When the next stream is due, fleet seconds."""
+        return self._next_s
+
     def build(self, message_id: int) -> Message | None:
         """Return the message of an id as of now, or None if the vehicle does not have it."""
         if message_id == COMPONENT_METADATA and self._host.files:

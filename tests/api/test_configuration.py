@@ -124,6 +124,8 @@ def test_a_folder_that_takes_no_files_is_named(tmp_path: Path) -> None:
         ({"SKYFOLIO_HOST": "192.0.2.1"}, "host, port: 192.0.2.1:"),
         ({"SKYFOLIO_SIMULATE": "papr"}, "simulate: 'papr' must be one of"),
         ({"SKYFOLIO_SIMULATE_CHANNEL": "bias_db=x"}, "simulate_channel: bias_db must be a number, got 'x'"),
+        ({"SKYFOLIO_SIMULATE_PACKS": "count=3"}, "simulate_packs, simulate_fronts: packs: nobody changes them"),
+        ({"SKYFOLIO_SIMULATE_FRONTS": "at_s=5;at_s=x"}, "at_s must be a number, got 'x'"),
         ({"SKYFOLIO_ROOT_PATH": "sky"}, "root_path: "),
         ({"SKYFOLIO_TRUSTED_PROXIES": "nginx"}, "trusted_proxies: "),
         ({"SKYFOLIO_ALLOWED_HOSTS": "*"}, "allowed_hosts: "),

@@ -12,7 +12,7 @@ import pytest
 
 from skyfolio.api.lab.simulate import SimulateConfig, SimulateError, begin_slots, fleet_of, run_fleet
 from skyfolio.planner import EXAMPLES, Scenario, plan
-from skyfolio.sim import Impairments, Mission, MissionItem, Mode, Mute
+from skyfolio.sim import Impairments, Mission, MissionItem, Mode, Mute, field_from
 from tests.ports import free_port
 
 
@@ -33,6 +33,20 @@ def test_options_reach_the_fleet() -> None:
     fleet.step_to(3.1)
     assert not fleet.vehicles[2].transmitting
     assert fleet.truth.happened("fault", 2)[0].detail == {"fault": "mute", "for_s": Mute(2, for_s=4).for_s}
+
+
+def test_crew_packs_and_fronts_reach_the_fleet() -> None:
+    knobs = field_from(
+        crew=2, turnaround_s=60.0, packs="count=3", battery_minutes=9.0, fronts=["at_s=5,east_mps=3,ramp_s=0"]
+    )
+    for scenario in (None, EXAMPLES["minimal"]()):
+        fleet = fleet_of(SimulateConfig(vehicles=2, scenario=scenario, field_knobs=knobs))
+        assert fleet.crew is not None
+        assert fleet.crew.crew.members == 2
+        assert [len(pad.stored) for pad in fleet.crew.pads.values()] == [2] * len(fleet.vehicles)
+        assert fleet.vehicles[1].autopilot.parameters["BAT1_CAPACITY"] == pytest.approx(2500.0, rel=0.01)
+        fleet.step_to(10.0)
+        assert fleet.vehicles[1].autopilot.air.wind_mps == (3.0, 0.0)
 
 
 @pytest.mark.parametrize(
