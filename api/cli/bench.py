@@ -245,6 +245,25 @@ def radio(
 
 
 @bench.command()
+def channels(
+    file: Annotated[
+        Path, typer.Argument(help="CSV of measured links: away_m, height_m (of the UAV over the other end), gain_db.")
+    ],
+    carrier_hz: Annotated[float, typer.Option(min=1e8, max=1e11, help="Of the measurements.")] = 2e9,
+    out: Out = None,
+    as_json: Json = False,
+) -> None:
+    """Set every kind of channel beside measurements: by how much each is off once one offset is taken out."""
+    from skyfolio.api.lab.bench.measured import links_of, measured_figures, table  # noqa: PLC0415
+
+    try:
+        figures = measured_figures(links_of(read(file)), carrier_hz)
+    except ValueError as error:
+        raise UsageError(f"{file}: {error}") from error
+    _give(figures, [table(figures)], out, as_json=as_json)
+
+
+@bench.command()
 def allocations(
     seeds: Annotated[int, typer.Option(min=1, help="Of the fleet and of the shadowing; each takes some minutes.")] = 3,
     out: Out = None,

@@ -203,16 +203,9 @@ def arena_of(problem: Problem) -> Arena:
 def bend_of(problem: Problem) -> Bend:
     """Return the factors of the problem's channel in the kernels' layout."""
     if problem.bends is None:
-        none, nobody = np.zeros((0, 0, 0, 0)), np.zeros((0, 0), dtype=np.int64)
-        return Bend(
-            np.zeros((0, 0)),
-            np.zeros(0, dtype=np.int64),
-            *(np.zeros(0) for _ in range(3)),
-            none,
-            nobody,
-            np.zeros(2),
-            0.0,
-        )
+        none, nobody = np.zeros(0), np.zeros(0, dtype=np.int64)
+        square, maps = np.zeros((0, 0)), np.zeros((0, 0, 0, 0))
+        return Bend(square, nobody, none, none, none, maps, nobody.reshape(0, 0), np.zeros(2), 0.0)
     bends, excess = problem.bends, problem.excess
     like, like_height2 = bends.fitted
     frame = Frame(0.0, 0.0, 1.0) if excess is None else excess.frame

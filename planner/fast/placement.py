@@ -159,7 +159,7 @@ def grounds_of(arena: Arena) -> Grounds:
 def _by_map(arena: Arena, site_m: Array) -> Array:
     """Return what the maps of users say of each UAV at their sites, half-way through the plan: (U, K)."""
     bend = arena.bend
-    frame = Frame(*bend.west_south.tolist(), 1.0 / bend.per_cell)
+    frame = Frame(float(bend.west_south[0]), float(bend.west_south[1]), 1.0 / bend.per_cell)
     reads = bend.reads[len(bend.reads) // 2]
     factors: Array = np.exp(looked_up(bend.logs, frame, bend.row[:, None], reads[None], site_m.T[None]).value)
     return factors

@@ -30,7 +30,7 @@ USERS = SourceFile(name="users.csv", content=b"id,lat,lon\nanna,47.3985,8.547\nb
 RECEIVERS_M = np.array([(100.0, 200.0), (400.0, 50.0)])
 
 
-def rising(east_m: Array, north_m: Array, level_m: float) -> Array:
+def rising(east_m: Any, north_m: Any, level_m: float) -> Array:
     """Gains that are linear in the place, so that every interpolation finds them: dB."""
     gains: Array = -80.0 - 0.01 * east_m + 0.02 * north_m - 0.1 * level_m
     return gains
@@ -69,7 +69,7 @@ def tif(number: int = 0, spacing_deg: float = 0.0005, *, tags: dict[str, str] | 
     with MemoryFile() as memory:
         with memory.open(**profile, transform=from_origin(west, north, spacing_deg, spacing_deg)) as dataset:
             for band, level in enumerate((50.0, 100.0), start=1):
-                dataset.write(rising(*np.meshgrid(east_m, north_m), level), band)
+                dataset.write(rising(east_m[None, :], north_m[:, None], level), band)
             dataset.units = (unit, unit)
             dataset.update_tags(**own)
         return SourceFile(name=f"receiver-{number}.tif", content=memory.read(), is_map=True)
@@ -98,7 +98,7 @@ def test_a_numpy_file_is_read_and_cut_to_the_flying_area() -> None:
 def test_places_may_be_in_degrees() -> None:
     degrees = [east_north_to_geodetic(PAPER.origin, *place) for place in RECEIVERS_M]
     corner = east_north_to_geodetic(PAPER.origin, -100.0, -100.0)
-    changes = {"receivers_deg": np.array(degrees), "south_west_deg": np.array(corner)}
+    changes: dict[str, Any] = {"receivers_deg": np.array(degrees), "south_west_deg": np.array(corner)}
     channel = gain_map_of([npz(leave_out="receivers_m", **changes)], PAPER)
     assert np.array(channel.receivers_m) == pytest.approx(RECEIVERS_M, abs=0.01)
 
@@ -144,7 +144,7 @@ def test_a_map_that_does_not_cover_the_area_is_refused_by_its_name() -> None:
 
 def test_too_many_gains_are_refused_by_what_would_help() -> None:
     many = np.full((20, 2, 121, 121), -90.0)
-    changes = {"spacing_m": np.array(5.0), "receivers_m": np.zeros((20, 2)), "gains_db": many}
+    changes: dict[str, Any] = {"spacing_m": np.array(5.0), "receivers_m": np.zeros((20, 2)), "gains_db": many}
     with pytest.raises(FaultyFilesError, match=f"at most are {MAX_GAINS}: use fewer receivers"):
         gain_map_of([npz(**changes)], PAPER)
 

@@ -64,10 +64,9 @@ class ImportFile(BaseModel):
     def source(self) -> SourceFile:
         """Return the file for the import."""
         content = self.content_base64 if self.content is None else self.content.encode()
-        given = {"name": self.name, "content": content or b"", "encoding": self.encoding}
         if self.kind == "gain_map":
-            return SourceFile(**given, is_map=True)
-        return SourceFile(**given, kind=self.kind)
+            return SourceFile(name=self.name, content=content or b"", is_map=True)
+        return SourceFile(name=self.name, content=content or b"", kind=self.kind, encoding=self.encoding)
 
 
 class ImportRequest(BaseModel):
