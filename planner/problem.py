@@ -12,6 +12,7 @@ from skyfolio.planner.arrays import Array
 from skyfolio.planner.channel import expected_gains, fading_gains, squared_distances
 from skyfolio.planner.channels.bends import Bends, bends_of
 from skyfolio.planner.channels.excess import Excess
+from skyfolio.planner.corrections import are_of_uavs, uav_factors
 from skyfolio.planner.energy.air import Air
 from skyfolio.planner.scenario import NoFlyDisc, NoFlyPolygon, Scenario
 from skyfolio.planner.tracks import absences_of, demands_bps, tracks_of
@@ -293,15 +294,19 @@ def _draws(scenario: Scenario) -> Array:
 def _snr_gain(scenario: Scenario, first_slot: int, n_flying: NDArray[np.intp]) -> Array:
     """Return `p_u rho |h_uk[n]|^2 / sigma^2`: (U, K, N) m^2, 0 where the UAV has left; `rho` of the channel's kind.
 
-    Under mean fading without corrections, and under expected fading, whose draws are factors of it, all users share one
-    row in memory, read-only: the fast path recognises this by the stride and saves a table of U K N numbers.
+    Under mean fading without corrections of single links, and under expected fading, whose draws are factors of it, all
+    users share one row in memory, read-only: the fast path recognises this by the stride and saves a table of U K N
+    numbers.
     """
     channel = scenario.channel
     power_w = np.array([uav.transmit_power_w for uav in scenario.uavs])
     noise_w = channel.noise_w(np.array([uav.bandwidth_hz for uav in scenario.uavs]))[:, None]
     flying = np.arange(scenario.slots) < n_flying[:, None]
     alike = power_w[:, None] * channel.reference_gain / noise_w * flying  # (U, N)
-    if channel.fading == "expected" or (channel.fading == "mean" and not channel.corrections_db):
+    mean = channel.fading == "mean" and are_of_uavs(channel.corrections_db)
+    if mean and channel.corrections_db:
+        alike = alike * uav_factors(channel.corrections_db, scenario.uav_ids)[:, None]
+    if mean or channel.fading == "expected":
         return np.broadcast_to(alike[:, None, :], (len(scenario.uavs), len(scenario.users), scenario.slots))
     fading = fading_gains(channel, scenario.uav_ids, scenario.user_ids, first_slot, scenario.slots)
     gain: Array = alike[:, None, :] * fading

@@ -10,7 +10,7 @@ import numpy as np
 from skyfolio.planner.areas.size import is_large
 from skyfolio.planner.carrying import Carried, carried
 from skyfolio.planner.changes import Changes
-from skyfolio.planner.corrections import CorrectionsDb
+from skyfolio.planner.corrections import CorrectionsDb, of_uavs
 from skyfolio.planner.disruption import former_of
 from skyfolio.planner.methods import AREAS, DEFAULT_METHOD
 from skyfolio.planner.pinning import PinError
@@ -52,13 +52,14 @@ def replan(
     off the old paths (`disruption.py`). in_force: the plan that is being flown, by which changes are counted, where
     that is not `previous`: when a UAV returns to an operation whose first plan had it. corrections_db: by UAV and user,
     by how much each link is better than the channel model says (default: as the previous plan assumed); a fleet that is
-    planned by areas is planned without.
+    planned by areas is planned with one for each UAV, the median over its users.
     options: as for `plan`; the method is the previous plan's unless another is named. After `areas` it is the default
     one, which is `areas` as long as the fleet is large; then only areas around what is different are planned anew.
     Raises ReplanError as `remaining` does, and PinError for `pins`; the previous plan stays as it is.
     """
     changes, given = changes or Changes(), pins or Pins()
-    corrections_db = None if is_large(previous.scenario) else corrections_db
+    if corrections_db is not None and is_large(previous.scenario):
+        corrections_db = of_uavs(corrections_db, previous.scenario.user_ids)
     scenario, past = remaining(
         previous,
         failed,

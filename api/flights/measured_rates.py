@@ -23,6 +23,7 @@ from skyfolio.api.flights.track import Track
 from skyfolio.api.store import Database
 from skyfolio.api.store.tables import measurements as table
 from skyfolio.planner import Observation, learned_corrections_db
+from skyfolio.planner.corrections import correction_db
 
 LEAST_DB, MOST_DB = -40.0, 100.0
 """What SINR are held to: no service, and more than any radio has."""
@@ -189,7 +190,7 @@ class MeasuredRates:
     def differ_from(self, planned_db: Mapping[str, Mapping[str, float]]) -> bool:
         """Return whether a link is by DIFFERENT_DB better or worse than a plan with these corrections assumed."""
         return any(
-            abs(db - planned_db.get(uav, {}).get(user, 0.0)) > DIFFERENT_DB
+            abs(db - correction_db(planned_db, uav, user)) > DIFFERENT_DB
             for uav, row in (self.corrections_db or {}).items()
             for user, db in row.items()
         )

@@ -111,7 +111,8 @@ def optimise(
 def _require_able(problem: Problem) -> None:
     if problem.draws.size or (problem.n_users > 1 and problem.snr_gain.strides[1] != 0):
         raise UnsuitedError(
-            "channel.fading, corrections_db: 'areas' plans the 'mean' channel without corrections; use 'fast'"
+            "channel.fading, corrections_db: 'areas' plans the 'mean' channel, with corrections of UAVs ('*') but none "
+            "of single links; use 'fast'"
         )
     if problem.bends is not None:
         raise UnsuitedError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from skyfolio.planner.corrections import are_of_uavs
 from skyfolio.planner.problem import Problem
 from skyfolio.planner.scenario import Scenario
 from skyfolio.planner.tracks import are_plain
@@ -14,10 +15,8 @@ def is_large(scenario: Scenario) -> bool:
     """Return whether the scenario is planned by areas unless another method is named."""
     cells = len(scenario.uavs) * len(scenario.users) * scenario.slots
     channel = scenario.channel
-    plain = (
-        channel.is_inverse_square and channel.fading == "mean" and not channel.corrections_db and are_plain(scenario)
-    )
-    return cells > MOST_AT_ONCE and plain
+    alike = channel.is_inverse_square and channel.fading == "mean" and are_of_uavs(channel.corrections_db)
+    return cells > MOST_AT_ONCE and alike and are_plain(scenario)
 
 
 def is_large_problem(problem: Problem) -> bool:

@@ -18,6 +18,8 @@ from skyfolio.planner.parts import Frozen, Identifier, Point, left_out
 Fading = Literal["mean", "sampled", "held", "expected"]
 """The small-scale gain of a link: its mean, drawn in every slot, or drawn once and held."""
 Decibels = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-100, le=100)]
+Corrected = Annotated[str, Field(strict=True, pattern=r"^(\*|[A-Za-z0-9][A-Za-z0-9._-]{0,63})$")]
+"""A user, or `*`."""
 Carrier = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=1e8, le=1e11)]
 Places = tuple[Array, Array]
 """Of users and of UAVs, (..., 2) metres east/north."""
@@ -36,7 +38,7 @@ class RadioChannel(Frozen):
     `"held"` draws it once per (uav, user), for all slots. `"expected"` is for planners that know the statistics and not
     the draws: a rate is the mean of the rates over `draws` draws from `seed` (only then has `draws` a meaning).
     `corrections_db`: by UAV and user, by how much a link is better than this model says, as measured in flight
-    (`corrections.py`); 0 where nothing is said.
+    (`corrections.py`); `*` stands for all users whom a UAV's row does not name; 0 where nothing is said.
     """
 
     noise_dbm: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-250, le=100)] | None = Field(
@@ -46,7 +48,7 @@ class RadioChannel(Frozen):
     fading: Fading = "mean"
     draws: Annotated[int, Field(strict=True, ge=1, le=256)] = 64
     seed: Annotated[int, Field(strict=True, ge=0, lt=2**63)] = 0
-    corrections_db: dict[Identifier, dict[Identifier, Decibels]] = Field(
+    corrections_db: dict[Identifier, dict[Corrected, Decibels]] = Field(
         default_factory=dict, exclude_if=lambda value: not value
     )
     noise_figure_db: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=50)] | None = left_out(

@@ -18,6 +18,7 @@ from skyfolio.planner import (
     Scenario,
     User,
     Utility,
+    delivered_rates_bps,
     plan,
     replan,
     violations,
@@ -334,3 +335,28 @@ def test_only_large_fleets_on_the_mean_channel_are_planned_by_areas(monkeypatch:
     assert plan(scenario, n_starts=1, pins=Pins(uavs=("uav-1",))).method == "fast"
     for fading in ("sampled", "expected"):
         assert plan(scenario.with_changes(channel=Channel(fading=fading)), n_starts=1).method == "fast"
+
+
+def test_a_fleet_that_is_planned_by_areas_is_corrected_uav_by_uav(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(size, "MOST_AT_ONCE", 1000)
+    first = plan(laid_out("uniform", 20, 60, 10, seed=3, utility=Utility(kind="sum", mu_per_kbps=-0.01)))
+    weak, strong = first.scenario.uav_ids[0], first.scenario.uav_ids[1]
+    measured = {
+        weak: {user: -9.0 - 0.5 * (k % 3) for k, user in enumerate(first.scenario.user_ids)},
+        strong: {first.scenario.user_ids[0]: 8.0},
+    }
+    corrected = replan(first, at_slot=2, corrections_db=measured)
+    assert corrected.method == "areas"
+    assert corrected.scenario.channel.corrections_db == {weak: {"*": -9.5}}
+    assert violations(corrected) == []
+    problem, plain = problem_of(corrected.scenario), problem_of(first.scenario)
+    assert problem.snr_gain[0, 0, 0] == pytest.approx(plain.snr_gain[0, 0, 0] * 10**-0.95)
+    assert problem.snr_gain[1:, 0, 0] == pytest.approx(plain.snr_gain[1:, 0, 0])
+    paths_m = np.array([corrected.trajectories_m[uav] for uav in corrected.scenario.uav_ids]).transpose(1, 0, 2)
+    slots = np.arange(corrected.scenario.slots)
+    delivered = delivered_rates_bps(corrected, slots, paths_m, np.ones((len(slots), 20), dtype=bool)).T
+    promised = [corrected.user_rates_bps[user] for user in corrected.scenario.user_ids]
+    np.testing.assert_allclose(delivered, promised, rtol=1e-9)
+    assert corrected.summary.utility_bps <= corrected.summary.upper_bound_bps
+    again = replan(corrected, at_slot=4)
+    assert again.scenario.channel.corrections_db == {weak: {"*": -9.5}}

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from skyfolio.planner import EXAMPLES, Channel, Observation, Scenario, learned_corrections_db
+from skyfolio.planner.areas import size
 from skyfolio.planner.corrections import link_factors
 
 NOISY = -45.0
@@ -134,3 +135,17 @@ def test_a_link_that_is_not_of_the_scenario_is_refused() -> None:
 def test_corrections_by_id_are_factors_in_the_order_of_the_scenario() -> None:
     factors = link_factors({"b": {"y": 10.0}}, ["a", "b"], ["x", "y"])
     assert factors.tolist() == [[1.0, 1.0], [1.0, pytest.approx(10.0)]]
+
+
+def test_of_a_fleet_that_is_planned_by_areas_what_uavs_have_in_common_is_learned(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(size, "MOST_AT_ONCE", 1)
+    of = scenario(NOISY)
+    shifts = (-8.0, 3.0, 0.0)
+    seen = measured(of, truth_of(of, lambda u, k: shifts[u] + (1.0 if k % 2 else -1.0)), slots=8)
+    learned = learned_corrections_db(of, seen)
+    assert all(row.keys() == {"*"} for row in learned.values())
+    for uav, shift in zip(of.uav_ids, shifts, strict=True):
+        assert learned.get(uav, {}).get("*", 0.0) == pytest.approx(shift, abs=2.5)
+    assert learned["uav-1"]["*"] < learned.get("uav-3", {}).get("*", 0.0) < learned["uav-2"]["*"]
