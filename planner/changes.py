@@ -32,8 +32,8 @@ class Changes(Frozen):
     users go on as they move, those that follow a track stay at its last place, and UAVs with a battery leave when their
     energy lasts no longer. Of what was achieved, only the last `slots` slots then count, so that an operation without
     end has no past without end. leaves_at: the slot, on the operation's slot grid, from which on UAVs are gone, by id;
-    null for one that stays. ends_m: where UAVs must be in their last slot, metres east/north, by id; null for one that
-    may be anywhere.
+    null for one that stays. off_air_at: likewise, from which on their base stations no longer send. ends_m: where UAVs
+    must be in their last slot, metres east/north, by id; null for one that may be anywhere.
     """
 
     failed: tuple[Identifier, ...] = ()
@@ -56,6 +56,11 @@ class Changes(Frozen):
         default_factory=dict,
         exclude_if=not_,
         description="The slot of the operation from which on UAVs are gone, by id; null: one that stays.",
+    )
+    off_air_at: dict[Identifier, SlotOfOperation] = Field(
+        default_factory=dict,
+        exclude_if=not_,
+        description="The slot of the operation from which on base stations no longer send, by id of their UAV.",
     )
     ends_m: dict[Identifier, Point | None] = Field(
         default_factory=dict,
@@ -119,6 +124,7 @@ def uavs_after(survivors: tuple[Uav, ...], changes: Changes, at_slot: int) -> tu
     _require_known("bandwidth_hz", changes.bandwidth_hz, known)
     _require_known("leaves_at", changes.leaves_at, known)
     _require_known("ends_m", changes.ends_m, known)
+    _require_known("off_air_at", changes.off_air_at, known)
     for one, slot in changes.leaves_at.items():
         if slot is not None and slot <= at_slot:
             raise ReplanError(
@@ -138,6 +144,8 @@ def _changed(uav: Uav, changes: Changes, at_slot: int) -> Uav:
     if uav.id in changes.leaves_at:
         slot = changes.leaves_at[uav.id]
         update["leaves_at_slot"] = None if slot is None else slot - at_slot
+    if uav.id in changes.off_air_at:
+        update["off_air_from_slot"] = max(changes.off_air_at[uav.id] - at_slot, 0)
     if uav.id in changes.ends_m:
         update["end_m"] = changes.ends_m[uav.id]
     return uav.model_copy(update=update)

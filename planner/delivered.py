@@ -9,7 +9,7 @@ from skyfolio.planner.arrays import Array
 from skyfolio.planner.channel import expected_gains, fading_gains
 from skyfolio.planner.ground.hidden import edges_of
 from skyfolio.planner.ground.links import planned_heights
-from skyfolio.planner.heard import factors, reference_snr
+from skyfolio.planner.heard import factors, on_air_of, reference_snr
 from skyfolio.planner.plans import Plan
 from skyfolio.planner.scenario import Scenario
 from skyfolio.planner.sinr import mean_efficiency
@@ -40,6 +40,7 @@ class Delivery:
         self._index = {uav: u for u, uav in enumerate(scenario.uav_ids)}
         self._links = [plan.association[user] for user in scenario.user_ids]
         self._bands = [plan.bandwidth_hz[user] for user in scenario.user_ids]
+        self._on_air = on_air_of(scenario)
         self._last: tuple[tuple[int, ...], Array, NDArray[np.intp], Array] | None = None
 
     def rates_bps(self, slots: NDArray[np.intp], positions_m: Array, transmitting: NDArray[np.bool_]) -> Array:
@@ -75,7 +76,7 @@ class Delivery:
         edge = edges_of(scenario, user_m, positions_m.swapaxes(0, 1), self._heights_m[:, :, slots])
         edge = None if edge is None else edge.transpose(2, 0, 1)
         bent = factors(scenario.channel, over2 + spread_m2.T[:, None], heights_m, edge, places_m=places_m)
-        on = self._snr_at_1_m * transmitting[:, :, None]
+        on = self._snr_at_1_m * (transmitting & self._on_air[:, slots].T)[:, :, None]
         snr = (on / distance2 * bent * fading[:, :, column].transpose(2, 0, 1)).transpose(1, 2, 0)  # (U, K, S)
         efficiency = mean_efficiency(snr, snr, self._draws).transpose(0, 2, 1)  # (U, S, K)
         chosen = np.take_along_axis(efficiency, serving[column][None], axis=0)[0]

@@ -21,7 +21,8 @@ class Uav(Placed):
     last slot; `leaves_at_slot`, the slot (counted from 0) from which on it is gone, a battery's end known beforehand;
     `max_airspeed_mps`, its limit through the air where there is wind (default: `max_speed_mps`); `battery`, with which
     it must come home from every slot, to `home_m` (default: its start) or the cheapest of the `rally_points`; `rotors`,
-    what flying costs it.
+    what flying costs it; `on_air_from_slot` and `off_air_from_slot`, when its base station sends: one that comes to
+    relieve another is silent until it takes over.
     """
 
     model_config = ConfigDict(json_schema_extra=either(("start_m",), ("start_deg",)))
@@ -47,5 +48,11 @@ class Uav(Placed):
     )
     battery: Battery | None = left_out("What it may use; without it, energy is no limit.")
     rotors: Rotors | None = left_out("What flying costs it; without it, a common quadcopter's.")
+    on_air_from_slot: Annotated[int, Field(strict=True, ge=0)] | None = left_out(
+        "The slot, counted from 0, from which on its base station sends: before, it serves and disturbs no user."
+    )
+    off_air_from_slot: Annotated[int, Field(strict=True, ge=0)] | None = left_out(
+        "The slot, counted from 0, from which on its base station no longer sends."
+    )
     home_m: Point | None = left_out("Where it lands, if that is not `start_m`: its ways home end there.")
     home_deg: PositionDeg | None = in_degrees("Where it lands, degrees; may be given instead of `home_m`.")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.channels.radio import Places, RadioChannel
@@ -32,3 +33,13 @@ def factors(
         return 1.0
     away_m, heights_m = np.broadcast_arrays(np.sqrt(np.minimum(over2, FARTHEST_M2)), heights_m)
     return channel.factor(away_m, heights_m, edge, places_m)
+
+
+def on_air_of(scenario: Scenario) -> NDArray[np.bool_]:
+    """Return whether the base station of each UAV sends in each slot: it flies, and is not silent; (U, N)."""
+    slots = np.arange(scenario.slots)
+    begins = np.array([uav.on_air_from_slot or 0 for uav in scenario.uavs])
+    ends = np.array([scenario.last_slot(uav) + 1 for uav in scenario.uavs])
+    silent = [scenario.slots if uav.off_air_from_slot is None else uav.off_air_from_slot for uav in scenario.uavs]
+    sends: NDArray[np.bool_] = (slots >= begins[:, None]) & (slots < np.minimum(ends, silent)[:, None])
+    return sends

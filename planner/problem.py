@@ -14,6 +14,7 @@ from skyfolio.planner.channels.bends import Bends, bends_of
 from skyfolio.planner.channels.excess import Excess
 from skyfolio.planner.corrections import are_of_uavs, uav_factors
 from skyfolio.planner.energy.air import Air
+from skyfolio.planner.heard import on_air_of
 from skyfolio.planner.scenario import NoFlyDisc, NoFlyPolygon, Scenario
 from skyfolio.planner.tracks import absences_of, demands_bps, tracks_of
 from skyfolio.planner.utility import utility_kbps
@@ -44,8 +45,8 @@ class Problem:
     draws: (S, U, K), factors of it over which rates are averaged (`fading: "expected"`), else empty.
     past_kbps: (K, M) rates achieved before slot 0, NaN before a user was there. mu: 1/(kbit/s), at most 0. kind: the
     utility.
-    n_flying: (U,), in how many slots it flies before it leaves; `snr_gain` is 0 from then on. end_m: (U, 2), where it
-    must be in its last slot, NaN where free. min_kbps: (K,), in every slot. discs: (D, 3), east, north, radius of
+    n_flying: (U,), in how many slots it flies before it leaves; `snr_gain` is 0 from then on, and while it is silent.
+    end_m: (U, 2), where it must be in its last slot, NaN where free. min_kbps: (K,), in every slot. discs: (D, 3), east, north, radius of
     no-fly discs; polygons: outlines (V, 2) of no-fly polygons, metres. counted_from: the first planned slot that
     counts in the utility. pinned_m: (U, N, 2), metres, where UAVs have to be, NaN for those that are free; pinned_to:
     (K, N), who has to serve each user, -1 where that is free; both empty without pins (`pins.py`). weight: (K,), as
@@ -256,7 +257,7 @@ def problem_of(scenario: Scenario, past: Past | None = None) -> Problem:
         high_m=np.array(scenario.area_m[1], dtype=float),
         separation_m=float(scenario.min_separation_m),
         bandwidth_hz=np.array([uav.bandwidth_hz for uav in scenario.uavs], dtype=float),
-        snr_gain=_snr_gain(scenario, past.first_slot, n_flying),
+        snr_gain=_snr_gain(scenario, past.first_slot),
         past_kbps=past_kbps[:, 1:] if excluded and from_slot_0 else past_kbps,
         mu=float(scenario.utility.mu_per_kbps),
         kind=scenario.utility.kind,
@@ -291,8 +292,8 @@ def _draws(scenario: Scenario) -> Array:
     return expected_gains(scenario.channel, scenario.uav_ids, scenario.user_ids)
 
 
-def _snr_gain(scenario: Scenario, first_slot: int, n_flying: NDArray[np.intp]) -> Array:
-    """Return `p_u rho |h_uk[n]|^2 / sigma^2`: (U, K, N) m^2, 0 where the UAV has left; `rho` of the channel's kind.
+def _snr_gain(scenario: Scenario, first_slot: int) -> Array:
+    """Return `p_u rho |h_uk[n]|^2 / sigma^2`: (U, K, N) m^2, 0 where a UAV is silent; `rho` of the channel's kind.
 
     Under mean fading without corrections of single links, and under expected fading, whose draws are factors of it, all
     users share one row in memory, read-only: the fast path recognises this by the stride and saves a table of U K N
@@ -301,8 +302,7 @@ def _snr_gain(scenario: Scenario, first_slot: int, n_flying: NDArray[np.intp]) -
     channel = scenario.channel
     power_w = np.array([uav.transmit_power_w for uav in scenario.uavs])
     noise_w = channel.noise_w(np.array([uav.bandwidth_hz for uav in scenario.uavs]))[:, None]
-    flying = np.arange(scenario.slots) < n_flying[:, None]
-    alike = power_w[:, None] * channel.reference_gain / noise_w * flying  # (U, N)
+    alike = power_w[:, None] * channel.reference_gain / noise_w * on_air_of(scenario)  # (U, N)
     mean = channel.fading == "mean" and are_of_uavs(channel.corrections_db)
     if mean and channel.corrections_db:
         alike = alike * uav_factors(channel.corrections_db, scenario.uav_ids)[:, None]

@@ -197,6 +197,9 @@ def _moved_on(
     scenario = previous.scenario
     leaves = None if uav.leaves_at_slot is None else uav.leaves_at_slot - begin
     moved: dict[str, Any] = {"start_m": _into_flying_area(scenario, now), "leaves_at_slot": leaves}
+    for name in ("on_air_from_slot", "off_air_from_slot"):
+        at = getattr(uav, name)
+        moved |= {} if at is None else {name: max(at - begin, 0)}
     if plans_altitudes(scenario) and previous.altitudes_m is not None:
         there_m = previous.altitudes_m[uav.id][begin] if altitude_m is None else float(altitude_m)
         moved |= {"home_m": uav.home_m or uav.start_m, "start_altitude_m": there_m}

@@ -11,6 +11,7 @@ from skyfolio.api.fleet.commander import Action
 from skyfolio.api.fleet.vehicle_view import VehicleView
 from skyfolio.api.flights.allocations import Acknowledgement, AllocationsView
 from skyfolio.api.flights.drills import DrillView
+from skyfolio.api.flights.endless.relief_terms import ReliefTerms
 from skyfolio.api.flights.guidance_options import Mode
 from skyfolio.api.flights.journal import Entry
 from skyfolio.api.flights.measured_rates import Measurement
@@ -53,12 +54,13 @@ class FlightRequests(Transport):
         replan_every_slots: int | None = None,
         duration_s: float | None = None,
         until: datetime | None = None,
+        relief: ReliefTerms | None = None,
         key: str | None = None,
     ) -> OperationView:
         """Start an operation. disruption_weight: what a recovery's change must be worth, kbit/s; None: the setting.
 
-        horizon_slots, replan_every_slots, duration_s (fleet seconds), until: any of them makes it one without a fixed
-        end, whose plan is extended in flight.
+        horizon_slots, replan_every_slots, duration_s (fleet seconds), until, relief: any of them makes it one without
+        a fixed end, whose plan is extended in flight.
         """
         body = {
             "plan_id": plan_id,
@@ -73,6 +75,7 @@ class FlightRequests(Transport):
             "replan_every_slots": replan_every_slots,
             "duration_s": duration_s,
             "until": None if until is None else until.isoformat(),
+            "relief": None if relief is None else relief.model_dump(mode="json"),
         }
         return self._operation("POST", "/v1/operations", json=body, key=key)
 

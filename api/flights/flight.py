@@ -13,6 +13,7 @@ from skyfolio.api.common.surroundings import monotonic_s
 from skyfolio.api.fleet.commander import Action, OvertakenError
 from skyfolio.api.fleet.registry import HEARD_WITHIN_S, Fleet
 from skyfolio.api.flights.endless.horizon import Horizon
+from skyfolio.api.flights.endless.pool import Pool
 from skyfolio.api.flights.endless.terms import Terms
 from skyfolio.api.flights.energy import EnergyWatch
 from skyfolio.api.flights.flight_timeline import FlightTimeline
@@ -47,16 +48,25 @@ class Flight(FlightTimeline):
         clock: FleetClock,
         options: GuidanceOptions | None = None,
         terms: Terms | None = None,
+        pool: Pool | None = None,
     ) -> None:
         super().__init__(plan, clock)
+        self.pool = pool
+        """The vehicles that relieve each other, if they do: those of the plan and others, which are on their pads."""
         self.horizon = None if terms is None else Horizon(terms, self, clock)
         """How far ahead it is planned, if it has no fixed end."""
         self.systems = systems
-        self._fleet = fleet
+        self.fleet = self._fleet = fleet
         self._uavs = {system: uav for uav, system in systems.items()}
-        homes_m = {uav: path[0] for uav, path in plan.trajectories_m.items()}
+        self._pads_m = {uav.id: uav.start_m for uav in (plan.scenario.uavs if pool is None else pool.uavs.values())}
         self.guidance = FlightGuidance(
-            systems, fleet, clock, elapsed_s=self.now_s, homes_m=homes_m, rally_m=plan.scenario.rally_m, options=options
+            systems,
+            fleet,
+            clock,
+            elapsed_s=self.now_s,
+            homes_m=self._pads_m,
+            rally_m=plan.scenario.rally_m,
+            options=options,
         )
         self.energy = EnergyWatch(lambda: self.plan, self.elapsed_s, self.telemetry)
         self.roster = Roster(
@@ -69,7 +79,8 @@ class Flight(FlightTimeline):
             slot_s=self.slot_s,
             lacking=self.energy.lacking,
         )
-        self.take_off = TakeOff(plan, systems, fleet, clock, self.guidance)
+        first = {uav: systems[uav] for uav in plan.scenario.uav_ids}
+        self.take_off = TakeOff(plan, first, fleet, clock, self.guidance)
         self.traffic: Traffic | None = None
         """What it knows of other flights, once it has entered the shared airspace."""
         self._record = Track(systems)
@@ -204,6 +215,11 @@ class Flight(FlightTimeline):
         """Return what the vehicle last reported, its mission included; None before the first report."""
         return self._fleet.link.telemetry(self.systems[uav])
 
+    def silent_s(self, uav: str) -> float:
+        """Return for how many fleet seconds a vehicle was not heard; infinite if it never was."""
+        heard = self._fleet.heard().get(self.systems[uav])
+        return inf if heard is None else heard.silent_for_s
+
     def in_our_mode(self, uav: str) -> bool:
         """Return whether the vehicle was last seen in a mode in which the service may command it."""
         return self._fleet.link.is_ours(self.systems[uav])
@@ -266,7 +282,7 @@ class Flight(FlightTimeline):
         """Return where a UAV returns to, metres east/north: the home that it reported, else its start in the plan."""
         scenario = self.first_plan.scenario
         home = self._fleet.link.home_deg(self.systems[uav])
-        return scenario.uav(uav).start_m if home is None else geodetic_to_east_north(scenario.origin, *home)
+        return self._pads_m[uav] if home is None else geodetic_to_east_north(scenario.origin, *home)
 
     def landing_m(self, uav: str) -> tuple[Point, ...]:
         """Return where a return of a UAV may end, metres east/north: its home and the rally points."""
@@ -287,8 +303,10 @@ class Flight(FlightTimeline):
         """Return whether there is no landing left to wait for.
 
         That is so when every UAV that counts, and every other that is coming down, has landed; or landing_limit_s fleet
-        seconds after the last slot.
+        seconds after the last slot. Before that somebody of a pool may yet fly.
         """
+        if self.pool is not None and not self.past_last_slot() and self.pool.can_go_on():
+            return False
         return (
             not (self.still_up() or self.roster.coming_down())
             or self.now_s() > self.n_slots * self.slot_s + landing_limit_s

@@ -66,8 +66,8 @@ class FlightTimeline:
         return self.plan.first_slot + self.plan.scenario.slots
 
     def last_slot_of(self, uav: str) -> int:
-        """Return the last slot of the operation in which a UAV flies, by the newest plan that has it."""
-        return self._last_slots[uav]
+        """Return the last slot of the operation in which a UAV flies, by the newest plan with it; -1 without one."""
+        return self._last_slots.get(uav, -1)
 
     def newest_uav(self, uav: str) -> Uav:
         """Return a UAV as the newest plan that has it describes it. Raises KeyError."""

@@ -158,7 +158,7 @@ class FlightGuidance:
         link = self._fleet.link
         findings = {}
         for uav, assigned in self._on_board.offered().items():
-            if self._systems[uav] not in link.heard_systems:
+            if uav not in plan.trajectories_m or self._systems[uav] not in link.heard_systems:
                 continue
             facts, needs = link.facts(
                 self._systems[uav],

@@ -22,13 +22,15 @@ from skyfolio.api.store.event_log import EventLog
 from skyfolio.planner import Plan
 
 log = structlog.get_logger()
-Cause = LossKind | Literal["uav_returned", "retuned", "rates_off", "extended"]
+Cause = LossKind | Literal["uav_returned", "retuned", "rates_off", "extended", "relief"]
 ASKED = frozenset({*LOSS_KINDS, "rates_off"})
 """What an operator who wants to approve new plans is asked about; the rest they ordered themselves."""
 
 
-MOST_EXTENSIONS = 20
-"""Reports of recoveries that were to extend the plan are kept up to this number: an operation may have thousands."""
+ROUTINE = frozenset({"extended", "relief"})
+MOST_ROUTINE = 20
+"""Reports of recoveries that were to extend the plan are kept up to this number: an operation may have thousands. So
+are those of reliefs."""
 
 
 async def _save_nothing() -> None:
@@ -61,6 +63,7 @@ class Incidents:
         self._requested: Cause | None = None
         self._readmitted: tuple[str, ...] = ()
         self._detail = ""
+        self._reliever: str | None = None
         self._offered_back: set[str] = set()
         self._reported_low: set[str] = set()
         self._incident: Incident | None = None
@@ -133,9 +136,11 @@ class Incidents:
             elif self._policy != "off":
                 self._plans_ahead.go_on()
 
-    def request_recovery(self, cause: Cause, readmitted: tuple[str, ...] = (), detail: str = "") -> None:
-        """Request a recovery for another cause than a loss."""
-        self._requested, self._readmitted, self._detail = cause, readmitted, detail
+    def request_recovery(
+        self, cause: Cause, readmitted: tuple[str, ...] = (), detail: str = "", reliever: str | None = None
+    ) -> None:
+        """Request a recovery for another cause than a loss. reliever: who takes over a station, for `relief`."""
+        self._requested, self._readmitted, self._detail, self._reliever = cause, readmitted, detail, reliever
 
     async def supersede(self, why: str) -> None:
         """End a recovery before anything was sent; its losses stay pending.
@@ -152,7 +157,8 @@ class Incidents:
         task.cancel()
         with suppress(asyncio.CancelledError):
             await task
-        self._requested = self._requested or self._incident.cause
+        if self._incident.cause != "relief":  # who hovers asks for another one
+            self._requested = self._requested or self._incident.cause
         await recovery.close(outcome="superseded", error=f"superseded by {why}")
         await self._store(recovery.report)
 
@@ -212,10 +218,11 @@ class Incidents:
             ask=self._policy == "approve" and cause in ASKED,
             readmitted=self._readmitted,
             detail="" if cause in LOSS_KINDS else self._detail,
+            reliever=self._reliever if cause == "relief" else None,
         )
-        self._readmitted, self._detail = (), ""
+        self._readmitted, self._detail, self._reliever = (), "", None
         await self.save()
-        self._recovery = Recovery(self._shared, self._flight, self._incident)
+        self._recovery = Recovery(self._shared, self._flight, self._incident, self.save)
         self._task = asyncio.create_task(self._recover(self._recovery, self._incident))
 
     async def _recover(self, recovery: Recovery, incident: Incident) -> RecoveryReport:
@@ -252,13 +259,17 @@ class Incidents:
     def _keep(self, report: RecoveryReport) -> None:
         """Keep this report, and forget the oldest of those that only extended the plan."""
         self.reports.append(report)
-        if report.cause != "extended":
+        if report.cause not in ROUTINE:
             return
-        if self._flight.horizon is not None and report.outcome in {"flying", "partly_flying"}:
+        if (
+            self._flight.horizon is not None
+            and report.cause == "extended"
+            and report.outcome in {"flying", "partly_flying"}
+        ):
             self._flight.horizon.extensions += 1
-        extensions = [one for one in self.reports if one.cause == "extended"]
-        if len(extensions) > MOST_EXTENSIONS:
-            self.reports.remove(extensions[0])
+        alike = [one for one in self.reports if one.cause == report.cause]
+        if len(alike) > MOST_ROUTINE:
+            self.reports.remove(alike[0])
 
     async def close(self, why: str) -> None:
         """Close a recovery that is not complete as unanswered, with the reason: the operation is over."""
@@ -294,7 +305,8 @@ class Incidents:
         """Take over what a stopped service has stored."""
         self.number = document["incident"]
         self.pending = document["pending"]
-        self._requested = document["wanted"] or ("heartbeat_lost" if self.pending else None)
+        wanted = document["wanted"] if document["wanted"] != "relief" else None  # who hovers asks for another one
+        self._requested = wanted or ("heartbeat_lost" if self.pending else None)
         self._readmitted = tuple(document["readmitted"])
         self._offered_back = set(document["returned"])
         self.reports = [RecoveryReport.model_validate(report) for report in document["recoveries"]]

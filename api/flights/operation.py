@@ -109,6 +109,8 @@ class Operation(OperationRecord):
                 await self._tick(news)
                 await asyncio.sleep(TICK_S)
         finally:
+            if self.dispatcher is not None:
+                await self.dispatcher.end()
             await flight.guidance.end()
             await self.incidents.end()
             await self.radio.end()
@@ -142,6 +144,8 @@ class Operation(OperationRecord):
                 await self.save()
             await self.incidents.take_in(lost)
             self.radio.tick(lost)
+            if self.dispatcher is not None:
+                self.dispatcher.tick(may_order=self.state == State.FLYING)
             if self.state == State.FLYING:
                 self._horizon_keeper.look()
             await self.incidents.advance(may_start=self.state == State.FLYING)
@@ -164,7 +168,8 @@ class Operation(OperationRecord):
     def replan_if_off_plan(self) -> None:
         """Request a new plan if vehicles hover, or are too far off the plan to catch up within a slot."""
         flight, at_m = self.flight, self.flight.positions_m()
-        off = [uav for uav in flight.still_up() if flight.hovers(uav) or is_off_plan(flight, uav, at_m.get(uav))]
+        flying = [uav for uav in flight.still_up() if uav in flight.plan.trajectories_m]
+        off = [uav for uav in flying if flight.hovers(uav) or is_off_plan(flight, uav, at_m.get(uav))]
         if off and self.state == State.FLYING and not self.incidents.has_work:
             log.info("vehicles do not fly the plan", uavs=off)
             self.incidents.request_recovery("retuned")

@@ -9,7 +9,9 @@ from typing import Any
 
 from skyfolio.api.common.errors import ConflictError, PreconditionError
 from skyfolio.api.flights.assigned_missions import AssignedMissionStore
+from skyfolio.api.flights.endless.dispatcher import Dispatcher
 from skyfolio.api.flights.endless.long_record import LongRecord
+from skyfolio.api.flights.endless.pool import Pool
 from skyfolio.api.flights.ends import ends_of
 from skyfolio.api.flights.flight import Flight
 from skyfolio.api.flights.incidents import Incidents
@@ -47,7 +49,20 @@ class OperationRecord:
             may_replan=self._may_replan,
             request_replan=lambda why: self.incidents.request_recovery("rates_off", detail=why),
         )
+        self.dispatcher = None if flight.pool is None else self._dispatcher(flight.pool)
         flight.guidance.mission_store = AssignedMissionStore(stores.database, identity.id)
+
+    def _dispatcher(self, pool: Pool) -> Dispatcher:
+        flight, shared = self.flight, self.shared
+        return Dispatcher(
+            flight,
+            pool,
+            self.incidents,
+            fleet=flight.fleet,
+            clock=shared.clock,
+            tell=lambda kind, **data: self._stores.events.add(kind, operation_id=self.id, **data),
+            save=self.save_soon,
+        )
 
     @property
     def id(self) -> str:
@@ -91,6 +106,7 @@ class OperationRecord:
             rates_from_slot=flight.rates_from_slot,
             measured_slots=flight.measured.slots,
             endless=None if flight.horizon is None else flight.horizon.view(),
+            relief=None if self.dispatcher is None else self.dispatcher.view(),
             error=self.error,
             abort=self.aborted_by,
         )
@@ -157,6 +173,7 @@ class OperationRecord:
             "streams": flight.guidance.is_streaming,
             "ghosts": flight.guidance.airspace.document(),
             "endless": None if flight.horizon is None else flight.horizon.document(),
+            "pool": None if flight.pool is None else flight.pool.document(),
             "launch_itself": self.identity.launch_itself,
             "disruption_weight": self.identity.disruption_weight,
             "error": self.error,

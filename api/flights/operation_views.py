@@ -10,6 +10,7 @@ from pydantic import BaseModel
 
 from skyfolio.api.fleet.commander import Action
 from skyfolio.api.flights.endless.horizon import EndlessView
+from skyfolio.api.flights.endless.relief_view import ReliefView
 from skyfolio.api.flights.ends import UavEnd, ends_of
 from skyfolio.api.flights.energy import EnergyView, energy_view
 from skyfolio.api.flights.flight import Flight
@@ -101,7 +102,7 @@ class OperationView(BaseModel):
     `rates_from_slot`; rates of slots before are read with `operations/{id}/rates`. `owner`: the name of the service
     that it belongs to, where several share one database; other services show it as it was last stored. `endless`: how
     it is extended, if it has no fixed end; then `plan_ids` are the first plan and those of the slots whose rates it
-    has, and of the `recoveries` that only extended the plan it has the newest.
+    has, and of the `recoveries` that only extended the plan it has the newest. `relief`: its pool and its rota.
     """
 
     id: str
@@ -125,6 +126,7 @@ class OperationView(BaseModel):
     rates_from_slot: int = 0
     measured_slots: dict[str, list[int]] = {}
     endless: EndlessView | None = None
+    relief: ReliefView | None = None
     error: str | None
     abort: Abort | None = None
 

@@ -17,6 +17,8 @@ from skyfolio.api.fleet.registry import Fleet
 from skyfolio.api.flights.aborts import Aborts
 from skyfolio.api.flights.airspace import SharedAirspace
 from skyfolio.api.flights.endless.long_record import SlotRates, stored_rates
+from skyfolio.api.flights.endless.pool import Pool
+from skyfolio.api.flights.endless.relief_terms import ReliefTerms
 from skyfolio.api.flights.endless.terms import Terms
 from skyfolio.api.flights.flight import Flight
 from skyfolio.api.flights.guidance_options import GuidanceOptions
@@ -80,10 +82,12 @@ class Operations:
         disruption_weight: float | None = None,
         options: GuidanceOptions | None = None,
         extended: Callable[[Plan], Terms] | None = None,
+        relief: ReliefTerms | None = None,
     ) -> Operation | OperationView:
         """Fly a finished plan. disruption_weight: None for that of the settings.
 
-        extended: returns how a plan is extended again and again; None flies it once.
+        extended: returns how a plan is extended again and again; None flies it once. relief: the vehicles that relieve
+        each other meanwhile.
 
         Raises NotFoundError, ConflictError, or InvalidError for unregistered UAVs.
         """
@@ -93,8 +97,10 @@ class Operations:
                 return earlier
             plan = await self._shared.plans.finished(plan_id)
             terms = None if extended is None else extended(plan)
-            systems = {uav: self._fleet.system_of(uav) for uav in plan.scenario.uav_ids}
-            self._require_free(plan)
+            pool = None if relief is None else self._pool_of(relief, plan)
+            uavs = plan.scenario.uav_ids if pool is None else [*pool.uavs]
+            systems = {uav: self._fleet.system_of(uav) for uav in uavs}
+            self._require_free(plan, uavs)
             _require_ways_home(plan, options or GuidanceOptions())
             await self._elsewhere.look()
             await self._airspace.require_clear(plan, systems, options or GuidanceOptions())
@@ -106,7 +112,7 @@ class Operations:
                 launch_itself=launch_itself,
                 disruption_weight=weight,
             )
-            flight = Flight(plan, systems, self._fleet, self._shared.clock, options, terms)
+            flight = Flight(plan, systems, self._fleet, self._shared.clock, options, terms, pool)
             operation = Operation(identity, flight, self._shared, self._stores)
             alone = await self.ownership.create(operation)
             self._run(operation, operation.run(alone))
@@ -268,13 +274,17 @@ class Operations:
         creation.require_same(rows[0].fingerprint)
         return self._active.get(creation.id) or await self.view(creation.id)
 
-    def _require_free(self, plan: Plan) -> None:
+    def _pool_of(self, relief: ReliefTerms, plan: Plan) -> Pool:
+        relief.require_sound(plan)
+        return Pool.of(relief, plan)
+
+    def _require_free(self, plan: Plan, uavs: Collection[str]) -> None:
         if plan.parent is not None:
             raise InvalidError(
                 "plan_id: a replan belongs to an operation in flight; start with the plan of the whole fleet"
             )
         for operation in self._active.values():
-            busy = set(operation.flight.systems) & set(plan.scenario.uav_ids)
+            busy = set(operation.flight.systems) & set(uavs)
             if busy:
                 raise ConflictError(f"vehicles: {', '.join(sorted(busy))} already fly operation {operation.id}")
 

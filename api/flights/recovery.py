@@ -8,6 +8,7 @@ and at last leaves it holding. Meanwhile the missions on board of the survivors 
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 from math import ceil
 from typing import Any, Literal
@@ -16,6 +17,7 @@ import structlog
 
 from skyfolio.api.common.errors import ServiceError
 from skyfolio.api.common.idempotency import fresh
+from skyfolio.api.flights.endless.relieving import cross, relief_of
 from skyfolio.api.flights.endless.terms import LEAST_LEFT_SLOTS
 from skyfolio.api.flights.flight import Flight
 from skyfolio.api.flights.journal import IncidentLog, Step
@@ -27,10 +29,13 @@ from skyfolio.api.flights.transition import Present, achieved, require_in_reach,
 from skyfolio.api.flights.whereabouts import whereabouts
 from skyfolio.api.plans.solver import LaneName
 from skyfolio.mavlink_bridge import BridgeError
-from skyfolio.planner import Cause, Changes, Plan, ReplanError, remaining
+from skyfolio.planner import Cause, Changes, Pins, Plan, ReplanError, remaining
+from skyfolio.planner.rota.relief import Relief
 
 log = structlog.get_logger()
 PLANNING_ATTEMPTS = 3
+STAYS = {"leaves_at_slot": None, "on_air_from_slot": None, "off_air_from_slot": None}
+"""What a UAV that comes back has no longer to do as the plan had it."""
 DECISION_LOOK_S = 0.2
 """Wall seconds between looks whether there is still time to wait for the operator."""
 LOCATED_LOOK_S = 0.1
@@ -42,19 +47,25 @@ class Incident:
     """What has to be dealt with, and how far the recovery is.
 
     disruption_weight: what a change of the plan must be worth, kbit/s. ask: whether the operator is asked before a new
-    plan is flown. detail: of a cause that is no loss. approval: set when the operator has decided.
+    plan is flown. detail: of a cause that is no loss. reliever: who takes over a station, in a relief. approval: set
+    when the operator has decided.
     """
 
     log: IncidentLog
-    cause: LossKind | Literal["uav_returned", "retuned", "rates_off", "extended"]
+    cause: LossKind | Literal["uav_returned", "retuned", "rates_off", "extended", "relief"]
     lost: dict[str, float]
     disruption_weight: float = 0.0
     ask: bool = False
     readmitted: tuple[str, ...] = ()
     detail: str = ""
+    reliever: str | None = None
     proposed: Plan | None = None
     approval: asyncio.Future[bool] | None = None
     attempts: list[str] = field(default_factory=list)
+
+
+async def _save_nothing() -> None:
+    """Stand in for what stores the operation."""
 
 
 class TooLateError(Exception):
@@ -62,13 +73,20 @@ class TooLateError(Exception):
 
 
 class Recovery:
-    """The recovery from one incident.
+    """The recovery from one incident. save: stores the operation, with what a restart has to know of a relief.
 
     If it fails the last good plan stays in force, and so do the missions that fly it.
     """
 
-    def __init__(self, shared: SharedServices, flight: Flight, incident: Incident) -> None:
-        self._shared, self._flight, self._incident = shared, flight, incident
+    def __init__(
+        self,
+        shared: SharedServices,
+        flight: Flight,
+        incident: Incident,
+        save: Callable[[], Awaitable[None]] = _save_nothing,
+    ) -> None:
+        self._shared, self._flight, self._incident, self._save = shared, flight, incident, save
+        self._relief: Relief | None = None
         self.report = RecoveryReport(
             outcome="failed",
             incident=incident.log.number,
@@ -138,6 +156,9 @@ class Recovery:
             plan = await self._plan(at_slot, use_ready=attempt == 1)
             await steps.step(Step.CHECKED, plan_id=plan.id, source=self.report.source, replan_ms=plan.solve_ms)
             self._check(plan)
+            if self._relief is not None and self._incident.reliever is not None and flight.pool is not None:
+                cross(flight.pool, plan.id, self._incident.reliever, self._relief)
+                await self._save()
         except (ReplanError, ServiceError) as error:
             self._incident.attempts.append(str(error))
             await steps.step(Step.REFUSED, attempt=attempt, error=str(error))
@@ -162,9 +183,10 @@ class Recovery:
             await asyncio.sleep(LOCATED_LOOK_S)
 
     def _unlocated(self) -> list[str]:
-        """Return the survivors that are heard and do not know where they are."""
-        known = self._flight.positions_m()
-        return [uav for uav in self._flight.surviving() if uav not in known and self._flight.telemetry(uav) is not None]
+        """Return the survivors of the plan that are heard and do not know where they are."""
+        flight, known = self._flight, self._flight.positions_m()
+        flying = [uav for uav in flight.surviving() if uav in flight.plan.trajectories_m]
+        return [uav for uav in flying if uav not in known and flight.telemetry(uav) is not None]
 
     def _next_slot(self) -> int:
         """Return the first slot that can still be flown differently."""
@@ -189,12 +211,14 @@ class Recovery:
         previous = self._previous()
         await flight.settle_rates()
         request = self._request(previous, at_slot)
+        pins = await self._pins(previous, request)
         remaining(previous, **request)
         record = await self._shared.plans.submit_replan(
             previous,
             {
                 **request,
-                "keep_pins": True,
+                "pins": pins,
+                "keep_pins": flight.pool is None,
                 "disruption_weight": incident.disruption_weight,
                 "in_force": None if previous is flight.plan else flight.plan,
             },
@@ -248,17 +272,38 @@ class Recovery:
             "changes": self._changes(at_slot),
         }
 
+    async def _pins(self, previous: Plan, request: dict[str, Any]) -> Pins:
+        """Return what the new plan is held to: who relieves, and who leaves, flies on as that was planned.
+
+        For a relief the request is given its changes. Raises ReplanError where no relief is possible.
+        """
+        pool, flight, at_slot = self._flight.pool, self._flight, request["at_slot"]
+        if pool is None:
+            return Pins()
+        if self._incident.reliever is not None:
+            made = await relief_of(pool, flight, previous, request, self._incident.reliever)
+            request["changes"], self._relief = made.changes, made
+            return made.pins
+        flown = {entry.plan.id for entry in flight.timeline}
+        under_way = pool.under_way(flown, at_slot) if len(self._incident.attempts) < PLANNING_ATTEMPTS - 1 else []
+        scenario, _ = remaining(previous, **request)
+        return Pins(uavs=tuple(uav for uav in scenario.uav_ids if uav in under_way))
+
     def _changes(self, at_slot: int) -> Changes | None:
-        """Return what else is different: every new plan of an operation without a fixed end reaches to its horizon."""
+        """Return what else is different: every new plan of an operation without a fixed end reaches to its horizon.
+
+        Each further attempt asks for less: energy may not last as long.
+        """
         flight = self._flight
         if flight.horizon is None:
             return None
         at_m = flight.positions_m()
         back = tuple(
-            flight.newest_uav(uav).model_copy(update={"start_m": at_m[uav], "leaves_at_slot": None})
+            flight.newest_uav(uav).model_copy(update={"start_m": at_m[uav], **STAYS})
             for uav in self._incident.readmitted
         )
-        return Changes(slots=flight.horizon.slots_from(at_slot), returned=back)
+        slots = flight.horizon.slots_from(at_slot, tried=len(self._incident.attempts))
+        return Changes(slots=slots, returned=back)
 
     def _check(self, plan: Plan) -> None:
         """Raise ReplanError if the survivors cannot fly from where they are into the plan."""

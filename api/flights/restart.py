@@ -18,6 +18,7 @@ from skyfolio.api.common.surroundings import utc_now
 from skyfolio.api.fleet.registry import Fleet
 from skyfolio.api.flights.endless.horizon import terms_in
 from skyfolio.api.flights.endless.long_record import LongRecord
+from skyfolio.api.flights.endless.pool import Pool
 from skyfolio.api.flights.flight import Flight
 from skyfolio.api.flights.guidance_options import GuidanceOptions
 from skyfolio.api.flights.journal import Entry, Step, last_incident
@@ -47,7 +48,8 @@ async def restored(
     ]
     options = GuidanceOptions(at_end=OnEnd(document.get("at_end", OnEnd.LAND)))  # by missions: the stream has ended
     terms, extensions = terms_in(document["endless"]) if document.get("endless") else (None, 0)
-    flight = Flight(timeline[0].plan, document["vehicles"], fleet, shared.clock, options, terms)
+    pool = Pool.restored(document["pool"], timeline[0].plan) if document.get("pool") else None
+    flight = Flight(timeline[0].plan, document["vehicles"], fleet, shared.clock, options, terms, pool)
     flight.restore_plans(timeline)
     losses = {uav: Loss(**loss) for uav, loss in document.get("losses", {}).items()}
     flight.roster.restore(document["lost"], losses, set(document["returned"]), set(document.get("retired", [])))

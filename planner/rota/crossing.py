@@ -28,8 +28,9 @@ from skyfolio.planner.geometry import nearest_to_origin
 from skyfolio.planner.no_fly import NoFlyDisc, NoFlyPolygon, zone_holds
 from skyfolio.planner.scenario import Point, Scenario, Uav
 
-CLEAR_M = 0.01
-"""Ways keep this much more than `min_separation_m` of others, and off no-fly zones where they go around them."""
+CLEAR_M = 1.0
+"""Ways keep this much more than `min_separation_m` of others, and off no-fly zones where they go around them: vehicles
+do not follow their paths to the centimetre, least of all beside each other."""
 SHRINK = 1.0 - 1e-9
 """A UAV flies this much below `D_max`: rounding."""
 ROUND = 8

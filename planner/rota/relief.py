@@ -1,7 +1,8 @@
 """One relief as a replan: a UAV comes up, waits beside the station, and takes it over when the other has left.
 
-Nobody else moves differently: all others keep the paths that they are on. Who serves whom, and with which bandwidth,
-stays open, so that the replan hands users over when a slot begins.
+Nobody else moves differently: all others keep the paths that they are on. The reliever is silent until the hand-over,
+and the relieved from then on, so that neither disturbs the users of the other. Who serves whom, and with which
+bandwidth, stays open: the replan hands users over when that slot begins.
 """
 
 from __future__ import annotations
@@ -167,7 +168,8 @@ def _handed_over(
     first: the slot of the hand-over, counted from the relief's; None for as soon as the reliever is beside.
     """
     staying = air.path_of(relieved.id)
-    station = staying[-1 if first is None else first]
+    there = [place for place in staying if not np.isnan(place[0])]
+    station = there[-1] if first is None else staying[first]
     if np.isnan(station[0]):
         raise ReliefError(f"relieved: {relieved.id!r} leaves by itself before it could be relieved")
     others = air.others_m(reliever.id)
@@ -176,6 +178,8 @@ def _handed_over(
         if outbound is None:
             continue
         begins = outbound.slot if first is None else first
+        if begins >= len(there):
+            continue  # it has left by itself by then
         if begins < outbound.slot:
             earliest = at_slot + outbound.slot
             raise ReliefError(f"hand_over_slot: {at_slot + begins} is too early, it is beside from slot {earliest} on")
@@ -223,7 +227,8 @@ def _proven(
     """Return the relief, its pins checked against the scenario that `replan` will make of it."""
     busy = max(parts.takes_over.slot, -1 if parts.inbound is None else parts.inbound.slot)
     slots = max(horizon, busy + 2)
-    changes = Changes(returned=(reliever,), slots=slots)
+    silent = reliever.model_copy(update={"on_air_from_slot": None if relieved is None else parts.hand_over})
+    changes = Changes(returned=(silent,), slots=slots)
     paths = {reliever.id: parts.takes_over.path_m[:slots]}
     if relieved is not None and parts.inbound is not None:
         home = parts.inbound.path_m[: parts.inbound.slot + 1]
@@ -231,6 +236,7 @@ def _proven(
         changes = changes.model_copy(
             update={
                 "leaves_at": {relieved: at_slot + len(home)},
+                "off_air_at": {relieved: at_slot + parts.hand_over},
                 "ends_m": {relieved: (float(home[-1, 0]), float(home[-1, 1]))},
             }
         )

@@ -55,11 +55,14 @@ class Horizon:
             return max(0, int((self._timeline.now_s() + left_s) // slot_s))
         return None
 
-    def slots_from(self, at_slot: int) -> int:
-        """Return how many slots a plan from `at_slot` on shall have: those planned already, or up to the horizon."""
+    def slots_from(self, at_slot: int, *, tried: int = 0) -> int:
+        """Return how many slots a plan from `at_slot` on shall have: those planned already, or up to the horizon.
+
+        tried: how many plans were refused before; each time half as many more are asked for.
+        """
         planned, end = self._timeline.n_slots - at_slot, self.end_slot()
         wanted = self.terms.horizon_slots if end is None else min(self.terms.horizon_slots, end - at_slot)
-        return max(planned, wanted)
+        return planned + max(wanted - planned, 0) // 2**tried
 
     def is_due(self) -> bool:
         """Return whether the plan in force has to be replaced by one that reaches further."""

@@ -14,6 +14,7 @@ from skyfolio.api.access.api_keys import Role
 from skyfolio.api.common.errors import InvalidError, NotFoundError
 from skyfolio.api.common.idempotency import NewResource
 from skyfolio.api.common.settings import MOST_WEIGHT
+from skyfolio.api.flights.endless.relief_terms import ReliefTerms
 from skyfolio.api.flights.endless.terms import End, Terms, terms_of
 from skyfolio.api.flights.guidance_options import GuidanceOptions
 from skyfolio.api.flights.journal import Entry
@@ -107,6 +108,10 @@ class OperationRequest(BaseModel):
     ] = None
     duration_s: Duration = None
     until: Until = None
+    relief: Annotated[
+        ReliefTerms | None,
+        Field(description="Vehicles that relieve those of the plan, and each other, in an operation that is extended."),
+    ] = None
 
     def end(self) -> End:
         """Return when no further extension is made. Raises InvalidError."""
@@ -115,7 +120,7 @@ class OperationRequest(BaseModel):
     def extended(self) -> Callable[[Plan], Terms] | None:
         """Return what says how a plan is extended; None if it is flown once. Raises InvalidError."""
         end, asked = self.end(), (self.horizon_slots, self.replan_every_slots)
-        if end == End() and asked == (None, None):
+        if end == End() and asked == (None, None) and self.relief is None:
             return None
         return partial(terms_of, horizon_slots=self.horizon_slots, replan_every_slots=self.replan_every_slots, end=end)
 
@@ -152,7 +157,7 @@ async def start_operation(
 
     Recoveries keep the pins of the plan as far as they hold; their reports say which, and what they changed.
 
-    With `horizon_slots`, `replan_every_slots`, `duration_s` or `until` the operation has no fixed end: its plan is
+    With `horizon_slots`, `replan_every_slots`, `duration_s`, `until` or `relief` it has no fixed end: its plan is
     extended in flight, by incidents of cause `extended`, until then, or until `operations/{id}:extend` moves that.
     """
     extended = body.extended()
@@ -165,6 +170,7 @@ async def start_operation(
         disruption_weight=body.disruption_weight,
         options=GuidanceOptions(body.guidance, body.stream_fallback, OnEnd(at_end), force_stream=body.force_stream),
         extended=extended,
+        relief=_relief_of(body),
     )
     view = operation.view() if isinstance(operation, Operation) else operation
     response.headers["Location"] = f"/v1/operations/{view.id}"
@@ -245,6 +251,13 @@ def track_json(record: Record) -> bytes:
     """Return the track as JSON. A long one takes a while and is encoded in a thread."""
     points = (TrackPoint(elapsed_s=at, positions_m=where).model_dump_json() for at, where in record)
     return f"[{','.join(points)}]".encode()
+
+
+def _relief_of(body: OperationRequest) -> ReliefTerms | None:
+    """Return what was asked of relief. Raises InvalidError for guidance by which no vehicle is relieved."""
+    if body.relief is not None and body.guidance == "stream":
+        raise InvalidError("relief: vehicles that are guided by setpoints are not relieved; guidance must be mission")
+    return body.relief
 
 
 async def _plan_id(body: OperationRequest, service: ServiceDep, creation: NewResource) -> str:

@@ -1,0 +1,79 @@
+"""What tests of reliefs share: stations, pads, a pool, a crew that changes batteries, and looks at what was flown."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from skyfolio import sim
+from skyfolio.api.flights.endless.relief_terms import ReliefTerms
+from skyfolio.api.lab.virtual.ground import Ground
+from skyfolio.api.lab.virtual.loop import VirtualLoop
+from skyfolio.planner import EXAMPLES, Scenario, Uav, User
+from skyfolio.planner.energy.parts import Battery
+from skyfolio.planner.scenario import Point
+from skyfolio.sim.airframe import NOMINAL_V
+from tests.api.sky import NO_LIMIT, Sky
+
+MINUTES = 8.0
+MAH = sim.capacity_for_mah(MINUTES)
+BATTERY = Battery(usable_wh=round(MAH * NOMINAL_V / 1000.0, 3), reserve_share=0.25)
+PAD_APART_M, SLOT_S, HORIZON, EVERY = 12.0, 5.0, 16, 4
+TURNAROUND_S = 60.0
+
+
+def whole(stations_m: tuple[Point, ...], vehicles: int) -> Scenario:
+    """A scenario of all vehicles on their pads, with three users around each station."""
+    users = tuple(
+        User(id=f"user-{number}-{k}", position_m=(east + 15.0 * k - 15.0, north + 10.0 * (k % 2)))
+        for number, (east, north) in enumerate(stations_m, start=1)
+        for k in range(3)
+    )
+    uavs = tuple(
+        Uav(id=f"uav-{n + 1}", start_m=(20.0, 20.0 + PAD_APART_M * n), max_speed_mps=6.0, battery=BATTERY)
+        for n in range(vehicles)
+    )
+    base = EXAMPLES["paper"]()
+    return base.with_changes(
+        area_m=((0.0, 0.0), (400.0, 400.0)), uavs=uavs, users=users, slots=HORIZON, altitude_m=20.0
+    )
+
+
+def of_stations(scenario: Scenario, stations: int) -> tuple[Scenario, ReliefTerms]:
+    """The scenario of the vehicles that begin at stations, and the others as a pool."""
+    first = scenario.with_changes(uavs=scenario.uavs[:stations])
+    return first, ReliefTerms(pool=scenario.uavs[stations:], turnaround_s=TURNAROUND_S + 15.0)
+
+
+@contextmanager
+def pooled(
+    scenario: Scenario, stations: int, *, seed: int = 1, **settings: object
+) -> Iterator[tuple[Sky, ReliefTerms]]:
+    """A sky in which all vehicles stand on their pads, registered, with a crew, and a plan for the first ones."""
+    first, terms = of_stations(scenario, stations)
+    crew = sim.GroundCrew(members=2, turnaround_s=TURNAROUND_S, packs=sim.Packs(count=4, charge_s=600.0))
+    with asyncio.Runner(loop_factory=VirtualLoop) as runner:
+
+        async def made() -> Ground:
+            return Ground(
+                scenario,
+                specs=Ground.specs_of(scenario, battery_mah=MAH),
+                seed=seed,
+                crew=crew,
+                rate_burst=NO_LIMIT,
+                **settings,  # type: ignore[arg-type]
+            )
+
+        ground = runner.run(made())
+        sky = Sky(runner, ground, scenario)
+        try:
+            runner.run(ground.__aenter__())
+            sky.start()
+            sky.plan = sky.client.plan(first)
+            for number, uav in enumerate(scenario.uav_ids, start=1):
+                sky.client.register(uav, number)
+            sky.wait(lambda: all(one.link == "live" for one in sky.client.vehicles()), "all are heard")
+            yield sky, terms
+        finally:
+            runner.run(ground.__aexit__(None, None, None))
