@@ -46,11 +46,11 @@ class Problem:
     past_kbps: (K, M) rates achieved before slot 0, NaN before a user was there. mu: 1/(kbit/s), at most 0. kind: the
     utility.
     n_flying: (U,), in how many slots it flies before it leaves; `snr_gain` is 0 from then on, and while it is silent.
-    end_m: (U, 2), where it must be in its last slot, NaN where free. min_kbps: (K,), in every slot. discs: (D, 3), east, north, radius of
-    no-fly discs; polygons: outlines (V, 2) of no-fly polygons, metres. counted_from: the first planned slot that
-    counts in the utility. pinned_m: (U, N, 2), metres, where UAVs have to be, NaN for those that are free; pinned_to:
-    (K, N), who has to serve each user, -1 where that is free; both empty without pins (`pins.py`). weight: (K,), as
-    how many users each counts. absent: (K, N), whether it is not there, empty where all always are.
+    end_m: (U, 2), where it must be in its last slot, NaN where free. min_kbps: (K,), in every slot. discs: (D, 3),
+    east, north, radius of no-fly discs; polygons: outlines (V, 2) of no-fly polygons, metres. counted_from: the first
+    planned slot that counts in the utility. pinned_m: (U, N, 2), metres, where UAVs have to be, NaN for those that are
+    free; pinned_to: (K, N), who has to serve each user, -1 where that is free; both empty without pins (`pins.py`).
+    weight: (K,), as how many users each counts. absent: (K, N), whether it is not there, empty where all always are.
     demand_kbps: (K,), what it asks for in a slot: more is worth nothing; infinite where it has no limit.
     air: wind and energy, None without. bends: factors by which SNRs differ from `snr_gain / d^2`, None without;
     excess: others that depend on where the UAV is, None without.

@@ -9,11 +9,12 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Served:
-    """Users, and the band of each in Hz, from and until these fleet seconds."""
+    """Users, and the band of each in Hz, from and until these fleet seconds. sends: whether it sends at all then."""
 
     from_s: float
     until_s: float
     bandwidth_hz: Mapping[str, float]
+    sends: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,8 +66,14 @@ class BaseStation:
 
     def serves(self, now_s: float) -> dict[str, float]:
         """Return the users that it serves now, and the band of each in Hz."""
+        slot = self._slot(now_s)
+        return {} if slot is None else dict(slot.bandwidth_hz)
+
+    def sends(self, now_s: float) -> bool:
+        """Return whether it sends now: always, unless what it has acknowledged tells it to be silent."""
+        slot = self._slot(now_s)
+        return slot is None or slot.sends
+
+    def _slot(self, now_s: float) -> Served | None:
         slots = () if self._serves is None else self._serves.slots
-        for slot in slots:
-            if slot.from_s <= now_s < slot.until_s:
-                return dict(slot.bandwidth_hz)
-        return {}
+        return next((slot for slot in slots if slot.from_s <= now_s < slot.until_s), None)

@@ -112,7 +112,10 @@ class RadioTruth:
         }
 
     def received(self) -> list[Received]:
-        """Return what every user gets that some base station serves now; a base station in the air always sends."""
+        """Return what every user gets that some base station serves now.
+
+        A base station in the air sends, whether it serves anybody or not, unless it was told to be silent.
+        """
         now_s = self._fleet.now_s
         on = self._sending()
         found = []
@@ -129,7 +132,9 @@ class RadioTruth:
         return {
             system: vehicles[system]
             for system in self._power_w
-            if vehicles[system].alive and vehicles[system].position[2] > LOWEST_M
+            if vehicles[system].alive
+            and vehicles[system].position[2] > LOWEST_M
+            and vehicles[system].base_station.sends(self._fleet.now_s)
         }
 
     def _sinr(self, serving: int, user: str, on: Mapping[int, Vehicle]) -> float:

@@ -12,6 +12,7 @@
     orders, aborts, stragglers, drills              orders of the operator, ends by order, late landings, practice
     rates, flown_rates, track                       what users got, and who was where
     radio, allocations                              whom base stations must serve, and who serves users of a lost UAV
+    endless                                         operations without a fixed end, and vehicles that relieve each other
     base_stations, own_stations                     those of simulated vehicles, and those of the service's own fleet
     measured_rates, rates_watch                     what users were measured to get, and when that calls for a new plan
 

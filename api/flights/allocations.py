@@ -20,12 +20,17 @@ AFTER_RESTART = 1000
 
 
 class SlotAllocation(BaseModel):
-    """Whom one base station serves in one slot, Hz by user, from and until these fleet seconds since slot 0."""
+    """Whom one base station serves in one slot, Hz by user, from and until these fleet seconds since slot 0.
+
+    `sends`: whether it sends at all. One that is about to relieve another is silent until it takes over, and one that
+    was relieved is silent from then on: idle, they would disturb the users of others.
+    """
 
     slot: int
     valid_from_s: float
     valid_until_s: float
     bandwidth_hz: dict[str, float]
+    sends: bool = True
 
 
 class UavAllocation(BaseModel):
@@ -153,6 +158,7 @@ class Allocations:
                 valid_from_s=round(max(begins_s, from_s), 3),
                 valid_until_s=begins_s + flight.slot_s,
                 bandwidth_hz=_served(plan, uav, slot, grounds.lost),
+                sends=flight.pool is None or _sends(plan, uav, slot),
             )
 
         return AllocationsView(
@@ -178,3 +184,13 @@ def _served(plan: Plan, uav: str, slot: int, lost: Collection[str]) -> dict[str,
         for user, hertz in plan.bandwidth_hz.items()
         if hertz[n] > 0.0 and plan.association[user][n] == uav
     }
+
+
+def _sends(plan: Plan, uav: str, slot: int) -> bool:
+    """Return whether the base station of a UAV sends in a slot of the operation by the plan."""
+    if uav not in plan.trajectories_m:
+        return False
+    n, one = slot - plan.first_slot, plan.scenario.uav(uav)
+    ends = plan.scenario.last_slot(one) + 1
+    silent = ends if one.off_air_from_slot is None else one.off_air_from_slot
+    return (one.on_air_from_slot or 0) <= n < min(ends, silent)

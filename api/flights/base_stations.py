@@ -243,10 +243,14 @@ class BaseStations:
 
 def held(allocation: UavAllocation, now_s: float) -> list[sim.Served]:
     """Return what is served while an operation is paused: its clock stands still, and what is valid stays so."""
-    return [] if allocation.now is None else [sim.Served(now_s, math.inf, allocation.now.bandwidth_hz)]
+    now = allocation.now
+    return [] if now is None else [sim.Served(now_s, math.inf, now.bandwidth_hz, now.sends)]
 
 
 def served(allocation: UavAllocation, slot0_s: float) -> list[sim.Served]:
     """Return an allocation as the simulator's base station takes it; slot0_s: fleet second in which slot 0 began."""
     slots: list[SlotAllocation] = [slot for slot in (allocation.now, allocation.next) if slot is not None]
-    return [sim.Served(slot0_s + slot.valid_from_s, slot0_s + slot.valid_until_s, slot.bandwidth_hz) for slot in slots]
+    return [
+        sim.Served(slot0_s + slot.valid_from_s, slot0_s + slot.valid_until_s, slot.bandwidth_hz, slot.sends)
+        for slot in slots
+    ]

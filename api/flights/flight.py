@@ -369,6 +369,11 @@ class Flight(FlightTimeline):
         """Return the slot of the operation with which the rows of rates begin: 0, unless older ones are forgotten."""
         return self._rates.first_slot
 
+    @property
+    def uav_ids(self) -> Sequence[str]:
+        """Return every UAV that may fly in the operation."""
+        return [*self.systems]
+
     def take_over_since(self, from_s: float, plan: Plan) -> None:
         """Put this plan into force from that fleet second on."""
         super().take_over_since(from_s, plan)

@@ -34,6 +34,11 @@ class FlightTimeline:
         """Return the plan in force."""
         return self.timeline[-1].plan
 
+    @property
+    def uav_ids(self) -> Sequence[str]:
+        """Return every UAV that may fly in the operation."""
+        return self.first_plan.scenario.uav_ids
+
     def take_over(self, plan: Plan) -> None:
         """Put this plan into force: users and vehicles follow it from now on."""
         self.take_over_since(self.now_s(), plan)

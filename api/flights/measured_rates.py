@@ -124,7 +124,7 @@ class MeasuredRates:
     def check(self, measurements: Iterable[Measurement]) -> None:
         """Raise InvalidError, which names the measurement and the field, unless all are of this flight, and past."""
         scenario = self._timeline.first_plan.scenario
-        uavs, users = {*scenario.uav_ids}, {*scenario.user_ids}
+        uavs, users = {*self._timeline.uav_ids}, {*scenario.user_ids}
         now_s = self._timeline.now_s()
         for number, one in enumerate(measurements):
             where = f"measurements.{number}"

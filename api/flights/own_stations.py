@@ -47,6 +47,8 @@ class OwnStations:
     def _stations_of(self, operation: Operation) -> BaseStations:
         fleet, flight = self._simulated.fleet, operation.flight
         scenario = flight.first_plan.scenario
+        if flight.pool is not None:
+            scenario = scenario.with_changes(uavs=tuple(flight.pool.uavs.values()))
         truth = radio_truth(fleet, scenario, assumed_by(scenario, self._channel), flight.systems)
         port = _FromTheFleet(OperationPort(self._operations, operation.id), asyncio.get_running_loop())
         return BaseStations(fleet, truth, port, flight.systems)

@@ -176,7 +176,8 @@ class Radio:
         """Learn the channel from what is new, and request a replan if rates are too far off what was planned."""
         flight = self._flight
         try:
-            await flight.measured.learn()
+            if flight.pool is None:  # links are learned by vehicle, and those of a pool come and go
+                await flight.measured.learn()
             slots = range(max(slot - OVER_SLOTS, 0), slot)
             await flight.settle_rates()
             promised_bps, first_slot = flight.modelled_rates_bps(), flight.rates_from_slot

@@ -44,11 +44,22 @@ class FlightError(BridgeError):
 
 
 class TakeOff:
-    """The vehicles of one plan before its slot 0. systems: the MAVLink system id of each UAV."""
+    """The vehicles of one plan before its slot 0.
+
+    systems: the MAVLink system id of each UAV. patience_s: wall seconds within which a vehicle must become armable.
+    """
 
     def __init__(
-        self, plan: Plan, systems: Mapping[str, int], fleet: Fleet, clock: FleetClock, guidance: FlightGuidance
+        self,
+        plan: Plan,
+        systems: Mapping[str, int],
+        fleet: Fleet,
+        clock: FleetClock,
+        guidance: FlightGuidance,
+        *,
+        patience_s: float = ARMABLE_WITHIN_S,
     ) -> None:
+        self._patience_s = patience_s
         self._plan, self._systems, self._fleet = plan, systems, fleet
         self._clock, self._guidance = clock, guidance
         self._uavs = {system: uav for uav, system in systems.items()}
@@ -186,7 +197,7 @@ class TakeOff:
         """Arm every vehicle before any leaves the ground. Raises FlightError with each that refuses."""
         self._launched = True
         results = await self._fleet.link.arm(
-            self._systems.values(), patience_s=ARMABLE_WITHIN_S, on_refused=self._arming_refused
+            self._systems.values(), patience_s=self._patience_s, on_refused=self._arming_refused
         )
         failed = {self._uavs[system]: result.error for system, result in results.items() if not result.ok}
         if failed:

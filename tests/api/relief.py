@@ -23,6 +23,17 @@ PAD_APART_M, SLOT_S, HORIZON, EVERY = 12.0, 5.0, 16, 4
 TURNAROUND_S = 60.0
 
 
+ONE_STATION: tuple[Point, ...] = ((300.0, 150.0),)
+THREE_STATIONS: tuple[Point, ...] = ((40.0, 60.0), (360.0, 60.0), (200.0, 360.0))
+PADS: tuple[Point, ...] = ((180.0, 150.0), (220.0, 150.0), (200.0, 190.0), (200.0, 150.0))
+"""Of the first vehicles; those of the others are beside them."""
+
+
+def _pads(vehicles: int) -> list[Point]:
+    """Where vehicles stand, PAD_APART_M apart or more."""
+    return [*PADS, *((164.0 + PAD_APART_M * 2 * n, 130.0) for n in range(vehicles))][:vehicles]
+
+
 def whole(stations_m: tuple[Point, ...], vehicles: int) -> Scenario:
     """A scenario of all vehicles on their pads, with three users around each station."""
     users = tuple(
@@ -31,8 +42,8 @@ def whole(stations_m: tuple[Point, ...], vehicles: int) -> Scenario:
         for k in range(3)
     )
     uavs = tuple(
-        Uav(id=f"uav-{n + 1}", start_m=(20.0, 20.0 + PAD_APART_M * n), max_speed_mps=6.0, battery=BATTERY)
-        for n in range(vehicles)
+        Uav(id=f"uav-{n}", start_m=pad_m, max_speed_mps=6.0, battery=BATTERY)
+        for n, pad_m in enumerate(_pads(vehicles), start=1)
     )
     base = EXAMPLES["paper"]()
     return base.with_changes(

@@ -62,7 +62,7 @@ class Horizon:
         """
         planned, end = self._timeline.n_slots - at_slot, self.end_slot()
         wanted = self.terms.horizon_slots if end is None else min(self.terms.horizon_slots, end - at_slot)
-        return planned + max(wanted - planned, 0) // 2**tried
+        return planned + (max(wanted - planned, 0) >> tried)
 
     def is_due(self) -> bool:
         """Return whether the plan in force has to be replaced by one that reaches further."""

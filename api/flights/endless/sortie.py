@@ -20,6 +20,8 @@ from skyfolio.planner.plans import Summary
 
 CLIMB_LIMIT_S = 60.0
 """Wall seconds within which a vehicle must be up."""
+PATIENCE_S = 10.0
+"""Wall seconds within which a vehicle must be armable: it was ready, and there may be another one."""
 HOVER_SLOTS = 4
 CLEAR_SLOTS = 12
 """For so many slots the air above a pad must be free before a vehicle climbs there."""
@@ -27,7 +29,8 @@ CLEAR_SLOTS = 12
 
 async def leave_pad(uav: Uav, flight: Flight, fleet: Fleet, clock: FleetClock) -> None:
     """Prepare a vehicle, arm it, and let it climb. Raises BridgeError with what it refused."""
-    take_off = TakeOff(hovering(uav, flight), {uav.id: flight.systems[uav.id]}, fleet, clock, flight.guidance)
+    system = {uav.id: flight.systems[uav.id]}
+    take_off = TakeOff(hovering(uav, flight), system, fleet, clock, flight.guidance, patience_s=PATIENCE_S)
     try:
         await take_off.watched(take_off.upload())
         await take_off.watched(take_off.launch(CLIMB_LIMIT_S))

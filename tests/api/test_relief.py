@@ -1,0 +1,154 @@
+"""Stations that stay manned: vehicles relieve each other on batteries of eight minutes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from skyfolio import sim
+from skyfolio.api.flights.operation_views import State
+from skyfolio.api.store.event_log import Event
+from tests.api.endless import Apart, ended
+from tests.api.relief import BATTERY, EVERY, HORIZON, ONE_STATION, SLOT_S, THREE_STATIONS, pooled, whole
+from tests.api.sky import Sky
+
+CALM: dict[str, Any] = {"plan_ahead": False}
+ONE, THREE = whole(ONE_STATION, 3), whole(THREE_STATIONS, 7)
+ORDERED_WITHIN_S = 10.0
+SETTLED_SLOTS = 20
+"""Until then vehicles are on their first way to their stations."""
+
+
+def take_off(sky: Sky, terms: Any, duration_s: float) -> str:
+    return sky.take_off(duration_s=duration_s, horizon_slots=HORIZON, replan_every_slots=EVERY, relief=terms)
+
+
+def assert_served(sky: Sky, operation_id: str, least: float = 0.9) -> None:
+    """No user that is served at all gets less than that share of what it usually gets, in any slot."""
+    rows = sky.http.get(f"/v1/operations/{operation_id}/rates", params={"limit": 10_000}).json()[SETTLED_SLOTS:]
+    totals = [sum(rate or 0.0 for rate in row["rates_bps"].values()) for row in rows]
+    usual = sorted(totals)[len(totals) // 2]
+    low = {
+        row["slot"]: round(total / usual, 2) for row, total in zip(rows, totals, strict=True) if total < least * usual
+    }
+    assert not low, low
+
+
+def assert_none_fell(sky: Sky) -> None:
+    """Every vehicle is whole, and none has drawn on its reserve."""
+    for system_id, vehicle in sky.fleet.vehicles.items():
+        assert not sky.fleet.truth.happened("crashed", system_id), system_id
+        assert vehicle.alive, system_id
+    removed = [event.detail["removed_share"] for event in sky.fleet.truth.events if event.kind == "swapped"]
+    assert min(removed, default=1.0) >= 0.8 * BATTERY.reserve_share, "the gauge also counts what is used on the ground"
+
+
+def test_one_station_is_manned_for_forty_minutes_by_three_vehicles() -> None:
+    with pooled(ONE, 1, **CALM) as (sky, terms):
+        apart = Apart(sky)
+        operation_id = take_off(sky, terms, 2400.0)
+        view = ended(sky, operation_id, within_s=3000.0)
+        assert (view.state, view.error, view.lost) == (State.COMPLETED, None, [])
+        assert view.relief is not None
+        assert view.relief.reliefs >= 5
+        assert apart.closest_m >= ONE.min_separation_m
+        assert_served(sky, operation_id)
+        assert_none_fell(sky)
+
+
+def test_three_stations_are_manned_by_seven_vehicles() -> None:
+    with pooled(THREE, 3, **CALM) as (sky, terms):
+        apart = Apart(sky)
+        operation_id = take_off(sky, terms, 1200.0)
+        view = ended(sky, operation_id, within_s=2000.0)
+        assert (view.state, view.error, view.lost) == (State.COMPLETED, None, [])
+        assert view.relief is not None
+        assert view.relief.reliefs >= 6
+        assert apart.closest_m >= THREE.min_separation_m
+        assert_served(sky, operation_id)
+        assert_none_fell(sky)
+
+
+@pytest.mark.parametrize("stations", [1, 3])
+def test_a_loss_on_station_orders_a_spare_at_once(stations: int) -> None:
+    with pooled(ONE if stations == 1 else THREE, stations, **CALM) as (sky, terms):
+        apart = Apart(sky)
+        operation_id = take_off(sky, terms, 420.0)
+        sky.let_pass(60.0)
+        sky.inject(sim.Kill(1))
+        view = sky.until(operation_id, lambda view: view.lost == ["uav-1"])
+        verdict_s = sky.now_s
+        view = sky.until(
+            operation_id,
+            lambda view: view.relief is not None and any(one.state == "outbound" for one in view.relief.pool.values()),
+        )
+        assert sky.now_s - verdict_s <= ORDERED_WITHIN_S
+        view = sky.until(
+            operation_id, lambda view: view.relief is not None and view.relief.stations["station-1"].manned_by
+        )
+        assert view.relief is not None
+        assert view.relief.pool["uav-1"].state == "out_of_service"
+        view = ended(sky, operation_id)
+        assert (view.state, view.error) == (State.COMPLETED, None)
+        assert apart.closest_m >= ONE.min_separation_m
+
+
+def test_a_vehicle_that_does_not_arm_is_passed_over_for_the_next_one() -> None:
+    with pooled(ONE, 1, **CALM) as (sky, terms):
+        operation_id = take_off(sky, terms, 700.0)
+        deaf: list[str] = []
+
+        def take_its_position(event: Event) -> None:
+            if event.kind == "pool" and event.data["state"] == "outbound" and not deaf:
+                deaf.append(event.data["uav_id"])
+                sky.inject(sim.GpsLoss(ONE.uav_ids.index(deaf[0]) + 1))
+
+        sky.ground.on_event = take_its_position
+        view = ended(sky, operation_id, within_s=1000.0)
+        assert (view.state, view.error, view.lost) == (State.COMPLETED, None, [])
+        assert view.relief is not None
+        assert view.relief.reliefs >= 1
+        told = sky.told(operation_id, "pool")
+        refusals = [one["because"] for one in told if one["uav_id"] == deaf[0] and one["state"] == "ready"]
+        assert "launch failed" in refusals[0]
+        relievers = [one["uav_id"] for one in told if one["state"] == "on_station"]
+        assert deaf[0] not in relievers
+        assert_served(sky, operation_id)
+
+
+@pytest.mark.parametrize("state", ["outbound", "on_station", "inbound", "turnaround"])
+def test_wherever_a_relief_is_when_the_service_is_killed_the_next_one_goes_on(state: str) -> None:
+    with pooled(ONE, 1, **CALM) as (sky, terms):
+        apart = Apart(sky)
+        operation_id = take_off(sky, terms, 800.0)
+        sky.wait(
+            lambda: any(one["state"] == state for one in sky.told(operation_id, "pool")),
+            f"nobody is {state}",
+            within_s=700.0,
+        )
+        sky.let_pass(2.0)
+        sky.ground.kill()
+        sky.let_pass(3.0)
+        sky.start()
+        view = ended(sky, operation_id, within_s=1200.0)
+        assert (view.state, view.error, view.lost) == (State.COMPLETED, None, [])
+        assert view.relief is not None
+        assert view.relief.reliefs >= 1
+        assert view.endless is not None
+        assert view.endless.planned_slots == 800.0 / SLOT_S
+        assert apart.closest_m >= ONE.min_separation_m
+        assert_none_fell(sky)
+
+
+def test_what_is_no_pool_is_refused_with_field_and_rule() -> None:
+    with pooled(ONE, 1, **CALM) as (sky, terms):
+        body = {"plan_id": sky.plan.id, "relief": terms.model_dump(mode="json")}
+        for wrong, named in (
+            ({"guidance": "stream"}, "guidance must be mission"),
+            ({"relief": {"pool": [ONE.uavs[0].model_dump(mode="json")]}}, "flies the first plan"),
+            ({"relief": {"pool": [{"id": "nobody", "start_m": [90.0, 90.0]}]}}, "not registered"),
+            ({"relief": {"pool": [{"id": "uav-2", "start_m": [180.0, 151.0]}]}}, "min_separation_m"),
+        ):
+            answer = sky.http.post("/v1/operations", json={**body, **wrong})
+            assert (answer.status_code, named in answer.text) == (422, True), answer.text
