@@ -96,13 +96,16 @@ async def _disarm_if_stale(vehicle: Vehicle) -> None:
 async def _rises(vehicle: Vehicle, ground_m: float) -> bool:
     """Return whether it takes off though its answer says that it does not.
 
-    ArduCopter answers FAILED to a copy of the order once it follows it: then the answer to the first one was lost.
+    ArduCopter answers FAILED to a copy of the order once it follows it: then the answer to the first one was lost. So
+    may be the HEARTBEAT that says that it is armed, which is asked for.
     """
 
     def has_risen() -> bool:
         up = vehicle.state.snapshot()
         return up is not None and up.relative_alt_m > ground_m + RISEN_M
 
+    if not await heartbeat_until(vehicle, lambda: vehicle.state.armed and is_ours(vehicle)):
+        return False
     await vehicle.wait_until(lambda: has_risen() or not vehicle.state.armed or not is_ours(vehicle), RISES_WITHIN_S)
     return has_risen() and vehicle.state.armed and is_ours(vehicle)
 
