@@ -715,15 +715,18 @@ def test_only_who_flies_to_a_place_again_flies_an_item_again(back_to: int, again
 
 
 @pytest.mark.parametrize(
-    ("heard_s", "held"),
-    [([], False), ([9.9], False), ([10.2], True), ([10.75], False)],
-    ids=["never", "before", "meanwhile", "as the order is followed"],
+    ("heard_s", "armed", "held"),
+    [([], True, False), ([9.9], True, False), ([10.2], True, True), ([10.75], True, False), ([10.2], False, False)],
+    ids=["never", "before", "meanwhile", "as the order is followed", "before it is launched"],
 )
-def test_a_human_counts_whose_mode_was_heard_before_our_order_left(heard_s: list[float], held: bool) -> None:
+def test_a_human_counts_whose_mode_was_heard_in_flight_before_our_order_left(
+    heard_s: list[float], armed: bool, held: bool
+) -> None:
     seen = history()
     seen.ground.heartbeats_s = lambda system_id: heard_s if system_id == 2 else []  # type: ignore[method-assign]
     fault = {"fault": "mode_change", "mode": "POSITION"}
     seen.ground.fleet.truth.events += [
+        *([truth.Event(2.0, 2, "armed")] if armed else []),
         truth.Event(10.0, 2, "fault", fault),
         truth.Event(10.0, 2, "mode", {"mode": "POSITION"}),
         truth.Event(10.8, 2, "mode", {"mode": "MISSION"}),

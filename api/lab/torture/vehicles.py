@@ -55,6 +55,7 @@ class Vehicles:
     _disturbed_until_s: dict[int, float] = field(default_factory=dict)
     _blind: set[int] = field(default_factory=set)
     _taken_over_s: dict[int, float] = field(default_factory=dict)
+    _armed: set[int] = field(default_factory=set)
     _truth_seen: int = 0
     stored: dict[int, Stored] = field(default_factory=dict)
     """What each vehicle has stored last."""
@@ -119,11 +120,18 @@ class Vehicles:
                 self.stored[system_id] = Stored(**event.detail)
             elif event.kind == "mode":
                 self._follow_mode(system_id, event.t_s, event.detail["mode"])
-            elif event.kind == "disarmed":
-                self.foreign.pop(system_id, None)
+            elif event.kind in {"armed", "disarmed"}:
+                self._follow_arming(system_id, armed=event.kind == "armed")
             elif event.kind in {"gps_lost", "gps_back"}:
                 (self._blind.add if event.kind == "gps_lost" else self._blind.discard)(system_id)
         self._truth_seen = len(events)
+
+    def _follow_arming(self, system_id: int, *, armed: bool) -> None:
+        if armed:
+            self._armed.add(system_id)
+        else:
+            self._armed.discard(system_id)
+            self.foreign.pop(system_id, None)
 
     def _follow_mode(self, system_id: int, at_s: float, mode: str) -> None:
         if mode == Mode.MISSION.name and system_id in self.stored:
@@ -156,6 +164,8 @@ class Vehicles:
     def _follow_fault(self, system_id: int, at_s: float, fault: dict[str, Any]) -> None:
         self.harms.setdefault(system_id, set()).add(str(fault.get("fault")))
         if fault.get("fault") == "mode_change":
+            if system_id not in self._armed:
+                return  # it stands, and is launched by an order that comes after
             self.foreign[system_id] = at_s
             if fault.get("mode") not in OURS:
                 self._taken_over_s[system_id] = at_s
