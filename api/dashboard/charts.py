@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from math import ceil
 from typing import Any
 
 from skyfolio.api.dashboard.map_scene import PALETTE
@@ -10,6 +11,8 @@ from skyfolio.api.dashboard.map_scene import PALETTE
 Json = dict[str, Any]
 Row = Sequence[float | None]
 MUTED = "#7c8896"
+READABLE_ROWS = 9
+"""So many names of users can be read beside their rates."""
 FAINT = "rgba(124,136,150,0.28)"
 ALARM = "#d55e00"
 CIVIDIS = ["#00204d", "#404d6b", "#7c7b78", "#bcaf6f", "#ffea46"]
@@ -92,13 +95,21 @@ def timeline(
         ],
         "yAxis": [
             {**_axis("value", None, 0), "name": "sum, kbit/s", "nameTextStyle": {"color": MUTED, "align": "left"}},
-            {**_axis("category", [user.replace("user-", "u") for user in ids], 1), "inverse": True},
+            {**_axis("category", [user.replace("user-", "u") for user in ids], 1), "inverse": True,
+             "axisLabel": _names_beside(len(ids))},
         ],
         "visualMap": {
             "show": False, "min": 0, "max": max(top, 1e-3), "seriesIndex": len(series), "inRange": {"color": CIVIDIS},
         },
         "series": [*series, heat],
     }  # fmt: skip
+
+
+def _names_beside(rows: int) -> Json:
+    """Return how the names of so many rows are written: each where there is room, else every second, third..."""
+    every = ceil(rows / READABLE_ROWS)
+    short = {"width": 44, "overflow": "truncate", "fontSize": 10}
+    return {"color": MUTED, "interval": max(every - 1, 0), **short}
 
 
 def _marks(cursor: int | None, lost: Mapping[str, float] | None, n_slots: int) -> list[Json]:

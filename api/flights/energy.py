@@ -42,13 +42,16 @@ def energy_view(outlook: Outlook | None) -> EnergyView | None:
 
 
 def outlook_in_flight(plan: Plan, uav: str, elapsed_s: float | None, telemetry: Telemetry | None) -> Outlook | None:
-    """Return the outlook of a UAV; None before slot 0, where the plan has no battery of it, or its charge is unknown.
+    """Return the outlook of a UAV; None where the plan has no battery of it, or its charge is unknown.
 
-    elapsed_s: fleet seconds since slot 0 of the operation.
+    Nor is there one before slot 0, or after its last slot: what it uses then, on its way home, was taken off the margin
+    before. elapsed_s: fleet seconds since slot 0 of the operation.
     """
     if elapsed_s is None or telemetry is None or telemetry.battery is None or uav not in plan.trajectories_m:
         return None
     slots = elapsed_s / plan.scenario.slot_duration_s - plan.first_slot
+    if slots > plan.scenario.last_slot(plan.scenario.uav(uav)) + 1:
+        return None
     return outlook_of(plan, uav, slots, telemetry.battery)
 
 

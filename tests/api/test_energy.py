@@ -48,6 +48,15 @@ def test_a_uav_lacks_energy_once_it_has_used_more_than_its_margin_beyond_the_pla
 EXAMPLES_PLAN = plan(EXAMPLES["minimal"](), n_starts=1, stop=MaxIterations(1))
 
 
+def test_on_its_way_home_a_uav_does_not_lack_what_the_way_home_takes() -> None:
+    made = planned()
+    ends_s = made.scenario.slots * made.scenario.slot_duration_s
+    empty = 1.0 - (made.energy_wh["uav-1"][-1] + min(made.energy_margin_wh["uav-1"]) + 5.0) / 40.0
+    assert watch(made, empty, elapsed_s=ends_s).lacking("uav-1") is not None
+    assert watch(made, empty, elapsed_s=ends_s + 1.0).lacking("uav-1") is None
+    assert watch(made, empty, elapsed_s=ends_s + 1.0).outlook("uav-1") is None
+
+
 def test_what_the_gauge_says_counts_in_a_replan_only_where_it_is_more_than_the_plan_has_proven() -> None:
     made = planned()
     slot_s = made.scenario.slot_duration_s

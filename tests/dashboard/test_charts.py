@@ -59,3 +59,11 @@ def test_compared_sums_have_one_line_each(n: int) -> None:
     made = charts.sums({"this": [1e3] * n, "other": [2e3] * n}, n)
     assert [one["name"] for one in made["series"]] == ["this", "other"]
     assert "visualMap" not in made
+
+
+@pytest.mark.parametrize(("users", "every"), [(9, 1), (13, 2), (40, 5)])
+def test_no_more_names_of_users_are_written_than_can_be_read(users: int, every: int) -> None:
+    made = charts.timeline(2, {}, {f"old-town-{n}": [1e3, 2e3] for n in range(users)})
+    label = made["yAxis"][1]["axisLabel"]
+    assert label["interval"] == every - 1
+    assert label["overflow"] == "truncate"

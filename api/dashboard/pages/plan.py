@@ -235,7 +235,7 @@ class PlanPage:
                 draft.move(kind, entry_id, *here)  # type: ignore[arg-type]
                 self._changed(moved=False)
 
-        number = ui.number(value=where[axis], step=5, on_change=changed).props("dense borderless")
+        number = ui.number(value=where[axis], step=5, format="%.2f", on_change=changed).props("dense borderless")
         number.props(f'aria-label="{entry_id} {("east", "north")[axis]}, metres" suffix="{"EN"[axis]}"').classes(
             "sf-coord"
         )
