@@ -42,6 +42,8 @@ from skyfolio.api.store import Database, StoreError
 from skyfolio.api.store.event_log import Event, EventLog
 from skyfolio.api.store.leases import Leases
 from skyfolio.api.store.retention import Retention
+from skyfolio.api.webhooks.delivery import Deliveries, Post, post
+from skyfolio.api.webhooks.hooks import Hooks
 from skyfolio.planner import EXAMPLES
 
 log = structlog.get_logger()
@@ -61,13 +63,14 @@ class Ports:
     """What a service reaches the world through; by default what a process of its own has.
 
     solver: makes the lanes of solves. database: opens the database that the settings name. watch_loop: whether it is
-    worth measuring how late the event loop wakes.
+    worth measuring how late the event loop wakes. post: sends a delivery to the receiver of a webhook.
     """
 
     solver: Callable[[Settings], Solver] = solver_for
     database: Callable[[Settings], Awaitable[Database]] = _open_database
     fleet: FleetPorts = field(default_factory=FleetPorts)
     watch_loop: bool = True
+    post: Post = post
 
 
 class Service:
@@ -110,6 +113,8 @@ class Service:
         self.operations = Operations(shared, Stores(database, self.journal, events), self.fleet)
         self.orders = Orders(self.fleet, self.operations)
         self.drills = Drills(self.fleet, self.operations, events, database, self.simulated)
+        self.webhooks = Hooks(database)
+        self.deliveries = Deliveries(self.webhooks, events, database, self._ports.post)
         self.ready = False
         self._pulse: tuple[float, float] | None = None
         self._pulsing: asyncio.Task[None] | None = None
@@ -152,6 +157,7 @@ class Service:
             self.background.start("loop-watch", self.metrics.watch_loop)
         self.background.start("telemetry", self._show_telemetry)
         self.background.start("tidy", self._tidy)
+        self.background.start("webhooks", self.deliveries.run)
         self.background.start("tend-solver", self._tend_solver)
         if self.solver.link is not None:
             self.solver.link.tell = self.events.add

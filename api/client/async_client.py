@@ -132,3 +132,7 @@ class AsyncClient:
     robustness = _awaited(Client.robustness)
     submit = _awaited(Client.submit)
     vehicles = _awaited(Client.vehicles)
+    register_webhook = _awaited(Client.register_webhook)
+    webhooks = _awaited(Client.webhooks)
+    delete_webhook = _awaited(Client.delete_webhook)
+    test_webhook = _awaited(Client.test_webhook)

@@ -17,6 +17,8 @@ from skyfolio.api.flights.journal import Entry
 from skyfolio.api.flights.measured_rates import Measurement
 from skyfolio.api.flights.operation_views import OperationRow, OperationView, Policy
 from skyfolio.api.flights.orders import OrderResult
+from skyfolio.api.webhooks.delivery import WebhookTrial
+from skyfolio.api.webhooks.hooks import WebhookView
 
 
 class FlightRequests(Transport):
@@ -125,6 +127,30 @@ class FlightRequests(Transport):
         """Report what users get; return how many measurements were new."""
         body = {"measurements": [one.model_dump() for one in measurements]}
         return int(self.call("POST", f"/v1/operations/{operation_id}/measurements", json=body).json()["new"])
+
+    def register_webhook(
+        self,
+        url: str,
+        topics: Sequence[Literal["loss", "approval", "completion"]],
+        secret: str,
+        *,
+        key: str | None = None,
+    ) -> WebhookView:
+        """Have these topics sent to an address, signed with this secret, from now on."""
+        body = {"url": url, "topics": list(topics), "secret": secret}
+        return WebhookView.model_validate_json(self.call("POST", "/v1/webhooks", json=body, key=key).content)
+
+    def webhooks(self) -> list[WebhookView]:
+        """Return all webhooks, with how far their deliveries are."""
+        return [WebhookView.model_validate(row) for row in self.call("GET", "/v1/webhooks").json()]
+
+    def delete_webhook(self, webhook_id: str) -> None:
+        """Delete a webhook."""
+        self.call("DELETE", f"/v1/webhooks/{webhook_id}")
+
+    def test_webhook(self, webhook_id: str) -> WebhookTrial:
+        """Send the topic `test` to a webhook now; how that went."""
+        return WebhookTrial.model_validate_json(self.call("POST", f"/v1/webhooks/{webhook_id}:test").content)
 
     def drill(
         self, /, operation_id: str, uav_id: str, *, fault: str = "kill", at_slot: int | None = None, **options: Any

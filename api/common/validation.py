@@ -7,6 +7,8 @@ from typing import Any
 
 _CONSEQUENCES = frozenset({"too_short", "too_long"})
 """Pydantic counts only the valid items of a list, so an invalid one breaks the rule about its length too."""
+SECRETS = frozenset({"secret"})
+"""Fields whose values are never said again, not even when they break a rule."""
 _UNIT_M, _UNIT_DEG = "_m", "_deg"
 
 
@@ -47,6 +49,8 @@ def _row(error: Mapping[str, Any], prefix: tuple[str, ...]) -> dict[str, str]:
         loc = [field]
     row = {"field": ".".join(loc) or "body", "rule": str(error["type"]), "message": message}
     value = error.get("input")
+    if loc and loc[-1] in SECRETS:
+        return row
     if isinstance(value, str | int | float | bool) or value is None:
         row["value"] = repr(value)[:100]
         if error["type"] == "string_pattern_mismatch":

@@ -29,6 +29,7 @@ from skyfolio.api.http.routes import (
     plans,
     scenarios,
     service,
+    webhooks,
 )
 from skyfolio.api.plans.solver import Lane
 from skyfolio.api.plans.solver_choice import solver_for
@@ -81,6 +82,7 @@ def create_app(
         description=DESCRIPTION,
         lifespan=lifespan,
         responses=problems.DESCRIBED,
+        generate_unique_id_function=lambda route: route.name,
         docs_url=None,
         redoc_url=None,
     )
@@ -96,6 +98,7 @@ def create_app(
         allocations,
         drills,
         events,
+        webhooks,
         service,
         login,
     ):

@@ -203,6 +203,25 @@ events = Table(
     Index(None, "at"),
 )
 
+webhooks = Table(
+    "webhooks",
+    metadata,
+    Column("id", String(64), primary_key=True),
+    Column("fingerprint", String(64)),
+    Column("created_at", Double, nullable=False),
+    Column("url", Text, nullable=False),
+    Column("topics", Text, nullable=False),
+    Column("secret", String(256), nullable=False),
+    Column("cursor", BigInteger, nullable=False),
+    Column("attempts", Integer, nullable=False),
+    Column("trying_since", Double),
+    Column("next_at", Double, nullable=False),
+    Column("last_status", Integer),
+    Column("last_error", Text),
+    Column("abandoned", Integer, nullable=False),
+    Column("claim", String(64)),
+)
+
 api_keys = Table(
     "api_keys",
     metadata,
