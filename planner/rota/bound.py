@@ -2,14 +2,15 @@
 
 Proof. Let a flight to a station take `out` to get there, `stay` there at most, `back` to land, and `turn` until the
 vehicle may leave again, and let both be there for `overlap` when one relieves another. Count each moment at which a
-station is manned for the vehicle that came last: where the station is never left alone, every flight but the last one
-counts for at most T = stay - overlap, and its vehicle is busy with it for at least C = T + overlap + out + back + turn
-per T, since what is fixed of a cycle is spread over no more than T. So a station that is manned for M seconds keeps
-vehicles busy for at least (C / T) M, up to one cycle of each vehicle at either end. N vehicles have N L seconds in L;
-letting L grow, N >= sum over stations of C / T, each with the vehicle that serves it best. One station alone needs
-that rounded up; vehicles that serve several are pooled, so that it is rounded up only once. This is the reasoning behind
-the homogeneous and partially homogeneous rates of relief of the literature on persistent coverage; it is a bound, and a
-rota may need more. A ground crew that turns `at_once` vehicles around at a time ends at_once / turn cycles a second,
+station is manned for the vehicle that came last: where the station is never left alone, a flight counts for at most
+T = stay - overlap, but for the last one, and its vehicle is busy with it for what it counts and for overlap + out +
+back + turn beside. That is least for each second that counts if it counts for all of T: then C / T seconds, with
+C = T + overlap + out + back + turn. So a station that is manned for M seconds keeps vehicles busy for at least
+(C / T) M, up to one cycle of each vehicle at either end. N vehicles have N L seconds in L; letting L grow,
+N >= sum over stations of C / T, each with the vehicle that serves it best. A station with vehicles of its own needs
+that rounded up; vehicles that serve several are pooled, so that it is rounded up only once. This is the reasoning of
+the homogeneous and partially homogeneous replacement rates of the literature on persistent service; it is a bound, and
+a rota may need more. A ground crew that turns `at_once` vehicles around at a time ends at_once / turn cycles a second,
 of which the stations need the sum of 1 / T: where that is more, no number of vehicles is enough.
 """
 

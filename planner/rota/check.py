@@ -58,10 +58,7 @@ def _shift_faults(shift: Shift, vehicle: PoolVehicle, turnaround: Turnaround) ->
     for rule, (given, needed) in rows.items():
         if given < needed - ROUNDING_S:
             yield RotaFault(rule=rule, where=where, message=f"{given:g} s are fewer than {needed:g} s")
-    if shift.under_way:
-        last = max(vehicle.until_s or 0.0, 0.0)
-    else:
-        last = shift.from_s + sortie.stay_s
+    last = max(vehicle.until_s or 0.0, 0.0) if shift.under_way else shift.from_s + sortie.stay_s
     if shift.until_s > last + ROUNDING_S:
         yield RotaFault(
             rule="energy", where=where, message=f"stays until {shift.until_s:g} s, but must leave at {last:g} s"
@@ -100,7 +97,7 @@ def _station_faults(rota: Rota, station: str, turnaround: Turnaround) -> Iterato
     )
     for before, after in pairwise(row):
         together_s = before.until_s - max(after.from_s, 0.0)
-        if 0.0 < together_s + ROUNDING_S < turnaround.overlap_s and together_s > ROUNDING_S:
+        if ROUNDING_S < together_s < turnaround.overlap_s - ROUNDING_S:
             message = f"{before.vehicle} leaves {together_s:g} s after {after.vehicle} has come"
             yield RotaFault(rule="overlap", where=f"{station} at {after.from_s:g} s", message=message)
     for first, _, third in zip(row, row[1:], row[2:], strict=False):

@@ -7,7 +7,7 @@ it come: early reliefs spread what otherwise ends all at once.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import ceil, floor, inf
 from typing import Literal
@@ -203,7 +203,7 @@ class _Going:
         if not in_time:
             return min(arrivals, key=lambda vehicle: (arrivals[vehicle], self._rank[vehicle]))
         flights = {vehicle: self._possible[vehicle][station] for vehicle in in_time}
-        keys = {
+        keys: dict[Choice, Callable[[str], int]] = {
             "first_free": lambda vehicle: self._free[vehicle],
             "latest": lambda vehicle: -in_time[vehicle],
             "longest": lambda vehicle: -flights[vehicle].stay,

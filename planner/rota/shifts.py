@@ -6,6 +6,7 @@ All times are seconds from now. A vehicle cycles through: ready on its pad, outb
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import pairwise
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
@@ -119,9 +120,10 @@ class Grounded(Frozen):
 class Rota(Frozen):
     """Who relieves whom and when, until `horizon_s`.
 
-    shifts: by station in order of time. grounded: of vehicles that are inbound now. dark: when a station is not manned, from now on. manned_share: of all stations'
-    time. optimal: whether no other rota of this horizon has more manned time. least_fleet: fewer vehicles cannot keep
-    all stations manned for ever (`bound.py`); null where no number can.
+    shifts: by station in order of time. grounded: of vehicles that are inbound now. dark: when a station is not manned,
+    from now on. manned_share: of all stations' time. optimal: whether it is proven that no other rota until then has
+    more manned time. least_fleet: fewer vehicles cannot keep all stations manned for ever (`bound.py`); null where no
+    number can.
     """
 
     horizon_s: Seconds
@@ -140,7 +142,7 @@ class Rota(Frozen):
     def reliefs(self) -> tuple[tuple[Shift, Shift], ...]:
         """Return each relief as who is relieved and who relieves, in order of time."""
         rows = [self.of_station(station) for station in self.stations]
-        pairs = [pair for row in rows for pair in zip(row, row[1:], strict=False) if pair[1].from_s <= pair[0].until_s]
+        pairs = [pair for row in rows for pair in pairwise(row) if pair[1].from_s <= pair[0].until_s]
         return tuple(sorted(pairs, key=lambda pair: (pair[1].from_s, pair[1].station)))
 
 

@@ -33,7 +33,7 @@ def sortie_of(scenario: Scenario, uav: Uav, station_m: Point, *, detour: float =
     stay_s = LONGEST_S
     if air is not None and uav.battery is not None:
         left_wh = float((air.budget_wh - air.before_wh - air.landing_wh)[0]) - out_wh - back_wh
-        stay_s = _slots(scenario, air, left_wh) * scenario.slot_duration_s
+        stay_s = _slots(air, left_wh) * scenario.slot_duration_s
     if stay_s <= 0.0:
         return None
     return Sortie(
@@ -64,7 +64,7 @@ def stay_left_s(
     if out is None or back is None:
         return 0.0
     left_wh = float((air.budget_wh - air.before_wh - air.landing_wh)[0]) - detour * (out[1] + back[1])
-    return max(0, _slots(scenario, air, left_wh)) * scenario.slot_duration_s
+    return max(0, _slots(air, left_wh)) * scenario.slot_duration_s
 
 
 def _with_used(uav: Uav, used_wh: float | None) -> Uav:
@@ -77,7 +77,7 @@ def _height_m(scenario: Scenario, uav: Uav) -> float:
     return scenario.altitude_of(uav) if air is None else float(air.height_m[0])
 
 
-def _slots(scenario: Scenario, air: Air, left_wh: float) -> int:
+def _slots(air: Air, left_wh: float) -> int:
     """Return how many slots of hovering so much energy lasts."""
     return floor(left_wh / float(air.hover_wh()[0])) if np.isfinite(left_wh) else 0
 

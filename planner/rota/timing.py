@@ -13,6 +13,7 @@ import numpy as np
 from scipy.optimize import linprog
 from scipy.sparse import coo_array
 
+from skyfolio.planner.arrays import Array
 from skyfolio.planner.rota.orders import Flight, Order, Steps
 from skyfolio.planner.rota.shifts import PoolVehicle
 
@@ -28,7 +29,7 @@ class Timed:
     """An order with its times in steps: from when to when each flight is at its station, and when it is turned around.
 
     dark: how many steps of all stations have nobody until the horizon. reliefs: how many flights begin until then.
-    margin: by how much new stays end before energy does. grounded: when vehicles that are inbound now are turned around.
+    margin: by how much new stays end before energy does. grounded: when those that are inbound now are turned around.
     """
 
     order: Order
@@ -66,7 +67,7 @@ class _Program:
         self.most.append(most)
         self.entries.extend((len(self.most) - 1, variable, factor) for variable, factor in terms)
 
-    def solved(self) -> np.ndarray | None:
+    def solved(self) -> Array | None:
         """Return the values of the variables at an optimal corner; None where nothing fits."""
         rows, columns, factors = zip(*self.entries, strict=True)
         matrix = coo_array((factors, (rows, columns)), shape=(len(self.most), len(self.costs))).tocsr()
@@ -130,12 +131,12 @@ def _times(
     if found is None:
         return None
     begins, ends, turned = (
-        tuple(int(round(float(found[k]))) for k in row) for row in (variables.begins, variables.ends, variables.turned)
+        tuple(round(float(found[k])) for k in row) for row in (variables.begins, variables.ends, variables.turned)
     )
     rows = {station: [k for k, f in enumerate(order.flights) if f.station == station] for station in stations}
     dark = sum(_dark_within([(begins[k], ends[k]) for k in row], steps.horizon) for row in rows.values())
     reliefs = sum(begin < steps.horizon for begin in begins)
-    grounded = {vehicle: int(round(float(found[k]))) for vehicle, k in variables.grounded.items()}
+    grounded = {vehicle: round(float(found[k])) for vehicle, k in variables.grounded.items()}
     return Timed(order, begins, ends, turned, dark, reliefs, margin, grounded)
 
 

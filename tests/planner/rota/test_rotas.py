@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skyfolio.planner import EXAMPLES, Scenario, Uav
+from skyfolio.planner.energy.account import account_of
 from skyfolio.planner.rota.bound import fleet_bound, most_manned_s
 from skyfolio.planner.rota.check import rota_faults
 from skyfolio.planner.rota.shifts import PoolVehicle, Rota, Sortie, Turnaround
@@ -304,7 +305,7 @@ def test_every_rota_can_be_flown_is_the_same_again_and_below_the_bound(
 
 
 def longest_manned(n: int, sortie: tuple[int, int, int], turn: int, stations: int, horizon: int) -> int:
-    """Return the most manned steps of all stations by trying everything: each vehicle waits, goes, stays, comes back."""
+    """Return the most manned steps of all stations by trying all that vehicles can do."""
     out, stay, back = sortie
 
     def schedules() -> list[list[tuple[int, int]]]:
@@ -392,8 +393,6 @@ def test_ways_take_longer_against_the_wind_and_stays_are_shorter_the_farther_the
 
 
 def test_a_stay_that_is_flown_leaves_the_reserve_by_the_account_of_plans() -> None:
-    from skyfolio.planner.energy.account import account_of
-
     scenario = EXAMPLES["minimal"]().with_changes(
         area_m=((0.0, 0.0), (900.0, 900.0)), wind=Wind(east_mps=2.0, gust_mps=1.0)
     )
@@ -414,3 +413,49 @@ def test_a_stay_that_is_flown_leaves_the_reserve_by_the_account_of_plans() -> No
     assert stay_left_s(scenario, uav, station, used_wh, (10.0, 10.0)) < left_s
     assert stay_left_s(scenario, uav, station, 49.0) == 0.0
     assert stay_left_s(scenario, uav.model_copy(update={"battery": None}), station, 49.0) == 1e6
+
+
+def with_second(rota: Rota, **changes: Any) -> Rota:
+    """Return the rota with its second shift changed."""
+    shifts = list(rota.shifts)
+    shifts[1] = shifts[1].model_copy(update=changes)
+    return rota.model_copy(update={"shifts": tuple(shifts)})
+
+
+@pytest.mark.parametrize(
+    ("change", "rule"),
+    [
+        (lambda _: {"vehicle": "nobody"}, "ids"),
+        (lambda shift: {"leaves_pad_s": shift.leaves_pad_s + 10.0}, "out"),
+        (lambda shift: {"lands_s": shift.lands_s - 10.0}, "back"),
+        (lambda shift: {"ready_s": shift.ready_s - 10.0}, "turnaround"),
+        (lambda shift: {"turned_s": shift.lands_s - 1.0}, "crew"),
+        (lambda shift: {"until_s": shift.from_s + 700.0, "lands_s": shift.from_s + 900.0}, "energy"),
+        (lambda shift: {"from_s": shift.from_s + 10.0}, "overlap"),
+        (lambda shift: {"from_s": shift.from_s + 200.0}, "dark"),
+        (lambda _: {"under_way": True}, "under_way"),
+        (lambda _: {"leaves_pad_s": -10.0}, "ready"),
+        (lambda shift: {"vehicle": "uav-0", "leaves_pad_s": shift.leaves_pad_s}, "ready"),
+    ],
+)
+def test_the_check_finds_every_kind_of_fault(change: Any, rule: str) -> None:
+    pool = pool_of(5)
+    rota = checked(pool, STATIONS, CREW, horizon_s=3600.0)
+    broken = with_second(rota, **change(rota.shifts[1]))
+    assert rule in {fault.rule for fault in rota_faults(broken, pool, STATIONS, CREW)}
+
+
+def test_the_check_finds_a_crew_that_would_have_too_much_to_do_and_a_share_that_is_not_true() -> None:
+    pool = pool_of(6)
+    rota = checked(pool, STATIONS, CREW, horizon_s=3600.0)
+    [*_, last] = rota.shifts
+    crowd = tuple(
+        shift.model_copy(update={"turned_s": 5000.0 + k, "ready_s": 5180.0 + k}) for k, shift in enumerate(rota.shifts)
+    )
+    faults = rota_faults(rota.model_copy(update={"shifts": crowd}), pool, STATIONS, CREW)
+    assert "crew" in {fault.rule for fault in faults}
+    lied = rota.model_copy(update={"manned_share": 1.0})
+    assert [fault.where for fault in rota_faults(lied, pool, STATIONS, CREW)] == ["manned_share"]
+    third = last.model_copy(update={"vehicle": "uav-0"})
+    packed = rota.model_copy(update={"shifts": (*rota.shifts, third, third)})
+    assert "crowded" in {fault.rule for fault in rota_faults(packed, pool, STATIONS, CREW)}
