@@ -328,7 +328,7 @@ class Flight(FlightTimeline):
         for uav in self.surviving():
             at_s = self._record.still_since_s(uav)
             if at_s is not None and at_s < self.last_slot_s(uav):
-                altitude_m = self.plan.scenario.altitude_of(self.plan.scenario.uav(uav))
+                altitude_m = self.plan.scenario.altitude_of(self.newest_uav(uav))
                 at_s = max(at_s, self._record.at_s(-1) - self._fleet.link.monitor.lost_after_s)  # else it were lost
                 ago_s = inf if self.paused else self.now_s() - at_s
                 self._fleet.was_flying(self.systems[uav], altitude_m, ago_s)

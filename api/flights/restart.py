@@ -220,7 +220,8 @@ async def _write(operation: Operation, incident: int, step: Step, data: dict[str
 
 def _all_started(operation: Operation) -> bool:
     """Return whether every vehicle that is heard flies its mission; one that is silent is lost like any other."""
-    heard = [uav for uav in operation.flight.systems if operation.flight.telemetry(uav) is not None]
+    flight = operation.flight
+    heard = [uav for uav in flight.plan.scenario.uav_ids if flight.telemetry(uav) is not None]
     return bool(heard) and all(_in_mission(operation, uav) for uav in heard)
 
 

@@ -14,6 +14,7 @@ from tests.api.field import Case
 from tests.api.sky import Sky, flight
 from tests.api.test_killed import MATRIX, kill_at
 
+pytestmark = pytest.mark.timeout(1800)
 MINUTES_S = 600.0
 UAVS = SCENARIO.uav_ids
 CALM: dict[str, Any] = {"plan_ahead": False}

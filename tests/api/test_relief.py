@@ -13,6 +13,7 @@ from tests.api.endless import Apart, ended
 from tests.api.relief import BATTERY, EVERY, HORIZON, ONE_STATION, SLOT_S, THREE_STATIONS, pooled, whole
 from tests.api.sky import Sky
 
+pytestmark = [pytest.mark.long, pytest.mark.timeout(3600)]
 CALM: dict[str, Any] = {"plan_ahead": False}
 ONE, THREE = whole(ONE_STATION, 3), whole(THREE_STATIONS, 7)
 ORDERED_WITHIN_S = 10.0

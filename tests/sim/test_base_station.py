@@ -95,6 +95,16 @@ def test_the_sinr_is_worked_out_as_by_hand() -> None:
     assert of(truth).rate_bps == pytest.approx(10_000.0 * math.log2(1 + sinr), rel=1e-4)
 
 
+def test_one_that_is_told_to_be_silent_disturbs_nobody_while_that_is_valid() -> None:
+    fleet, truth = alone(TruthChannel(noise_dbm=-60.0))
+    before = of(truth).sinr_db
+    other = fleet.vehicles[2].base_station
+    other.hear(2, [Served(-1.0, 1e6, {}, sends=False)], 0.0)
+    assert of(truth).sinr_db == before, "it has not acknowledged that"
+    other.acknowledge(2)
+    assert of(truth).sinr_db > before + 10.0
+
+
 def test_a_dead_vehicle_neither_serves_nor_disturbs() -> None:
     fleet, truth = alone(TruthChannel(noise_dbm=-60.0))
     before = of(truth).sinr_db

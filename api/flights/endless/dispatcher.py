@@ -16,7 +16,7 @@ import structlog
 from skyfolio.api.common.fleet_clock import FleetClock
 from skyfolio.api.fleet.registry import Fleet
 from skyfolio.api.flights.endless.observing import observe
-from skyfolio.api.flights.endless.pool import Member, Pool
+from skyfolio.api.flights.endless.pool import MOST_TRIES, Member, Pool
 from skyfolio.api.flights.endless.relief_view import MemberView, ReliefView, StationView
 from skyfolio.api.flights.endless.rota_keeper import RotaKeeper
 from skyfolio.api.flights.endless.sortie import leave_pad, who_is_over
@@ -27,8 +27,6 @@ from skyfolio.mavlink_bridge import BridgeError
 log = structlog.get_logger()
 LOOK_S = 0.5
 """Fleet seconds between two looks at the pool."""
-MOST_TRIES = 4
-"""After so many reliefs that did not come about a vehicle flies home; after so many refusals it is out of service."""
 REST_S = 30.0
 """Fleet seconds after which a vehicle that did not leave its pad is asked again."""
 
@@ -128,11 +126,14 @@ class Dispatcher:
 
     def _refused(self, member: Member, error: str, now_s: float) -> None:
         """Take the next one in the place of a vehicle that did not leave its pad; ask it again after a while."""
-        tries = member.tries + 1
-        state = "ready" if tries < MOST_TRIES and self._flight.roster.is_down(member.id) else "out_of_service"
-        self._pool.give_up(member.id, "ready" if state == "ready" else "out_of_service", error, now_s)
-        member.tries = tries
-        self._rests_until_s[member.id] = now_s + REST_S * tries
+        member.refusals += 1
+        if not self._flight.roster.is_down(member.id):
+            self._pool.give_up(member.id, "inbound", error, now_s)  # it hovers, or lands: see `TakeOff.stand_down`
+            self._launches[member.id] = asyncio.create_task(self._bring_down(member.id), name=f"down-{member.id}")
+        else:
+            again = member.refusals < MOST_TRIES
+            self._pool.give_up(member.id, "ready" if again else "out_of_service", error, now_s)
+        self._rests_until_s[member.id] = now_s + REST_S * member.refusals
         self._told(member)
 
     # -- taking over ----------------------------------------------------------------------------------------------
@@ -143,7 +144,7 @@ class Dispatcher:
         for member in self._pool.in_state("outbound"):
             uav = member.id
             is_up = uav not in self._launches and uav not in flight.lost and flight.hovers(uav)
-            if not is_up or self._incidents.has_work:
+            if not is_up or self._incidents.has_work or now_s < self._rests_until_s.get(uav, 0.0):
                 continue
             if member.tries >= MOST_TRIES:
                 self._launches[uav] = asyncio.create_task(self._bring_down(uav), name=f"bring-down-{uav}")
@@ -151,6 +152,7 @@ class Dispatcher:
                 self._told(member)
                 continue
             member.tries += 1
+            self._rests_until_s[uav] = now_s + flight.slot_s
             self._incidents.request_recovery("relief", detail=f"{uav} for {member.station}", reliever=uav)
             return
 

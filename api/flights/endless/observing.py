@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 
-from skyfolio.api.flights.endless.pool import Member, MemberState, Pool
+from skyfolio.api.flights.endless.pool import MOST_TRIES, Member, MemberState, Pool
 from skyfolio.api.flights.flight import Flight
 
 HEARD_S = 3.0
@@ -42,6 +42,8 @@ def _seen(pool: Pool, member: Member, flight: Flight, slot: int, flown: Collecti
         return ("turnaround", "it has come down") if down else None
     if member.state == "inbound":
         return ("turnaround", "it has landed") if down else None
+    if member.state == "out_of_service" and down and member.refusals < MOST_TRIES:
+        return "turnaround", "it counts again, and has landed"
     if member.state == "turnaround" and down and _is_turned(pool, member, flight):
         return "ready", "it is charged"
     return None

@@ -14,6 +14,8 @@ from skyfolio.api.flights.endless.relief_terms import ReliefTerms
 from skyfolio.planner import Plan, Uav
 from skyfolio.planner.geometry import Point
 
+MOST_TRIES = 4
+"""After so many reliefs that did not come about a vehicle flies home; after so many refusals it is out of service."""
 MemberState = Literal["ready", "outbound", "on_station", "inbound", "turnaround", "out_of_service"]
 
 
@@ -21,7 +23,7 @@ MemberState = Literal["ready", "outbound", "on_station", "inbound", "turnaround"
 class Member:
     """One vehicle. since_s: fleet seconds since slot 0 at which it came into its state, and `because` of what.
 
-    tries: how often a relief by it was asked for since it left its pad, or how often it did not leave it.
+    tries: how often a relief by it was asked for since it left its pad. refusals: how often it did not leave its pad.
     """
 
     id: str
@@ -30,6 +32,7 @@ class Member:
     since_s: float = 0.0
     because: str = ""
     tries: int = 0
+    refusals: int = 0
 
 
 @dataclass
@@ -131,8 +134,8 @@ class Pool:
         if state == "on_station":
             station = member.station
             self.reliefs += 1
-        if state in {"ready", "outbound"} and member.state != state:
-            member.tries = 0 if state == "outbound" or member.state == "turnaround" else member.tries
+        member.tries = 0 if state == "outbound" else member.tries
+        member.refusals = 0 if state == "on_station" else member.refusals
         member.state, member.station, member.because, member.since_s = state, station, because, round(now_s, 3)
 
     # -- for a restart --------------------------------------------------------------------------------------------

@@ -13,6 +13,7 @@ from skyfolio.api.common.fleet_clock import FleetClock
 from skyfolio.api.fleet.registry import Fleet
 from skyfolio.api.flights.flight import Flight
 from skyfolio.api.flights.take_off import TakeOff
+from skyfolio.mavlink_bridge import BridgeError
 from skyfolio.mavlink_bridge.plane import segment_distances_m
 from skyfolio.planner import Plan, Uav, User
 from skyfolio.planner.geometry import Point
@@ -34,7 +35,7 @@ async def leave_pad(uav: Uav, flight: Flight, fleet: Fleet, clock: FleetClock) -
     try:
         await take_off.watched(take_off.upload())
         await take_off.watched(take_off.launch(CLIMB_LIMIT_S))
-    except BaseException:
+    except BridgeError:
         await take_off.stand_down()
         raise
 
