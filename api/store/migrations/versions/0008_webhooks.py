@@ -4,7 +4,7 @@ import sqlalchemy as sa
 from alembic import op
 
 revision = "webhooks"
-down_revision = "measurements"
+down_revision = "slot_rates"
 branch_labels = None
 depends_on = None
 
