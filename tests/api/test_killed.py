@@ -13,6 +13,8 @@ from tests.api.field import ENDED, Case, Field, died, events_of
 from tests.api.sky import Sky, flight
 
 SCENARIO = EXAMPLES["paper"]().with_changes(slots=12, altitude_m=8.0)
+SPEEDUP = 2.5
+"""Of the real flight: enough of it is left to fly when a loaded machine has started another service."""
 HOLD_ON_LOSS = 5
 """COM_OBL_RC_ACT of a PX4 that holds without setpoints; else no stream is begun."""
 LOST = "uav-3"
@@ -34,7 +36,7 @@ MATRIX = [
 
 async def killed_at(case: Case, folder: Path) -> None:
     """Fly, lose a UAV, kill the service at that step, start another one, and see the flight through."""
-    field = Field(folder)
+    field = Field(folder, SPEEDUP)
     async with field:
         async with field.service(dies=case) as first:
             path = await field.take_off(disruption_weight=WEIGHT)
