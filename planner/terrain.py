@@ -132,12 +132,18 @@ class Terrain(Frozen):
         a, b, c = np.broadcast_arrays(a_m, b_m, c_m)
         starts, ends = np.concatenate([a, b, c]), np.concatenate([b, c, a])
         edges = self.highest_on_segments(starts, ends).reshape(3, -1).max(axis=0)
-        corners = np.stack([self._in_cells(a), self._in_cells(b), self._in_cells(c)], axis=1)
+        highest: Array = np.maximum(edges, self.highest_places_in(a, b, c))
+        return highest
+
+    def highest_places_in(self, a_m: Array, b_m: Array, c_m: Array) -> Array:
+        """Return the greatest height of the grid's places in triangles (L, 2), metres: (L,); -inf without any.
+
+        With those on the three edges it is the greatest height in the triangle.
+        """
+        corners = np.stack([self._in_cells(a_m), self._in_cells(b_m), self._in_cells(c_m)], axis=1)
         in_rows = int((corners[:, :, 1].max(axis=1) - corners[:, :, 1].min(axis=1)).sum()) + 2 * len(corners)
         pieces = np.array_split(corners, max(1, ceil(in_rows / _AT_ONCE)))
-        inside = np.concatenate([self._highest_places_in(piece) for piece in pieces])
-        highest: Array = np.maximum(edges, inside)
-        return highest
+        return np.concatenate([self._highest_places_in(piece) for piece in pieces])
 
     def cells_in(self, low_m: Array, high_m: Array) -> tuple[Array, Array, Array]:
         """Return the cells that meet a box: corners south-west and north-east (C, 2), metres, and least heights (C,).

@@ -80,7 +80,10 @@ def _highest(ground: Ground, paths_m: Array) -> tuple[Array, Array]:
     home = np.repeat(ground.home_m[:, None], n_slots, axis=1)
     flat = [points.reshape(-1, 2) for points in (home, paths_m, ends)]
     under = ground.terrain.highest_on_segments(flat[1], flat[2]).reshape(n_uavs, n_slots)
-    homeward = ground.terrain.highest_in_triangles(*flat).reshape(n_uavs, n_slots)
+    way_home = ground.terrain.highest_on_segments(flat[0], flat[1]).reshape(n_uavs, n_slots)  # a side of two triangles
+    after = np.where(last, way_home, np.concatenate([way_home[:, 1:], way_home[:, -1:]], axis=1))
+    inside = ground.terrain.highest_places_in(*flat).reshape(n_uavs, n_slots)
+    homeward = np.maximum.reduce([under, way_home, after, inside])
     return _of_both_legs(under), _of_both_legs(homeward)
 
 
