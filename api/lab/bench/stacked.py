@@ -111,8 +111,7 @@ def nearest_m(autopilot: str, begins_m: float, mode: Mode, other_m: tuple[float,
     spec = sim.VehicleSpec(1, 47.397742, 8.545594, autopilot=autopilot)
     vehicle = Autopilot(spec, protocol_clock=lambda: 0.0, on_event=lambda _kind, _detail: None)
     vehicle.arm(force=True)
-    if autopilot == "ardupilot":
-        vehicle.set_mode(Mode.GUIDED)
+    vehicle.set_mode(Mode.GUIDED)  # ArduCopter takes off in it; PX4 refuses it, and needs none
     vehicle.takeoff(begins_m)
     _let_pass(vehicle, CLIMBS_S)
     vehicle.home_m = (-60.0, 0.0)
