@@ -9,6 +9,7 @@ _CONSEQUENCES = frozenset({"too_short", "too_long"})
 """Pydantic counts only the valid items of a list, so an invalid one breaks the rule about its length too."""
 SECRETS = frozenset({"secret"})
 """Fields whose values are never said again, not even when they break a rule."""
+_NO_OBJECT = frozenset({"model_attributes_type", "model_type", "dict_type"})
 _UNIT_M, _UNIT_DEG = "_m", "_deg"
 
 
@@ -44,6 +45,8 @@ def _row(error: Mapping[str, Any], prefix: tuple[str, ...]) -> dict[str, str]:
     loc = [str(part) for part in error["loc"]]
     loc = loc[1:] if loc and loc[0] in prefix else loc
     message = str(error["msg"]).removeprefix("Value error, ")
+    if error["type"] in _NO_OBJECT:  # pydantic speaks of Python's dictionaries
+        message = "Input should be a JSON object"
     if not loc and ": " in message:  # a rule across fields names its field itself
         field, message = message.split(": ", 1)
         loc = [field]

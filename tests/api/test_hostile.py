@@ -133,3 +133,10 @@ def test_bad_headers_are_refused(client: TestClient, minimal: dict[str, Any], he
 def test_a_request_id_cannot_smuggle_lines_into_the_log(client: TestClient) -> None:
     answer = client.get("/health", headers={"X-Request-ID": "x y\tz"})
     assert answer.headers["X-Request-ID"] != "x y\tz"
+
+
+@pytest.mark.parametrize("path", ["/v1/scenarios:validate", "/v1/operations/none/measurements"])
+def test_a_list_where_an_object_belongs_is_refused_in_the_words_of_json(client: TestClient, path: str) -> None:
+    answer = client.post(path, json=[{"uav_id": "uav-1"}])
+    assert answer.status_code == 422
+    assert answer.json()["errors"][0]["message"] == "Input should be a JSON object"
