@@ -6,6 +6,7 @@ import asyncio
 import json
 from collections.abc import Awaitable, Callable, Mapping
 from contextlib import suppress
+from functools import partial
 from typing import NamedTuple
 
 import httpx2
@@ -126,11 +127,11 @@ class Deliveries:
                 continue
             task = asyncio.create_task(self._catch_up(hook), name=f"webhook-{hook.view.id}")
             self._sending[hook.view.id] = task
-            task.add_done_callback(lambda _done, of=hook.view.id: self._sent(of))
+            task.add_done_callback(partial(self._sent, hook.view.id))
         return min(waits_s, default=None)
 
-    def _sent(self, hook_id: str) -> None:
-        task = self._sending.pop(hook_id)
+    def _sent(self, hook_id: str, task: asyncio.Task[bool]) -> None:
+        del self._sending[hook_id]
         if task.cancelled():
             return
         error = task.exception()
