@@ -51,6 +51,7 @@ def recovered(found_s: float, began_s: float = 0.0) -> tuple[RecoveryReport, Ste
         flight: Any = SimpleNamespace(
             now_s=now_s, slot_s=SLOT_S, n_slots=SLOTS, positions_m=positions_m, telemetry=lambda _uav: "heard",
             surviving=lambda: ["uav-1", "uav-2"],
+            plan=SimpleNamespace(trajectories_m={"uav-1": [], "uav-2": [], "uav-3": []}),
         )  # fmt: skip
         shared: Any = SimpleNamespace(
             settings=SimpleNamespace(guidance_lead_s=1.0), clock=SimpleNamespace(scale=1.0), metrics=Metrics()

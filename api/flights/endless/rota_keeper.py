@@ -23,7 +23,6 @@ AGAIN_S = 60.0
 """So often the rota is made anew, in fleet seconds, for what vehicles have really used."""
 CYCLES, LONGEST_S = 2.0, 7200.0
 """How far ahead it reaches: about so many cycles of the slowest vehicle, at most so many seconds."""
-EFFORT = 0.3
 LANDS_MPS = 1.0
 
 
@@ -85,7 +84,6 @@ class RotaKeeper:
                 turnaround,
                 horizon_s=horizon_s,
                 step_s=slot_s,
-                effort=EFFORT,
             )
         except ValueError as error:
             log.warning("no rota was made", reason=str(error))
