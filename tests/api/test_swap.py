@@ -64,7 +64,8 @@ class OneFlight:
     def telemetry(self, _uav: str) -> None:
         return None
 
-    async def swap(self, uav: str, _mission: Mission) -> str | None:
+    async def swap(self, uav: str, _mission: Mission, *, streamed_m: object = None) -> str | None:
+        assert streamed_m is None, "a recovery from a loss ends the stream"
         self.sent.append(uav)
         if uav == "uav-2" and self._failures:
             self._failures -= 1
