@@ -33,6 +33,7 @@ class Booting:
         self.system_id = 1
         self.state = TelemetryState(1)
         self.texts = StatusTexts()
+        self.armed_at_s = float("-inf")
         self.asked: list[tuple[int, float]] = []
         self.armable_s, self.refuses, self.words = armable_s, refuses, words
         self._telling: list[tuple[float, str, dict[str, Any]]] = []
