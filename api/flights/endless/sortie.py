@@ -77,4 +77,4 @@ def _nearest_m(place_m: Point, path_m: list[Point]) -> float:
     legs = list(pairwise(path_m))
     if not legs:
         return dist(place_m, path_m[0])
-    return min(segment_distances_m([(place_m, place_m)] * len(legs), legs).tolist())
+    return float(segment_distances_m([(place_m, place_m)] * len(legs), legs).min())
