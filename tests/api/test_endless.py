@@ -9,6 +9,8 @@ import pytest
 from skyfolio import sim
 from skyfolio.api.flights.journal import Entry
 from skyfolio.api.flights.operation_views import State
+from skyfolio.api.flights.recovery_report import RecoveryReport
+from skyfolio.planner import Plan
 from tests.api.endless import EVERY, HORIZON, SCENARIO, SLOT_S, Apart, ended, extensions, take_off
 from tests.api.field import Case
 from tests.api.sky import Sky, flight
@@ -27,6 +29,13 @@ def landed_at_home(sky: Sky, *system_ids: int) -> None:
         assert not sky.fleet.truth.happened("crashed", system_id), system_id
         body = sky.fleet.vehicles[system_id].autopilot.dynamics.body
         assert (body.east_m**2 + body.north_m**2) ** 0.5 < 5.0, system_id
+
+
+def plan_of(sky: Sky, report: RecoveryReport) -> Plan:
+    """The plan that a recovery made."""
+    made = sky.client.read_plan(str(report.plan_id))
+    assert isinstance(made, Plan)
+    return made
 
 
 @pytest.mark.parametrize("guidance", ["mission", "stream"])
@@ -143,8 +152,7 @@ def test_a_loss_ends_an_extension_that_has_sent_nothing_and_its_plan_reaches_to_
         view = sky.until(operation_id, lambda view: any(report.lost for report in view.recoveries))
         report = next(report for report in view.recoveries if report.lost)
         assert report.outcome == "flying"
-        made = sky.client.read_plan(str(report.plan_id))
-        assert made.scenario.slots == HORIZON
+        assert plan_of(sky, report).scenario.slots == HORIZON
 
 
 def test_a_plan_made_ahead_answers_a_loss_and_is_extended_afterwards() -> None:
@@ -170,7 +178,7 @@ def test_a_uav_that_returns_is_readmitted_long_after_the_first_plan_is_over() ->
         view = sky.until(operation_id, lambda view: any(one.cause == "uav_returned" for one in view.recoveries))
         report = next(report for report in view.recoveries if report.cause == "uav_returned")
         assert (report.outcome, report.error) == ("flying", None)
-        assert set(sky.client.read_plan(str(report.plan_id)).trajectories_m) == set(UAVS)
+        assert set(plan_of(sky, report).trajectories_m) == set(UAVS)
 
 
 @pytest.mark.parametrize("trouble", ["slow", "full"])
