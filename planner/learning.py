@@ -93,7 +93,7 @@ def learned_corrections_db(scenario: Scenario, observations: Sequence[Observatio
 
 
 def _of_uavs_db(heard: _Heard, of_links: Array, of_fleet: Array) -> Array:
-    """Return one correction for each UAV: (U,) dB, what all have in common for those who served nobody."""
+    """Return one correction for each UAV: (U,) dB, what all have in common for those that served no user."""
     found = of_fleet.copy()
     for u in np.unique(heard.serving).tolist():
         found[u] = np.median(of_links[u, np.unique(heard.user[heard.serving == u])])

@@ -47,8 +47,8 @@ class Fleet:
     whole fleet in virtual time as fast as it computes, `attach` puts ground stations beside it in memory, and the same
     seed gives the same log byte for byte. `seed` decides phases, weather and links. `protocol_clock` gives the seconds
     for time-outs and links: by default wall time with sockets, fleet time without. `signing_key` (32 bytes): sign, and
-    refuse what is not signed. `hills`: the ground, where it is not level. `crew`: who changes batteries; None: nobody
-    does. ValueError for no vehicles, duplicate ids, a
+    refuse what is not signed. `hills`: the ground, where it is not level. `crew`: changes batteries; None: there is
+    none. ValueError for no vehicles, duplicate ids, a
     bad endpoint or key.
     """
 

@@ -1,4 +1,4 @@
-"""What an autopilot believes about its battery: it measures since it was switched on, and nobody tells it the rest."""
+"""What an autopilot believes about its battery: it knows what it has measured since it was switched on."""
 
 from skyfolio.sim.airframe import Battery
 

@@ -1,6 +1,6 @@
 """The ground crew: it gives a vehicle that has come back to its pad a charged battery, by switching it off and on.
 
-A pad is where a vehicle was put down at the beginning. Nobody touches a vehicle in the first seconds after it has
+A pad is where a vehicle was put down at the beginning. The crew touches no vehicle in the first seconds after it has
 disarmed; then the crew switches it off, changes the pack, and switches it on again, so that its autopilot boots
 as after any power on: another boot clock, no position and no home for a while, charge counted from 0.
 """
@@ -18,7 +18,7 @@ from skyfolio.sim.station import Vehicle
 LOOK_S = 0.5
 """Fleet seconds between two looks of the crew at its pads."""
 HANDS_OFF_S = 5.0
-"""Nobody touches a vehicle in the first seconds after it was seen to be disarmed."""
+"""The crew touches no vehicle in the first seconds after it was seen to be disarmed."""
 MOST_MEMBERS = 100
 FARTHEST_M = 1000.0
 
@@ -61,7 +61,7 @@ class Pad:
         self.waits_since_s: float | None = None
         """When the vehicle was first seen to be due; None while it is not."""
         self.done_s: float | None = None
-        """When it will be switched on again; None while nobody works on it."""
+        """When it will be switched on again; None while the crew does not work on it."""
         self.reported: str | None = None
         """The kind of the event that was written last about why it waits."""
 

@@ -114,7 +114,7 @@ class RadioTruth:
     def received(self) -> list[Received]:
         """Return what every user gets that some base station serves now.
 
-        A base station in the air sends, whether it serves anybody or not, unless it was told to be silent.
+        A base station in the air sends, whether it serves anybody or not, unless it was ordered to be silent.
         """
         now_s = self._fleet.now_s
         on = self._sending()

@@ -9,7 +9,7 @@ Crew = Annotated[
     typer.Option(
         min=0,
         max=100,
-        help="How many people change batteries of vehicles that have landed on their pads: --crew 2. 0: nobody.",
+        help="How many people change batteries of vehicles that have landed on their pads: --crew 2. 0: no crew.",
     ),
 ]
 Turnaround = Annotated[

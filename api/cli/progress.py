@@ -1,4 +1,4 @@
-"""What is told on standard error while something is planned or proven: only on a terminal, and gone in the end."""
+"""What is written to standard error while something is planned or proven: only on a terminal, and gone in the end."""
 
 from __future__ import annotations
 

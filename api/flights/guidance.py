@@ -303,7 +303,7 @@ class FlightGuidance:
         return self._streams.streams_to(uav)
 
     def unguard(self, uav: str) -> None:
-        """Let nobody command a UAV that is streamed to, if this process dies, while its mission is being replaced."""
+        """Let no process command a UAV that is streamed to, if this one dies, while its mission is being replaced."""
         self._streams.unguard(uav)
 
     def go_on_streaming(self, uav: str, mission: Mission, path_m: Sequence[Point]) -> None:

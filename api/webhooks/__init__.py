@@ -1,6 +1,6 @@
-"""Webhooks: other systems are told of losses, approvals and completions by signed HTTP requests.
+"""Webhooks: losses, approvals and completions are sent to other systems by signed HTTP requests.
 
-    topics     which events are told, and under which topic
+    topics     which events are sent, and under which topic
     signing    what a receiver checks
     hooks      registered ones in the database, each with the number of the last event that its receiver has
     delivery   sends what comes after that number, in order, until the receiver has taken it

@@ -77,7 +77,7 @@ class Deliveries:
         self._listening = True
         self._sending: dict[str, asyncio.Task[bool]] = {}
         self._again: set[str] = set()
-        """Hooks of which something may have come while they were told."""
+        """Hooks for which something may have come while something was sent to them."""
         events.listeners.append(self._note)
 
     def wake(self) -> None:

@@ -70,7 +70,7 @@ class Hooks:
     async def register(
         self, creation: NewResource, *, url: str, topics: Sequence[Topic], secret: str, after: int
     ) -> WebhookView:
-        """Store a webhook that is told what comes after event number `after`.
+        """Store a webhook that is sent what comes after event number `after`.
 
         Raises InvalidError for an address that is none, and ConflictError if there are too many.
         """

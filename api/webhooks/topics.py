@@ -1,4 +1,4 @@
-"""Which events are told to webhooks."""
+"""Which events are sent to webhooks."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _ENDED = {state.value for state in ENDED}
 
 
 def topic_of(kind: str, data: Mapping[str, Any]) -> Topic | None:
-    """Return the topic of an event; None for one that is told to nobody."""
+    """Return the topic of an event; None for one that is not sent."""
     if kind == "uav_lost":
         return Topic.LOSS
     if kind == "incident" and data.get("step") in {Step.PROPOSED.value, Step.APPROVED.value}:

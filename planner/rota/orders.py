@@ -1,4 +1,4 @@
-"""In which order stations are relieved, and by whom: candidates for a rota, whose times `timing.py` then finds.
+"""Orders of reliefs, station and vehicle: candidates for a rota, whose times `timing.py` then finds.
 
 An order is made by going through time: the station that will be left alone first is relieved next, by one of the
 vehicles that can be there by then, or by the first that can. Rules differ in whom they choose, and in when they have
@@ -163,12 +163,12 @@ class _Going:
         return min(max(stays, default=0), self._steps.horizon)
 
     def _due(self, station: str) -> int:
-        """Return when a station is left alone if nobody comes."""
+        """Return when a station is left alone if no vehicle comes."""
         now = self._at[station]
         return self._alone[station] if now is None else now[1] + self._flights[now[0]].stay
 
     def _next(self, station: str) -> bool:
-        """Have a station relieved, or left alone where nobody can come yet; return whether anything was done."""
+        """Have a station relieved, or left alone where no vehicle can come yet; return whether anything was done."""
         now, wanted = self._at[station], self._due(station)
         if now is not None:
             wanted = max(now[1], wanted - self._steps.overlap)
@@ -194,7 +194,7 @@ class _Going:
         return True
 
     def _later(self, station: str) -> int:
-        """Return when to look at a station again that nobody can come to now: when another has been left."""
+        """Return when to look at a station again that no vehicle can come to now: when another has been left."""
         others = [self._due(name) for name in self._stations if name != station and self._at[name] is not None]
         return max(min(others, default=5 * self._steps.horizon), self._alone[station]) + 1
 

@@ -1,6 +1,6 @@
 """One relief as a replan: a UAV comes up, waits beside the station, and takes it over when the other has left.
 
-Nobody else moves differently: all others keep the paths that they are on. The reliever is silent until the hand-over,
+No other UAV moves differently: all others keep the paths that they are on. The reliever is silent until the hand-over,
 and the relieved from then on, so that neither disturbs the users of the other. Who serves whom, and with which
 bandwidth, stays open: the replan hands users over when that slot begins.
 """
@@ -34,7 +34,7 @@ class Relief:
     """What `replan` has to be given for a relief. Slots are those of the operation.
 
     changes, pins: its arguments. beside_at: from which slot on the reliever waits beside the station, or is there where
-    nobody is relieved. hand_over_at: the slot with which the relieved begins to leave. on_station_at: from which slot
+    no UAV is relieved. hand_over_at: the slot with which the relieved begins to leave. on_station_at: from which slot
     on the reliever is in its place. home_at: the slot in which the relieved is over its pad; None where there is none.
     """
 
@@ -63,7 +63,7 @@ def relief_pins(
 
     horizon: how many slots the new plan has at least; more where somebody is under way for longer. reliever: complete,
     `start_m` where it is in the air when `at_slot` begins. relieved: who leaves, over `pad_m` (default: its home);
-    None where nobody does: then `station_m` says which place is taken, that of a UAV that was lost. hand_over_slot:
+    None where no UAV does: then `station_m` says which place is taken, that of a UAV that was lost. hand_over_slot:
     with which slot of the operation the relieved begins to leave; default: as soon as the reliever is beside it.
     failed, positions_m: as for `replan`, and to be given to it too.
     Raises ReliefError where no way is found, or the hand-over would come too early, ReplanError as `remaining` does,

@@ -147,7 +147,7 @@ class Rota(Frozen):
 
 
 def gaps(stays: Iterable[tuple[float, float]], horizon_s: float) -> list[tuple[float, float]]:
-    """Return when nobody is there between 0 and the horizon, given who is there from when to when."""
+    """Return when no vehicle is there between 0 and the horizon, given from when to when each is."""
     free, at = [], 0.0
     for begin, end in sorted(stays):
         if begin > at:

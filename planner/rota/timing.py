@@ -28,7 +28,7 @@ are worth less than one dark step, so that no station is left alone for it."""
 class Timed:
     """An order with its times in steps: from when to when each flight is at its station, and when it is turned around.
 
-    dark: how many steps of all stations have nobody until the horizon. reliefs: how many flights begin until then.
+    dark: how many steps of all stations have no vehicle until the horizon. reliefs: how many flights begin until then.
     margin: by how much new stays end before energy does. grounded: when those that are inbound now are turned around.
     """
 

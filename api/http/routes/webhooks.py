@@ -1,4 +1,4 @@
-"""Webhooks: who is told of losses, approvals and completions. Only pilots see or change them."""
+"""Webhooks: where news is sent of losses, approvals and completions. Only pilots see or change them."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ async def register_webhook(
     response: Response,
     creation: Annotated[NewResource, Depends(creates("hook"))],
 ) -> WebhookView:
-    """Register a webhook: it is told what happens from now on, at least once and in order."""
+    """Register a webhook: it is sent what happens from now on, at least once and in order."""
     topics = [Topic(topic) for topic in body.topics]
     after = service.events.last_id
     hook = await service.webhooks.register(creation, url=body.url, topics=topics, secret=body.secret, after=after)
@@ -59,7 +59,7 @@ async def read_webhook(webhook_id: str, service: ServiceDep) -> WebhookView:
 
 @router.delete("/webhooks/{webhook_id}", status_code=204)
 async def delete_webhook(webhook_id: str, service: ServiceDep) -> None:
-    """Delete a webhook; what it has not been told yet, it will not be."""
+    """Delete a webhook; what has not been sent yet, is not sent."""
     await service.webhooks.delete(webhook_id)
 
 

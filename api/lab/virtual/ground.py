@@ -70,7 +70,7 @@ class Ground:
     """A fleet at the starts of a scenario, with a disk and workers for its service.
 
     seed: decides every id, phase and gust. specs: the vehicles; by default PX4 at the starts. weather: by default the
-    scenario's; it may have fronts. crew: who changes batteries, of which packs; by default nobody does. several:
+    scenario's; it may have fronts. crew: who changes batteries, of which packs; by default there is no crew. several:
     several services may live at once, which share the disk and the fleet by leases. settings: beside those that virtual
     time needs.
     """

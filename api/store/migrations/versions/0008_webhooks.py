@@ -1,4 +1,4 @@
-"""Store webhooks, and how far each is told."""
+"""Store webhooks, and up to which event each has received."""
 
 import sqlalchemy as sa
 from alembic import op
