@@ -6,7 +6,7 @@ import asyncio
 from typing import Any
 
 from skyfolio.api.flights.endless.pool import Crossing, Pool
-from skyfolio.api.flights.endless.sortie import who_is_over
+from skyfolio.api.flights.endless.sortie import nearest_m, who_is_over
 from skyfolio.api.flights.flight import Flight
 from skyfolio.planner import Plan, ReplanError, Uav
 from skyfolio.planner.rota.relief import Relief, relief_pins
@@ -29,7 +29,7 @@ async def relief_of(pool: Pool, flight: Flight, previous: Plan, request: dict[st
     if over is not None:
         raise ReplanError(f"relief: {over!r} is too close to {reliever!r}")
     horizon = flight.horizon
-    return await asyncio.to_thread(
+    made = await asyncio.to_thread(
         relief_pins,
         previous,
         at_slot=at_slot,
@@ -41,6 +41,24 @@ async def relief_of(pool: Pool, flight: Flight, previous: Plan, request: dict[st
         failed=request["failed"],
         positions_m=request["positions_m"],
     )
+    _require_clear_of_strays(flight, previous, made, at_slot)
+    return made
+
+
+def _require_clear_of_strays(flight: Flight, previous: Plan, relief: Relief, at_slot: int) -> None:
+    """Raise ReplanError if who crosses comes too close to a vehicle that is in the air and in no plan.
+
+    It climbs, hovers or descends above its pad: who hovers is next, who descends will soon be down.
+    """
+    scenario, least_m = previous.scenario, previous.scenario.min_separation_m
+    planned = {uav.id for uav in scenario.uavs if previous.first_slot + scenario.last_slot(uav) >= at_slot}
+    paths_m = {uav: [*path] for uav, path in relief.pins.paths_m.items()}
+    for stray, at_m in flight.positions_m().items():
+        if stray in planned or stray in paths_m or flight.roster.is_down(stray):
+            continue
+        for uav, path_m in paths_m.items():
+            if nearest_m(at_m, path_m) < least_m:
+                raise ReplanError(f"relief: {uav!r} would come too close to {stray!r}, which is above its pad")
 
 
 def cross(pool: Pool, plan_id: str, reliever: str, relief: Relief) -> None:

@@ -67,12 +67,12 @@ def who_is_over(pad_m: Point, uav: str, flight: Flight) -> str | None:
         if other == uav or flight.roster.is_down(other):
             continue
         path = plan.trajectories_m.get(other, [])[begin : begin + CLEAR_SLOTS]
-        if _nearest_m(pad_m, [at_m, *path]) < least_m:
+        if nearest_m(pad_m, [at_m, *path]) < least_m:
             return other
     return None
 
 
-def _nearest_m(place_m: Point, path_m: list[Point]) -> float:
+def nearest_m(place_m: Point, path_m: list[Point]) -> float:
     """Return how close a path comes to a place, metres."""
     legs = list(pairwise(path_m))
     if not legs:
