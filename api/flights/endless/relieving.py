@@ -54,8 +54,8 @@ def _require_clear_of_strays(flight: Flight, previous: Plan, relief: Relief, at_
     planned = {uav.id for uav in scenario.uavs if previous.first_slot + scenario.last_slot(uav) >= at_slot}
     paths_m = {uav: [*path] for uav, path in relief.pins.paths_m.items()}
     for stray, at_m in flight.positions_m().items():
-        if stray in planned or stray in paths_m or flight.roster.is_down(stray):
-            continue
+        if stray in planned or stray in paths_m or stray in flight.lost or flight.roster.is_down(stray):
+            continue  # who is lost is a ghost, and kept clear of as such
         for uav, path_m in paths_m.items():
             if nearest_m(at_m, path_m) < least_m:
                 raise ReplanError(f"relief: {uav!r} would come too close to {stray!r}, which is above its pad")

@@ -17,6 +17,8 @@ from skyfolio.planner.rota.stays import sortie_of, stay_left_s
 log = structlog.get_logger()
 LEAVES_S = 20.0
 """Fleet seconds that a vehicle needs beside climb and way: it is prepared, and waits for slots to begin."""
+SPARE_S = 30.0
+"""Fleet seconds for which a vehicle could stay longer when it is to be relieved: the first reliever may not come up."""
 OVERLAP_SLOTS = 3
 """For about so many slots both are at the station when one relieves another."""
 AGAIN_S = 60.0
@@ -125,7 +127,7 @@ class RotaKeeper:
             from_s = max(sorties[station].out_s - in_state_s, self._flight.slot_s)
             until_s = from_s + sorties[station].stay_s
         else:
-            from_s, until_s = -in_state_s, self.stay_left_s(member)
+            from_s, until_s = -in_state_s, max(self.stay_left_s(member) - SPARE_S, 0.0)
         flying = "outbound" if state == "outbound" else "on_station"
         return PoolVehicle(id=member.id, sorties=sorties, state=flying, station=station, from_s=from_s, until_s=until_s)
 

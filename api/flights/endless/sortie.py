@@ -6,13 +6,16 @@ on board, which hovers over the pad and returns.
 
 from __future__ import annotations
 
+import asyncio
+from collections.abc import Coroutine
 from itertools import pairwise
 from math import dist
+from typing import Any
 
 from skyfolio.api.common.fleet_clock import FleetClock
 from skyfolio.api.fleet.registry import Fleet
 from skyfolio.api.flights.flight import Flight
-from skyfolio.api.flights.take_off import TakeOff
+from skyfolio.api.flights.take_off import FlightError, TakeOff
 from skyfolio.mavlink_bridge import BridgeError
 from skyfolio.mavlink_bridge.plane import segment_distances_m
 from skyfolio.planner import Plan, Uav, User
@@ -23,6 +26,8 @@ CLIMB_LIMIT_S = 60.0
 """Wall seconds within which a vehicle must be up."""
 PATIENCE_S = 10.0
 """Wall seconds within which a vehicle must be armable: it was ready, and there may be another one."""
+PREPARED_S = 15.0
+"""Wall seconds within which a vehicle must have reported what it is and taken its mission, as it does within two."""
 HOVER_SLOTS = 4
 CLEAR_SLOTS = 12
 """For so many slots the air above a pad must be free before a vehicle climbs there."""
@@ -33,11 +38,20 @@ async def leave_pad(uav: Uav, flight: Flight, fleet: Fleet, clock: FleetClock) -
     system = {uav.id: flight.systems[uav.id]}
     take_off = TakeOff(hovering(uav, flight), system, fleet, clock, flight.guidance, patience_s=PATIENCE_S)
     try:
-        await take_off.watched(take_off.upload())
+        await take_off.watched(_within(PREPARED_S, take_off.upload()))
         await take_off.watched(take_off.launch(CLIMB_LIMIT_S))
     except BridgeError:
         await take_off.stand_down()
         raise
+
+
+async def _within(seconds: float, work: Coroutine[Any, Any, float]) -> None:
+    """Do some work. Raises FlightError if it takes longer than so many wall seconds."""
+    try:
+        async with asyncio.timeout(seconds):
+            await work
+    except TimeoutError:
+        raise FlightError(f"it was not prepared within {seconds:g} s") from None
 
 
 def hovering(uav: Uav, flight: Flight) -> Plan:
@@ -64,8 +78,8 @@ def who_is_over(pad_m: Point, uav: str, flight: Flight) -> str | None:
     plan, least_m = flight.plan, flight.first_plan.scenario.min_separation_m
     begin = max(int(flight.now_s() // flight.slot_s) - plan.first_slot, 0)
     for other, at_m in flight.positions_m().items():
-        if other == uav or flight.roster.is_down(other):
-            continue
+        if other == uav or other in flight.lost or flight.roster.is_down(other):
+            continue  # who is lost is a ghost, and kept clear of as such
         path = plan.trajectories_m.get(other, [])[begin : begin + CLEAR_SLOTS]
         if nearest_m(pad_m, [at_m, *path]) < least_m:
             return other
