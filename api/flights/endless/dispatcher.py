@@ -28,7 +28,7 @@ log = structlog.get_logger()
 LOOK_S = 0.5
 """Fleet seconds between two looks at the pool."""
 REST_S = 30.0
-"""Fleet seconds after which a vehicle that did not leave its pad is asked again."""
+"""Twice so many fleet seconds after which a vehicle that did not leave its pad is asked again; then twice as many."""
 
 
 class Dispatcher:
@@ -49,7 +49,6 @@ class Dispatcher:
         self._fleet, self._clock, self._tell, self._save = fleet, clock, tell, save
         self._rota = RotaKeeper(flight, pool)
         self._launches: dict[str, asyncio.Task[None]] = {}
-        self._rests_until_s: dict[str, float] = {}
         self._looked_at_s = -LOOK_S
 
     def tick(self, *, may_order: bool) -> None:
@@ -102,7 +101,7 @@ class Dispatcher:
     def _send_up(self, now_s: float) -> None:
         for shift in self._rota.due():
             member = self._pool.members[shift.vehicle]
-            if member.state != "ready" or now_s < self._rests_until_s.get(member.id, 0.0):
+            if member.state != "ready" or now_s < member.rests_until_s:
                 continue
             pad_m = self._pool.uavs[member.id].start_m
             if who_is_over(pad_m, member.id, self._flight) is not None:
@@ -133,7 +132,7 @@ class Dispatcher:
         else:
             again = member.refusals < MOST_TRIES
             self._pool.give_up(member.id, "ready" if again else "out_of_service", error, now_s)
-        self._rests_until_s[member.id] = now_s + REST_S * member.refusals
+        member.rests_until_s = now_s + REST_S * 2**member.refusals
         self._told(member)
 
     # -- taking over ----------------------------------------------------------------------------------------------
@@ -144,7 +143,7 @@ class Dispatcher:
         for member in self._pool.in_state("outbound"):
             uav = member.id
             is_up = uav not in self._launches and uav not in flight.lost and flight.hovers(uav)
-            if not is_up or self._incidents.has_work or now_s < self._rests_until_s.get(uav, 0.0):
+            if not is_up or self._incidents.has_work or now_s < member.rests_until_s:
                 continue
             if member.tries >= MOST_TRIES:
                 self._launches[uav] = asyncio.create_task(self._bring_down(uav), name=f"bring-down-{uav}")
@@ -152,7 +151,7 @@ class Dispatcher:
                 self._told(member)
                 continue
             member.tries += 1
-            self._rests_until_s[uav] = now_s + flight.slot_s
+            member.rests_until_s = now_s + flight.slot_s
             self._incidents.request_recovery("relief", detail=f"{uav} for {member.station}", reliever=uav)
             return
 

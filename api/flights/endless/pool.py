@@ -24,6 +24,7 @@ class Member:
     """One vehicle. since_s: fleet seconds since slot 0 at which it came into its state, and `because` of what.
 
     tries: how often a relief by it was asked for since it left its pad. refusals: how often it did not leave its pad.
+    rests_until_s: until then, fleet seconds since slot 0, it is asked for nothing again.
     """
 
     id: str
@@ -33,6 +34,7 @@ class Member:
     because: str = ""
     tries: int = 0
     refusals: int = 0
+    rests_until_s: float = 0.0
 
 
 @dataclass

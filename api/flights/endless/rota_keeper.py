@@ -122,6 +122,9 @@ class RotaKeeper:
             ready_s = max(self._pool.terms.turnaround_s - in_state_s, self._flight.slot_s)
             return PoolVehicle(id=member.id, sorties=sorties, state="turnaround", ready_s=ready_s)
         if station is None:
+            rests_s = member.rests_until_s - self._flight.now_s()
+            if rests_s > 0.0:  # it did not leave its pad: another one is asked
+                return PoolVehicle(id=member.id, sorties=sorties, state="turnaround", ready_s=rests_s)
             return PoolVehicle(id=member.id, sorties=sorties)
         if state == "outbound":
             from_s = max(sorties[station].out_s - in_state_s, self._flight.slot_s)
