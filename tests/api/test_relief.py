@@ -61,7 +61,7 @@ def test_one_station_is_manned_for_forty_minutes_by_three_vehicles() -> None:
 def test_three_stations_are_manned_by_seven_vehicles() -> None:
     with pooled(THREE, 3, **CALM) as (sky, terms):
         apart = Apart(sky)
-        operation_id = take_off(sky, terms, 700.0)
+        operation_id = take_off(sky, terms, 600.0)
         view = ended(sky, operation_id, within_s=1000.0)
         assert (view.state, view.error, view.lost) == (State.COMPLETED, None, [])
         assert view.relief is not None
