@@ -69,7 +69,7 @@ class Dispatcher:
         self._send_up(now_s)
 
     async def end(self) -> None:
-        """Send nobody up any more. Vehicles that hover above their pads are left as they are."""
+        """Send no further vehicle up. Vehicles that hover above their pads are left as they are."""
         await self._rota.end()
         for task in self._launches.values():
             task.cancel()

@@ -39,7 +39,7 @@ class Member:
 
 @dataclass
 class Station:
-    """A place that is kept manned. dark_since_s: since when nobody mans it, fleet seconds since slot 0."""
+    """A place that is kept manned. dark_since_s: since when no vehicle mans it, fleet seconds since slot 0."""
 
     id: str
     place_m: Point
@@ -61,7 +61,7 @@ class Crossing:
 
     @property
     def ends_at(self) -> int:
-        """Return the slot from which on nobody is under way any more."""
+        """Return the slot from which on no vehicle is under way."""
         return max(self.on_station_at, self.home_at or 0) + 1
 
 
@@ -100,7 +100,7 @@ class Pool:
         return bool(self.in_state("ready", "outbound", "on_station", "turnaround", "inbound"))
 
     def under_way(self, flown: Collection[str], slot: int) -> list[str]:
-        """Return who flies a crossing of the plans that were flown and is not done with it by that slot."""
+        """Return the UAVs that fly a crossing of the plans that were flown and are not done with it by that slot."""
         return [
             uav
             for crossing in self.crossings
@@ -110,7 +110,7 @@ class Pool:
         ]
 
     def relieved_by(self, reliever: str, plan: Plan, at_slot: int) -> tuple[str | None, Station]:
-        """Return whom a vehicle relieves in a plan from `at_slot` on, None where nobody is there, and at which station.
+        """Return which UAV a vehicle relieves in a plan from `at_slot` on, or None, and at which station.
 
         Raises KeyError for a vehicle that is bound for no station.
         """

@@ -20,7 +20,7 @@ class MemberView(BaseModel):
 
 
 class StationView(BaseModel):
-    """One station: where it is, who mans it, and since when nobody does."""
+    """One station: where it is, which UAV mans it, and since when none does."""
 
     place_m: Point
     manned_by: str | None

@@ -48,7 +48,7 @@ async def relief_of(pool: Pool, flight: Flight, previous: Plan, request: dict[st
 def _require_clear_of_strays(flight: Flight, previous: Plan, relief: Relief, at_slot: int) -> None:
     """Raise ReplanError if who crosses comes too close to a vehicle that is in the air and in no plan.
 
-    It climbs, hovers or descends above its pad: who hovers is next, who descends will soon be down.
+    It climbs, hovers or descends above its pad: one that hovers is next, one that descends will soon be down.
     """
     scenario, least_m = previous.scenario, previous.scenario.min_separation_m
     planned = {uav.id for uav in scenario.uavs if previous.first_slot + scenario.last_slot(uav) >= at_slot}

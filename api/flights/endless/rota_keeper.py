@@ -57,7 +57,7 @@ class RotaKeeper:
         return False
 
     async def end(self) -> None:
-        """Make no more."""
+        """Make no further rota."""
         if self._task is not None:
             self._task.cancel()
             await asyncio.gather(self._task, return_exceptions=True)

@@ -74,7 +74,7 @@ def hovering(uav: Uav, flight: Flight) -> Plan:
 
 
 def who_is_over(pad_m: Point, uav: str, flight: Flight) -> str | None:
-    """Return who comes too close to the air above a pad in the next slots, or is there now; None where nobody does."""
+    """Return which UAV comes too close to the air above a pad in the next slots, or is there now, or None."""
     plan, least_m = flight.plan, flight.first_plan.scenario.min_separation_m
     begin = max(int(flight.now_s() // flight.slot_s) - plan.first_slot, 0)
     for other, at_m in flight.positions_m().items():
