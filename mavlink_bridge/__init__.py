@@ -7,7 +7,8 @@
     links              endpoints, serial_line, hub, routing, senders, signing, framing, tlog, watchers, pauses
     one vehicle        vehicle, telemetry; readiness -> departure -> flight, transfer, speeds; confirming
     the fleet          link (`FleetLink`) on listening; before take-off: preflight, findings, parameter_rules
-    guidance           guidance (keeper or stream of setpoints), route, deviations; guard: a process that outlives ours
+    guidance           keeping (missions) on keeper, slip; guidance (setpoints) on stream; route, deviations;
+                       guard: a process that outlives ours
     what happened      heartbeat; classifier on evidence (height, disarming, reboot, status_texts), conditions
     after a loss       ghosts, transitions, corridors, returns
 

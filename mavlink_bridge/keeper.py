@@ -18,6 +18,7 @@ from skyfolio.mavlink_bridge.profiles import profile_of
 from skyfolio.mavlink_bridge.reach import head_start_s
 from skyfolio.mavlink_bridge.route import Route
 from skyfolio.mavlink_bridge.schedule import SAME_PLACE_M
+from skyfolio.mavlink_bridge.slip import Slip
 from skyfolio.planner.geometry import Point
 
 EVERY_S = 0.5
@@ -40,10 +41,6 @@ FROM_REST = 0.3
 """On the first leg a vehicle slower than this share of the needed speed has yet to build up its acceleration."""
 NEAR_M = 2.0
 """Within this much of a stop it is there, as far as GPS can show, even if its acceptance radius is smaller."""
-OFF_CLOCK_S, OFF_WAY_M = 2.0, 2.0
-"""A UAV that moves is off schedule when it is both so late, or early, and so far from its point."""
-OFF_PLACE_M = 5.0
-"""A UAV that should hover is off schedule when it is so far from its place."""
 NEARER_M = 1.0
 """Coming nearer by less than this does not count: the vehicle hovers, or circles."""
 
@@ -70,28 +67,6 @@ class Stuck:
     item: int
     for_s: float
     distance_m: float
-
-
-@dataclass(frozen=True, slots=True)
-class Slip:
-    """How far a UAV is from its plan when slot `slot` begins: metres, and if it moves seconds late (early: negative).
-
-    late_s: None where the plan hovers (`route.MOVING_MPS`): a UAV in its place is then neither late nor early.
-    """
-
-    slot: int
-    distance_m: float
-    late_s: float | None
-
-    @property
-    def off_schedule(self) -> bool:
-        """Return whether this is worth a word.
-
-        A UAV that moves is a little late at the end of nearly every slot, and one that hovers is moved by wind and GPS.
-        """
-        if self.late_s is None:
-            return self.distance_m >= OFF_PLACE_M
-        return self.distance_m >= OFF_WAY_M and abs(self.late_s) >= OFF_CLOCK_S
 
 
 class Keeper:

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from math import isfinite
-from typing import Any, TypeAlias
+from typing import Any
 
 from skyfolio.mavlink_bridge.autopilots import Autopilot, FlightMode
 from skyfolio.mavlink_bridge.boot_clock import has_restarted
-from skyfolio.mavlink_bridge.e7 import from_e7
+from skyfolio.mavlink_bridge.e7 import Place, place_of
 from skyfolio.mavlink_bridge.power_log import PowerLog, power_w_of
 from skyfolio.mavlink_bridge.profile import AutopilotProfile
 from skyfolio.mavlink_bridge.speaker import Speaker
@@ -20,9 +19,6 @@ MESSAGES = (
     *("EXTENDED_SYS_STATE", "SYS_STATUS", "GPS_RAW_INT", "HOME_POSITION"),
 )
 """Messages the snapshot is made of."""
-
-Place: TypeAlias = tuple[float, float]
-"""Latitude and longitude, WGS-84 degrees."""
 
 FIX_3D = 3
 """GPS_FIX_TYPE_3D_FIX: with less a vehicle does not know where it is."""
@@ -290,19 +286,6 @@ class TelemetryState:
         self.home_deg = place_of(fields["latitude"], fields["longitude"])
         altitude_mm = fields.get("altitude")
         self.home_amsl_m = None if self.home_deg is None or altitude_mm is None else int(altitude_mm) / 1000
-
-
-def place_of(lat_e7: float | None, lon_e7: float | None) -> Place | None:
-    """Return latitude and longitude in degrees, or None for what autopilots send while they know no place.
-
-    That is 0/0 (PX4 and ArduPilot before their first position), NaN (None in JSON), and numbers that are on no globe
-    (INT32_MAX, which the MAVLink definitions use for "unknown").
-    """
-    if lat_e7 is None or lon_e7 is None or not (isfinite(lat_e7) and isfinite(lon_e7)):
-        return None
-    lat_deg, lon_deg = from_e7(int(lat_e7)), from_e7(int(lon_e7))
-    nowhere = lat_deg == 0.0 and lon_deg == 0.0
-    return None if nowhere or abs(lat_deg) > 90.0 or abs(lon_deg) > 180.0 else (lat_deg, lon_deg)
 
 
 def _heading_deg(position: Mapping[str, Any]) -> float | None:

@@ -249,7 +249,7 @@ def channels(
     file: Annotated[
         Path, typer.Argument(help="CSV of measured links: away_m, height_m (of the UAV over the other end), gain_db.")
     ],
-    carrier_hz: Annotated[float, typer.Option(min=1e8, max=1e11, help="Of the measurements.")] = 2e9,
+    carrier_hz: Annotated[float, typer.Option(min=1e8, max=1e11, help="Of the measurements, Hz.")] = 2e9,
     out: Out = None,
     as_json: Json = False,
 ) -> None:

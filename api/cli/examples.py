@@ -9,6 +9,7 @@ EXAMPLES: Mapping[str, str] = {
     "bench areas": "skyfolio bench areas --uavs 100 --compare",
     "bench bridge": "skyfolio bench bridge --swaps 20 --load-s 10",
     "bench drills": "skyfolio bench drills --runs 3",
+    "bench channels": "skyfolio bench channels links.csv --carrier-hz 3.5e9",
     "bench energy": "skyfolio bench energy --flights 4",
     "bench planner": "skyfolio bench planner --quick --section fast --utility sum",
     "bench radio": "skyfolio bench radio --layouts 4",

@@ -32,7 +32,7 @@ PacksOfPad = Annotated[
 BatteryMinutes = Annotated[
     float | None,
     typer.Option(
-        min=1, max=300, help="Minutes of hovering on a new, full battery until 20 % is left: --battery-minutes 18."
+        min=1, max=300, help="Hovering time on a new, full battery until 20 % is left, minutes: --battery-minutes 18."
     ),
 ]
 Fronts = Annotated[

@@ -9,8 +9,9 @@ from skyfolio.api.common.fleet_clock import FleetClock
 from skyfolio.api.fleet.registry import Fleet
 from skyfolio.api.flights.assigned_missions import AssignedMission
 from skyfolio.mavlink_bridge.deviations import AltitudeOffPlan, AltitudeWatch, Deviation, HomeWatch
-from skyfolio.mavlink_bridge.guidance import Kept, keep
-from skyfolio.mavlink_bridge.keeper import Keeper, Order, Slip
+from skyfolio.mavlink_bridge.keeper import Keeper, Order
+from skyfolio.mavlink_bridge.keeping import Kept, keep
+from skyfolio.mavlink_bridge.slip import Slip
 
 
 class ScheduleKeepers:

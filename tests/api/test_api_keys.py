@@ -32,6 +32,8 @@ NEEDED = {
     ("POST", "/v1/scenarios:import"): Role.VIEWER,
     ("POST", "/v1/scenarios:validate"): Role.VIEWER,
     ("GET", "/v1/audit"): Role.PILOT,
+    ("GET", "/v1/webhooks"): Role.PILOT,
+    ("GET", "/v1/webhooks/{webhook_id}"): Role.PILOT,
 }
 """What is not the rule: who reads is a viewer, who changes anything is a pilot."""
 GUESTS = [None, "sky_000000000000_guess", "nonsense", "sky_' OR 1=1 --_x", "é" * 300]

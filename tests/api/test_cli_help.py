@@ -26,7 +26,7 @@ from tests.api.test_cli import run
 from tests.ports import free_port
 
 UNIT = re.compile(
-    r"\b(seconds|metres|m/s|kbit/s|dBm?|Hz|degrees|Wh|real time|share|gap|index|speed-up)\b",
+    r"\b(seconds|minutes|metres|m/s|kbit/s|dBm?|Hz|degrees|Wh|real time|share|gap|index|speed-up)\b",
     re.IGNORECASE,
 )
 """Units, and words for numbers that have none."""

@@ -126,7 +126,7 @@ async def test_the_guard_leaves_a_vehicle_alone_that_has_let_go_and_may_be_sent_
     async with streaming() as (stream_to, stream):
         guard: Any = OneGuard()
         mission = SimpleNamespace(slot_of_item={2: 0, 4: 1}, item_of_slot=lambda slot: 2 + 2 * slot)
-        assigned: Any = SimpleNamespace(slot_s=5.0, path_m=[(0.0, 0.0), (0.0, 9.0)], mission=mission)
+        assigned: Any = SimpleNamespace(first_slot=0, slot_s=5.0, path_m=[(0.0, 0.0), (0.0, 9.0)], mission=mission)
         stream_to._guard, stream_to._streamed = guard, {"uav-1": assigned, "uav-2": assigned}
         stream_to.renew_guard()
         assert guard.latest.items.keys() == {1, 2}

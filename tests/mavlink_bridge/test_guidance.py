@@ -15,8 +15,10 @@ import pytest
 
 from skyfolio.mavlink_bridge import Autopilot, compile_mission, east_north_to_geodetic, geodetic_to_east_north, guidance
 from skyfolio.mavlink_bridge.altitudes import altitudes_of
-from skyfolio.mavlink_bridge.guidance import FallBack, Kept, Stream, Streamed, keep, let_go
-from skyfolio.mavlink_bridge.keeper import Keeper, Order, Slip
+from skyfolio.mavlink_bridge.guidance import FallBack, Stream, Streamed, let_go
+from skyfolio.mavlink_bridge.keeper import Keeper, Order
+from skyfolio.mavlink_bridge.keeping import Kept, keep
+from skyfolio.mavlink_bridge.slip import Slip
 from skyfolio.mavlink_bridge.stream import Streamer
 from skyfolio.planner.plans import Plan
 from skyfolio.sim import Fleet, Mode, ScaledClock

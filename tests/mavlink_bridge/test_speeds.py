@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from skyfolio.mavlink_bridge import Autopilot, FlightMode, compile_mission
-from skyfolio.mavlink_bridge.guidance import Kept, keep
 from skyfolio.mavlink_bridge.keeper import Keeper
+from skyfolio.mavlink_bridge.keeping import Kept, keep
 from skyfolio.mavlink_bridge.px4 import PX4_MODEL as PX4
 from skyfolio.mavlink_bridge.speeds import SpeedRestored, SpeedWatch, order_speed, restore_speed
 from skyfolio.mavlink_bridge.telemetry import TelemetryState

@@ -6,8 +6,9 @@ import pytest
 
 from skyfolio.mavlink_bridge import FlightMode, LandedState
 from skyfolio.mavlink_bridge.autopilots import Autopilot
+from skyfolio.mavlink_bridge.e7 import place_of
 from skyfolio.mavlink_bridge.px4 import PX4
-from skyfolio.mavlink_bridge.telemetry import TelemetryState, place_of
+from skyfolio.mavlink_bridge.telemetry import TelemetryState
 
 POSITION: dict[str, Any] = {
     "time_boot_ms": 12_000,

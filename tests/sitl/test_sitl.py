@@ -27,9 +27,11 @@ from skyfolio.mavlink_bridge import (
 )
 from skyfolio.mavlink_bridge.altitudes import Altitudes
 from skyfolio.mavlink_bridge.fence import fence_items
-from skyfolio.mavlink_bridge.guidance import FallBack, Kept, Stream, Streamed, keep
-from skyfolio.mavlink_bridge.keeper import Keeper, Slip
+from skyfolio.mavlink_bridge.guidance import FallBack, Stream, Streamed
+from skyfolio.mavlink_bridge.keeper import Keeper
+from skyfolio.mavlink_bridge.keeping import Kept, keep
 from skyfolio.mavlink_bridge.preflight import audit
+from skyfolio.mavlink_bridge.slip import Slip
 from skyfolio.mavlink_bridge.stream import Streamer
 from skyfolio.planner import Origin, Plan
 from tests.sitl.field import MARKS, SYSTEMS, URLS
