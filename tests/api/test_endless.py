@@ -144,13 +144,17 @@ def test_a_loss_in_the_middle_of_an_extension_is_answered_by_plans_that_reach_as
 def test_a_loss_ends_an_extension_that_has_sent_nothing_and_its_plan_reaches_to_the_horizon() -> None:
     with flight(SCENARIO, **CALM) as sky:
         operation_id = take_off(sky, 400.0)
-        sky.inject(sim.Kill(3))
-        solving = sky.ground.workers.seconds
-        sky.ground.workers.seconds = lambda job: 30.0 if job.previous is not None else solving(job)
-        sky.wait(lambda: sky.told(operation_id, "uav_lost"), "it is declared lost")
-        sky.ground.workers.seconds = solving
+        sky.let_pass(EVERY * SLOT_S - 9.0)
+        killed_s, solving = sky.now_s, sky.ground.workers.seconds
+        sky.inject(sim.Kill(3))  # about 5 s before it is declared lost, and 4 s before the extension is due
+
+        def seconds(job: Any) -> float:
+            return 30.0 if job.previous is not None and sky.now_s < killed_s + 4.9 else solving(job)
+
+        sky.ground.workers.seconds = seconds
         view = sky.until(operation_id, lambda view: any(report.lost for report in view.recoveries))
         report = next(report for report in view.recoveries if report.lost)
+        assert extensions(view)[0] == "superseded"
         assert report.outcome == "flying"
         assert plan_of(sky, report).scenario.slots == HORIZON
 
