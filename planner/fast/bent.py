@@ -150,7 +150,9 @@ def bent_signals(
     gain: Array,
     fading: Array,
     height2: Array,
-    bend: Bend,
+    table: Array,
+    row: Ints,
+    per_metre: Array,
     east: float,
     north: float,
     spread: float,
@@ -159,8 +161,11 @@ def bent_signals(
     near: Array,
     signal: Array,
 ) -> None:
-    """SNR of every UAV at user k, who is at (east, north) in slot n, into `signal`, and its slope into `near`: (U,)."""
-    sampled, table, row, per_metre = fading.shape[0] > 0, bend.factor, bend.row, bend.per_metre
+    """SNR of every UAV at user k, who is at (east, north) in slot n, into `signal`, and its slope into `near`: (U,).
+
+    table, row, per_metre: of `Bend`, here and below.
+    """
+    sampled = fading.shape[0] > 0
     for i in range(near.shape[0]):
         de, dn = path[n, 0, i] - east, path[n, 1, i] - north
         over2 = de * de + dn * dn + spread
@@ -172,12 +177,19 @@ def bent_signals(
 
 @smooth
 def hear_bent(
-    user_m: Array, gain: Array, x: float, y: float, height2: float, bend: Bend, which: int, row: Array
+    user_m: Array,
+    gain: Array,
+    x: float,
+    y: float,
+    height2: float,
+    table: Array,
+    per_metre: float,
+    which: int,
+    row: Array,
 ) -> None:
     """Write the SNR of a UAV at (x, y) at every user into `row` (K,). gain: (1,) or (K,); which: of the profiles."""
     east, north, spread, shared, same = user_m[0], user_m[1], user_m[2], gain.shape[0] == 1, gain[0]
-    factor, per_metre = bend.factor, bend.per_metre[which]
     for k in range(row.shape[0]):
         de, dn = x - east[k], y - north[k]
         over2 = de * de + dn * dn + spread[k]
-        row[k] = (same if shared else gain[k]) * bent(factor, which, per_metre, over2)[0] / (over2 + height2)
+        row[k] = (same if shared else gain[k]) * bent(table, which, per_metre, over2)[0] / (over2 + height2)

@@ -15,15 +15,17 @@ from skyfolio.planner.fast.links_narrow import pull_link, sum_without
 @smooth
 def slot_signals_bent(arena: Arena, at: Array, n: int, signal: Array, total: Array) -> None:
     """SNR of every pair of slot n into `signal` (U, K), 1 + their sum into `total` (K,). at: (2, U), positions."""
-    bend, here = arena.bend, arena.user_m[n * arena.per_slot]
+    bend, here, height2 = arena.bend, arena.user_m[n * arena.per_slot], arena.height2
+    table, row, per_metre = bend.factor, bend.row, bend.per_metre
     sampled, mapped = arena.fading.shape[0] > 0, bend.logs.shape[0] > 0
     for k in range(signal.shape[1]):
         total[k] = 1.0
     for u in range(signal.shape[0]):
         gain = arena.fading[n, u] if sampled else arena.gain[n, u : u + 1]
-        hear_bent(here, gain, at[0, u], at[1, u], arena.height2[u], bend, bend.row[u], signal[u])
+        which = row[u]
+        hear_bent(here, gain, at[0, u], at[1, u], height2[u], table, per_metre[which], which, signal[u])
         if mapped:
-            hear_map(bend, n * arena.per_slot, at[0, u], at[1, u], bend.row[u], signal[u])
+            hear_map(bend, n * arena.per_slot, at[0, u], at[1, u], which, signal[u])
         for k in range(signal.shape[1]):
             total[k] += signal[u, k]
     if arena.draws.shape[2] > 0:
@@ -43,6 +45,7 @@ def rates_by_bent_link(arena: Arena, path: Array, links: Links, rate: Array) -> 
         arena.draws,
         arena.bend,
     )
+    table, row, per_metre = bend.factor, bend.row, bend.per_metre
     users, uavs, khz, count, per_slot = links.user, links.uav, links.khz, links.used, arena.per_slot
     near, signal, lean, mapped = (
         np.empty(path.shape[2]),
@@ -59,7 +62,7 @@ def rates_by_bent_link(arena: Arena, path: Array, links: Links, rate: Array) -> 
                 continue
             u, k = uavs[n, j], users[n, j]
             east, north, spread = user_m[at, 0, k], user_m[at, 1, k], user_m[at, 2, k]
-            bent_signals(path, gain, fading, height2, bend, east, north, spread, n, k, near, signal)
+            bent_signals(path, gain, fading, height2, table, row, per_metre, east, north, spread, n, k, near, signal)
             if mapped:
                 map_signals(path, bend, at, n, k, signal, lean)
             if draws.shape[2] > 0:
@@ -82,6 +85,7 @@ def gradient_by_bent_link(arena: Arena, path: Array, links: Links, weight: Array
         arena.draws,
         arena.bend,
     )
+    table, row, per_metre = bend.factor, bend.row, bend.per_metre
     users, uavs, khz, count, per_slot = links.user, links.uav, links.khz, links.used, arena.per_slot
     near, signal, lean, mapped = (
         np.empty(path.shape[2]),
@@ -102,7 +106,7 @@ def gradient_by_bent_link(arena: Arena, path: Array, links: Links, weight: Array
                 continue
             u, k = uavs[n, j], users[n, j]
             east, north, spread = user_m[at, 0, k], user_m[at, 1, k], user_m[at, 2, k]
-            bent_signals(path, gain, fading, height2, bend, east, north, spread, n, k, near, signal)
+            bent_signals(path, gain, fading, height2, table, row, per_metre, east, north, spread, n, k, near, signal)
             if mapped:
                 map_signals(path, bend, at, n, k, signal, lean)
             if draws.shape[2] > 0:

@@ -140,6 +140,8 @@ def gather(arena: Arena, shots: Snapshots, place_m: Array) -> None:
     total[:], own[:], serving[:] = 1.0, 0.0, 0
     plain, start_m, last, step_m = _fly_plainly(arena), arena.start_m, arena.last, arena.step_m
     user_m, per_slot, height2, bent = arena.user_m, arena.per_slot, arena.height2, arena.has_bend
+    table, rows, per_metre = arena.bend.factor, arena.bend.row, arena.bend.per_metre
+    mapped = arena.bend.logs.shape[0] > 0
     for m in range(shots.slot.shape[0]):
         for u in range(place_m.shape[1]):
             x, y, n = place_m[0, u], place_m[1, u], shots.slot[m]
@@ -149,19 +151,13 @@ def gather(arena: Arena, shots: Snapshots, place_m: Array) -> None:
                 x, y = position(arena, u, x, y, n)
             row = shots.signal[m, u]
             if bent:
-                _hear_bent_at(arena, shots, m, u, x, y, row)
+                which = rows[u]
+                hear_bent(user_m[n * per_slot], shots.gain[m, u], x, y, height2[u], table, per_metre[which], which, row)
+                if mapped:
+                    hear_map(arena.bend, n * per_slot, x, y, which, row)
             else:
                 _hear(user_m[n * per_slot], shots.gain[m, u], x, y, height2[u], row)
             _add(row, u, total[m], own[m], serving[m])
-
-
-@kernel
-def _hear_bent_at(arena: Arena, shots: Snapshots, m: int, u: int, x: float, y: float, row: Array) -> None:
-    """Write the SNR of UAV u at (x, y) in moment m at every user into `row` (K,), by its profile of the gain."""
-    user_m, gain = arena.user_m[shots.slot[m] * arena.per_slot], shots.gain[m, u]
-    hear_bent(user_m, gain, x, y, arena.height2[u], arena.bend, arena.bend.row[u], row)
-    if arena.bend.logs.shape[0] > 0:
-        hear_map(arena.bend, shots.slot[m] * arena.per_slot, x, y, arena.bend.row[u], row)
 
 
 @smooth
@@ -193,13 +189,18 @@ def aim(arena: Arena, shots: Snapshots, u: int, x: float, y: float, second: bool
     plain, x0, y0 = _fly_plainly(arena), arena.start_m[0, u], arena.start_m[1, u]
     last, step_m = arena.last[u], arena.step_m[u]
     user_m, per_slot, height2, bent = arena.user_m, arena.per_slot, arena.height2[u], arena.has_bend
+    table, rows, per_metre = arena.bend.factor, arena.bend.row, arena.bend.per_metre
+    mapped = arena.bend.logs.shape[0] > 0
     for m in range(shots.slot.shape[0]):
         n = shots.slot[m]
         px, py = _after(x0, y0, x, y, min(n, last) * step_m) if plain else position(arena, u, x, y, n)
         signal, before = shots.signal[m], shots.kept_signal[int(second), m]
         before[:] = signal[u]
         if bent:
-            _hear_bent_at(arena, shots, m, u, px, py, signal[u])
+            which, row = rows[u], signal[u]
+            hear_bent(user_m[n * per_slot], shots.gain[m, u], px, py, height2, table, per_metre[which], which, row)
+            if mapped:
+                hear_map(arena.bend, n * per_slot, px, py, which, row)
         else:
             _hear(user_m[n * per_slot], shots.gain[m, u], px, py, height2, signal[u])
         _exchange(old_total[m], before, signal[u], total[m])

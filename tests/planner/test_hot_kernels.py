@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from skyfolio.planner.fast import exchange, flight, links_narrow, links_wide, market, matching, snapshots
+from skyfolio.planner.fast import bent, exchange, flight, links_narrow, links_wide, market, matching, snapshots
 
 HOT: tuple[Any, ...] = (
     flight.plain_step,
@@ -23,9 +23,11 @@ HOT: tuple[Any, ...] = (
     links_wide._listen_to,
     snapshots._after,
     snapshots._hear,
+    bent.hear_bent,
+    bent.bent_signals,
 )
 
 
 @pytest.mark.parametrize("kernel", HOT, ids=lambda kernel: kernel.py_func.__name__)
 def test_a_kernel_that_is_called_all_the_time_takes_what_it_needs_and_no_more(kernel: Any) -> None:
-    assert "arena" not in inspect.signature(kernel.py_func).parameters
+    assert not {"arena", "bend"} & set(inspect.signature(kernel.py_func).parameters)
