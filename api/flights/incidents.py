@@ -195,11 +195,14 @@ class Incidents:
         self.request_recovery("uav_returned", (uav_id,))
         await self.save()
 
-    async def retire(self, uav_id: str) -> None:
-        """Send a UAV home and plan without it, as after a loss. Raises ConflictError if it may not be commanded."""
+    async def retire(self, uav_id: str, because: str | None = None) -> None:
+        """Send a UAV home and plan without it, as after a loss. Raises ConflictError if it may not be commanded.
+
+        because: why the service does so by itself; None where the operator asked for it.
+        """
         if uav_id not in self._flight.systems:
             raise ConflictError(f"uav_id: {uav_id!r} does not fly in this operation")
-        await self.take_in({uav_id: await self._flight.roster.retire(uav_id)})
+        await self.take_in({uav_id: await self._flight.roster.retire(uav_id, because)})
 
     # -- inside ---------------------------------------------------------------------------------------------------
 

@@ -145,7 +145,7 @@ class Operation(OperationRecord):
             await self.incidents.take_in(lost)
             self.radio.tick(lost)
             if self.dispatcher is not None:
-                self.dispatcher.tick(may_order=self.state == State.FLYING)
+                await self.dispatcher.tick(may_order=self.state == State.FLYING)
             if self.state == State.FLYING:
                 self._horizon_keeper.look()
             await self.incidents.advance(may_start=self.state == State.FLYING)

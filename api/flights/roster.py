@@ -258,20 +258,21 @@ class Roster:
     def _may_retire(self, uav: str) -> bool:
         return self.may_command(uav) and not self.is_down(uav)
 
-    async def retire(self, uav: str) -> Loss:
+    async def retire(self, uav: str, because: str | None = None) -> Loss:
         """Send a UAV home, and return its loss: it no longer counts.
 
-        Raises ConflictError if it may not be commanded, or does not obey.
+        because: why the service does so by itself; None where the operator asked for it. Raises ConflictError if it may
+        not be commanded, or does not obey.
         """
         if not self._may_retire(uav):
             raise ConflictError(f"uav_id: {uav!r} is not in the air, or is flown by somebody else")
-        because = self.low_on_battery.get(uav, "battery not low")
+        why = because or f"by the operator: {self.low_on_battery.get(uav, 'battery not low')}"
         system = self._systems[uav]
         error = (await self._fleet.commander.each(self._fleet.link.return_home, [system]))[system]
         if error is not None:
             raise ConflictError(f"uav_id: {uav!r} does not return: {error}")
         self.retired.add(uav)
-        return self._declare_lost(uav, Loss("battery", f"sent home by the operator: {because}"))
+        return self._declare_lost(uav, Loss("battery", f"sent home {why}"))
 
     def leave_to_operator(self, uav: str, action: str) -> None:
         """Leave a UAV alone that the operator orders apart from this operation: it no longer counts."""

@@ -58,6 +58,7 @@ def relief_pins(
     hand_over_slot: int | None = None,
     failed: Sequence[str] = (),
     positions_m: Mapping[str, Point] | None = None,
+    used_wh: Mapping[str, float] | None = None,
 ) -> Relief:
     """Return changes and pins with which `replan` has `reliever` take over a station from `at_slot` on.
 
@@ -65,14 +66,15 @@ def relief_pins(
     `start_m` where it is in the air when `at_slot` begins. relieved: who leaves, over `pad_m` (default: its home);
     None where no UAV does: then `station_m` says which place is taken, that of a UAV that was lost. hand_over_slot:
     with which slot of the operation the relieved begins to leave; default: as soon as the reliever is beside it.
-    failed, positions_m: as for `replan`, and to be given to it too.
+    failed, positions_m, used_wh: as for `replan`, and to be given to it too.
     Raises ReliefError where no way is found, or the hand-over would come too early, ReplanError as `remaining` does,
     and PinError for what cannot be flown, such as what the energy does not last for.
     """
     if (relieved is None) == (station_m is None):
         raise ReliefError("relieved, station_m: give who is relieved, or which station is taken; not both")
     search = horizon + MOST_SLOTS
-    air = _Air.of(plan, at_slot, search, reliever, failed, positions_m)
+    live = _Live(failed, positions_m, used_wh)
+    air = _Air.of(plan, at_slot, search, reliever, live)
     start = air.path_of(reliever.id)[0]
     if relieved is None:
         assert station_m is not None  # noqa: S101 - one of the two is given
@@ -83,7 +85,7 @@ def relief_pins(
         leaving = _relieved(air, relieved)
         pad = pad_m or leaving.home_m or _pad_of(plan, relieved)
         parts = _handed_over(air, reliever, start, leaving, first, pad, at_slot)
-    return _proven(plan, at_slot, horizon, reliever, relieved, failed, positions_m, parts)
+    return _proven(plan, at_slot, horizon, reliever, relieved, live, parts)
 
 
 @dataclass(frozen=True)
@@ -94,6 +96,20 @@ class _Parts:
     hand_over: int
     takes_over: Arrival
     inbound: Arrival | None
+
+
+@dataclass(frozen=True)
+class _Live:
+    """What is known of the flight: who is lost, where the others are, and what they have used; as for `replan`."""
+
+    failed: Sequence[str]
+    positions_m: Mapping[str, Point] | None
+    used_wh: Mapping[str, float] | None
+
+    def remaining(self, plan: Plan, at_slot: int, changes: Changes) -> Scenario:
+        """Return the scenario of what is left of a plan from `at_slot` on."""
+        scenario, _ = remaining(plan, self.failed, at_slot, self.positions_m, used_wh=self.used_wh, changes=changes)
+        return scenario
 
 
 @dataclass(frozen=True)
@@ -110,11 +126,10 @@ class _Air:
         at_slot: int,
         slots: int,
         reliever: Uav,
-        failed: Sequence[str],
-        positions_m: Mapping[str, Point] | None,
+        live: _Live,
     ) -> _Air:
         """Return that of a plan whose UAVs hover on at its end, for so many slots."""
-        scenario, _ = remaining(plan, failed, at_slot, positions_m, changes=Changes(returned=(reliever,)))
+        scenario = live.remaining(plan, at_slot, Changes(returned=(reliever,)))
         longer = Changes(returned=(reliever,), slots=slots)
         rest_m, rows = rest_of_paths_m(plan, at_slot, longer), []
         whole = scenario.model_copy(update={"slots": slots})
@@ -220,8 +235,7 @@ def _proven(
     horizon: int,
     reliever: Uav,
     relieved: str | None,
-    failed: Sequence[str],
-    positions_m: Mapping[str, Point] | None,
+    live: _Live,
     parts: _Parts,
 ) -> Relief:
     """Return the relief, its pins checked against the scenario that `replan` will make of it."""
@@ -240,7 +254,7 @@ def _proven(
                 "ends_m": {relieved: (float(home[-1, 0]), float(home[-1, 1]))},
             }
         )
-    scenario, _ = remaining(plan, failed, at_slot, positions_m, changes=changes)
+    scenario = live.remaining(plan, at_slot, changes)
     pins = Pins(
         paths_m={uav: tuple((e, n) for e, n in path.tolist()) for uav, path in paths.items()},
         uavs=tuple(uav for uav in scenario.uav_ids if uav not in paths),

@@ -16,11 +16,14 @@ DETOUR = 1.1
 """Ways out and back may be so much longer than the straight one: around others, or waiting for them."""
 
 
-def sortie_of(scenario: Scenario, uav: Uav, station_m: Point, *, detour: float = DETOUR) -> Sortie | None:
+def sortie_of(
+    scenario: Scenario, uav: Uav, station_m: Point, *, detour: float = DETOUR, dearer: float = 1.0
+) -> Sortie | None:
     """Return what a flight from the pad to a station takes; None where it cannot be flown.
 
     uav: on its pad, which is `start_m`, with a full battery. Energy is that proven for plans: the worst wind within the
-    gust, and a reserve that is kept. detour: how much longer than straight ways are reckoned.
+    gust, and a reserve that is kept. detour: how much longer than straight ways are reckoned. dearer: how many times as
+    much as the model says is reckoned with, where vehicles were found to use more.
     """
     grounded = uav if uav.battery is None else _with_used(uav, None)
     air = scenario.air_for([grounded])
@@ -32,8 +35,8 @@ def sortie_of(scenario: Scenario, uav: Uav, station_m: Point, *, detour: float =
     out_s, out_wh, back_s, back_wh = (detour * number for number in (out_s, out_wh, back_s, back_wh))
     stay_s = LONGEST_S
     if air is not None and uav.battery is not None:
-        left_wh = float((air.budget_wh - air.before_wh - air.landing_wh)[0]) - out_wh - back_wh
-        stay_s = _slots(air, left_wh) * scenario.slot_duration_s
+        flown_wh = float((air.before_wh + air.landing_wh)[0]) + out_wh + back_wh
+        stay_s = _slots(air, float(air.budget_wh[0]) / dearer - flown_wh) * scenario.slot_duration_s
     if stay_s <= 0.0:
         return None
     return Sortie(
@@ -49,10 +52,12 @@ def stay_left_s(
     here_m: Point | None = None,
     *,
     detour: float = DETOUR,
+    dearer: float = 1.0,
 ) -> float:
     """Return how much longer a vehicle in the air can stay at a station, seconds; at least 0.
 
     uav: `start_m` is its pad. used_wh: by now. here_m: where it is, if it has yet to fly to the station.
+    dearer: as for `sortie_of`; what is used by now is known, and not reckoned.
     """
     if uav.battery is None:
         return LONGEST_S
@@ -63,7 +68,8 @@ def stay_left_s(
     back = _flown(scenario, uav, air, station_m, uav.home_m or uav.start_m)
     if out is None or back is None:
         return 0.0
-    left_wh = float((air.budget_wh - air.before_wh - air.landing_wh)[0]) - detour * (out[1] + back[1])
+    flown_wh = float(air.landing_wh[0]) + detour * (out[1] + back[1])
+    left_wh = float((air.budget_wh - air.before_wh)[0]) / dearer - flown_wh
     return max(0, _slots(air, left_wh)) * scenario.slot_duration_s
 
 

@@ -11,14 +11,24 @@ from skyfolio.api.flights.endless.relief_terms import ReliefTerms
 from skyfolio.api.lab.virtual.ground import Ground
 from skyfolio.api.lab.virtual.loop import VirtualLoop
 from skyfolio.planner import EXAMPLES, Scenario, Uav, User
-from skyfolio.planner.energy.parts import Battery
+from skyfolio.planner.energy.parts import Battery, Rotors
 from skyfolio.planner.scenario import Point
-from skyfolio.sim.airframe import NOMINAL_V
+from skyfolio.sim import airframe
 from tests.api.sky import NO_LIMIT, Sky
 
 MINUTES = 8.0
 MAH = sim.capacity_for_mah(MINUTES)
-BATTERY = Battery(usable_wh=round(MAH * NOMINAL_V / 1000.0, 3), reserve_share=0.25)
+BATTERY = Battery(usable_wh=round(MAH * airframe.NOMINAL_V / 1000.0, 3), reserve_share=0.25)
+ROTORS = Rotors(
+    blade_w=airframe.BLADE_W,
+    tip_mps=airframe.TIP_MPS,
+    induced_w=airframe.INDUCED_W,
+    induced_mps=airframe.INDUCED_MPS,
+    parasite_w_per_mps3=airframe.PARASITE_W_PER_MPS3,
+    climb_w_per_mps=airframe.MASS_KG * airframe.GRAVITY_MPS2,
+)
+"""Those of the vehicle that is simulated: what a fit of its telemetry gives. The defaults are of a vehicle that takes
+15 % less."""
 PAD_APART_M, SLOT_S, HORIZON, EVERY = 12.0, 5.0, 16, 4
 TURNAROUND_S = 60.0
 
@@ -34,7 +44,7 @@ def _pads(vehicles: int) -> list[Point]:
     return [*PADS, *((164.0 + PAD_APART_M * 2 * n, 130.0) for n in range(vehicles))][:vehicles]
 
 
-def whole(stations_m: tuple[Point, ...], vehicles: int) -> Scenario:
+def whole(stations_m: tuple[Point, ...], vehicles: int, rotors: Rotors = ROTORS) -> Scenario:
     """A scenario of all vehicles on their pads, with three users around each station."""
     users = tuple(
         User(id=f"user-{number}-{k}", position_m=(east + 15.0 * k - 15.0, north + 10.0 * (k % 2)))
@@ -42,7 +52,7 @@ def whole(stations_m: tuple[Point, ...], vehicles: int) -> Scenario:
         for k in range(3)
     )
     uavs = tuple(
-        Uav(id=f"uav-{n}", start_m=pad_m, max_speed_mps=6.0, battery=BATTERY)
+        Uav(id=f"uav-{n}", start_m=pad_m, max_speed_mps=6.0, battery=BATTERY, rotors=rotors)
         for n, pad_m in enumerate(_pads(vehicles), start=1)
     )
     base = EXAMPLES["paper"]()

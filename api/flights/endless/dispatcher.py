@@ -13,9 +13,11 @@ from typing import Any
 
 import structlog
 
+from skyfolio.api.common.errors import ConflictError
 from skyfolio.api.common.fleet_clock import FleetClock
 from skyfolio.api.fleet.registry import Fleet
-from skyfolio.api.flights.endless.observing import observe
+from skyfolio.api.flights.endless.gauges import Gauges
+from skyfolio.api.flights.endless.observing import dark_stations, observe
 from skyfolio.api.flights.endless.pool import MOST_TRIES, Member, Pool
 from skyfolio.api.flights.endless.relief_view import MemberView, ReliefView, StationView
 from skyfolio.api.flights.endless.rota_keeper import RotaKeeper
@@ -47,24 +49,25 @@ class Dispatcher:
     ) -> None:
         self._flight, self._pool, self._incidents = flight, pool, incidents
         self._fleet, self._clock, self._tell, self._save = fleet, clock, tell, save
-        self._rota = RotaKeeper(flight, pool)
+        self._gauges = Gauges(flight, pool)
+        self._rota = RotaKeeper(flight, pool, self._gauges)
         self._launches: dict[str, asyncio.Task[None]] = {}
         self._looked_at_s = -LOOK_S
+        self._dark: set[str] = set()
 
-    def tick(self, *, may_order: bool) -> None:
+    async def tick(self, *, may_order: bool) -> None:
         """Look at the pool, and do what is due. may_order: whether vehicles may be sent up, and reliefs requested."""
         now_s = self._flight.now_s()
         if now_s - self._looked_at_s < LOOK_S:
             return
         self._looked_at_s = now_s
         self._end_launches(now_s)
-        changed = list(observe(self._pool, self._flight, self._launches))
-        for member in changed:
-            self._told(member)
+        self._observe()
         if not may_order or self._flight.past_last_slot():
             return
         if self._rota.tick():
             self._save()
+        await self._call_home(now_s)
         self._relieve(now_s)
         self._send_up(now_s)
 
@@ -95,6 +98,17 @@ class Dispatcher:
         return ReliefView(
             pool=members, stations=stations, reliefs=pool.reliefs, rota=self._rota.rota, made_at_s=made_at_s
         )
+
+    def _observe(self) -> None:
+        """Bring states and stations up to date, and tell what has changed."""
+        for member in list(observe(self._pool, self._flight, self._launches)):
+            self._told(member)
+        self._gauges.look()
+        dark = set(dark_stations(self._pool, self._flight))
+        for station in sorted(dark ^ self._dark):
+            one = self._pool.stations[station]
+            self._tell("station", station=station, is_dark=station in dark, manned_by=one.manned_by)
+        self._dark = dark
 
     # -- leaving pads ---------------------------------------------------------------------------------------------
 
@@ -134,6 +148,30 @@ class Dispatcher:
             self._pool.give_up(member.id, "ready" if again else "out_of_service", error, now_s)
         member.rests_until_s = now_s + REST_S * 2**member.refusals
         self._told(member)
+
+    # -- energy that ends -----------------------------------------------------------------------------------------
+
+    async def _call_home(self, now_s: float) -> None:
+        """Send vehicles home whose energy ends before they are relieved; count them again when they have landed."""
+        flight = self._flight
+        for member in self._pool.members.values():
+            if member.called_home and member.id in flight.lost:
+                if member.state == "turnaround" and now_s >= flight.last_slot_s(member.id):
+                    flight.roster.readmit(member.id)
+                    member.called_home = False
+                continue
+            if now_s < member.rests_until_s or not self._gauges.is_spent(member):
+                continue
+            member.called_home = True
+            self._save()
+            used_wh, left_s = self._gauges.used_wh(member.id), self._gauges.stay_left_s(member)
+            try:
+                because = f"before its reserve is drawn on: {used_wh:.1f} Wh used, it can stay for {left_s:.0f} s more"
+                await self._incidents.retire(member.id, because)
+            except ConflictError as error:
+                member.called_home = False
+                member.rests_until_s = now_s + flight.slot_s
+                flight.note("not_called_home", uav_id=member.id, level="warning", error=str(error))
 
     # -- taking over ----------------------------------------------------------------------------------------------
 

@@ -29,9 +29,9 @@ def observe(pool: Pool, flight: Flight, launching: Collection[str]) -> Iterator[
 def _seen(pool: Pool, member: Member, flight: Flight, slot: int, flown: Collection[str]) -> New | None:
     """Return the state in which a member is now, and why, if that is another one."""
     uav = member.id
-    if uav in flight.lost:
-        loss = flight.roster.losses.get(uav)
-        return ("out_of_service", str(loss)) if member.state != "out_of_service" else None
+    if uav in flight.lost and (member.state == "on_station" or not _comes_home(member, flight)):
+        state: MemberState = "inbound" if _comes_home(member, flight) else "out_of_service"
+        return (state, str(flight.roster.losses.get(uav))) if member.state != "out_of_service" else None
     down = flight.roster.is_down(uav)
     if member.state == "on_station":
         return _off_station(pool, uav, flight, slot, flown, down=down)
@@ -44,9 +44,15 @@ def _seen(pool: Pool, member: Member, flight: Flight, slot: int, flown: Collecti
         return ("turnaround", "it has landed") if down else None
     if member.state == "out_of_service" and down and member.refusals < MOST_TRIES:
         return "turnaround", "it counts again, and has landed"
-    if member.state == "turnaround" and down and _is_turned(pool, member, flight):
+    if member.state == "turnaround" and down and uav not in flight.lost and _is_turned(pool, member, flight):
         return "ready", "it is charged"
     return None
+
+
+def _comes_home(member: Member, flight: Flight) -> bool:
+    """Return whether a member no longer counts because it was called home, and nothing worse has happened to it."""
+    loss = flight.roster.losses.get(member.id)
+    return member.called_home and loss is not None and loss.kind in {"battery", "landed"}
 
 
 def _off_station(pool: Pool, uav: str, flight: Flight, slot: int, flown: Collection[str], *, down: bool) -> New | None:
@@ -79,3 +85,18 @@ def _watch_stations(pool: Pool, flight: Flight, now_s: float) -> None:
         leaves = any(crossing.relieved == station.manned_by for crossing in pool.crossings)
         if path is not None and not leaves:
             station.place_m = path[-1]
+
+
+def dark_stations(pool: Pool, flight: Flight) -> Iterator[str]:
+    """Yield the stations that no vehicle mans, nor has just been handed over to, while the operation goes on."""
+    if flight.past_last_slot():
+        return
+    slot, flown = int(flight.now_s() // flight.slot_s), {entry.plan.id for entry in flight.timeline}
+    handed_over = {
+        one.station
+        for one in pool.crossings
+        if one.plan_id in flown and slot >= one.hand_over_at and one.reliever not in flight.lost
+    }
+    for station in pool.stations.values():
+        if station.manned_by is None and station.id not in handed_over:
+            yield station.id

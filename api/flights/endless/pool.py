@@ -24,7 +24,8 @@ class Member:
     """One vehicle. since_s: fleet seconds since slot 0 at which it came into its state, and `because` of what.
 
     tries: how often a relief by it was asked for since it left its pad. refusals: how often it did not leave its pad.
-    rests_until_s: until then, fleet seconds since slot 0, it is asked for nothing again.
+    rests_until_s: until then, fleet seconds since slot 0, it is asked for nothing again. called_home: whether it was
+    sent home because its energy ended before it was relieved; it counts again when it has landed.
     """
 
     id: str
@@ -35,6 +36,7 @@ class Member:
     tries: int = 0
     refusals: int = 0
     rests_until_s: float = 0.0
+    called_home: bool = False
 
 
 @dataclass

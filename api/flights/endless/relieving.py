@@ -40,6 +40,7 @@ async def relief_of(pool: Pool, flight: Flight, previous: Plan, request: dict[st
         pad_m=None if relieved is None else pool.uavs[relieved].start_m,
         failed=request["failed"],
         positions_m=request["positions_m"],
+        used_wh=request["used_wh"],
     )
     _require_clear_of_strays(flight, previous, made, at_slot)
     return made

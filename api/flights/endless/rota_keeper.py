@@ -8,17 +8,19 @@ from math import dist
 
 import structlog
 
+from skyfolio.api.flights.endless.gauges import Gauges
 from skyfolio.api.flights.endless.pool import Member, Pool
 from skyfolio.api.flights.flight import Flight
 from skyfolio.planner.rota.shifts import PoolVehicle, Rota, Shift, Sortie, Turnaround
 from skyfolio.planner.rota.solver import rota_of
-from skyfolio.planner.rota.stays import sortie_of, stay_left_s
+from skyfolio.planner.rota.stays import sortie_of
 
 log = structlog.get_logger()
 LEAVES_S = 20.0
 """Fleet seconds that a vehicle needs beside climb and way: it is prepared, and waits for slots to begin."""
-SPARE_S = 30.0
-"""Fleet seconds for which a vehicle could stay longer when it is to be relieved: the first reliever may not come up."""
+SPARE_S = 45.0
+"""Fleet seconds for which a vehicle could stay longer when it is to be relieved: the first reliever may not come up,
+and it is called home `RETURN_S` and a slot before that ends."""
 OVERLAP_SLOTS = 3
 """For about so many slots both are at the station when one relieves another."""
 AGAIN_S = 60.0
@@ -31,8 +33,8 @@ LANDS_MPS = 1.0
 class RotaKeeper:
     """The rota of one flight. `rota` counts seconds from `made_at_s`, fleet seconds since slot 0."""
 
-    def __init__(self, flight: Flight, pool: Pool) -> None:
-        self._flight, self._pool = flight, pool
+    def __init__(self, flight: Flight, pool: Pool, gauges: Gauges) -> None:
+        self._flight, self._pool, self._gauges = flight, pool, gauges
         self.rota: Rota | None = None
         self.made_at_s = 0.0
         self._is_stale = True
@@ -130,25 +132,17 @@ class RotaKeeper:
             from_s = max(sorties[station].out_s - in_state_s, self._flight.slot_s)
             until_s = from_s + sorties[station].stay_s
         else:
-            from_s, until_s = -in_state_s, max(self.stay_left_s(member) - SPARE_S, 0.0)
+            from_s, until_s = -in_state_s, max(self._gauges.stay_left_s(member) - SPARE_S, 0.0)
         flying = "outbound" if state == "outbound" else "on_station"
         return PoolVehicle(id=member.id, sorties=sorties, state=flying, station=station, from_s=from_s, until_s=until_s)
-
-    def stay_left_s(self, member: Member) -> float:
-        """Return for how many fleet seconds a vehicle can still stay at its station, by what its battery reports."""
-        flight, uav = self._flight, self._pool.uavs[member.id]
-        telemetry, place_m = flight.telemetry(member.id), self._pool.stations[member.station or ""].place_m
-        if uav.battery is None:
-            return stay_left_s(flight.plan.scenario, uav, place_m, 0.0)
-        charge = None if telemetry is None else telemetry.battery
-        used_wh = uav.battery.budget_wh if charge is None else uav.battery.usable_wh * (1.0 - charge)
-        return stay_left_s(flight.plan.scenario, uav, place_m, used_wh)
 
     def _sorties(self, uav: str) -> dict[str, Sortie]:
         """Return what flights of a vehicle to the stations take, those that it can reach."""
         found = {}
         for station in self._pool.stations.values():
-            one = sortie_of(self._flight.plan.scenario, self._pool.uavs[uav], station.place_m)
+            one = sortie_of(
+                self._flight.plan.scenario, self._pool.uavs[uav], station.place_m, dearer=self._gauges.dearer(uav)
+            )
             if one is not None:
                 found[station.id] = one.model_copy(update={"out_s": one.out_s + LEAVES_S})
         return found
