@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from math import dist
 from typing import Any
 
 from skyfolio.api.common.fleet_clock import FleetClock
@@ -26,6 +27,8 @@ from skyfolio.mavlink_bridge.verified import OnBoard
 from skyfolio.planner import Plan
 from skyfolio.planner.geometry import Point
 
+AT_HOME_M = 1.0
+"""Metres; a UAV that is nearer to its home is above it."""
 HOLDS_WITHIN_S = 5.0
 """Fleet seconds in which a vehicle has reported that it holds because setpoints ended.
 
@@ -100,7 +103,7 @@ class FlightGuidance:
             first_leg_s=first_leg_s,
             autopilot=self._fleet.link.autopilot(system),
             model=self._fleet.link.model(system),
-            on_end=self._end_of(plan),
+            on_end=self._end_of(plan, uav),
         )
         assigned = AssignedMission(
             mission=mission,
@@ -123,9 +126,13 @@ class FlightGuidance:
             return altitudes
         return altitudes.begun_at(telemetry.altitude_amsl_m)
 
-    def _end_of(self, plan: Plan) -> OnEnd:
-        """Return what UAVs do after the last slot: as asked for, but they land where their ways home would meet."""
-        if self.options.at_end is OnEnd.RETURN:
+    def _end_of(self, plan: Plan, uav: str) -> OnEnd:
+        """Return what a UAV does after its last slot: as asked for, but all land where ways home would meet.
+
+        One that is above its home by then has no way home, and returns: so it lands on its pad rather than beside it.
+        """
+        is_home = dist(plan.trajectories_m[uav][-1], self._homes_m[uav]) <= AT_HOME_M
+        if self.options.at_end is OnEnd.RETURN and not is_home:
             try:
                 check_return_paths(plan, self._homes_m)
             except ReturnPathsTooClose as error:
