@@ -47,6 +47,7 @@ def assert_none_fell(sky: Sky, apart: Apart) -> None:
     assert not short, short
 
 
+@pytest.mark.e2e  # 40 s of CPU
 def test_one_station_is_manned_for_forty_minutes_by_three_vehicles() -> None:
     with pooled(ONE, 1, **CALM) as (sky, terms):
         apart = Apart(sky)
@@ -100,10 +101,14 @@ def test_who_is_called_home_counts_again_when_it_has_landed_and_a_spare_has_its_
         assert (view.state, view.error, view.lost) == (State.COMPLETED, None, [])
 
 
+@pytest.mark.e2e  # 25 s of CPU
 def test_three_stations_are_manned_by_seven_vehicles() -> None:
     with pooled(THREE, 3, **CALM) as (sky, terms):
         apart = Apart(sky)
         operation_id = take_off(sky, terms, 700.0)
+        sky.let_pass(690.0)
+        beside = [event.system_id for event in sky.fleet.truth.events if event.kind == "off_pad"]
+        assert not beside, "the crew finds who was relieved on its pad"
         view = ended(sky, operation_id, within_s=1100.0)
         assert (view.state, view.error, view.lost) == (State.COMPLETED, None, [])
         assert view.relief is not None
