@@ -185,6 +185,16 @@ def _second_link(data: Data) -> tuple[str, str]:
     return f"{data.get('uav_id')} is heard on a second link, {data.get('now')}{signed}", "warn" if signed else ""
 
 
+def _station(data: Data) -> tuple[str, str]:
+    if data.get("is_dark"):
+        return f"{data.get('station')} is dark: no UAV mans it", "alarm"
+    return f"{data.get('station')} is manned again", "ok"
+
+
+def _not_called_home(data: Data) -> tuple[str, str]:
+    return f"{data.get('uav_id')} has to come home, and does not: {data.get('error')}", "alarm"
+
+
 def _brought_down(data: Data) -> tuple[str, str]:
     if data.get("error"):
         return f"{data.get('uav_id')} still hovers and cannot be brought down: {data.get('error')}", "alarm"
@@ -274,6 +284,8 @@ DESCRIPTIONS: Mapping[str, Callable[[Data], tuple[str, str]]] = {
     "guard": _guard,
     "lands_instead_of_returning": _lands,
     "brought_down": _brought_down,
+    "station": _station,
+    "not_called_home": _not_called_home,
     "vehicle_registered": _registered,
     "stream_ended": _stream_ended,
     "operation_taken_over": _taken_over,

@@ -111,6 +111,9 @@ from skyfolio.api.dashboard.views import ServiceEvent
         ("home_moved", {"uav_id": "uav-1", "moved_m": 9.0, "up_m": 0.5}, "uav-1 has a new home, 9.0 m away", "warn"),
         ("guard", {"level": "warning", "error": "gone"}, "the stream has no guard", "warn"),
         ("lands_instead_of_returning", {"because": "'uav-1' and 'uav-2'"}, "'uav-1' and 'uav-2'", "warn"),
+        ("station", {"station": "station-1", "is_dark": True}, "station-1 is dark", "alarm"),
+        ("station", {"station": "station-1", "is_dark": False}, "station-1 is manned again", "ok"),
+        ("not_called_home", {"uav_id": "uav-1", "error": "timed out"}, "uav-1 has to come home", "alarm"),
         ("brought_down", {"uav_id": "uav-1", "action": "land", "because": "it hovered"}, "uav-1 lands: it hov", "warn"),
         (
             "brought_down",
