@@ -47,15 +47,15 @@ def assert_none_fell(sky: Sky, apart: Apart) -> None:
     assert not short, short
 
 
-@pytest.mark.e2e  # 40 s of CPU
-def test_one_station_is_manned_for_forty_minutes_by_three_vehicles() -> None:
+@pytest.mark.e2e  # 20 s of CPU
+def test_one_station_is_manned_for_twenty_minutes_by_three_vehicles() -> None:
     with pooled(ONE, 1, **CALM) as (sky, terms):
         apart = Apart(sky)
-        operation_id = take_off(sky, terms, 2400.0)
-        view = ended(sky, operation_id, within_s=3000.0)
+        operation_id = take_off(sky, terms, 1200.0)
+        view = ended(sky, operation_id, within_s=1600.0)
         assert (view.state, view.error, view.lost) == (State.COMPLETED, None, [])
         assert view.relief is not None
-        assert view.relief.reliefs >= 5
+        assert view.relief.reliefs >= 3
         assert apart.closest_m >= ONE.min_separation_m
         assert_served(sky, operation_id)
         assert_none_fell(sky, apart)

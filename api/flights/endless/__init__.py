@@ -7,8 +7,9 @@
     relief_terms    what the operator gives so that vehicles relieve each other
     pool            the vehicles, the stations that they keep manned, and the crossings between plans
     observing       brings the states of a pool up to date from what vehicles report
+    gauges          what each vehicle has used, how much dearer than the model it flies, and who has to come home
     rota_keeper     who relieves whom and when (`planner.rota`), reckoned anew as the pool changes
-    dispatcher      sends vehicles up by the rota, and requests the reliefs
+    dispatcher      sends vehicles up by the rota, requests the reliefs, and calls home who was not relieved
     sortie          one vehicle leaves its pad while others fly
     relieving       one relief: what its replan is given
     relief_view     what clients see of all that

@@ -412,6 +412,9 @@ def test_a_stay_that_is_flown_leaves_the_reserve_by_the_account_of_plans() -> No
     assert left_s == pytest.approx(sortie.stay_s, abs=3 * 5.0 + 30.0)
     assert stay_left_s(scenario, uav, station, used_wh, (10.0, 10.0)) < left_s
     assert stay_left_s(scenario, uav, station, 49.0) == 0.0
+    assert stay_left_s(scenario, uav, station, 40.0 - 1.25 * (40.0 - used_wh), dearer=1.25) == left_s, "what is left"
+    dearer = sortie_of(scenario, uav.model_copy(update={"battery": Battery(usable_wh=62.5)}), station, dearer=1.25)
+    assert dearer == sortie, "a quarter more in the battery, and everything a quarter dearer"
     assert stay_left_s(scenario, uav.model_copy(update={"battery": None}), station, 49.0) == 1e6
 
 
