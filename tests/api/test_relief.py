@@ -47,7 +47,7 @@ def assert_none_fell(sky: Sky, apart: Apart) -> None:
     assert not short, short
 
 
-@pytest.mark.e2e  # 20 s of CPU
+@pytest.mark.e2e  # half a minute of CPU
 def test_one_station_is_manned_for_twenty_minutes_by_three_vehicles() -> None:
     with pooled(ONE, 1, **CALM) as (sky, terms):
         apart = Apart(sky)
@@ -101,7 +101,7 @@ def test_who_is_called_home_counts_again_when_it_has_landed_and_a_spare_has_its_
         assert (view.state, view.error, view.lost) == (State.COMPLETED, None, [])
 
 
-@pytest.mark.e2e  # 25 s of CPU
+@pytest.mark.e2e  # half a minute of CPU
 def test_three_stations_are_manned_by_seven_vehicles() -> None:
     with pooled(THREE, 3, **CALM) as (sky, terms):
         apart = Apart(sky)
