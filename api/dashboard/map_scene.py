@@ -224,7 +224,7 @@ def recorded_row(number: int, uav_id: str, *, lost: bool, slip: Slip | None) -> 
         "state": state,
         "level": level,
         "lost": lost,
-        "slip": slip,
+        "slip": None if slip is None else list(slip),
         "colour": colour,
         "link": "live",
     }
@@ -275,7 +275,7 @@ def _row(number: int, spot: Spot, operation: Operation | None) -> Json:
         "cause": cause,
         "level": level,
         "items": vehicle.mission_items if vehicle else None,
-        "slip": spot.slip,
+        "slip": None if spot.slip is None else list(spot.slip),
         "quality": vehicle.link_quality if vehicle else None,
         "energy": None if spot.energy is None else [spot.energy.used_wh, spot.energy.margin_wh],
         "colour": PALETTE[number % len(PALETTE)],

@@ -3,9 +3,11 @@
 import json
 
 import pytest
+from nicegui import json as page_json
 
 from skyfolio.api.dashboard import map_scene
 from skyfolio.api.dashboard.map_scene import Spot
+from skyfolio.api.dashboard.schedule import Slip
 from skyfolio.api.dashboard.views import Operation, Vehicle
 from skyfolio.planner import EXAMPLES, Changes, Plan, Scenario, User, replan
 from skyfolio.planner.plans import Summary
@@ -47,6 +49,14 @@ def test_the_table_puts_what_is_urgent_first(flying: Operation) -> None:
     assert [row["id"] for row in rows] == ["uav-2", "uav-1"]
     assert rows[1]["cause"] == ""
     assert map_scene.rows([Spot(uav_id="uav-1", at_m=None, vehicle=vehicle(mode="hold"))], flying)[0]["cause"]
+
+
+@pytest.mark.parametrize("slip", [None, Slip(1.5, None), Slip(2.5, -0.5)])
+def test_rows_can_be_sent_to_the_page(slip: Slip | None, flying: Operation) -> None:
+    spot = Spot(uav_id="uav-1", at_m=(1.0, 2.0), vehicle=vehicle(), slip=slip)
+    rows = [*map_scene.rows([spot], flying), map_scene.recorded_row(0, "uav-1", lost=False, slip=slip)]
+    sent = json.loads(page_json.dumps(rows))
+    assert [row["slip"] for row in sent] == [None if slip is None else list(slip)] * 2
 
 
 def test_links_carry_all_bandwidth_of_the_slot(small_plan: Plan) -> None:
