@@ -139,6 +139,8 @@ class Recovery:
                 agreed = True
                 if not self._still_fits(plan):  # the operator took a while: the same decision, newer numbers
                     continue
+            if await self._waited_for_links() and not self._still_fits(plan):
+                continue
             return plan
         raise ReplanError(
             f"transition: no plan can be flown from where the survivors are: {'; '.join(self._incident.attempts)}"
@@ -187,6 +189,20 @@ class Recovery:
         flight, known = self._flight, self._flight.positions_m()
         flying = [uav for uav in flight.surviving() if uav in flight.plan.trajectories_m]
         return [uav for uav in flying if uav not in known and flight.telemetry(uav) is not None]
+
+    async def _waited_for_links(self) -> bool:
+        """Wait while the link of a UAV is stale, unless another was lost; return whether it was.
+
+        It is live or lost soon. A loss ends this recovery, which would go on for as long as what is sent to a dead
+        vehicle is tried again. Raises TooLateError when no slot is left.
+        """
+        waited, flight = False, self._flight
+        while not self._incident.lost and any(flight.roster.is_stale(uav) for uav in flight.surviving()):
+            waited = True
+            if self._next_slot() >= flight.n_slots - 1:
+                raise TooLateError("no slot is left to fly differently: the link of a UAV is stale")
+            await asyncio.sleep(LOCATED_LOOK_S)
+        return waited
 
     def _next_slot(self) -> int:
         """Return the first slot that can still be flown differently."""
@@ -318,7 +334,7 @@ class Recovery:
         require_in_reach(plan, positions_m, left_s, self._flight.heights_m())
 
     def _still_fits(self, plan: Plan) -> bool:
-        """Return whether the plan that was checked before the operator was asked can still be flown."""
+        """Return whether the plan that was checked before a wait can still be flown."""
         try:
             self._check(plan)
         except ReplanError as error:

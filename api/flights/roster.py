@@ -158,6 +158,11 @@ class Roster:
         """Return whether the link of a UAV is not lost."""
         return self._fleet.link.monitor.is_up(self._systems[uav])
 
+    def is_stale(self, uav: str) -> bool:
+        """Return whether a UAV in the air has not been heard for a while, and is not lost yet."""
+        monitor, system = self._fleet.link.monitor, self._systems[uav]
+        return system in monitor.watched and monitor.state(system) is LinkState.STALE and not self.is_down(uav)
+
     def coming_down(self) -> list[str]:
         """Return the UAVs that no longer count, are heard, and fly by themselves to where they land."""
         descending = []

@@ -159,6 +159,19 @@ def test_a_loss_ends_an_extension_that_has_sent_nothing_and_its_plan_reaches_to_
         assert plan_of(sky, report).scenario.slots == HORIZON
 
 
+def test_nothing_is_sent_while_a_uav_may_be_dying_unless_another_was_lost() -> None:
+    with flight(SCENARIO, **CALM) as sky:
+        operation_id = take_off(sky, 400.0)
+        sky.let_pass(EVERY * SLOT_S - 8.2)
+        killed_s = sky.now_s
+        sky.inject(sim.Kill(3))  # its link is stale when the extension is solved
+        view = sky.until(operation_id, lambda view: any(report.lost for report in view.recoveries))
+        report = next(report for report in view.recoveries if report.lost)
+        assert extensions(view)[0] == "superseded"
+        assert report.outcome == "flying"
+        assert sky.now_s - killed_s < 8.0
+
+
 def test_a_plan_made_ahead_answers_a_loss_and_is_extended_afterwards() -> None:
     with flight(SCENARIO) as sky:
         operation_id = take_off(sky, 300.0)
