@@ -131,14 +131,15 @@ class FlightGuidance:
 
         One that is above its home by then has no way home, and returns: so it lands on its pad rather than beside it.
         """
-        is_home = dist(plan.trajectories_m[uav][-1], self._homes_m[uav]) <= AT_HOME_M
-        if self.options.at_end is OnEnd.RETURN and not is_home:
+        if self.options.at_end is not OnEnd.RETURN:
+            return self.options.at_end
+        if dist(plan.trajectories_m[uav][-1], self._homes_m[uav]) > AT_HOME_M:
             try:
                 check_return_paths(plan, self._homes_m)
             except ReturnPathsTooClose as error:
                 self._fleet.note("lands_instead_of_returning", plan_id=plan.id, because=str(error))
                 return OnEnd.LAND
-        return self.options.at_end
+        return OnEnd.RETURN
 
     async def record_sending(self, uavs: Iterable[str]) -> None:
         """Store that the missions compiled last for these UAVs are about to be sent.
