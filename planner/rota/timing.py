@@ -261,9 +261,13 @@ def _rows_of_vehicles(
 def _row_of_station(
     program: _Program, order: Order, station: str, steps: Steps, variables: _Variables, later: frozenset[int] | None
 ) -> list[int]:
-    """Have the flights to one station follow each other; return the slacks of its hand-overs, the last of its end."""
+    """Have the flights to one station follow each other; return the slacks of its hand-overs, the last of its end.
+
+    The next but one comes once a vehicle has left: never are three of them there.
+    """
     slacks: list[int] = []
     before: int | None = None
+    left: int | None = None
     for k, flight in enumerate(order.flights):
         if flight.station != station:
             continue
@@ -276,7 +280,9 @@ def _row_of_station(
             program.at_most([(variables.begins[before], 1.0), (variables.begins[k], -1.0)], 0.0)
             program.at_most([*handed, (slack, -1.0)], -steps.overlap)
             program.at_most([(variable, -factor) for variable, factor in handed], steps.overlap)
-        before = k
+        if left is not None and flight.begins is None:
+            program.at_most([(variables.ends[left], 1.0), (variables.begins[k], -1.0)], 0.0)
+        before, left = k, before
     slack = program.variable(cost=1.0)
     slacks.append(slack)
     end = [] if before is None else [(variables.ends[before], -1.0)]

@@ -293,7 +293,7 @@ def tidy(pool: list[PoolVehicle], turnaround: Turnaround) -> list[PoolVehicle]:
 
 
 @given(pools(), st.integers(60, 5000))
-@settings(max_examples=150)
+@settings(max_examples=60)
 def test_every_rota_can_be_flown_is_the_same_again_and_below_the_bound(
     given_pool: tuple[list[PoolVehicle], tuple[str, ...], Turnaround], horizon_s: int
 ) -> None:
