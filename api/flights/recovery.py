@@ -180,8 +180,7 @@ class Recovery:
             if not is_journaled:
                 is_journaled = True
                 await self._incident.log.step(Step.WAITING, because=because)
-            if self._next_slot() >= self._flight.n_slots - 1:
-                raise TooLateError(f"no slot is left to fly differently: {because}")
+            self._require_a_slot(f"no slot is left to fly differently: {because}")
             await asyncio.sleep(LOCATED_LOOK_S)
 
     def _unlocated(self) -> list[str]:
@@ -199,10 +198,14 @@ class Recovery:
         waited, flight = False, self._flight
         while not self._incident.lost and any(flight.roster.is_stale(uav) for uav in flight.surviving()):
             waited = True
-            if self._next_slot() >= flight.n_slots - 1:
-                raise TooLateError("no slot is left to fly differently: the link of a UAV is stale")
+            self._require_a_slot("no slot is left to fly differently: the link of a UAV is stale")
             await asyncio.sleep(LOCATED_LOOK_S)
         return waited
+
+    def _require_a_slot(self, otherwise: str) -> None:
+        """Raise TooLateError, which says `otherwise`, when no slot is left that can be flown differently."""
+        if self._next_slot() >= self._flight.n_slots - 1:
+            raise TooLateError(otherwise)
 
     def _next_slot(self) -> int:
         """Return the first slot that can still be flown differently."""

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from skyfolio.api.cli.main import main
 from skyfolio.api.lab.bench.measured import Links, links_of, measured_figures, models
+from tests.api.test_cli import run
 
 CARRIER_HZ = 1.8e9
 
@@ -58,22 +58,15 @@ def test_a_file_that_has_no_measurements_is_refused_by_row_and_column(text: str,
         links_of(text)
 
 
-def command(monkeypatch: pytest.MonkeyPatch, *asked: str) -> int:
-    monkeypatch.setattr("sys.argv", ["skyfolio", *asked])
-    with pytest.raises(SystemExit) as left:
-        main()
-    return int(left.value.code or 0)
-
-
 def test_the_command_prints_the_errors_of_every_kind(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     links = made("3gpp_uav, RMa-AV", offset_db=-8.0, noise_db=1.0, rows=200)
     lines = [",".join(f"{value:.3f}" for value in row) for row in zip(*links, strict=True)]
     (tmp_path / "links.csv").write_text("\n".join(["away_m,height_m,gain_db", *lines]))
-    assert command(monkeypatch, "bench", "channels", str(tmp_path / "links.csv"), "--json") == 0
+    assert run(monkeypatch, "bench", "channels", str(tmp_path / "links.csv"), "--json") == 0
     rows = json.loads(capsys.readouterr().out)["rows"]
     assert "3gpp_uav, UMa-AV" in {row["what"] for row in rows}
     (tmp_path / "bad.csv").write_text("a,b\n1,2\n")
-    assert command(monkeypatch, "bench", "channels", str(tmp_path / "bad.csv")) != 0
+    assert run(monkeypatch, "bench", "channels", str(tmp_path / "bad.csv")) != 0
     assert "bad.csv: it must have the columns away_m" in capsys.readouterr().err

@@ -14,7 +14,6 @@ import pytest
 from rasterio import MemoryFile
 from rasterio.transform import from_origin
 
-from skyfolio.api.cli.main import main
 from skyfolio.api.http.routes.places import ImportFile
 from skyfolio.api.places.faults import FaultyFilesError
 from skyfolio.api.places.files import SourceFile
@@ -24,6 +23,7 @@ from skyfolio.planner import EXAMPLES, Scenario
 from skyfolio.planner.arrays import Array
 from skyfolio.planner.channels.gain_map import MAX_GAINS, GainMap
 from skyfolio.planner.geodesy import east_north_to_geodetic, geodetic_to_east_north
+from tests.api.test_cli import run
 
 PAPER = EXAMPLES["paper"]()
 USERS = SourceFile(name="users.csv", content=b"id,lat,lon\nanna,47.3985,8.547\nben,47.3990,8.549\n")
@@ -195,13 +195,6 @@ def test_maps_of_different_levels_are_refused() -> None:
         gain_map_of([npz(), tif(0)], PAPER)
 
 
-def command(monkeypatch: pytest.MonkeyPatch, *asked: str) -> int:
-    monkeypatch.setattr("sys.argv", ["skyfolio", *asked])
-    with pytest.raises(SystemExit) as left:
-        main()
-    return int(left.value.code or 0)
-
-
 def test_the_command_makes_a_scenario_with_the_map(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -210,7 +203,7 @@ def test_the_command_makes_a_scenario_with_the_map(
     for name, receivers in (("city.npz", 2), ("receiver-0.tif", 1)):
         out = tmp_path / "scenario.json"
         asked = ["import", "--gain-map", str(tmp_path / name), "--example", "paper", "--out", str(out)]
-        assert command(monkeypatch, *asked) == 0
+        assert run(monkeypatch, *asked) == 0
         made = Scenario.model_validate_json(out.read_text())
         assert isinstance(made.channel, GainMap)
         assert len(made.channel.receivers_m) == receivers
@@ -221,7 +214,7 @@ def test_the_command_names_a_faulty_map(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "city.npz").write_bytes(b"none")
-    assert command(monkeypatch, "import", "--gain-map", str(tmp_path / "city.npz"), "--example", "paper") != 0
+    assert run(monkeypatch, "import", "--gain-map", str(tmp_path / "city.npz"), "--example", "paper") != 0
     assert "city.npz" in capsys.readouterr().err
 
 

@@ -8,13 +8,20 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
-from skyfolio.planner import Channel, Origin, Scenario, Uav, User, Utility
+from skyfolio.planner import EXAMPLES, Channel, Origin, Plan, Scenario, Uav, User, Utility, plan
 from skyfolio.planner.problem import Problem, problem_of
 
 settings.register_profile("planner", deadline=None)  # the first example may wait for a compiler
 settings.load_profile("planner")
 
 ProblemOf = Callable[..., Problem]
+
+
+@pytest.fixture(scope="module")
+def flown() -> Plan:
+    """The letter's scenario under `per_user`, planned: what replans begin with."""
+    scenario = EXAMPLES["paper"]().with_changes(utility=Utility(kind="per_user", mu_per_kbps=-0.1))
+    return plan(scenario, n_starts=2)
 
 
 @pytest.fixture(scope="session")

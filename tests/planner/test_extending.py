@@ -28,12 +28,6 @@ from skyfolio.planner.problem import problem_of
 from skyfolio.planner.scenario import Battery
 
 
-@pytest.fixture(scope="module")
-def flown() -> Plan:
-    scenario = EXAMPLES["paper"]().with_changes(utility=Utility(kind="per_user", mu_per_kbps=-0.1))
-    return plan(scenario, n_starts=2)
-
-
 def small(**changes: Any) -> Scenario:
     fields: dict[str, Any] = {
         "area_m": ((0.0, 0.0), (200.0, 100.0)),

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from skyfolio.planner import (
-    EXAMPLES,
     Changes,
     Past,
     Plan,
@@ -20,12 +19,6 @@ from skyfolio.planner import (
 from skyfolio.planner.problem import problem_of
 from skyfolio.planner.scenario import NoFlyDisc
 from skyfolio.planner.utility import utility_kbps
-
-
-@pytest.fixture(scope="module")
-def flown() -> Plan:
-    scenario = EXAMPLES["paper"]().with_changes(utility=Utility(kind="per_user", mu_per_kbps=-0.1))
-    return plan(scenario, n_starts=2)
 
 
 def test_any_set_of_uavs_may_fail_but_not_all(flown: Plan) -> None:
