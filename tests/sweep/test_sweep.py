@@ -148,12 +148,33 @@ async def test_the_scheduler_going_away_ends_the_sweep_and_another_computes_the_
                 real.kill_scheduler()
 
         with pytest.raises(SchedulerError, match="it went away; start the sweep again"):
-            await swept(spec, tmp_path, real.address, work=work.waiting, advance=advance)
+            await swept(spec, tmp_path, real.address, work=work.unfinished, advance=advance)
     there = len(skyfolio.sweep.load(tmp_path))
-    assert 20 <= there < 100
+    assert 20 <= there <= work.UNFINISHED
     outcome = await swept(spec, tmp_path, None, work=work.waiting)
     assert (outcome.found, outcome.complete) == (there, True)
     assert_complete(spec, tmp_path)
+
+
+class Unreachable:
+    """A future that is done, of a cluster whose scheduler dies before its result is fetched."""
+
+    status = "finished"
+
+    def __await__(self) -> Iterator[bytes]:
+        raise OSError("the connection was closed")
+
+    def map(self, *_: Any, **__: Any) -> list["Unreachable"]:
+        """Take a batch, as a client does."""
+        return [self]
+
+    def release(self) -> None:
+        """Be forgotten."""
+
+
+async def test_a_result_that_cannot_be_fetched_is_the_fault_of_the_scheduler_not_of_the_batch(tmp_path: Path) -> None:
+    with pytest.raises(SchedulerError, match="it went away; start the sweep again"):
+        await swept_on(Unreachable(), cases(5, batch=5), tmp_path)
 
 
 LONG = """

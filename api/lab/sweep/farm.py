@@ -89,10 +89,16 @@ async def _one(future: Any, batch: Batch) -> Done:
     try:
         done = Done(batch=batch, part=await future)
     except FutureCancelledError as error:  # there is nobody who could be asked to forget it
-        raise SchedulerError("scheduler: it went away; start the sweep again to compute the rest") from error
+        raise _went_away() from error
     except OtherPlannerError as error:
         raise SweepError(f"a worker of the cluster cannot take part: {error}") from error
-    except Exception as error:  # noqa: BLE001 - whatever broke this batch, the others go on, and it is reported
+    except Exception as error:
+        if future.status != "error":  # nothing broke it: what it computed cannot be fetched
+            raise _went_away() from error
         done = Done(batch=batch, error=f"{type(error).__name__}: {error}")
     future.release()
     return done
+
+
+def _went_away() -> SchedulerError:
+    return SchedulerError("scheduler: it went away; start the sweep again to compute the rest")
