@@ -82,6 +82,12 @@ def is_ours(vehicle: Vehicle) -> bool:
     return vehicle.state.is_ours
 
 
+def require_ours(vehicle: Vehicle) -> None:
+    """Check that the service may command it. Raises NotDone with the mode in which somebody else flies it."""
+    if not is_ours(vehicle):
+        raise NotDone(not_ours(vehicle))
+
+
 def not_ours(vehicle: Vehicle) -> str:
     """Return why it is not commanded, in words."""
     return f"not ours to command: it is in mode '{vehicle.state.mode}'"

@@ -10,7 +10,15 @@ from contextlib import nullcontext
 from math import hypot, nan
 
 from skyfolio.mavlink_bridge.autopilots import FlightMode
-from skyfolio.mavlink_bridge.confirming import ask_until, confirm_s, error_of, heartbeat_until, is_ours, seen_of
+from skyfolio.mavlink_bridge.confirming import (
+    ask_until,
+    confirm_s,
+    error_of,
+    heartbeat_until,
+    is_ours,
+    require_ours,
+    seen_of,
+)
 from skyfolio.mavlink_bridge.e7 import to_e7
 from skyfolio.mavlink_bridge.flight import CUSTOM_MODE, SET_MODE, set_mode
 from skyfolio.mavlink_bridge.items import Frame
@@ -155,8 +163,9 @@ async def start(vehicle: Vehicle, item: int) -> None:
     """Enter mission mode and see it fly `item` or a later one (HEARTBEAT and MISSION_CURRENT). Raises NotDone.
 
     The order is repeated until HEARTBEAT shows that it is followed: if the acknowledged one alone is lost, the vehicle
-    starts half a second late.
+    starts half a second late. A vehicle that somebody has taken over since it arrived is left to them.
     """
+    require_ours(vehicle)
     reports = vehicle.state.mission_reports
     insisting = asyncio.create_task(_insist(vehicle, FlightMode.MISSION))
     try:
@@ -174,7 +183,7 @@ async def _insist(vehicle: Vehicle, mode: FlightMode) -> None:
     order = vehicle.command_message(SET_MODE, CUSTOM_MODE, main, sub)
     for _ in range(INSIST_TIMES):
         await asyncio.sleep(INSIST_EVERY_S)
-        if vehicle.state.mode is mode:
+        if vehicle.state.mode is mode or not is_ours(vehicle):
             return
         vehicle.send(order)
 

@@ -10,9 +10,10 @@ from skyfolio.mavlink_bridge.autopilots import FlightMode
 from skyfolio.mavlink_bridge.conditions import Lasting, Timing
 from skyfolio.mavlink_bridge.disarming import Disarmed, Fate
 from skyfolio.mavlink_bridge.height import Height
-from skyfolio.mavlink_bridge.reboot import MissionReport, Reboot
+from skyfolio.mavlink_bridge.reboot import Reboot
 from skyfolio.mavlink_bridge.speaker import Speaker
 from skyfolio.mavlink_bridge.status_texts import StatusTexts
+from skyfolio.mavlink_bridge.told_mission import ToldMission
 
 STATE_CRITICAL = 5
 """MAV_STATE_CRITICAL of HEARTBEAT.system_status: a failsafe is active; its mode shows what it does about it."""
@@ -21,7 +22,6 @@ _LAST_STATES = frozenset({6, 8})
 _HOME_MODES = frozenset({FlightMode.RETURN, FlightMode.LAND})
 _ARMED = 128
 _UNKNOWN = -1
-_UNKNOWN_TOTAL = 65535
 _ON_GROUND = 1
 """MAV_LANDED_STATE_ON_GROUND."""
 _REASONS_S = 10.0
@@ -65,8 +65,8 @@ class Evidence:
         self._was_critical = False
         """Whether the system status was critical before the mode changed, or with it."""
         self._was_stopped = self._may_end_mission = False
-        self._mission: MissionReport | None = None
-        self._mode_s = self._mission_s = float("-inf")
+        self._mission = ToldMission(self._speaker)
+        self._mode_s = float("-inf")
         self.reboot = Reboot()
         self.begin_flight()
 
@@ -119,27 +119,18 @@ class Evidence:
     @property
     def _ends_mission(self) -> bool:
         """Return whether it returns or lands as its mission's last item has it, which PX4 shows by its mode."""
-        return self._may_end_mission and self._is_finished and not self._was_critical
+        return self._may_end_mission and self._mission.is_finished and not self._was_critical
 
     def may_have_ended(self, now_s: float) -> bool:
         """Return whether it may have come to its mission's end, and MISSION_CURRENT (1 Hz) has not said so yet."""
-        if self._mission is None or not self._may_end_mission or self._mission_s >= self._changed_s:
-            return False
-        return self._mission.is_about_to_finish(self._items) and now_s - self._changed_s < _TOLD_S
+        lately = now_s - self._changed_s < _TOLD_S
+        return self._may_end_mission and lately and self._mission.may_have_finished(self._changed_s)
 
     @property
     def _is_held(self) -> bool:
         if not self._was_stopped:
             return False
-        return self.is_critical or not (self._mission is None or self._is_finished)
-
-    @property
-    def _is_finished(self) -> bool:
-        return self._mission is not None and self._mission.is_finished(self._items)
-
-    @property
-    def _items(self) -> int | None:
-        return None if self._mission is None else self._speaker.items_on_board(self._mission.total)
+        return self.is_critical or not (self._mission.report is None or self._mission.is_finished)
 
     @property
     def is_critical(self) -> bool:
@@ -222,13 +213,13 @@ class Evidence:
 
     def note_reboot(self, reboots: int, now_s: float) -> None:
         """Take in that its autopilot has restarted: what it flew before has to be proven anew."""
-        self.reboot.note(reboots, now_s, was_flying=self.flew and self.armed, mission=self._mission)
+        self.reboot.note(reboots, now_s, was_flying=self.flew and self.armed, mission=self._mission.report)
 
     @property
     def flies_on(self) -> bool:
         """Return whether it has reported, since it restarted, that it is armed and flies the very mission of before."""
-        told_s = min(self._mode_s, self._mission_s)
-        return self.reboot.flies_on(armed=self.armed, mode=self.mode, mission=self._mission, told_s=told_s)
+        told_s = min(self._mode_s, self._mission.told_s)
+        return self.reboot.flies_on(armed=self.armed, mode=self.mode, mission=self._mission.report, told_s=told_s)
 
     def may_prove(self, now_s: float, within_s: float) -> bool:
         """Return whether it restarted in the air, and has time left to prove that it flies on."""
@@ -282,9 +273,10 @@ class Evidence:
         self.charge = None if remaining == _UNKNOWN else remaining / 100
 
     def _mission_current(self, fields: Mapping[str, Any], now_s: float) -> None:
-        total = int(fields.get("total", _UNKNOWN_TOTAL))
-        state, identity = int(fields.get("mission_state", 0)), int(fields.get("mission_id", 0))
-        self._mission, self._mission_s = MissionReport(int(fields["seq"]), total, state, identity), now_s
+        self._mission.hear_current(fields, now_s)
+
+    def _item_reached(self, fields: Mapping[str, Any], _now_s: float) -> None:
+        self._mission.hear_reached(fields)
 
     def _status_text(self, fields: Mapping[str, Any], now_s: float) -> None:
         self.texts.hear(fields, now_s)
@@ -295,5 +287,6 @@ _READERS: dict[str, Callable[[Evidence, Mapping[str, Any], float], None]] = {
     "EXTENDED_SYS_STATE": Evidence._extended,
     "SYS_STATUS": Evidence._sys_status,
     "MISSION_CURRENT": Evidence._mission_current,
+    "MISSION_ITEM_REACHED": Evidence._item_reached,
     "STATUSTEXT": Evidence._status_text,
 }

@@ -18,6 +18,7 @@ from skyfolio.mavlink_bridge.confirming import (
     heartbeat_until,
     is_ours,
     not_ours,
+    require_ours,
     seen_of,
 )
 from skyfolio.mavlink_bridge.items import Mission
@@ -221,12 +222,10 @@ async def _fly_new(vehicle: Vehicle, mission: Mission, mission_id: int) -> None:
     wait_s = REPORT_S + 2 * vehicle.round_trip.seconds
     if reports_checksum and await ask_until(vehicle, lambda: _flies_new(vehicle, mission, mission_id, -1), wait_s):
         return
-    if not is_ours(vehicle):
-        raise NotDone(not_ours(vehicle))
+    require_ours(vehicle)
     reports = vehicle.state.mission_reports
     await set_current(vehicle, mission.start_item)
-    if not is_ours(vehicle):
-        raise NotDone(not_ours(vehicle))
+    require_ours(vehicle)
     if vehicle.state.mode is not FlightMode.MISSION:
         await set_mode(vehicle, FlightMode.MISSION)
     if not await ask_until(vehicle, lambda: _flies_new(vehicle, mission, mission_id, reports)):

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
-from skyfolio.mavlink_bridge.confirming import error_of, is_ours, not_ours
+from skyfolio.mavlink_bridge.confirming import error_of, is_ours, not_ours, require_ours
 from skyfolio.mavlink_bridge.departure import start
 from skyfolio.mavlink_bridge.flight import hold, set_current, set_mode
 from skyfolio.mavlink_bridge.items import Mission
@@ -189,4 +189,5 @@ async def _mode_error(vehicle: Vehicle) -> str | None:
 
 
 async def _enter_stream_mode(vehicle: Vehicle) -> None:
+    require_ours(vehicle)
     await set_mode(vehicle, vehicle.profile.stream_mode)

@@ -25,7 +25,7 @@ Result = TypeVar("Result")
 
 _ANSWERS = ("MISSION_REQUEST_INT", "MISSION_REQUEST", "MISSION_COUNT", "MISSION_ITEM_INT", "PARAM_VALUE")
 """Messages that only mean something to the current conversation."""
-_NEWS = ("STATUSTEXT",)
+_NEWS = ("STATUSTEXT", "MISSION_ITEM_REACHED")
 """Messages that are no part of telemetry, and that `on_message` gets all the same."""
 
 _NAMES = {
@@ -272,7 +272,7 @@ class Vehicle:
             return
         if name == "STATUSTEXT":
             self.texts.hear(fields, now_s)
-        else:
+        elif name not in _NEWS:
             self.state.fold(name, fields, heard_s)
         if self.state.restarts != self._restarts:
             self._restarts = self.state.restarts

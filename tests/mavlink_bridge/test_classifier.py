@@ -580,3 +580,17 @@ def test_a_mission_that_tells_of_its_end_only_after_the_mode_has_is_no_human() -
     early = Story()
     early.tell(5)
     assert early.tell(5, custom_mode=PX4_LAND) == [Condition.HUMAN]
+
+
+def test_a_mission_whose_end_is_told_by_the_item_it_reached_alone_is_no_human() -> None:
+    story = Story()
+    story.tell(5, seq=17)
+    home = story.values | {"custom_mode": PX4_RETURN}
+    story.classifier.hear(1, 1, "MISSION_ITEM_REACHED", {"seq": 18}, story.now_s)
+    for _ in range(12):  # each MISSION_CURRENT is lost
+        story.classifier.hear(1, 1, "HEARTBEAT", home, story.now_s)
+        assert story.silence(1) == []
+    early = Story()
+    early.classifier.hear(1, 1, "MISSION_ITEM_REACHED", {"seq": 18}, early.now_s)
+    early.tell(2)
+    assert early.tell(5, custom_mode=PX4_RETURN) == [Condition.HUMAN], "MISSION_CURRENT has the last word"
