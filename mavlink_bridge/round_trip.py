@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import inf
 
 _BACK_OFF = 1.5
-_PATIENT_S = 4.0
+_PATIENT_S = 2.0
 """Unless a measurement requires it, no wait between two sendings is longer than this."""
 _MANY = 6
 """After this many copies without an answer the link has become slow: that all of them were lost is less likely."""
@@ -19,10 +19,11 @@ class RoundTrip:
     """The smoothed round trip and its deviation, as in TCP (RFC 6298): one for each vehicle, for all its requests.
 
     An answer to a message that was sent once is measured. One to a message that was repeated may belong to any of the
-    copies (Karn's rule): it is only used as the upper bound it is, if nothing better is known. Until the next
-    unambiguous answer the longer wait stays. If then some answers in a row take as long as before the bound, that holds
-    again, as the bound would take dozens of them to fade: a vehicle that hung for two seconds is soon asked again as
-    quickly as before. Late answers to earlier copies take any time, and prove nothing.
+    copies (Karn's rule): it is only used as the upper bound it is, of the wait, and of the round trip if nothing better
+    is known. Until the next unambiguous answer the longer wait stays, as far as that bound permits. If then some
+    answers in a row take as long as before the bound, that holds again, as the bound would take dozens of them to fade:
+    a vehicle that hung for two seconds is soon asked again as quickly as before. Late answers to earlier copies take
+    any time, and prove nothing.
     """
 
     def __init__(self, *, initial_s: float = 0.3, least_s: float = 0.045) -> None:
@@ -54,6 +55,8 @@ class RoundTrip:
         """
         if first_s < self._alive_since_s:
             return
+        if times > 1:
+            self._patience = max(min(self._patience, (now_s - first_s) / max(self._wait_s, self._least_s)), 1.0)
         if times == 1:
             self._measured(now_s - first_s)
             self._compare(now_s - first_s)
@@ -61,8 +64,9 @@ class RoundTrip:
             if self._before is None and self._smooth_s is not None:
                 self._before = self._smooth_s, self._deviation_s
             self._as_before = 0
-            self._smooth_s = None
-            self._measured(now_s - first_s)
+            self._smooth_s = now_s - first_s
+            self._deviation_s = self._smooth_s / 8  # it took no longer
+            self._wait_s = self._smooth_s + 4 * self._deviation_s
 
     def missed(self) -> None:
         """Wait half as long again next time: the link may have become slower."""

@@ -1,4 +1,4 @@
-"""What an autopilot tells of the mission that it flies. Pure, used by `evidence`."""
+"""What an autopilot reports of the mission that it flies. Pure, used by `evidence`."""
 
 from __future__ import annotations
 

@@ -47,3 +47,20 @@ def test_a_few_copies_measure_nothing_where_something_better_is_known() -> None:
     trip.answered(0.0, QUICK_S, 1)
     trip.answered(1.0, 1.5, 3)
     assert trip.seconds == pytest.approx(QUICK_S)
+
+
+def test_an_answer_to_a_copy_ends_a_wait_that_is_longer_than_it_took() -> None:
+    trip = RoundTrip()
+    for began_s in range(8):
+        trip.answered(began_s, began_s + QUICK_S, 1)
+    for _ in range(5):  # four requests in a row whose first copy is lost, and one that is lost twice
+        trip.missed()
+    backed_off_s = trip.timeout_s
+    trip.answered(9.0, 9.0 + 1.5 * QUICK_S, 2)
+    assert trip.timeout_s < backed_off_s / 2
+
+
+def test_an_answer_that_took_so_long_at_most_is_not_waited_for_three_times_as_long() -> None:
+    trip = RoundTrip()
+    trip.answered(0.0, 4.0, 2)  # the first copy was sent while the link was dead
+    assert 4.0 < trip.timeout_s <= 6.0

@@ -18,6 +18,7 @@ from skyfolio.sim.station import Vehicle
 
 LOW_M = 2.0
 """Metres above home; a vehicle that is higher is in the air."""
+GRAVITY_MPS2 = 9.81
 REFUSALS = frozenset({"reject_mission", "corrupt_upload"})
 """Faults of vehicles that fly well all the same."""
 UNHARMED = frozenset({*sim.RADIO_FAULTS, "withhold"})
@@ -49,7 +50,10 @@ class Vehicles:
     refusing: set[int] = field(default_factory=set)
     """Vehicles that refuse uploads, or store them wrongly, and fly well all the same."""
     fell_unheard: set[int] = field(default_factory=set)
-    """Vehicles that crashed while a fault kept them from being heard well, or while no service could know more."""
+    """Vehicles that crashed while a fault kept them from being heard well, or while no service could know more.
+
+    A fall of the last two metres of a landing looks like that landing.
+    """
     excused_s: float = 0.0
     """Virtual seconds in which something kept the service from dealing with an incident."""
     _disturbed_until_s: dict[int, float] = field(default_factory=dict)
@@ -112,7 +116,7 @@ class Vehicles:
                 self._follow_fault(system_id, event.t_s, event.detail)
             elif event.kind in {"killed", "crashed"}:
                 self._follow_gone(system_id, event.t_s)
-                self._follow_fall(system_id, event.t_s)
+                self._follow_fall(system_id, event.t_s, event.detail.get("impact_mps", inf))
             elif event.kind == "failsafe" and takes_over(event.detail):
                 self.harmed.setdefault(system_id, event.t_s)
                 self.foreign.setdefault(system_id, event.t_s)
@@ -153,9 +157,9 @@ class Vehicles:
         heard = self.ground.heartbeats_s(system_id)
         return any(since_s + link_s < at_s < until_s - link_s - ON_ITS_WAY_S / 2 for at_s in heard)
 
-    def _follow_fall(self, system_id: int, at_s: float) -> None:
+    def _follow_fall(self, system_id: int, at_s: float, impact_mps: float) -> None:
         self.fell_at_s[system_id] = at_s
-        if self._is_disturbed(system_id):
+        if self._is_disturbed(system_id) or impact_mps**2 < 2.0 * GRAVITY_MPS2 * LOW_M:
             self.fell_unheard.add(system_id)
 
     def _follow_gone(self, system_id: int, at_s: float) -> None:
