@@ -83,7 +83,8 @@ def _survivors_are_on_a_plan_soon_after_a_verdict(seen: Seen) -> Iterator[str]:
         uav = noted.event.data["uav_id"]
         report = _report_of(seen, uav, times[uav])
         times[uav] += 1
-        until = report or _no_longer_matters(seen, own, number)
+        over = _no_longer_matters(seen, own, number)
+        until = over if report is None or over.at_s < report.at_s else report
         took_s = until.at_s - noted.at_s - (until.excused_s - noted.excused_s)
         if took_s > limit_s:
             what = "nothing was done about it" if report is None else f"it was {report.report.outcome}"
