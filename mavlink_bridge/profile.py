@@ -20,7 +20,7 @@ from skyfolio.mavlink_bridge.writer import MissionWriter
 
 Parameters = Mapping[str, float]
 """Values of the vehicle's own parameters by name; a vehicle may know only some of them."""
-_UNKNOWN_TOTAL = 65535
+UNKNOWN_TOTAL = 65535
 """MISSION_CURRENT.total of an autopilot that does not report it (UINT16_MAX)."""
 
 
@@ -93,7 +93,7 @@ class AutopilotProfile:
 
         An autopilot whose item 0 is its home does not count it.
         """
-        if total == _UNKNOWN_TOTAL:
+        if total == UNKNOWN_TOTAL:
             return None
         return total + 1 if self.home_first and total > 0 else total
 

@@ -55,12 +55,12 @@ class RoundTrip:
         """
         if first_s < self._alive_since_s:
             return
-        if times > 1:
-            self._patience = max(min(self._patience, (now_s - first_s) / max(self._wait_s, self._least_s)), 1.0)
         if times == 1:
             self._measured(now_s - first_s)
             self._compare(now_s - first_s)
-        elif self._smooth_s is None or times > _MANY:
+            return
+        self._patience = max(min(self._patience, (now_s - first_s) / max(self._wait_s, self._least_s)), 1.0)
+        if self._smooth_s is None or times > _MANY:
             if self._before is None and self._smooth_s is not None:
                 self._before = self._smooth_s, self._deviation_s
             self._as_before = 0

@@ -11,7 +11,7 @@ from skyfolio.mavlink_bridge.autopilots import Autopilot, FlightMode
 from skyfolio.mavlink_bridge.boot_clock import has_restarted
 from skyfolio.mavlink_bridge.e7 import Place, place_of
 from skyfolio.mavlink_bridge.power_log import PowerLog, power_w_of
-from skyfolio.mavlink_bridge.profile import AutopilotProfile
+from skyfolio.mavlink_bridge.profile import UNKNOWN_TOTAL, AutopilotProfile
 from skyfolio.mavlink_bridge.speaker import Speaker
 
 MESSAGES = (
@@ -26,7 +26,6 @@ _ARMED = 128
 """MAV_MODE_FLAG_SAFETY_ARMED."""
 _ACCEPTED = 0
 """MAV_MISSION_ACCEPTED, and MAV_MISSION_TYPE_MISSION."""
-_UNKNOWN_TOTAL = 65535
 _UNKNOWN_HEADING = 65535
 _UNKNOWN_SATELLITES = 255
 
@@ -251,7 +250,7 @@ class TelemetryState:
     def _mission_current(self, fields: Mapping[str, Any], heard_s: float) -> None:
         del heard_s
         self.mission_current = int(fields["seq"])
-        self.mission_total = self._speaker.items_on_board(int(fields.get("total", _UNKNOWN_TOTAL)))
+        self.mission_total = self._speaker.items_on_board(int(fields.get("total", UNKNOWN_TOTAL)))
         self.mission_id = int(fields.get("mission_id", 0))
         self.mission_reports += 1
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from skyfolio.mavlink_bridge.profile import UNKNOWN_TOTAL
 from skyfolio.mavlink_bridge.reboot import MissionReport
 from skyfolio.mavlink_bridge.speaker import Speaker
-
-_UNKNOWN_TOTAL = 65535
 
 
 class ToldMission:
@@ -25,7 +24,7 @@ class ToldMission:
 
     def hear_current(self, fields: Mapping[str, Any], now_s: float) -> None:
         """Take in a MISSION_CURRENT."""
-        total = int(fields.get("total", _UNKNOWN_TOTAL))
+        total = int(fields.get("total", UNKNOWN_TOTAL))
         state, identity = int(fields.get("mission_state", 0)), int(fields.get("mission_id", 0))
         self.report, self.told_s = MissionReport(int(fields["seq"]), total, state, identity), now_s
 

@@ -9,7 +9,8 @@ import math
 from dataclasses import dataclass, fields
 from typing import NamedTuple
 
-GRAVITY_MPS2 = 9.81
+from skyfolio.sim.airframe import GRAVITY_MPS2
+
 TERMINAL_SPEED_MPS = 20.0
 BRAKING_SHARE = 0.8
 """Share of the acceleration limit used to plan a stop; the rest absorbs the time step and the last turn."""

@@ -12,13 +12,12 @@ from skyfolio.api.lab.torture.drill import Drill
 from skyfolio.api.lab.torture.sightings import Gone, Stored, takes_over
 from skyfolio.api.lab.virtual.ground import Ground
 from skyfolio.planner.geometry import Point
-from skyfolio.sim import Mode
+from skyfolio.sim import Mode, airframe
 from skyfolio.sim.geo import LocalFrame
 from skyfolio.sim.station import Vehicle
 
 LOW_M = 2.0
 """Metres above home; a vehicle that is higher is in the air."""
-GRAVITY_MPS2 = 9.81
 REFUSALS = frozenset({"reject_mission", "corrupt_upload"})
 """Faults of vehicles that fly well all the same."""
 UNHARMED = frozenset({*sim.RADIO_FAULTS, "withhold"})
@@ -159,7 +158,7 @@ class Vehicles:
 
     def _follow_fall(self, system_id: int, at_s: float, impact_mps: float) -> None:
         self.fell_at_s[system_id] = at_s
-        if self._is_disturbed(system_id) or impact_mps**2 < 2.0 * GRAVITY_MPS2 * LOW_M:
+        if self._is_disturbed(system_id) or impact_mps**2 < 2.0 * airframe.GRAVITY_MPS2 * LOW_M:
             self.fell_unheard.add(system_id)
 
     def _follow_gone(self, system_id: int, at_s: float) -> None:
